@@ -1,0 +1,44 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""What many tests start from: the shipped mechanisms."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from linkage_vibration.mechanics.description import Mechanism
+from linkage_vibration.mechanics.model import LinkageModel
+from linkage_vibration.readers.mechanism import read_mechanism
+from linkage_vibration.resources import config_file
+
+
+@pytest.fixture(scope="session")
+def mechanism_file() -> Path:
+    """Return the path of the default linkage."""
+    return config_file("three_point_linkage.yaml")
+
+
+@pytest.fixture(scope="session")
+def mechanism(mechanism_file: Path) -> Mechanism:
+    """Return the default linkage."""
+    return read_mechanism(mechanism_file)
+
+
+@pytest.fixture(scope="session")
+def printed() -> Mechanism:
+    """Return the linkage with the upper link as the paper's table prints it."""
+    return read_mechanism(config_file("three_point_linkage_as_printed.yaml"))
+
+
+@pytest.fixture(scope="session")
+def model(mechanism: Mechanism) -> LinkageModel:
+    """Return the default linkage, ready to be solved."""
+    return LinkageModel(mechanism)
+
+
+@pytest.fixture
+def mapping(mechanism_file: Path) -> Any:
+    """Return the default linkage as a mapping that a test may spoil."""
+    return yaml.safe_load(mechanism_file.read_text())

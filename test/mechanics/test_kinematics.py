@@ -1,0 +1,224 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Loop closure against circles, published figures and differences."""
+
+import functools
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from linkage_vibration.mechanics.description import (
+    Mechanism,
+    MechanismError,
+    mechanism_from_mapping,
+)
+from linkage_vibration.mechanics.kinematics import Configuration, Kinematics, KinematicsError
+
+FloatArray = NDArray[np.float64]
+
+
+kinematics_of = functools.cache(Kinematics)
+
+
+def circles(
+    first: FloatArray, radius: float, second: FloatArray, other: float, side: float
+) -> FloatArray:
+    """Return where two circles meet, left (+1) or right (-1) of the way from first to second."""
+    way = second - first
+    distance = math.hypot(*way)
+    along = (radius**2 - other**2 + distance**2) / (2 * distance)
+    across = side * math.sqrt(radius**2 - along**2)
+    unit = way / distance
+    return first + along * unit + across * np.array([-unit[1], unit[0]])
+
+
+def by_circles(mechanism: Mechanism, alpha3: float) -> dict[str, FloatArray]:
+    """Place the six-bar's points by intersecting circles: nothing shared with the solver."""
+    p1, p2, p3 = (np.array(place) for _, place in mechanism.ground)
+    upper = mechanism.links[1].points[-1][1]
+    v2 = p3 + 0.203 * np.array([math.cos(alpha3), math.sin(alpha3)])
+    v1 = circles(p1, 0.366, v2, 0.534, 1.0)
+    e1 = p1 + (v1 - p1) * 0.810 / 0.366
+    e2 = circles(e1, 0.438, p2, upper, 1.0)
+    return {"V2": v2, "V1": v1, "E1": e1, "E2": e2}
+
+
+def places(mechanism: Mechanism, configuration: Configuration) -> dict[str, FloatArray]:
+    """Return every point of every body, by the body that comes last in the description."""
+    return {
+        point: configuration.place(body.name, local)
+        for body in mechanism.bodies
+        for point, local in mechanism.local_points(body.name).items()
+    }
+
+
+@given(alpha3=st.floats(math.radians(90.0), math.radians(180.0)))
+def test_positions_by_circles(mechanism: Mechanism, alpha3: float) -> None:
+    """Over the stroke all points lie where intersecting circles puts them."""
+    found = places(mechanism, kinematics_of(mechanism).at(alpha3))
+    for point, place in by_circles(mechanism, alpha3).items():
+        np.testing.assert_allclose(found[point], place, atol=1e-13)
+
+
+@pytest.mark.parametrize(
+    ("alpha3_deg", "angles", "ratio"),
+    [
+        (90.0, (158.90, 141.14, 238.69, 87.80), 0.206),
+        (140.0, (179.69, 175.89, 254.08, 95.59), 0.065),
+        (168.0, (195.73, 201.00, 260.33, 95.21), -0.108),
+        (180.0, (203.25, 213.29, 262.55, 93.20), -0.238),
+    ],
+)
+def test_angles_of_the_default_linkage(
+    mechanism: Mechanism, alpha3_deg: float, angles: tuple[float, ...], ratio: float
+) -> None:
+    """Angles and the mast's velocity ratio as an independent prototype found them."""
+    configuration = Kinematics(mechanism).at(math.radians(alpha3_deg))
+    bodies = ("lower_link", "upper_link", "lift_rod", "implement")
+    found = [math.degrees(configuration.angle(body)) for body in bodies]
+    assert found == pytest.approx(angles, abs=0.006)
+    assert configuration.velocity_ratio("implement") == pytest.approx(ratio, abs=6e-4)
+
+
+@pytest.mark.parametrize(
+    ("alpha3_deg", "angles", "ratio"),
+    [
+        (90.0, (158.90, 133.30, 238.69, 72.23), 0.267),
+        (180.0, (203.25, 225.72, 262.55, 74.51), -0.938),
+    ],
+)
+def test_angles_of_the_printed_linkage(
+    printed: Mechanism, alpha3_deg: float, angles: tuple[float, ...], ratio: float
+) -> None:
+    """The same with the upper link as printed."""
+    test_angles_of_the_default_linkage(printed, alpha3_deg, angles, ratio)
+
+
+def test_toggles(mechanism: Mechanism, printed: Mechanism) -> None:
+    """The linkages lock where the prototype found it, with upper link and mast in line."""
+    for description, toggles in ((mechanism, (-63.29, 203.70)), (printed, (-56.345, 184.938))):
+        kinematics = Kinematics(description)
+        low, high = (math.degrees(angle) for angle in kinematics.closable_range)
+        assert (low, high) == pytest.approx(toggles, abs=6e-3)
+        nearly = kinematics.at(kinematics.closable_range[1] - 1e-10)
+        across = math.sin(nearly.angle("upper_link") - nearly.angle("implement"))
+        assert abs(across) < 1e-4  # in line but for the square root of the distance
+        assert nearly.toggle_distance == pytest.approx(1e-10, rel=1e-4)
+
+
+def test_toggle_to_the_last_digits(printed: Mechanism) -> None:
+    """The toggle is where upper link and mast just reach: E1 to P2 = 0.420 + 0.438 m."""
+    high = Kinematics(printed).closable_range[1]
+    p2 = np.array(dict(printed.ground)["P2"])
+    p1, p3 = np.zeros(2), np.array(dict(printed.ground)["P3"])
+    v2 = p3 + 0.203 * np.array([math.cos(high), math.sin(high)])
+    e1 = p1 + circles(p1, 0.366, v2, 0.534, 1.0) * 0.810 / 0.366
+    assert math.dist(e1, p2) == pytest.approx(0.858, abs=1e-12)
+
+
+def test_velocity_ratios_are_derivatives(mechanism: Mechanism) -> None:
+    """Velocity ratios and point rates agree with central differences."""
+    kinematics, alpha3, h = Kinematics(mechanism), math.radians(123.0), 1e-5
+    here, before, after = (kinematics.at(alpha3 + d) for d in (0.0, -h, h))
+    np.testing.assert_allclose(
+        here.velocity_ratios, (after.angles - before.angles) / (2 * h), atol=1e-9
+    )
+    centre = mechanism.rigid_bodies[0].centre_of_gravity
+    difference = after.place("implement", centre) - before.place("implement", centre)
+    np.testing.assert_allclose(
+        here.place_rate("implement", centre), difference / (2 * h), atol=1e-9
+    )
+
+
+@pytest.mark.parametrize("alpha3_deg", [204.0, 300.0, -64.0, 1e6, math.inf, math.nan])
+def test_angles_out_of_reach_tell_the_nearest(mechanism: Mechanism, alpha3_deg: float) -> None:
+    """Where the linkage cannot close, the error tells the nearest angle at which it can."""
+    kinematics = Kinematics(mechanism)
+    with pytest.raises(KinematicsError, match="nearest") as raised:
+        kinematics.at(math.radians(alpha3_deg))
+    assert raised.value.nearest in kinematics.closable_range
+
+
+def test_stroke_past_the_toggle_is_refused(mapping: Any) -> None:
+    """A stroke that the linkage cannot follow is told with its toggles."""
+    mapping["input"]["range_deg"] = [90, 204]
+    with pytest.raises(MechanismError, match=r"input\.range_deg: .*204 deg.*203\.703"):
+        Kinematics(mechanism_from_mapping(mapping))
+
+
+def test_links_that_cannot_close_are_refused(mapping: Any) -> None:
+    """Too short a link is told where to mend it."""
+    mapping["links"]["lift_rod"]["points"]["V1"] = 0.1
+    with pytest.raises(MechanismError, match=r"assembly: .*lengths"):
+        Kinematics(mechanism_from_mapping(mapping))
+
+
+def test_pose_of_another_branch_is_refused(mapping: Any) -> None:
+    """Angles between two branches are not taken for either of them."""
+    mapping["assembly"]["angles_deg"]["implement"] = -10.0
+    with pytest.raises(MechanismError, match=r"assembly"):
+        Kinematics(mechanism_from_mapping(mapping))
+
+
+def four_bar(ground: float, crank: float, coupler: float, rocker: float) -> Mechanism:
+    """Return a four-bar from A (0, 0) to D (ground, 0), open upwards."""
+    bar = {
+        "section": {"shape": "round", "diameter": 0.02},
+        "material": {"youngs_modulus": 2.1e11, "density": 7800, "poisson_ratio": 0.3},
+    }
+    pose = circles(np.array([0.0, crank]), coupler, np.array([ground, 0.0]), rocker, 1.0)
+    way = math.degrees(math.atan2(pose[1] - crank, pose[0]))
+    back = math.degrees(math.atan2(pose[1], pose[0] - ground))
+    return mechanism_from_mapping(
+        {
+            "name": "four_bar",
+            "ground": {"A": [0.0, 0.0], "D": [ground, 0.0]},
+            "links": {
+                "crank": {"points": {"A": 0.0, "B": crank}, "clamped": "A", **bar},
+                "coupler": {"points": {"B": 0.0, "C": coupler}, **bar},
+                "rocker": {"points": {"D": 0.0, "C": rocker}, **bar},
+            },
+            "input": {"link": "crank", "range_deg": [80, 100]},
+            "assembly": {"alpha3_deg": 90, "angles_deg": {"coupler": way, "rocker": back}},
+            "damping": {"ratio": 0.01, "at_hz": [1, 100]},
+            "response": {"drive_point": "C", "direction": "x", "band_hz": [0, 100], "modes": 2},
+        }
+    )
+
+
+def test_full_turns_repeat() -> None:
+    """A crank that turns all the way has no toggle, and any number of turns changes nothing."""
+    kinematics = Kinematics(four_bar(1.0, 0.3, 0.9, 0.8))
+    assert kinematics.closable_range == (-math.inf, math.inf)
+    once = kinematics.at(1.0)
+    for turns in (-40, -1, 1, 7):
+        again = kinematics.at(1.0 + 2 * math.pi * turns)
+        np.testing.assert_allclose(again.origins, once.origins, atol=1e-12)
+        assert again.toggle_distance == math.inf
+
+
+@given(crank=st.floats(0.1, 3.0), coupler=st.floats(0.3, 3.0), rocker=st.floats(0.3, 3.0))
+def test_four_bar_toggles_in_closed_form(crank: float, coupler: float, rocker: float) -> None:
+    """A four-bar locks where coupler and rocker are in line: the law of cosines tells where."""
+    reach = math.hypot(1.0, crank)
+    far, near = coupler + rocker, abs(coupler - rocker)
+    assume(near + 0.05 < reach < far - 0.05)
+    limits = [(1 + crank**2 - side**2) / (2 * crank) for side in (near, far)]
+    # Coupler, rocker, crank and ground all in line: two branches meet.
+    assume(not any(0.98 < abs(limit) < 1.02 for limit in limits))
+    folded, stretched = (math.acos(c) if abs(c) < 1 else None for c in limits)
+    expected_low = folded if folded is not None else (-stretched if stretched else -math.inf)
+    expected_high = (
+        stretched if stretched is not None else (2 * math.pi - folded if folded else math.inf)
+    )
+    # The stroke of 80 to 100 deg has to be within reach.
+    assume(folded is None or folded < math.radians(79))
+    assume(stretched is None or stretched > math.radians(101))
+    low, high = Kinematics(four_bar(1.0, crank, coupler, rocker)).closable_range
+    assert low == pytest.approx(expected_low, abs=1e-9)
+    assert high == pytest.approx(expected_high, abs=1e-9)
