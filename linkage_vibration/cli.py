@@ -1,0 +1,116 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""The ``linkage-vibration`` command."""
+
+import argparse
+import math
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from tqdm import tqdm
+
+import linkage_vibration
+from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.mechanics.model import LinkageModel
+from linkage_vibration.prediction import Predictor, Status
+from linkage_vibration.readers.mechanism import read_mechanism
+from linkage_vibration.resources import config_file
+from linkage_vibration.table import DEFAULT_POINTS, build_table, load_table, save_table
+
+DEFAULT_MECHANISM = "three_point_linkage.yaml"
+DEFAULT_TABLE = "tables/three_point_linkage.npz"
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command; return its exit code."""
+    options = _parser().parse_args(arguments)
+    try:
+        return int(options.run(options))
+    except LinkageVibrationError as error:
+        print(f"linkage-vibration: {error}", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        return 130
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="linkage-vibration",
+        description="How a linkage vibrates in the configuration that it is in.",
+    )
+    parser.add_argument("--version", action="version", version=linkage_vibration.__version__)
+    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+
+    build = commands.add_parser("build", help="compute the lookup table of a mechanism")
+    build.add_argument(
+        "mechanism", nargs="?", type=Path, help="YAML file (default: the shipped linkage)"
+    )
+    build.add_argument(
+        "-o", "--output", type=Path, help="table to write (default: MECHANISM with .npz)"
+    )
+    build.add_argument(
+        "--points", type=int, default=DEFAULT_POINTS, help="angles in the table (%(default)s)"
+    )
+    build.set_defaults(run=_build)
+
+    predict = commands.add_parser("predict", help="predict at angles given in degrees")
+    predict.add_argument("angle_deg", nargs="+", type=float, help="alpha3 in degrees")
+    predict.add_argument("--mechanism", type=Path, help="YAML file (default: the shipped linkage)")
+    predict.add_argument("--table", type=Path, help="table to use (default: the shipped one)")
+    predict.set_defaults(run=_predict)
+
+    demo = commands.add_parser("demo", help="play a drive to the node and show what it predicts")
+    demo.add_argument("--bag", type=Path, help="bag to play (default: the shipped drive)")
+    demo.add_argument("--joint", help="joint to follow, whose swing is mapped onto the stroke")
+    demo.add_argument("-o", "--output", type=Path, default=Path("demo"), help="folder to write to")
+    demo.set_defaults(run=_demo)
+    return parser
+
+
+def _build(options: argparse.Namespace) -> int:
+    source = options.mechanism or config_file(DEFAULT_MECHANISM)
+    output = options.output or Path(source.name).with_suffix(".npz")
+    model = LinkageModel(read_mechanism(source))
+    with tqdm(total=2 * options.points - 1, desc=model.mechanism.name, unit="angle") as bar:
+        table = build_table(model, options.points, lambda: bar.update(1))
+    save_table(table, output)
+    low, high = (math.degrees(angle) for angle in table.alpha3_range)
+    print(
+        f"{output}: table {table.table_id}, {len(table.alpha3)} angles from {low:g} to {high:g} "
+        f"deg; worst relative error measured between them: natural frequencies "
+        f"{table.interpolation_error.max():.1e}, FRF peak {max(table.peak_error):.1e}."
+    )
+    return 0
+
+
+def _predict(options: argparse.Namespace) -> int:
+    mechanism = read_mechanism(options.mechanism or config_file(DEFAULT_MECHANISM))
+    if options.mechanism and not options.table:
+        table = build_table(LinkageModel(mechanism))
+    else:
+        table = load_table(options.table or config_file(DEFAULT_TABLE), mechanism)
+    predictor = Predictor(table)
+    modes = "".join(f"{f'mode {k + 1} [Hz]':>13}" for k in range(table.n_modes))
+    print(f"{'alpha3 [deg]':>12}{modes}{'peak [Hz]':>13}{'peak [m/N]':>13}")
+    good = True
+    for angle in options.angle_deg:
+        prediction = predictor.predict(math.radians(angle))
+        good = good and prediction.status is Status.OK
+        print(
+            f"{angle:12.3f}"
+            + "".join(f"{frequency:13.4f}" for frequency in prediction.natural_frequencies)
+            + f"{prediction.frf_peak_frequency:13.4f}{prediction.frf_peak_magnitude:13.4e}"
+            + ("" if prediction.status is Status.OK else f"  {prediction.status.name}")
+        )
+    return 0 if good else 1
+
+
+def _demo(options: argparse.Namespace) -> int:
+    from linkage_vibration.demo import run_demo  # needs ROS 2, which the other commands do not
+
+    return run_demo(options.bag, options.joint, options.output)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,99 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""An angle goes in, a prediction comes out: the one path that node, replay and CLI share."""
+
+import enum
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from linkage_vibration.table import Table
+
+FloatArray = NDArray[np.float64]
+
+
+class Status(enum.IntEnum):
+    """Whether the numbers of a prediction may be used; the message's constants."""
+
+    OK = 0
+    OUT_OF_RANGE = 1
+    INVALID_ANGLE = 2
+
+
+@dataclass(frozen=True, slots=True)
+class Prediction:
+    """How the mechanism vibrates at one angle.
+
+    Attributes
+    ----------
+    crank_angle : float
+        alpha3 as asked, rad.
+    status : Status
+        Every number below is NaN unless it is OK.
+    natural_frequencies, damping_ratios : ndarray, (n_modes,)
+        Hz and 1.
+    frf_peak_frequency, frf_peak_magnitude : float
+        Hz and m/N.
+    interpolation_error : float
+        Estimated relative error of the worst natural frequency, 1.
+    table_id : str
+        Names the table that the numbers come from.
+    """
+
+    crank_angle: float
+    status: Status
+    natural_frequencies: FloatArray
+    damping_ratios: FloatArray
+    frf_peak_frequency: float
+    frf_peak_magnitude: float
+    interpolation_error: float
+    table_id: str
+
+
+class Predictor:
+    """Predicts from a table.
+
+    Parameters
+    ----------
+    table : Table
+        As built or loaded.
+    """
+
+    def __init__(self, table: Table) -> None:
+        self.table = table
+        self._low, self._high = table.alpha3_range
+        self._n_modes = table.n_modes
+        self._table_id = table.table_id
+        table.interpolate(self._low)  # makes what the table makes at first use
+
+    def predict(self, alpha3: float) -> Prediction:
+        """Predict at an angle in rad; any float is answered, if only by a status."""
+        if not self._low <= alpha3 <= self._high:
+            return self._refuse(alpha3)
+        values, error = self.table.interpolate(alpha3)
+        n = self._n_modes
+        return Prediction(
+            crank_angle=alpha3,
+            status=Status.OK,
+            natural_frequencies=values[:n],
+            damping_ratios=values[n : 2 * n],
+            frf_peak_frequency=float(values[-2]),
+            frf_peak_magnitude=math.exp(values[-1]),
+            interpolation_error=error,
+            table_id=self._table_id,
+        )
+
+    def _refuse(self, alpha3: float) -> Prediction:
+        unknown = np.full(self._n_modes, np.nan)
+        return Prediction(
+            crank_angle=alpha3,
+            status=Status.OUT_OF_RANGE if math.isfinite(alpha3) else Status.INVALID_ANGLE,
+            natural_frequencies=unknown,
+            damping_ratios=unknown,
+            frf_peak_frequency=math.nan,
+            frf_peak_magnitude=math.nan,
+            interpolation_error=math.nan,
+            table_id=self._table_id,
+        )

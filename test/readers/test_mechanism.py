@@ -1,0 +1,59 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Mechanism files: the shipped ones, and files that are none."""
+
+from pathlib import Path
+
+import pytest
+
+from linkage_vibration.mechanics.description import Mechanism, MechanismError
+from linkage_vibration.readers.mechanism import read_mechanism
+
+
+def test_the_printed_linkage_differs_by_one_length(
+    mechanism: Mechanism, printed: Mechanism
+) -> None:
+    """Upper link 0.520 m against 0.420 m, and nothing else but the name."""
+    assert dict(mechanism.links[1].points)["E2"] == 0.520
+    assert dict(printed.links[1].points)["E2"] == 0.420
+    assert mechanism.links[0] == printed.links[0]
+    assert mechanism.links[2:] == printed.links[2:]
+    assert mechanism.rigid_bodies == printed.rigid_bodies
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (b"name: [", "line 1"),
+        (b"name: a\nlinks: {}\nname: b\n", "line 3: the key 'name' stands twice"),
+        (b"\xff\xfe\x00", "UTF-8"),
+        (b"!!python/object:os.system {}", "valid YAML"),
+        (b"", "mapping"),
+        (b"? [1]\n: 2\n", "unhashable key"),
+        (b"2026-99-99: 1", "YAML"),
+        (b"a: " + b"[" * 5000, "YAML"),
+    ],
+)
+def test_files_that_describe_nothing(tmp_path: Path, text: bytes, words: str) -> None:
+    """Whatever the file holds, the error names it and what is wrong with it."""
+    path = tmp_path / "bad.yaml"
+    path.write_bytes(text)
+    with pytest.raises(MechanismError, match="bad.yaml") as raised:
+        read_mechanism(path)
+    assert words in str(raised.value)
+
+
+def test_no_file(tmp_path: Path) -> None:
+    """A missing file and a folder are told as what they are."""
+    with pytest.raises(MechanismError, match="No such file"):
+        read_mechanism(tmp_path / "none.yaml")
+    with pytest.raises(MechanismError, match="directory"):
+        read_mechanism(tmp_path)
+
+
+def test_wrong_key_is_told_with_the_file(tmp_path: Path, mechanism_file: Path) -> None:
+    """The error names the file and the path of the key in it."""
+    path = tmp_path / "mine.yaml"
+    path.write_text(mechanism_file.read_text().replace("mass: 800.0", "mass: -800.0"))
+    with pytest.raises(MechanismError, match=r"mine\.yaml: rigid_bodies\.implement\.mass: -800"):
+        read_mechanism(path)

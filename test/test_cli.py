@@ -1,0 +1,64 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""The command line, run as a user runs it."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from linkage_vibration.mechanics.description import Mechanism
+from linkage_vibration.prediction import Predictor
+from linkage_vibration.resources import config_file
+from linkage_vibration.table import load_table
+
+
+def run(*arguments: str, folder: Path) -> "subprocess.CompletedProcess[str]":
+    """Run the command in a folder."""
+    command = str(Path(sys.executable).with_name("linkage-vibration"))
+    return subprocess.run(
+        [command, *arguments], cwd=folder, capture_output=True, text=True, timeout=60, check=False
+    )
+
+
+def test_build_writes_a_table(tmp_path: Path, printed: Mechanism) -> None:
+    """Build shows its progress, writes a table for the mechanism, and tells its error."""
+    source = str(config_file("three_point_linkage_as_printed.yaml"))
+    done = run("build", source, "--points", "20", folder=tmp_path)
+    assert done.returncode == 0
+    table = load_table(tmp_path / "three_point_linkage_as_printed.npz", printed)
+    assert f"{table.interpolation_error.max():.1e}" in done.stdout
+    assert table.table_id in done.stdout
+    assert "39/39" in done.stderr
+
+
+def test_predict_prints_what_the_predictor_says(tmp_path: Path) -> None:
+    """One row an angle; an angle out of range says so and sets the exit code."""
+    done = run("predict", "90", "140", "180", folder=tmp_path)
+    assert done.returncode == 0
+    predictor = Predictor(load_table(config_file("tables/three_point_linkage.npz")))
+    first = predictor.predict(90.0 * 3.141592653589793 / 180.0).natural_frequencies[0]
+    assert f"{first:.4f}" in done.stdout.splitlines()[1]
+    outside = run("predict", "200", folder=tmp_path)
+    assert outside.returncode == 1
+    assert "OUT_OF_RANGE" in outside.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("build", "none.yaml"), "none.yaml: cannot be read"),
+        (("build", "--points", "2"), "4 or more"),
+        (("build", "-o", "none/table.npz"), "cannot be written"),
+        (("predict", "140", "--table", "none.npz"), "none.npz: cannot be read"),
+    ],
+)
+def test_errors_are_one_sentence(tmp_path: Path, arguments: tuple[str, ...], words: str) -> None:
+    """What is wrong is told in one line, without a traceback, with exit code 1."""
+    done = run(*arguments, folder=tmp_path)
+    assert done.returncode == 1
+    assert words in done.stderr
+    assert "Traceback" not in done.stderr
+    assert not list(tmp_path.rglob("*.npz")), os.listdir(tmp_path)
