@@ -1,0 +1,28 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+#
+#   make demo                        play the drive that ships to the node, over DDS
+#   make demo BAG=FILE JOINT=NAME    play one joint of any bag
+#   make test                        lint, types and tests
+#
+# Each sets .venv up first, where that is not done yet. PYTHON names the Python to use.
+
+PYTHON ?= python3
+in_venv = @. .venv/bin/activate &&
+
+.PHONY: demo test setup clean
+
+demo: setup
+	$(in_venv) linkage-vibration demo $(if $(BAG),--bag "$(BAG)") $(if $(JOINT),--joint "$(JOINT)")
+
+test: setup
+	$(in_venv) python -m ruff check .
+	$(in_venv) python -m ruff format --check .
+	$(in_venv) python -m mypy
+	$(in_venv) python -m pytest
+
+setup:
+	@PYTHON="$(PYTHON)" sh tools/setup.sh
+
+clean:
+	rm -rf .venv build install log *.egg-info .hypothesis .mypy_cache .pytest_cache .ruff_cache

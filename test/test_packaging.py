@@ -1,0 +1,142 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""What is installed is what the checkout holds, and set-up tells what it lacks."""
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+import sysconfig
+import zipfile
+from importlib.metadata import entry_points
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+from rclpy.serialization import deserialize_message, serialize_message
+
+import linkage_vibration
+from linkage_vibration_interfaces.msg import VibrationPrediction
+from linkage_vibration_interfaces.srv import PredictVibration
+
+ROOT = Path(__file__).resolve().parents[1]
+INTERFACES = ROOT / "linkage_vibration_interfaces"
+SHARE = "data/share/linkage_vibration"
+
+
+def files_below(folder: str) -> set[str]:
+    """Return the files below a folder of the checkout, relative to its root."""
+    found = (ROOT / folder).rglob("*")
+    return {p.relative_to(ROOT).as_posix() for p in found if p.is_file() and p.suffix != ".pyc"}
+
+
+def test_version_is_the_same_everywhere() -> None:
+    """The root package.xml, the interface package and the installed package agree."""
+    versions = {
+        ElementTree.parse(ROOT / "package.xml").findtext("version"),
+        ElementTree.parse(INTERFACES / "package.xml").findtext("version"),
+        *re.findall(r'^version = "(.+)"$', (INTERFACES / "pyproject.toml").read_text(), re.M),
+        linkage_vibration.__version__,
+    }
+    assert len(versions) == 1
+
+
+def test_wheel_releases_are_the_same_everywhere() -> None:
+    """Both packages name the same releases of the ROS 2 wheels."""
+    pins: dict[str, set[str]] = {}
+    for path in (ROOT / "setup.py", INTERFACES / "pyproject.toml"):
+        for name, pin in re.findall(r'"(ros-[a-z-]+)(~=[0-9.]+)"', path.read_text()):
+            pins.setdefault(name, set()).add(pin)
+    assert "ros-rclpy" in pins
+    assert {name: found for name, found in pins.items() if len(found) > 1} == {}
+
+
+def test_prediction_survives_the_wire() -> None:
+    """A prediction goes through the compiled type support and comes back unchanged."""
+    sent = VibrationPrediction(
+        crank_angle=2.1,
+        status=VibrationPrediction.STATUS_OUT_OF_RANGE,
+        natural_frequencies=[10.0, 20.0, 30.0],
+        table_id="table",
+    )
+    sent.header.stamp.sec = 7
+    response = PredictVibration.Response(success=False, message="why", predictions=[sent, sent])
+    again = deserialize_message(serialize_message(response), PredictVibration.Response)
+    assert again == response
+
+
+def test_status_constants_keep_their_values() -> None:
+    """Logs stay readable: a status once released keeps its number."""
+    assert VibrationPrediction.STATUS_OK == 0
+    assert VibrationPrediction.STATUS_OUT_OF_RANGE == 1
+    assert VibrationPrediction.STATUS_INVALID_ANGLE == 2
+
+
+@pytest.mark.parametrize("name", ["linkage-vibration", "linkage_vibration_node"])
+def test_console_script_is_installed(name: str) -> None:
+    """Each command is where pip or ``ros2 run`` looks for it, and what it calls exists."""
+    prefixes = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
+    folders = [Path(p, "lib", "linkage_vibration") for p in prefixes if p]
+    folders.append(Path(sysconfig.get_path("scripts")))
+    assert any(os.access(folder / name, os.X_OK) for folder in folders), folders
+    (entry,) = set(entry_points(group="console_scripts", name=name))
+    assert callable(entry.load())
+
+
+def test_wheel_holds_every_file(tmp_path: Path) -> None:
+    """A wheel has all modules, configurations and launch files, and no tests."""
+    pytest.importorskip("pip", reason="pip builds the wheel")
+    source = tmp_path / "source"
+    made = shutil.ignore_patterns(".*", "__pycache__", "*.egg-info", "build", "install", "log")
+    shutil.copytree(ROOT, source, ignore=made)
+    subprocess.run(
+        [sys.executable, "-m", "pip", "wheel", "-qq", "--no-deps", "-w", tmp_path, source],
+        check=True,
+    )
+    (wheel,) = tmp_path.glob("*.whl")
+    with zipfile.ZipFile(wheel) as archive:
+        names = set(archive.namelist())
+    stem = "-".join(wheel.name.split("-")[:2])
+    data = {n.removeprefix(f"{stem}.data/") for n in names if n.startswith(f"{stem}.data/")}
+    code = {n for n in names if not n.startswith((f"{stem}.data/", f"{stem}.dist-info/"))}
+    assert code == files_below("linkage_vibration")
+    assert data == {
+        "data/share/ament_index/resource_index/packages/linkage_vibration",
+        f"{SHARE}/package.xml",
+        *(f"{SHARE}/{name}" for name in files_below("config") | files_below("launch")),
+    }
+
+
+def setup_on(tmp_path: Path, tools: set[str], **environment: str) -> subprocess.CompletedProcess:
+    """Run the set-up where only some tools are on the path and nothing else is set."""
+    for tool in tools:
+        where = shutil.which(tool, path="/usr/local/bin:/usr/bin:/bin")
+        assert where is not None
+        (tmp_path / tool).symlink_to(where)
+    python = Path(sys.base_prefix, "bin", "python3")
+    return subprocess.run(
+        ["/bin/sh", ROOT / "tools" / "setup.sh"],
+        env={"PATH": str(tmp_path), "PYTHON": str(python), **environment},
+        capture_output=True,
+        text=True,
+    )
+
+
+@pytest.mark.parametrize(
+    ("environment", "mend"),
+    [
+        ({}, r"lacks .*g\+\+; run: .*apt-get install -y .*g\+\+"),
+        ({"PYTHON": "python3"}, r"no python3; run: .*apt-get install -y g\+\+ python3"),
+        ({"AMENT_PREFIX_PATH": "/nowhere"}, r"no rclpy of it; run: make PYTHON=/usr/bin/python3"),
+    ],
+)
+def test_setup_names_what_the_machine_lacks(
+    tmp_path: Path, environment: dict[str, str], mend: str
+) -> None:
+    """Without a compiler, a Python or the sourced rclpy, one line tells what to run."""
+    run = setup_on(tmp_path, {"dirname", "id"}, **environment)
+    assert run.returncode == 1
+    assert run.stdout == ""
+    (line,) = run.stderr.splitlines()
+    assert re.search(mend, line), line

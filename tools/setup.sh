@@ -1,0 +1,97 @@
+#!/bin/sh
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+#
+# Make .venv and install everything into it; return at once where that is done already.
+# ROS 2 is the one that is sourced, if one is, else the wheels on PyPI.
+set -eu
+cd "$(dirname "$0")/.."
+python=${PYTHON:-python3}
+venv=$PWD/.venv
+export PIP_DISABLE_PIP_VERSION_CHECK=1
+
+fail() {
+    echo "linkage_vibration: $*" >&2
+    exit 1
+}
+
+apt() {
+    if [ "$(id -u)" = 0 ]; then sudo=; else sudo='sudo '; fi
+    echo "${sudo}apt-get update && ${sudo}apt-get install -y $*"
+}
+
+# What the machine has. One start of Python tells all that it knows.
+command -v "$python" > /dev/null ||
+    fail "there is no $python; run: $(apt g++ python3 python3-venv python3-dev)"
+facts=$("$python" - 2> /dev/null << 'END'
+import importlib.util, os, platform, sys, sysconfig
+rclpy = importlib.util.find_spec("rclpy") if os.environ.get("AMENT_PREFIX_PATH") else None
+print("minor=%d" % (sys.version_info[1] if sys.version_info[0] == 3 else 0))
+print("base='%s'" % sys.base_prefix)
+print("machine=%s" % platform.machine())
+print("pip=%d" % (importlib.util.find_spec("ensurepip") is not None))
+print("headers=%d" % os.path.exists(os.path.join(sysconfig.get_path("include"), "Python.h")))
+print("rclpy='%s'" % (rclpy.origin if rclpy else ""))
+END
+) || fail "$python is no working Python 3; name another one: make PYTHON=python3.12"
+eval "$facts"
+
+[ "$minor" -ge 10 ] ||
+    fail "Python 3.10 or later is needed and $python is 3.$minor; name another one: make PYTHON=python3.12"
+missing=
+[ "$pip" = 1 ] || missing="$missing python3.$minor-venv"
+[ "$headers" = 1 ] || missing="$missing python3.$minor-dev"
+command -v ${CXX:-c++} > /dev/null || missing="$missing g++"
+if [ -n "${AMENT_PREFIX_PATH:-}" ]; then
+    command -v cmake > /dev/null || missing="$missing cmake"
+    [ -n "$rclpy" ] ||
+        fail "a ROS 2 is sourced, but $python has no rclpy of it; run: make PYTHON=/usr/bin/python3"
+elif [ "$machine" != x86_64 ] || [ "$minor" -gt 13 ]; then
+    fail "ROS 2 wheels exist for Python 3.10 to 3.13 on x86_64, this is 3.$minor on $machine;" \
+        "source a ROS 2 first, or name another Python: make PYTHON=python3.12"
+fi
+[ -z "$missing" ] || fail "this machine lacks$missing; run: $(apt $missing)"
+
+# What .venv was made for, and from. The package itself is installed editable: its files are current.
+environment="$venv 3.$minor $base $rclpy"
+sources=$(find package.xml setup.py tools/setup.sh linkage_vibration_interfaces -type f | sort |
+    xargs cksum)
+if [ "$(cat .venv/environment 2> /dev/null)" != "$environment" ]; then
+    rm -rf .venv
+elif [ "$(cat .venv/sources 2> /dev/null)" = "$sources" ]; then
+    exit 0
+fi
+
+if [ ! -d .venv ]; then
+    echo "Making .venv with Python 3.$minor"
+    "$python" -m venv ${rclpy:+--system-site-packages} .venv
+    echo "$environment" > .venv/environment
+    if [ -n "$rclpy" ]; then
+        # Overlay .venv on the sourced ROS 2, as its own set-up files do.
+        cat >> .venv/bin/activate << END
+export AMENT_PREFIX_PATH="$venv:\$AMENT_PREFIX_PATH"
+export LD_LIBRARY_PATH="$venv/lib:\${LD_LIBRARY_PATH:-}"
+END
+    fi
+fi
+
+if [ -z "$rclpy" ]; then
+    echo "Installing ROS 2 from PyPI and linkage_vibration into .venv (about a minute, once)"
+    .venv/bin/pip install -qq ./linkage_vibration_interfaces --editable '.[ros,bags,plots,test]' ||
+        fail "pip could not install everything; why is told above"
+else
+    echo "Building linkage_vibration_interfaces for the sourced ROS 2 (${rclpy%/rclpy/*})"
+    log=.venv/interfaces.log
+    {
+        CMAKE_PREFIX_PATH="$AMENT_PREFIX_PATH:${CMAKE_PREFIX_PATH:-}" \
+            cmake -S linkage_vibration_interfaces -B .venv/interfaces -DBUILD_TESTING=OFF \
+            -DCMAKE_INSTALL_PREFIX="$venv" -DPython3_EXECUTABLE="$venv/bin/python" &&
+            cmake --build .venv/interfaces --parallel 2 --target install
+    } > "$log" 2>&1 || fail "the build of linkage_vibration_interfaces failed; see $log"
+    echo "Installing linkage_vibration into .venv"
+    # The NumPy that this ROS 2 was compiled against stays.
+    .venv/bin/python -c 'import numpy; print("numpy==" + numpy.__version__)' > .venv/numpy.txt
+    .venv/bin/pip install -qq --constraint .venv/numpy.txt --editable '.[bags,plots,test]' ||
+        fail "pip could not install everything; why is told above"
+fi
+echo "$sources" > .venv/sources
