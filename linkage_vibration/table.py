@@ -253,7 +253,7 @@ def save_table(table: Table, path: Path) -> None:
     beside = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
         with beside.open("wb") as file:
-            np.savez(file, allow_pickle=False, metadata=np.array(metadata), **arrays)
+            np.savez(file, metadata=np.array(metadata), **arrays)
         beside.replace(path)
     except OSError as error:
         beside.unlink(missing_ok=True)

@@ -17,9 +17,9 @@ from linkage_vibration.table import load_table
 
 def run(*arguments: str, folder: Path) -> "subprocess.CompletedProcess[str]":
     """Run the command in a folder."""
-    command = str(Path(sys.executable).with_name("linkage-vibration"))
+    command = [sys.executable, "-m", "linkage_vibration.cli", *arguments]
     return subprocess.run(
-        [command, *arguments], cwd=folder, capture_output=True, text=True, timeout=60, check=False
+        command, cwd=folder, capture_output=True, text=True, timeout=60, check=False
     )
 
 

@@ -42,7 +42,7 @@ def element_matrices(
     >>> from linkage_vibration.mechanics.description import rectangle
     >>> steel = Material(210e9, 7800.0, 0.3)
     >>> _, k = element_matrices(2.0, rectangle(0.01, 0.02, 0.3), steel)
-    >>> round(1 / k[3, 3] * 210e9 * 2e-4, 12)
+    >>> float(round(1 / k[3, 3] * 210e9 * 2e-4, 12))
     2.0
     """
     area, inertia = section.area, section.second_moment
