@@ -1,0 +1,202 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Plays recorded joint states to a running node over DDS, and gathers what it answers."""
+
+import time
+from array import array
+from collections import defaultdict, deque
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import rclpy
+from numpy.typing import NDArray
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.signals import SignalHandlerOptions
+from sensor_msgs.msg import JointState
+
+from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.readers.bags import JointStateRecord
+from linkage_vibration_interfaces.msg import VibrationPrediction
+from linkage_vibration_interfaces.srv import PredictVibration
+
+PREDICTING_NODE = "linkage_vibration"
+# Enough for the predictions of 10 s at 1 kHz, should this process be kept from reading them.
+PREDICTIONS_DEPTH = 10_000
+MATCH_TIMEOUT = 30.0  # s
+ANSWER_TIMEOUT = 3.0  # s, after the last prediction
+
+
+class PlayerError(LinkageVibrationError):
+    """The node does not answer."""
+
+
+@dataclass(frozen=True, slots=True)
+class Playback:
+    """What came of playing a recording.
+
+    Attributes
+    ----------
+    sent : int
+        Joint states published.
+    received : int
+        Predictions that came back.
+    latencies : ndarray, (n_matched,)
+        From just before a joint state is published to when the prediction with its stamp arrives,
+        both in this process and on the monotonic clock, s.
+    lateness : ndarray, (sent,)
+        How long after its recorded time each joint state was published, s.
+    """
+
+    sent: int
+    received: int
+    latencies: NDArray[np.float64]
+    lateness: NDArray[np.float64]
+
+
+def play(
+    records: Iterable[JointStateRecord],
+    on_prediction: Callable[[VibrationPrediction], None],
+    check: Callable[[], None],
+) -> Playback:
+    """Publish joint states at their recorded times, and wait until all are answered.
+
+    Stamps are published as they were recorded, however old: the node copies them into its
+    predictions, which tells which prediction answers which joint state.
+
+    Parameters
+    ----------
+    records : iterable of JointStateRecord
+        In the order of their log times.
+    on_prediction : callable
+        Called with every prediction that arrives.
+    check : callable
+        Called again and again; raises when going on has become pointless.
+
+    Raises
+    ------
+    PlayerError
+        If the node is not there, or does not answer its service, within 30 s.
+    """
+    # The caller keeps its own Ctrl-C; rclpy would turn it into a silent end of spinning.
+    context = Context()
+    rclpy.init(context=context, signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        node = Node("linkage_vibration_player", context=context, use_global_arguments=False)
+        executor = SingleThreadedExecutor(context=context)
+        executor.add_node(node)
+        try:
+            return _play(node, executor, records, on_prediction, check)
+        finally:
+            executor.shutdown()
+            node.destroy_node()
+    finally:
+        context.try_shutdown()
+
+
+def _play(
+    node: Node,
+    executor: SingleThreadedExecutor,
+    records: Iterable[JointStateRecord],
+    on_prediction: Callable[[VibrationPrediction], None],
+    check: Callable[[], None],
+) -> Playback:
+    sent_at: defaultdict[tuple[int, int], deque[float]] = defaultdict(deque)
+    latencies: list[float] = []
+    received = 0
+    last_arrival = 0.0
+
+    def arrived(prediction: VibrationPrediction) -> None:
+        nonlocal received, last_arrival
+        last_arrival = time.monotonic()
+        received += 1
+        stamp = prediction.header.stamp
+        if waiting := sent_at.get((stamp.sec, stamp.nanosec)):
+            latencies.append(last_arrival - waiting.popleft())
+        on_prediction(prediction)
+
+    publisher = node.create_publisher(
+        JointState,
+        "joint_states",
+        QoSProfile(
+            history=HistoryPolicy.KEEP_LAST, depth=100, reliability=ReliabilityPolicy.BEST_EFFORT
+        ),
+    )
+    node.create_subscription(
+        VibrationPrediction,
+        f"{PREDICTING_NODE}/prediction",
+        arrived,
+        QoSProfile(
+            history=HistoryPolicy.KEEP_LAST,
+            depth=PREDICTIONS_DEPTH,
+            reliability=ReliabilityPolicy.RELIABLE,
+        ),
+    )
+    _wait_for_match(node, executor, publisher.get_subscription_count, check)
+
+    lateness: list[float] = []
+    start = time.monotonic()
+    first_log_time: int | None = None
+    for record in records:
+        check()
+        first_log_time = record.log_time if first_log_time is None else first_log_time
+        due = start + (record.log_time - first_log_time) / 1e9
+        # Spins at least once, so that predictions are fetched even when publishing is behind.
+        executor.spin_once(max(due - time.monotonic(), 0.0))
+        while (wait := due - time.monotonic()) > 0.0:
+            executor.spin_once(wait)
+        message = _message(record)
+        now = time.monotonic()
+        sent_at[message.header.stamp.sec, message.header.stamp.nanosec].append(now)
+        publisher.publish(message)
+        lateness.append(now - due)
+    last_arrival = time.monotonic()
+    while received < len(lateness) and time.monotonic() < last_arrival + ANSWER_TIMEOUT:
+        check()
+        executor.spin_once(0.1)
+    return Playback(len(lateness), received, np.array(latencies), np.array(lateness))
+
+
+def _wait_for_match(
+    node: Node,
+    executor: SingleThreadedExecutor,
+    subscription_count: Callable[[], int],
+    check: Callable[[], None],
+) -> None:
+    """Return when the node will hear what is published from now on.
+
+    That this side has found the node does not mean that the node has found this side. DDS tells
+    of endpoints in the order of their making, so when a client made last gets an answer, the node
+    knows the publisher and the subscription made before it.
+    """
+    client: Any = node.create_client(PredictVibration, f"{PREDICTING_NODE}/predict")
+    deadline = time.monotonic() + MATCH_TIMEOUT
+    while time.monotonic() < deadline:
+        check()
+        executor.spin_once(0.05)
+        if client.service_is_ready() and subscription_count() > 0:
+            # Asked again each second: an answer is lost while the node has not found the client.
+            answer = client.call_async(PredictVibration.Request())
+            executor.spin_until_future_complete(answer, 1.0)
+            if answer.done():
+                return
+    raise PlayerError(
+        f"Node /{PREDICTING_NODE} did not answer within {MATCH_TIMEOUT:g} s; check that nothing "
+        "blocks UDP on this machine, and ROS_DOMAIN_ID and ROS_AUTOMATIC_DISCOVERY_RANGE."
+    )
+
+
+def _message(record: JointStateRecord) -> JointState:
+    message = JointState()
+    message.header.stamp.sec, message.header.stamp.nanosec = divmod(record.stamp, 10**9)
+    message.header.frame_id = record.frame_id
+    message.name = list(record.name)
+    # An array is taken as it is; rclpy would look at every element of a list.
+    message.position = array("d", record.position)
+    message.velocity = array("d", record.velocity)
+    message.effort = array("d", record.effort)
+    return message

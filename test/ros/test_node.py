@@ -1,0 +1,278 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""The node in a process of its own, over real DDS: right numbers, and no crash on any message."""
+
+import math
+import random
+import signal
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
+from rosbags.rosbag2 import Reader
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from linkage_vibration.prediction import Predictor, Status
+from linkage_vibration.readers.bags import read_messages
+from linkage_vibration.resources import config_file
+from linkage_vibration.table import load_table
+
+JOINT = "hitch_rockshaft_joint"
+
+
+@pytest.fixture(scope="module")
+def predictor() -> Predictor:
+    """Return a predictor on the table that the node uses."""
+    return Predictor(load_table(config_file("tables/three_point_linkage.npz")))
+
+
+@pytest.fixture(scope="module")
+def node(start: Callable[..., Any]) -> Any:
+    """Return a node that reads the joint as it is."""
+    return start()
+
+
+@pytest.fixture(scope="module")
+def peer(node: Any, meet: Callable[[], Any]) -> Any:
+    """Return a peer that the node has found."""
+    return meet()
+
+
+def same(message: Any, prediction: Any) -> bool:
+    """Whether a message holds just what the predictor says, NaN for NaN."""
+    pairs = [
+        (message.crank_angle, prediction.crank_angle),
+        (message.frf_peak_frequency, prediction.frf_peak_frequency),
+        (message.frf_peak_magnitude, prediction.frf_peak_magnitude),
+        (message.interpolation_error, prediction.interpolation_error),
+        *zip(message.natural_frequencies, prediction.natural_frequencies, strict=True),
+        *zip(message.damping_ratios, prediction.damping_ratios, strict=True),
+    ]
+    numbers = all(a == b or (math.isnan(a) and math.isnan(b)) for a, b in pairs)
+    return numbers and (message.status, message.table_id) == (
+        prediction.status,
+        prediction.table_id,
+    )
+
+
+def test_predictions_are_the_predictors(peer: Any, predictor: Predictor) -> None:
+    """Whatever the order of the names, the prediction is the predictor's, bit for bit."""
+    rng = random.Random(2)
+    for _ in range(50):
+        angle = rng.uniform(math.pi / 2, math.pi)
+        joints = {JOINT: angle, "wheel": 1.0, "steering": 9.0, "pto": math.nan}
+        names = rng.sample(sorted(joints), len(joints))
+        stamp = peer.publish(names, [joints[name] for name in names], frame_id="tractor")
+        message = peer.answer(stamp)
+        assert same(message, predictor.predict(angle))
+        assert message.status == message.STATUS_OK
+        assert (message.header.stamp.sec, message.header.frame_id) == (1_700_000_000, "tractor")
+
+
+@pytest.mark.parametrize(
+    ("angle", "status"),
+    [
+        (math.nan, Status.INVALID_ANGLE),
+        (math.inf, Status.INVALID_ANGLE),
+        (-math.inf, Status.INVALID_ANGLE),
+        (0.0, Status.OUT_OF_RANGE),
+        (-1e308, Status.OUT_OF_RANGE),
+        (math.nextafter(math.pi, 4.0), Status.OUT_OF_RANGE),
+    ],
+)
+def test_angles_without_a_prediction_get_a_status(
+    peer: Any, node: Any, predictor: Predictor, angle: float, status: Status
+) -> None:
+    """They are answered by NaN and a status, and a warning tells them."""
+    message = peer.answer(peer.publish([JOINT], [angle]))
+    assert message.status == status
+    assert same(message, predictor.predict(angle))
+    node.wait_for("crank angle")
+
+
+def test_messages_without_a_reading_are_passed_over(peer: Any, node: Any) -> None:
+    """No joint, no names, sizes that differ, a joint named twice: no prediction, no crash."""
+    silent = [
+        peer.publish([], []),
+        peer.publish(["other"], [2.0]),
+        peer.publish([JOINT], []),
+        peer.publish([JOINT, "b"], [2.0]),
+        peer.publish(["b"], [2.0, 2.1]),
+        peer.publish([JOINT, JOINT], [2.0, 2.1]),
+        peer.publish(["", "\t", "naïve"], [1.0, 2.0, 3.0]),
+    ]
+    last = peer.publish([JOINT], [2.0])
+    assert peer.answer(last).status == Status.OK
+    assert not {p.header.stamp.nanosec for p in peer.predictions} & set(silent)
+    node.wait_for("1 names but 0 positions")
+
+
+def test_ten_thousand_joints(peer: Any, predictor: Predictor) -> None:
+    """The joint is found among ten thousand."""
+    names = [f"joint_{i}" for i in range(10_000)]
+    names[7_777] = JOINT
+    stamp = peer.publish(names, [2.5] * 10_000)
+    assert same(peer.answer(stamp), predictor.predict(2.5))
+
+
+def test_joint_that_is_missing_is_told(start: Callable[..., Any], peer: Any) -> None:
+    """A node whose joint never comes says so, and names the joints that do."""
+    lonely = start(name="lonely", joint_name="boom")
+    deadline = time.monotonic() + 15.0
+    while "boom has not been on" not in lonely.said and time.monotonic() < deadline:
+        peer.publish([JOINT, "wheel"], [2.0, 1.0])
+        time.sleep(0.1)
+    lonely.wait_for(f"joints seen there: {JOINT}, wheel")
+    assert lonely.stop() == 0
+
+
+def test_service_answers_many_angles(peer: Any, predictor: Predictor) -> None:
+    """As many predictions as angles, in their order; success tells whether all are good."""
+    angles = [1.6 + 0.001 * i for i in range(1_000)]
+    response = peer.call(angles)
+    assert response.success
+    assert response.message == ""
+    assert len(response.predictions) == 1_000
+    assert all(
+        same(message, predictor.predict(angle))
+        for message, angle in zip(response.predictions, angles, strict=True)
+    )
+
+
+def test_service_names_what_failed(peer: Any) -> None:
+    """One bad angle does not cost the others, and is told; too few and too many are refused."""
+    response = peer.call([2.0, 5.0, math.nan])
+    assert not response.success
+    assert "2 of 3" in response.message
+    assert "crank_angles[1]" in response.message
+    assert [p.status for p in response.predictions] == [0, 1, 2]
+    assert "give 1 to" in peer.call([]).message
+    assert "give 1 to" in peer.call([2.0] * 10_001).message
+
+
+def test_topic_bytes_are_exact(peer: Any) -> None:
+    """What DDS carries is what a strict decoder reads, and padding to four bytes (RTPS)."""
+    peer.raw.clear()
+    peer.answer(peer.publish([JOINT], [2.2], frame_id="frame"))
+    assert peer.spin(lambda: bool(peer.raw))
+    store = typestore()
+    name = "linkage_vibration_interfaces/msg/VibrationPrediction"
+    message: Any = store.deserialize_cdr(peer.raw[-1], name)
+    assert message.header.frame_id == "frame"
+    exact = bytes(store.serialize_cdr(message, name))
+    assert peer.raw[-1][: len(exact)] == exact
+    assert peer.raw[-1][len(exact) :] in (b"", b"\0", b"\0\0", b"\0\0\0")
+
+
+def typestore() -> Any:
+    """Return rosbags' types with ours among them."""
+    from linkage_vibration.logs.definitions import message_definition
+
+    name = "linkage_vibration_interfaces/msg/VibrationPrediction"
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    types = get_types_from_msg(message_definition(name), name)
+    store.register({key: value for key, value in types.items() if key == name})
+    return store
+
+
+def test_parameters_turn_positions_into_angles(
+    start: Callable[..., Any], meet: Callable[[str], Any], predictor: Predictor
+) -> None:
+    """Angle = sign * scale * position + offset; a whole number may stand for a double."""
+    turned = start(name="turned", sign=-1, scale=2, offset=3.5)
+    message = (peer := meet("turned")).answer(peer.publish([JOINT], [0.6]))
+    assert same(message, predictor.predict(-1 * 2.0 * 0.6 + 3.5))
+    assert turned.stop() == 0
+
+
+@pytest.mark.parametrize(
+    ("parameters", "words"),
+    [
+        ({"sign": 3}, "Parameter sign must be 1 or -1, not 3"),
+        ({"scale": 0.0}, "Parameter scale must be"),
+        ({"scale": "fast"}, "Parameter scale must be"),
+        ({"offset": ".nan"}, "Parameter offset must be"),
+        ({"joint_name": "''"}, "Parameter joint_name must be"),
+        ({"mechanism_file": "/none.yaml"}, "/none.yaml: cannot be read"),
+        ({"table_file": "/none.npz"}, "/none.npz: cannot be read"),
+        ({"record": True, "log_directory": "/none"}, "/none"),
+    ],
+)
+def test_wrong_parameters_end_it_in_words(
+    start: Callable[..., Any], parameters: dict[str, Any], words: str
+) -> None:
+    """A node that cannot begin says in one line why, and exits with 1."""
+    failed = start(name="failed", **parameters)
+    assert failed.process.wait(30.0) == 1
+    assert words in failed.said
+    assert "Traceback" not in failed.said
+
+
+def test_table_of_another_mechanism_is_refused(start: Callable[..., Any]) -> None:
+    """The shipped table does not serve the as-printed linkage."""
+    failed = start(
+        name="mixed",
+        mechanism_file=str(config_file("three_point_linkage_as_printed.yaml")),
+        table_file=str(config_file("tables/three_point_linkage.npz")),
+    )
+    assert failed.process.wait(30.0) == 1
+    assert "was built from another mechanism" in failed.said
+
+
+@pytest.mark.parametrize("by", [signal.SIGINT, signal.SIGTERM])
+def test_signals_end_it_cleanly(start: Callable[..., Any], by: signal.Signals) -> None:
+    """Ctrl-C and SIGTERM give exit code 0 and no traceback."""
+    ended = start(name=f"ended_{by.name.lower()}")
+    ended.wait_for("Predicting for joint")
+    assert ended.stop(by) == 0
+    assert "Traceback" not in ended.said
+    assert "predictions out" in ended.said
+
+
+def test_log_holds_what_was_published(
+    start: Callable[..., Any], meet: Callable[[str], Any], tmp_path: Path
+) -> None:
+    """Every joint state that was used and every prediction, for two independent readers."""
+    recorder = start(name="recorder", record=True, log_directory=tmp_path)
+    peer = meet("recorder")
+    warmed_up = peer.stamp
+    for i in range(200):
+        peer.publish(["wheel", JOINT], [1.0, 1.6 + 0.007 * i], velocity=[0.0, 0.7])
+        peer.publish(["other"], [0.0])
+        peer.spin(lambda: False, 0.002)
+    assert peer.spin(lambda: len(peer.predictions) == 200)
+    assert recorder.stop() == 0
+    [path] = tmp_path.glob("linkage_vibration_*.mcap")
+
+    published = {p.header.stamp.nanosec: p for p in peer.predictions}
+    with path.open("rb") as file:
+        reader = make_reader(file, decoder_factories=[DecoderFactory()])
+        summary = reader.get_summary()
+        assert summary is not None
+        assert {a.name for a in reader.iter_attachments()} >= {
+            "three_point_linkage.yaml",
+            "parameters.yaml",
+        }
+        decoded = [
+            (channel.topic, message)
+            for _, channel, _, message in reader.iter_decoded_messages()
+            if message.header.stamp.nanosec > warmed_up
+        ]
+        assert all("offered_qos_profiles" in c.metadata for c in summary.channels.values())
+    logged = {m.header.stamp.nanosec: m for t, m in decoded if t == "/recorder/prediction"}
+    used = {m.header.stamp.nanosec: m for t, m in decoded if t == "/joint_states"}
+    assert logged.keys() == published.keys() == used.keys()
+    for stamp, message in logged.items():
+        assert same(message, published[stamp])
+        assert list(used[stamp].name) == ["wheel", JOINT]
+        assert list(used[stamp].velocity) == [0.0, 0.7]
+
+    again = [m for _, m in read_messages(path, "/recorder/prediction")]
+    kept = [m for m in again if m.header.stamp.nanosec > warmed_up]
+    assert [m.crank_angle for m in kept] == [p.crank_angle for p in published.values()]
+    with Reader(path) as bag:
+        assert bag.message_count == 2 * len(again)
