@@ -48,19 +48,27 @@ setup(
             "ros-std-msgs~=5.5.1",
         ],
         "bags": ["rosbags>=0.11"],
+        "fe": ["meshio", "scikit-fem"],
+        "uff": ["pyuff"],
         "plots": ["matplotlib>=3.7"],
         # colcon runs the tests with pytest because this extra names it.
         "test": [
+            "exudyn; platform_machine == 'x86_64'",
             "hypothesis",
             "matplotlib>=3.7",
             "mcap-ros2-support",
+            "meshio",
             "mypy",
             "pytest",
+            "pyuff",
             "rosbags>=0.11",
             "ruff",
+            "scikit-fem",
             "types-PyYAML",
             "types-tqdm",
         ],
+        # Peers of the benchmarks; CalculiX comes with `apt-get install calculix-ccx`.
+        "bench": ["exudyn", "gmsh", "meshio", "scikit-fem", "sdynpy"],
     },
     entry_points={
         "console_scripts": [

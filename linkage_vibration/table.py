@@ -3,9 +3,9 @@
 """The lookup table over alpha3: built once from the model, then interpolated."""
 
 import hashlib
+import io
 import json
 import math
-import os
 import zipfile
 import zlib
 from bisect import bisect_right
@@ -21,8 +21,9 @@ from scipy.interpolate import CubicSpline
 
 import linkage_vibration
 from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.files import write_bytes
 from linkage_vibration.mechanics.description import Mechanism
-from linkage_vibration.mechanics.model import LinkageModel, damping_ratios
+from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.modes import track
 
 FloatArray = NDArray[np.float64]
@@ -190,29 +191,36 @@ def build_table(
     if n_points < 4:
         raise TableError(f"A table of {n_points} points cannot be interpolated; use 4 or more.")
     mechanism = model.mechanism
-    n_modes = mechanism.response.modes
+    n_modes, band = mechanism.response.modes, mechanism.response.band
+    # Links known by FRFs have no matrices: modes are identified, and tracked by plain MAC.
+    measured = model.measured_frequencies is not None
+    mass = np.eye(len(model.interface)) if measured else model.system.mass
     alphas = np.linspace(*mechanism.stroke, 2 * n_points - 1)
     frequencies = np.empty((len(alphas), n_modes))
+    ratios = np.empty((len(alphas), n_modes))
     peaks = np.empty((len(alphas), 2))
     shapes = None
     for i, alpha3 in enumerate(alphas):
-        solution = model.solve(float(alpha3))
-        if len(solution.modes.omega) < n_modes:
+        solution = model.identify(float(alpha3)) if measured else model.solve(float(alpha3))
+        modes = solution.modes
+        if len(modes.omega) < n_modes:
             raise TableError(
-                f"response.modes asks for {n_modes} modes; the model of "
-                f"{mechanism.name} has {len(solution.modes.omega)}; keep more modes a link."
+                f"response.modes asks for {n_modes} modes; {mechanism.name} shows "
+                f"{len(modes.omega)} at {math.degrees(alpha3):.3f} deg; ask for fewer, keep more "
+                "modes a link, or widen response.band_hz where modes are identified from FRFs."
             )
-        first = solution.modes.shapes[:, :n_modes] if shapes is None else shapes
-        modes = track(first, solution.modes, model.system.mass)
-        shapes = modes.shapes
-        frequencies[i] = modes.omega / (2.0 * math.pi)
-        peaks[i] = solution.peak.frequency, solution.peak.magnitude
+        first = modes.shapes[:, :n_modes] if shapes is None else shapes
+        order, signs = track(first, modes, mass)
+        shapes = modes.select(order, signs).shapes
+        frequencies[i] = solution.natural_frequencies[order]
+        ratios[i] = solution.damping_ratios[order]
+        peak = solution.peak(band)
+        peaks[i] = peak.frequency, peak.magnitude
         solved()
     if not (np.isfinite(peaks).all() and (peaks[:, 1] > 0.0).all()):
         raise TableError(
             f"{mechanism.name} does not respond at response.drive_point; choose another point."
         )
-    ratios = damping_ratios(mechanism, 2.0 * math.pi * frequencies)
 
     def table(errors: FloatArray, peak_error: tuple[float, float]) -> Table:
         return Table(
@@ -250,16 +258,9 @@ def save_table(table: Table, path: Path) -> None:
     """
     metadata = json.dumps({**table._metadata(), "checksum": table.checksum}, sort_keys=True)
     arrays = {name: getattr(table, name) for name in UNITS}
-    beside = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        with beside.open("wb") as file:
-            np.savez(file, metadata=np.array(metadata), **arrays)
-        beside.replace(path)
-    except OSError as error:
-        beside.unlink(missing_ok=True)
-        raise TableError(
-            f"{path}: cannot be written ({error.strerror}); choose another folder."
-        ) from None
+    archive = io.BytesIO()
+    np.savez(archive, metadata=np.array(metadata), **arrays)
+    write_bytes(path, archive.getvalue(), TableError)
 
 
 def load_table(path: Path, mechanism: Mechanism | None = None) -> Table:

@@ -3,20 +3,47 @@
 """The compatibility matrix B(configuration): B u = 0 joins the components.
 
 For a pin between bodies r and s it holds R(angle_r) u_r - R(angle_s) u_s = 0 (Brunetti, D'Ambrogio,
-Fregolent 2022, eq. 20 to 22, in the plane), u in the bodies' own axes; the ground does not move; a
-rigid body moves at a point by its centre of gravity's displacement and its rotation times the arm.
+Fregolent 2022, eq. 20 to 22), u in the bodies' own axes; the ground does not move; a rigid body
+moves at a point by its centre of gravity's displacement and its rotation times the arm. A spring
+has a row as well, whose value is not zero but the spring's elongation.
 """
 
+import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from linkage_vibration.mechanics.components import CENTRE_OF_GRAVITY, Component, InterfaceDof
-from linkage_vibration.mechanics.description import GROUND, Mechanism
-from linkage_vibration.mechanics.kinematics import Configuration, rotation
+from linkage_vibration.mechanics.components import CENTRE_OF_GRAVITY, Component, FrfComponent
+from linkage_vibration.mechanics.description import GROUND, Mechanism, MechanismError, Spring
+from linkage_vibration.mechanics.dofs import InterfaceDof
+from linkage_vibration.mechanics.kinematics import Configuration, rotation, rotation_derivative
 
 FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Joining:
+    """All that joins the components in one configuration, on the interface DoFs u.
+
+    Attributes
+    ----------
+    compatibility : ndarray, (n_constraints, n)
+        B, of B u = 0.
+    labels : tuple of str, (n_constraints,)
+        What each row of B belongs to.
+    elongation : ndarray, (n_springs, n)
+        G; G u is how far the springs are stretched (m) or twisted (rad).
+    stiffness, damping : ndarray, (n_springs,)
+        Of the springs, SI.
+    """
+
+    compatibility: FloatArray
+    labels: tuple[str, ...]
+    elongation: FloatArray
+    stiffness: FloatArray
+    damping: FloatArray
 
 
 class InterfaceMap:
@@ -25,51 +52,157 @@ class InterfaceMap:
     Parameters
     ----------
     mechanism : Mechanism
-        Names the pins and the rigid bodies' points.
-    components : sequence of Component
+        Names the pins, the springs and the rigid bodies' points.
+    components : sequence of Component or FrfComponent
         Their interface DoFs, component by component, make u.
+    spatial : bool
+        Whether they hold displacements out of plane.
     """
 
-    def __init__(self, mechanism: Mechanism, components: Sequence[Component]) -> None:
+    def __init__(
+        self,
+        mechanism: Mechanism,
+        components: Sequence[Component | FrfComponent],
+        *,
+        spatial: bool = False,
+    ) -> None:
         self._mechanism = mechanism
+        self._spatial = spatial
         self._index: dict[tuple[str, InterfaceDof], int] = {}
         for component in components:
             for dof in component.dofs:
                 self._index[component.name, dof] = len(self._index)
         self._centres = {body.name: body.centre_of_gravity for body in mechanism.rigid_bodies}
+        # Out of plane, rigid bodies are held as the ground is: there is nothing to join among them.
+        held = {GROUND, *self._centres}
+        self._joints = [
+            (joint, [0, 1, 2] if spatial and not held.issuperset(joint[1:]) else [0, 2])
+            for joint in mechanism.joints
+        ]
 
     def __len__(self) -> int:
         """Return the number of interface DoFs."""
         return len(self._index)
 
-    def displacement(self, body: str, point: str, configuration: Configuration) -> FloatArray:
-        """Return the (2, n) matrix that turns u into a point's global x and z displacement."""
-        rows = np.zeros((2, len(self)))
+    @property
+    def out_of_plane(self) -> NDArray[np.bool_]:
+        """Which interface DoFs are displacements out of plane, (n,)."""
+        return np.array([dof.direction == "y" for _, dof in self._index], dtype=bool)
+
+    def displacement(
+        self, body: str, point: str, configuration: Configuration, *, rate: bool = False
+    ) -> FloatArray:
+        """Return the (3, n) matrix that turns u into a point's global x, y and z displacement.
+
+        With ``rate`` its derivative with respect to alpha3 is returned instead.
+        """
+        rows = np.zeros((3, len(self)))
         if body == GROUND:
             return rows
         if body in self._centres:
-            place = self._mechanism.local_points(body)[point]
-            arm = configuration.place(body, place) - configuration.place(body, self._centres[body])
+            local = self._mechanism.local_points(body)[point]
+            place = configuration.place_rate if rate else configuration.place
+            arm = place(body, local) - place(body, self._centres[body])
             at = [self._at(body, CENTRE_OF_GRAVITY, name) for name in ("x", "z", "theta")]
-            rows[:, at] = [[1.0, 0.0, -arm[1]], [0.0, 1.0, arm[0]]]
-        else:
-            at = [self._at(body, point, name) for name in ("x", "z")]
-            rows[:, at] = rotation(configuration.angle(body))
+            keep = 0.0 if rate else 1.0
+            rows[np.ix_([0, 2], at)] = [[keep, 0.0, -arm[1]], [0.0, keep, arm[0]]]
+            return rows
+        at = [self._at(body, point, name) for name in ("x", "z")]
+        angle = configuration.angle(body)
+        rows[np.ix_([0, 2], at)] = (
+            configuration.velocity_ratio(body) * rotation_derivative(angle)
+            if rate
+            else rotation(angle)
+        )
+        if self._spatial and not rate:
+            rows[1, self._at(body, point, "y")] = 1.0
         return rows
 
-    def compatibility(self, configuration: Configuration) -> FloatArray:
-        """Return B, (n_constraints, n): two rows a pin, then one for each clamped rotation."""
-        rows = [
-            self.displacement(first, point, configuration)
-            - self.displacement(second, point, configuration)
-            for point, first, second in self._mechanism.joints()
-        ]
+    def join(self, configuration: Configuration) -> Joining:
+        """Return what joins the components in a configuration."""
+        rows, labels = [self._pins(configuration)], []
+        for (point, first, second), kept in self._joints:
+            labels += [f"pin {point} of {first} and {second} in {'xyz'[i]}" for i in kept]
         for link in self._mechanism.links:
             if link.clamped is not None:
-                row = np.zeros((1, len(self)))
-                row[0, self._at(link.name, link.clamped, "theta")] = 1.0
-                rows.append(row)
-        return np.vstack(rows)
+                rows.append(self._turn(link.name, link.clamped)[np.newaxis])
+                labels.append(f"clamp of {link.name} at {link.clamped}")
+        springs = self._mechanism.springs
+        return Joining(
+            compatibility=np.vstack(rows),
+            labels=tuple(labels),
+            elongation=self._elongations(configuration),
+            stiffness=np.array([spring.stiffness for spring in springs]),
+            damping=np.array([spring.damping for spring in springs]),
+        )
+
+    def join_rate(self, configuration: Configuration) -> tuple[FloatArray, FloatArray]:
+        """Return d(compatibility)/d(alpha3) and d(elongation)/d(alpha3), rows as in `join`."""
+        pins = self._pins(configuration, rate=True)
+        clamps = sum(link.clamped is not None for link in self._mechanism.links)
+        compatibility = np.vstack([pins, np.zeros((clamps, len(self)))])
+        return compatibility, self._elongations(configuration, rate=True)
+
+    def _pins(self, configuration: Configuration, *, rate: bool = False) -> FloatArray:
+        """Rows of B, or of its derivative, that belong to the pins."""
+        return np.vstack(
+            [
+                self.displacement(first, point, configuration, rate=rate)[kept]
+                - self.displacement(second, point, configuration, rate=rate)[kept]
+                for (point, first, second), kept in self._joints
+            ]
+        )
+
+    def _elongations(self, configuration: Configuration, *, rate: bool = False) -> FloatArray:
+        rows = [self._elongation(spring, configuration, rate) for spring in self._mechanism.springs]
+        return np.array(rows).reshape(-1, len(self))
+
+    def _elongation(self, spring: Spring, configuration: Configuration, rate: bool) -> FloatArray:
+        first, second = spring.bodies
+        if len(spring.points) == 1:
+            turn = self._turn(second, spring.points[0]) - self._turn(first, spring.points[0])
+            return np.zeros_like(turn) if rate else turn
+        ends = [
+            (body, point, self._mechanism.local_points(body)[point])
+            for body, point in zip(spring.bodies, spring.points, strict=True)
+        ]
+        away = configuration.place(*ends[1][::2]) - configuration.place(*ends[0][::2])
+        length = math.hypot(*away)
+        if length < 1e-9:
+            raise MechanismError(
+                f"springs.{spring.name}",
+                f"its two ends meet at alpha3 = {math.degrees(configuration.alpha3):.3f} deg, so "
+                "that it has no direction; put it on the joint instead.",
+            )
+        unit = away / length
+        apart = self._apart(ends, configuration)
+        if not rate:
+            return np.asarray(unit @ apart)
+        drift = configuration.place_rate(*ends[1][::2]) - configuration.place_rate(*ends[0][::2])
+        turning = (drift - unit * (unit @ drift)) / length
+        return np.asarray(turning @ apart + unit @ self._apart(ends, configuration, rate=True))
+
+    def _apart(
+        self,
+        ends: list[tuple[str, str, tuple[float, float]]],
+        configuration: Configuration,
+        *,
+        rate: bool = False,
+    ) -> FloatArray:
+        """Displacement of the second end against the first in x and z, (2, n)."""
+        first, second = (
+            self.displacement(body, point, configuration, rate=rate)[[0, 2]]
+            for body, point, _ in ends
+        )
+        return np.asarray(second - first)
+
+    def _turn(self, body: str, point: str) -> FloatArray:
+        """Row that picks the rotation of a body at a point, (n,)."""
+        row = np.zeros(len(self))
+        if body != GROUND:
+            at = CENTRE_OF_GRAVITY if body in self._centres else point
+            row[self._at(body, at, "theta")] = 1.0
+        return row
 
     def _at(self, body: str, point: str, direction: str) -> int:
         return self._index[body, InterfaceDof(point, direction)]

@@ -26,20 +26,53 @@ _TOLERANCE = 1e-13  # of a Newton step, in the same scale
 _BRANCH_MARGIN = math.radians(45.0)  # how far a body may turn from the described pose
 
 
+@dataclass(frozen=True, slots=True)
+class Toggle:
+    """An input angle at which the linkage locks and turns back.
+
+    Attributes
+    ----------
+    alpha3 : float
+        rad.
+    aligned : tuple of str
+        Joints that are in line there, of an arm that is stretched or folded; empty where more than
+        two bodies lock one another.
+    bodies : tuple of str
+        The bodies that could move there with the input held still.
+    """
+
+    alpha3: float
+    aligned: tuple[str, ...]
+    bodies: tuple[str, ...]
+
+    def __str__(self) -> str:
+        """Return where it is and why, in words."""
+        words = f"{math.degrees(self.alpha3):.3f} deg"
+        if self.aligned:
+            return f"{words} with {', '.join(self.aligned[:-1])} and {self.aligned[-1]} in line"
+        return f"{words} where {', '.join(self.bodies)} lock one another"
+
+
 class KinematicsError(LinkageVibrationError):
     """The linkage cannot take the angle asked for.
 
     Parameters
     ----------
-    alpha3, nearest : float
-        The angle asked for and the nearest one at which the linkage closes, rad.
+    alpha3 : float
+        The angle asked for, rad.
+    nearest : Toggle or None
+        The end of the range in which the linkage closes, on that side; None where it closes at
+        every angle and what was asked for is none.
     """
 
-    def __init__(self, alpha3: float, nearest: float) -> None:
-        super().__init__(
-            f"The linkage cannot close at alpha3 = {math.degrees(alpha3):.3f} deg; the nearest "
-            f"angle at which it can is its toggle at {math.degrees(nearest):.3f} deg."
-        )
+    def __init__(self, alpha3: float, nearest: Toggle | None) -> None:
+        where = f"The linkage cannot close at alpha3 = {math.degrees(alpha3):.3f} deg; "
+        if nearest is None:
+            super().__init__(f"{where}give a finite angle.")
+        else:
+            super().__init__(
+                f"{where}the nearest angle at which it can is its toggle at {nearest}."
+            )
         self.alpha3 = alpha3
         self.nearest = nearest
 
@@ -126,21 +159,28 @@ class Kinematics:
 
     def __init__(self, mechanism: Mechanism) -> None:
         self._bodies = tuple(body.name for body in mechanism.bodies)
-        self._input = 3 * self._bodies.index(mechanism.input_link) + 2
+        self._input = 3 * self._bodies.index(mechanism.input_body) + 2
         points = [p for b in (GROUND, *self._bodies) for p in mechanism.local_points(b).values()]
         self._length = max(math.hypot(*point) for point in points)
         self._pins = [
             (self._end(mechanism, first, point), self._end(mechanism, second, point))
-            for point, first, second in mechanism.joints()
+            for point, first, second in mechanism.joints
         ]
-        self._poses = self._trace(self._assemble(mechanism))
+        self._poses = self._trace(mechanism, self._assemble(mechanism))
         self._alphas = np.array([pose[self._input] for pose in self._poses])
         self._check_stroke(mechanism)
 
     @property
+    def toggles(self) -> tuple[Toggle, Toggle] | None:
+        """The toggles below and above; None where the input can turn all the way."""
+        return self._toggles
+
+    @property
     def closable_range(self) -> tuple[float, float]:
-        """The toggles below and above, rad; infinite on a side on which there is none."""
-        return self._range
+        """The toggles' angles, rad; infinite where the input can turn all the way."""
+        if self._toggles is None:
+            return -math.inf, math.inf
+        return self._toggles[0].alpha3, self._toggles[1].alpha3
 
     def at(self, alpha3: float) -> Configuration:
         """Return the configuration at an input angle.
@@ -155,18 +195,19 @@ class Kinematics:
         KinematicsError
             If the linkage cannot close there; it tells the nearest angle at which it can.
         """
-        low, high = self._range
+        low, high = self.closable_range
         if not low < alpha3 < high:
-            raise KinematicsError(alpha3, low if alpha3 <= low else high)
+            raise self._out_of_reach(alpha3)
         alpha = alpha3
-        if math.isinf(high):  # more than a full turn was traced; every other angle repeats it
-            alpha = self._alphas[0] + (alpha3 - self._alphas[0]) % (2.0 * math.pi)
+        first, last = self._alphas[0], self._alphas[-1]
+        if not first <= alpha <= last:  # the input turns all the way: every turn repeats another
+            alpha = first + (alpha - first) % (2.0 * math.pi)
         i = int(np.clip(np.searchsorted(self._alphas, alpha) - 1, 0, len(self._alphas) - 2))
         share = (alpha - self._alphas[i]) / (self._alphas[i + 1] - self._alphas[i])
         pose = self._poses[i] + share * (self._poses[i + 1] - self._poses[i])
         solved = self._correct(pose, np.eye(len(pose))[self._input], alpha)
         if solved is None:
-            raise KinematicsError(alpha3, low if alpha3 - low < high - alpha3 else high)
+            raise self._out_of_reach(alpha3)
         matrix = np.vstack([self._jacobian(solved), np.eye(len(pose))[self._input]])
         right = np.zeros(len(pose))
         right[-1] = 1.0
@@ -182,6 +223,13 @@ class Kinematics:
             velocity_ratios=rates[:, 2],
             toggle_distance=min(alpha3 - low, high - alpha3),
         )
+
+    def _out_of_reach(self, alpha3: float) -> KinematicsError:
+        if self._toggles is None:
+            return KinematicsError(alpha3, None)
+        low, high = self._toggles
+        below = alpha3 - low.alpha3 < high.alpha3 - alpha3
+        return KinematicsError(alpha3, low if below else high)
 
     def _end(self, mechanism: Mechanism, body: str, point: str) -> tuple[int | None, FloatArray]:
         """One end of a pin: the body's first row in a pose (None: the ground), and the place."""
@@ -265,7 +313,7 @@ class Kinematics:
             )
         return closed
 
-    def _trace(self, start: FloatArray) -> list[FloatArray]:
+    def _trace(self, mechanism: Mechanism, start: FloatArray) -> list[FloatArray]:
         """List closed poses from the lower to the upper toggle, alpha3 ascending; set the range."""
         upward = np.eye(len(start))[self._input]
         try:
@@ -274,15 +322,15 @@ class Kinematics:
             raise MechanismError(
                 "assembly.alpha3_deg", "the linkage is at a toggle there; give another angle."
             ) from None
-        above, high = self._walk(start, tangent)
-        below, low = self._walk(start, -tangent)
-        if math.isinf(high) or math.isinf(low):
-            low, high = -math.inf, math.inf
-        self._range = (low, high)
+        above, high = self._walk(mechanism, start, tangent)
+        below, low = self._walk(mechanism, start, -tangent)
+        self._toggles = None if low is None or high is None else (low, high)
         return [*reversed(below), start, *above]
 
-    def _walk(self, pose: FloatArray, tangent: FloatArray) -> tuple[list[FloatArray], float]:
-        """Follow the curve to its next toggle; return the poses passed and the toggle's alpha3."""
+    def _walk(
+        self, mechanism: Mechanism, pose: FloatArray, tangent: FloatArray
+    ) -> tuple[list[FloatArray], Toggle | None]:
+        """Follow the curve to its next toggle, or through a full turn; return the poses passed."""
         way = math.copysign(1.0, tangent[self._input])
         start = pose[self._input]
         poses: list[FloatArray] = []
@@ -294,12 +342,12 @@ class Kinematics:
                 continue
             onward = self._tangent(ahead, tangent)
             if way * onward[self._input] <= 0.0:
-                toggle = self._toggle(pose, tangent, step)
-                return [*poses, toggle], float(toggle[self._input])
+                locked = self._locked(pose, tangent, step)
+                return [*poses, locked], self._toggle(mechanism, locked, tangent)
             poses.append(ahead)
             pose, tangent, step = ahead, onward, min(_STEP, 2.0 * step)
             if way * (pose[self._input] - start) > 2.0 * math.pi:
-                return poses, way * math.inf
+                return poses, None
         raise MechanismError(
             "links",
             f"two ways of closing the loops meet at alpha3 = "
@@ -307,7 +355,7 @@ class Kinematics:
             "change a length.",
         )
 
-    def _toggle(self, pose: FloatArray, tangent: FloatArray, step: float) -> FloatArray:
+    def _locked(self, pose: FloatArray, tangent: FloatArray, step: float) -> FloatArray:
         """Return the pose at which alpha3 turns back, within one step ahead of a pose."""
 
         def ahead(share: float) -> FloatArray:
@@ -321,13 +369,37 @@ class Kinematics:
 
         return ahead(float(brentq(turning, 0.0, 1.0, xtol=1e-12)))
 
+    def _toggle(self, mechanism: Mechanism, pose: FloatArray, along: FloatArray) -> Toggle:
+        """Tell why the linkage locks in a pose: which bodies could move with the input held."""
+        motion = self._tangent(pose, along).reshape(-1, 3)
+        moves = np.abs(motion[:, 2]) > 1e-6 * np.abs(motion).max()
+        moving = {body: i for i, body in enumerate(self._bodies) if moves[i]}
+
+        def pivots(body: str, but: str) -> list[str]:
+            """Points of a moving body that stand still."""
+            i = moving[body]
+            turn = rotation_derivative(pose[3 * i + 2]) * motion[i, 2]
+            return [
+                point
+                for point, local in mechanism.local_points(body).items()
+                if point != but
+                and np.abs(motion[i, :2] + turn @ np.array(local) / self._length).max() < 1e-6
+            ]
+
+        aligned: tuple[str, ...] = ()
+        for point, first, second in mechanism.joints:
+            if first in moving and second in moving:
+                for one in pivots(first, point):
+                    for other in pivots(second, point):
+                        aligned = (one, point, other)
+        return Toggle(float(pose[self._input]), aligned, tuple(moving))
+
     def _check_stroke(self, mechanism: Mechanism) -> None:
-        low, high = self._range
         for angle in mechanism.stroke:
-            if not low < angle < high:
+            if self._toggles and not self._toggles[0].alpha3 < angle < self._toggles[1].alpha3:
                 raise MechanismError(
                     "input.range_deg",
                     f"the linkage cannot close at {math.degrees(angle):g} deg: it locks at its "
-                    f"toggles at {math.degrees(low):.3f} and {math.degrees(high):.3f} deg; keep "
-                    "the range between them.",
+                    f"toggles, {self._toggles[0]}, and {self._toggles[1]}; keep the range between "
+                    "them.",
                 )

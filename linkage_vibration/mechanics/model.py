@@ -3,60 +3,45 @@
 """A mechanism ready to be solved at any input angle."""
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from linkage_vibration.mechanics.compatibility import InterfaceMap
-from linkage_vibration.mechanics.components import link_component, rigid_component
-from linkage_vibration.mechanics.coupling import couple, uncoupled_system
+from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.mechanics.compatibility import InterfaceMap, Joining
+from linkage_vibration.mechanics.components import (
+    Component,
+    FrfComponent,
+    link_component,
+    rigid_component,
+)
+from linkage_vibration.mechanics.coupling import (
+    CoupledSystem,
+    UncoupledSystem,
+    couple,
+    uncoupled_system,
+)
 from linkage_vibration.mechanics.description import Mechanism
-from linkage_vibration.mechanics.kinematics import Configuration, Kinematics
-from linkage_vibration.mechanics.modes import Modes, solve_modes
-from linkage_vibration.mechanics.response import Peak, PoleResidue
+from linkage_vibration.mechanics.fbs import FbsError, component_frf, couple_frfs
+from linkage_vibration.mechanics.identification import IdentifiedModes, identify
+from linkage_vibration.mechanics.kinematics import Configuration, Kinematics, rotation
+from linkage_vibration.mechanics.modes import DampedModes, Modes, damp_modes, solve_modes
+from linkage_vibration.mechanics.response import Peak, PoleResidue, oscillators, pole_residue
 
 FloatArray = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+_STILL = 1e-6  # of the largest response: below it a DoF is held
+
+Place = tuple[str, str]
+"""A point and a direction along the global axes: ("E1", "z")."""
 
 
-@dataclass(frozen=True)
-class Solution:
-    """The assembly solved in one configuration, every mode of it.
-
-    Attributes
-    ----------
-    mechanism : Mechanism
-        What was solved.
-    configuration : Configuration
-        Where.
-    modes : Modes
-        Ascending.
-    drive_row : ndarray, (n_interface,)
-        Turns interface DoFs into the response asked for, along the global axes.
-    """
-
-    mechanism: Mechanism
-    configuration: Configuration
-    modes: Modes
-    drive_row: FloatArray
-
-    @property
-    def natural_frequencies(self) -> FloatArray:
-        """Natural frequencies, (n_modes,), Hz."""
-        return self.modes.omega / (2.0 * math.pi)
-
-    @cached_property
-    def drive_point(self) -> PoleResidue:
-        """Receptance of the response point to a force there, in the response direction."""
-        participation = self.drive_row @ self.modes.shapes[: len(self.drive_row)]
-        ratios = damping_ratios(self.mechanism, self.modes.omega)
-        return PoleResidue(self.modes.omega, ratios, participation**2)
-
-    @cached_property
-    def peak(self) -> Peak:
-        """Where the drive-point receptance is largest within the mechanism's band."""
-        return self.drive_point.peak(self.mechanism.response.band)
+class ModelError(LinkageVibrationError):
+    """The model cannot tell what was asked of it."""
 
 
 class LinkageModel:
@@ -66,8 +51,10 @@ class LinkageModel:
     ----------
     mechanism : Mechanism
         What to model.
+    spatial : bool
+        Let the links move out of the plane too; rigid bodies stay held there.
     reduced : bool
-        False keeps every DoF of the links' elements, to check the reduction against.
+        False keeps every DoF of the links, to check the reduction against.
 
     Raises
     ------
@@ -75,47 +62,426 @@ class LinkageModel:
         If the linkage cannot close over its stroke, or a link cannot be reduced.
     """
 
-    def __init__(self, mechanism: Mechanism, *, reduced: bool = True) -> None:
+    def __init__(
+        self, mechanism: Mechanism, *, spatial: bool = False, reduced: bool = True
+    ) -> None:
         self.mechanism = mechanism
         self.kinematics = Kinematics(mechanism)
-        components = [link_component(link, reduced=reduced) for link in mechanism.links]
-        components += [rigid_component(body) for body in mechanism.rigid_bodies]
-        self.system = uncoupled_system(components)
-        self._interface = InterfaceMap(mechanism, components)
+        self.components: tuple[Component | FrfComponent, ...] = (
+            *(
+                link_component(
+                    link,
+                    mechanism.damping,
+                    mechanism.rotations(link.name),
+                    spatial=spatial,
+                    reduced=reduced,
+                )
+                for link in mechanism.links
+            ),
+            *(rigid_component(body, mechanism.damping) for body in mechanism.rigid_bodies),
+        )
+        self.interface = InterfaceMap(mechanism, self.components, spatial=spatial)
 
-    def compatibility(self, configuration: Configuration) -> FloatArray:
-        """Return B, (n_constraints, n_interface), of a configuration."""
-        return self._interface.compatibility(configuration)
+    @cached_property
+    def system(self) -> UncoupledSystem:
+        """The components side by side.
 
-    def solve(self, alpha3: float) -> Solution:
+        Raises
+        ------
+        ModelError
+            If one of them has no matrices.
+        """
+        known = [c for c in self.components if isinstance(c, Component)]
+        for component in self.components:
+            if isinstance(component, FrfComponent):
+                raise ModelError(
+                    f"links.{component.name} is known by its FRFs alone, so the assembly has no "
+                    "matrices; ask for coupled FRFs, and identify the modes from them."
+                )
+        return uncoupled_system(known)
+
+    def rows(self, places: Sequence[Place], configuration: Configuration) -> FloatArray:
+        """Return what turns interface DoFs into displacements at places, (n_places, n_interface).
+
+        Raises
+        ------
+        ModelError
+            If a point or a direction is not there.
+        """
+        rows = []
+        for point, direction in places:
+            bodies = self.mechanism.owners(point)
+            if not bodies or direction not in ("x", "y", "z"):
+                raise ModelError(f"There is no point {point}, or no direction {direction} of it.")
+            moved = self.interface.displacement(bodies[-1], point, configuration)
+            rows.append(moved["xyz".index(direction)])
+        return np.array(rows)
+
+    def solve(self, alpha3: float) -> "Solution":
         """Solve the assembly at an input angle in rad.
 
         Raises
         ------
         KinematicsError
             If the linkage cannot close there.
+        CouplingError, ModelError
+            If it cannot be assembled.
         """
         configuration = self.kinematics.at(alpha3)
-        system = couple(self.system, self.compatibility(configuration))
+        joining = self.interface.join(configuration)
+        coupled = couple(self.system, joining)
+        modes, vectors = solve_modes(coupled)
+        return Solution(self, configuration, joining, coupled, modes, vectors)
+
+    def coupled_frf(
+        self,
+        alpha3: float,
+        frequencies: FloatArray,
+        outputs: Sequence[Place],
+        inputs: Sequence[Place],
+    ) -> ComplexArray:
+        """Couple the components by their FRFs (LM-FBS), whatever they are known by.
+
+        Parameters
+        ----------
+        alpha3 : float
+            Input angle, rad.
+        frequencies : ndarray, (n_freq,)
+            Hz, above 0; where a component is known by FRFs, among its frequencies.
+        outputs, inputs : sequence of (point, direction)
+            Along the global axes.
+
+        Returns
+        -------
+        complex ndarray, (n_freq, n_out, n_in)
+            m/N.
+        """
+        configuration = self.kinematics.at(alpha3)
+        return self._couple(
+            configuration,
+            np.asarray(frequencies, dtype=float),
+            self.rows(outputs, configuration),
+            self.rows(inputs, configuration),
+        )
+
+    @cached_property
+    def measured_frequencies(self) -> FloatArray | None:
+        """Frequencies (Hz, above 0) at which links are known by FRFs; None where none is.
+
+        Raises
+        ------
+        ModelError
+            If two such links do not share them.
+        """
+        measured = [c for c in self.components if isinstance(c, FrfComponent)]
+        for component in measured[1:]:
+            if not np.array_equal(component.frequencies, measured[0].frequencies):
+                raise ModelError(
+                    f"links.{component.name} and links.{measured[0].name} are known at different "
+                    "frequencies; measure or resample them on one axis."
+                )
+        if not measured:
+            return None
+        return measured[0].frequencies[measured[0].frequencies > 0.0]
+
+    def identify(self, alpha3: float) -> "IdentifiedSolution":
+        """Identify the modes in the response band from coupled FRFs.
+
+        It needs no matrices: it is what `solve` is to links that are known by FRFs.
+
+        Raises
+        ------
+        KinematicsError
+            If the linkage cannot close there.
+        IdentificationError
+            If the FRFs do not show modes.
+        ModelError
+            If no link is known by FRFs.
+        """
+        frequencies = self.measured_frequencies
+        if frequencies is None:
+            raise ModelError("No link is known by FRFs; solve the assembly instead.")
+        configuration = self.kinematics.at(alpha3)
         response = self.mechanism.response
-        body = self.mechanism.owners(response.point)[-1]
-        rows = self._interface.displacement(body, response.point, configuration)
-        return Solution(
-            mechanism=self.mechanism,
-            configuration=configuration,
-            modes=solve_modes(system),
-            drive_row=rows["xz".index(response.direction)],
+        drive = self.rows([(response.point, response.direction)], configuration)
+        every = np.vstack([drive, np.eye(len(self.interface))])
+        frf = self._couple(configuration, frequencies, every, drive)
+        # What the ground holds moves by rounding alone, which is no shape.
+        size = np.linalg.norm(frf[:, :, 0], axis=0)
+        moving = size > _STILL * size.max()
+        identified = identify(frequencies, frf[:, moving], response.band)
+        shapes = np.zeros((len(every), len(identified.poles)))
+        shapes[moving] = identified.shapes
+        return IdentifiedSolution(configuration, replace(identified, shapes=shapes))
+
+    def _couple(
+        self,
+        configuration: Configuration,
+        frequencies: FloatArray,
+        outputs: FloatArray,
+        inputs: FloatArray,
+    ) -> ComplexArray:
+        """Couple by LM-FBS; outputs and inputs are rows on the interface DoFs."""
+        joining = self.interface.join(configuration)
+        omega = 2.0 * math.pi * frequencies[:, np.newaxis]
+        springs = 1.0 / (joining.stiffness + 1j * omega * joining.damping)
+        rigid = np.zeros((len(omega), len(joining.compatibility)))
+        return couple_frfs(
+            [self._frf(component, frequencies) for component in self.components],
+            np.vstack([joining.compatibility, joining.elongation]),
+            outputs,
+            inputs,
+            np.hstack([rigid, springs]),
         )
 
+    def _frf(self, component: Component | FrfComponent, frequencies: FloatArray) -> ComplexArray:
+        """FRFs of a component on its interface DoFs, kept for the next configuration."""
+        kept = self.__dict__.setdefault("_frfs", {})
+        key = (component.name, np.asarray(frequencies, dtype=float).tobytes())
+        if key not in kept:
+            for old in [k for k in kept if k[0] == component.name]:
+                del kept[old]
+            kept[key] = _component_frf(component, np.asarray(frequencies, dtype=float))
+        return np.asarray(kept[key])
 
-def damping_ratios(mechanism: Mechanism, omega: FloatArray) -> FloatArray:
-    """Modal damping ratios zeta = a / (2 w) + b w / 2 of Rayleigh damping, (n,), 1.
 
-    A mechanism mode (w = 0) has no such ratio: NaN.
+@dataclass(frozen=True, eq=False)
+class IdentifiedSolution:
+    """What coupled FRFs tell of the modes in one configuration.
+
+    Attributes
+    ----------
+    configuration : Configuration
+        Where.
+    identified : IdentifiedModes
+        Modes in the response band, ascending; their shapes are of the response and, behind it, of
+        all interface DoFs in their components' own axes.
     """
-    damping = mechanism.damping
-    with np.errstate(divide="ignore"):
-        ratios = (
-            damping.mass_coefficient / (2.0 * omega) + damping.stiffness_coefficient * omega / 2
+
+    configuration: Configuration
+    identified: IdentifiedModes
+
+    @property
+    def natural_frequencies(self) -> FloatArray:
+        """Undamped natural frequencies, (n_modes,), Hz."""
+        return self.identified.omega / (2.0 * math.pi)
+
+    @property
+    def damping_ratios(self) -> FloatArray:
+        """Modal damping ratios, (n_modes,), 1."""
+        return self.identified.damping_ratios
+
+    @property
+    def modes(self) -> Modes:
+        """The modes with shapes of unit length on the interface DoFs, to be tracked."""
+        shapes = self.identified.shapes[1:]
+        return Modes(self.identified.omega, shapes / np.linalg.norm(shapes, axis=0))
+
+    def peak(self, band: tuple[float, float]) -> Peak:
+        """Where the receptance of the identified modes is largest within a band (Hz)."""
+        found = self.identified
+        return oscillators(found.omega, found.damping_ratios, found.shapes[0] ** 2).peak(band)
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """The assembly solved in one configuration, every mode of it.
+
+    Attributes
+    ----------
+    model : LinkageModel
+        What was solved.
+    configuration : Configuration
+        Where.
+    joining : Joining
+        What joins the components there.
+    coupled : CoupledSystem
+        The assembled matrices.
+    modes : Modes
+        Undamped, ascending.
+    vectors : ndarray, (m, m)
+        Their shapes on the generalised coordinates.
+    """
+
+    model: LinkageModel
+    configuration: Configuration
+    joining: Joining
+    coupled: CoupledSystem
+    modes: Modes
+    vectors: FloatArray
+
+    @property
+    def natural_frequencies(self) -> FloatArray:
+        """Undamped natural frequencies, (n_modes,), Hz."""
+        return self.modes.omega / (2.0 * math.pi)
+
+    @cached_property
+    def damped(self) -> DampedModes:
+        """What damping makes of the modes."""
+        return damp_modes(self.coupled, self.modes.omega, self.vectors)
+
+    @property
+    def damping_ratios(self) -> FloatArray:
+        """Modal damping ratios, (n_modes,), 1."""
+        return self.damped.damping_ratios
+
+    def participation(self, places: Sequence[Place]) -> FloatArray:
+        """Displacement of each mass-normalised shape at places, (n_places, n_modes)."""
+        rows = self.model.rows(places, self.configuration)
+        return np.asarray(rows @ self.modes.shapes[: rows.shape[1]])
+
+    def frf(self, outputs: Sequence[Place], inputs: Sequence[Place]) -> PoleResidue:
+        """Receptances between points and directions along the global axes, of every mode."""
+        return pole_residue(self.damped, self.participation(outputs), self.participation(inputs))
+
+    @cached_property
+    def drive_point(self) -> PoleResidue:
+        """Receptance of the response point to a force there, in the response direction."""
+        response = self.model.mechanism.response
+        place = [(response.point, response.direction)]
+        return self.frf(place, place)
+
+    def peak(self, band: tuple[float, float]) -> Peak:
+        """Where the drive-point receptance is largest within a band (Hz)."""
+        return self.drive_point.peak(band)
+
+    @cached_property
+    def in_plane(self) -> NDArray[np.bool_]:
+        """Which modes move in the plane of motion rather than out of it, (n_modes,).
+
+        The two kinds do not mix as long as every link is symmetric about the plane.
+        """
+        out = self.model.interface.out_of_plane
+        energy = np.zeros(len(self.modes.omega))
+        for component in self.model.components:
+            if isinstance(component, Component) and component.drawing is not None:
+                moved = component.drawing.displacement @ self._of(component)
+                energy += (moved[:, 1] ** 2).sum(axis=0) - (moved[:, [0, 2]] ** 2).sum(axis=(0, 1))
+            elif isinstance(component, Component):
+                own = self._of(component)[: len(component.dofs)]
+                lateral = np.array([dof.direction == "y" for dof in component.dofs])
+                energy += (own[lateral] ** 2).sum(axis=0) - (own[~lateral] ** 2).sum(axis=0)
+        return energy <= 0.0 if out.any() else np.ones(len(energy), dtype=bool)
+
+    def link_shapes(self, mode: int) -> dict[str, tuple[FloatArray, FloatArray]]:
+        """Where each body is drawn and how a mass-normalised mode moves it.
+
+        Returns
+        -------
+        dict of str to (places, displacement)
+            Each (n_points, 3) along the global x, y and z axes, in m and 1/sqrt(kg); beams point by
+            point, other bodies by their named points in order.
+        """
+        shapes = {}
+        for component in self.model.components:
+            body = component.name
+            if isinstance(component, Component) and component.drawing is not None:
+                turn = rotation(self.configuration.angle(body))
+                places = np.array(
+                    [self.configuration.place(body, tuple(p)) for p in component.drawing.places]
+                )
+                local = component.drawing.displacement @ self._of(component)[:, mode]
+                moved = np.insert(local[:, [0, 2]] @ turn.T, 1, local[:, 1], axis=1)
+            else:
+                points = self.model.mechanism.local_points(body)
+                places = np.array([self.configuration.place(body, p) for p in points.values()])
+                u = self.modes.shapes[: len(self.model.interface), mode]
+                moved = np.array(
+                    [
+                        self.model.interface.displacement(body, p, self.configuration) @ u
+                        for p in points
+                    ]
+                )
+            shapes[body] = (np.insert(places, 1, 0.0, axis=1), moved)
+        return shapes
+
+    @cached_property
+    def frequency_derivatives(self) -> FloatArray:
+        """d(natural frequency)/d(alpha3), (n_modes,), Hz/rad.
+
+        With L = phi^T (K - w^2 M) phi + 2 mu^T B phi stationary in phi and mu,
+        d(w^2)/d(alpha3) = phi^T K' phi + 2 mu^T B' phi; K' comes from springs that turn. Where two
+        frequencies coincide, a derivative of either alone has no meaning.
+        """
+        rate, stretch_rate = self.model.interface.join_rate(self.configuration)
+        u = self.modes.shapes[: len(self.model.interface)]
+        multipliers = self._multipliers()
+        slope = 2.0 * (multipliers * (rate @ u)).sum(axis=0)
+        if len(stretch_rate):
+            force = self.joining.stiffness[:, np.newaxis] * (self.joining.elongation @ u)
+            slope += 2.0 * (force * (stretch_rate @ u)).sum(axis=0)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.asarray(slope / (2.0 * self.modes.omega) / (2.0 * math.pi))
+
+    def shape_derivative(self, mode: int) -> FloatArray:
+        """d(shape)/d(alpha3) of one mode, (n,), by Nelson's bordered system.
+
+        The mode's frequency has to be apart from all others. Shapes are those of `modes`, in the
+        components' own axes, mass-normalised with the sign that they have there.
+        """
+        system, n_interface = self.model.system, len(self.model.interface)
+        phi, squared = self.modes.shapes[:, mode], self.modes.omega[mode] ** 2
+        rate, stretch_rate = self.model.interface.join_rate(self.configuration)
+        n, n_rows = len(phi), len(rate)
+        stiffness = system.stiffness.copy()
+        weights = self.joining.stiffness[:, np.newaxis]
+        b = slice(0, n_interface)
+        stretch = self.joining.elongation
+        stiffness[b, b] += stretch.T @ (weights * stretch)
+        stiffness_rate = stretch_rate.T @ (weights * stretch)
+        stiffness_rate = stiffness_rate + stiffness_rate.T
+        # Interface forces of the constraints are scaled like stiffness, so that rows compare.
+        scale = float(np.abs(np.diag(stiffness)).max())
+        matrix = np.zeros((n + n_rows + 1, n + n_rows + 1))
+        matrix[:n, :n] = stiffness - squared * system.mass
+        matrix[n : n + n_rows, b] = scale * self.joining.compatibility
+        matrix[:n, n : n + n_rows] = matrix[n : n + n_rows, :n].T
+        matrix[:n, -1] = matrix[-1, :n] = -(system.mass @ phi) * math.sqrt(scale)
+        right = np.zeros(len(matrix))
+        right[b] = -stiffness_rate @ phi[b] - rate.T @ self._multipliers()[:, mode]
+        right[n : n + n_rows] = -scale * (rate @ phi[b])
+        return np.asarray(np.linalg.solve(matrix, right)[:n])
+
+    def _multipliers(self) -> FloatArray:
+        """Return mu of every mode, (n_constraints, n_modes), of B^T mu = -(K - w^2 M) phi."""
+        system = self.model.system
+        b = slice(0, len(self.model.interface))
+        phi = self.modes.shapes
+        residual = system.stiffness[b] @ phi - system.mass[b] @ (phi * self.modes.omega**2)
+        stretch = self.joining.elongation
+        residual += stretch.T @ (self.joining.stiffness[:, np.newaxis] * (stretch @ phi[b]))
+        found = np.linalg.lstsq(self.joining.compatibility.T, -residual, rcond=None)[0]
+        return np.asarray(found)
+
+    def _of(self, component: Component) -> FloatArray:
+        """Return a component's own coordinates in every mode, (n_component, n_modes)."""
+        return self.modes.shapes[self.model.system.rows[component.name]]
+
+
+def _component_frf(component: Component | FrfComponent, frequencies: FloatArray) -> ComplexArray:
+    if isinstance(component, Component):
+        try:
+            return component_frf(
+                component.mass,
+                component.stiffness,
+                component.damping,
+                len(component.dofs),
+                frequencies,
+                component.loss_factor,
+            )
+        except FbsError as error:
+            raise FbsError(f"{component.name}: {error}") from None
+    at = np.searchsorted(component.frequencies, frequencies).clip(0, len(component.frequencies) - 1)
+    before = np.maximum(at - 1, 0)
+    nearer = np.abs(component.frequencies[before] - frequencies) < np.abs(
+        component.frequencies[at] - frequencies
+    )
+    at = np.where(nearer, before, at)
+    off = np.abs(component.frequencies[at] - frequencies)
+    if (off > 1e-9 * frequencies).any():
+        worst = float(frequencies[int(off.argmax())])
+        raise ModelError(
+            f"links.{component.name} has no FRF at {worst:g} Hz; ask for frequencies among its own "
+            f"({component.frequencies[0]:g} to {component.frequencies[-1]:g} Hz)."
         )
-    return np.where(omega > 0.0, ratios, np.nan)
+    return np.asarray(component.frf[at])

@@ -1,26 +1,34 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Natural frequencies and mass-normalised shapes of an assembly, and their tracking."""
+"""Natural frequencies and shapes of an assembly, their damping, and their tracking."""
 
 import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import eigh
+from scipy.linalg import eig, eigh
 from scipy.optimize import linear_sum_assignment
 
+from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.coupling import CoupledSystem
 
 FloatArray = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
 IntArray = NDArray[np.intp]
 
 _SHIFT = (2.0 * math.pi * 1.0) ** 2  # (rad/s)^2, 1 Hz
+_SLOWEST = 1e-3  # rad/s, at which a mechanism mode stands where damping couples it to others
+_DIAGONAL = 1e-9  # of the modal damping: off-diagonal terms below this are rounding
 
 
-@dataclass(frozen=True, slots=True)
+class ModesError(LinkageVibrationError):
+    """The modes asked for cannot be found."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Modes:
-    """Undamped modes in one configuration, which proportional damping leaves as they are.
+    """Undamped modes in one configuration.
 
     Attributes
     ----------
@@ -39,18 +47,94 @@ class Modes:
         return Modes(self.omega[order], self.shapes[:, order] * signs)
 
 
-def solve_modes(system: CoupledSystem) -> Modes:
+@dataclass(frozen=True, slots=True, eq=False)
+class DampedModes:
+    """What damping makes of the undamped modes, as terms of the frequency response.
+
+    Between outputs o and inputs i, both as rows on the undamped modes,
+    H(w) = sum over r of (a_oir + i w b_oir) / (k_r - w^2 + i w c_r); `response.pole_residue` makes
+    a and b. Term r is the one most like undamped mode r.
+
+    Attributes
+    ----------
+    stiffness : complex ndarray, (n_modes,)
+        k, (rad/s)^2; its imaginary part is structural damping.
+    decay : ndarray, (n_modes,)
+        c = 2 zeta w, rad/s.
+    shapes : complex ndarray, (2, n_modes, n_modes), (1, n_modes, n_modes), or None
+        How each term's damped modes are made of the undamped ones: two where viscous damping
+        couples the modes, one where structural damping does, None where they are the same.
+    poles : complex ndarray, (2, n_modes), or None
+        The two poles of each term where viscous damping couples the modes, rad/s.
+    """
+
+    stiffness: ComplexArray
+    decay: FloatArray
+    shapes: ComplexArray | None
+    poles: ComplexArray | None
+
+    @property
+    def damping_ratios(self) -> FloatArray:
+        """Damping ratios, (n_modes,), 1; NaN for a mechanism mode (0 Hz), which has none."""
+        omega = np.sqrt(np.abs(self.stiffness))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ratios = self.decay / (2.0 * omega) + self.stiffness.imag / (2.0 * omega**2)
+        return np.where(omega > 0.0, ratios, np.nan)
+
+
+def solve_modes(system: CoupledSystem) -> tuple[Modes, FloatArray]:
     """Solve K phi = omega^2 M phi for every mode, ascending.
 
     It is solved as M phi = mu (K + s M) phi with mu = 1 / (omega^2 + s), which gives the lowest
     frequencies to full relative precision: as it stands, rounding of the highest (here some
     100 kHz) would leave an error of 1e-7 in the first. The small shift s admits a mechanism mode.
+
+    Returns
+    -------
+    modes : Modes
+        On interface DoFs and inner coordinates.
+    vectors : ndarray, (m, m)
+        The same shapes on the generalised coordinates.
     """
     mu, vectors = eigh(system.mass, system.stiffness + _SHIFT * system.mass)
     # Where rounding has eaten mu, the mode's compliance phi^2 / omega^2 stays right all the same.
-    mu, vectors = np.maximum(mu, np.finfo(float).tiny + 1e-17 * mu[-1])[::-1], vectors[:, ::-1]
+    mu, vectors = np.maximum(mu, 1e-17 * mu[-1])[::-1], vectors[:, ::-1]
     omega = np.sqrt(np.maximum(1.0 / mu - _SHIFT, 0.0))
-    return Modes(omega, system.expand(vectors / np.sqrt(mu)))
+    vectors = vectors / np.sqrt(mu)
+    return Modes(omega, system.expand(vectors)), vectors
+
+
+def damp_modes(system: CoupledSystem, omega: FloatArray, vectors: FloatArray) -> DampedModes:
+    """Find what the system's damping makes of its undamped modes.
+
+    Proportional damping leaves the shapes as they are; other viscous damping makes complex modes by
+    the symmetric first-order form, other structural damping by K (1 + i eta).
+
+    Parameters
+    ----------
+    system : CoupledSystem
+        Viscous and structural damping on its generalised coordinates.
+    omega, vectors : ndarray, (m,) and (m, m)
+        The undamped modes, mass-normalised, on the same coordinates.
+
+    Raises
+    ------
+    ModesError
+        If viscous and structural damping both couple the modes.
+    """
+    viscous = vectors.T @ system.damping @ vectors
+    loss = vectors.T @ system.loss @ vectors
+    squared = omega**2
+    if _is_diagonal(viscous) and _is_diagonal(loss):
+        return DampedModes(squared + 1j * np.diag(loss), np.diag(viscous).copy(), None, None)
+    if not loss.any():
+        return _viscous_modes(omega, viscous)
+    if not viscous.any():
+        return _structural_modes(omega, loss)
+    raise ModesError(
+        "Viscous and structural damping stand side by side and do not share the modes; give every "
+        "link a rule of the same kind, or use the frequency responses from LM-FBS."
+    )
 
 
 def mac(first: FloatArray, second: FloatArray, mass: FloatArray) -> FloatArray:
@@ -72,7 +156,7 @@ def mac(first: FloatArray, second: FloatArray, mass: FloatArray) -> FloatArray:
     return np.asarray((first.T @ mass @ second) ** 2)
 
 
-def track(previous: FloatArray, modes: Modes, mass: FloatArray) -> Modes:
+def track(previous: FloatArray, modes: Modes, mass: FloatArray) -> tuple[IntArray, FloatArray]:
     """Find the modes whose shapes continue those of a neighbouring configuration.
 
     Parameters
@@ -86,10 +170,68 @@ def track(previous: FloatArray, modes: Modes, mass: FloatArray) -> Modes:
 
     Returns
     -------
-    Modes
-        k modes, in the order of ``previous``, each with the sign that aligns it.
+    order : ndarray of int, (k,)
+        Which of the modes here continue the k there.
+    signs : ndarray, (k,)
+        1 or -1, to align each shape with the one that it continues.
     """
     product = previous.T @ mass @ modes.shapes
     order = linear_sum_assignment(product**2, maximize=True)[1]
-    signs = np.where(product[np.arange(len(order)), order] < 0.0, -1.0, 1.0)
-    return modes.select(order, signs)
+    return order, np.where(product[np.arange(len(order)), order] < 0.0, -1.0, 1.0)
+
+
+def _is_diagonal(matrix: FloatArray) -> bool:
+    """Whether terms off the diagonal are small against those on it that they couple."""
+    diagonal = np.abs(np.diag(matrix))
+    scale = np.sqrt(np.outer(diagonal, diagonal))
+    off = np.abs(matrix - np.diag(np.diag(matrix)))
+    return bool((off <= _DIAGONAL * (scale + diagonal.max(initial=0.0) * 1e-9)).all())
+
+
+def _viscous_modes(omega: FloatArray, viscous: FloatArray) -> DampedModes:
+    """Solve q'' + D q' + W^2 q = f with x = (W q, q'): x' = [[0, W], [-W, -D]] x + (0, f).
+
+    Scaled so, rounding of the highest modes does not reach the lowest.
+    """
+    n = len(omega)
+    w = np.diag(np.maximum(omega, _SLOWEST))
+    poles, vectors = eig(np.block([[np.zeros((n, n)), w], [-w, -viscous]]))
+    shapes = vectors[n:] / poles
+    # x^T [[D, I], [I, 0]] x with x = (psi, lambda psi), which the residues are scaled by.
+    scale = (shapes * (viscous @ shapes)).sum(axis=0) + 2.0 * poles * (shapes**2).sum(axis=0)
+    shapes = shapes / np.sqrt(scale.astype(complex))
+    # A term takes a pair of conjugate poles, or two real ones: a mode damped beyond oscillation.
+    upper, lower = np.flatnonzero(poles.imag > 0.0), np.flatnonzero(poles.imag < 0.0)
+    real = np.flatnonzero(poles.imag == 0.0)
+    real = real[np.argsort(poles[real].real)]
+    half = len(real) // 2
+    upper = upper[np.lexsort((poles[upper].imag, poles[upper].real))]
+    lower = lower[np.lexsort((-poles[lower].imag, poles[lower].real))]
+    first = np.concatenate([upper, real[half:]])
+    second = np.concatenate([lower, real[:half][::-1]])
+    order = _counterparts(shapes[:, first])
+    first, second = first[order], second[order]
+    both = np.array([poles[first], poles[second]])
+    return DampedModes(
+        both.prod(axis=0).real + 0j,
+        -both.sum(axis=0).real,
+        np.array([shapes[:, first], shapes[:, second]]),
+        both,
+    )
+
+
+def _structural_modes(omega: FloatArray, loss: FloatArray) -> DampedModes:
+    """Solve (W^2 + i L) psi = k psi as 1/k y = (I + i W^-1 L W^-1)^-1 W^-2 y, psi = W^-1 y."""
+    w = np.maximum(omega, _SLOWEST)
+    flexibility = np.linalg.inv(np.eye(len(w)) + 1j * loss / np.outer(w, w))
+    values, vectors = eig(flexibility / w**2)
+    shapes = vectors / w[:, np.newaxis]
+    shapes = shapes / np.sqrt((shapes**2).sum(axis=0))
+    order = _counterparts(shapes)
+    return DampedModes(1.0 / values[order], np.zeros(len(w)), shapes[np.newaxis][:, :, order], None)
+
+
+def _counterparts(shapes: ComplexArray) -> IntArray:
+    """For each undamped mode the damped one that is most like it."""
+    alike = np.abs(shapes) / np.linalg.norm(shapes, axis=0)
+    return np.asarray(linear_sum_assignment(alike, maximize=True)[1])

@@ -2,32 +2,57 @@
 # SPDX-License-Identifier: Apache-2.0
 """Mechanisms from YAML files."""
 
+import hashlib
+import json
 from collections.abc import Hashable
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
 import yaml
 
 from linkage_vibration.mechanics.description import (
+    Frfs,
+    Matrices,
     Mechanism,
     MechanismError,
-    mechanism_from_mapping,
+    Point,
 )
+from linkage_vibration.mechanics.parsing import Keys, mechanism_from_mapping, read_material
+from linkage_vibration.readers.frfs import read_frfs
+from linkage_vibration.readers.matrices import read_matrices
+from linkage_vibration.readers.meshes import mesh_matrices
 
 
-def read_mechanism(path: Path) -> Mechanism:
+def read_mechanism(path: Path, *, spatial: bool = False) -> Mechanism:
     """Read and validate a mechanism.
 
     Parameters
     ----------
     path : Path
-        YAML file; ``config/three_point_linkage.yaml`` shows every key.
+        YAML file; ``config/three_point_linkage.yaml`` shows every key. Files that it names lie
+        beside it.
+    spatial : bool
+        Whether solid meshes have to keep what moves out of the plane.
 
     Raises
     ------
     MechanismError
         If the file cannot be read, is not YAML, or describes no sound mechanism; the text names
         the file, the key and the mend.
+    ComponentFileError
+        If a link's file cannot be used.
+    """
+    return _mechanism(load_yaml(path)[0], str(path), path.parent, spatial)
+
+
+def load_yaml(path: Path) -> tuple[Any, str]:
+    """Read a YAML file: its plain data, and its text.
+
+    Raises
+    ------
+    MechanismError
+        If the file cannot be read, or is not YAML.
     """
     try:
         text = path.read_text(encoding="utf-8")
@@ -37,27 +62,46 @@ def read_mechanism(path: Path) -> Mechanism:
         ) from None
     except UnicodeDecodeError:
         raise MechanismError(str(path), "is not text in UTF-8; give a YAML file.") from None
-    return parse_mechanism(text, str(path))
-
-
-def parse_mechanism(text: str, source: str) -> Mechanism:
-    """Validate the text of a YAML file; ``source`` names it in errors.
-
-    Raises
-    ------
-    MechanismError
-        As `read_mechanism`.
-    """
     try:
-        mapping = yaml.load(text, _StrictLoader)
+        return yaml.load(text, _StrictLoader), text
     except yaml.YAMLError as error:
-        raise MechanismError(source, f"is not valid YAML: {_one_line(error)}") from None
+        raise MechanismError(str(path), f"is not valid YAML: {_one_line(error)}") from None
     except (ValueError, RecursionError) as error:
-        raise MechanismError(source, f"cannot be read as YAML: {error}") from None
+        raise MechanismError(str(path), f"cannot be read as YAML: {error}") from None
+
+
+def _mechanism(mapping: Any, source: str, folder: Path, spatial: bool) -> Mechanism:
+    def read(keys: Keys, points: dict[str, Point]) -> Matrices | Frfs:
+        return _read_body(keys, points, folder, spatial)
+
     try:
-        return mechanism_from_mapping(mapping)
+        return mechanism_from_mapping(mapping, read)
     except MechanismError as error:
         raise MechanismError(f"{source}: {error.path}", error.problem) from None
+
+
+def _read_body(
+    keys: Keys, points: dict[str, Point], folder: Path, spatial: bool
+) -> Matrices | Frfs:
+    """Read a link's ``file``: matrices, FRFs or a solid mesh."""
+    file = keys["file"]
+    kind = file.choice("kind", ["matrices", "frfs", "mesh"])
+    path = folder / file.text("path")
+    modes = keys.integer("modes", default=20)
+    if kind == "matrices":
+        return read_matrices(path, modes=modes, spatial=spatial)
+    if kind == "frfs":
+        nodes = {file["nodes"].integer(point): point for point in file.names("nodes")}
+        return read_frfs(path, nodes=nodes)
+    material = read_material(file["material"])
+    pins = {point: file["pins"].text(point) for point in file["pins"]}
+    rotations = sorted(points)  # those that nobody holds are left free later
+    matrices = mesh_matrices(
+        path, material, pins, list(points.items()), modes, rotations=rotations, spatial=spatial
+    )
+    origin = [pins, points, asdict(material), modes, spatial, path.read_bytes().hex()]
+    digest = hashlib.sha256(json.dumps(origin, sort_keys=True).encode()).hexdigest()
+    return replace(matrices, digest=digest)
 
 
 class _StrictLoader(yaml.SafeLoader):

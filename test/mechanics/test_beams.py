@@ -1,144 +1,514 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Beam elements against closed forms, and how fast they converge."""
+"""Beams against closed forms, exact transfer matrices and invariants, in the plane and in space."""
 
+import dataclasses
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from numpy.typing import NDArray
-from scipy.linalg import eigh
+from scipy.linalg import eigh, expm
+from scipy.optimize import brentq
+from scipy.sparse.csgraph import connected_components
 
-from linkage_vibration.mechanics.beams import element_matrices, link_matrices
-from linkage_vibration.mechanics.description import Link, Material, Section, rectangle
+from linkage_vibration.mechanics.beams import BeamMatrices, beam_matrices
+from linkage_vibration.mechanics.description import (
+    Beam,
+    Material,
+    MechanismError,
+    Point,
+    Section,
+    Segment,
+)
+from linkage_vibration.mechanics.dofs import InterfaceDof
+from linkage_vibration.mechanics.sections import rectangle, tube
 
 FloatArray = NDArray[np.float64]
+Points = Sequence[tuple[str, Point]]
+
 STEEL = Material(210e9, 7800.0, 0.3)
+E, G, RHO = STEEL.youngs_modulus, STEEL.shear_modulus, STEEL.density
 LENGTH = 1.2
+ENDS: Points = (("A", (0.0, 0.0)), ("B", (LENGTH, 0.0)))
+ARM: Points = (("A", (0.0, 0.0)), ("B", (LENGTH, 0.05)))
+TRIANGLE: Points = (("A", (0.0, 0.0)), ("P", (0.5, 0.07)), ("B", (LENGTH, 0.02)))
+SLENDER = rectangle(0.01, 0.0012, 0.3)
+DEEP = rectangle(0.05, 0.15, 0.3)
+PLANES = pytest.mark.parametrize("plane", ["z", "y"], ids=["in plane", "out of plane"])
 
 
-def beam(section: Section, elements: int, count: int = 1) -> Link:
-    """Return a link with two points, 1.2 m apart."""
-    return Link("beam", (("A", 0.0), ("B", LENGTH)), STEEL, section, count, elements, 20, None)
+def uniform(section: Section, elements: int) -> Beam:
+    """Return a beam of 1.2 m with one section."""
+    return Beam(STEEL, (Segment(LENGTH, section),), elements)
 
 
-def frequencies(link: Link, held: list[int]) -> FloatArray:
-    """Return natural frequencies in rad/s with some DoFs held (negative: from the end)."""
-    mass, stiffness, _ = link_matrices(link)
-    free = np.setdiff1d(np.arange(len(mass)), np.array(held, dtype=int) % len(mass))
-    values = eigh(stiffness[np.ix_(free, free)], mass[np.ix_(free, free)], eigvals_only=True)
-    return np.sqrt(np.abs(values))
+def turned(section: Section) -> Section:
+    """Return a section turned by 90 deg about the axis of its beam."""
+    return Section(
+        section.area,
+        section.second_moment_out,
+        section.shear_coefficient_out,
+        section.second_moment,
+        section.shear_coefficient,
+        section.torsion_constant,
+    )
 
 
-AXIAL = [-3, 0]  # u of both ends
-PINNED = [*AXIAL, 1, -2]
-CLAMPED_FREE = [0, 1, 2]
+def coupled(found: BeamMatrices, directions: str) -> NDArray[np.intp]:
+    """Return all coordinates that couple with the DoFs of some directions, theta with x and z."""
+    links = (found.mass != 0.0) | (found.stiffness != 0.0)
+    labels = connected_components(links, directed=False)[1]
+    chosen = [i for i, dof in enumerate(found.dofs) if dof.direction in directions]
+    return np.flatnonzero(np.isin(labels, labels[chosen]))
 
 
-def bending(link: Link, root: float) -> float:
-    """Return an Euler-Bernoulli frequency, (root / L)^2 sqrt(E I / rho A), in rad/s."""
-    section = link.section
-    wave = math.sqrt(STEEL.youngs_modulus * section.second_moment / (STEEL.density * section.area))
-    return (root / LENGTH) ** 2 * wave
+def part(found: BeamMatrices, directions: str) -> tuple[FloatArray, FloatArray]:
+    """Return mass and stiffness of those coordinates."""
+    block = np.ix_(*[coupled(found, directions)] * 2)
+    return found.mass[block], found.stiffness[block]
 
 
+def bending_part(section: Section, elements: int, plane: str) -> tuple[FloatArray, FloatArray]:
+    """Return what bends a beam of that section, stood on edge for the plane asked for.
+
+    Coordinates: displacement of both ends, rotation of the first end, then the others.
+    """
+    stood = section if plane == "z" else turned(section)
+    return part(beam_matrices(uniform(stood, elements), ENDS, spatial=True), plane)
+
+
+def omega(mass: FloatArray, stiffness: FloatArray, held: Sequence[int] = ()) -> FloatArray:
+    """Return natural frequencies in rad/s, ascending, with some coordinates held."""
+    free = np.setdiff1d(np.arange(len(mass)), np.array(held, dtype=int))
+    block = np.ix_(free, free)
+    return np.sqrt(np.abs(eigh(stiffness[block], mass[block], eigvals_only=True)))
+
+
+def rows(found: BeamMatrices, *dofs: str) -> list[int]:
+    """Return where DoFs stand, such as "A x"."""
+    return [found.dofs.index(InterfaceDof(*dof.split())) for dof in dofs]
+
+
+def compliance(found: BeamMatrices, held: Sequence[str]) -> FloatArray:
+    """Return the static compliance on all coordinates, with zeros where DoFs are held."""
+    free = np.setdiff1d(np.arange(len(found.mass)), rows(found, *held))
+    result = np.zeros_like(found.stiffness)
+    result[np.ix_(free, free)] = np.linalg.inv(found.stiffness[np.ix_(free, free)])
+    return result
+
+
+def moved_rigidly(found: BeamMatrices, motions: FloatArray) -> FloatArray:
+    """Let the inner coordinates follow the interface statically, (n, n_motions)."""
+    b, i = slice(0, len(found.dofs)), slice(len(found.dofs), None)
+    inner = -np.linalg.solve(found.stiffness[i, i], found.stiffness[i, b] @ motions)
+    return np.vstack([motions, inner])
+
+
+def rigid_motions(found: BeamMatrices, places: dict[str, Point], pivot: Point) -> FloatArray:
+    """Return interface motions: along x, along z, by theta about a pivot; in space four more.
+
+    These are along y, from x to y about x = 0, and, if its inertia is there, from y to z.
+    """
+    motions = np.zeros((len(found.dofs), 6))
+    for row, dof in zip(motions, found.dofs, strict=True):
+        x, z = places[dof.point]
+        row[:] = {
+            "x": [1.0, 0.0, pivot[1] - z, 0.0, 0.0, 0.0],
+            "y": [0.0, 0.0, 0.0, 1.0, x, -z],
+            "z": [0.0, 1.0, x - pivot[0], 0.0, 0.0, 0.0],
+            "theta": [0.0, 0.0, 1.0, 0.0, 0.0, 0.0],
+        }[dof.direction]
+    return motions if any(dof.direction == "y" for dof in found.dofs) else motions[:, :3]
+
+
+def euler(root: float) -> float:
+    """Return (root / L)^2 sqrt(E I / rho A) of the slender beam, in rad/s."""
+    return (root / LENGTH) ** 2 * math.sqrt(E * SLENDER.second_moment / (RHO * SLENDER.area))
+
+
+def exact_frequency(
+    segments: Sequence[Segment], near: float, *, free_root: bool = False, tip_mass: float = 0.0
+) -> float:
+    """Return the exact Timoshenko frequency next to a given one, in rad/s.
+
+    The state w, theta, M, Q along each segment is a matrix exponential; at the tip M = 0 and
+    Q = w^2 m w.
+    """
+
+    def determinant(frequency: float) -> float:
+        state, begin = np.eye(4), 0.0
+        for segment in segments:
+            s = segment.section
+            slope = np.zeros((4, 4))  # of w, theta, M / E I0, Q / E I0
+            scale = E * segments[0].section.second_moment
+            slope[0, 1], slope[0, 3] = 1.0, scale / (s.shear_coefficient * G * s.area)
+            slope[1, 2] = scale / (E * s.second_moment)
+            slope[2, 1], slope[2, 3] = -(frequency**2) * RHO * s.second_moment / scale, -1.0
+            slope[3, 0] = -(frequency**2) * RHO * s.area / scale
+            state, begin = expm(slope * (segment.end - begin)) @ state, segment.end
+        tip = state[2:].copy()
+        tip[1] -= frequency**2 * tip_mass / scale * state[0]
+        return float(np.linalg.det(tip[:, :2] if free_root else tip[:, 2:]))
+
+    return float(brentq(determinant, 0.97 * near, 1.03 * near, xtol=1e-13, rtol=1e-13))
+
+
+@PLANES
 @pytest.mark.parametrize(
     ("held", "roots", "rigid"),
     [
-        (PINNED, [math.pi, 2 * math.pi, 3 * math.pi], 0),
-        (CLAMPED_FREE, [1.8751040687, 4.6940911330, 7.8547574382], 0),
-        ([], [4.7300407449, 7.8532046241, 10.9956078380], 3),
+        ([0, 1], [math.pi, 2 * math.pi, 3 * math.pi], 0),
+        ([0, 2], [1.8751040687, 4.6940911330, 7.8547574382], 0),
+        ([], [4.7300407449, 7.8532046241, 10.9956078380], 2),
     ],
     ids=["pinned", "clamped-free", "free-free"],
 )
-def test_slender_beams(held: list[int], roots: list[float], rigid: int) -> None:
-    """A very slender beam has Euler's bending frequencies, and its rigid modes at zero."""
-    link = beam(rectangle(0.01, 0.0012, 0.3), 40)
-    found = frequencies(link, held)
-    assert found[rigid : rigid + 3] == pytest.approx([bending(link, r) for r in roots], rel=2e-5)
+def test_slender_beams(plane: str, held: list[int], roots: list[float], rigid: int) -> None:
+    """A very slender beam has Euler's frequencies in either plane, and its rigid modes at zero."""
+    found = omega(*bending_part(SLENDER, 40, plane), held)
+    assert found[rigid : rigid + 3] == pytest.approx([euler(root) for root in roots], rel=2e-5)
     assert (found[:rigid] < 1e-3 * found[rigid]).all()
 
 
+@PLANES
+@pytest.mark.parametrize("n", [1, 2, 3])
+def test_fourth_order_while_elements_are_slender(plane: str, n: int) -> None:
+    """Elements much longer than deep approach the exact frequency from above as h^4."""
+    thin = rectangle(0.001, 0.001, 0.3)
+    exact = math.sqrt(E * thin.second_moment / (RHO * thin.area)) * (n * math.pi / LENGTH) ** 2
+    errors = [omega(*bending_part(thin, k, plane), [0, 1])[n - 1] / exact - 1 for k in (4, 8)]
+    assert 0.0 < errors[1]
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(4.0, abs=0.2)
+
+
+@PLANES
+@pytest.mark.parametrize("n", [1, 2, 3])
+def test_second_order_when_elements_are_as_short_as_deep(plane: str, n: int) -> None:
+    """A deep beam approaches Timoshenko's frequency from above, in the end as h^2.
+
+    With w = sin(k x), k = n pi / L: the smaller root of
+    E I k^4 - (rho A + rho I k^2 (1 + E / (kappa G))) w^2 + rho^2 I / (kappa G) w^4 = 0.
+    """
+    k, shear = n * math.pi / LENGTH, DEEP.shear_coefficient * G
+    a = RHO**2 * DEEP.second_moment / shear
+    b = RHO * (DEEP.area + DEEP.second_moment * k**2 * (1 + E / shear))
+    c = E * DEEP.second_moment * k**4
+    exact = math.sqrt((b - math.sqrt(b**2 - 4 * a * c)) / (2 * a))
+    errors = [omega(*bending_part(DEEP, m, plane), [0, 1])[n - 1] / exact - 1 for m in (8, 16, 32)]
+    assert all(error > 0.0 for error in errors)
+    assert np.log2(errors[1] / errors[2]) == pytest.approx(2.0, abs=0.03)
+
+
+def nearest(found: FloatArray, value: float) -> float:
+    """Return the frequency that is nearest to a value."""
+    return float(found[np.abs(found - value).argmin()])
+
+
 def test_rod() -> None:
-    """A clamped-free rod's first axial frequency is c / (4 L), approached at second order."""
-    exact = math.pi / 2 * math.sqrt(STEEL.youngs_modulus / STEEL.density) / LENGTH
-    errors = []
-    for elements in (4, 8, 16):
-        link = beam(rectangle(0.02, 0.02, 0.3), elements)
-        bending_held = [i for i in range(3 * elements + 3) if i % 3]
-        errors.append(frequencies(link, [0, *bending_held])[0] / exact - 1.0)
+    """A held-free rod's first frequency is c / (4 L), approached from above as h^2."""
+    exact = math.pi / 2 * math.sqrt(E / RHO) / LENGTH
+    errors = [
+        omega(*part(beam_matrices(uniform(DEEP, n), ENDS), "x"), [0])[0] / exact - 1.0
+        for n in (4, 8, 16)
+    ]
     assert 0.0 < errors[-1] < 5e-4
     assert np.log2(errors[0] / errors[1]) == pytest.approx(2.0, abs=0.02)
     assert np.log2(errors[1] / errors[2]) == pytest.approx(2.0, abs=0.02)
 
 
-def timoshenko(section: Section, n: int) -> float:
-    """Return the n-th frequency of a pinned Timoshenko beam, in rad/s.
-
-    With w = sin(k x), k = n pi / L: the smaller root of
-    E I k^4 - (rho A + rho I k^2 (1 + E / (kappa G))) w^2 + rho^2 I / (kappa G) w^4 = 0.
-    """
-    k = n * math.pi / LENGTH
-    shear = section.shear_coefficient * STEEL.shear_modulus
-    a = STEEL.density**2 * section.second_moment / shear
-    b = STEEL.density * (
-        section.area + section.second_moment * k**2 * (1 + STEEL.youngs_modulus / shear)
-    )
-    c = STEEL.youngs_modulus * section.second_moment * k**4
-    return math.sqrt((b - math.sqrt(b**2 - 4 * a * c)) / (2 * a))
-
-
-@pytest.mark.parametrize("n", [1, 2, 3])
-def test_deep_beam_converges_to_timoshenko(n: int) -> None:
-    """A deep beam approaches the exact frequency from above, at second order.
-
-    Fourth order, as Euler's element has it, ends where elements get as short as they are deep.
-    """
-    section = rectangle(0.05, 0.15, 0.3)
-    exact = timoshenko(section, n)
-    held = [i for i in range(3 * 33) if i % 3 == 0]
+@pytest.mark.parametrize(
+    ("points", "quarters"),
+    [((("A", (0.0, 0.05)), ("B", (LENGTH, 0.05))), 1), (TRIANGLE, 2)],
+    ids=["held at the first pin", "free"],
+)
+def test_torsion(points: Points, quarters: int) -> None:
+    """Torsion has c / (4 L) where the first pin keeps the spin, c / (2 L) where none does."""
+    section = rectangle(0.02, 0.05, 0.3)
+    polar = section.second_moment + section.second_moment_out
+    speed = math.sqrt(G * section.torsion_constant / (RHO * polar))
+    exact = quarters * math.pi / 2 * speed / LENGTH
     errors = []
-    for elements in (8, 16, 32):
-        link = beam(section, elements)
-        axial = [i for i in held if i < 3 * elements + 3]
-        found = frequencies(link, [*axial, 1, -2])
-        errors.append(found[n - 1] / exact - 1.0)
-    assert all(error > 0.0 for error in errors)
-    assert np.log2(errors[1] / errors[2]) == pytest.approx(2.0, abs=0.03)
-    assert exact < 0.99 * bending(beam(section, 1), n * math.pi)  # shear matters here
+    for elements in (24, 48, 96):
+        found = beam_matrices(uniform(section, elements), points, spatial=True)
+        errors.append(nearest(omega(found.mass, found.stiffness), exact) / exact - 1.0)
+    assert 0.0 < errors[-1] < 1e-4
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(2.0, abs=0.02)
+    assert np.log2(errors[1] / errors[2]) == pytest.approx(2.0, abs=0.02)
 
 
-def test_tip_deflection_is_exact_with_one_element() -> None:
-    """A cantilever's tip moves by F L^3 / (3 E I) + F L / (kappa A G), whatever the mesh."""
-    section = rectangle(0.05, 0.2, 0.3)
-    _, stiffness = element_matrices(LENGTH, section, STEEL)
-    tip = np.linalg.inv(stiffness[3:, 3:])[1, 1]
-    shear = section.shear_coefficient * section.area * STEEL.shear_modulus
-    exact = LENGTH**3 / (3 * STEEL.youngs_modulus * section.second_moment) + LENGTH / shear
-    assert tip == pytest.approx(exact, rel=1e-12)
+STEPPED = (
+    Segment(0.5, dataclasses.replace(rectangle(0.03, 0.08, 0.3), shear_coefficient_out=0.6)),
+    Segment(0.9, tube(0.06, 0.04, 0.3)),
+    Segment(LENGTH, rectangle(0.02, 0.03, 0.3)),
+)
 
 
-def test_rigid_motion_needs_no_force_and_has_the_bodys_inertia() -> None:
-    """Translations and a rotation are stress free; they carry rho A L and its moments."""
-    section = rectangle(0.03, 0.06, 0.3)
-    link = beam(section, 7, count=2)
-    mass, stiffness, nodes = link_matrices(link)
-    rigid = np.zeros((len(mass), 3))
-    rigid[0::3, 0] = rigid[1::3, 1] = rigid[2::3, 2] = 1.0
-    rigid[1::3, 2] = nodes
-    assert np.abs(stiffness @ rigid).max() < 1e-9 * np.abs(stiffness).max()
-    total = 2 * STEEL.density * section.area * LENGTH
-    turning = 2 * STEEL.density * section.second_moment * LENGTH
-    inertia = np.diag([total, total, total * LENGTH**2 / 3 + turning])
-    inertia[1, 2] = inertia[2, 1] = total * LENGTH / 2
-    np.testing.assert_allclose(rigid.T @ mass @ rigid, inertia, rtol=1e-12, atol=1e-12)
+def test_stepped_cantilever_deflects_exactly_with_one_element_a_segment() -> None:
+    """The tip moves by the integral of M^2 / E I + Q^2 / kappa G A, whatever the mesh."""
+    expected = begin = 0.0
+    for segment in STEPPED:
+        s, from_tip = segment.section, (LENGTH - begin, LENGTH - segment.end)
+        expected += (from_tip[0] ** 3 - from_tip[1] ** 3) / (3 * E * s.second_moment)
+        expected += (segment.end - begin) / (s.shear_coefficient * G * s.area)
+        begin = segment.end
+    for elements in (1, 17):
+        found = beam_matrices(Beam(STEEL, STEPPED, elements), ENDS, rotations={"A"})
+        tip = rows(found, "B z")[0]
+        held = compliance(found, ["A x", "A z", "A theta"])
+        assert held[tip, tip] == pytest.approx(expected, rel=1e-10)
 
 
-def test_points_are_nodes() -> None:
-    """Every point is a node, and elements are shared out by length, one at least."""
-    points = (("A", 0.0), ("B", 0.011), ("C", 0.4), ("D", 1.0))
-    link = Link("bar", points, STEEL, rectangle(0.01, 0.02, 0.3), 1, 10, 5, None)
-    nodes = link_matrices(link)[2]
-    assert len(nodes) == 1 + 1 + 4 + 6
-    assert all(np.isclose(nodes, place).any() for _, place in points)
-    assert (np.diff(nodes) > 0).all()
+@pytest.mark.parametrize("tip_mass", [0.0, 15.0])
+def test_stepped_cantilever_vibrates_as_its_transfer_matrices_do(tip_mass: float) -> None:
+    """A stepped Timoshenko beam, with a point mass or without, has its exact frequencies."""
+    found = beam_matrices(
+        Beam(STEEL, STEPPED, 240), ENDS, rotations={"A"}, masses=[("B", tip_mass)]
+    )
+    held = rows(found, "A x", "A z", "A theta", "B x")
+    for value in omega(found.mass, found.stiffness, held)[:3]:
+        assert value == pytest.approx(exact_frequency(STEPPED, value, tip_mass=tip_mass), rel=2e-5)
+
+
+def test_free_stepped_beam_vibrates_as_its_transfer_matrices_do() -> None:
+    """So it does free at both ends."""
+    found = beam_matrices(Beam(STEEL, STEPPED, 240), ENDS)
+    values = omega(*part(found, "z"))
+    assert values[1] < 1e-3 * values[2]
+    for value in values[2:4]:
+        assert value == pytest.approx(exact_frequency(STEPPED, value, free_root=True), rel=2e-5)
+
+
+@pytest.mark.parametrize("ratio", [0.1, 1.0, 10.0])
+def test_tip_mass_on_a_slender_cantilever(ratio: float) -> None:
+    """1 + cos b cosh b + ratio b (cos b sinh b - sin b cosh b) = 0 gives the first frequency."""
+
+    def characteristic(b: float) -> float:
+        bracket = math.cos(b) * math.sinh(b) - math.sin(b) * math.cosh(b)
+        return 1.0 + math.cos(b) * math.cosh(b) + ratio * b * bracket
+
+    exact = euler(brentq(characteristic, 0.1, 1.8751))
+    tip = ratio * RHO * SLENDER.area * LENGTH
+    found = beam_matrices(uniform(SLENDER, 20), ENDS, rotations={"A"}, masses=[("B", tip)])
+    held = rows(found, "A x", "A z", "A theta")
+    assert omega(found.mass, found.stiffness, held)[0] == pytest.approx(exact, rel=5e-5)
+
+
+@pytest.mark.parametrize("elements", [1, 8])
+def test_compliance_at_the_end_of_an_arm(elements: int) -> None:
+    """A force along x at an arm z moves its pin by L / E A + z^2 L / E I and across the axis."""
+    s, z = rectangle(0.03, 0.04, 0.3), ARM[1][1][1]
+    found = beam_matrices(uniform(s, elements), ARM, rotations={"A", "B"})
+    x, w, theta = rows(found, "B x", "B z", "B theta")
+    moved = compliance(found, ["A x", "A z", "A theta"])[:, x]
+    bending = LENGTH / (E * s.second_moment)
+    assert moved[x] == pytest.approx(LENGTH / (E * s.area) + z**2 * bending, rel=1e-10)
+    assert moved[w] == pytest.approx(-z * LENGTH * bending / 2, rel=1e-10)
+    assert moved[theta] == pytest.approx(-z * bending, rel=1e-10)
+
+
+def test_compliance_in_space_is_that_of_unit_loads() -> None:
+    """Bending, shear and torsion by a force across the plane at an arm add up to their energy.
+
+    Three pins support the beam, so that equilibrium alone gives V, M and T along it.
+    """
+    s = STEPPED[0].section
+    points = (("A", (0.0, 0.05)), ("B", (0.3, -0.04)), ("C", (0.8, 0.06)), ("D", (LENGTH, -0.1)))
+    found = beam_matrices(uniform(s, 6), points, spatial=True)
+    held = [f"{name} {d}" for name in "ABC" for d in "xyz"]
+    x, z = np.array([place for _, place in points]).T
+    equilibrium = np.array([np.ones(4), x, z])
+    forces = np.append(-np.linalg.solve(equilibrium[:, :3], equilibrium[:, 3]), 1.0)
+    expected = 0.0
+    for i, (begin, end) in enumerate(zip(x, x[1:], strict=False)):
+        moments = [forces[: i + 1] @ (at - x[: i + 1]) for at in (begin, (begin + end) / 2, end)]
+        squared = np.dot([1.0, 4.0, 1.0], np.square(moments)) / 6.0  # Simpson: M is linear
+        shear, torque = forces[: i + 1].sum(), forces[: i + 1] @ z[: i + 1]
+        expected += (end - begin) * (
+            squared / (E * s.second_moment_out)
+            + shear**2 / (s.shear_coefficient_out * G * s.area)
+            + torque**2 / (G * s.torsion_constant)
+        )
+    at = rows(found, "D y")[0]
+    assert compliance(found, held)[at, at] == pytest.approx(expected, rel=1e-10)
+
+
+def test_inertia_about_an_offset_pin() -> None:
+    """Turning about a pin beside the axis carries m (L^2 / 3 + z^2) + rho I L and its products."""
+    s, (pivot, end) = rectangle(0.03, 0.06, 0.3), ((0.0, 0.08), (LENGTH, -0.03))
+    places = {"A": pivot, "B": end}
+    found = beam_matrices(uniform(s, 7), list(places.items()), masses=[("B", 2.0)])
+    motions = moved_rigidly(found, rigid_motions(found, places, pivot))
+    m, z, reach, drop = RHO * s.area * LENGTH, pivot[1], LENGTH, end[1] - pivot[1]
+    turning = m * (LENGTH**2 / 3 + z**2) + RHO * s.second_moment * LENGTH
+    turning += 2.0 * (reach**2 + drop**2)
+    expected = np.diag([m + 2.0, m + 2.0, turning])
+    expected[0, 2] = expected[2, 0] = m * z - 2.0 * drop
+    expected[1, 2] = expected[2, 1] = m * LENGTH / 2 + 2.0 * reach
+    np.testing.assert_allclose(motions.T @ found.mass @ motions, expected, rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("points", "spatial", "count"),
+    [(ENDS, False, 3), (TRIANGLE, False, 3), (TRIANGLE, True, 6), (ARM, True, 5), (ENDS, True, 5)],
+    ids=["plane", "plane, arms", "space, arms", "space, pins on a line", "space, pins on the axis"],
+)
+def test_rigid_modes(points: Points, spatial: bool, count: int) -> None:
+    """Free beams have 3 rigid modes, 6 in space, or 5 where pins on a line leave no spin."""
+    found = beam_matrices(uniform(rectangle(0.03, 0.06, 0.3), 9), points, spatial=spatial)
+    values = omega(found.mass, found.stiffness)
+    assert values[count - 1] < 1e-4 * values[count]
+    assert values[count] > 100.0
+
+
+def test_the_first_pin_keeps_the_spin() -> None:
+    """With two pins the beam turns about them in no way: swung across, it turns square to them."""
+    (x0, z0), (x1, z1) = (0.1, -0.2), (0.9, 0.3)
+    found = beam_matrices(uniform(DEEP, 6), [("A", (x0, z0)), ("B", (x1, z1))], spatial=True)
+    shape = moved_rigidly(found, np.eye(len(found.dofs))[:, rows(found, "B y")])
+    along = (found.nodes - x0) * (x1 - x0) + (0.0 - z0) * (z1 - z0)
+    expected = along / ((x1 - x0) ** 2 + (z1 - z0) ** 2)
+    np.testing.assert_allclose((found.displacement @ shape)[:, 1, 0], expected, atol=1e-9)
+
+
+def test_pins_on_the_axis_leave_torsion_out() -> None:
+    """No pin on the axis can twist the beam, so that every mode of it moves its ends."""
+    found = beam_matrices(uniform(DEEP, 6), ENDS, spatial=True)
+    shapes = eigh(found.stiffness, found.mass)[1]
+    assert (np.abs(shapes[: len(found.dofs)]).max(axis=0) > 1e-3).all()
+
+
+@pytest.mark.parametrize("points", [ENDS, ARM, TRIANGLE])
+def test_interface_holds_the_beam(points: Points) -> None:
+    """With its interface held nothing is left that moves freely, in the plane and in space."""
+    for spatial in (False, True):
+        found = beam_matrices(uniform(DEEP, 6), points, spatial=spatial)
+        assert omega(found.mass, found.stiffness, range(len(found.dofs)))[0] > 100.0
+
+
+@pytest.mark.parametrize("points", [ENDS, TRIANGLE])
+def test_the_plane_is_the_in_plane_part_of_space(points: Points) -> None:
+    """What couples with x and z in space is, to the last bit, the planar beam; y does not."""
+    beam, options = Beam(STEEL, STEPPED, 10), {"rotations": {"A"}, "masses": [("B", 3.0)]}
+    planar = beam_matrices(beam, points, **options)
+    spatial = beam_matrices(beam, points, **options, spatial=True)
+    chosen = coupled(spatial, "xz")
+    assert not set(chosen) & set(coupled(spatial, "y"))
+    assert tuple(spatial.dofs[i] for i in chosen if i < len(spatial.dofs)) == planar.dofs
+    for found, expected in zip(part(spatial, "xz"), (planar.mass, planar.stiffness), strict=True):
+        assert np.array_equal(found, expected)
+    assert np.array_equal(spatial.displacement[:, :, chosen], planar.displacement)
+    every = omega(spatial.mass, spatial.stiffness)
+    for value in omega(planar.mass, planar.stiffness)[3:]:
+        assert nearest(every, value) == pytest.approx(value, rel=1e-9)
+
+
+def test_out_of_plane_is_in_plane_of_the_turned_section() -> None:
+    """One bending element serves both planes, to the last bit."""
+    segments = tuple(dataclasses.replace(s, section=turned(s.section)) for s in STEPPED)
+    upright = beam_matrices(Beam(STEEL, STEPPED, 10), ENDS, spatial=True)
+    flat = beam_matrices(Beam(STEEL, segments, 10), ENDS, spatial=True)
+    for direction, other in (("z", "y"), ("y", "z")):
+        for found, expected in zip(part(upright, direction), part(flat, other), strict=True):
+            assert np.array_equal(found, expected)
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    xs=st.lists(st.integers(-3, 40), min_size=2, max_size=4, unique=True),
+    zs=st.lists(st.integers(-20, 20), min_size=4, max_size=4),
+    step=st.floats(0.05, 1.0),
+    elements=st.integers(1, 12),
+    spatial=st.booleans(),
+)
+def test_any_beam_is_symmetric_and_free_of_stress_when_rigid(
+    xs: list[int], zs: list[int], step: float, elements: int, spatial: bool
+) -> None:
+    """Symmetry to the last bit, rigid motions without stress, mass where it belongs."""
+    places = {"ABCD"[i]: (x / 40 * LENGTH, zs[i] / 100) for i, x in enumerate(xs)}
+    segments = (Segment(step, DEEP), Segment(1.1 * LENGTH, tube(0.08, 0.0, 0.3)))
+    beam = Beam(STEEL, segments, elements)
+    found = beam_matrices(
+        beam, list(places.items()), rotations={"A"}, masses=[("A", 2.0)], spatial=spatial
+    )
+    assert np.array_equal(found.mass, found.mass.T)
+    assert np.array_equal(found.stiffness, found.stiffness.T)
+    assert np.linalg.eigvalsh(found.mass)[0] > 0.0
+
+    begin = min(0.0, min(x for x, _ in places.values()))
+    assert found.nodes[0] == begin
+    assert found.nodes[-1] == pytest.approx(1.1 * LENGTH)
+    motions = rigid_motions(found, places, (0.0, 0.0))
+    shapes = moved_rigidly(found, motions)
+    scale = np.sqrt(np.abs(np.diag(found.stiffness)))
+    assert np.abs(found.stiffness @ shapes / scale[:, np.newaxis]).max() < 1e-8 * scale.max()
+    x, moved = found.nodes[:, np.newaxis], found.displacement @ shapes
+    np.testing.assert_allclose(moved[:, 0, :3], 0 * x + [1.0, 0.0, 0.0], atol=1e-7)
+    np.testing.assert_allclose(moved[:, 2, :3], 0 * x + [0.0, 1.0, 0.0] + x * [0, 0, 1], atol=1e-7)
+    if spatial and np.linalg.matrix_rank(np.subtract([*places.values()], places["A"])) == 2:
+        lines = 0 * x + [1.0, 0.0, 0.0] + x * [0.0, 1.0, 0.0]  # a spin moves nothing on the axis
+        np.testing.assert_allclose(moved[:, 1, 3:], lines, atol=1e-6)
+    total = 2.0 + RHO * segments[0].section.area * (step - begin)
+    total += RHO * segments[1].section.area * (segments[1].end - step)
+    carried = np.diag(shapes.T @ found.mass @ shapes)
+    assert carried[[0, 1, 3] if spatial else [0, 1]] == pytest.approx(total, rel=1e-7)
+
+
+def test_points_in_any_order() -> None:
+    """Listing the points otherwise permutes the DoFs and changes nothing else."""
+    beam = Beam(STEEL, STEPPED, 10)
+    listed = beam_matrices(beam, TRIANGLE, spatial=True)
+    shuffled = beam_matrices(beam, [TRIANGLE[i] for i in (2, 0, 1)], spatial=True)
+    order = [shuffled.dofs.index(dof) for dof in listed.dofs]
+    order += range(len(order), len(listed.mass))
+    block = np.ix_(order, order)
+    assert np.array_equal(shuffled.mass[block], listed.mass)
+    assert np.array_equal(shuffled.stiffness[block], listed.stiffness)
+    assert np.array_equal(shuffled.displacement[:, :, order], listed.displacement)
+
+
+def test_points_and_steps_are_nodes() -> None:
+    """Elements are shared out by length, one at least; what rounding parts is one place."""
+    section = rectangle(0.01, 0.02, 0.3)
+    points = [("A", (0.0, 0.0)), ("B", (0.011, 0.1)), ("C", (0.1 + 0.2, 0.0)), ("D", (0.8, 0.0))]
+    segments = (Segment(0.3, section), Segment(0.5, section), Segment(1.0, section))
+    nodes = beam_matrices(Beam(STEEL, segments, 10), points).nodes
+    assert len(nodes) == 1 + 1 + 3 + 2 + 3 + 2
+    for place in (0.0, 0.011, 0.3, 0.5, 0.8, 1.0):
+        assert np.isclose(nodes, place, rtol=0.0, atol=1e-12).sum() == 1
+    assert (np.diff(nodes) > 0.01).all()
+    rounded = Beam(STEEL, (Segment(0.3, section),), 3)  # 0.1 + 0.2 lies above 0.3
+    assert len(beam_matrices(rounded, points[::2]).nodes) == 4
+
+
+def test_pins_within_the_beam() -> None:
+    """A beam that sticks out beyond both pins is the same beam, seen from other points."""
+    beam = Beam(STEEL, STEPPED, 24)
+    inside = [("A", (0.5, 0.02)), ("B", (0.9, 0.0))]
+    within, ends = beam_matrices(beam, inside), beam_matrices(beam, ENDS)
+    np.testing.assert_allclose(within.nodes, ends.nodes, atol=1e-15)
+    found, expected = (omega(m.mass, m.stiffness)[3:] for m in (within, ends))
+    np.testing.assert_allclose(found, expected, rtol=1e-9)
+    # A pin before x = 0 lets the beam begin there.
+    earlier = beam_matrices(beam, [("A", (-0.2, 0.0)), ("B", (0.9, 0.0))])
+    assert earlier.nodes[0] == -0.2
+
+
+def test_two_pins_at_one_place() -> None:
+    """Pins above one another would be joined rigidly; the error tells how to mend it."""
+    points = [("A", (0.0, 0.0)), ("B", (0.4, 0.05)), ("C", (0.4, -0.05))]
+    with pytest.raises(MechanismError, match=r"^points\.C: .*same place .* as B \(0\.4 m\).*move"):
+        beam_matrices(uniform(DEEP, 4), points)
+
+
+def test_sections_that_do_not_serve() -> None:
+    """Sections have to reach the last point, and to be known across the plane in space."""
+    with pytest.raises(MechanismError, match="sections: .*last point"):
+        beam_matrices(uniform(DEEP, 4), [("A", (0.0, 0.0)), ("B", (1.3, 0.0))])
+    planar = dataclasses.replace(DEEP, second_moment_out=math.nan, torsion_constant=math.nan)
+    beam_matrices(uniform(planar, 4), ENDS)
+    with pytest.raises(MechanismError, match="second_moment_out and torsion_constant"):
+        beam_matrices(uniform(planar, 4), ENDS, spatial=True)

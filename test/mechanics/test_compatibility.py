@@ -3,27 +3,36 @@
 """The compatibility matrix against the paper's equation and the linkage's own motion."""
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
 
-from linkage_vibration.mechanics.compatibility import InterfaceMap
-from linkage_vibration.mechanics.components import link_component, rigid_component
-from linkage_vibration.mechanics.description import Mechanism
-from linkage_vibration.mechanics.kinematics import Kinematics, rotation
+from linkage_vibration.mechanics.description import MechanismError
+from linkage_vibration.mechanics.kinematics import rotation
+from linkage_vibration.mechanics.model import LinkageModel
+from linkage_vibration.mechanics.parsing import mechanism_from_mapping
+
+SPRINGS = {
+    "oil": {"joint": "P3", "stiffness": 1e5, "damping": 20.0},
+    "stay": {"between": ["P2", "V1"], "stiffness": 3e5},
+    "mast": {"between": ["V2", "E2"], "stiffness": 2e5},
+}
 
 
-def interface(mechanism: Mechanism) -> InterfaceMap:
-    """Return the interface DoFs of all components."""
-    components = [link_component(link) for link in mechanism.links]
-    return InterfaceMap(mechanism, components + [rigid_component(mechanism.rigid_bodies[0])])
+@pytest.fixture
+def sprung(mapping: Any) -> LinkageModel:
+    """Return the default linkage with springs and without its clamp."""
+    del mapping["links"]["input_crank"]["clamped"]
+    mapping["springs"] = SPRINGS
+    return LinkageModel(mechanism_from_mapping(mapping))
 
 
-def test_pin_rows_are_equation_22(mechanism: Mechanism) -> None:
+def test_pin_rows_are_equation_22(model: LinkageModel) -> None:
     """A pin's two rows hold the rotations of the two links, the second with a minus."""
-    configuration = Kinematics(mechanism).at(math.radians(117.0))
-    rows = interface(mechanism).compatibility(configuration)
-    pin = [point for point, _, _ in mechanism.joints()].index("V1")
+    configuration = model.kinematics.at(math.radians(117.0))
+    rows = model.interface.join(configuration)
+    at = [i for i, label in enumerate(rows.labels) if "pin V1" in label]
     r, s = configuration.angle("lower_link"), configuration.angle("lift_rod")
     expected = np.array(
         [
@@ -31,27 +40,87 @@ def test_pin_rows_are_equation_22(mechanism: Mechanism) -> None:
             [math.sin(r), math.cos(r), -math.sin(s), -math.cos(s)],
         ]
     )
-    block = rows[2 * pin : 2 * pin + 2]
+    block = rows.compatibility[at]
     np.testing.assert_allclose(block[:, np.abs(block).sum(axis=0) > 0.0], expected, rtol=1e-14)
 
 
 @pytest.mark.parametrize("alpha3_deg", [90.0, 133.0, 180.0])
-def test_the_linkages_own_motion_is_compatible(mechanism: Mechanism, alpha3_deg: float) -> None:
+def test_the_linkages_own_motion_is_compatible(model: LinkageModel, alpha3_deg: float) -> None:
     """What the kinematics say of every point's motion opens no pin.
 
     Only the rotation that holds the crank is violated, by the crank's own unit rotation.
     """
-    configuration = Kinematics(mechanism).at(math.radians(alpha3_deg))
-    motion: list[float] = []
-    for link in mechanism.links:
-        for point, place in link.points:
-            rate = configuration.place_rate(link.name, (place, 0.0))
-            motion += (rotation(configuration.angle(link.name)).T @ rate).tolist()
-            if point == link.clamped:
-                motion.append(configuration.velocity_ratio(link.name))
-    body = mechanism.rigid_bodies[0]
-    motion += configuration.place_rate(body.name, body.centre_of_gravity).tolist()
-    motion.append(configuration.velocity_ratio(body.name))
-    violation = interface(mechanism).compatibility(configuration) @ np.array(motion)
+    configuration = model.kinematics.at(math.radians(alpha3_deg))
+    violation = model.interface.join(configuration).compatibility @ motion(model, alpha3_deg)
     np.testing.assert_allclose(violation[:-1], 0.0, atol=1e-13)
     assert violation[-1] == pytest.approx(1.0)
+
+
+def motion(model: LinkageModel, alpha3_deg: float) -> np.ndarray:
+    """Return the interface DoFs' rates with alpha3, from the kinematics alone."""
+    configuration = model.kinematics.at(math.radians(alpha3_deg))
+    found: list[float] = []
+    for component in model.components:
+        points = model.mechanism.local_points(component.name)
+        for dof in component.dofs:
+            rate = configuration.velocity_ratio(component.name)
+            if dof.direction != "theta":
+                body = next(b for b in model.mechanism.bodies if b.name == component.name)
+                local = points.get(dof.point) or body.centre_of_gravity  # type: ignore[union-attr]
+                turn = rotation(configuration.angle(component.name)) if dof.point in points else 1.0
+                moved = np.eye(2) @ configuration.place_rate(component.name, local)
+                if not isinstance(turn, float):
+                    moved = turn.T @ moved
+                rate = moved["xz".index(dof.direction)]
+            found.append(float(rate))
+    return np.array(found)
+
+
+@pytest.mark.parametrize("alpha3_deg", [95.0, 140.0, 175.0])
+def test_springs_stretch_as_the_linkage_moves(sprung: LinkageModel, alpha3_deg: float) -> None:
+    """A spring's row on the linkage's own motion is the derivative of its length or angle."""
+    h = 1e-6
+    here, before, after = (sprung.kinematics.at(math.radians(alpha3_deg) + d) for d in (0.0, -h, h))
+    stretch = sprung.interface.join(here).elongation @ motion(sprung, alpha3_deg)
+    rates = [1.0]
+    for spring in sprung.mechanism.springs[1:]:
+        lengths = []
+        for configuration in (before, after):
+            ends = [
+                configuration.place(body, sprung.mechanism.local_points(body)[point])
+                for body, point in zip(spring.bodies, spring.points, strict=True)
+            ]
+            lengths.append(math.dist(*ends))
+        rates.append((lengths[1] - lengths[0]) / (2 * h))
+    np.testing.assert_allclose(stretch, rates, atol=1e-8)
+
+
+def test_rates_are_derivatives(sprung: LinkageModel) -> None:
+    """Derivatives of B and of the springs' rows agree with central differences."""
+    alpha3, h = math.radians(121.0), 1e-5
+    before, after = (sprung.interface.join(sprung.kinematics.at(alpha3 + d)) for d in (-h, h))
+    rate, stretch_rate = sprung.interface.join_rate(sprung.kinematics.at(alpha3))
+    np.testing.assert_allclose(
+        rate, (after.compatibility - before.compatibility) / (2 * h), atol=1e-8
+    )
+    np.testing.assert_allclose(
+        stretch_rate, (after.elongation - before.elongation) / (2 * h), atol=1e-8
+    )
+
+
+def test_spring_without_a_direction_is_refused(mapping: Any) -> None:
+    """A spring between two points that meet is told by its name."""
+    mapping["ground"]["S"] = [-0.5, 0.0]
+    mapping["links"]["lower_link"]["points"] = {"P1": 0.0, "V1": 0.366, "Q": 0.5, "E1": 0.81}
+    mapping["springs"] = {"stay": {"between": ["S", "Q"], "stiffness": 1.0}}
+    model = LinkageModel(mechanism_from_mapping(mapping))
+
+    def gap(alpha3: float) -> float:
+        return float(model.kinematics.at(alpha3).place("lower_link", (0.5, 0.0))[1])
+
+    low, high = math.radians(100.0), math.radians(170.0)
+    for _ in range(60):
+        middle = (low + high) / 2
+        low, high = (middle, high) if gap(low) * gap(middle) > 0 else (low, middle)
+    with pytest.raises(MechanismError, match=r"springs\.stay: .*meet at"):
+        model.solve(low)

@@ -12,12 +12,9 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from linkage_vibration.mechanics.description import (
-    Mechanism,
-    MechanismError,
-    mechanism_from_mapping,
-)
+from linkage_vibration.mechanics.description import Mechanism, MechanismError
 from linkage_vibration.mechanics.kinematics import Configuration, Kinematics, KinematicsError
+from linkage_vibration.mechanics.parsing import mechanism_from_mapping
 
 FloatArray = NDArray[np.float64]
 
@@ -40,7 +37,7 @@ def circles(
 def by_circles(mechanism: Mechanism, alpha3: float) -> dict[str, FloatArray]:
     """Place the six-bar's points by intersecting circles: nothing shared with the solver."""
     p1, p2, p3 = (np.array(place) for _, place in mechanism.ground)
-    upper = mechanism.links[1].points[-1][1]
+    upper = mechanism.links[1].points[-1][1][0]
     v2 = p3 + 0.203 * np.array([math.cos(alpha3), math.sin(alpha3)])
     v1 = circles(p1, 0.366, v2, 0.534, 1.0)
     e1 = p1 + (v1 - p1) * 0.810 / 0.366
@@ -106,6 +103,8 @@ def test_toggles(mechanism: Mechanism, printed: Mechanism) -> None:
         low, high = (math.degrees(angle) for angle in kinematics.closable_range)
         assert (low, high) == pytest.approx(toggles, abs=6e-3)
         nearly = kinematics.at(kinematics.closable_range[1] - 1e-10)
+        assert kinematics.toggles is not None
+        assert [set(toggle.aligned) for toggle in kinematics.toggles] == [{"P2", "E2", "E1"}] * 2
         across = math.sin(nearly.angle("upper_link") - nearly.angle("implement"))
         assert abs(across) < 1e-4  # in line but for the square root of the distance
         assert nearly.toggle_distance == pytest.approx(1e-10, rel=1e-4)
@@ -141,7 +140,8 @@ def test_angles_out_of_reach_tell_the_nearest(mechanism: Mechanism, alpha3_deg: 
     kinematics = Kinematics(mechanism)
     with pytest.raises(KinematicsError, match="nearest") as raised:
         kinematics.at(math.radians(alpha3_deg))
-    assert raised.value.nearest in kinematics.closable_range
+    assert raised.value.nearest is not None
+    assert raised.value.nearest in (kinematics.toggles or ())
 
 
 def test_stroke_past_the_toggle_is_refused(mapping: Any) -> None:
@@ -194,7 +194,10 @@ def four_bar(ground: float, crank: float, coupler: float, rocker: float) -> Mech
 def test_full_turns_repeat() -> None:
     """A crank that turns all the way has no toggle, and any number of turns changes nothing."""
     kinematics = Kinematics(four_bar(1.0, 0.3, 0.9, 0.8))
+    assert kinematics.toggles is None
     assert kinematics.closable_range == (-math.inf, math.inf)
+    with pytest.raises(KinematicsError, match="finite"):
+        kinematics.at(math.inf)
     once = kinematics.at(1.0)
     for turns in (-40, -1, 1, 7):
         again = kinematics.at(1.0 + 2 * math.pi * turns)

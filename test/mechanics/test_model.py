@@ -8,9 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from linkage_vibration.mechanics.description import Material, Mechanism
+from linkage_vibration.mechanics.description import Beam, Link, Material, Mechanism
 from linkage_vibration.mechanics.kinematics import Kinematics
-from linkage_vibration.mechanics.model import LinkageModel
+from linkage_vibration.mechanics.model import LinkageModel, ModelError
+from linkage_vibration.mechanics.modes import track
 
 ANGLES_DEG = (90.0, 110.0, 140.0, 168.0, 180.0)
 
@@ -28,6 +29,12 @@ def test_reduced_equals_unreduced(which: str, request: pytest.FixtureRequest) ->
         assert (found >= exact * (1 - 1e-9)).all()
 
 
+def made_of(link: Link, material: Material) -> Link:
+    """Return a link of another material."""
+    assert isinstance(link.body, Beam)
+    return replace(link, body=replace(link.body, material=material))
+
+
 @pytest.mark.parametrize(
     ("alpha3_deg", "inertia"), [(90.0, 165.1), (140.0, 194.9), (168.0, 123.9), (180.0, 86.8)]
 )
@@ -41,9 +48,7 @@ def test_rigid_body_limit(mechanism: Mechanism, alpha3_deg: float, inertia: floa
     """
     crank = mechanism.links[2]
     light, rigid = Material(210e9, 1e-3, 0.3), Material(210e15, 1e-3, 0.3)
-    links = tuple(
-        replace(link, material=light if link is crank else rigid) for link in mechanism.links
-    )
+    links = tuple(made_of(link, light if link is crank else rigid) for link in mechanism.links)
     limit = replace(mechanism, links=links)
     configuration = Kinematics(limit).at(math.radians(alpha3_deg))
     body = limit.rigid_bodies[0]
@@ -52,7 +57,8 @@ def test_rigid_body_limit(mechanism: Mechanism, alpha3_deg: float, inertia: floa
     generalised = body.mass * float(velocity @ velocity) + body.inertia * ratio**2
     assert generalised == pytest.approx(inertia, rel=5e-4)
 
-    section, length = crank.section, crank.points[-1][1]
+    assert isinstance(crank.body, Beam)
+    section, length = crank.body.segments[0].section, crank.points[-1][1][0]
     shear = section.shear_coefficient * section.area * light.shear_modulus
     across = length**3 / (3 * light.youngs_modulus * section.second_moment) + length / shear
     along = length / (light.youngs_modulus * section.area)
@@ -98,3 +104,48 @@ def test_printed_length_cannot_give_the_papers_curve(printed: Mechanism) -> None
     first = [model.solve(a).natural_frequencies[0] for a in np.radians([140.0, 168.0, 180.0])]
     assert first[1] > 2 * first[2]
     assert first[1] > first[0]
+
+
+def test_frequency_derivatives(model: LinkageModel) -> None:
+    """Analytic derivatives of the frequencies agree with central differences."""
+    h = 1e-4
+    for angle in np.radians([95.0, 140.0, 175.0]):
+        before, after = (model.solve(angle + d).natural_frequencies for d in (-h, h))
+        found = model.solve(angle).frequency_derivatives[:8]
+        np.testing.assert_allclose(found, (after - before)[:8] / (2 * h), rtol=1e-5)
+
+
+@pytest.mark.parametrize("mode", range(4))
+def test_shape_derivatives(model: LinkageModel, mode: int) -> None:
+    """Analytic derivatives of the shapes agree with central differences."""
+    h, angle = 1e-4, math.radians(140.0)
+    here = model.solve(angle)
+    ends = []
+    for d in (-h, h):
+        solution = model.solve(angle + d)
+        chosen = solution.modes.select(
+            *track(here.modes.shapes[:, mode : mode + 1], solution.modes, model.system.mass)
+        )
+        ends.append(chosen.shapes[:, 0])
+    difference = (ends[1] - ends[0]) / (2 * h)
+    error = np.linalg.norm(here.shape_derivative(mode) - difference)
+    assert error < 1e-6 * np.linalg.norm(difference)
+
+
+def test_link_shapes_meet_at_the_pins(model: LinkageModel) -> None:
+    """Links as drawn move together where they are pinned, and stand still on the ground."""
+    solution = model.solve(math.radians(110.0))
+    shapes = solution.link_shapes(1)
+    lower, rod = shapes["lower_link"], shapes["lift_rod"]
+    at = int(np.linalg.norm(lower[0] - rod[0][-1], axis=1).argmin())
+    np.testing.assert_allclose(lower[0][at], rod[0][-1], atol=1e-12)
+    np.testing.assert_allclose(lower[1][at], rod[1][-1], atol=1e-9)
+    np.testing.assert_allclose(lower[1][0], 0.0, atol=1e-9)
+    found = solution.participation([("V1", "x"), ("V1", "z")])[:, 1]
+    np.testing.assert_allclose(found, rod[1][-1][[0, 2]], rtol=1e-7)
+
+
+def test_unknown_places_are_told(model: LinkageModel) -> None:
+    """A response asked for at no point of the linkage names it."""
+    with pytest.raises(ModelError, match="no point E9"):
+        model.solve(2.0).frf([("E9", "z")], [("E1", "z")])

@@ -1,18 +1,48 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Modes: orthogonality, precision, mechanism modes, tracking."""
+"""Modes: orthogonality, precision, mechanism modes, damping, tracking."""
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 from scipy.linalg import eigh
 
-from linkage_vibration.mechanics.coupling import CoupledSystem, couple
+from linkage_vibration.mechanics.coupling import CoupledSystem
 from linkage_vibration.mechanics.model import LinkageModel
-from linkage_vibration.mechanics.modes import Modes, mac, solve_modes, track
+from linkage_vibration.mechanics.modes import (
+    Modes,
+    ModesError,
+    damp_modes,
+    mac,
+    solve_modes,
+    track,
+)
+from linkage_vibration.mechanics.parsing import mechanism_from_mapping
+from linkage_vibration.mechanics.response import pole_residue
+
+FloatArray = NDArray[np.float64]
+
+
+def system(
+    mass: FloatArray,
+    stiffness: FloatArray,
+    damping: FloatArray | None = None,
+    loss: FloatArray | None = None,
+) -> CoupledSystem:
+    """Return an assembly whose generalised coordinates are its interface DoFs."""
+    zero = np.zeros_like(mass)
+    return CoupledSystem(
+        mass,
+        stiffness,
+        zero if damping is None else damping,
+        zero if loss is None else loss,
+        np.eye(len(mass)),
+    )
 
 
 def test_shapes_are_orthonormal(model: LinkageModel) -> None:
@@ -20,7 +50,7 @@ def test_shapes_are_orthonormal(model: LinkageModel) -> None:
     solution = model.solve(math.radians(120.0))
     shapes = solution.modes.shapes[:, :10]
     np.testing.assert_allclose(shapes.T @ model.system.mass @ shapes, np.eye(10), atol=1e-9)
-    b = model.compatibility(solution.configuration)
+    b = solution.joining.compatibility
     assert np.abs(b @ shapes[: b.shape[1]]).max() < 1e-12 * np.abs(shapes).max() * 100
     energy = shapes.T @ model.system.stiffness @ shapes
     assert np.diag(energy) == pytest.approx(solution.modes.omega[:10] ** 2, rel=1e-7)
@@ -29,17 +59,42 @@ def test_shapes_are_orthonormal(model: LinkageModel) -> None:
 def test_same_frequencies_as_the_plain_eigenproblem(model: LinkageModel) -> None:
     """The inverted problem has the eigenvalues of the plain one, to the plain one's precision."""
     solution = model.solve(math.radians(150.0))
-    system = couple(model.system, model.compatibility(solution.configuration))
-    plain = np.sqrt(eigh(system.stiffness, system.mass, eigvals_only=True))
+    coupled = solution.coupled
+    plain = np.sqrt(eigh(coupled.stiffness, coupled.mass, eigvals_only=True))
     np.testing.assert_allclose(solution.modes.omega[:20], plain[:20], rtol=1e-6)
 
 
 def test_mechanism_mode_is_at_zero() -> None:
     """A free-free pair of masses on a spring has one mode at 0 Hz and one at sqrt(2 k / m)."""
     k = 50.0 * np.array([[1.0, -1.0], [-1.0, 1.0]])
-    omega = solve_modes(CoupledSystem(np.eye(2), k, np.eye(2))).omega
-    assert omega[0] < 1e-6
-    assert omega[1] == pytest.approx(10.0, rel=1e-12)
+    modes, vectors = solve_modes(system(np.eye(2), k))
+    assert modes.omega[0] < 1e-6
+    assert modes.omega[1] == pytest.approx(10.0, rel=1e-12)
+    ratios = damp_modes(system(np.eye(2), k, damping=0.02 * k), modes.omega, vectors).damping_ratios
+    assert ratios[1] == pytest.approx(0.1, rel=1e-9)
+
+
+def test_crank_that_is_free_has_a_mechanism_mode(mapping: Any) -> None:
+    """Without its clamp the linkage moves at 0 Hz, along its own kinematics."""
+    del mapping["links"]["input_crank"]["clamped"]
+    free = LinkageModel(mechanism_from_mapping(mapping)).solve(math.radians(120.0))
+    assert free.natural_frequencies[0] < 1e-3
+    assert free.natural_frequencies[1] > 50.0
+
+
+def test_stiff_spring_tends_to_the_clamp(mapping: Any, model: LinkageModel) -> None:
+    """A rotational spring at P3, ever stiffer, lets frequencies rise to those of the clamp."""
+    del mapping["links"]["input_crank"]["clamped"]
+    clamped = model.solve(math.radians(120.0)).natural_frequencies[:3]
+    before = np.zeros(3)
+    for stiffness in (1e4, 1e5, 1e6, 1e10):
+        mapping["springs"] = {"oil": {"joint": "P3", "stiffness": stiffness}}
+        sprung = LinkageModel(mechanism_from_mapping(mapping)).solve(math.radians(120.0))
+        found = sprung.natural_frequencies[:3]
+        assert (found > before).all()
+        assert (found < clamped).all()
+        before = found
+    np.testing.assert_allclose(before, clamped, rtol=1e-4)
 
 
 @given(st.permutations(range(4)), st.lists(st.sampled_from([-1.0, 1.0]), min_size=4, max_size=4))
@@ -49,7 +104,49 @@ def test_tracking_undoes_order_and_sign(order: list[int], signs: list[float]) ->
     mass = np.diag(rng.uniform(1.0, 5.0, 6))
     shapes = eigh(np.diag(rng.uniform(1.0, 9.0, 6)) + 0.3, mass)[1][:, :4]
     shuffled = Modes(np.arange(4.0)[order], shapes[:, order] * signs)
-    tracked = track(shapes[:, :2], shuffled, mass)
+    tracked = shuffled.select(*track(shapes[:, :2], shuffled, mass))
     np.testing.assert_array_equal(tracked.omega, [0.0, 1.0])
     np.testing.assert_allclose(tracked.shapes, shapes[:, :2], atol=1e-12)
     np.testing.assert_allclose(mac(shapes, shapes, mass), np.eye(4), atol=1e-12)
+
+
+CHAIN = 1e4 * (2 * np.eye(4) - np.eye(4, k=1) - np.eye(4, k=-1))
+DASHPOTS = np.diag([30.0, 0.0, 5.0, 0.0])
+
+
+@pytest.mark.parametrize(
+    "which", ["proportional", "viscous", "overdamped", "structural", "proportional loss"]
+)
+def test_damped_modes_give_the_direct_response(which: str) -> None:
+    """The sum over damped modes is the inverse of K (1 + i eta) - w^2 M + i w C, for each kind."""
+    mass = np.diag([1.0, 2.0, 1.5, 3.0])
+    damping = {
+        "proportional": 0.3 * mass + 1e-4 * CHAIN,
+        "viscous": DASHPOTS,
+        "overdamped": 200.0 * DASHPOTS,
+    }.get(which)
+    loss = {"structural": 50 * DASHPOTS, "proportional loss": 0.05 * CHAIN}.get(which)
+    coupled = system(mass, CHAIN, damping, loss)
+    modes, vectors = solve_modes(coupled)
+    damped = damp_modes(coupled, modes.omega, vectors)
+    assert (damped.shapes is None) == which.startswith("proportional")
+    frequencies = np.linspace(0.0, 40.0, 41)
+    found = pole_residue(damped, vectors, vectors).frf(frequencies)
+    for frequency, matrix in zip(frequencies, found, strict=True):
+        w = 2 * math.pi * frequency
+        z = CHAIN - w**2 * mass + 1j * w * coupled.damping + 1j * coupled.loss
+        np.testing.assert_allclose(matrix @ z, np.eye(4), atol=1e-9)
+    assert (damped.damping_ratios > 0.0).all()
+    if which == "overdamped":
+        assert (damped.damping_ratios > 1.0).any()
+    else:
+        assert (damped.damping_ratios < 0.2).all()
+        assert (np.diff(np.abs(damped.stiffness)) > 0.0).all()
+
+
+def test_mixed_damping_is_refused() -> None:
+    """Dashpots beside structural damping that both couple the modes have no such sum."""
+    coupled = system(np.eye(4), CHAIN, DASHPOTS, 50 * DASHPOTS[::-1, ::-1])
+    modes, vectors = solve_modes(coupled)
+    with pytest.raises(ModesError, match="same kind"):
+        damp_modes(coupled, modes.omega, vectors)

@@ -7,24 +7,21 @@ import pytest
 from numpy.typing import NDArray
 from scipy.linalg import eigh
 
-from linkage_vibration.mechanics.beams import link_matrices
-from linkage_vibration.mechanics.description import Link, Material, rectangle
+from linkage_vibration.mechanics.beams import beam_matrices
+from linkage_vibration.mechanics.description import Beam, Material, Segment
 from linkage_vibration.mechanics.reduction import ReductionError, craig_bampton
+from linkage_vibration.mechanics.sections import rectangle
 
 FloatArray = NDArray[np.float64]
-INTERFACE = [0, 1, -3, -2]  # u and w of both ends
 
 
 @pytest.fixture(scope="module")
 def matrices() -> tuple[FloatArray, FloatArray]:
     """Return a beam's mass and stiffness, its four end displacements first."""
-    section = rectangle(0.02, 0.04, 0.3)
-    points = (("A", 0.0), ("B", 0.8))
-    link = Link("b", points, Material(210e9, 7800.0, 0.3), section, 1, 12, 0, None)
-    mass, stiffness, _ = link_matrices(link)
-    first = [i % len(mass) for i in INTERFACE]
-    order = first + [i for i in range(len(mass)) if i not in first]
-    return mass[np.ix_(order, order)], stiffness[np.ix_(order, order)]
+    beam = Beam(Material(210e9, 7800.0, 0.3), (Segment(0.8, rectangle(0.02, 0.04, 0.3)),), 12)
+    found = beam_matrices(beam, (("A", (0.0, 0.0)), ("B", (0.8, 0.0))))
+    assert len(found.dofs) == 4
+    return found.mass, found.stiffness
 
 
 def held(mass: FloatArray, stiffness: FloatArray) -> FloatArray:

@@ -14,8 +14,8 @@ def test_the_printed_linkage_differs_by_one_length(
     mechanism: Mechanism, printed: Mechanism
 ) -> None:
     """Upper link 0.520 m against 0.420 m, and nothing else but the name."""
-    assert dict(mechanism.links[1].points)["E2"] == 0.520
-    assert dict(printed.links[1].points)["E2"] == 0.420
+    assert dict(mechanism.links[1].points)["E2"] == (0.520, 0.0)
+    assert dict(printed.links[1].points)["E2"] == (0.420, 0.0)
     assert mechanism.links[0] == printed.links[0]
     assert mechanism.links[2:] == printed.links[2:]
     assert mechanism.rigid_bodies == printed.rigid_bodies

@@ -1,0 +1,29 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Names of interface degrees of freedom."""
+
+from dataclasses import dataclass
+
+DIRECTIONS = ("x", "y", "z", "theta")
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class InterfaceDof:
+    """One physical DoF of a component.
+
+    Attributes
+    ----------
+    point : str
+        The point that moves.
+    direction : str
+        "x", "y" or "z": displacement along the component's own axes (x along a link from its first
+        point, z across it in the plane of motion, y out of that plane), in m; "theta": rotation
+        about the joint axis, from x towards z, in rad.
+    """
+
+    point: str
+    direction: str
+
+    def __str__(self) -> str:
+        """Return the DoF as files and errors write it, such as ``P1 x``."""
+        return f"{self.point} {self.direction}"

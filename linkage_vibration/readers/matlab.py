@@ -1,0 +1,168 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Matrices and text from MATLAB 5 files (``save -v6`` and ``-v7``), and nothing else of them.
+
+`scipy.io.loadmat` reads all that MATLAB writes, but a damaged file can take the whole process down
+with it. What components need is little: real matrices, full or sparse, character matrices, and
+cell arrays of them. The layout is that of MathWorks' "MAT-File Format", level 5.
+"""
+
+import math
+import struct
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from linkage_vibration.readers.component_files import (
+    MAX_BYTES,
+    ComponentFileError,
+    check_file,
+    check_size,
+    compressed_columns,
+    damaged,
+)
+
+_HEADER = 128
+_MATRIX, _COMPRESSED = 14, 15
+_NUMBERS = {
+    1: "i1",
+    2: "u1",
+    3: "i2",
+    4: "u2",
+    5: "i4",
+    6: "u4",
+    7: "f4",
+    9: "f8",
+    12: "i8",
+    13: "u8",
+}
+_TEXT = {1: "utf-8", 2: "utf-8", 4: "utf-16", 16: "utf-8", 17: "utf-16", 18: "utf-32"}
+_CELL, _CHAR, _SPARSE = 1, 4, 5
+_FULL = range(6, 16)  # double, single, and the integers
+_COMPLEX = 0x800
+
+
+@dataclass(frozen=True, slots=True)
+class _Element:
+    """A tag and its bytes."""
+
+    kind: int
+    data: bytes
+
+
+def read_matlab(path: Path) -> dict[str, Any]:
+    """Read the variables of a file.
+
+    Returns
+    -------
+    dict
+        By name: an ndarray of numbers, a sparse array, a list of the rows of a character matrix,
+        or a list of the cells of a cell array.
+
+    Raises
+    ------
+    ComponentFileError
+        If the file is missing, damaged, too large when unpacked, of another version, or holds
+        anything else.
+    """
+    check_file(path)
+    try:
+        content = path.read_bytes()
+        if content[124:126] in (b"\x00\x02", b"\x02\x00"):
+            raise ComponentFileError(path, "is of MATLAB's version 7.3; save it with `save -v7`.")
+        if content[124:128] not in (b"\x00\x01IM", b"\x01\x00MI"):
+            raise ComponentFileError(path, "is no MATLAB 5 file; save it with `save -v7`.")
+        order = "<" if content[126:128] == b"IM" else ">"
+        variables = {}
+        unpacked = 0
+        for element in _elements(content[_HEADER:], order):
+            if element.kind == _COMPRESSED:
+                data = zlib.decompressobj().decompress(element.data, MAX_BYTES + 1 - unpacked)
+                unpacked += len(data)
+                check_size(path, unpacked)
+                element = next(_elements(data, order))
+            if element.kind == _MATRIX:
+                name, value = _variable(path, element.data, order)
+                variables[name] = value
+        return variables
+    except ComponentFileError:
+        raise
+    except (OSError, ValueError, StopIteration, struct.error, zlib.error, RecursionError) as error:
+        raise damaged(path, error) from None
+
+
+def _elements(data: bytes, order: str) -> Iterator[_Element]:
+    """Walk over the elements that stand one after another."""
+    at = 0
+    while at < len(data):
+        kind, size = struct.unpack_from(f"{order}II", data, at)
+        if kind >> 16:  # a small element, its data in the place of its size
+            kind, size, start, end = kind & 0xFFFF, kind >> 16, at + 4, at + 8
+        else:
+            start, end = at + 8, at + 8 + size
+            if kind != _COMPRESSED:
+                end += -size % 8
+        if start + size > min(end, len(data)):
+            raise ValueError("an element is longer than what holds it")
+        yield _Element(kind, data[start : start + size])
+        at = end
+
+
+def _variable(path: Path, data: bytes, order: str) -> tuple[str, Any]:
+    """Return the name and the value of a matrix element."""
+    flags, dimensions, label, *rest = _elements(data, order)
+    (bits,) = struct.unpack_from(f"{order}I", flags.data)
+    kind = bits & 0xFF
+    shape = tuple(int(n) for n in _numbers(dimensions, order))
+    name = label.data.decode("ascii")
+    if len(shape) < 2 or min(shape) < 0:
+        raise ValueError(f"{name} has the dimensions {shape}")
+    if bits & _COMPLEX:
+        raise ComponentFileError(path, f"{name} is complex; give damping apart.")
+    if kind == _CELL:
+        return name, [_variable(path, cell.data, order)[1] for cell in rest]
+    if kind == _CHAR:
+        return name, _rows(rest[0], shape, order)
+    if kind == _SPARSE:
+        return name, _sparse(rest, shape, order)
+    if kind in _FULL:
+        values = _numbers(rest[0], order)
+        if values.size != math.prod(shape):
+            raise ValueError(f"{name} holds {values.size} numbers for the dimensions {shape}")
+        return name, values.reshape(shape, order="F")
+    raise ComponentFileError(
+        path, f"holds {name!r}, which is no matrix, text or cell array; leave it out."
+    )
+
+
+def _numbers(element: _Element, order: str) -> NDArray[Any]:
+    if element.kind not in _NUMBERS:
+        raise ValueError(f"data of type {element.kind} where numbers are expected")
+    return np.frombuffer(element.data, dtype=order + _NUMBERS[element.kind])
+
+
+def _rows(element: _Element, shape: tuple[int, ...], order: str) -> list[str]:
+    """Return the rows of a character matrix, without the blanks that fill them up."""
+    encoding = _TEXT.get(element.kind)
+    if encoding is None:
+        raise ValueError(f"data of type {element.kind} where text is expected")
+    if encoding != "utf-8":
+        encoding += "-le" if order == "<" else "-be"
+    text = element.data.decode(encoding)
+    if len(shape) != 2 or len(text) != math.prod(shape):
+        raise ValueError(f"{len(text)} characters for the dimensions {shape}")
+    return [text[row :: shape[0]].rstrip() for row in range(shape[0])] if text else []
+
+
+def _sparse(parts: list[_Element], shape: tuple[int, ...], order: str) -> sparse.csc_array:
+    rows, starts, values = (_numbers(part, order) for part in parts[:3])
+    count = int(starts[-1]) if starts.size else 0
+    if len(shape) != 2 or shape[1] + 1 != starts.size or count < 0:
+        raise ValueError("the parts of a sparse matrix do not belong together")
+    return compressed_columns(values[:count], rows[:count], starts, shape[0])

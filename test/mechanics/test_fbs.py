@@ -1,0 +1,199 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""LM-FBS against closed forms and against the assembled matrices of real linkages."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from linkage_vibration.mechanics import fbs
+from linkage_vibration.mechanics.components import Component
+from linkage_vibration.mechanics.description import (
+    Damping,
+    LossFactor,
+    Mechanism,
+    ModalRatio,
+    Rayleigh,
+)
+from linkage_vibration.mechanics.fbs import FbsError, component_frf, couple_frfs
+from linkage_vibration.mechanics.model import LinkageModel, Solution
+from linkage_vibration.mechanics.parsing import mechanism_from_mapping
+
+FloatArray = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+ANGLES_DEG = (90.0, 115.0, 140.0, 168.0, 180.0)
+PLACES = [("E1", "z"), ("E1", "x"), ("E2", "x"), ("V1", "z")]
+FREQUENCIES = np.linspace(0.5, 200.0, 400)
+
+
+def scalar(value: float) -> FloatArray:
+    """Return a matrix of one DoF."""
+    return np.array([[value]])
+
+
+def coupled(model: LinkageModel, solution: Solution, frequencies: FloatArray) -> ComplexArray:
+    """FRFs between all PLACES by LM-FBS, springs by their compliance."""
+    blocks = []
+    for c in model.components:
+        assert isinstance(c, Component)
+        frf = component_frf(c.mass, c.stiffness, c.damping, len(c.dofs), frequencies, c.loss_factor)
+        blocks.append(frf)
+    joining = solution.joining
+    omega = 2.0 * math.pi * frequencies[:, np.newaxis]
+    both = np.vstack([joining.compatibility, joining.elongation])
+    compliance = np.zeros((len(omega), len(both)), dtype=np.complex128)
+    compliance[:, len(joining.compatibility) :] = 1.0 / (
+        joining.stiffness + 1j * omega * joining.damping
+    )
+    rows = model.rows(PLACES, solution.configuration)
+    return couple_frfs(blocks, both, rows, rows, compliance)
+
+
+def assembled(model: LinkageModel, solution: Solution, frequencies: FloatArray) -> ComplexArray:
+    """FRFs between all PLACES by solving the primal assembly, frequency by frequency."""
+    system = solution.coupled
+    rows = system.restrict(model.rows(PLACES, solution.configuration))
+    omega = 2.0 * math.pi * frequencies[:, np.newaxis, np.newaxis]
+    dynamic = system.stiffness + 1j * (system.loss + omega * system.damping)
+    return np.asarray(rows @ np.linalg.solve(dynamic - omega**2 * system.mass, rows.T))
+
+
+def test_two_oscillators_in_closed_form() -> None:
+    """A held oscillator and a free mass, joined rigidly and by a damped spring."""
+    m, k, c, free = 2.0, 800.0, 3.0, 5.0
+    frequencies = np.linspace(0.1, 20.0, 50)
+    w = 2.0 * math.pi * frequencies
+    blocks = [
+        component_frf(scalar(m), scalar(k), scalar(c), 1, frequencies),
+        component_frf(scalar(free), scalar(0.0), scalar(0.0), 1, frequencies),
+    ]
+    joint, pick = np.array([[1.0, -1.0]]), np.array([[1.0, 0.0]])
+    rigid = couple_frfs(blocks, joint, pick, pick)
+    np.testing.assert_allclose(rigid[:, 0, 0], 1 / (k + 1j * w * c - w**2 * (m + free)), 1e-12)
+    spring = 300.0 + 1j * w * 4.0
+    compliance = (1 / spring[:, np.newaxis]).astype(np.complex128)
+    sprung = couple_frfs(blocks, joint, pick, pick, compliance)
+    seen = k + 1j * w * c - w**2 * m - spring * w**2 * free / (spring - w**2 * free)
+    np.testing.assert_allclose(sprung[:, 0, 0], 1 / seen, 1e-12)
+
+
+def test_compliance_spans_rigid_to_apart() -> None:
+    """A compliance of zero joins; a very large one leaves the components as they were."""
+    frequencies = np.array([1.0, 3.0])
+    one = component_frf(scalar(2.0), scalar(800.0), scalar(3.0), 1, frequencies)
+    joint, pick = np.array([[1.0, -1.0]]), np.array([[1.0, 0.0]])
+    apart = couple_frfs([one, one], joint, pick, pick, np.array([1e12]))
+    np.testing.assert_allclose(apart, one, rtol=1e-12)
+    np.testing.assert_allclose(couple_frfs([one, one], joint, pick, pick), one / 2, rtol=1e-12)
+
+
+@pytest.mark.parametrize("alpha3_deg", ANGLES_DEG)
+def test_equals_modal_superposition(model: LinkageModel, alpha3_deg: float) -> None:
+    """Drive points and cross FRFs agree with the primal pole-residue sum within 1e-8."""
+    solution = model.solve(math.radians(alpha3_deg))
+    found = coupled(model, solution, FREQUENCIES)
+    exact = solution.frf(PLACES, PLACES).frf(FREQUENCIES)
+    np.testing.assert_allclose(found, exact, rtol=1e-8)
+
+
+@pytest.mark.parametrize("kind", ["rayleigh", "loss", "mixed"])
+@pytest.mark.parametrize("alpha3_deg", [90.0, 140.0, 180.0])
+def test_any_damping(mechanism: Mechanism, kind: str, alpha3_deg: float) -> None:
+    """Links damped each in its own way: as the assembled complex matrices, solved directly."""
+    kinds: dict[str, list[Damping]] = {
+        "rayleigh": [Rayleigh(3.0, 1e-6), Rayleigh(0.1, 4e-5), Rayleigh(0.0, 2e-4)],
+        "loss": [LossFactor(0.01), LossFactor(0.08), LossFactor(0.03)],
+        "mixed": [LossFactor(0.05), Rayleigh(2.0, 1e-5), ModalRatio(0.03)],
+    }
+    rules = kinds[kind]
+    links = tuple(
+        replace(link, damping=rule)
+        for link, rule in zip(mechanism.links, [*rules, rules[0]], strict=True)
+    )
+    model = LinkageModel(replace(mechanism, links=links))
+    solution = model.solve(math.radians(alpha3_deg))
+    found = coupled(model, solution, FREQUENCIES)
+    np.testing.assert_allclose(found, assembled(model, solution, FREQUENCIES), rtol=1e-8)
+
+
+def test_springs_by_compliance(mapping: Any) -> None:
+    """A damped spring between two links gives what its matrices give in the primal assembly."""
+    mapping["springs"] = {"stay": {"between": ["P2", "V1"], "stiffness": 3e5, "damping": 2e3}}
+    model = LinkageModel(mechanism_from_mapping(mapping))
+    for angle in np.radians([90.0, 180.0]):
+        solution = model.solve(angle)
+        found = coupled(model, solution, FREQUENCIES)
+        np.testing.assert_allclose(found, assembled(model, solution, FREQUENCIES), rtol=1e-8)
+
+
+def test_floating_links_at_low_frequencies(model: LinkageModel) -> None:
+    """At 0.1 Hz, where free links move far more than the linkage, errors stay below 1e-8."""
+    frequencies = np.array([0.1, 0.2, 0.4])
+    for angle in np.radians(ANGLES_DEG):
+        solution = model.solve(angle)
+        exact = assembled(model, solution, frequencies)
+        rest = np.abs(coupled(model, solution, frequencies) - exact).max(axis=(1, 2))
+        assert (rest < 1e-8 * np.abs(exact).max(axis=(1, 2))).all()
+
+
+def test_reciprocity(model: LinkageModel) -> None:
+    """Response and force may change places."""
+    found = coupled(model, model.solve(math.radians(120.0)), FREQUENCIES)
+    np.testing.assert_allclose(found.swapaxes(1, 2), found, rtol=1e-8)
+
+
+def test_inner_coordinates_and_chunks(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A free chain seen at both ends: as a 2x2 closed form, however small the chunks."""
+    m, k = 3.0, 2000.0  # end masses m, a middle mass 2 m, springs k; the ends come first
+    mass = np.diag([m, m, 2 * m])
+    stiffness = k * np.array([[1.0, 0.0, -1.0], [0.0, 1.0, -1.0], [-1.0, -1.0, 2.0]])
+    frequencies = np.linspace(0.5, 30.0, 60)
+    squared = (2.0 * math.pi * frequencies) ** 2
+    together = -1 / (4 * m * squared) - 1 / (4 * m) / (squared - 2 * k / m)
+    against = 1 / (2 * m) / (k / m - squared)
+    monkeypatch.setattr(fbs, "_CHUNK", 7 * mass.size)
+    found = component_frf(mass, stiffness, 0.0 * mass, 2, frequencies)
+    np.testing.assert_allclose(found[:, 0, 0], together + against, rtol=1e-9)
+    np.testing.assert_allclose(found[:, 0, 1], together - against, rtol=1e-9)
+
+
+def test_zero_frequency() -> None:
+    """At 0 Hz a held component gives its compliance, and a free one is refused with the mend."""
+    pair = 500.0 * np.array([[1.0, -1.0], [-1.0, 1.0]])
+    none, mass = np.zeros((2, 2)), np.eye(2)
+    held = component_frf(mass, pair + np.diag([100.0, 0.0]), none, 2, np.array([0.0]))
+    np.testing.assert_allclose(held[0].real, [[0.01, 0.01], [0.01, 0.012]], rtol=1e-12)
+    with pytest.raises(FbsError, match="0 Hz; let the first frequency be above 0"):
+        component_frf(mass, pair, none, 2, np.array([0.0, 1.0]))
+
+
+def test_undamped_resonance_is_refused() -> None:
+    """A line on an undamped resonance is named, not divided by."""
+    stiffness = scalar((2.0 * math.pi * 4.0) ** 2)
+    with pytest.raises(FbsError, match="singular between 3 and 4 Hz"):
+        component_frf(scalar(1.0), stiffness, scalar(0.0), 1, np.array([3.0, 4.0]))
+
+
+def refusal(blocks: Sequence[ComplexArray], compatibility: FloatArray) -> str:
+    """Return why a coupling is refused."""
+    pick = np.array([[1.0, 0.0]])
+    with pytest.raises(FbsError) as caught:
+        couple_frfs(blocks, compatibility, pick, pick)
+    return str(caught.value)
+
+
+def test_misfits_are_refused() -> None:
+    """Unequal frequency axes, columns that are no DoFs, joints that say nothing."""
+    block, short = np.ones((5, 1, 1), dtype=complex), np.ones((4, 1, 1), dtype=complex)
+    joint = np.array([[1.0, -1.0]])
+    assert "have 5, 4 frequencies" in refusal([block, short], joint)
+    assert "compatibility have 3 columns, but the components 2 DoFs" in refusal(
+        [block, block], np.ones((1, 3))
+    )
+    assert "singular" in refusal([block, block], 0.0 * joint)

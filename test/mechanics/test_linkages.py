@@ -1,0 +1,254 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Other linkages than the default one: nothing in the code knows which linkage it is."""
+
+import dataclasses
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from linkage_vibration.mechanics.description import Mechanism, MechanismError
+from linkage_vibration.mechanics.kinematics import Kinematics
+from linkage_vibration.mechanics.model import LinkageModel
+from linkage_vibration.mechanics.parsing import mechanism_from_mapping
+from linkage_vibration.readers.mechanism import read_mechanism
+from linkage_vibration.resources import config_file
+
+FloatArray = NDArray[np.float64]
+
+
+@pytest.fixture(scope="module")
+def four_bar() -> Mechanism:
+    """Return the shipped four-bar."""
+    return read_mechanism(config_file("four_bar.yaml"))
+
+
+@pytest.fixture(scope="module")
+def stephenson() -> Mechanism:
+    """Return the shipped Stephenson six-bar."""
+    return read_mechanism(config_file("stephenson_six_bar.yaml"))
+
+
+@pytest.fixture
+def stephenson_mapping() -> Any:
+    """Return the Stephenson six-bar as a mapping that a test may spoil."""
+    return yaml.safe_load(config_file("stephenson_six_bar.yaml").read_text())
+
+
+@pytest.mark.parametrize("alpha3_deg", range(-90, 450, 30))
+def test_four_bar_positions_in_closed_form(four_bar: Mechanism, alpha3_deg: float) -> None:
+    """Rocker and coupler angles by Freudenstein's half-angle formula, all the way round."""
+    a, b, c, d = 0.150, 0.450, 0.350, 0.500
+    alpha3 = math.radians(alpha3_deg)
+    k1, k2, k3 = d / a, d / c, (a**2 - b**2 + c**2 + d**2) / (2 * a * c)
+    cosine = math.cos(alpha3)
+    p, q = cosine - k1 - k2 * cosine + k3, -2 * math.sin(alpha3)
+    r = k1 - (k2 + 1) * cosine + k3
+    rocker = 2 * math.atan2(-q - math.sqrt(q**2 - 4 * p * r), 2 * p)
+    end = d + c * math.cos(rocker) - a * cosine, c * math.sin(rocker) - a * math.sin(alpha3)
+    configuration = Kinematics(four_bar).at(alpha3)
+    for body, angle in (("rocker", rocker), ("coupler", math.atan2(end[1], end[0]))):
+        assert math.cos(configuration.angle(body) - angle) == pytest.approx(1.0, abs=1e-14)
+    assert configuration.toggle_distance == math.inf
+
+
+def test_four_bar_returns_after_a_turn(four_bar: Mechanism) -> None:
+    """Natural frequencies at 360 deg are those at 0 deg."""
+    model = LinkageModel(four_bar)
+    once, again = (model.solve(a).natural_frequencies[:5] for a in (0.0, 2 * math.pi))
+    np.testing.assert_allclose(once, again, rtol=1e-9)
+
+
+def test_stephenson_closes_at_every_pin(stephenson: Mechanism) -> None:
+    """Over the stroke the two sides of every pin lie together."""
+    kinematics = Kinematics(stephenson)
+    for alpha3 in np.linspace(*stephenson.stroke, 9):
+        configuration = kinematics.at(alpha3)
+        for point, first, second in stephenson.joints:
+            ends = [
+                configuration.place(body, stephenson.local_points(body)[point])
+                for body in (first, second)
+            ]
+            assert math.dist(*ends) < 1e-13
+
+
+def test_stephenson_toggles(stephenson: Mechanism) -> None:
+    """Its second dyad locks the linkage where the drag link and the pendulum are in line."""
+    toggles = Kinematics(stephenson).toggles
+    assert toggles is not None
+    assert [toggle.aligned for toggle in toggles] == [("P", "E", "F")] * 2
+    for toggle in toggles:
+        configuration = Kinematics(stephenson).at(
+            toggle.alpha3 - math.copysign(1e-9, toggle.alpha3)
+        )
+        across = math.sin(configuration.angle("drag_link") - configuration.angle("pendulum"))
+        assert abs(across) < 1e-3
+
+
+def test_stephenson_reduced_equals_unreduced(stephenson: Mechanism) -> None:
+    """The reduction holds with offset pins, stepped sections, point masses and springs too."""
+    reduced, full = LinkageModel(stephenson), LinkageModel(stephenson, reduced=False)
+    for alpha3 in np.linspace(*stephenson.stroke, 3):
+        found = reduced.solve(alpha3).natural_frequencies[:3]
+        np.testing.assert_allclose(found, full.solve(alpha3).natural_frequencies[:3], rtol=1e-5)
+
+
+def test_stephenson_derivatives(stephenson: Mechanism) -> None:
+    """Derivatives of the frequencies see the turning spring and the offset pin."""
+    model, h = LinkageModel(stephenson), 1e-5
+    for alpha3 in np.linspace(0.8, 2.4, 4):
+        before, after = (model.solve(alpha3 + d).natural_frequencies[:4] for d in (-h, h))
+        found = model.solve(alpha3).frequency_derivatives[:4]
+        np.testing.assert_allclose(found, (after - before) / (2 * h), rtol=1e-4, atol=1e-3)
+
+
+def test_mass_lowers_and_spring_raises(stephenson_mapping: Any) -> None:
+    """A heavier point mass lowers every natural frequency, a stiffer spring raises it."""
+    alpha3 = math.radians(100.0)
+
+    def frequencies() -> FloatArray:
+        return (
+            LinkageModel(mechanism_from_mapping(stephenson_mapping))
+            .solve(alpha3)
+            .natural_frequencies[:6]
+        )
+
+    before = frequencies()
+    stephenson_mapping["links"]["coupler"]["masses"]["P"] = 0.8
+    heavier = frequencies()
+    assert (heavier <= before * (1 + 1e-12)).all()
+    assert heavier[0] < 0.9999 * before[0]
+    stephenson_mapping["springs"]["stay"]["stiffness"] *= 2
+    assert (frequencies() >= heavier * (1 - 1e-12)).all()
+    assert frequencies()[0] > 1.001 * heavier[0]
+
+
+@settings(max_examples=15)
+@given(angle=st.floats(-math.pi, math.pi), x=st.floats(-5.0, 5.0), z=st.floats(-5.0, 5.0))
+def test_turning_and_moving_the_whole_changes_nothing(
+    mechanism: Mechanism, angle: float, x: float, z: float
+) -> None:
+    """A linkage set up elsewhere and aslant has the same frequencies."""
+    c, s = math.cos(angle), math.sin(angle)
+    turned = dataclasses.replace(
+        mechanism,
+        ground=tuple(
+            (n, (c * px - s * pz + x, s * px + c * pz + z)) for n, (px, pz) in mechanism.ground
+        ),
+        stroke=(mechanism.stroke[0] + angle, mechanism.stroke[1] + angle),
+        assembly_alpha3=mechanism.assembly_alpha3 + angle,
+        assembly_angles=tuple((n, a + angle) for n, a in mechanism.assembly_angles),
+    )
+    alpha3 = math.radians(125.0)
+    one = LinkageModel(mechanism).solve(alpha3).natural_frequencies[:4]
+    other = LinkageModel(turned).solve(alpha3 + angle).natural_frequencies[:4]
+    np.testing.assert_allclose(other, one, rtol=1e-8)
+
+
+def test_the_order_of_bodies_changes_nothing(mapping: Any, model: LinkageModel) -> None:
+    """Bodies and points renamed and listed in another order give the same frequencies."""
+    mapping["links"] = dict(reversed(list(mapping["links"].items())))
+    mapping["ground"] = dict(reversed(list(mapping["ground"].items())))
+    other = LinkageModel(mechanism_from_mapping(mapping))
+    for alpha3 in (1.6, 2.4, 3.1):
+        np.testing.assert_allclose(
+            other.solve(alpha3).natural_frequencies[:5],
+            model.solve(alpha3).natural_frequencies[:5],
+            rtol=1e-9,
+        )
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "words"),
+    [
+        (("springs", "stay", "between"), ["S"], "two points"),
+        (("springs", "stay", "between"), ["A", "D"], "both points are on ground"),
+        (("springs", "stay", "between"), ["S", "Q"], "two points"),
+        (("springs", "drive", "joint"), "S", "none of"),
+        (("springs", "drive", "stiffness"), 0, "zero"),
+        (("links", "coupler", "masses"), {"Q": 1.0}, "none of: B, P, C"),
+        (("links", "coupler", "sections"), [], "list"),
+        (("links", "coupler", "section"), {}, "not known"),
+        (("damping", "rule"), "magic", "rayleigh"),
+        (("links", "coupler", "points", "C"), -0.1, "beyond"),
+    ],
+)
+def test_wrong_descriptions_are_told(
+    stephenson_mapping: Any, path: tuple[str, ...], value: Any, words: str
+) -> None:
+    """Each wrong key of what the default linkage does not use names its path."""
+    below = stephenson_mapping
+    for key in path[:-1]:
+        below = below[key]
+    below[path[-1]] = value
+    with pytest.raises(MechanismError, match=words) as raised:
+        mechanism_from_mapping(stephenson_mapping)
+    assert ".".join(path[:2]) in raised.value.path
+
+
+def test_sections_have_an_order(stephenson_mapping: Any) -> None:
+    """Stepped sections ascend along the link and reach its last point."""
+    sections = stephenson_mapping["links"]["coupler"]["sections"]
+    sections[1]["until"] = 0.1
+    with pytest.raises(MechanismError, match=r"sections\[1\]\.until: .*beyond"):
+        mechanism_from_mapping(stephenson_mapping)
+    sections[1]["until"] = 0.3
+    sections[2]["until"] = 0.4
+    with pytest.raises(MechanismError, match=r"sections\[2\]: .*before the last point"):
+        mechanism_from_mapping(stephenson_mapping)
+
+
+@pytest.mark.parametrize("which", ["mechanism", "stephenson", "four_bar"])
+def test_the_planar_model_is_the_in_plane_part_of_the_spatial_one(
+    which: str, request: pytest.FixtureRequest
+) -> None:
+    """Of the spatial model's modes, those in the plane are the planar model's, and none is lost."""
+    mechanism = request.getfixturevalue(which)
+    planar = LinkageModel(mechanism, reduced=False)
+    spatial = LinkageModel(mechanism, spatial=True, reduced=False)
+    for alpha3 in np.linspace(*mechanism.stroke, 3):
+        flat, full = planar.solve(alpha3), spatial.solve(alpha3)
+        inside = full.natural_frequencies[full.in_plane]
+        np.testing.assert_allclose(inside[:10], flat.natural_frequencies[:10], rtol=1e-7)
+        limit = 1.001 * flat.natural_frequencies[9]
+        assert (inside < limit).sum() == 10
+        assert (full.natural_frequencies[~full.in_plane] < limit).sum() > 3
+        across = np.abs(full.participation([(mechanism.links[0].points[1][0], "y")])[0])
+        low = full.natural_frequencies < limit
+        if all(z == 0.0 for link in mechanism.links for _, (_, z) in link.points):
+            assert across[full.in_plane & low].max() < 1e-6 * across[~full.in_plane & low].max()
+
+
+def test_spatial_interface_is_the_papers_table_2(mechanism: Mechanism) -> None:
+    """Physical DoFs 9, 6, 6, 6, 3, and the crank's clamped rotation."""
+    components = LinkageModel(mechanism, spatial=True).components
+    found = [sum(dof.direction != "theta" for dof in c.dofs) for c in components[:4]]
+    assert found == [9, 6, 6, 6]
+    assert len(components[4].dofs) == 3
+
+
+def test_reduced_spatial_model(mechanism: Mechanism) -> None:
+    """With 20 modes a link, shared by both planes, modes 1 to 3 still come within 1e-5."""
+    planar = LinkageModel(mechanism, reduced=False).solve(2.4).natural_frequencies[:3]
+    spatial = LinkageModel(mechanism, spatial=True).solve(2.4)
+    found = spatial.natural_frequencies[spatial.in_plane][:3]
+    np.testing.assert_allclose(found, planar, rtol=1e-5)
+    assert spatial.peak((0.0, 200.0)).frequency == pytest.approx(found[0], rel=1e-3)
+
+
+def test_out_of_plane_mechanism_modes(mechanism: Mechanism, four_bar: Mechanism) -> None:
+    """Pins are ball joints in space: what they leave free swings at 0 Hz, what is clamped does not.
+
+    The hitch's clamped crank and held implement steady every pin; in the four-bar the rocker and
+    the coupler can swing sideways about D and B.
+    """
+    hitch = LinkageModel(mechanism, spatial=True).solve(2.4)
+    assert hitch.natural_frequencies[~hitch.in_plane][0] > 20.0
+    bar = LinkageModel(four_bar, spatial=True).solve(1.0)
+    assert (bar.natural_frequencies[~bar.in_plane] < 1e-2).sum() == 1

@@ -1,0 +1,358 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""FRFs of every layout are read alike, and what cannot be right is told in words."""
+
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.mechanics.beams import element_matrices
+from linkage_vibration.mechanics.description import Material
+from linkage_vibration.mechanics.dofs import InterfaceDof
+from linkage_vibration.mechanics.sections import rectangle
+from linkage_vibration.readers.component_files import ComponentFileError
+from linkage_vibration.readers.frfs import read_frfs
+
+pyuff = pytest.importorskip("pyuff", reason="UFF files are written with pyuff (extra uff)")
+
+FloatArray = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+NODES = {11: "A", 22: "B"}
+NUMBERS = {"A": 11, "B": 22}
+DIRECTIONS = {"x": 1, "z": 3, "theta": -5}
+NAMES = ["A x", "A z", "A theta", "B x", "B z"]
+ROWS = [0, 1, 2, 24, 25]
+DOFS = tuple(InterfaceDof(*name.split()) for name in NAMES)
+FREQUENCIES = np.linspace(0.0, 500.0, 51)
+LABELS = {8: ("m", 0), 11: ("m/s", 1), 12: ("m/s^2", 2)}
+
+
+def receptance(frequencies: FloatArray) -> ComplexArray:
+    """Return that of a free steel bar of 0.8 m at its ends, damped, (n_freq, 5, 5)."""
+    mass, stiffness = np.zeros((27, 27)), np.zeros((27, 27))
+    section, steel = rectangle(0.03, 0.05, 0.3), Material(210e9, 7800.0, 0.3)
+    for e in range(8):
+        at = slice(3 * e, 3 * e + 6)
+        m, k = element_matrices(0.1, section, steel)
+        mass[at, at] += m
+        stiffness[at, at] += k
+    omega = 2.0 * np.pi * frequencies[:, None, None]
+    damping = 2.0 * mass + 1e-5 * stiffness
+    inverse = np.linalg.inv(stiffness - omega**2 * mass + 1j * omega * damping)
+    return np.asarray(inverse[:, ROWS][:, :, ROWS])
+
+
+@pytest.fixture(scope="module")
+def expected() -> ComplexArray:
+    """Return the receptance at all frequencies but zero."""
+    return receptance(FREQUENCIES[1:])
+
+
+def npz(folder: Path, **changes: Any) -> Path:
+    """Write the bar as ``.npz``, with some arrays changed."""
+    content = {
+        "frequencies": FREQUENCIES[1:],
+        "frf": receptance(FREQUENCIES[1:]),
+        "dofs": np.array(NAMES),
+        **changes,
+    }
+    path = folder / "bar.npz"
+    np.savez(path, **{name: array for name, array in content.items() if array is not None})
+    return path
+
+
+def functions(quantity: int = 12, turned: tuple[str, ...] = ()) -> list[dict[str, Any]]:
+    """Return the bar as functions of data set 58, a zero line first unless it is displacement."""
+    label, power = LABELS[quantity]
+    f = FREQUENCIES if power else FREQUENCIES[1:]
+    frf = np.zeros((len(f), 5, 5), dtype=complex)
+    frf[-50:] = receptance(FREQUENCIES[1:])
+    found = []
+    for i, response in enumerate(NAMES):
+        for j, reference in enumerate(NAMES):
+            signs = [-1 if name in turned else 1 for name in (response, reference)]
+            ends = [name.split() for name in (response, reference)]
+            found.append(
+                {
+                    "type": 58,
+                    "func_type": 4,
+                    "rsp_node": NUMBERS[ends[0][0]],
+                    "rsp_dir": signs[0] * DIRECTIONS[ends[0][1]],
+                    "ref_node": NUMBERS[ends[1][0]],
+                    "ref_dir": signs[1] * DIRECTIONS[ends[1][1]],
+                    "x": f,
+                    "data": signs[0] * signs[1] * frf[:, i, j] * (2j * np.pi * f) ** power,
+                    "abscissa_spacing": 1,
+                    "abscissa_spec_data_type": 18,
+                    "abscissa_axis_units_lab": "Hz",
+                    "ordinate_spec_data_type": quantity,
+                    "ordinate_axis_units_lab": label,
+                    "orddenom_spec_data_type": 13,
+                    "orddenom_axis_units_lab": "N",
+                }
+            )
+    return found
+
+
+def uff(folder: Path, sets: list[dict[str, Any]], *, double: bool = True) -> Path:
+    """Write data sets with pyuff."""
+    path = folder / "bar.uff"
+    path.unlink(missing_ok=True)
+    file = pyuff.UFF(str(path))
+    for data_set in sets:
+        if not double:
+            data_set["ord_data_type"] = 5
+        file.write_sets(data_set, "add", force_double=double)
+    return path
+
+
+def units(**changes: Any) -> dict[str, Any]:
+    """Return a data set 164, SI unless changed."""
+    return {
+        "type": 164,
+        "units_code": 1,
+        "units_description": "SI",
+        "temp_mode": 1,
+        "length": 1.0,
+        "force": 1.0,
+        "temp": 1.0,
+        "temp_offset": 273.15,
+        **changes,
+    }
+
+
+def assert_bar(path: Path, expected: ComplexArray, tolerance: float = 1e-9) -> None:
+    """Check that a file holds the bar."""
+    frfs = read_frfs(path, DOFS, NODES)
+    assert frfs.dofs == DOFS
+    np.testing.assert_allclose(frfs.frequencies, FREQUENCIES[1:], rtol=1e-9)
+    error = np.abs(frfs.frf - expected).max(axis=0) / np.abs(expected).max(axis=0).max()
+    assert error.max() < tolerance
+
+
+def test_npz(tmp_path: Path, expected: ComplexArray) -> None:
+    """Arrays come as they are, in the order asked, without what nobody asks for."""
+    path = npz(tmp_path)
+    assert_bar(path, expected)
+    some = (DOFS[3], DOFS[0])
+    np.testing.assert_array_equal(read_frfs(path, some).frf, expected[:, [3, 0]][:, :, [3, 0]])
+    assert read_frfs(path).dofs == DOFS
+
+
+@pytest.mark.parametrize("quantity", LABELS)
+def test_uff_of_every_quantity(tmp_path: Path, expected: ComplexArray, quantity: int) -> None:
+    """Displacement, velocity and acceleration give one receptance; a line at 0 Hz goes."""
+    assert_bar(uff(tmp_path, [units(), *functions(quantity)]), expected)
+
+
+@pytest.mark.parametrize("kind", ["single", "binary", "uneven"])
+def test_uff_of_every_number_format(tmp_path: Path, expected: ComplexArray, kind: str) -> None:
+    """Single precision, binary numbers and an uneven abscissa are read alike."""
+    sets = functions()
+    for data_set in sets:
+        data_set["binary"] = int(kind == "binary")
+        data_set["abscissa_spacing"] = int(kind != "uneven")
+    path = uff(tmp_path, sets, double=kind != "single")
+    assert_bar(path, expected, 2e-6 if kind == "single" else 1e-9)
+
+
+def test_negative_directions(tmp_path: Path, expected: ComplexArray) -> None:
+    """An accelerometer or a hammer that points the other way changes the sign, and no more."""
+    assert_bar(uff(tmp_path, functions(turned=("A z", "B x", "A theta"))), expected)
+
+
+def test_reciprocity_fills_in(tmp_path: Path, expected: ComplexArray) -> None:
+    """One triangle of the square is enough; other nodes and other functions are passed over."""
+    half = [data for k, data in enumerate(functions()) if k // 5 <= k % 5]
+    other = {**half[0], "rsp_node": 99}
+    coherence = {**half[0], "func_type": 6}
+    assert_bar(uff(tmp_path, [*half, other, coherence]), expected)
+
+
+def first(**changes: Any) -> list[dict[str, Any]]:
+    """Return all functions, the first one changed: response and force at A x."""
+    found = functions()
+    found[0].update(changes)
+    return found
+
+
+def short() -> list[dict[str, Any]]:
+    """Return all functions, that of response B x to A z over fewer lines."""
+    found = functions()
+    found[16]["x"], found[16]["data"] = found[16]["x"][:40], found[16]["data"][:40]
+    return found
+
+
+BAD_UFF: dict[str, tuple[Callable[[], list[dict[str, Any]]], str]] = {
+    "no function": (lambda: [units()], r"holds no FRF .* mapped to points \(11: A, 22: B\)"),
+    "DoF missing": (
+        lambda: [data for data in functions() if (data["rsp_node"], data["rsp_dir"]) != (22, 3)],
+        "holds no FRF of response B z to a force at B z, nor the other way round; measure it",
+    ),
+    "DoF nowhere": (
+        lambda: [data for data in functions() if "B z" not in ends(data)],
+        "the DoF B z is missing; its dofs name A x, A z, A theta, B x; add it",
+    ),
+    "twice": (
+        lambda: [*functions(), functions()[1]],
+        "holds the FRF of response A x to a force at A z twice",
+    ),
+    "unequal frequencies": (
+        short,
+        r"response B x to a force at A z has other frequencies \(39 lines, 10 to 390 Hz\) than",
+    ),
+    "millimetres by label": (
+        lambda: first(ordinate_axis_units_lab="mm/s^2"),
+        r"response A x to a force at A x is labelled 'mm/s\^2', no SI unit of an acceleration",
+    ),
+    "acceleration of gravity": (
+        lambda: first(ordinate_axis_units_lab="g/N"),
+        "labelled 'g/N', no SI unit of an acceleration",
+    ),
+    "label of another quantity": (
+        lambda: first(ordinate_axis_units_lab="m"),
+        "labelled 'm', no SI unit of an acceleration",
+    ),
+    "kilonewtons": (
+        lambda: first(orddenom_axis_units_lab="kN"),
+        "labelled 'kN', no SI unit of a f",
+    ),
+    "millimetres by system": (
+        lambda: [units(units_code=5, length=1000.0, force=1000.0), *functions()],
+        r"data set 164 tells units of mm \(code 5, length factor 1000, .*export it in SI",
+    ),
+    "quantity unknown": (
+        lambda: first(ordinate_spec_data_type=0),
+        r"does not tell what it measures \(ordinate data type 0\); 8 is displacement",
+    ),
+    "not per force": (lambda: first(orddenom_spec_data_type=8), "is not per force"),
+    "over time": (lambda: first(abscissa_spec_data_type=17), "is not over frequency in Hz"),
+    "real": (lambda: first(data=np.ones(51)), "is not complex; export real and imaginary"),
+    "exp(-i omega t)": (
+        lambda: [{**data, "data": data["data"].conj()} for data in functions()],
+        "response A z to a force at A z gives out power: .* wrong sign",
+    ),
+    "one sign wrong": (
+        lambda: [{**d, "data": -d["data"]} if k == 9 else d for k, d in enumerate(functions())],
+        "response B z to a force at A z and the other way round have little in common",
+    ),
+}
+
+
+def ends(data: dict[str, Any]) -> list[str]:
+    """Name the response and the reference of a function."""
+    names = {number: name for name, number in NUMBERS.items()}
+    directions = {number: name for name, number in DIRECTIONS.items()}
+    return [f"{names[data[e + '_node']]} {directions[data[e + '_dir']]}" for e in ("rsp", "ref")]
+
+
+@pytest.mark.parametrize("name", BAD_UFF)
+def test_what_uff_cannot_be_right(tmp_path: Path, name: str) -> None:
+    """Each wrong file is refused in one sentence that names the function and the mend."""
+    make, words = BAD_UFF[name]
+    path = uff(tmp_path, make())
+    with pytest.raises(ComponentFileError, match=words) as caught:
+        read_frfs(path, DOFS, NODES)
+    assert str(caught.value).startswith(f"{path}: ")
+    assert "\n" not in str(caught.value)
+
+
+def spoilt(at: tuple[int, ...], value: complex) -> ComplexArray:
+    """Return the receptance with one number changed."""
+    frf = receptance(FREQUENCIES[1:])
+    frf[at] = value
+    return frf
+
+
+OMEGA = 2.0 * np.pi * FREQUENCIES[1:, None, None]
+BAD_NPZ: dict[str, tuple[dict[str, Any], str]] = {
+    "missing": ({"dofs": None}, "holds no dofs; add it"),
+    "not ascending": (
+        {"frequencies": np.array([*FREQUENCIES[1:50], 490.0])},
+        "do not ascend: 490 Hz comes after 490 Hz",
+    ),
+    "negative frequencies": ({"frequencies": FREQUENCIES[1:] - 20.0}, "negative or cannot be in"),
+    "not finite": (
+        {"frf": spoilt((3, 4, 1), np.nan)},
+        "response B z to a force at A z is not finite at 40 Hz; leave that line out",
+    ),
+    "not square": (
+        {"frf": receptance(FREQUENCIES[1:])[:, :, :4]},
+        "frf is 50 by 5 by 4; 50 frequencies and 5 dofs need 50 by 5 by 5",
+    ),
+    "real": ({"frf": receptance(FREQUENCIES[1:]).real}, "frf is not complex; give receptance"),
+    "millimetres": (
+        {"frf": 1e3 * receptance(FREQUENCIES[1:])},
+        r"at A x moves as if 0\.00\d+ kg were there, .* is it in mm/N or um/N, or an acceler",
+    ),
+    "accelerance": (
+        {"frf": -(OMEGA**2) * receptance(FREQUENCIES[1:])},
+        r"moves as if .* is it in mm/N or um/N, or an acceleration\? Give m/N",
+    ),
+    "mobility": (
+        {"frf": 1j * OMEGA * receptance(FREQUENCIES[1:])},
+        "moves as if",
+    ),
+    "one line": (
+        {"frequencies": FREQUENCIES[1:2], "frf": receptance(FREQUENCIES[1:2])},
+        "holds 1 frequencies; 2 at least",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", BAD_NPZ)
+def test_what_npz_cannot_be_right(tmp_path: Path, name: str) -> None:
+    """Each wrong file is refused in one sentence that names the place and the mend."""
+    changes, words = BAD_NPZ[name]
+    path = npz(tmp_path, **changes)
+    with pytest.raises(ComponentFileError, match=words) as caught:
+        read_frfs(path, DOFS)
+    assert str(caught.value).startswith(f"{path}: ")
+    assert "\n" not in str(caught.value)
+
+
+def test_noise_passes(tmp_path: Path) -> None:
+    """Noise of 5 % of the drive points is a measurement, where x and z are not coupled too."""
+    rng = np.random.default_rng(2)
+    accelerance = OMEGA**2 * receptance(FREQUENCIES[1:])
+    drive = np.sqrt(np.abs(np.einsum("fii->fi", accelerance)).mean(axis=0))
+    noise = rng.normal(size=(2, *accelerance.shape)) * 0.05 * np.outer(drive, drive)
+    frf = (accelerance + noise[0] + 1j * noise[1]) / OMEGA**2
+    assert read_frfs(npz(tmp_path, frf=frf)).frf.shape == (50, 5, 5)
+
+
+def test_other_files_and_missing_pyuff(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Missing files and suffixes are told, and what installs pyuff."""
+    with pytest.raises(ComponentFileError, match=r"bar\.uff: there is no such file"):
+        read_frfs(tmp_path / "bar.uff")
+    with pytest.raises(ComponentFileError, match=r"give a \.npz, \.uff or \.unv"):
+        read_frfs(tmp_path / "bar.csv")
+    monkeypatch.setitem(sys.modules, "pyuff", None)
+    with pytest.raises(ComponentFileError, match=r"pip install linkage_vibration\[uff\]"):
+        read_frfs(tmp_path / "bar.uff")
+
+
+@pytest.mark.parametrize("kind", ["text", "binary", "npz"])
+def test_spoilt_files(
+    tmp_path: Path, kind: str, mutations: Callable[[bytes, int], Iterator[bytes]]
+) -> None:
+    """Of 200 spoilt files each is read or refused in one sentence; nothing else is raised."""
+    sets = [{**data, "binary": int(kind == "binary")} for data in functions()]
+    path = npz(tmp_path) if kind == "npz" else uff(tmp_path, [units(), *sets])
+    refused = 0
+    for content in mutations(path.read_bytes(), 200):
+        path.write_bytes(content)
+        try:
+            read_frfs(path, DOFS, NODES)
+        except LinkageVibrationError as error:
+            assert str(error).startswith(str(path))
+            assert "\n" not in str(error)
+            refused += 1
+    assert refused > 50

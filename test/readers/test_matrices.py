@@ -1,0 +1,428 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Matrices of every layout are read alike, and what cannot be right is told in words."""
+
+import io
+import zipfile
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.io import mmwrite, savemat
+from scipy.linalg import eigh
+
+from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.mechanics.beams import element_matrices
+from linkage_vibration.mechanics.description import Material, Matrices
+from linkage_vibration.mechanics.dofs import InterfaceDof
+from linkage_vibration.mechanics.reduction import craig_bampton
+from linkage_vibration.mechanics.sections import rectangle
+from linkage_vibration.readers import component_files, matrices
+from linkage_vibration.readers.component_files import ComponentFileError
+from linkage_vibration.readers.matrices import read_matrices
+
+FloatArray = NDArray[np.float64]
+Layout = Callable[[Path, dict[str, Any]], Path]
+
+ENDS = ["A x", "A z", "A theta", "B x", "B z", "B theta"]
+PINS = [InterfaceDof("A", "x"), InterfaceDof("A", "z"), InterfaceDof("B", "x")]
+PINS += [InterfaceDof("B", "z")]
+
+
+def bar(elements: int = 8) -> dict[str, Any]:
+    """Return a steel bar of 9.4 kg, its rows shuffled: K goes 27 by 27, free."""
+    n = 3 * elements + 3
+    mass, stiffness = np.zeros((n, n)), np.zeros((n, n))
+    section, steel = rectangle(0.03, 0.05, 0.3), Material(210e9, 7800.0, 0.3)
+    for e in range(elements):
+        at = slice(3 * e, 3 * e + 6)
+        m, k = element_matrices(0.8 / elements, section, steel)
+        mass[at, at] += m
+        stiffness[at, at] += k
+    names = [*ENDS[:3], *["-"] * (n - 6), *ENDS[3:]]
+    order = np.random.default_rng(3).permutation(n)
+    mass, stiffness = mass[np.ix_(order, order)], stiffness[np.ix_(order, order)]
+    return {
+        "mass": mass,
+        "stiffness": stiffness,
+        "damping": 2.0 * mass + 1e-5 * stiffness,
+        "dofs": [names[i] for i in order],
+    }
+
+
+def dense_npz(folder: Path, content: dict[str, Any]) -> Path:
+    """Write plain arrays."""
+    path = folder / "bar.npz"
+    np.savez(path, **{name: np.array(value) for name, value in content.items()})
+    return path
+
+
+def sparse_npz(folder: Path, content: dict[str, Any]) -> Path:
+    """Write compressed rows and columns."""
+    arrays: dict[str, Any] = {"dofs": np.array(content["dofs"])}
+    for name in set(content) - {"dofs"}:
+        matrix = sparse.csr_matrix(content[name])
+        parts = {"data": matrix.data, "indices": matrix.indices, "indptr": matrix.indptr}
+        arrays.update({f"{name}_{part}": array for part, array in parts.items()})
+    path = folder / "bar.npz"
+    np.savez_compressed(path, **arrays)
+    return path
+
+
+def dense_mat(folder: Path, content: dict[str, Any]) -> Path:
+    """Write full matrices and a cell array."""
+    path = folder / "bar.mat"
+    savemat(path, {**content, "dofs": np.array(content["dofs"], dtype=object)})
+    return path
+
+
+def sparse_mat(folder: Path, content: dict[str, Any]) -> Path:
+    """Write compressed sparse matrices and a character matrix."""
+    path = folder / "bar.mat"
+    matrices = {name: sparse.csc_matrix(content[name]) for name in set(content) - {"dofs"}}
+    savemat(path, {**matrices, "dofs": np.array(content["dofs"])}, do_compression=True)
+    return path
+
+
+def sparse_mtx(folder: Path, content: dict[str, Any]) -> Path:
+    """Write coordinates, symmetric where SciPy finds them so."""
+    for name in set(content) - {"dofs"}:
+        mmwrite(folder / f"bar_{name}.mtx", sparse.coo_matrix(content[name]), precision=17)
+    (folder / "bar_dofs.txt").write_text("\n".join(content["dofs"]))
+    return folder / "bar_mass.mtx"
+
+
+def dense_mtx(folder: Path, content: dict[str, Any]) -> Path:
+    """Write arrays, the mass as its lower half."""
+    for name in set(content) - {"dofs"}:
+        symmetry = "symmetric" if name == "mass" else "general"
+        mmwrite(folder / f"bar_{name}.mtx", content[name], symmetry=symmetry, precision=17)
+    (folder / "bar_dofs.txt").write_text("\n".join(content["dofs"]))
+    return folder / "bar_mass.mtx"
+
+
+LAYOUTS: list[Layout] = [dense_npz, sparse_npz, dense_mat, sparse_mat, sparse_mtx, dense_mtx]
+
+
+def frequencies(body: Matrices) -> FloatArray:
+    """Return natural frequencies of the free body, Hz."""
+    values = eigh(body.stiffness, body.mass, eigvals_only=True)
+    return np.sqrt(np.maximum(values, 0.0)) / (2.0 * np.pi)
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_every_layout(tmp_path: Path, layout: Layout) -> None:
+    """Each gives the same matrices, interface DoFs first as asked, every number where it was."""
+    content = bar()
+    body = read_matrices(layout(tmp_path, content), PINS)
+    assert body.dofs == tuple(PINS)
+    first = [content["dofs"].index(str(dof)) for dof in PINS]
+    order = first + [i for i in range(27) if i not in first]
+    for name in ("mass", "stiffness", "damping"):
+        expected = content[name][np.ix_(order, order)]
+        scale = np.abs(expected).max()
+        np.testing.assert_allclose(getattr(body, name), expected, rtol=0, atol=1e-15 * scale)
+        assert (getattr(body, name) == getattr(body, name).T).all()
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_damping_may_be_left_out(tmp_path: Path, layout: Layout) -> None:
+    """Without damping it is None, for the damping rule to fill; all named DoFs are the default."""
+    content = bar()
+    del content["damping"]
+    body = read_matrices(layout(tmp_path, content))
+    assert body.damping is None
+    assert [str(dof) for dof in body.dofs] == [name for name in content["dofs"] if name != "-"]
+
+
+def test_reduced_matrices_and_short_lists(tmp_path: Path) -> None:
+    """Modal coordinates pass as inner ones, and dofs need not go on after the last name."""
+    whole = read_matrices(dense_npz(tmp_path, bar()), PINS)
+    reduction = craig_bampton(whole.mass, whole.stiffness, 4, 5)
+    content = {
+        "mass": reduction.mass,
+        "stiffness": reduction.stiffness,
+        "dofs": [str(dof) for dof in PINS],
+    }
+    body = read_matrices(dense_npz(tmp_path, content))
+    assert body.mass.shape == (9, 9)
+    np.testing.assert_array_equal(body.stiffness, reduction.stiffness)
+
+
+def test_large_matrices_are_reduced_while_sparse(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Beyond the limit the sparse reduction gives what the dense one gives, damping included."""
+    content = bar(40)
+    whole = read_matrices(sparse_npz(tmp_path, content), PINS)
+    expected = craig_bampton(whole.mass, whole.stiffness, 4, 6)
+    monkeypatch.setattr(matrices, "MAX_WHOLE", 100)
+    with pytest.raises(ComponentFileError, match="has 123 rows, more than 100; tell how many"):
+        read_matrices(tmp_path / "bar.npz", PINS)
+    body = read_matrices(tmp_path / "bar.npz", PINS, modes=6)
+    assert body.mass.shape == (10, 10)
+    # Modes may differ in sign; what they make of the interface may not.
+    for one, other in ((body.mass, expected.mass), (body.stiffness, expected.stiffness)):
+        np.testing.assert_allclose(np.abs(one), np.abs(other), rtol=1e-6, atol=1e-4)
+    assert body.damping is not None
+    np.testing.assert_allclose(
+        body.damping, 2.0 * body.mass + 1e-5 * body.stiffness, rtol=1e-9, atol=1e-6
+    )
+    content["stiffness"][5, 9] += 1e6
+    with pytest.raises(ComponentFileError, match="stiffness is not symmetric"):
+        read_matrices(sparse_npz(tmp_path, content), PINS, modes=6)
+
+
+def test_sparse_checks_name_the_dof(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A mass or stiffness that is not positive is found by the sparse factors too."""
+    monkeypatch.setattr(matrices, "MAX_WHOLE", 20)
+    content = bar()
+    row = content["dofs"].index("B z")
+    for name, problem in (("mass", "positive definite"), ("stiffness", "positive semi-definite")):
+        wrong = bar()
+        wrong[name][row, row] *= -1.0
+        with pytest.raises(ComponentFileError, match=f"{name} is not {problem}: .* at B z;"):
+            read_matrices(sparse_npz(tmp_path, wrong), PINS, modes=3)
+    wrong = bar()
+    other = content["dofs"].index("A theta")
+    wrong["mass"][row, other] = wrong["mass"][other, row] = 10.0  # no negative diagonal entry
+    with pytest.raises(ComponentFileError, match="mass is not positive definite"):
+        read_matrices(sparse_npz(tmp_path, wrong), PINS, modes=3)
+
+
+def change(name: str, to: Callable[[Any], Any]) -> Callable[[dict[str, Any]], dict[str, Any]]:
+    """Return what changes one of the arrays."""
+    return lambda content: {**content, name: to(content[name])}
+
+
+def without(name: str) -> Callable[[dict[str, Any]], dict[str, Any]]:
+    """Return what leaves out one of the arrays."""
+    return lambda content: {key: content[key] for key in content if key != name}
+
+
+def entry(row: str, column: str, factor: float) -> Callable[[dict[str, Any]], dict[str, Any]]:
+    """Return what multiplies one entry of the stiffness."""
+
+    def spoil(content: dict[str, Any]) -> dict[str, Any]:
+        stiffness = content["stiffness"].copy()
+        stiffness[content["dofs"].index(row), content["dofs"].index(column)] *= factor
+        return {**content, "stiffness": stiffness}
+
+    return spoil
+
+
+def nothing_moves(content: dict[str, Any]) -> dict[str, Any]:
+    """Take all inertia from one row."""
+    mass = content["mass"].copy()
+    row = content["dofs"].index("B z")
+    mass[row] = mass[:, row] = 0.0
+    return {**content, "mass": mass}
+
+
+def six_digits(matrix: FloatArray) -> FloatArray:
+    """Round as a short number format does."""
+    return np.array([[float(f"{number:.5e}") for number in row] for row in matrix])
+
+
+def scaled(mass: float, stiffness: float) -> Callable[[dict[str, Any]], dict[str, Any]]:
+    """Return what changes units."""
+    return lambda content: {
+        "mass": mass * content["mass"],
+        "stiffness": stiffness * content["stiffness"],
+        "dofs": content["dofs"],
+    }
+
+
+BAD = {
+    "DoF missing": (
+        change("dofs", lambda names: ["-" if name == "B z" else name for name in names]),
+        r"the DoF B z is missing; its dofs name .*A x.*; add it",
+    ),
+    "DoF twice": (
+        change("dofs", lambda names: ["A x" if name == "B x" else name for name in names]),
+        r"dofs names A x twice \(entries \d+ and \d+\)",
+    ),
+    "DoF misspelt": (
+        change("dofs", lambda names: ["B q" if name == "B z" else name for name in names]),
+        r"entry \d+ of dofs is 'B q'; write a point and one of x, y, z, theta",
+    ),
+    "DoFs not named": (without("dofs"), "holds no dofs"),
+    "too many DoFs": (change("dofs", lambda names: [*names, "-"]), "names 28 rows of .* have 27"),
+    "no stiffness": (without("stiffness"), "holds no stiffness"),
+    "unknown array": (
+        lambda content: {**content, "Damping": content["damping"]},
+        "holds 'Damping', which is not known here; it may hold dofs, mass",
+    ),
+    "unequal sizes": (
+        change("stiffness", lambda k: k[:26, :26]),
+        "stiffness is 26 by 26 where mass is 27 by 27",
+    ),
+    "not square": (change("mass", lambda m: m[:26]), "mass is 26 by 27; it has to be square"),
+    "complex": (change("stiffness", lambda k: k * (1 + 0.01j)), "stiffness is complex; give damp"),
+    "not finite": (entry("A x", "A x", np.nan), "stiffness is not a finite number at A x, A x"),
+    "not symmetric": (
+        entry("A theta", "A z", 1.001),
+        r"stiffness is not symmetric: .* at A (z|theta), A (z|theta) .* differ by \d\.\de-04",
+    ),
+    "massless": (nothing_moves, "mass is not positive definite: .* at B z; leave massless"),
+    "negative stiffness": (
+        entry("B x", "B x", -1.0),
+        "stiffness is not positive semi-definite: .* at B x; look for a wrong sign",
+    ),
+    "too few digits": (
+        change("stiffness", six_digits),
+        r"stiffness is not positive semi-definite: .* write every digit \(%\.17g\)",
+    ),
+    "negative damping": (
+        change("damping", lambda c: -c),
+        "damping is not positive semi-definite",
+    ),
+    "tonnes and millimetres": (
+        scaled(1e-3, 1e-3),
+        r"rigid mass of 0\.00936 kg .* is it in tonnes and N/mm\? Write it in kg, m, N",
+    ),
+    "density per cubic millimetre": (
+        scaled(1e9, 1e3),
+        r"rigid mass of 9\.36e\+09 kg .* density in kg/m3 with lengths in millimetres",
+    ),
+    "modulus in pascal": (scaled(1.0, 1e9), "elastic modulus in Pa with lengths in millimetres"),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_what_cannot_be_right(tmp_path: Path, name: str) -> None:
+    """Each wrong file is refused in one sentence with the file, the place and the mend."""
+    spoil, words = BAD[name]
+    path = dense_npz(tmp_path, spoil(bar()))
+    with pytest.raises(ComponentFileError, match=words) as caught:
+        read_matrices(path, PINS)
+    assert str(caught.value).startswith(f"{path}: ")
+    assert "\n" not in str(caught.value)
+
+
+def test_one_pin_cannot_hold_a_bar(tmp_path: Path) -> None:
+    """Interface DoFs that leave the component free to move are named."""
+    with pytest.raises(ComponentFileError, match="with A x, A z held the component can still move"):
+        read_matrices(dense_npz(tmp_path, bar()), PINS[:2])
+
+
+def test_free_rotations_at_pins(tmp_path: Path) -> None:
+    """A named row that nobody asks for stays free: the bar keeps its three rigid motions."""
+    body = read_matrices(dense_npz(tmp_path, bar()), PINS)
+    found = frequencies(body)
+    assert (found[:3] < 0.01).all()
+    assert found[3] > 300.0
+
+
+def test_planar_model_holds_y(tmp_path: Path) -> None:
+    """Rows named y are held in the planar model, and there in the spatial one."""
+    content = bar()
+    names = {"A theta": "A y", "B theta": "B y"}  # any rows will do
+    content["dofs"] = [names.get(name, name) for name in content["dofs"]]
+    path = dense_npz(tmp_path, content)
+    free_rows = [i for i, name in enumerate(content["dofs"]) if not name.endswith("y")]
+    for body in (read_matrices(path), read_matrices(path, PINS)):
+        assert set(body.dofs) == set(PINS)
+        trace = np.trace(content["mass"][free_rows][:, free_rows])
+        assert np.trace(body.mass) == pytest.approx(trace, rel=1e-12)
+    assert read_matrices(path, PINS, spatial=True).mass.shape == (27, 27)
+    assert InterfaceDof("A", "y") in read_matrices(path, spatial=True).dofs
+
+
+def test_small_parts_pass(tmp_path: Path) -> None:
+    """A part of 9 g, 80 mm long, is no mistaken unit."""
+    content = scaled(1e-3, 0.1)(bar())  # each length a tenth: M goes by its cube, K by itself
+    assert read_matrices(dense_npz(tmp_path, content), PINS).mass.shape == (27, 27)
+
+
+def test_pickles(tmp_path: Path) -> None:
+    """Objects are not unpickled."""
+    content = bar()
+    np.savez(tmp_path / "bar.npz", **{**content, "dofs": np.array(content["dofs"], dtype=object)})
+    with pytest.raises(ComponentFileError, match="holds pickled objects, which can run code"):
+        read_matrices(tmp_path / "bar.npz")
+
+
+@pytest.mark.parametrize("layout", [sparse_npz, sparse_mat], ids=["npz", "mat"])
+def test_bombs(tmp_path: Path, layout: Layout, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What unpacks to more than is allowed is refused before it is unpacked."""
+    content = bar()
+    content["mass"] = np.ones((400, 400))
+    path = layout(tmp_path, content)
+    monkeypatch.setattr(component_files, "MAX_BYTES", 200_000)
+    assert path.stat().st_size < 200_000
+    with pytest.raises(ComponentFileError, match=r"holds \d+ MiB where 0 MiB are allowed"):
+        read_matrices(path)
+
+
+def test_claims_that_no_memory_could_hold(tmp_path: Path) -> None:
+    """A small file that says it is huge is told from a huge one."""
+    array = io.BytesIO()
+    np.save(array, np.ones((2, 2)))
+    with zipfile.ZipFile(tmp_path / "bar.npz", "w") as archive:
+        archive.writestr("mass.npy", array.getvalue().replace(b"(2, 2)", b"(2000000, 20000)"))
+    with pytest.raises(ComponentFileError, match="damaged or not what its name says"):
+        read_matrices(tmp_path / "bar.npz")
+    text = "%%MatrixMarket matrix coordinate real general\n999999999 999999999 1\n1 1 1.0\n"
+    (tmp_path / "bar_mass.mtx").write_text(text)
+    with pytest.raises(ComponentFileError, match="999999999 by 999999999; 1000000 rows"):
+        read_matrices(tmp_path / "bar_mass.mtx")
+
+
+def test_files_that_are_not_there(tmp_path: Path) -> None:
+    """Missing files, other files and other versions are told apart."""
+    with pytest.raises(ComponentFileError, match=r"bar\.npz: there is no such file"):
+        read_matrices(tmp_path / "bar.npz")
+    with pytest.raises(ComponentFileError, match=r"bar\.csv: is no file of matrices; give a \.npz"):
+        read_matrices(tmp_path / "bar.csv")
+    with pytest.raises(ComponentFileError, match=r"give the path of the mass matrix, NAME_mass"):
+        read_matrices(tmp_path / "bar.mtx")
+    path = sparse_mtx(tmp_path, bar())
+    (tmp_path / "bar_stiffness.mtx").unlink()
+    with pytest.raises(ComponentFileError, match=r"bar_stiffness\.mtx: there is no such file"):
+        read_matrices(path)
+    (tmp_path / "new.mat").write_bytes(b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM" + bytes(9))
+    with pytest.raises(ComponentFileError, match="version 7.3; save it with `save -v7`"):
+        read_matrices(tmp_path / "new.mat")
+    savemat(tmp_path / "old.mat", {"mass": np.eye(2)}, format="4")
+    with pytest.raises(ComponentFileError, match="is no MATLAB 5 file"):
+        read_matrices(tmp_path / "old.mat")
+    savemat(tmp_path / "struct.mat", {"mass": {"value": 1.0}})
+    with pytest.raises(ComponentFileError, match="holds 'mass', which is no matrix, text or cell"):
+        read_matrices(tmp_path / "struct.mat")
+
+
+def inside(path: Path, spoil: Callable[[bytes, int], Iterator[bytes]]) -> Iterator[bytes]:
+    """Spoil what an archive holds, with checksums that fit: else they alone would be tested."""
+    with zipfile.ZipFile(path) as archive:
+        members = {name: archive.read(name) for name in archive.namelist()}
+    for name, content in members.items():
+        for spoilt in spoil(content, 200 // len(members) + 1):
+            packed = io.BytesIO()
+            with zipfile.ZipFile(packed, "w") as archive:
+                for other in members:
+                    archive.writestr(other, spoilt if other == name else members[other])
+            yield packed.getvalue()
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_spoilt_files(
+    tmp_path: Path, layout: Layout, mutations: Callable[[bytes, int], Iterator[bytes]]
+) -> None:
+    """Of 200 spoilt files each is read or refused in one sentence; nothing else is raised."""
+    path = layout(tmp_path, bar())
+    spoilt = inside(path, mutations) if path.suffix == ".npz" else mutations(path.read_bytes(), 200)
+    refused = 0
+    for content in spoilt:
+        path.write_bytes(content)
+        try:
+            read_matrices(path, PINS)
+        except LinkageVibrationError as error:
+            assert str(error).startswith(str(path.parent))
+            assert "\n" not in str(error)
+            refused += 1
+    assert refused > 50
