@@ -119,5 +119,5 @@ def fault(prediction: Prediction, alpha3_range: tuple[float, float]) -> str:
         return f"crank angle {angle} deg is not a finite number"
     if prediction.status is Status.OUT_OF_RANGE:
         first, last = map(math.degrees, alpha3_range)
-        return f"crank angle {angle:.2f} deg is not in the table's {first:.2f} to {last:.2f} deg"
+        return f"crank angle {angle:.7g} deg is not in the table's {first:.7g} to {last:.7g} deg"
     return ""

@@ -8,7 +8,7 @@ import sys
 import tempfile
 import time
 from pathlib import Path
-from signal import SIG_IGN, SIGINT, signal
+from signal import SIG_BLOCK, SIG_IGN, SIG_UNBLOCK, SIGINT, SIGTERM, pthread_sigmask, signal
 from typing import Any, cast
 
 import rclpy
@@ -54,14 +54,16 @@ from linkage_vibration_interfaces.msg import VibrationPrediction
 from linkage_vibration_interfaces.srv import PredictVibration
 
 NODE_NAME = "linkage_vibration"
+STOP_SIGNALS = (SIGINT, SIGTERM)
 DEFAULT_MECHANISM = "three_point_linkage.yaml"
 DEFAULT_TABLE = "tables/three_point_linkage.npz"
 
 # A tenth of a second of joint states at 1 kHz: rides out a stall of the machine without loss, and
 # no prediction waits longer than that behind it. Of predictions as many, for late retransmission.
 QUEUE_DEPTH = 100
-# Live predictions wait while a request is answered. A sweep of 180 deg by 0.02 deg fits.
-MAX_REQUEST = 10_000
+# Live predictions wait while a request is answered. This many take less than a tenth of a second:
+# joint states at 1 kHz fit the queue meanwhile.
+MAX_REQUEST = 1_000
 WARN_PERIOD = 5.0  # s, between warnings about the same thing
 MISSING_AFTER = 5.0  # s without the joint, before it is said to be missing
 MAX_NAMES_TOLD = 20
@@ -82,14 +84,14 @@ class LinkageVibrationNode(Node):
         self._log_error_told = False
         self._received = self._predicted = 0
         self._other_joints: set[str] = set()
-        self._last_reading = time.monotonic()
         self._next_warning: dict[str, float] = {}
 
         self._settings = declare_parameters(self)
         mechanism_path, table = self._load_model()
         self._predictor = Predictor(table)
+        self._last_reading = time.monotonic()
 
-        self._prediction_publisher = self.create_publisher(
+        self._publisher = self.create_publisher(
             VibrationPrediction,
             "~/prediction",
             _qos(ReliabilityPolicy.RELIABLE),
@@ -97,7 +99,7 @@ class LinkageVibrationNode(Node):
         )
         # Best effort hears publishers of either kind, and never waits for a lost joint state.
         # rclpy's type hints do not know that `raw` hands out bytes.
-        self._joint_state_subscription = self.create_subscription(
+        self._subscription = self.create_subscription(
             JointState,
             "joint_states",
             cast(Any, self._on_joint_state),
@@ -105,8 +107,8 @@ class LinkageVibrationNode(Node):
             event_callbacks=SubscriptionEventCallbacks(incompatible_qos=self._on_mute_publisher),
             raw=True,
         )
-        if self._settings.record:
-            self._recording = self._open_log(mechanism_path, table)
+        self._input_topic = self._subscription.topic_name
+        self._output_topic = self._publisher.topic_name
         self.create_service(PredictVibration, "~/predict", self._on_request)
         # Simulated time may stand still; a log must reach the disk nevertheless.
         self.create_timer(1.0, self._on_second, clock=Clock(clock_type=ClockType.STEADY_TIME))
@@ -114,19 +116,24 @@ class LinkageVibrationNode(Node):
         first, last = map(math.degrees, table.alpha3_range)
         self.get_logger().info(
             f"Predicting for joint {self._settings.joint_name} on "
-            f"{self._joint_state_subscription.topic_name}, crank angles {first:g} to {last:g} deg, "
+            f"{self._input_topic}, crank angles {first:g} to {last:g} deg, "
             f"table {table.table_id} of {mechanism_path}."
         )
+        # Last, so that nothing can fail between its beginning and `close`.
+        if self._settings.record:
+            self._recording = self._open_log(mechanism_path, table)
+            self.get_logger().info(f"Recording to {self._recording.path}")
 
     def close(self) -> None:
-        """Complete the log, and tell what was done."""
-        self.get_logger().info(
-            f"{self._received} joint states in, {self._predicted} predictions out."
-        )
+        """End the node, complete its log, and tell what was done."""
+        # Destroyed first: its logger would complain of a /rosout that a signal has shut down.
+        self.destroy_node()
+        logger = get_logger(NODE_NAME)
+        logger.info(f"{self._received} joint states in, {self._predicted} predictions out.")
         if self._recording is not None:
             self._recording.close()
             self._tell_log_error()
-            self.get_logger().info(f"Log: {self._recording.path}")
+            logger.info(f"Log: {self._recording.path}")
 
     def _load_model(self) -> tuple[Path, Table]:
         """Return the mechanism's path and its table, read or built."""
@@ -155,19 +162,17 @@ class LinkageVibrationNode(Node):
             Attachment(f"{table.table_id}.npz", "application/x-npz", _table_bytes(table)),
             Attachment("parameters.yaml", "application/yaml", settings.encode()),
         ]
-        log = LogWriter(
-            _unused_path(_path(self._settings.log_directory)),
+        return LogWriter(
+            unused_path(_path(self._settings.log_directory)),
             [
-                _topic(self._joint_state_subscription.topic_name, "sensor_msgs/msg/JointState"),
+                _topic(self._input_topic, "sensor_msgs/msg/JointState"),
                 _topic(
-                    self._prediction_publisher.topic_name,
+                    self._output_topic,
                     "linkage_vibration_interfaces/msg/VibrationPrediction",
                 ),
             ],
             attachments,
         )
-        self.get_logger().info(f"Recording to {log.path}")
-        return log
 
     def _on_joint_state(self, data: bytes, info: MessageInfo) -> None:
         received = self.get_clock().now().nanoseconds
@@ -192,7 +197,7 @@ class LinkageVibrationNode(Node):
         prediction = self._predictor.predict(self._settings.crank_angle(position))
         stamp = message.header.stamp
         encoded = encode_prediction(prediction, stamp.sec, stamp.nanosec, message.header.frame_id)
-        self._prediction_publisher.publish(encoded)
+        self._publisher.publish(encoded)
         self._predicted += 1
         if prediction.status is not Status.OK:
             self._warn(
@@ -203,11 +208,9 @@ class LinkageVibrationNode(Node):
         # A simulated clock reads zero until it runs; such times would spoil the log.
         if self._recording is not None and received > 0:
             sent = info["source_timestamp"] or received
-            self._recording.write(self._joint_state_subscription.topic_name, data, received, sent)
+            self._recording.write(self._input_topic, data, received, sent)
             now = self.get_clock().now().nanoseconds
-            self._recording.write(
-                self._prediction_publisher.topic_name, encoded, now, time.time_ns()
-            )
+            self._recording.write(self._output_topic, encoded, now, time.time_ns())
 
     def _on_request(
         self, request: PredictVibration.Request, response: PredictVibration.Response
@@ -245,14 +248,14 @@ class LinkageVibrationNode(Node):
             self._warn(
                 "missing",
                 f"Joint {self._settings.joint_name} has not been on "
-                f"{self._joint_state_subscription.topic_name} for more than {MISSING_AFTER:g} s; "
+                f"{self._input_topic} for more than {MISSING_AFTER:g} s; "
                 f"joints seen there: {names}. Set joint_name to one of them, or remap the topic.",
             )
 
     def _on_mute_publisher(self, event: QoSRequestedIncompatibleQoSInfo) -> None:
         self._warn(
             "publisher",
-            f"A publisher of {self._joint_state_subscription.topic_name} offers a QoS that this "
+            f"A publisher of {self._input_topic} offers a QoS that this "
             f"node cannot use ({qos_policy_name_from_kind(event.last_policy_kind)}); nothing of it "
             "is received. Publish with sensor-data QoS.",
         )
@@ -260,7 +263,7 @@ class LinkageVibrationNode(Node):
     def _on_deaf_subscriber(self, event: QoSOfferedIncompatibleQoSInfo) -> None:
         self._warn(
             "subscriber",
-            f"A subscriber of {self._prediction_publisher.topic_name} asks for a QoS that this "
+            f"A subscriber of {self._output_topic} asks for a QoS that this "
             f"node does not offer ({qos_policy_name_from_kind(event.last_policy_kind)}); it "
             "receives nothing. Subscribe volatile, reliable or best effort.",
         )
@@ -272,7 +275,7 @@ class LinkageVibrationNode(Node):
             and not self._log_error_told
         ):
             self._log_error_told = True
-            self.get_logger().error(f"{self._recording.error} Predictions go on.")
+            get_logger(NODE_NAME).error(f"{self._recording.error} Predictions go on.")
 
     def _warn(self, about: str, text: str) -> None:
         """Warn, once in WARN_PERIOD about the same thing.
@@ -289,14 +292,19 @@ def main(args: list[str] | None = None) -> int:
     """Run the node until SIGINT or SIGTERM, and return the exit code."""
     # ROS 2 from wheels lies in the Python environment and leaves this unset; a sourced one sets it.
     os.environ.setdefault("AMENT_PREFIX_PATH", sys.prefix)
-    # rclpy shuts down on SIGINT as on SIGTERM. Python's KeyboardInterrupt on top of it could strike
-    # anywhere, in the middle of a write to the log too.
-    signal(SIGINT, SIG_IGN)
+    # rclpy shuts down on both signals while it is up, and nothing else may act on them: Python's
+    # KeyboardInterrupt could strike in the middle of a write to the log, and a second signal could
+    # kill a process that is ending well. What comes before rclpy listens is held until it does.
+    pthread_sigmask(SIG_BLOCK, STOP_SIGNALS)
+    for stop in STOP_SIGNALS:
+        signal(stop, SIG_IGN)
     try:
         rclpy.init(args=args)
     except RCLError as error:
         get_logger(NODE_NAME).fatal(" ".join(str(error).split()))
         return 1
+    finally:
+        pthread_sigmask(SIG_UNBLOCK, STOP_SIGNALS)
     try:
         _run()
     except LinkageVibrationError as error:
@@ -341,10 +349,10 @@ def _qos(reliability: ReliabilityPolicy) -> QoSProfile:
 
 def _path(text: str) -> Path:
     """Return the path that a parameter means; no shell has expanded its ``~``."""
-    return Path(text).expanduser()
+    return Path(text).expanduser().absolute()
 
 
-def _unused_path(folder: Path) -> Path:
+def unused_path(folder: Path) -> Path:
     """Return where a log that begins now goes."""
     stem = time.strftime("linkage_vibration_%Y%m%d-%H%M%S")
     path = folder / f"{stem}.mcap"

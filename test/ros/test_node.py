@@ -4,22 +4,29 @@
 
 import math
 import random
+import resource
 import signal
 import time
 from collections.abc import Callable
+from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
 
 import pytest
+from builtin_interfaces.msg import Time
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosgraph_msgs.msg import Clock
 
 from linkage_vibration.prediction import Predictor, Status
 from linkage_vibration.readers.bags import read_messages
 from linkage_vibration.resources import config_file
+from linkage_vibration.ros.node import main, unused_path
 from linkage_vibration.table import load_table
+from linkage_vibration_interfaces.msg import VibrationPrediction
 
 JOINT = "hitch_rockshaft_joint"
 
@@ -111,6 +118,24 @@ def test_messages_without_a_reading_are_passed_over(peer: Any, node: Any) -> Non
     node.wait_for("1 names but 0 positions")
 
 
+def test_bytes_that_are_no_joint_state(peer: Any, node: Any) -> None:
+    """Bytes that no serializer made are told, and the node goes on."""
+    for data in (b"", b"\0\1\0\0", b"\0\1\0\0" + b"\xff" * 60):
+        peer.publisher.publish(data)
+    assert peer.answer(peer.publish([JOINT], [2.0])).status == Status.OK
+    node.wait_for("is not valid CDR")
+
+
+def test_subscriber_of_another_quality_is_told(peer: Any, node: Any) -> None:
+    """One that asks for transient-local predictions gets none; the node says why."""
+    quality = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    deaf = peer.node.create_subscription(
+        VibrationPrediction, "linkage_vibration/prediction", print, quality
+    )
+    node.wait_for("asks for a QoS that this node does not offer (DURABILITY)")
+    peer.node.destroy_subscription(deaf)
+
+
 def test_ten_thousand_joints(peer: Any, predictor: Predictor) -> None:
     """The joint is found among ten thousand."""
     names = [f"joint_{i}" for i in range(10_000)]
@@ -179,6 +204,22 @@ def typestore() -> Any:
     return store
 
 
+def test_console_script_is_installed() -> None:
+    """`ros2 run` and a shell find the executable of the package."""
+    [script] = entry_points(group="console_scripts", name="linkage_vibration_node")
+    assert script.load() is main
+
+
+def test_logs_never_share_a_name(tmp_path: Path) -> None:
+    """Logs begun within a second get names of their own."""
+    names = set()
+    for _ in range(5):
+        path = unused_path(tmp_path)
+        path.touch()
+        names.add(path.name)
+    assert len(names) == 5
+
+
 def test_parameters_turn_positions_into_angles(
     start: Callable[..., Any], meet: Callable[[str], Any], predictor: Predictor
 ) -> None:
@@ -225,12 +266,61 @@ def test_table_of_another_mechanism_is_refused(start: Callable[..., Any]) -> Non
 
 @pytest.mark.parametrize("by", [signal.SIGINT, signal.SIGTERM])
 def test_signals_end_it_cleanly(start: Callable[..., Any], by: signal.Signals) -> None:
-    """Ctrl-C and SIGTERM give exit code 0 and no traceback."""
+    """Ctrl-C and SIGTERM give exit code 0 and no complaint, also when they come in a flurry."""
     ended = start(name=f"ended_{by.name.lower()}")
     ended.wait_for("Predicting for joint")
-    assert ended.stop(by) == 0
-    assert "Traceback" not in ended.said
+    for _ in range(5):
+        ended.process.send_signal(by)
+        time.sleep(0.02)
+    assert ended.process.wait(15.0) == 0
+    assert [line.split()[0] for line in ended.said.splitlines()] == ["[INFO]", "[INFO]"]
     assert "predictions out" in ended.said
+
+
+def test_signal_ends_a_table_under_way(start: Callable[..., Any]) -> None:
+    """A node that is still building its table ends as well."""
+    builder = start(
+        name="builder", mechanism_file=config_file("three_point_linkage_as_printed.yaml")
+    )
+    builder.wait_for("Building the table")
+    assert builder.stop(signal.SIGTERM) == 0
+    assert "Predicting" not in builder.said
+    assert "Traceback" not in builder.said
+
+
+def test_full_disk_costs_the_log_alone(
+    start: Callable[..., Any], meet: Callable[[str], Any], tmp_path: Path
+) -> None:
+    """Where the log cannot be written any further, the node says so once and goes on predicting."""
+    recorder = start(name="full", record=True, log_directory=tmp_path)
+    peer = meet("full")
+    size = next(tmp_path.iterdir()).stat().st_size
+    resource.prlimit(recorder.process.pid, resource.RLIMIT_FSIZE, (size, size))
+    for i in range(30):
+        assert peer.answer(peer.publish([JOINT], [1.6 + 0.01 * i])).status == Status.OK
+        peer.spin(lambda: False, 0.08)
+    recorder.wait_for("could not be written any further: File too large")
+    assert peer.answer(peer.publish([JOINT], [2.0])).status == Status.OK
+    assert recorder.stop() == 0
+    assert recorder.said.count("could not be written") == 1
+
+
+def test_simulated_time(
+    start: Callable[..., Any], meet: Callable[[str], Any], tmp_path: Path
+) -> None:
+    """Nothing is logged before the simulated clock runs, and its time is the log's time after."""
+    recorder = start(name="simulated", record=True, log_directory=tmp_path, use_sim_time=True)
+    peer = meet("simulated")
+    clock = peer.node.create_publisher(Clock, "/clock", QoSProfile(depth=1))
+    peer.answer(peer.publish([JOINT], [1.7]))
+    assert peer.spin(lambda: clock.get_subscription_count() > 0, 20.0)
+    clock.publish(Clock(clock=Time(sec=42)))
+    time.sleep(0.5)
+    peer.answer(peer.publish([JOINT], [2.2]))
+    assert recorder.stop() == 0
+    [path] = tmp_path.iterdir()
+    logged = list(read_messages(path, "/joint_states"))
+    assert [(time, list(m.position)) for time, m in logged] == [(42_000_000_000, [2.2])]
 
 
 def test_log_holds_what_was_published(
@@ -266,6 +356,11 @@ def test_log_holds_what_was_published(
     logged = {m.header.stamp.nanosec: m for t, m in decoded if t == "/recorder/prediction"}
     used = {m.header.stamp.nanosec: m for t, m in decoded if t == "/joint_states"}
     assert logged.keys() == published.keys() == used.keys()
+    # RTPS pads what it carries by zeros, to four bytes.
+    with path.open("rb") as file:
+        messages = make_reader(file).iter_messages("/recorder/prediction")
+        stored = {message.data.rstrip(b"\0") for _, _, message in messages}
+    assert {data.rstrip(b"\0") for data in peer.raw} <= stored
     for stamp, message in logged.items():
         assert same(message, published[stamp])
         assert list(used[stamp].name) == ["wheel", JOINT]
