@@ -8,6 +8,8 @@
 # Each sets .venv up first, where that is not done yet. PYTHON names the Python to use.
 
 PYTHON ?= python3
+# Matrices here are small: BLAS threads cost more in waiting for one another than they save.
+export OPENBLAS_NUM_THREADS ?= 1
 in_venv = @. .venv/bin/activate &&
 
 .PHONY: demo test setup clean

@@ -4,19 +4,13 @@
 
 import argparse
 import math
+import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from tqdm import tqdm
-
 import linkage_vibration
 from linkage_vibration.errors import LinkageVibrationError
-from linkage_vibration.mechanics.model import LinkageModel
-from linkage_vibration.prediction import Predictor, Status
-from linkage_vibration.readers.mechanism import read_mechanism
-from linkage_vibration.resources import config_file
-from linkage_vibration.table import DEFAULT_POINTS, build_table, load_table, save_table
 
 DEFAULT_MECHANISM = "three_point_linkage.yaml"
 DEFAULT_TABLE = "tables/three_point_linkage.npz"
@@ -25,6 +19,9 @@ DEFAULT_TABLE = "tables/three_point_linkage.npz"
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; return its exit code."""
     options = _parser().parse_args(arguments)
+    # Matrices here are small: BLAS threads cost more in waiting for one another than they save.
+    # NumPy looks at this when it is first imported, so each command imports what it needs itself.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
         return int(options.run(options))
     except LinkageVibrationError as error:
@@ -49,9 +46,7 @@ def _parser() -> argparse.ArgumentParser:
     build.add_argument(
         "-o", "--output", type=Path, help="table to write (default: MECHANISM with .npz)"
     )
-    build.add_argument(
-        "--points", type=int, default=DEFAULT_POINTS, help="angles in the table (%(default)s)"
-    )
+    build.add_argument("--points", type=int, default=181, help="angles in the table (%(default)s)")
     build.set_defaults(run=_build)
 
     predict = commands.add_parser("predict", help="predict at angles given in degrees")
@@ -59,6 +54,18 @@ def _parser() -> argparse.ArgumentParser:
     predict.add_argument("--mechanism", type=Path, help="YAML file (default: the shipped linkage)")
     predict.add_argument("--table", type=Path, help="table to use (default: the shipped one)")
     predict.set_defaults(run=_predict)
+
+    calibrate = commands.add_parser(
+        "calibrate", help="fit parameters of a mechanism to natural frequencies"
+    )
+    calibrate.add_argument("calibration", type=Path, help="YAML file of parameters and targets")
+    calibrate.add_argument(
+        "-o", "--output", type=Path, help="mechanism to write (default: print the fit alone)"
+    )
+    calibrate.add_argument(
+        "--starts", type=int, default=8, help="starts of the search (%(default)s)"
+    )
+    calibrate.set_defaults(run=_calibrate)
 
     demo = commands.add_parser("demo", help="play a drive to the node and show what it predicts")
     demo.add_argument("--bag", type=Path, help="bag to play (default: the shipped drive)")
@@ -69,6 +76,13 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _build(options: argparse.Namespace) -> int:
+    from tqdm import tqdm
+
+    from linkage_vibration.mechanics.model import LinkageModel
+    from linkage_vibration.readers.mechanism import read_mechanism
+    from linkage_vibration.resources import config_file
+    from linkage_vibration.table import build_table, save_table
+
     source = options.mechanism or config_file(DEFAULT_MECHANISM)
     output = options.output or Path(source.name).with_suffix(".npz")
     model = LinkageModel(read_mechanism(source))
@@ -85,6 +99,12 @@ def _build(options: argparse.Namespace) -> int:
 
 
 def _predict(options: argparse.Namespace) -> int:
+    from linkage_vibration.mechanics.model import LinkageModel
+    from linkage_vibration.prediction import Predictor, Status
+    from linkage_vibration.readers.mechanism import read_mechanism
+    from linkage_vibration.resources import config_file
+    from linkage_vibration.table import build_table, load_table
+
     mechanism = read_mechanism(options.mechanism or config_file(DEFAULT_MECHANISM))
     if options.mechanism and not options.table:
         table = build_table(LinkageModel(mechanism))
@@ -106,8 +126,33 @@ def _predict(options: argparse.Namespace) -> int:
     return 0 if good else 1
 
 
+def _calibrate(options: argparse.Namespace) -> int:
+    from tqdm import tqdm
+
+    from linkage_vibration.calibration import (
+        calibrate,
+        read_calibration,
+        summary,
+        write_mechanism,
+    )
+
+    calibration = read_calibration(options.calibration)
+    with tqdm(total=max(1, options.starts), unit="start") as bar:
+
+        def tried(cost: float) -> None:
+            bar.set_postfix(cost=f"{cost:.4g}")
+            bar.update(1)
+
+        result = calibrate(calibration, max(1, options.starts), tried)
+    print(summary(calibration, result))
+    if options.output:
+        write_mechanism(calibration, result.values.tolist(), options.output)
+        print(f"\nWritten: {options.output}")
+    return 0
+
+
 def _demo(options: argparse.Namespace) -> int:
-    from linkage_vibration.demo import run_demo  # needs ROS 2, which the other commands do not
+    from linkage_vibration.demo import run_demo
 
     return run_demo(options.bag, options.joint, options.output)
 

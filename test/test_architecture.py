@@ -15,6 +15,7 @@ MODULES = sorted(PACKAGE.rglob("*.py"))
 # From the ground up; each may import what stands above it in this list, and its own room.
 ORDER = [
     "errors",
+    "files",
     "resources",
     "mechanics",
     "table",
@@ -22,7 +23,11 @@ ORDER = [
     "readers",
     "logs",
     "drive",
+    "calibration",
+    "published",
     "plots",
+    "figures",
+    "reproduction",
     "ros",
     "demo",
     "cli",
