@@ -13,6 +13,9 @@ from linkage_vibration.errors import LinkageVibrationError
 FloatArray = NDArray[np.float64]
 
 
+_SINGULAR = 1e-12  # a pivot this small beside its diagonal entry is rounding
+
+
 class ReductionError(LinkageVibrationError):
     """A component cannot be reduced on the interface DoFs given."""
 
@@ -62,15 +65,16 @@ def craig_bampton(
     transformation = np.zeros((len(mass), n_interface + n_modes))
     transformation[b, b] = np.eye(n_interface)
     if n_interior:
+        loose = ReductionError(
+            f"With its {n_interface} interface DoFs held the component can still move; hold more "
+            "of them, such as a rotation where it has one pin only."
+        )
         try:
-            # Shifted by (2 pi 0.1 Hz)^2: rounding may hide that a body can move, but not by that.
-            cho_factor(stiffness[i, i] - (0.2 * np.pi) ** 2 * mass[i, i])
             factor = cho_factor(stiffness[i, i])
         except np.linalg.LinAlgError:
-            raise ReductionError(
-                f"With its {n_interface} interface DoFs held the component can still move; hold "
-                "more of them, such as a rotation where it has one pin only."
-            ) from None
+            raise loose from None
+        if (np.diag(factor[0]) ** 2 < _SINGULAR * np.diag(stiffness)[i]).any():
+            raise loose
         transformation[i, b] = -cho_solve(factor, stiffness[i, b])
     if n_modes:
         transformation[i, i] = eigh(stiffness[i, i], mass[i, i], subset_by_index=[0, n_modes - 1])[

@@ -3,7 +3,6 @@
 """Modes identified from FRFs, against the modes that the FRFs were made from."""
 
 import math
-import time
 from dataclasses import replace
 
 import numpy as np
@@ -238,17 +237,6 @@ def test_residues_and_shapes() -> None:
     np.testing.assert_allclose(
         found.residues, products / (2j * found.poles.imag[:, None, None]), rtol=1e-6
     )
-
-
-def test_speed(model: LinkageModel) -> None:
-    """2000 lines of four outputs take well below a second."""
-    frf = model.coupled_frf(math.radians(140.0), LINES, PLACES, PLACES[:1])
-    taken = []
-    for _ in range(3):
-        start = time.perf_counter()
-        identify(LINES, frf, BAND)
-        taken.append(time.perf_counter() - start)
-    assert min(taken) < 0.5
 
 
 def single(frequencies: FloatArray, ratio: float = 0.01) -> ComplexArray:

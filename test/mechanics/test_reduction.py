@@ -80,3 +80,11 @@ def test_a_component_that_is_not_held_is_refused() -> None:
     mass, stiffness = np.eye(3), np.zeros((3, 3))
     with pytest.raises(ReductionError, match="hold more"):
         craig_bampton(mass, stiffness, n_interface=1, n_modes=1)
+
+
+def test_freedom_that_rounding_hides_is_refused() -> None:
+    """A bar held at one pin can swing, though its stiffness factorises by rounding."""
+    beam = Beam(Material(210e9, 7800.0, 0.3), (Segment(0.8, rectangle(0.02, 0.04, 0.3)),), 12)
+    found = beam_matrices(beam, (("A", (0.0, 0.0)), ("B", (0.8, 0.0))))
+    with pytest.raises(ReductionError, match="hold more"):
+        craig_bampton(found.mass, found.stiffness, n_interface=2, n_modes=3)
