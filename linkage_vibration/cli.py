@@ -8,6 +8,7 @@ import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import linkage_vibration
 from linkage_vibration.errors import LinkageVibrationError
@@ -66,6 +67,14 @@ def _parser() -> argparse.ArgumentParser:
         "--starts", type=int, default=8, help="starts of the search (%(default)s)"
     )
     calibrate.set_defaults(run=_calibrate)
+
+    reproduce = commands.add_parser(
+        "reproduce", help="write the numbers and figures of the paper beside ours"
+    )
+    reproduce.add_argument(
+        "-o", "--output", type=Path, default=Path("reproduction"), help="folder to write to"
+    )
+    reproduce.set_defaults(run=_reproduce)
 
     demo = commands.add_parser("demo", help="play a drive to the node and show what it predicts")
     demo.add_argument("--bag", type=Path, help="bag to play (default: the shipped drive)")
@@ -148,6 +157,25 @@ def _calibrate(options: argparse.Namespace) -> int:
     if options.output:
         write_mechanism(calibration, result.values.tolist(), options.output)
         print(f"\nWritten: {options.output}")
+    return 0
+
+
+def _reproduce(options: argparse.Namespace) -> int:
+    from tqdm import tqdm
+
+    from linkage_vibration.reproduction import reproduce
+
+    bars: dict[str, Any] = {}
+
+    def progress(what: str, done: int, total: int) -> None:
+        if what not in bars:
+            bars[what] = tqdm(total=total, desc=what)
+        bars[what].update(done - bars[what].n)
+        if done == total:
+            bars[what].close()
+
+    reproduce(options.output, progress)
+    print(f"Written: {options.output}")
     return 0
 
 
