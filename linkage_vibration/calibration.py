@@ -43,11 +43,16 @@ class CalibrationError(LinkageVibrationError):
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """A number in the description that may be changed."""
+    """A number in the description that may be changed, or several that are the same one."""
 
-    path: str  # keys joined by dots; positions in lists count from 0
+    path: str  # keys joined by dots, positions in lists from 0; several paths joined by commas
     low: float
     high: float
+
+    @property
+    def paths(self) -> tuple[str, ...]:
+        """Every place that the number stands at."""
+        return tuple(path.strip() for path in self.path.split(","))
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,8 +131,9 @@ def read_calibration(path: Path) -> Calibration:
         parameters = []
         for name in keys["parameters"]:
             low, high = keys["parameters"].interval(name, positive=True)
-            _get(mapping, name)
             parameters.append(Parameter(name, low, high))
+            for place in parameters[-1].paths:
+                _get(mapping, place)
         targets = tuple(_target(entry) for entry in keys.items("targets"))
         keys.refuse_unknown()
     except MechanismError as error:
@@ -161,7 +167,7 @@ def calibrate(
         If the mechanism can be solved from none of the starts.
     """
     low, high = np.log([(p.low, p.high) for p in calibration.parameters]).T
-    own = np.log([_get(calibration.mapping, p.path) for p in calibration.parameters])
+    own = np.log([_get(calibration.mapping, p.paths[0]) for p in calibration.parameters])
     random = np.random.default_rng(0)
     best, problem = None, ""
     for start in range(starts):
@@ -209,8 +215,8 @@ def summary(calibration: Calibration, result: CalibrationResult) -> str:
 def apply(calibration: Calibration, values: Sequence[float]) -> dict[str, Any]:
     """Return the description with other values of the parameters."""
     changed = copy.deepcopy(calibration.mapping)
-    for parameter, value in zip(calibration.parameters, values, strict=True):
-        *keys, last = parameter.path.split(".")
+    for path, value in _places(calibration, values):
+        *keys, last = path.split(".")
         below: Any = changed
         for key in keys:
             below = below[int(key) if isinstance(below, list) else key]
@@ -228,9 +234,9 @@ def write_mechanism(calibration: Calibration, values: Sequence[float], path: Pat
     """
     root = yaml.compose(calibration.text, yaml.SafeLoader)
     changes = []
-    for parameter, value in zip(calibration.parameters, values, strict=True):
+    for path_of, value in _places(calibration, values):
         node: Any = root
-        for key in parameter.path.split("."):
+        for key in path_of.split("."):
             if isinstance(node, yaml.SequenceNode):
                 node = node.value[int(key)]
             else:
@@ -267,6 +273,12 @@ def natural_frequencies(
         else:
             found.append(float(at(target.at)[k]))
     return np.array(found)
+
+
+def _places(calibration: Calibration, values: Sequence[float]) -> list[tuple[str, float]]:
+    """List every path that a parameter stands at, with its value."""
+    pairs = zip(calibration.parameters, values, strict=True)
+    return [(path, value) for parameter, value in pairs for path in parameter.paths]
 
 
 def _target(keys: Keys) -> Target:

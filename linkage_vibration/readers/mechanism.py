@@ -19,6 +19,7 @@ from linkage_vibration.mechanics.description import (
     Point,
 )
 from linkage_vibration.mechanics.parsing import Keys, mechanism_from_mapping, read_material
+from linkage_vibration.readers.component_files import ComponentFileError
 from linkage_vibration.readers.frfs import read_frfs
 from linkage_vibration.readers.matrices import read_matrices
 from linkage_vibration.readers.meshes import mesh_matrices
@@ -39,9 +40,7 @@ def read_mechanism(path: Path, *, spatial: bool = False) -> Mechanism:
     ------
     MechanismError
         If the file cannot be read, is not YAML, or describes no sound mechanism; the text names
-        the file, the key and the mend.
-    ComponentFileError
-        If a link's file cannot be used.
+        the file, the key and the mend. So it does where a link's file cannot be used.
     """
     return _mechanism(load_yaml(path)[0], str(path), path.parent, spatial)
 
@@ -72,7 +71,10 @@ def load_yaml(path: Path) -> tuple[Any, str]:
 
 def _mechanism(mapping: Any, source: str, folder: Path, spatial: bool) -> Mechanism:
     def read(keys: Keys, points: dict[str, Point]) -> Matrices | Frfs:
-        return _read_body(keys, points, folder, spatial)
+        try:
+            return _read_body(keys, points, folder, spatial)
+        except ComponentFileError as error:
+            raise MechanismError(f"{keys.path}.file", str(error)) from None
 
     try:
         return mechanism_from_mapping(mapping, read)
