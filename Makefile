@@ -4,6 +4,7 @@
 #   make demo                        play the drive that ships to the node, over DDS
 #   make demo BAG=FILE JOINT=NAME    play one joint of any bag
 #   make test                        lint, types and tests
+#   make bench                       comparisons with other codes, into benchmark/results
 #
 # Each sets .venv up first, where that is not done yet. PYTHON names the Python to use.
 
@@ -12,7 +13,7 @@ PYTHON ?= python3
 export OPENBLAS_NUM_THREADS ?= 1
 in_venv = @. .venv/bin/activate &&
 
-.PHONY: demo test setup clean
+.PHONY: demo test bench setup clean
 
 demo: setup
 	$(in_venv) linkage-vibration demo $(if $(BAG),--bag "$(BAG)") $(if $(JOINT),--joint "$(JOINT)")
@@ -22,6 +23,14 @@ test: setup
 	$(in_venv) python -m ruff format --check .
 	$(in_venv) python -m mypy
 	$(in_venv) python -m pytest
+
+# The peers have an environment of their own: SDynPy is under the GPL. CalculiX comes from apt.
+bench: setup
+	@command -v ccx > /dev/null || { echo "CalculiX is missing; run: apt-get install -y calculix-ccx"; exit 1; }
+	$(in_venv) python -m venv build/bench
+	build/bench/bin/pip install -qq '.[bench]'
+	for name in validation.exudyn_beams validation.solid_fe validation.sdynpy_fbs calibrations; do \
+		build/bench/bin/python -m benchmark.$$name || exit 1; done
 
 setup:
 	@PYTHON="$(PYTHON)" sh tools/setup.sh
