@@ -22,7 +22,7 @@ V1_BESIDE = 0.034  # m
 
 def offset(points: dict[str, float]) -> dict[str, list[float]]:
     """Return a link's points with its axis a little beside the line of its pins."""
-    return {name: [place, 0.005] for name, place in points.items()}
+    return {name: [place, 0.02] for name, place in points.items()}
 
 
 def loosened(mapping: Any) -> Any:

@@ -25,6 +25,7 @@ from scipy.optimize import least_squares
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.files import write_text
 from linkage_vibration.mechanics.description import Beam, Mechanism, MechanismError
+from linkage_vibration.mechanics.kinematics import Kinematics
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.parsing import Keys, mechanism_from_mapping
 from linkage_vibration.readers.mechanism import load_yaml
@@ -34,6 +35,7 @@ FloatArray = NDArray[np.float64]
 COARSE_ELEMENTS, COARSE_MODES = 10, 4  # within the fit; frequencies move by some 1e-5
 STROKE_ANGLES = 13  # at which extremes over the stroke are sought, then refined by a parabola
 UNDETERMINED = 0.5  # standard deviation of a logarithm above which the data do not tell a direction
+CORRELATED = 0.9  # from which a summary names two parameters
 SHARE = 0.3  # of a direction, from which a parameter is named as part of it
 
 
@@ -170,11 +172,12 @@ def calibrate(
     own = np.log([_get(calibration.mapping, p.paths[0]) for p in calibration.parameters])
     random = np.random.default_rng(0)
     best, problem = None, ""
+    closed: dict[object, Kinematics] = {}
     for start in range(starts):
         guess = np.clip(own, low, high) if start == 0 else random.uniform(low, high)
         try:
             fit = least_squares(
-                lambda logs: _residuals(calibration, logs),
+                lambda logs: _residuals(calibration, logs, closed),
                 guess,
                 bounds=(low - 1e-12, high + 1e-12),
                 x_scale="jac",
@@ -207,6 +210,12 @@ def summary(calibration: Calibration, result: CalibrationResult) -> str:
         else:
             told = f"{deviation:.1%}" if math.isfinite(deviation) else "not told"
         lines.append(f"{parameter.path:44}{value:12.5g}{told:>12}")
+    for i, j in zip(*np.triu_indices(len(result.values), 1), strict=True):
+        scale = deviations[i] * deviations[j]
+        if 0.0 < scale < math.inf and abs(result.covariance[i, j]) > CORRELATED * scale:
+            names = calibration.parameters[i].path, calibration.parameters[j].path
+            share = result.covariance[i, j] / scale
+            lines.append(f"correlation {share:+.2f} of {names[0]} and {names[1]}")
     for together in result.undetermined:
         lines.append(f"\nThe targets cannot tell, or cannot tell apart: {', '.join(together)}.")
     return "\n".join(lines)
@@ -241,7 +250,14 @@ def write_mechanism(calibration: Calibration, values: Sequence[float], path: Pat
                 node = node.value[int(key)]
             else:
                 node = next(v for k, v in node.value if k.value == key)
-        changes.append((node.start_mark.index, node.end_mark.index, f"{value:.6g}"))
+        # The mark begins at an anchor, where there is one; the number ends the node.
+        end = node.end_mark.index
+        changes.append((end - len(node.value), end, f"{value:.6g}"))
+    changes = list(dict.fromkeys(changes))  # an alias leads to where its anchor stands
+    if len({start for start, _, _ in changes}) < len(changes):
+        raise CalibrationError(
+            "Two parameters are one number, by an alias in the file; name one of them only."
+        )
     text = calibration.text
     for start, end, number in sorted(changes, reverse=True):
         plain = number if "e" not in number or "." in number else number.replace("e", ".0e")
@@ -250,17 +266,47 @@ def write_mechanism(calibration: Calibration, values: Sequence[float], path: Pat
 
 
 def natural_frequencies(
-    mechanism: Mechanism, targets: Sequence[Target], *, coarse: bool = False
+    mechanism: Mechanism,
+    targets: Sequence[Target],
+    *,
+    coarse: bool = False,
+    closed: dict[object, Kinematics] | None = None,
 ) -> FloatArray:
-    """Return the natural frequency that each target asks for, (n_targets,), Hz."""
+    """Return the natural frequency that each target asks for, (n_targets,), Hz.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+    targets : sequence of Target
+    coarse : bool
+        Mesh the links just as finely as a fit needs.
+    closed : dict, optional
+        Keeps the kinematics, which take longest, while no point of the linkage changes.
+
+    Raises
+    ------
+    CalibrationError
+        If a target asks for a mode that the model does not have.
+    """
     if coarse:
         mechanism = _coarse(mechanism)
-    model = LinkageModel(mechanism)
+    points = tuple((body.name, body.points) for body in mechanism.bodies)
+    closed = {} if closed is None else closed
+    if (mechanism.ground, points) not in closed:
+        closed.clear()
+        closed[mechanism.ground, points] = Kinematics(mechanism)
+    model = LinkageModel(mechanism, kinematics=closed[mechanism.ground, points])
     known: dict[float, FloatArray] = {}
 
     def at(alpha3: float) -> FloatArray:
         if alpha3 not in known:
             known[alpha3] = model.solve(alpha3).natural_frequencies
+            highest = max(target.mode for target in targets)
+            if highest > len(known[alpha3]):
+                raise CalibrationError(
+                    f"A target asks for mode {highest}, and the model within a fit has "
+                    f"{len(known[alpha3])}; measure a lower one."
+                )
         return known[alpha3]
 
     found = []
@@ -323,9 +369,11 @@ def _coarse(mechanism: Mechanism) -> Mechanism:
     )
 
 
-def _residuals(calibration: Calibration, logs: FloatArray, *, coarse: bool = True) -> FloatArray:
+def _residuals(
+    calibration: Calibration, logs: FloatArray, closed: dict[object, Kinematics] | None = None
+) -> FloatArray:
     mechanism = mechanism_from_mapping(apply(calibration, np.exp(logs).tolist()))
-    found = natural_frequencies(mechanism, calibration.targets, coarse=coarse)
+    found = natural_frequencies(mechanism, calibration.targets, coarse=True, closed=closed)
     wanted = np.array([target.frequency for target in calibration.targets])
     deviations = np.array([target.deviation for target in calibration.targets])
     return np.asarray(np.log(found / wanted) / deviations)

@@ -163,3 +163,26 @@ def test_linkage_that_never_closes_is_told(mapping: Any) -> None:
     target = Target(1, math.radians(100.0), 3.0, 0.01)
     with pytest.raises(CalibrationError, match="From no start"):
         calibrate(calibration(mapping, [target], Parameter(HEIGHT, 0.02, 0.1)), starts=2)
+
+
+def test_numbers_with_anchors_and_aliases(mapping: Any, tmp_path: Path) -> None:
+    """A number that carries an anchor keeps it; two parameters that are one number are refused."""
+    text = config_file("three_point_linkage.yaml").read_text()
+    text = text.replace("width: 0.050, height: 0.032", "width: &w 0.050, height: 0.032")
+    text = text.replace("width: 0.020, height: 0.036", "width: *w, height: 0.036")
+    width = "links.lower_link.section.width"
+    one = Calibration(yaml.safe_load(text), text, (Parameter(width, 0.01, 0.1),), ())
+    write_mechanism(one, [0.043], tmp_path / "mine.yaml")
+    assert "width: &w 0.043, height" in (tmp_path / "mine.yaml").read_text()
+    assert read_mechanism(tmp_path / "mine.yaml").name == "three_point_linkage"
+    crank = Parameter("links.input_crank.section.width", 0.01, 0.1)
+    two = Calibration(one.mapping, text, (*one.parameters, crank), ())
+    with pytest.raises(CalibrationError, match="one number"):
+        write_mechanism(two, [0.043, 0.044], tmp_path / "other.yaml")
+
+
+def test_mode_that_the_model_does_not_have(mapping: Any) -> None:
+    """A target beyond the model's modes is told."""
+    far = calibration(mapping, [Target(900, 2.0, 3.0, 0.01)], Parameter(HEIGHT, 0.02, 0.1))
+    with pytest.raises(CalibrationError, match="mode 900"):
+        calibrate(far, starts=1)

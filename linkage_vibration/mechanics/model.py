@@ -55,6 +55,8 @@ class LinkageModel:
         Let the links move out of the plane too; rigid bodies stay held there.
     reduced : bool
         False keeps every DoF of the links, to check the reduction against.
+    kinematics : Kinematics, optional
+        Of a mechanism with the same points, pins and stroke, not to be found again.
 
     Raises
     ------
@@ -63,10 +65,15 @@ class LinkageModel:
     """
 
     def __init__(
-        self, mechanism: Mechanism, *, spatial: bool = False, reduced: bool = True
+        self,
+        mechanism: Mechanism,
+        *,
+        spatial: bool = False,
+        reduced: bool = True,
+        kinematics: Kinematics | None = None,
     ) -> None:
         self.mechanism = mechanism
-        self.kinematics = Kinematics(mechanism)
+        self.kinematics = kinematics or Kinematics(mechanism)
         self.components: tuple[Component | FrfComponent, ...] = (
             *(
                 link_component(
