@@ -58,12 +58,15 @@ class FreedFit:
         Half the sum of the squared logarithms of the ratios to the nine printed frequencies.
     worst : float
         The largest relative difference from them.
+    lean : float
+        How far the implement's mast gets from upright over the stroke, rad.
     """
 
     key: str
     value: float
     cost: float
     worst: float
+    lean: float
 
 
 def reproduce(output: Path, progress: Progress = lambda what, done, total: None) -> None:
@@ -311,7 +314,8 @@ _STARTS = [
     for area, gyration in ((16e-4, 12e-3), (30e-4, 25e-3))
 ]
 _ANGLES = np.radians([90.0, 110.0, 125.0, 140.0, 155.0, 168.0, 180.0])
-_REACH = 0.4  # how far a dimension is freed, of its length; a coordinate, of half a metre
+_REACH = 0.3  # how far a dimension is freed, of its length; a coordinate, of half a metre
+_SHARES: FloatArray = np.linspace(-0.9, 0.9, 7)  # of that reach, where it is held first
 FREED = tuple(number.key for number in GEOMETRY[2:16])
 
 
@@ -319,7 +323,7 @@ def scan_freed_dimensions(
     keys: Sequence[str] = FREED,
     progress: Callable[[int, int], None] = lambda done, total: None,
     *,
-    evaluations: int = 12,
+    evaluations: int = 10,
 ) -> list[FreedFit]:
     """Fit the sections and one dimension of Table 1 at a time to the nine printed frequencies.
 
@@ -332,7 +336,7 @@ def scan_freed_dimensions(
     progress : callable
         Called with the fits done and all of them.
     evaluations : int
-        Half of them for each of six starts of a dimension, twice as many for the best two.
+        Steps of least squares with the dimension held; twice as many once it is free.
 
     Returns
     -------
@@ -356,33 +360,51 @@ def scan_freed_dimensions(
         ours = frequencies(f, f[3])
         return np.asarray(np.log(np.array([ours[name] for name in names]) / wanted))
 
-    def fit(starts: Sequence[FloatArray], key: str, low: FloatArray, high: FloatArray) -> FreedFit:
-        """Try all starts for some steps, and go on from the two that came furthest."""
+    def solved(x: FloatArray, key: str, low: FloatArray, high: FloatArray) -> FloatArray:
+        found = least_squares(
+            residuals, x, bounds=(low, high), max_nfev=2 * evaluations, args=(key, {})
+        )
+        return np.asarray(found.x)
+
+    def at_value(x: FloatArray, key: str, value: float) -> FloatArray:
+        """Fit the sections alone, which leaves the loops closed as they are."""
         closed: dict[float, list[Configuration]] = {}
-        for kept, steps in ((2, evaluations // 2), (1, 2 * evaluations)):
-            tries = [
-                least_squares(
-                    residuals, start, bounds=(low, high), max_nfev=steps, args=(key, closed)
-                )
-                for start in starts
-            ]
-            tries.sort(key=lambda one: float(one.cost))
-            starts = [np.clip(one.x, low, high) for one in tries[:kept]]
-        off = residuals(starts[0], key, closed)
-        value = float(starts[0][-1]) if key else math.nan
-        return FreedFit(key, value, float(off @ off) / 2.0, float(np.abs(np.expm1(off)).max()))
+
+        def left(sections: FloatArray) -> FloatArray:
+            return residuals(np.append(sections, value), key, closed)
+
+        bounds = (_LOW, _HIGH)
+        return np.asarray(least_squares(left, x, bounds=bounds, max_nfev=evaluations).x)
+
+    def result(x: FloatArray, key: str) -> FreedFit:
+        value = float(x[-1]) if key else math.nan
+        closed: dict[float, list[Configuration]] = {}
+        off = residuals(x, key, closed)
+        lean = max(
+            (abs(at.angle("implement") - math.pi / 2.0) for some in closed.values() for at in some),
+            default=math.nan,  # it does not close
+        )
+        cost, worst = float(off @ off) / 2.0, float(np.abs(np.expm1(off)).max())
+        return FreedFit(key, value, cost, worst, lean)
 
     total = 1 + len(keys)
     progress(0, total)
-    fits = [fit(_STARTS, "", _LOW, _HIGH)]
+    tries = [solved(start, "", _LOW, _HIGH) for start in _STARTS]
+    fits = [min((result(x, "") for x in tries), key=lambda one: one.cost)]
     for key in keys:
         progress(len(fits), total)
         at = printed[key]
         reach = _REACH * (0.5 if key.endswith((".x", ".z")) else abs(at))
+        # The valley is not convex: look along the dimension first, then let all go from there.
+        looked = [
+            np.append(at_value(start, key, float(value)), value)
+            for value in at + reach * _SHARES
+            for start in _STARTS
+        ]
+        looked.sort(key=lambda x: result(x, key).cost)
         low, high = np.append(_LOW, at - reach), np.append(_HIGH, at + reach)
-        shares = (-0.5, 0.0, 0.5)
-        starts = [np.append(start, at + share * reach) for start in _STARTS for share in shares]
-        fits.append(fit(starts, key, low, high))
+        tries = [solved(x, key, low, high) for x in looked[:2]]
+        fits.append(min((result(x, key) for x in tries), key=lambda one: one.cost))
     progress(total, total)
     return fits
 

@@ -139,7 +139,7 @@ def test_figures_are_written(tmp_path: Path, sweeps: SWEEPS) -> None:
     """Figures 3 to 9, the evidence and a moving mode are there, and nothing unfinished."""
     from PIL import Image
 
-    fits = [FreedFit("", math.nan, 0.2, 0.4), FreedFit("geometry.P2_E2", 0.5, 0.01, 0.1)]
+    fits = [FreedFit("", math.nan, 0.2, 0.4, 0.3), FreedFit("geometry.P2_E2", 0.5, 0.01, 0.1, 0.1)]
     draw_figures(tmp_path, sweeps[0], fits)
     pictures = {path.name: path.stat().st_size for path in tmp_path.iterdir()}
     assert {name[:4] for name in pictures if name.startswith("fig")} == {
@@ -157,6 +157,7 @@ def test_freeing_the_upper_link_fits_better() -> None:
     assert none.key == "" and math.isnan(none.value)
     assert upper.cost < 0.5 * none.cost
     assert upper.value > 0.45
+    assert math.degrees(none.lean) == pytest.approx(90.0 - 72.23, abs=0.01)
 
 
 def test_folder_that_cannot_be_made(tmp_path: Path) -> None:
