@@ -13,9 +13,6 @@ from typing import Any
 import linkage_vibration
 from linkage_vibration.errors import LinkageVibrationError
 
-DEFAULT_MECHANISM = "three_point_linkage.yaml"
-DEFAULT_TABLE = "tables/three_point_linkage.npz"
-
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; return its exit code."""
@@ -47,7 +44,7 @@ def _parser() -> argparse.ArgumentParser:
     build.add_argument(
         "-o", "--output", type=Path, help="table to write (default: MECHANISM with .npz)"
     )
-    build.add_argument("--points", type=int, default=181, help="angles in the table (%(default)s)")
+    build.add_argument("--points", type=int, help="angles in the table")
     build.set_defaults(run=_build)
 
     predict = commands.add_parser("predict", help="predict at angles given in degrees")
@@ -89,14 +86,15 @@ def _build(options: argparse.Namespace) -> int:
 
     from linkage_vibration.mechanics.model import LinkageModel
     from linkage_vibration.readers.mechanism import read_mechanism
-    from linkage_vibration.resources import config_file
-    from linkage_vibration.table import build_table, save_table
+    from linkage_vibration.resources import DEFAULT_MECHANISM, config_file
+    from linkage_vibration.table import DEFAULT_POINTS, build_table, save_table
 
     source = options.mechanism or config_file(DEFAULT_MECHANISM)
     output = options.output or Path(source.name).with_suffix(".npz")
     model = LinkageModel(read_mechanism(source))
-    with tqdm(total=2 * options.points - 1, desc=model.mechanism.name, unit="angle") as bar:
-        table = build_table(model, options.points, lambda: bar.update(1))
+    points = DEFAULT_POINTS if options.points is None else options.points
+    with tqdm(total=2 * points - 1, desc=model.mechanism.name, unit="angle") as bar:
+        table = build_table(model, points, lambda: bar.update(1))
     save_table(table, output)
     low, high = (math.degrees(angle) for angle in table.alpha3_range)
     print(
@@ -111,7 +109,7 @@ def _predict(options: argparse.Namespace) -> int:
     from linkage_vibration.mechanics.model import LinkageModel
     from linkage_vibration.prediction import Predictor, Status
     from linkage_vibration.readers.mechanism import read_mechanism
-    from linkage_vibration.resources import config_file
+    from linkage_vibration.resources import DEFAULT_MECHANISM, DEFAULT_TABLE, config_file
     from linkage_vibration.table import build_table, load_table
 
     mechanism = read_mechanism(options.mechanism or config_file(DEFAULT_MECHANISM))

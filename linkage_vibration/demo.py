@@ -24,10 +24,9 @@ from linkage_vibration.drive import HITCH_JOINT
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.plots import plot_predictions
 from linkage_vibration.readers.bags import JointStateRecord, read_joint_states
-from linkage_vibration.resources import config_file
+from linkage_vibration.resources import DEFAULT_TABLE, config_file
 from linkage_vibration.table import load_table
 
-TABLE = "tables/three_point_linkage.npz"
 DRIVE = "drives/hitch_duty_cycle.mcap"
 # A swing is mapped onto the table's range less this at each end, lest rounding leaves the range.
 MARGIN = 1e-9  # rad
@@ -71,7 +70,7 @@ def run_demo(bag: Path | None, joint: str | None, output: Path) -> int:
     parameters: dict[str, object] = {"joint_name": HITCH_JOINT}
     if bag is not None or joint is not None:
         low, high = _swing(bag or config_file(DRIVE), joint)
-        first, last = load_table(config_file(TABLE)).alpha3_range
+        first, last = load_table(config_file(DEFAULT_TABLE)).alpha3_range
         scale = (last - first - 2 * MARGIN) / (high - low)
         offset = first + MARGIN - scale * low
         parameters = {"joint_name": joint, "scale": scale, "offset": offset}

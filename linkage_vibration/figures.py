@@ -15,7 +15,7 @@ from linkage_vibration.files import write_bytes
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.kinematics import Configuration
 from linkage_vibration.mechanics.model import LinkageModel, Solution
-from linkage_vibration.plots import PlotError
+from linkage_vibration.plots import COLOURS, GREY, INK, PlotError
 from linkage_vibration.published import GEOMETRY, OVER_THE_SWEEP, SUBSTRUCTURING
 
 if TYPE_CHECKING:
@@ -26,9 +26,7 @@ FloatArray = NDArray[np.float64]
 Sweeps = Mapping[str, Sequence[Solution]]
 """Solutions over the stroke by the name of the geometry, the one to believe first."""
 
-# Okabe and Ito's palette, which the colour-blind tell apart.
-_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#E69F00")
-_INK, _GREY = "#222222", "#6b6b6b"
+_COLOURS = (*COLOURS[:3], COLOURS[4])
 _BODIES = ("lower_link", "upper_link", "lift_rod", "implement")
 _ANGLES_DEG = (90.0, 140.0, 180.0)
 _LINES: FloatArray = np.linspace(0.5, 200.0, 1996)  # Hz
@@ -144,7 +142,7 @@ def _figure(title: str, note: str, size: tuple[float, float]) -> "Figure":
     height = size[1]
     figure.get_layout_engine().set(rect=(0.0, 0.0, 1.0, 1.0 - 0.62 / height))  # type: ignore[call-arg, union-attr]
     figure.text(0.01, 1.0 - 0.18 / height, title, fontsize=12, fontweight="bold", va="center")
-    figure.text(0.01, 1.0 - 0.42 / height, note, fontsize=9, color=_GREY, va="center")
+    figure.text(0.01, 1.0 - 0.42 / height, note, fontsize=9, color=GREY, va="center")
     return figure
 
 
@@ -229,7 +227,7 @@ def _scene(ax: "Axes", solution: Solution, *, named: bool = True) -> None:
     """Draw the ground pins and the names of points; set the frame that all configurations share."""
     points = _points(solution)
     for point, place in solution.model.mechanism.ground:
-        ax.plot(*place, marker="^", markersize=8, color=_INK, zorder=6)
+        ax.plot(*place, marker="^", markersize=8, color=INK, zorder=6)
         points[point] = np.array(place)
     for point, at in points.items() if named else ():
         ax.annotate(
@@ -238,7 +236,7 @@ def _scene(ax: "Axes", solution: Solution, *, named: bool = True) -> None:
             xytext=_LABEL_AT[point],
             textcoords="offset points",
             fontsize=8,
-            color=_INK,
+            color=INK,
             zorder=7,
         )
     ax.set_aspect("equal")
@@ -257,7 +255,7 @@ def _configurations(solutions: Sequence[Solution], label: str) -> "Figure":
     axes = figure.subplots(1, 3, sharey=True)
     for ax, solution, angle in zip(axes, solutions, _ANGLES_DEG, strict=True):
         for (body, (places, _)), colour in zip(
-            _lines(solution, 0).items(), (*_COLOURS[:3], _COLOURS[3], _GREY), strict=True
+            _lines(solution, 0).items(), (*_COLOURS, GREY), strict=True
         ):
             ax.plot(
                 *places.T,
@@ -267,7 +265,7 @@ def _configurations(solutions: Sequence[Solution], label: str) -> "Figure":
             )
         _scene(ax, solution)
         at = np.array([_points(solution)[p] for p in ("V1", "V2", "E1", "E2", "M")])
-        ax.plot(*at.T, "o", markersize=4.5, color=_INK, zorder=5)
+        ax.plot(*at.T, "o", markersize=4.5, color=INK, zorder=5)
         ax.set_title(f"$α_3$ = {angle:g} deg", fontsize=10)
     axes[0].set_ylabel("z [m]")
     figure.legend(
@@ -352,9 +350,9 @@ def _natural_frequencies(sweeps: Sweeps) -> "Figure":
             at |= {90.0: ends[0], 180.0: ends[1]}
         else:
             ax.axhspan(*ends, color="#F9E08B", alpha=0.6, lw=0, zorder=0)
-            ax.annotate("the paper's interval", (91, ends[0] + 1.5), fontsize=8, color=_GREY)
+            ax.annotate("the paper's interval", (91, ends[0] + 1.5), fontsize=8, color=GREY)
         ax.plot(
-            list(at), list(at.values()), "D", color=_INK, clip_on=False, zorder=6, label="the paper"
+            list(at), list(at.values()), "D", color=INK, clip_on=False, zorder=6, label="the paper"
         )
         _stroke_axis(ax)
         ax.set_ylabel(f"mode {row + 1} [Hz]")
@@ -374,7 +372,7 @@ def _mode_shapes(solutions: Sequence[Solution], mode: int, label: str) -> "Figur
     axes = figure.subplots(1, 3, sharey=True)
     for ax, solution, angle in zip(axes, solutions, _ANGLES_DEG, strict=True):
         scale = _scale(solution, mode)
-        _draw_bodies(ax, solution, mode, 0.0, nodes=False, color=_GREY, linestyle="--", linewidth=1)
+        _draw_bodies(ax, solution, mode, 0.0, nodes=False, color=GREY, linestyle="--", linewidth=1)
         for sign, colour in ((1.0, _COLOURS[0]), (-1.0, _COLOURS[1])):
             _draw_bodies(ax, solution, mode, sign * scale, color=colour, linewidth=1.8)
         _scene(ax, solution, named=False)
@@ -411,8 +409,8 @@ def _mast_and_inertia(sweeps: Sweeps) -> "Figure":
         inertia.plot(
             alpha3, [generalised_inertia(model.mechanism, place) for place in places], **about
         )
-    mast.axhline(90.0, color=_GREY, linewidth=1, linestyle=":")
-    mast.annotate("upright", (91, 90.4), fontsize=8, color=_GREY)
+    mast.axhline(90.0, color=GREY, linewidth=1, linestyle=":")
+    mast.annotate("upright", (91, 90.4), fontsize=8, color=GREY)
     mast.set_ylabel("mast, E1 to E2 [deg]")
     inertia.set_ylabel("implement's inertia\nabout $α_3$ [kg m²]")
     inertia.set_ylim(bottom=0.0)
@@ -443,7 +441,7 @@ def _freed_dimensions(fits: Sequence[Fit]) -> "Figure":
         else:
             names.append("none")
     ax = figure.subplots()
-    colours = [_COLOURS[1] if fit.lean < _UPRIGHT else _GREY for fit in ordered]
+    colours = [_COLOURS[1] if fit.lean < _UPRIGHT else GREY for fit in ordered]
     ax.barh(names, [fit.cost for fit in ordered], color=colours, height=0.7)
     for row, fit in enumerate(ordered):
         ax.annotate(
@@ -478,7 +476,7 @@ def _animate(path: Path, solution: Solution, mode: int, label: str) -> None:
         )
         figure.set_dpi(80)
         ax = figure.subplots()
-        _draw_bodies(ax, solution, mode, 0.0, nodes=False, color=_GREY, linestyle="--", linewidth=1)
+        _draw_bodies(ax, solution, mode, 0.0, nodes=False, color=GREY, linestyle="--", linewidth=1)
         _draw_bodies(ax, solution, mode, float(share) * scale, color=_COLOURS[0], linewidth=2)
         _scene(ax, solution, named=False)
         ax.set_ylabel("z [m]")

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Draws what a log holds."""
 
+import io
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.files import write_bytes
 from linkage_vibration.readers.bags import read_messages
 
 if TYPE_CHECKING:
@@ -19,8 +21,9 @@ if TYPE_CHECKING:
 
 PREDICTION_TOPIC = "/linkage_vibration/prediction"
 # Okabe and Ito's palette, which the colour-blind tell apart.
-_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#56B4E9", "#E69F00")
-_PEAK, _INK, _GREY, _SHADE = "#AA4499", "#222222", "#6b6b6b", "#F9E08B"
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#56B4E9", "#E69F00")
+INK, GREY = "#222222", "#6b6b6b"
+_PEAK, _SHADE = "#AA4499", "#F9E08B"
 
 
 class PlotError(LinkageVibrationError):
@@ -69,16 +72,11 @@ def plot_predictions(log: Path, picture: Path) -> None:
         f"{len(messages)} predictions of table {messages[0].table_id}, from {log.name}",
         loc="right",
         fontsize=9,
-        color=_GREY,
+        color=GREY,
     )
-    unfinished = picture.with_name(picture.name + ".unfinished")
-    try:
-        figure.savefig(unfinished, format="png")
-        unfinished.replace(picture)
-    except OSError as error:
-        raise PlotError(
-            f"{picture} could not be written: {error.strerror}; give a folder that can be written."
-        ) from None
+    png = io.BytesIO()
+    figure.savefig(png, format="png")
+    write_bytes(picture, png.getvalue(), PlotError)
 
 
 def _draw(figure: "Figure", messages: Sequence[Any]) -> None:
@@ -104,14 +102,14 @@ def _draw(figure: "Figure", messages: Sequence[Any]) -> None:
 
     n_modes = frequencies.shape[1]
     axes = figure.subplots(n_modes + 2, sharex=True, height_ratios=[1.4, *[1] * n_modes, 1.4])
-    line(axes[0], alpha3, color=_INK, linewidth=1.6)
+    line(axes[0], alpha3, color=INK, linewidth=1.6)
     axes[0].set_ylabel("crank angle\n$α_3$ [deg]")
     for mode, ax in zip(reversed(range(n_modes)), axes[1:-1], strict=True):
-        colour = _COLOURS[mode % len(_COLOURS)]
+        colour = COLOURS[mode % len(COLOURS)]
         line(ax, frequencies[:, mode], color=colour, linewidth=3)
         # The peak shows in the row of the mode that it belongs to; it must not stretch the others.
         limits = ax.get_ylim()
-        peak = line(ax, peak_frequency, color=_INK, linewidth=1.2, linestyle=(0, (3, 3)))
+        peak = line(ax, peak_frequency, color=INK, linewidth=1.2, linestyle=(0, (3, 3)))
         ax.set_ylim(limits)
         ax.set_ylabel(f"mode {mode + 1}\n$f_{mode + 1}$ [Hz]", color=colour)
     line(axes[-1], peak_magnitude, color=_PEAK, linewidth=2)
@@ -130,7 +128,7 @@ def _draw(figure: "Figure", messages: Sequence[Any]) -> None:
                 times[last],
                 times[last + 1],
                 facecolor="#e4e4e4",
-                edgecolor=_GREY,
+                edgecolor=GREY,
                 hatch="//",
                 lw=0,
             )

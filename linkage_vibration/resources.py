@@ -10,6 +10,10 @@ from linkage_vibration.errors import LinkageVibrationError
 
 PACKAGE = "linkage_vibration"
 
+# Below config, what is used where nothing else is asked for.
+DEFAULT_MECHANISM = "three_point_linkage.yaml"
+DEFAULT_TABLE = "tables/three_point_linkage.npz"
+
 
 class ResourceError(LinkageVibrationError):
     """A file that ships with the package is not where an installation puts it."""

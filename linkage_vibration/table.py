@@ -246,21 +246,24 @@ def build_table(
     return table(errors, (float(peak_frequency), float(peak_magnitude)))
 
 
-def save_table(table: Table, path: Path) -> None:
-    """Write a table as one ``.npz``: an array for each quantity, and JSON metadata.
+def table_bytes(table: Table) -> bytes:
+    """Return a table as one ``.npz``: an array for each quantity, and JSON metadata."""
+    metadata = json.dumps({**table._metadata(), "checksum": table.checksum}, sort_keys=True)
+    archive = io.BytesIO()
+    arrays = {name: getattr(table, name) for name in UNITS}
+    np.savez(archive, metadata=np.array(metadata), **arrays)
+    return archive.getvalue()
 
-    It is written beside and renamed, so that no reader ever finds half a table.
+
+def save_table(table: Table, path: Path) -> None:
+    """Write a table's `table_bytes` to a file, beside and renamed.
 
     Raises
     ------
     TableError
         If it cannot be written.
     """
-    metadata = json.dumps({**table._metadata(), "checksum": table.checksum}, sort_keys=True)
-    arrays = {name: getattr(table, name) for name in UNITS}
-    archive = io.BytesIO()
-    np.savez(archive, metadata=np.array(metadata), **arrays)
-    write_bytes(path, archive.getvalue(), TableError)
+    write_bytes(path, table_bytes(table), TableError)
 
 
 def load_table(path: Path, mechanism: Mechanism | None = None) -> Table:

@@ -122,7 +122,7 @@ def test_errors_name_the_place_and_the_mend(
     with pytest.raises(BagError, match="There is no bag"):
         plot_predictions(tmp_path / "none.mcap", tmp_path / "a.png")
     log = write_log(tmp_path / "log.mcap", [0.0, 0.01], [2.0, 2.1])
-    with pytest.raises(PlotError, match=r"a\.png could not be written"):
+    with pytest.raises(PlotError, match=r"a\.png: cannot be written"):
         plot_predictions(log, tmp_path / "nowhere" / "a.png")
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
     with pytest.raises(PlotError, match=r"pip install linkage_vibration\[plots\]"):

@@ -137,27 +137,12 @@ def damp_modes(system: CoupledSystem, omega: FloatArray, vectors: FloatArray) ->
     )
 
 
-def mac(first: FloatArray, second: FloatArray, mass: FloatArray) -> FloatArray:
-    """Mass-weighted modal assurance criterion of mass-normalised shapes.
-
-    (phi_i^T M phi_j)^2, which is 1 for the same shape and 0 for orthogonal ones. Shapes from two
-    configurations compare because M is that of the uncoupled components, in their own axes.
-
-    Parameters
-    ----------
-    first : ndarray, (n, k)
-    second : ndarray, (n, l)
-    mass : ndarray, (n, n)
-
-    Returns
-    -------
-    ndarray, (k, l)
-    """
-    return np.asarray((first.T @ mass @ second) ** 2)
-
-
 def track(previous: FloatArray, modes: Modes, mass: FloatArray) -> tuple[IntArray, FloatArray]:
     """Find the modes whose shapes continue those of a neighbouring configuration.
+
+    They are paired by the mass-weighted modal assurance criterion, (phi_i^T M phi_j)^2, which is 1
+    for the same shape and 0 for orthogonal ones. Shapes from two configurations compare because M
+    is that of the uncoupled components, in their own axes.
 
     Parameters
     ----------

@@ -5,7 +5,6 @@
 import math
 import os
 import sys
-import tempfile
 import time
 from pathlib import Path
 from signal import SIG_BLOCK, SIG_IGN, SIG_UNBLOCK, SIGINT, SIGTERM, pthread_sigmask, signal
@@ -41,7 +40,7 @@ from linkage_vibration.logs.recording import Attachment, LogWriter, Topic, offer
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.prediction import Predictor, Status
 from linkage_vibration.readers.mechanism import read_mechanism
-from linkage_vibration.resources import config_file
+from linkage_vibration.resources import DEFAULT_MECHANISM, DEFAULT_TABLE, config_file
 from linkage_vibration.ros.conversions import (
     ReadingError,
     encode_prediction,
@@ -49,14 +48,12 @@ from linkage_vibration.ros.conversions import (
     joint_position,
 )
 from linkage_vibration.ros.parameters import declare_parameters, parameters_yaml
-from linkage_vibration.table import Table, build_table, load_table, save_table
+from linkage_vibration.table import Table, build_table, load_table, table_bytes
 from linkage_vibration_interfaces.msg import VibrationPrediction
 from linkage_vibration_interfaces.srv import PredictVibration
 
 NODE_NAME = "linkage_vibration"
 STOP_SIGNALS = (SIGINT, SIGTERM)
-DEFAULT_MECHANISM = "three_point_linkage.yaml"
-DEFAULT_TABLE = "tables/three_point_linkage.npz"
 
 # A tenth of a second of joint states at 1 kHz: rides out a stall of the machine without loss, and
 # no prediction waits longer than that behind it. Of predictions as many, for late retransmission.
@@ -159,7 +156,7 @@ class LinkageVibrationNode(Node):
         )
         attachments = [
             Attachment(mechanism_path.name, "application/yaml", mechanism_path.read_bytes()),
-            Attachment(f"{table.table_id}.npz", "application/x-npz", _table_bytes(table)),
+            Attachment(f"{table.table_id}.npz", "application/x-npz", table_bytes(table)),
             Attachment("parameters.yaml", "application/yaml", settings.encode()),
         ]
         return LogWriter(
@@ -367,13 +364,6 @@ def _topic(name: str, type_name: str) -> Topic:
     # Played back as reliable, a log reaches subscribers of either kind.
     qos = offered_qos_profiles(reliable=True, depth=QUEUE_DEPTH)
     return Topic(name, type_name, message_definition(type_name), type_hash(type_name), qos)
-
-
-def _table_bytes(table: Table) -> bytes:
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "table.npz"
-        save_table(table, path)
-        return path.read_bytes()
 
 
 if __name__ == "__main__":
