@@ -44,7 +44,18 @@ def _parser() -> argparse.ArgumentParser:
     build.add_argument(
         "-o", "--output", type=Path, help="table to write (default: MECHANISM with .npz)"
     )
-    build.add_argument("--points", type=int, help="angles in the table")
+    build.add_argument(
+        "--tolerance",
+        type=float,
+        default=1e-6,
+        help="relative, of natural frequencies; FRFs and their peak: a hundred times (%(default)s)",
+    )
+    build.add_argument(
+        "--frf-points",
+        nargs="+",
+        metavar="POINT",
+        help="points to hold FRFs between (default: all that move, if they are 8 at most)",
+    )
     build.set_defaults(run=_build)
 
     predict = commands.add_parser("predict", help="predict at angles given in degrees")
@@ -87,20 +98,21 @@ def _build(options: argparse.Namespace) -> int:
     from linkage_vibration.mechanics.model import LinkageModel
     from linkage_vibration.readers.mechanism import read_mechanism
     from linkage_vibration.resources import DEFAULT_MECHANISM, config_file
-    from linkage_vibration.table import DEFAULT_POINTS, build_table, save_table
+    from linkage_vibration.table import save_table
+    from linkage_vibration.tabulation import build_table
 
     source = options.mechanism or config_file(DEFAULT_MECHANISM)
     output = options.output or Path(source.name).with_suffix(".npz")
     model = LinkageModel(read_mechanism(source))
-    points = DEFAULT_POINTS if options.points is None else options.points
-    with tqdm(total=2 * points - 1, desc=model.mechanism.name, unit="angle") as bar:
-        table = build_table(model, points, lambda: bar.update(1))
+    with tqdm(desc=model.mechanism.name, unit=" angles") as bar:
+        table = build_table(model, options.tolerance, options.frf_points, lambda: bar.update(1))
     save_table(table, output)
     low, high = (math.degrees(angle) for angle in table.alpha3_range)
+    frfs = f", FRFs {table.frf_error:.1e}" if table.places else "; it holds no FRFs"
     print(
         f"{output}: table {table.table_id}, {len(table.alpha3)} angles from {low:g} to {high:g} "
-        f"deg; worst relative error measured between them: natural frequencies "
-        f"{table.interpolation_error.max():.1e}, FRF peak {max(table.peak_error):.1e}."
+        f"deg; worst relative error measured where it was not fitted: natural frequencies "
+        f"{table.interpolation_error.max():.1e}, FRF peak {table.peak_error:.1e}{frfs}."
     )
     return 0
 
@@ -110,7 +122,8 @@ def _predict(options: argparse.Namespace) -> int:
     from linkage_vibration.prediction import Predictor, Status
     from linkage_vibration.readers.mechanism import read_mechanism
     from linkage_vibration.resources import DEFAULT_MECHANISM, DEFAULT_TABLE, config_file
-    from linkage_vibration.table import build_table, load_table
+    from linkage_vibration.table import load_table
+    from linkage_vibration.tabulation import build_table
 
     mechanism = read_mechanism(options.mechanism or config_file(DEFAULT_MECHANISM))
     if options.mechanism and not options.table:
@@ -123,7 +136,7 @@ def _predict(options: argparse.Namespace) -> int:
     good = True
     for angle in options.angle_deg:
         prediction = predictor.predict(math.radians(angle))
-        good = good and prediction.status is Status.OK
+        good = good and prediction.status.has_numbers
         print(
             f"{angle:12.3f}"
             + "".join(f"{frequency:13.4f}" for frequency in prediction.natural_frequencies)

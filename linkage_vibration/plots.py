@@ -89,7 +89,7 @@ def _draw(figure: "Figure", messages: Sequence[Any]) -> None:
     frequencies = np.array([m.natural_frequencies for m in messages])
     peak_frequency = np.array([m.frf_peak_frequency for m in messages])
     peak_magnitude = np.array([m.frf_peak_magnitude for m in messages])
-    invalid = np.array([m.status != 0 for m in messages])
+    invalid = np.array([m.status in (1, 2) for m in messages])
     steps = np.diff(times)
     missing = steps > max(0.1, 10 * float(np.median(steps))) if steps.size else steps > 0
     breaks = np.flatnonzero(missing) + 1

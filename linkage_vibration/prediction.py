@@ -20,6 +20,12 @@ class Status(enum.IntEnum):
     OK = 0
     OUT_OF_RANGE = 1
     INVALID_ANGLE = 2
+    NEAR_TOGGLE = 3
+
+    @property
+    def has_numbers(self) -> bool:
+        """Whether a prediction of this status has numbers."""
+        return self in (Status.OK, Status.NEAR_TOGGLE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +37,7 @@ class Prediction:
     crank_angle : float
         alpha3 as asked, rad.
     status : Status
-        Every number below is NaN unless it is OK.
+        Every number below is NaN unless it is OK or NEAR_TOGGLE.
     natural_frequencies, damping_ratios : ndarray, (n_modes,)
         Hz and 1.
     frf_peak_frequency, frf_peak_magnitude : float
@@ -64,6 +70,7 @@ class Predictor:
     def __init__(self, table: Table) -> None:
         self.table = table
         self._low, self._high = table.alpha3_range
+        self._sound_low, self._sound_high = table.sound_range
         self._n_modes = table.n_modes
         self._table_id = table.table_id
         table.interpolate(self._low)  # makes what the table makes at first use
@@ -72,15 +79,16 @@ class Predictor:
         """Predict at an angle in rad; any float is answered, if only by a status."""
         if not self._low <= alpha3 <= self._high:
             return self._refuse(alpha3)
-        values, error = self.table.interpolate(alpha3)
+        values, peak_frequency, peak_magnitude, error = self.table.interpolate(alpha3)
         n = self._n_modes
+        sound = self._sound_low <= alpha3 <= self._sound_high
         return Prediction(
             crank_angle=alpha3,
-            status=Status.OK,
-            natural_frequencies=values[:n],
-            damping_ratios=values[n : 2 * n],
-            frf_peak_frequency=float(values[-2]),
-            frf_peak_magnitude=math.exp(values[-1]),
+            status=Status.OK if sound else Status.NEAR_TOGGLE,
+            natural_frequencies=np.array(values[:n]),
+            damping_ratios=np.array(values[n:]),
+            frf_peak_frequency=peak_frequency,
+            frf_peak_magnitude=peak_magnitude,
             interpolation_error=error,
             table_id=self._table_id,
         )

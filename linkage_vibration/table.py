@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""The lookup table over alpha3: built once from the model, then interpolated."""
+"""The lookup table over alpha3: what a prediction tells, and FRFs, at any angle of the stroke."""
 
 import hashlib
 import io
@@ -9,7 +9,7 @@ import math
 import zipfile
 import zlib
 from bisect import bisect_right
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -19,25 +19,43 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-import linkage_vibration
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.files import write_bytes
+from linkage_vibration.interpolation import (
+    interpolation_matrix,
+    stroke_angle,
+    stroke_variable,
+)
 from linkage_vibration.mechanics.description import Mechanism
-from linkage_vibration.mechanics.model import LinkageModel
-from linkage_vibration.mechanics.modes import track
+from linkage_vibration.mechanics.model import Place
+from linkage_vibration.mechanics.response import PoleResidue
 
 FloatArray = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+IntArray = NDArray[np.int64]
 
-DEFAULT_POINTS = 181
-FORMAT = "linkage_vibration table 1"
+FORMAT = "linkage_vibration table 2"
 UNITS = {
     "alpha3": "rad",
+    "pieces": "1",
     "natural_frequencies": "Hz",
     "damping_ratios": "1",
-    "frf_peak_frequency": "Hz",
-    "frf_peak_magnitude": "m/N",
+    "peak_frequencies": "Hz",
+    "peak_magnitudes": "m/N",
+    "peak_notable": "1",
     "interpolation_error": "1",
+    "term_stiffness": "rad^2/s^2",
+    "term_decay": "rad/s",
+    "participations": "1/sqrt(kg)",
+    "far_stiffness": "rad^2/s^2",
+    "far_decay": "rad/s",
+    "far_residues": "m/N, then 1/kg",
 }
+
+_CELLS = 512  # cubic cells to a piece, for lookups: their error is below 1e-8
+_CHUNK = 4096  # angles looked up at a time, so that their cells stay in the cache
+_LARGE = 600.0  # a logarithm that is still that of a number
+_NEAR = math.radians(1.0)  # of a toggle
 
 
 class TableError(LinkageVibrationError):
@@ -46,24 +64,51 @@ class TableError(LinkageVibrationError):
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """What a prediction tells, at angles over the stroke, and a cubic spline between them.
+    """What a prediction tells, and the terms of FRFs, at angles over the stroke.
+
+    The stroke is cut into pieces, in each of which every quantity is the polynomial through its
+    points (in `interpolation.stroke_variable`). For lookups the polynomials are resampled into
+    cubic cells when the table is made or loaded.
 
     Attributes
     ----------
     alpha3 : ndarray, (n,)
         Angles, rad, ascending.
+    pieces : ndarray of int, (n_pieces + 1,)
+        Which points bound the pieces; from 0 to n - 1.
     natural_frequencies : ndarray, (n, n_modes)
         Hz; ascending at the first angle, then tracked by shape.
     damping_ratios : ndarray, (n, n_modes)
         1.
-    frf_peak_frequency, frf_peak_magnitude : ndarray, (n,)
-        Of the drive-point receptance within the band, Hz and m/N.
-    interpolation_error : ndarray, (n - 1,)
-        Relative error of the worst natural frequency, 1, measured against the model in the middle
-        of each interval; the largest of an interval and its neighbours, since the error of one
-        may happen to vanish just there.
-    peak_error : tuple of float
-        The same for the peak's frequency and magnitude, the worst of all intervals.
+    peak_frequencies, peak_magnitudes : ndarray, (n, n_peaks)
+        Maxima of the drive-point receptance that may be the highest in the band somewhere: beside
+        resonances, and at the band's ends; Hz and m/N. Each is smooth, where the highest may jump
+        from one to another.
+    peak_notable : ndarray of bool, (n_pieces, n_peaks)
+        Which of them are high enough in a piece to count there.
+    interpolation_error : ndarray, (n_pieces,)
+        Relative error of the worst natural frequency, 1, measured against the model at points that
+        the piece was not fitted to, chosen where a polynomial's error is largest.
+    peak_error : float
+        The same for the highest peak's frequency and magnitude, the worst of all pieces.
+    frf_error : float
+        The same for the worst single FRF: relative L2 norm over the band; NaN without FRFs.
+    toggles : tuple of float or None
+        Where the linkage locks, rad.
+    band : tuple of float
+        Hz, in which peaks are sought and FRFs hold.
+    places : tuple of (point, direction)
+        Between which FRFs can be told; empty where the model has no such terms.
+    term_stiffness, term_decay : ndarray, (n, n_terms)
+        k and c of each pole's term in an FRF, as in `PoleResidue`.
+    participations : complex ndarray, (n, n_places, n_terms)
+        Shapes of the terms at the places; their products are the residues.
+    complex_modes : bool
+        Whether viscous damping couples the modes, so that each term is a pair of complex ones.
+    far_stiffness, far_decay : ndarray, (n_far,)
+        Poles that stand for all modes above the band (`response.FarPoles`).
+    far_residues : ndarray, (n, 1 + n_far, n_places (n_places + 1) / 2)
+        Static flexibility and residues of those, the upper triangle row by row.
     model_hash : str
         Of the mechanism that it was built from.
     mechanism_name : str
@@ -73,12 +118,25 @@ class Table:
     """
 
     alpha3: FloatArray
+    pieces: IntArray
     natural_frequencies: FloatArray
     damping_ratios: FloatArray
-    frf_peak_frequency: FloatArray
-    frf_peak_magnitude: FloatArray
+    peak_frequencies: FloatArray
+    peak_magnitudes: FloatArray
+    peak_notable: NDArray[np.bool_]
     interpolation_error: FloatArray
-    peak_error: tuple[float, float]
+    peak_error: float
+    frf_error: float
+    toggles: tuple[float, float] | None
+    band: tuple[float, float]
+    places: tuple[Place, ...]
+    term_stiffness: ComplexArray
+    term_decay: FloatArray
+    participations: ComplexArray
+    complex_modes: bool
+    far_stiffness: ComplexArray
+    far_decay: FloatArray
+    far_residues: FloatArray | ComplexArray
     model_hash: str
     mechanism_name: str
     package_version: str
@@ -88,10 +146,17 @@ class Table:
         """How many modes are tracked."""
         return int(self.natural_frequencies.shape[1])
 
-    @property
+    @cached_property
     def alpha3_range(self) -> tuple[float, float]:
         """First and last angle, rad."""
-        return self._breaks[0], self._breaks[-1]
+        return float(self.alpha3[0]), float(self.alpha3[-1])
+
+    @cached_property
+    def sound_range(self) -> tuple[float, float]:
+        """Between which angles (rad) no toggle is nearer than one degree."""
+        if self.toggles is None:
+            return -math.inf, math.inf
+        return self.toggles[0] + _NEAR, self.toggles[1] - _NEAR
 
     @property
     def table_id(self) -> str:
@@ -103,13 +168,14 @@ class Table:
         """SHA-256 of every array and of the metadata."""
         digest = hashlib.sha256(json.dumps(self._metadata(), sort_keys=True).encode())
         for name in UNITS:
-            array = np.ascontiguousarray(getattr(self, name), dtype="<f8")
-            digest.update(f"{name}{array.shape}".encode())
+            array = np.ascontiguousarray(getattr(self, name))
+            array = array.astype(array.dtype.newbyteorder("<"), copy=False)
+            digest.update(f"{name}{array.shape}{array.dtype.kind}".encode())
             digest.update(array.tobytes())
         return digest.hexdigest()
 
-    def interpolate(self, alpha3: float) -> tuple[FloatArray, float]:
-        """Evaluate the table at an angle within its range.
+    def interpolate(self, alpha3: float) -> tuple[list[float], float, float, float]:
+        """Evaluate what a prediction tells at an angle within the range.
 
         Parameters
         ----------
@@ -118,38 +184,160 @@ class Table:
 
         Returns
         -------
-        values : ndarray, (2 n_modes + 2,)
-            Natural frequencies (Hz), damping ratios (1), the peak's frequency (Hz) and the
-            natural logarithm of its magnitude in m/N.
+        values : list of float, 2 n_modes
+            Natural frequencies (Hz), then damping ratios (1).
+        peak_frequency, peak_magnitude : float
+            Of the highest peak, Hz and m/N.
         error : float
-            Relative error of the worst natural frequency in this interval.
+            Relative error of the worst natural frequency in this piece.
         """
-        breaks = self._breaks
-        i = min(max(bisect_right(breaks, alpha3) - 1, 0), len(breaks) - 2)
+        breaks, cells, n, n_peaks, low, high = self._lookup
+        i = bisect_right(breaks, alpha3) - 1
         t = alpha3 - breaks[i]
-        c3, c2, c1, c0 = self._coefficients[i]
-        return ((c3 * t + c2) * t + c1) * t + c0, self._errors[i]
+        # On so few numbers plain floats are three times as fast as arrays.
+        values = [((c3 * t + c2) * t + c1) * t + c0 for c3, c2, c1, c0 in cells[i]]
+        frequency = magnitude = -1.0
+        for at, size in zip(values[n : n + n_peaks], values[n + n_peaks :], strict=True):
+            if size > magnitude and low <= at <= high:
+                frequency, magnitude = at, size
+        return values[:n], frequency, magnitude, self._errors[i]
 
-    @cached_property
-    def _breaks(self) -> tuple[float, ...]:
-        return tuple(self.alpha3.tolist())
+    def evaluate(self, alpha3: FloatArray) -> FloatArray:
+        """Evaluate what a prediction tells at many angles at once.
 
-    @cached_property
-    def _errors(self) -> tuple[float, ...]:
-        return tuple(self.interpolation_error.tolist())
+        Parameters
+        ----------
+        alpha3 : ndarray, (n,)
+            rad, within the range.
 
-    @cached_property
-    def _coefficients(self) -> FloatArray:
-        """Highest power first, (n - 1, 4, 2 n_modes + 2)."""
-        values = np.column_stack(
-            [
-                self.natural_frequencies,
-                self.damping_ratios,
-                self.frf_peak_frequency,
-                np.log(self.frf_peak_magnitude),
-            ]
+        Returns
+        -------
+        ndarray, (n, 2 n_modes + 2)
+            Natural frequencies (Hz), damping ratios (1), frequency (Hz) and magnitude (m/N) of the
+            highest peak; the same bits as `interpolate` gives.
+        """
+        starts, _, n, n_peaks, low, high = self._lookup
+        breaks, cells = np.array(starts), self._cells
+        result = np.empty((len(alpha3), n + 2))
+        for start in range(0, len(alpha3), _CHUNK):
+            some = np.asarray(alpha3[start : start + _CHUNK], dtype=float)
+            i = np.maximum(np.searchsorted(breaks, some, side="right") - 1, 0)
+            t = (some - breaks[i])[:, np.newaxis]
+            cell = cells[i]
+            values = ((cell[:, 0] * t + cell[:, 1]) * t + cell[:, 2]) * t + cell[:, 3]
+            at, size = values[:, n : n + n_peaks], values[:, n + n_peaks :]
+            best = np.where((low <= at) & (at <= high), size, -1.0).argmax(axis=1)[:, np.newaxis]
+            rows = slice(start, start + len(some))
+            result[rows, :n] = values[:, :n]
+            result[rows, n:] = np.hstack([np.take_along_axis(x, best, 1) for x in (at, size)])
+        return result
+
+    def frf(self, alpha3: float, outputs: Sequence[Place], inputs: Sequence[Place]) -> PoleResidue:
+        """Return receptances between some of the places at an angle, valid within the band.
+
+        Raises
+        ------
+        TableError
+            If the angle is outside the range, or the table does not know one of the places.
+        """
+        low, high = self.alpha3_range
+        if not low <= alpha3 <= high:
+            raise TableError(
+                f"alpha3 = {math.degrees(alpha3):.3f} deg is outside the table "
+                f"({math.degrees(low):g} to {math.degrees(high):g} deg)."
+            )
+        for place in (*outputs, *inputs):
+            if place not in self.places:
+                known = ", ".join(" ".join(known) for known in self.places) or "none"
+                raise TableError(
+                    f"The table has no FRF at {' '.join(place)}; it has these: {known}. Name the "
+                    "point when the table is built, or solve the model."
+                )
+        points, matrix = self._polynomial(np.array([alpha3]))
+        weights = matrix[0]
+        k = np.exp(weights @ np.log(self.term_stiffness[points]))
+        c = weights @ self.term_decay[points]
+        shapes = np.tensordot(weights, self.participations[points], axes=1)
+        o = [self.places.index(place) for place in outputs]
+        i = [self.places.index(place) for place in inputs]
+        products = shapes[o][:, np.newaxis] * shapes[i][np.newaxis]
+        if self.complex_modes:
+            # psi psi / (i w - p) and its conjugate on one denominator
+            pole = -c / 2.0 + 1j * np.sqrt(k.real - c**2 / 4.0)
+            residues = -2.0 * (products * pole.conj()).real + 0j
+            rates = 2.0 * products.real + 0j
+        else:
+            residues, rates = products, np.zeros_like(products)
+        n = len(self.places)
+        far = np.tensordot(weights, self.far_residues[points], axes=1)
+        full = np.empty((len(far), n, n), dtype=complex)
+        upper = np.triu_indices(n)
+        full[:, upper[0], upper[1]] = full[:, upper[1], upper[0]] = far
+        full = full[:, o][:, :, i].transpose(1, 2, 0)
+        return PoleResidue(
+            np.concatenate([k, self.far_stiffness]),
+            np.concatenate([c, self.far_decay]),
+            np.concatenate([residues, full[:, :, 1:]], axis=2),
+            np.concatenate([rates, np.zeros_like(full[:, :, 1:])], axis=2),
+            np.array(full[:, :, 0]),
         )
-        return np.ascontiguousarray(CubicSpline(self.alpha3, values).c.swapaxes(0, 1))
+
+    def _polynomial(self, alpha3: FloatArray) -> tuple[slice, FloatArray]:
+        """Which points hold for angles of one piece, and their weights, (n, n_points)."""
+        bounds = self.alpha3[self.pieces]
+        i = int(np.clip(np.searchsorted(bounds, alpha3[0], side="right") - 1, 0, len(bounds) - 2))
+        points = slice(int(self.pieces[i]), int(self.pieces[i + 1]) + 1)
+        own = stroke_variable(self.alpha3[points], self.toggles)
+        return points, interpolation_matrix(own, stroke_variable(alpha3, self.toggles))
+
+    @cached_property
+    def _lookup(
+        self,
+    ) -> tuple[list[float], list[list[list[float]]], int, int, float, float]:
+        """What `interpolate` needs, at hand: cells and where they begin, sizes and the band."""
+        breaks = self._breaks
+        low, high = self.band
+        room = 1e-9 * high  # peaks at the band's ends belong to it, however they are rounded
+        n = 2 * self.n_modes
+        cells = self._cells.swapaxes(1, 2).tolist()
+        return breaks, cells, n, self.peak_frequencies.shape[1], low - room, high + room
+
+    @cached_property
+    def _errors(self) -> list[float]:
+        return [float(error) for error in np.repeat(self.interpolation_error, _CELLS)]
+
+    @cached_property
+    def _breaks(self) -> list[float]:
+        """Where the cells begin, rad."""
+        return [float(angle) for angle in self._fine[:-1]]
+
+    @cached_property
+    def _fine(self) -> FloatArray:
+        """Ends of all cells, evenly spaced in each piece's own variable, rad."""
+        ends = stroke_variable(self.alpha3[self.pieces], self.toggles)
+        inner = [
+            np.linspace(a, b, _CELLS, endpoint=False)
+            for a, b in zip(ends[:-1], ends[1:], strict=True)
+        ]
+        fine = stroke_angle(np.concatenate([*inner, ends[-1:]]), self.toggles)
+        fine[::_CELLS] = self.alpha3[self.pieces]
+        return fine
+
+    @cached_property
+    def _cells(self) -> FloatArray:
+        """Highest power first, (n_cells, 4, 2 n_modes + 2 n_peaks)."""
+        at, cells = self._fine, []
+        for piece, notable in enumerate(self.peak_notable):
+            rows = slice(piece * _CELLS, (piece + 1) * _CELLS + 1)
+            points, matrix = self._polynomial(at[rows])
+            frequencies = np.exp(matrix @ np.log(self.natural_frequencies[points]))
+            others = matrix @ np.hstack([self.damping_ratios, self.peak_frequencies])[points]
+            magnitudes = np.zeros((len(matrix), len(notable)))
+            logarithms = matrix @ np.log(self.peak_magnitudes[points][:, notable])
+            magnitudes[:, notable] = np.exp(np.clip(logarithms, -_LARGE, _LARGE))
+            values = np.hstack([frequencies, others, magnitudes])
+            cells.append(CubicSpline(at[rows], values).c.swapaxes(0, 1))
+        return np.ascontiguousarray(np.concatenate(cells))
 
     def _metadata(self) -> dict[str, Any]:
         return {
@@ -159,91 +347,13 @@ class Table:
             "package_version": self.package_version,
             "range_rad": list(self.alpha3_range),
             "units": UNITS,
-            "peak_error": list(self.peak_error),
+            "peak_error": self.peak_error,
+            "frf_error": None if math.isnan(self.frf_error) else self.frf_error,
+            "toggles_rad": self.toggles and list(self.toggles),
+            "band_hz": list(self.band),
+            "places": [list(place) for place in self.places],
+            "complex_modes": self.complex_modes,
         }
-
-
-def build_table(
-    model: LinkageModel,
-    n_points: int = DEFAULT_POINTS,
-    solved: Callable[[], object] = lambda: None,
-) -> Table:
-    """Solve the model over its stroke and tabulate what a prediction tells.
-
-    The model is solved at ``n_points`` equispaced angles, which the table holds, and in the middle
-    of each interval, which measures the table's error there. Modes are tracked from angle to angle
-    by their shapes, over both kinds of angle.
-
-    Parameters
-    ----------
-    model : LinkageModel
-        What to tabulate.
-    n_points : int
-        At least 4.
-    solved : callable
-        Called after each of the 2 n_points - 1 solutions, for a progress bar.
-
-    Raises
-    ------
-    TableError
-        If ``n_points`` is too small, or the band holds no response to speak of.
-    """
-    if n_points < 4:
-        raise TableError(f"A table of {n_points} points cannot be interpolated; use 4 or more.")
-    mechanism = model.mechanism
-    n_modes, band = mechanism.response.modes, mechanism.response.band
-    # Links known by FRFs have no matrices: modes are identified, and tracked by plain MAC.
-    measured = model.measured_frequencies is not None
-    mass = np.eye(len(model.interface)) if measured else model.system.mass
-    alphas = np.linspace(*mechanism.stroke, 2 * n_points - 1)
-    frequencies = np.empty((len(alphas), n_modes))
-    ratios = np.empty((len(alphas), n_modes))
-    peaks = np.empty((len(alphas), 2))
-    shapes = None
-    for i, alpha3 in enumerate(alphas):
-        solution = model.identify(float(alpha3)) if measured else model.solve(float(alpha3))
-        modes = solution.modes
-        if len(modes.omega) < n_modes:
-            raise TableError(
-                f"response.modes asks for {n_modes} modes; {mechanism.name} shows "
-                f"{len(modes.omega)} at {math.degrees(alpha3):.3f} deg; ask for fewer, keep more "
-                "modes a link, or widen response.band_hz where modes are identified from FRFs."
-            )
-        first = modes.shapes[:, :n_modes] if shapes is None else shapes
-        order, signs = track(first, modes, mass)
-        shapes = modes.select(order, signs).shapes
-        frequencies[i] = solution.natural_frequencies[order]
-        ratios[i] = solution.damping_ratios[order]
-        peak = solution.peak(band)
-        peaks[i] = peak.frequency, peak.magnitude
-        solved()
-    if not (np.isfinite(peaks).all() and (peaks[:, 1] > 0.0).all()):
-        raise TableError(
-            f"{mechanism.name} does not respond at response.drive_point; choose another point."
-        )
-
-    def table(errors: FloatArray, peak_error: tuple[float, float]) -> Table:
-        return Table(
-            alpha3=alphas[::2],
-            natural_frequencies=frequencies[::2],
-            damping_ratios=ratios[::2],
-            frf_peak_frequency=peaks[::2, 0],
-            frf_peak_magnitude=peaks[::2, 1],
-            interpolation_error=errors,
-            peak_error=peak_error,
-            model_hash=mechanism.model_hash,
-            mechanism_name=mechanism.name,
-            package_version=linkage_vibration.__version__,
-        )
-
-    draft = table(np.zeros(n_points - 1), (0.0, 0.0))
-    middle = np.array([draft.interpolate(float(alpha3))[0] for alpha3 in alphas[1::2]])
-    errors = np.abs(middle[:, :n_modes] / frequencies[1::2] - 1.0).max(axis=1)
-    errors = np.pad(errors, 1, mode="edge")
-    errors = np.maximum(np.maximum(errors[:-2], errors[1:-1]), errors[2:])
-    peak_frequency = np.abs(middle[:, -2] / peaks[1::2, 0] - 1.0).max()
-    peak_magnitude = np.abs(np.exp(middle[:, -1]) / peaks[1::2, 1] - 1.0).max()
-    return table(errors, (float(peak_frequency), float(peak_magnitude)))
 
 
 def table_bytes(table: Table) -> bytes:
@@ -251,7 +361,7 @@ def table_bytes(table: Table) -> bytes:
     metadata = json.dumps({**table._metadata(), "checksum": table.checksum}, sort_keys=True)
     archive = io.BytesIO()
     arrays = {name: getattr(table, name) for name in UNITS}
-    np.savez(archive, metadata=np.array(metadata), **arrays)
+    np.savez_compressed(archive, metadata=np.array(metadata), **arrays)
     return archive.getvalue()
 
 
@@ -282,9 +392,7 @@ def load_table(path: Path, mechanism: Mechanism | None = None) -> Table:
         If the file is missing, is not a table, holds pickles, is damaged, or belongs to another
         mechanism.
     """
-    table, checksum = _read(path)
-    if table.checksum != checksum:
-        raise TableError(f"{path}: is damaged (its checksum differs); build the table again.")
+    table = _read(path)
     if mechanism is not None and table.model_hash != mechanism.model_hash:
         raise TableError(
             f"{path}: was built from another mechanism ({table.mechanism_name}, model "
@@ -294,7 +402,7 @@ def load_table(path: Path, mechanism: Mechanism | None = None) -> Table:
     return table
 
 
-def _read(path: Path) -> tuple[Table, str]:
+def _read(path: Path) -> Table:
     rebuild = "build one with `linkage-vibration build`."
     try:
         with np.load(path, allow_pickle=False) as archive:
@@ -302,16 +410,22 @@ def _read(path: Path) -> tuple[Table, str]:
             metadata = json.loads(str(archive["metadata"]))
         if metadata["format"] != FORMAT or metadata["units"] != UNITS:
             raise TableError(f"{path}: is a table of another format; {rebuild}")
-        peak_frequency, peak_magnitude = metadata["peak_error"]
+        toggles, frf_error = metadata["toggles_rad"], metadata["frf_error"]
         table = Table(
-            **{name: np.asarray(array, dtype=np.float64) for name, array in arrays.items()},
-            peak_error=(peak_frequency, peak_magnitude),
+            **arrays,
+            peak_error=metadata["peak_error"],
+            frf_error=math.nan if frf_error is None else frf_error,
+            toggles=toggles and (toggles[0], toggles[1]),
+            band=(metadata["band_hz"][0], metadata["band_hz"][1]),
+            places=tuple((point, direction) for point, direction in metadata["places"]),
+            complex_modes=metadata["complex_modes"],
             model_hash=metadata["model_hash"],
             mechanism_name=metadata["mechanism_name"],
             package_version=metadata["package_version"],
         )
-        table.checksum  # noqa: B018  reads every part, so that a wrong one shows here
-        return table, metadata["checksum"]
+        if table.checksum != metadata["checksum"]:
+            raise TableError(f"{path}: is damaged (its checksum differs); build the table again.")
+        return table
     except OSError as error:
         raise TableError(f"{path}: cannot be read ({error.strerror or error}); {rebuild}") from None
     except (
@@ -320,7 +434,9 @@ def _read(path: Path) -> tuple[Table, str]:
         TypeError,
         IndexError,
         EOFError,
+        MemoryError,
         NotImplementedError,
+        OverflowError,
         RuntimeError,
         zipfile.BadZipFile,
         zlib.error,

@@ -9,6 +9,7 @@ ground as well is pinned to the ground. Nothing else has to be said about the to
 import dataclasses
 import hashlib
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Literal
@@ -228,7 +229,7 @@ class Mechanism:
     damping: Damping
     response: Response
 
-    @property
+    @cached_property
     def bodies(self) -> tuple[Link | RigidBody, ...]:
         """Links, then rigid bodies, each in the order of the description."""
         return self.links + self.rigid_bodies
@@ -243,16 +244,18 @@ class Mechanism:
         content = ["formulation", FORMULATION, _hashable(self)]
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
-    def local_points(self, body: str) -> dict[str, Point]:
+    def local_points(self, body: str) -> Mapping[str, Point]:
         """Return a body's points in its own axes, in m; the ground's in the global axes."""
-        if body == GROUND:
-            return dict(self.ground)
-        return dict(next(other.points for other in self.bodies if other.name == body))
+        return self._points[body]
 
     def owners(self, point: str) -> tuple[str, ...]:
         """Return the bodies that carry a point, the ground first."""
-        names = (GROUND, *(body.name for body in self.bodies))
-        return tuple(name for name in names if point in self.local_points(name))
+        return tuple(name for name, points in self._points.items() if point in points)
+
+    @cached_property
+    def _points(self) -> dict[str, dict[str, Point]]:
+        """Points of the ground and of every body."""
+        return {GROUND: dict(self.ground), **{body.name: dict(body.points) for body in self.bodies}}
 
     @cached_property
     def joints(self) -> tuple[tuple[str, str, str], ...]:

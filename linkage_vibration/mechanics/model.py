@@ -29,7 +29,14 @@ from linkage_vibration.mechanics.fbs import FbsError, component_frf, couple_frfs
 from linkage_vibration.mechanics.identification import IdentifiedModes, identify
 from linkage_vibration.mechanics.kinematics import Configuration, Kinematics, rotation
 from linkage_vibration.mechanics.modes import DampedModes, Modes, damp_modes, solve_modes
-from linkage_vibration.mechanics.response import Peak, PoleResidue, oscillators, pole_residue
+from linkage_vibration.mechanics.response import (
+    Peak,
+    PoleResidue,
+    far_poles,
+    in_reach,
+    oscillators,
+    pole_residue,
+)
 
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -115,13 +122,17 @@ class LinkageModel:
         ModelError
             If a point or a direction is not there.
         """
+        moved: dict[str, FloatArray] = {}
         rows = []
         for point, direction in places:
-            bodies = self.mechanism.owners(point)
-            if not bodies or direction not in ("x", "y", "z"):
-                raise ModelError(f"There is no point {point}, or no direction {direction} of it.")
-            moved = self.interface.displacement(bodies[-1], point, configuration)
-            rows.append(moved["xyz".index(direction)])
+            if point not in moved:
+                bodies = self.mechanism.owners(point)
+                if not bodies:
+                    raise ModelError(f"There is no point {point}.")
+                moved[point] = self.interface.displacement(bodies[-1], point, configuration)
+            if direction not in ("x", "y", "z"):
+                raise ModelError(f"There is no direction {direction} of point {point}.")
+            rows.append(moved[point]["xyz".index(direction)])
         return np.array(rows)
 
     def solve(self, alpha3: float) -> "Solution":
@@ -284,10 +295,15 @@ class IdentifiedSolution:
         shapes = self.identified.shapes[1:]
         return Modes(self.identified.omega, shapes / np.linalg.norm(shapes, axis=0))
 
+    @property
+    def drive_point(self) -> PoleResidue:
+        """Receptance of the response point, of the identified modes."""
+        found = self.identified
+        return oscillators(found.omega, found.damping_ratios, found.shapes[0] ** 2)
+
     def peak(self, band: tuple[float, float]) -> Peak:
         """Where the receptance of the identified modes is largest within a band (Hz)."""
-        found = self.identified
-        return oscillators(found.omega, found.damping_ratios, found.shapes[0] ** 2).peak(band)
+        return self.drive_point.peak(band)
 
 
 @dataclass(frozen=True, eq=False)
@@ -337,9 +353,27 @@ class Solution:
         rows = self.model.rows(places, self.configuration)
         return np.asarray(rows @ self.modes.shapes[: rows.shape[1]])
 
-    def frf(self, outputs: Sequence[Place], inputs: Sequence[Place]) -> PoleResidue:
-        """Receptances between points and directions along the global axes, of every mode."""
-        return pole_residue(self.damped, self.participation(outputs), self.participation(inputs))
+    def frf(
+        self,
+        outputs: Sequence[Place],
+        inputs: Sequence[Place],
+        band: tuple[float, float] | None = None,
+    ) -> PoleResidue:
+        """Receptances between points and directions along the global axes.
+
+        Parameters
+        ----------
+        outputs, inputs : sequence of (point, direction)
+            Along the global axes.
+        band : tuple of float, optional
+            Hz. Given one, modes above it are left to `FarPoles`, which is faster on many lines and
+            serves within the band alone; without, every mode is in the sum.
+        """
+        frf = pole_residue(self.damped, self.participation(outputs), self.participation(inputs))
+        if band is None:
+            return frf
+        kept = in_reach(frf.stiffness, band)
+        return frf.condensed(kept, far_poles(frf.stiffness[~kept], frf.decay[~kept], band))
 
     @cached_property
     def drive_point(self) -> PoleResidue:

@@ -17,8 +17,12 @@ FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 IntArray = NDArray[np.intp]
 
+MECHANISM = 2.0 * math.pi * 1e-2
+"""rad/s; below it, 0.01 Hz, a mode is a mechanism's, whose frequency is 0 but for rounding."""
+
 _SHIFT = (2.0 * math.pi * 1.0) ** 2  # (rad/s)^2, 1 Hz
 _SLOWEST = 1e-3  # rad/s, at which a mechanism mode stands where damping couples it to others
+_COINCIDENT = 1e-9  # of a natural frequency: modes nearer than that are one to rounding
 _DIAGONAL = 1e-9  # of the modal damping: off-diagonal terms below this are rounding
 
 
@@ -41,6 +45,11 @@ class Modes:
 
     omega: FloatArray
     shapes: FloatArray
+
+    @property
+    def mechanism(self) -> NDArray[np.bool_]:
+        """Which modes strain nothing and stand at 0 Hz but for rounding, (n_modes,)."""
+        return self.omega < MECHANISM
 
     def select(self, order: IntArray, signs: FloatArray) -> "Modes":
         """Return some of the modes, in another order and with other signs."""
@@ -123,7 +132,7 @@ def damp_modes(system: CoupledSystem, omega: FloatArray, vectors: FloatArray) ->
         If viscous and structural damping both couple the modes.
     """
     viscous = vectors.T @ system.damping @ vectors
-    loss = vectors.T @ system.loss @ vectors
+    loss = vectors.T @ system.loss @ vectors if system.loss.any() else np.zeros_like(viscous)
     squared = omega**2
     if _is_diagonal(viscous) and _is_diagonal(loss):
         return DampedModes(squared + 1j * np.diag(loss), np.diag(viscous).copy(), None, None)
@@ -137,7 +146,9 @@ def damp_modes(system: CoupledSystem, omega: FloatArray, vectors: FloatArray) ->
     )
 
 
-def track(previous: FloatArray, modes: Modes, mass: FloatArray) -> tuple[IntArray, FloatArray]:
+def track(
+    previous: FloatArray, modes: Modes, mass: FloatArray
+) -> tuple[IntArray, FloatArray, FloatArray]:
     """Find the modes whose shapes continue those of a neighbouring configuration.
 
     They are paired by the mass-weighted modal assurance criterion, (phi_i^T M phi_j)^2, which is 1
@@ -159,10 +170,44 @@ def track(previous: FloatArray, modes: Modes, mass: FloatArray) -> tuple[IntArra
         Which of the modes here continue the k there.
     signs : ndarray, (k,)
         1 or -1, to align each shape with the one that it continues.
+    mac : ndarray, (k,)
+        The criterion of each pair. Over all modes here it adds up to no more than 1, so a pair
+        above one half has no rival; at or below it the step was too long to tell.
     """
     product = previous.T @ mass @ modes.shapes
-    order = linear_sum_assignment(product**2, maximize=True)[1]
-    return order, np.where(product[np.arange(len(order)), order] < 0.0, -1.0, 1.0)
+    criterion = product**2
+    order = linear_sum_assignment(criterion, maximize=True)[1]
+    pairs = np.arange(len(order)), order
+    return order, np.where(product[pairs] < 0.0, -1.0, 1.0), criterion[pairs]
+
+
+def align(previous: FloatArray, modes: Modes, mass: FloatArray) -> Modes:
+    """Turn the shapes of coincident modes so that they continue those of a neighbour.
+
+    Modes of one frequency have no shapes of their own: any orthogonal mixture of theirs serves. The
+    mixture nearest to the neighbour's shapes is taken (orthogonal Procrustes problem).
+
+    Parameters
+    ----------
+    previous : ndarray, (n, k)
+        Mass-normalised shapes there.
+    modes : Modes
+        Modes here, ascending.
+    mass : ndarray, (n, n)
+        Of the uncoupled components.
+    """
+    apart = np.diff(modes.omega) > _COINCIDENT * modes.omega[1:]
+    if apart.all():
+        return modes
+    shapes = modes.shapes.copy()
+    for group in np.split(np.arange(len(modes.omega)), np.flatnonzero(apart) + 1):
+        if len(group) > 1:
+            product = previous.T @ mass @ shapes[:, group]
+            nearest = np.sort(np.argsort((product**2).sum(axis=1))[-len(group) :])
+            left, _, right = np.linalg.svd(product[nearest])
+            turn = (left @ right).T if len(nearest) == len(group) else np.eye(len(group))
+            shapes[:, group] = shapes[:, group] @ turn
+    return Modes(modes.omega, shapes)
 
 
 def _is_diagonal(matrix: FloatArray) -> bool:

@@ -9,28 +9,43 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from linkage_vibration.mechanics.modes import DampedModes
+from linkage_vibration.mechanics.modes import MECHANISM, DampedModes
 
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
-_MECHANISM = (2.0 * math.pi * 1e-2) ** 2  # (rad/s)^2: a mode below 0.01 Hz is a mechanism's
+_REACH = 1.2  # of a band: modes up to here keep their own poles
+_MARGIN = 0.95  # between configurations the lowest mode may come lower still
+N_FAR = 4
+"""Poles that stand for the modes above a band, unless told otherwise."""
+
 _NOTHING = 1e-15  # of the largest residue
+_NEWTON = 6  # steps at most to a maximum; three or four do
 _GRID = 200  # frequencies over the band in which a peak is sought first
 _AROUND = np.linspace(-2.0, 2.0, 9)  # and about each resonance, in half-power half-widths
 
 
 @dataclass(frozen=True, slots=True)
 class Peak:
-    """Where an FRF is largest within a band."""
+    """Where an FRF is largest within a band.
 
-    frequency: float  # Hz
-    magnitude: float  # m/N
+    Attributes
+    ----------
+    frequency, magnitude : float
+        Hz and m/N; of two peaks of the same height the lower one. The magnitude is infinite at an
+        undamped resonance.
+    inside : bool
+        Whether it is a resonance; False where the band holds none that is higher than its ends.
+    """
+
+    frequency: float
+    magnitude: float
+    inside: bool
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PoleResidue:
-    """H(w) = sum over r of (residue_r + i w rate_r) / (k_r - w^2 + i w c_r).
+    """H(w) = sum over r of (residue_r + i w rate_r) / (k_r - w^2 + i w c_r) + residual.
 
     Attributes
     ----------
@@ -40,12 +55,15 @@ class PoleResidue:
         c, rad/s.
     residues, rates : complex ndarray, (n_out, n_in, n_modes)
         1/kg and s/kg; rates are zero unless viscous damping couples the modes.
+    residual : complex ndarray, (n_out, n_in)
+        Static flexibility of what the sum leaves out, m/N; zero where every mode is in it.
     """
 
     stiffness: ComplexArray
     decay: FloatArray
     residues: ComplexArray
     rates: ComplexArray
+    residual: ComplexArray
 
     def frf(self, frequencies: FloatArray) -> ComplexArray:
         """Receptance at frequencies in Hz, (n_freq,), as (n_freq, n_out, n_in) in m/N.
@@ -63,7 +81,41 @@ class PoleResidue:
         flat = terms @ self.residues.reshape(-1, len(self.decay)).T
         if self.rates.any():
             flat += 1j * omega[:, np.newaxis] * (terms @ self.rates.reshape(flat.shape[1], -1).T)
-        return flat.reshape(len(omega), *self.residues.shape[:2])
+        return flat.reshape(len(omega), *self.residues.shape[:2]) + self.residual
+
+    def condensed(self, kept: NDArray[np.bool_], far: "FarPoles") -> "PoleResidue":
+        """Keep some modes, and the sum of all others by far poles and a static residual.
+
+        Parameters
+        ----------
+        kept : ndarray of bool, (n_modes,)
+            Which modes keep their poles.
+        far : FarPoles
+            Made for the band in which the result is to serve, and for the lowest mode not kept.
+        """
+        shape = self.residues.shape[:2]
+        others = self._only(~kept).frf(far.frequencies).reshape(len(far.frequencies), -1)
+        complex_modes = self.residues.imag.any() or self.rates.any()
+        weights = far.fit(others) if complex_modes else far.fit_real(others).astype(complex)
+        poles = weights[1:].T.reshape(*shape, len(far.stiffness))
+        near = self._only(kept)
+        return PoleResidue(
+            np.concatenate([near.stiffness, far.stiffness]),
+            np.concatenate([near.decay, far.decay]),
+            np.concatenate([near.residues, poles], axis=2),
+            np.concatenate([near.rates, np.zeros_like(poles)], axis=2),
+            self.residual + weights[0].reshape(shape),
+        )
+
+    def _only(self, which: NDArray[np.bool_]) -> "PoleResidue":
+        """Return some of the modes, without the residual."""
+        return PoleResidue(
+            self.stiffness[which],
+            self.decay[which],
+            self.residues[:, :, which],
+            self.rates[:, :, which],
+            np.zeros_like(self.residual),
+        )
 
     def peak(self, band: tuple[float, float]) -> Peak:
         """Find the largest magnitude within a band, its ends included, of a single FRF.
@@ -78,36 +130,170 @@ class PoleResidue:
         """
         low, high = 2.0 * math.pi * band[0], 2.0 * math.pi * band[1]
         omega = np.sqrt(np.abs(self.stiffness))
+        if (omega < MECHANISM).any():
+            # A mechanism gives way without limit towards 0 Hz, which is no resonance.
+            low = max(low, float(omega[omega >= MECHANISM].min(initial=high)) / 2.0)
         inside = (omega > low) & (omega < high)
         centre = omega[inside]
         width = (self.decay[inside] + self.stiffness.imag[inside] / centre) / 2.0
-        near = centre + np.multiply.outer(_AROUND, width)
-        grid = np.unique(np.clip([*np.linspace(low, high, _GRID), *near.ravel()], low, high))
+        driven = np.abs(self.residues[0, 0, inside]) + centre * np.abs(self.rates[0, 0, inside])
+        endless = centre[(width <= 0.0) & (driven > 0.0)]
+        if len(endless):
+            return Peak(float(endless.min()) / (2.0 * math.pi), math.inf, True)
+        grid = 2.0 * math.pi * self.lines((low / (2.0 * math.pi), band[1]), _GRID)
         top = int(np.abs(self._single(grid)[0]).argmax())
         left, right = grid[max(top - 1, 0)], grid[min(top + 1, len(grid) - 1)]
-        at = float(grid[top])
-        if self._slope(left) > 0.0 > self._slope(right):
+        at, turns = float(grid[top]), self._slope(left) > 0.0 > self._slope(right)
+        if turns:
             at = float(brentq(self._slope, left, right, xtol=1e-14 * high, rtol=1e-14))
         magnitude = float(np.abs(self._single(np.array([at]))[0][0]))
-        return Peak(at / (2.0 * math.pi), magnitude)
+        return Peak(at / (2.0 * math.pi), magnitude, turns)
+
+    def lines(self, band: tuple[float, float], count: int) -> FloatArray:
+        """Return frequencies (Hz) over a band, even ones and more about each resonance there.
+
+        Parameters
+        ----------
+        band : tuple of float
+            Hz.
+        count : int
+            Of the even ones, the band's ends among them.
+        """
+        low, high = 2.0 * math.pi * band[0], 2.0 * math.pi * band[1]
+        omega = np.sqrt(np.abs(self.stiffness))
+        inside = (omega > max(low, MECHANISM)) & (omega < high)
+        centre = omega[inside]
+        width = (self.decay[inside] + self.stiffness.imag[inside] / centre) / 2.0
+        near = centre + np.multiply.outer(_AROUND, width)
+        every = np.clip([*np.linspace(low, high, count), *near.ravel()], low, high)
+        return np.asarray(np.unique(every) / (2.0 * math.pi))
+
+    def local_peaks(self, modes: NDArray[np.intp]) -> tuple[FloatArray, FloatArray]:
+        """Return the maximum beside the resonance of some modes, of a single FRF.
+
+        Parameters
+        ----------
+        modes : ndarray of int, (n,)
+            Which.
+
+        Returns
+        -------
+        frequencies, magnitudes : ndarray, (n,)
+            Hz and m/N; where a mode makes no maximum of its own, the receptance at its resonance.
+        """
+        k = np.abs(self.stiffness[modes])
+        width = (self.decay[modes] + self.stiffness.imag[modes] / np.sqrt(k)) / 2.0
+        start = np.sqrt(np.maximum(k - 2.0 * width**2, 0.0))
+        omega = start.copy()
+        for _ in range(_NEWTON):
+            value, first, second = self._single(omega)
+            slope = (value.conj() * first).real
+            bend = np.abs(first) ** 2 + (value.conj() * second).real
+            with np.errstate(divide="ignore", invalid="ignore"):
+                step = np.where(bend < 0.0, slope / bend, 0.0)
+            omega = omega - np.clip(step, -width, width)
+            if (np.abs(step) <= 1e-12 * k**0.5).all():
+                break
+        settled = (np.abs(omega - start) < 3.0 * width) & (np.abs(step) <= 1e-9 * k**0.5)
+        omega = np.where(settled & (bend < 0.0), omega, start)
+        return omega / (2.0 * math.pi), np.abs(self._single(omega)[0])
 
     def _denominators(self, omega: FloatArray) -> ComplexArray:
         w = omega[:, np.newaxis]
         return np.asarray(self.stiffness - w**2 + 1j * w * self.decay)
 
-    def _single(self, omega: FloatArray) -> tuple[ComplexArray, ComplexArray]:
-        """H and dH/dw of the only FRF, at angular frequencies, (n_freq,)."""
+    def _single(self, omega: FloatArray) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
+        """H, dH/dw and d2H/dw2 of the only FRF, at angular frequencies, (n_freq,)."""
         w = omega[:, np.newaxis]
-        below = self._denominators(omega)
-        residues, rates = self.residues[0, 0], self.rates[0, 0]
-        above = residues + 1j * w * rates
-        slope = (1j * rates - above * (1j * self.decay - 2.0 * w) / below) / below
-        return (above / below).sum(axis=1), slope.sum(axis=1)
+        below, rate = self._denominators(omega), 1j * self.rates[0, 0]
+        below_rate = 1j * self.decay - 2.0 * w
+        value = (self.residues[0, 0] + w * rate) / below
+        first = (rate - value * below_rate) / below
+        second = 2.0 * (value - first * below_rate) / below
+        return value.sum(axis=1) + self.residual[0, 0], first.sum(axis=1), second.sum(axis=1)
 
     def _slope(self, omega: float) -> float:
         """d(abs(H)^2)/dw / 2."""
-        value, derivative = self._single(np.array([omega]))
+        value, derivative, _ = self._single(np.array([omega]))
         return float((value.conj() * derivative)[0].real)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FarPoles:
+    """Poles above a band, fixed beforehand, whose sum stands for that of all modes there.
+
+    However many modes lie above the band, and however they veer from one configuration to the
+    next, their sum within the band is smooth. It is a * 1 + sum over j of b_j k_j / (k_j - w^2 +
+    i w c_j) to a good approximation, where 1 / k_j are the Chebyshev nodes between 0 and 1 / k of
+    the lowest of those modes; each pole divides the error by some twenty.
+
+    Attributes
+    ----------
+    stiffness : complex ndarray, (n_far,)
+        k, (rad/s)^2.
+    decay : ndarray, (n_far,)
+        c, rad/s.
+    frequencies : ndarray, (n_lines,)
+        Hz, at which a sum is fitted.
+    """
+
+    stiffness: ComplexArray
+    decay: FloatArray
+    frequencies: FloatArray
+    _inverse: ComplexArray
+    _real_inverse: FloatArray
+
+    def fit(self, sums: ComplexArray) -> ComplexArray:
+        """Return static residual and residues, (1 + n_far, k), of sums, (n_lines, k)."""
+        return np.asarray(self._inverse @ sums)
+
+    def fit_real(self, sums: ComplexArray) -> FloatArray:
+        """Return the same where residues are real, as those of real modes are."""
+        return np.asarray(self._real_inverse @ np.vstack([sums.real, sums.imag]))
+
+
+def far_poles(
+    stiffness: ComplexArray, decay: FloatArray, band: tuple[float, float], n_far: int = N_FAR
+) -> FarPoles:
+    """Choose poles that can stand for modes above a band.
+
+    Parameters
+    ----------
+    stiffness, decay : ndarray, (n_modes,)
+        k and c of the modes that they are to stand for, in one configuration or in several.
+    band : tuple of float
+        Hz.
+    n_far : int
+        How many.
+    """
+    n_lines = 3 * n_far + 4
+    nodes = (1.0 - np.cos(np.pi * (np.arange(n_lines) + 0.5) / n_lines)) / 2.0
+    frequencies = band[0] + (band[1] - band[0]) * nodes
+    if not len(stiffness):
+        k, c = np.zeros(0, dtype=complex), np.zeros(0)
+        nothing = np.zeros((1, n_lines))
+        return FarPoles(k, c, frequencies, nothing + 0j, np.zeros((1, 2 * n_lines)))
+    lowest = _MARGIN * stiffness.real.min()
+    steps = (1.0 - np.cos(np.pi * (np.arange(n_far) + 0.5) / n_far)) / 2.0
+    k = lowest / steps[::-1] + 0j
+    # Damping along a line, c = a + b k, which Rayleigh's is; the nearest modes count most.
+    weights = lowest / stiffness.real
+    lines = np.column_stack([np.ones(len(decay)), stiffness.real / lowest])
+    goal = np.column_stack([decay, stiffness.imag])
+    law = np.linalg.lstsq(lines * weights[:, np.newaxis], goal * weights[:, np.newaxis])[0]
+    own = np.column_stack([np.ones(n_far), k.real / lowest]) @ law
+    k, c = np.asarray(k + 1j * own[:, 1], dtype=np.complex128), own[:, 0].copy()
+    w = 2.0 * math.pi * frequencies[:, np.newaxis]
+    basis = np.hstack([np.ones((n_lines, 1)), k / (k - w**2 + 1j * w * c)])
+    scale = np.concatenate([[1.0], k])[:, np.newaxis]
+    inverse = (scale * np.linalg.pinv(basis)).astype(np.complex128)
+    real_inverse = scale.real * np.linalg.pinv(np.vstack([basis.real, basis.imag]))
+    return FarPoles(k, c, frequencies, inverse, real_inverse)
+
+
+def in_reach(stiffness: FloatArray | ComplexArray, band: tuple[float, float]) -> NDArray[np.bool_]:
+    """Which modes, of k in (rad/s)^2, lie in a band in Hz or too near above it for far poles."""
+    return np.asarray(np.abs(stiffness) < (2.0 * math.pi * _REACH * band[1]) ** 2)
 
 
 def pole_residue(damped: DampedModes, outputs: FloatArray, inputs: FloatArray) -> PoleResidue:
@@ -136,9 +322,13 @@ def pole_residue(damped: DampedModes, outputs: FloatArray, inputs: FloatArray) -
         rates = (first + second).real.astype(complex)
     # A mechanism mode that the places do not share has no term, where rounding leaves one at 0 Hz.
     size = np.abs(constants).max(axis=(0, 1), initial=0.0)
-    kept = (np.abs(damped.stiffness) > _MECHANISM) | (size > _NOTHING * size.max(initial=0.0))
+    kept = (np.abs(damped.stiffness) > MECHANISM**2) | (size > _NOTHING * size.max(initial=0.0))
     return PoleResidue(
-        damped.stiffness[kept], damped.decay[kept], constants[:, :, kept], rates[:, :, kept]
+        damped.stiffness[kept],
+        damped.decay[kept],
+        constants[:, :, kept],
+        rates[:, :, kept],
+        np.zeros(constants.shape[:2], dtype=complex),
     )
 
 
@@ -157,4 +347,5 @@ def oscillators(
     w = np.asarray(omega, dtype=float)
     above = np.asarray(residues, dtype=complex)[np.newaxis, np.newaxis]
     decay = 2.0 * np.asarray(damping_ratios, dtype=float) * w
-    return PoleResidue(w**2 + 0j, decay, above, np.zeros_like(above))
+    none = np.zeros((1, 1), dtype=complex)
+    return PoleResidue(w**2 + 0j, decay, above, np.zeros_like(above), none)

@@ -105,7 +105,7 @@ def encode_prediction(prediction: Prediction, sec: int, nanosec: int, frame_id: 
 
 
 def fault(prediction: Prediction, alpha3_range: tuple[float, float]) -> str:
-    """Return why a prediction has no numbers, in words and degrees; empty where it has.
+    """Return why a prediction has no numbers, or doubtful ones, in words; empty where it is sound.
 
     Parameters
     ----------
@@ -120,4 +120,9 @@ def fault(prediction: Prediction, alpha3_range: tuple[float, float]) -> str:
     if prediction.status is Status.OUT_OF_RANGE:
         first, last = map(math.degrees, alpha3_range)
         return f"crank angle {angle:.7g} deg is not in the table's {first:.7g} to {last:.7g} deg"
+    if prediction.status is Status.NEAR_TOGGLE:
+        return (
+            f"crank angle {angle:.7g} deg is less than 1 deg from a toggle, where a small error of "
+            "the angle is a large one of the configuration"
+        )
     return ""

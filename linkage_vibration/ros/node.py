@@ -48,7 +48,8 @@ from linkage_vibration.ros.conversions import (
     joint_position,
 )
 from linkage_vibration.ros.parameters import declare_parameters, parameters_yaml
-from linkage_vibration.table import Table, build_table, load_table, table_bytes
+from linkage_vibration.table import Table, load_table, table_bytes
+from linkage_vibration.tabulation import build_table
 from linkage_vibration_interfaces.msg import VibrationPrediction
 from linkage_vibration_interfaces.srv import PredictVibration
 
@@ -225,7 +226,7 @@ class LinkageVibrationNode(Node):
             deserialize_message(encode_prediction(p, sec, nanosec, ""), VibrationPrediction)
             for p in predictions
         ]
-        failed = [i for i, p in enumerate(predictions) if p.status is not Status.OK]
+        failed = [i for i, p in enumerate(predictions) if not p.status.has_numbers]
         response.success = not failed
         if failed:
             first = failed[0]

@@ -124,7 +124,7 @@ def test_shape_derivatives(model: LinkageModel, mode: int) -> None:
     for d in (-h, h):
         solution = model.solve(angle + d)
         chosen = solution.modes.select(
-            *track(here.modes.shapes[:, mode : mode + 1], solution.modes, model.system.mass)
+            *track(here.modes.shapes[:, mode : mode + 1], solution.modes, model.system.mass)[:2]
         )
         ends.append(chosen.shapes[:, 0])
     difference = (ends[1] - ends[0]) / (2 * h)

@@ -1,0 +1,106 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Polynomial interpolation on points that are added where its error is largest."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+_GRID = 1001  # places in an interval among which the next point is chosen
+
+
+def leja_points(points: Sequence[float], low: float, high: float, count: int) -> list[float]:
+    """Choose the points that go on a Leja sequence in an interval.
+
+    Each is where the product of the distances to all points before it is largest (Leja 1957): the
+    factor of the error of polynomial interpolation that the points decide. So the next points tell
+    the error of those before them, and serve as points themselves when it is too large.
+
+    Parameters
+    ----------
+    points : sequence of float
+        Those already there, at least one.
+    low, high : float
+        Ends of the interval.
+    count : int
+        How many to add.
+
+    Examples
+    --------
+    >>> leja_points([-1.0, 1.0], -1.0, 1.0, 1)
+    [0.0]
+    """
+    grid = np.linspace(low, high, _GRID)
+    chosen: list[float] = []
+    with np.errstate(divide="ignore"):
+        product = np.log(np.abs(grid[:, np.newaxis] - np.array(points))).sum(axis=1)
+        for _ in range(count):
+            chosen.append(float(grid[product.argmax()]))
+            product += np.log(np.abs(grid - chosen[-1]))
+    return chosen
+
+
+def interpolation_matrix(points: FloatArray, at: FloatArray) -> FloatArray:
+    """Return what turns values at points into those of their polynomial elsewhere.
+
+    It is the barycentric formula of the second kind (Berrut and Trefethen 2004), stable on points
+    that lie denser towards the ends of their interval, as Leja's and Chebyshev's do.
+
+    Parameters
+    ----------
+    points : ndarray, (n_points,)
+        Distinct, in any order.
+    at : ndarray, (n,)
+        Where the polynomial is wanted.
+
+    Returns
+    -------
+    ndarray, (n, n_points)
+
+    Examples
+    --------
+    >>> interpolation_matrix(np.array([0.0, 1.0]), np.array([0.25, 1.0]))
+    array([[0.75, 0.25],
+           [0.  , 1.  ]])
+    """
+    # A quarter of the interval is its capacity: so scaled the products neither grow nor vanish.
+    scale = 4.0 / (points.max() - points.min())
+    apart = scale * (points[:, np.newaxis] - points) + np.eye(len(points))
+    weights = 1.0 / apart.prod(axis=1)
+    distance = scale * (at[:, np.newaxis] - points)
+    hits = distance == 0.0
+    terms = weights / np.where(hits, 1.0, distance)
+    matrix = terms / terms.sum(axis=1, keepdims=True)
+    matrix[hits.any(axis=1)] = hits[hits.any(axis=1)]
+    return np.asarray(matrix)
+
+
+def stroke_variable(alpha3: FloatArray, toggles: tuple[float, float] | None) -> FloatArray:
+    """Turn an input angle into the variable in which the mechanism moves smoothly.
+
+    At a toggle everything depends on the square root of the distance to it, which no polynomial in
+    the angle follows. With alpha3 = m - h cos(x) between two toggles m - h and m + h it depends
+    on x smoothly. Without toggles x is the angle itself.
+
+    Parameters
+    ----------
+    alpha3 : ndarray
+        rad, between the toggles.
+    toggles : tuple of float or None
+        rad.
+    """
+    if toggles is None:
+        return alpha3
+    middle, half = (toggles[0] + toggles[1]) / 2.0, (toggles[1] - toggles[0]) / 2.0
+    return np.asarray(np.arccos(np.clip((middle - alpha3) / half, -1.0, 1.0)))
+
+
+def stroke_angle(variable: FloatArray, toggles: tuple[float, float] | None) -> FloatArray:
+    """Turn the variable of `stroke_variable` back into the input angle, rad."""
+    if toggles is None:
+        return variable
+    middle, half = (toggles[0] + toggles[1]) / 2.0, (toggles[1] - toggles[0]) / 2.0
+    return np.asarray(middle - half * np.cos(variable))
