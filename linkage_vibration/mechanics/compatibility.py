@@ -14,13 +14,23 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import null_space
 
+from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.components import CENTRE_OF_GRAVITY, Component, FrfComponent
 from linkage_vibration.mechanics.description import GROUND, Mechanism, MechanismError, Spring
 from linkage_vibration.mechanics.dofs import InterfaceDof
 from linkage_vibration.mechanics.kinematics import Configuration, rotation, rotation_derivative
 
 FloatArray = NDArray[np.float64]
+
+_ZERO = 1e-12  # of the largest singular value of B: what is below says nothing new
+_CLEAR = 1e-6  # of the same: what is above does; between the two nobody can tell
+_INVOLVED = 1e-6  # share of a row in a dependency, 1
+
+
+class CouplingError(LinkageVibrationError):
+    """The constraints do not join the components as they should."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,6 +54,80 @@ class Joining:
     elongation: FloatArray
     stiffness: FloatArray
     damping: FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RowSpace:
+    """What the rows of B say, each thing once.
+
+    Attributes
+    ----------
+    rows : ndarray, (rank, n)
+        An orthonormal basis of what the rows span: rows @ u = 0 where B u = 0.
+    null_space : ndarray, (n, n - rank)
+        An orthonormal basis of the motions that open no joint.
+    redundant : tuple of int
+        The rows of B that follow from those before them.
+    cutoff : float
+        The singular value of B up to which a direction counts as said already.
+    """
+
+    rows: FloatArray
+    null_space: FloatArray
+    redundant: tuple[int, ...]
+    cutoff: float
+
+
+def row_space(compatibility: FloatArray, labels: Sequence[str]) -> RowSpace:
+    """Separate what the rows of B say from what they repeat, by truncated SVD.
+
+    Joints that are closed twice, or that tie a rigid body to itself, repeat other rows or say
+    nothing. Singular values up to 1e-12 of the largest are cut off.
+
+    Parameters
+    ----------
+    compatibility : ndarray, (n_constraints, n)
+        B.
+    labels : sequence of str, (n_constraints,)
+        Names of the rows, for the error.
+
+    Raises
+    ------
+    CouplingError
+        If rows nearly repeat one another, with a singular value between 1e-12 and 1e-6 of the
+        largest: to keep them would magnify rounding, to drop them would free a joint. If B holds
+        what is no finite number.
+    """
+    if not np.isfinite(compatibility).all():
+        raise CouplingError("B holds what is no finite number; look where its angles come from.")
+    left, values, right = np.linalg.svd(compatibility)
+    cutoff = _ZERO * float(values.max(initial=0.0))
+    rank = int((values > cutoff).sum())
+    if rank and values[rank - 1] < _CLEAR * values[0]:
+        unclear = values[:rank] < _CLEAR * values[0]
+        shares = np.abs(left[:, :rank][:, unclear]).max(axis=1)
+        names = dict.fromkeys(
+            label for label, share in zip(labels, shares, strict=True) if share > _INVOLVED
+        )
+        raise CouplingError(
+            f"Some constraints nearly repeat others, with a singular value of "
+            f"{values[rank - 1] / values[0]:.1e} of the largest, too large to be rounding and too "
+            f"small to be a joint: {'; '.join(names)}. Close each joint once, and let the two "
+            "sides of a repeated one agree to the last digit."
+        )
+    redundant = _redundant(left[:, rank:]) if rank < len(left) else ()
+    return RowSpace(right[:rank], right[rank:].T, redundant, cutoff)
+
+
+def _redundant(dependencies: FloatArray) -> tuple[int, ...]:
+    """Return the last rows that can go, given orthonormal combinations of rows that vanish."""
+    found: list[int] = []
+    for row in reversed(range(len(dependencies))):
+        if dependencies.shape[1] and np.linalg.norm(dependencies[row]) > _INVOLVED:
+            found.append(row)
+            # The combinations that are left do not involve this row.
+            dependencies = dependencies @ null_space(dependencies[row : row + 1])
+    return tuple(reversed(found))
 
 
 class InterfaceMap:

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Primal assembly: the components on coordinates that satisfy B u = 0 by construction."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -9,16 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
-from linkage_vibration.errors import LinkageVibrationError
-from linkage_vibration.mechanics.compatibility import Joining
+from linkage_vibration.mechanics.compatibility import CouplingError, Joining, row_space
 from linkage_vibration.mechanics.components import Component
 
 FloatArray = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
 IntArray = NDArray[np.intp]
 
-
-class CouplingError(LinkageVibrationError):
-    """The constraints do not join the components as they should."""
+_CHUNK = 2**20  # complex numbers of dynamic stiffness held at a time, 16 MB
+_ROUNDING_LIMIT = 1e-6  # of the motion, 1: an error by rounding that is refused
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,6 +53,10 @@ class CoupledSystem:
         On the generalised coordinates q; SI.
     basis : ndarray, (n_interface, m - n_inner)
         Interface DoFs u = basis @ q[: m - n_inner]; the inner coordinates are the rest of q.
+    redundant : tuple of str
+        Labels of the constraints that repeat others; they change nothing.
+    cutoff : float
+        The singular value of B up to which a constraint counts as a repetition.
     """
 
     mass: FloatArray
@@ -60,6 +64,8 @@ class CoupledSystem:
     damping: FloatArray
     loss: FloatArray
     basis: FloatArray
+    redundant: tuple[str, ...] = ()
+    cutoff: float = 0.0
 
     def expand(self, coordinates: FloatArray) -> FloatArray:
         """Turn columns of q, (m, k), into columns of u and inner coordinates, (n, k)."""
@@ -100,12 +106,15 @@ def uncoupled_system(components: Sequence[Component]) -> UncoupledSystem:
 def couple(system: UncoupledSystem, joining: Joining) -> CoupledSystem:
     """Assemble on the null space of B: M = L^T M L, K = L^T (K + G^T k G) L with B L = 0.
 
+    Constraints that repeat others are left out, and told by their labels.
+
     Raises
     ------
     CouplingError
-        If rows of B repeat one another; it names the joints.
+        If constraints nearly repeat others; see `row_space`.
     """
-    basis = _null_space(joining)
+    said = row_space(joining.compatibility, joining.labels)
+    basis = said.null_space
     stretch = joining.elongation @ basis
     return CoupledSystem(
         mass=_congruent(system, system.mass, basis),
@@ -113,6 +122,75 @@ def couple(system: UncoupledSystem, joining: Joining) -> CoupledSystem:
         damping=_congruent(system, system.damping, basis, stretch, joining.damping),
         loss=_congruent(system, system.loss, basis),
         basis=basis,
+        redundant=tuple(joining.labels[row] for row in said.redundant),
+        cutoff=said.cutoff,
+    )
+
+
+def assembled_frf(
+    system: CoupledSystem, frequencies: FloatArray, outputs: FloatArray, inputs: FloatArray
+) -> ComplexArray:
+    """Receptances of the assembly by solving (K + i (D + w C) - w^2 M) q = f line by line.
+
+    It needs no receptance of a component, so it serves at 0 Hz, where free components have none,
+    and on a component's own undamped resonance.
+
+    Parameters
+    ----------
+    system : CoupledSystem
+        With any damping.
+    frequencies : ndarray, (n_freq,)
+        Hz; 0 gives the static limit.
+    outputs, inputs : ndarray, (n_out, n_interface) and (n_in, n_interface)
+        Rows that pick or combine interface DoFs into responses and forces.
+
+    Returns
+    -------
+    complex ndarray, (n_freq, n_out, n_in)
+        m/N between displacements.
+
+    Raises
+    ------
+    CouplingError
+        If the assembly can move freely at 0 Hz, or resonates without damping, so that the
+        receptance is infinite there, or so nearly that rounding leaves less than 6 digits.
+    """
+    frequencies = np.asarray(frequencies, dtype=float)
+    left, right = system.restrict(outputs), system.restrict(inputs)
+    frf = np.empty((len(frequencies), len(left), len(right)), dtype=complex)
+    step = max(1, _CHUNK // system.mass.size)
+    for start in range(0, len(frequencies), step):
+        lines = slice(start, start + step)
+        omega = 2.0 * math.pi * frequencies[lines, np.newaxis, np.newaxis]
+        dynamic = system.stiffness - omega**2 * system.mass
+        dynamic = dynamic + 1j * (system.loss + omega * system.damping)
+        try:
+            moved = np.linalg.solve(dynamic, np.hstack([left.T, right.T]))
+        except np.linalg.LinAlgError:
+            raise _infinite(frequencies[lines]) from None
+        frf[lines] = left @ moved[:, :, len(left) :]
+        # A relative change of the stiffness by eps changes H = y^T Z x by up to eps |y|^T |Z| |x|.
+        size = np.abs(moved)
+        error = size[:, :, : len(left)].swapaxes(1, 2) @ np.abs(dynamic) @ size[:, :, len(left) :]
+        error = np.finfo(float).eps * error.max(axis=(1, 2))
+        free = system.basis.shape[1]
+        motion = np.abs(system.basis @ moved[:, :free]).max(axis=(1, 2))
+        poor = ~(error <= _ROUNDING_LIMIT * motion)
+        if poor.any():
+            raise _infinite(frequencies[lines][poor])
+    return frf
+
+
+def _infinite(frequencies: FloatArray) -> CouplingError:
+    """Tell where a receptance is infinite, or as good as that."""
+    if frequencies[0] == 0.0:
+        return CouplingError(
+            "The assembly can move without a force, so it has no receptance at 0 Hz; hold it, "
+            "such as with `clamped` or a spring at the crank's joint, or begin above 0 Hz."
+        )
+    return CouplingError(
+        f"The assembly has no finite receptance near {frequencies[0]:g} Hz: it resonates there "
+        "without damping, or moves freely so near 0 Hz; give it damping, or move the frequencies."
     )
 
 
@@ -124,23 +202,13 @@ def _congruent(
     weights: FloatArray | None = None,
 ) -> FloatArray:
     """L^T A L, symmetric to the last bit, with springs added on the interface."""
-    b, i = slice(0, system.n_interface), slice(system.n_interface, None)
-    cross = basis.T @ matrix[b, i]
-    own = basis.T @ matrix[b, b] @ basis
+    n, free = system.n_interface, basis.shape[1]
+    own = basis.T @ matrix[:n, :n] @ basis
     if stretch is not None and weights is not None:
         own = own + stretch.T @ (weights[:, np.newaxis] * stretch)
-    return np.block([[(own + own.T) / 2.0, cross], [cross.T, matrix[i, i]]])
-
-
-def _null_space(joining: Joining) -> FloatArray:
-    n_rows, n = joining.compatibility.shape
-    left, values, right = np.linalg.svd(joining.compatibility)
-    rank = int((values > values.max(initial=0.0) * max(n_rows, n) * np.finfo(float).eps).sum())
-    if rank < n_rows:
-        shares = np.abs(left[:, rank:]).max(axis=1)
-        names = [label for label, share in zip(joining.labels, shares, strict=True) if share > 1e-6]
-        raise CouplingError(
-            f"{n_rows - rank} of the {n_rows} constraints repeat others, among these: "
-            f"{'; '.join(names)}. Join the same two bodies once only."
-        )
-    return np.asarray(right[rank:].T)
+    found = np.empty((len(matrix) - n + free,) * 2)
+    found[:free, :free] = (own + own.T) / 2.0
+    found[:free, free:] = basis.T @ matrix[:n, n:]
+    found[free:, :free] = found[:free, free:].T
+    found[free:, free:] = matrix[n:, n:]
+    return found

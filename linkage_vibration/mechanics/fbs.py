@@ -14,12 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.mechanics.compatibility import row_space
 
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
+IntArray = NDArray[np.intp]
 
 _CHUNK = 2**20  # complex numbers of dynamic stiffness held at a time, 16 MB
 _FLOATING = 1e-9  # least eigenvalue of a scaled stiffness, 1: below it a body is free to move
+_ROUNDING_LIMIT = 1e-6  # of the largest receptance, 1: an error by rounding that is refused
 
 
 class FbsError(LinkageVibrationError):
@@ -89,23 +92,27 @@ def couple_frfs(
     outputs: FloatArray,
     inputs: FloatArray,
     compliance: FloatArray | ComplexArray | float = 0.0,
+    frequencies: FloatArray | None = None,
 ) -> ComplexArray:
     """Couple components: H_c = H - H B^T (B H B^T + S)^-1 B H, between outputs and inputs.
 
     H is block diagonal and never put together: each block is only multiplied with the rows of B,
-    outputs and inputs that touch it.
+    outputs and inputs that touch it. Rigid rows of B that repeat others are left out, as in
+    `row_space`.
 
     Parameters
     ----------
     blocks : sequence of complex ndarray, (n_freq, n_r, n_r)
         Receptances of the components at the same frequencies; their DoFs in turn make the n DoFs.
     compatibility : ndarray, (n_constraints, n)
-        B, of full row rank; B u is zero where the joint is rigid.
+        B; B u is zero where the joint is rigid.
     outputs, inputs : ndarray, (n_out, n) and (n_in, n)
         Rows that pick or combine DoFs into responses and forces.
     compliance : float or ndarray, (n_constraints,) or (n_freq, n_constraints)
         Diagonal of S: 1/k makes B u the elongation of a spring k, 1/(k + i w c) with a damper
         beside it; 0 is rigid.
+    frequencies : ndarray, (n_freq,), optional
+        Hz, to be named in errors.
 
     Returns
     -------
@@ -114,10 +121,57 @@ def couple_frfs(
 
     Raises
     ------
+    CouplingError
+        If rigid rows of B nearly repeat others.
     FbsError
-        If the arrays do not fit one another, or the joints cannot carry a force at a frequency.
+        If the arrays do not fit one another; if at a frequency the rounding of the components'
+        FRFs leaves an error above 1e-6 of the assembly's largest: free components near 0 Hz, or
+        undamped ones on a resonance of their own, move so much more than the assembly.
+    """
+    frf, error = couple_frfs_with_error(blocks, compatibility, outputs, inputs, compliance)
+    poor = ~(error <= _ROUNDING_LIMIT * np.abs(frf).max(axis=(1, 2), initial=0.0))
+    if poor.any():
+        # A response that vanishes tells nothing; the largest between any DoFs does.
+        if np.ndim(compliance) == 2:
+            compliance = np.asarray(compliance)[poor]
+        every = np.eye(compatibility.shape[1])
+        some = [block[poor] for block in blocks]
+        whole, _ = couple_frfs_with_error(some, compatibility, every, every, compliance)
+        share = error[poor] / np.abs(whole).max(axis=(1, 2))
+        share = np.where(np.isfinite(share), share, np.inf)
+        if (share > _ROUNDING_LIMIT).any():
+            lines = np.flatnonzero(poor)[share > _ROUNDING_LIMIT]
+            raise _lost(lines, float(share.max()), frequencies)
+    return frf
+
+
+def couple_frfs_with_error(
+    blocks: Sequence[ComplexArray],
+    compatibility: FloatArray,
+    outputs: FloatArray,
+    inputs: FloatArray,
+    compliance: FloatArray | ComplexArray | float = 0.0,
+) -> tuple[ComplexArray, FloatArray]:
+    """Couple components as `couple_frfs` does, and estimate what rounding does to it.
+
+    A relative change of B H B^T + S by eps, which double precision cannot avoid, changes H_c by
+    f^T dZ g, with f and g the interface forces that come with the outputs and the inputs; so the
+    error is up to eps abs(f)^T abs(Z) abs(g). The components are taken for reciprocal in f.
+
+    Returns
+    -------
+    frf : complex ndarray, (n_freq, n_out, n_in)
+        m/N between displacements; NaN where B H B^T + S is singular.
+    error : ndarray, (n_freq,)
+        Estimate of the error by rounding, of the FRF that it hits most, m/N; infinite there.
+
+    Raises
+    ------
+    CouplingError, FbsError
+        As `couple_frfs`, but for what rounding does.
     """
     n_freq = _check_sizes(blocks, (compatibility, outputs, inputs))
+    compatibility, compliance = _independent(compatibility, compliance)
     n_rows = len(compatibility)
     left, right = np.vstack([compatibility, outputs]), np.vstack([compatibility, inputs])
     frf = np.zeros((n_freq, len(left), len(right)), dtype=complex)
@@ -129,14 +183,63 @@ def couple_frfs(
         frf[:, i[:, np.newaxis], j] += left[i, own] @ block @ right[j, own].T
     interface, diagonal = frf[:, :n_rows, :n_rows], np.arange(n_rows)
     interface[:, diagonal, diagonal] += compliance
+    driven, seen = frf[:, :n_rows, n_rows:], frf[:, n_rows:, :n_rows]
+    forces = _solve(interface, np.concatenate([driven, seen.swapaxes(1, 2)], axis=2))
+    n_in = driven.shape[2]
+    coupled = frf[:, n_rows:, n_rows:] - seen @ forces[:, :, :n_in]
+    size = np.abs(forces)
+    g, f = size[:, :, :n_in].max(axis=2, initial=0.0), size[:, :, n_in:].max(axis=2, initial=0.0)
+    error = np.finfo(float).eps * np.einsum("ki,kij,kj->k", f, np.abs(interface), g)
+    return coupled, np.where(np.isnan(error), np.inf, error)
+
+
+def _independent(
+    compatibility: FloatArray, compliance: FloatArray | ComplexArray | float
+) -> tuple[FloatArray, FloatArray | ComplexArray]:
+    """Replace rigid rows by a basis of what they span, where some repeat others."""
+    n_rows = len(compatibility)
+    spread = np.broadcast_to(compliance, (*np.shape(compliance)[:-1], n_rows))
+    rigid = ~spread.any(axis=tuple(range(spread.ndim - 1)))
+    said = row_space(compatibility[rigid], [f"row {row}" for row in np.flatnonzero(rigid)])
+    if not said.redundant:
+        return compatibility, spread
+    none = np.zeros((*spread.shape[:-1], len(said.rows)))
+    return (
+        np.vstack([said.rows, compatibility[~rigid]]),
+        np.concatenate([none, spread[..., ~rigid]], axis=-1),
+    )
+
+
+def _solve(matrices: ComplexArray, right: ComplexArray) -> ComplexArray:
+    """Solve a stack of equations; NaN where a matrix is singular."""
     try:
-        forces = np.linalg.solve(interface, frf[:, :n_rows, n_rows:])
+        return np.asarray(np.linalg.solve(matrices, right))
     except np.linalg.LinAlgError:
-        raise FbsError(
-            "The interface flexibility B H B^T is singular at one of the frequencies; look for "
-            "constraints that repeat one another, or for components without FRFs at a joint."
-        ) from None
-    return np.asarray(frf[:, n_rows:, n_rows:] - frf[:, n_rows:, :n_rows] @ forces)
+        found = np.full_like(right, np.nan)
+        for line, matrix in enumerate(matrices):
+            try:
+                found[line] = np.linalg.solve(matrix, right[line])
+            except np.linalg.LinAlgError:
+                continue
+        return found
+
+
+def _lost(lines: IntArray, share: float, frequencies: FloatArray | None) -> FbsError:
+    """Tell where rounding leaves too few digits, and why."""
+    place = f"line {lines[0]}" if frequencies is None else f"{frequencies[lines[0]]:g} Hz"
+    if len(lines) > 1:
+        place += f" and {len(lines) - 1} other frequencies"
+    if share == np.inf:
+        return FbsError(
+            f"The interface flexibility B H B^T is singular at {place}; look for components "
+            "without FRFs at a joint."
+        )
+    return FbsError(
+        f"At {place} the components move so much more than their assembly, being free near 0 Hz "
+        "or on an undamped resonance of their own, that rounding of their FRFs leaves an error of "
+        f"{share:.0e} of the largest coupled one; leave these frequencies out, give damping, or "
+        "give the components by their matrices."
+    )
 
 
 def _check_sizes(blocks: Sequence[ComplexArray], rows: Sequence[FloatArray]) -> int:
@@ -147,6 +250,12 @@ def _check_sizes(blocks: Sequence[ComplexArray], rows: Sequence[FloatArray]) -> 
             raise FbsError(
                 f"The {name} have {matrix.shape[1]} columns, but the components {n} DoFs; give "
                 "one column to each DoF."
+            )
+    for i, block in enumerate(blocks):
+        if not np.isfinite(block).all():
+            raise FbsError(
+                f"The FRFs of component {i + 1} hold what is no finite number; mend or leave out "
+                "those frequencies."
             )
     lengths = [len(block) for block in blocks]
     if len(set(lengths)) != 1:

@@ -21,11 +21,17 @@ from linkage_vibration.mechanics.components import (
 from linkage_vibration.mechanics.coupling import (
     CoupledSystem,
     UncoupledSystem,
+    assembled_frf,
     couple,
     uncoupled_system,
 )
 from linkage_vibration.mechanics.description import Mechanism
-from linkage_vibration.mechanics.fbs import FbsError, component_frf, couple_frfs
+from linkage_vibration.mechanics.fbs import (
+    FbsError,
+    component_frf,
+    couple_frfs,
+    couple_frfs_with_error,
+)
 from linkage_vibration.mechanics.identification import IdentifiedModes, identify
 from linkage_vibration.mechanics.kinematics import Configuration, Kinematics, rotation
 from linkage_vibration.mechanics.modes import DampedModes, Modes, damp_modes, solve_modes
@@ -42,6 +48,7 @@ FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
 _STILL = 1e-6  # of the largest response: below it a DoF is held
+_ROUNDING = 1e-9  # of the largest response, 1: an error above is worth a solve of the assembly
 
 Place = tuple[str, str]
 """A point and a direction along the global axes: ("E1", "z")."""
@@ -165,7 +172,9 @@ class LinkageModel:
         alpha3 : float
             Input angle, rad.
         frequencies : ndarray, (n_freq,)
-            Hz, above 0; where a component is known by FRFs, among its frequencies.
+            Hz; where a component is known by FRFs, above 0 and among its frequencies. Where all
+            have matrices, the assembly is solved on lines that cost LM-FBS digits: at and near
+            0 Hz, and on a component's own undamped resonance.
         outputs, inputs : sequence of (point, direction)
             Along the global axes.
 
@@ -173,6 +182,13 @@ class LinkageModel:
         -------
         complex ndarray, (n_freq, n_out, n_in)
             m/N.
+
+        Raises
+        ------
+        CouplingError
+            If the receptance is infinite: an undamped resonance, a mechanism at 0 Hz.
+        FbsError
+            If FRFs do not hold the digits that the answer asks for.
         """
         configuration = self.kinematics.at(alpha3)
         return self._couple(
@@ -241,14 +257,30 @@ class LinkageModel:
     ) -> ComplexArray:
         """Couple by LM-FBS; outputs and inputs are rows on the interface DoFs."""
         joining = self.interface.join(configuration)
+        if any(isinstance(component, FrfComponent) for component in self.components):
+            blocks, rows, compliance = self._blocks(joining, frequencies)
+            return couple_frfs(blocks, rows, outputs, inputs, compliance, frequencies)
+        frf = np.empty((len(frequencies), len(outputs), len(inputs)), dtype=complex)
+        moving = frequencies != 0.0
+        blocks, rows, compliance = self._blocks(joining, frequencies[moving])
+        frf[moving], error = couple_frfs_with_error(blocks, rows, outputs, inputs, compliance)
+        poor = ~moving
+        poor[moving] = ~(error <= _ROUNDING * np.abs(frf[moving]).max(axis=(1, 2), initial=0.0))
+        if poor.any():
+            coupled = couple(self.system, joining)
+            frf[poor] = assembled_frf(coupled, frequencies[poor], outputs, inputs)
+        return frf
+
+    def _blocks(
+        self, joining: Joining, frequencies: FloatArray
+    ) -> tuple[list[ComplexArray], FloatArray, ComplexArray]:
+        """Return FRFs of the components, the rows that join them, and the rows' compliance."""
         omega = 2.0 * math.pi * frequencies[:, np.newaxis]
         springs = 1.0 / (joining.stiffness + 1j * omega * joining.damping)
         rigid = np.zeros((len(omega), len(joining.compatibility)))
-        return couple_frfs(
+        return (
             [self._frf(component, frequencies) for component in self.components],
             np.vstack([joining.compatibility, joining.elongation]),
-            outputs,
-            inputs,
             np.hstack([rigid, springs]),
         )
 
@@ -337,6 +369,11 @@ class Solution:
     def natural_frequencies(self) -> FloatArray:
         """Undamped natural frequencies, (n_modes,), Hz."""
         return self.modes.omega / (2.0 * math.pi)
+
+    @property
+    def redundant(self) -> tuple[str, ...]:
+        """Constraints that repeat others and were left out, by their labels."""
+        return self.coupled.redundant
 
     @cached_property
     def damped(self) -> DampedModes:
@@ -481,6 +518,8 @@ class Solution:
         right = np.zeros(len(matrix))
         right[b] = -stiffness_rate @ phi[b] - rate.T @ self._multipliers()[:, mode]
         right[n : n + n_rows] = -scale * (rate @ phi[b])
+        if self.coupled.redundant:  # then the constraints' forces are not unique, but the shape is
+            return np.asarray(np.linalg.lstsq(matrix, right, rcond=None)[0][:n])
         return np.asarray(np.linalg.solve(matrix, right)[:n])
 
     def _multipliers(self) -> FloatArray:

@@ -68,6 +68,8 @@ class PoleResidue:
     def frf(self, frequencies: FloatArray) -> ComplexArray:
         """Receptance at frequencies in Hz, (n_freq,), as (n_freq, n_out, n_in) in m/N.
 
+        It is infinite on an undamped pole, as at 0 Hz of a mechanism.
+
         Examples
         --------
         At 0 Hz an oscillator of 1 kg and 100 N/m yields 1/100 m/N:
@@ -77,11 +79,17 @@ class PoleResidue:
         0.01
         """
         omega = 2.0 * math.pi * np.asarray(frequencies, dtype=float)
-        terms = 1.0 / self._denominators(omega)
+        below = self._denominators(omega)
+        endless = below == 0.0  # on an undamped pole
+        below[endless] = np.inf
+        terms = 1.0 / below
         flat = terms @ self.residues.reshape(-1, len(self.decay)).T
         if self.rates.any():
             flat += 1j * omega[:, np.newaxis] * (terms @ self.rates.reshape(flat.shape[1], -1).T)
-        return flat.reshape(len(omega), *self.residues.shape[:2]) + self.residual
+        frf = flat.reshape(len(omega), *self.residues.shape[:2]) + self.residual
+        for line, mode in np.argwhere(endless):
+            frf[line][(self.residues[:, :, mode] != 0.0) | (self.rates[:, :, mode] != 0.0)] = np.inf
+        return frf
 
     def condensed(self, kept: NDArray[np.bool_], far: "FarPoles") -> "PoleResidue":
         """Keep some modes, and the sum of all others by far poles and a static residual.
@@ -272,7 +280,7 @@ def far_poles(
     if not len(stiffness):
         k, c = np.zeros(0, dtype=complex), np.zeros(0)
         nothing = np.zeros((1, n_lines))
-        return FarPoles(k, c, frequencies, nothing + 0j, np.zeros((1, 2 * n_lines)))
+        return FarPoles(k, c, frequencies, nothing.astype(complex), np.zeros((1, 2 * n_lines)))
     lowest = _MARGIN * stiffness.real.min()
     steps = (1.0 - np.cos(np.pi * (np.arange(n_far) + 0.5) / n_far)) / 2.0
     k = lowest / steps[::-1] + 0j

@@ -7,7 +7,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
+from linkage_vibration.mechanics.compatibility import CouplingError, row_space
 from linkage_vibration.mechanics.description import MechanismError
 from linkage_vibration.mechanics.kinematics import rotation
 from linkage_vibration.mechanics.model import LinkageModel
@@ -124,3 +127,46 @@ def test_spring_without_a_direction_is_refused(mapping: Any) -> None:
         low, high = (middle, high) if gap(low) * gap(middle) > 0 else (low, middle)
     with pytest.raises(MechanismError, match=r"springs\.stay: .*meet at"):
         model.solve(low)
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(0, 6), st.integers(0, 5))
+def test_rows_that_repeat_are_the_last_ones(seed: int, rank: int, extra: int) -> None:
+    """Combinations of rows are found, however many, and what is left spans the same."""
+    rng = np.random.default_rng(seed)
+    rows = np.linalg.qr(rng.normal(size=(9, 9)))[0][:rank]
+    matrix = np.vstack([rows, rng.integers(-2, 3, (extra, rank)) @ rows])
+    found = row_space(matrix, [""] * len(matrix))
+    assert found.redundant == tuple(range(rank, rank + extra))
+    assert found.rows.shape == (rank, 9)
+    both = np.vstack([found.rows, found.null_space.T])
+    np.testing.assert_allclose(both @ both.T, np.eye(9), atol=1e-12)
+    np.testing.assert_allclose(matrix @ found.null_space, 0.0, atol=1e-12)
+    np.testing.assert_allclose(matrix @ found.rows.T @ found.rows, matrix, atol=1e-12)
+
+
+def test_cut_off_has_a_clear_side() -> None:
+    """A row 1e-13 beside another repeats it, one 1e-5 beside it does not; between, an error."""
+
+    def beside(apart: float) -> tuple[int, ...]:
+        rows = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [1.0, apart, 0.0]])
+        return row_space(rows, ["first", "other", "second"]).redundant
+
+    assert beside(0.0) == beside(1e-13) == (2,)
+    assert beside(1e-5) == ()
+    with pytest.raises(CouplingError, match=r"7\.1e-08 of the largest, .*: first; second\."):
+        beside(1e-7 * 2**0.5)
+
+
+def test_a_joint_of_a_body_with_itself(model: LinkageModel) -> None:
+    """Between a point and itself it says nothing, of a rigid body and of a link alike."""
+    configuration = model.kinematics.at(math.radians(117.0))
+    rows = [
+        model.interface.displacement(body, point, configuration)[i]
+        - model.interface.displacement(body, point, configuration)[i]
+        for body, point in (("implement", "E2"), ("lower_link", "V1"))
+        for i in (0, 2)
+    ]
+    joining = model.interface.join(configuration)
+    matrix = np.vstack([joining.compatibility, *rows])
+    n = len(joining.labels)
+    assert row_space(matrix, [""] * len(matrix)).redundant == (n, n + 1, n + 2, n + 3)

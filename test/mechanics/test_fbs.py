@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """LM-FBS against closed forms and against the assembled matrices of real linkages."""
 
+import contextlib
 import math
 from collections.abc import Sequence
 from dataclasses import replace
@@ -10,9 +11,11 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.linalg import block_diag, eigh
 
 from linkage_vibration.mechanics import fbs
 from linkage_vibration.mechanics.components import Component
+from linkage_vibration.mechanics.coupling import assembled_frf
 from linkage_vibration.mechanics.description import (
     Damping,
     LossFactor,
@@ -20,7 +23,12 @@ from linkage_vibration.mechanics.description import (
     ModalRatio,
     Rayleigh,
 )
-from linkage_vibration.mechanics.fbs import FbsError, component_frf, couple_frfs
+from linkage_vibration.mechanics.fbs import (
+    FbsError,
+    component_frf,
+    couple_frfs,
+    couple_frfs_with_error,
+)
 from linkage_vibration.mechanics.model import LinkageModel, Solution
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
 
@@ -196,4 +204,146 @@ def test_misfits_are_refused() -> None:
     assert "compatibility have 3 columns, but the components 2 DoFs" in refusal(
         [block, block], np.ones((1, 3))
     )
-    assert "singular" in refusal([block, block], 0.0 * joint)
+    still = np.zeros_like(block)
+    assert "singular at line 0 and 4 other frequencies" in refusal([still, still], joint)
+    assert "component 2 hold what is no finite number" in refusal(
+        [block, np.full_like(block, math.nan)], joint
+    )
+
+
+def test_rows_that_say_nothing_join_nothing() -> None:
+    """A row of zeros leaves the components as they are, where B H B^T is singular."""
+    block = np.full((3, 1, 1), 2.0 + 0.0j)
+    pick = np.array([[1.0, 0.0]])
+    np.testing.assert_array_equal(couple_frfs([block, block], np.zeros((1, 2)), pick, pick), block)
+
+
+def plain(blocks: Sequence[ComplexArray], b: FloatArray, rows: FloatArray) -> ComplexArray:
+    """Return eq. 19 as it stands, solved at each frequency; NaN where that stops."""
+    found = np.full((len(blocks[0]), len(rows), len(rows)), np.nan + 0.0j)
+    for frf, line in zip(found, zip(*blocks, strict=True), strict=True):
+        h = block_diag(*line)
+        with contextlib.suppress(np.linalg.LinAlgError):
+            frf[:] = rows @ (h - h @ b.T @ np.linalg.solve(b @ h @ b.T, b @ h)) @ rows.T
+    return found
+
+
+def share(found: ComplexArray, exact: ComplexArray) -> FloatArray:
+    """Return the largest difference at each frequency, of the largest FRF there."""
+    return np.asarray(np.abs(found - exact).max(axis=(1, 2)) / np.abs(exact).max(axis=(1, 2)))
+
+
+def frfs_of(model: LinkageModel, frequencies: FloatArray) -> list[ComplexArray]:
+    """Return the components' FRFs."""
+    known = [c for c in model.components if isinstance(c, Component)]
+    return [
+        component_frf(c.mass, c.stiffness, c.damping, len(c.dofs), frequencies, c.loss_factor)
+        for c in known
+    ]
+
+
+@pytest.mark.parametrize("alpha3_deg", [90.0, 140.0, 180.0])
+def test_joints_closed_twice(model: LinkageModel, alpha3_deg: float) -> None:
+    """With two pins closed twice the plain equation stops or is all wrong; ours stays to 1e-8."""
+    solution = model.solve(math.radians(alpha3_deg))
+    rows = model.rows(PLACES, solution.configuration)
+    blocks, b = frfs_of(model, FREQUENCIES), solution.joining.compatibility
+    once = couple_frfs(blocks, b, rows, rows)
+    b = np.vstack([b, b[3:7], 0.6 * b[:1] + 0.8 * b[1:2]])
+    assert share(couple_frfs(blocks, b, rows, rows), once).max() < 1e-8
+    assert np.nanmedian(share(plain(blocks, b, rows), once)) > 1.0
+
+
+def test_springs_side_by_side_repeat_nothing(model: LinkageModel) -> None:
+    """Two springs with the same row add up, and a rigid row beside them rules."""
+    solution = model.solve(2.0)
+    rows = model.rows(PLACES, solution.configuration)
+    blocks, b = frfs_of(model, FREQUENCIES), solution.joining.compatibility
+    spring = rows[:1]
+    pair = np.vstack([b, spring, spring])
+    soft = np.zeros(len(pair))
+    soft[-2:] = 1e-5
+    one = couple_frfs(blocks, pair[:-1], rows, rows, np.append(soft[:-2], 0.5e-5))
+    assert share(couple_frfs(blocks, pair, rows, rows, soft), one).max() < 1e-8
+    held = couple_frfs(blocks, pair[:-1], rows[1:], rows[1:])
+    soft[-1] = 0.0
+    assert share(couple_frfs(blocks, pair, rows[1:], rows[1:], soft), held).max() < 1e-8
+
+
+@pytest.mark.parametrize("damping", [Rayleigh(0.0, 0.0), ModalRatio(0.01), LossFactor(0.02)])
+def test_rounding_at_low_frequencies(mechanism: Mechanism, damping: Damping) -> None:
+    """The error stays below its estimate; lines on which that passes 1e-6 are refused by name."""
+    model = LinkageModel(replace(mechanism, damping=damping))
+    frequencies = np.array([1e-4, 1e-3, 0.1, 1.0, 10.0, 100.0])
+    blocks = frfs_of(model, frequencies)
+    for angle in np.radians(ANGLES_DEG):
+        solution = model.solve(angle)
+        rows, b = model.rows(PLACES, solution.configuration), solution.joining.compatibility
+        exact = assembled_frf(solution.coupled, frequencies, rows, rows)
+        found, error = couple_frfs_with_error(blocks, b, rows, rows)
+        largest = np.abs(exact).max(axis=(1, 2))
+        assert (share(found, exact) < error / largest).all()
+        assert share(found, exact)[0] > 1e-6
+        assert (error / largest < 1e-6).tolist() == [False, False, True, True, True, True]
+        with pytest.raises(FbsError, match=r"At 0\.0001 Hz and 1 other .*free near 0 Hz"):
+            couple_frfs(blocks, b, rows, rows, frequencies=frequencies)
+        some = [block[2:] for block in blocks]
+        np.testing.assert_array_equal(couple_frfs(some, b, rows, rows), found[2:])
+
+
+@pytest.mark.parametrize("body", ["lower_link", "upper_link", "lift_rod"])
+def test_on_a_components_own_resonance(mechanism: Mechanism, body: str) -> None:
+    """Beside an undamped resonance of a free link digits go as it nears: told, then refused."""
+    model = LinkageModel(replace(mechanism, damping=Rayleigh(0.0, 0.0)))
+    solution = model.solve(2.0)
+    rows, b = model.rows(PLACES, solution.configuration), solution.joining.compatibility
+    component = next(c for c in model.components if c.name == body)
+    assert isinstance(component, Component)
+    values = eigh(component.stiffness, component.mass, eigvals_only=True)
+    resonance = math.sqrt(values[3]) / (2.0 * math.pi)
+    frequencies = resonance * (1.0 + np.array([1e-3, 1e-6, 1e-13]))
+    blocks = frfs_of(model, frequencies)
+    exact = assembled_frf(solution.coupled, frequencies, rows, rows)
+    found, error = couple_frfs_with_error(blocks, b, rows, rows)
+    largest = np.abs(exact).max(axis=(1, 2))
+    assert (share(found, exact) < error / largest).all()
+    assert share(plain(blocks, b, rows), exact)[2] > 1e-6
+    with pytest.raises(FbsError, match="line 2 the components .* undamped resonance of their own"):
+        couple_frfs(blocks, b, rows, rows)
+    some = [block[:2] for block in blocks]
+    assert (share(couple_frfs(some, b, rows, rows), exact[:2]) < 1e-8).all()
+
+
+def test_two_identical_links(mechanism: Mechanism) -> None:
+    """Two undamped rods with the same poles, coupled by FRFs, are one rod twice as strong.
+
+    Beside a resonance of theirs both have receptances without bound.
+    """
+    model = LinkageModel(replace(mechanism, damping=Rayleigh(0.0, 0.0)))
+    solution = model.solve(2.0)
+    rows, b = model.rows(PLACES, solution.configuration), solution.joining.compatibility
+    components = [c for c in model.components if isinstance(c, Component)]
+    rod = components.index(next(c for c in components if c.name == "lift_rod"))
+    mass, stiffness = components[rod].mass / 2.0, components[rod].stiffness / 2.0
+    resonance = math.sqrt(eigh(stiffness, mass, eigvals_only=True)[3]) / (2.0 * math.pi)
+    frequencies = np.append(FREQUENCIES[1::40], resonance * (1.0 + 1e-6))
+    blocks = frfs_of(model, frequencies)
+    n, m = b.shape[1], len(components[rod].dofs)
+    start = sum(len(c.dofs) for c in components[:rod])
+    blocks[rod] = component_frf(mass, stiffness, 0.0 * mass, m, frequencies)
+    # The other rod's DoFs stand behind all others and follow those of the first.
+    follows = np.zeros((m, n + m))
+    follows[:, start : start + m], follows[:, n:] = np.eye(m), -np.eye(m)
+    both = np.vstack([np.pad(b, ((0, 0), (0, m))), follows])
+    wide = np.pad(rows, ((0, 0), (0, m)))
+    found = couple_frfs([*blocks, blocks[rod]], both, wide, wide)
+    exact = assembled_frf(solution.coupled, frequencies, rows, rows)
+    assert (share(found, exact) < 1e-8).all()
+
+
+def test_response_that_vanishes_is_no_loss(model: LinkageModel) -> None:
+    """A point on the ground does not move; its zero is not taken for digits that are lost."""
+    solution = model.solve(2.0)
+    rows = model.rows([("P1", "x")], solution.configuration)
+    held = couple_frfs(frfs_of(model, FREQUENCIES), solution.joining.compatibility, rows, rows)
+    assert np.abs(held).max() < 1e-15

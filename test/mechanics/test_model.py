@@ -4,14 +4,26 @@
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
-from linkage_vibration.mechanics.description import Beam, Link, Material, Mechanism
+from linkage_vibration.mechanics.coupling import CouplingError
+from linkage_vibration.mechanics.description import (
+    Beam,
+    Damping,
+    Link,
+    LossFactor,
+    Material,
+    Mechanism,
+    ModalRatio,
+    Rayleigh,
+)
 from linkage_vibration.mechanics.kinematics import Kinematics
 from linkage_vibration.mechanics.model import LinkageModel, ModelError
 from linkage_vibration.mechanics.modes import track
+from linkage_vibration.mechanics.parsing import mechanism_from_mapping
 
 ANGLES_DEG = (90.0, 110.0, 140.0, 168.0, 180.0)
 
@@ -149,3 +161,26 @@ def test_unknown_places_are_told(model: LinkageModel) -> None:
     """A response asked for at no point of the linkage names it."""
     with pytest.raises(ModelError, match="no point E9"):
         model.solve(2.0).frf([("E9", "z")], [("E1", "z")])
+
+
+@pytest.mark.parametrize("damping", [None, ModalRatio(0.01), LossFactor(0.02), Rayleigh(0.0, 0.0)])
+def test_coupled_frf_at_and_near_zero(mechanism: Mechanism, damping: Damping | None) -> None:
+    """At 0 Hz and below 0.1 Hz, where eq. 19 loses its digits: as the sum over modes, to 1e-8."""
+    model = LinkageModel(replace(mechanism, damping=damping) if damping else mechanism)
+    places = [("E1", "z"), ("E2", "x"), ("V1", "z")]
+    frequencies = np.array([0.0, 1e-4, 1e-2, 0.3, 50.0])
+    for angle in np.radians([90.0, 140.0, 180.0]):
+        found = model.coupled_frf(angle, frequencies, places, places)
+        exact = model.solve(angle).frf(places, places).frf(frequencies)
+        size = np.abs(exact).max(axis=(1, 2), keepdims=True)
+        assert (np.abs(found - exact) < 1e-8 * size).all()
+        assert (np.abs((found[1] - found[0]).real) < 1e-8 * size[0]).all()
+
+
+def test_mechanism_has_no_coupled_frf_at_zero(mapping: Any) -> None:
+    """With the crank free 0 Hz is refused, and the mode there is told apart."""
+    del mapping["links"]["input_crank"]["clamped"]
+    free = LinkageModel(mechanism_from_mapping(mapping))
+    with pytest.raises(CouplingError, match="can move without a force"):
+        free.coupled_frf(2.0, np.array([0.0, 1.0]), [("E1", "z")], [("E1", "z")])
+    assert free.solve(2.0).modes.mechanism[:3].tolist() == [True, False, False]
