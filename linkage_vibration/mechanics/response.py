@@ -22,6 +22,7 @@ N_FAR = 4
 _NOTHING = 1e-15  # of the largest residue
 _NEWTON = 6  # steps at most to a maximum; three or four do
 _GRID = 200  # frequencies over the band in which a peak is sought first
+_WIDER = np.arange(-32.0, 33.0)  # quarters of such widths, where a maximum is sought if need be
 _AROUND = np.linspace(-2.0, 2.0, 9)  # and about each resonance, in half-power half-widths
 
 
@@ -103,7 +104,9 @@ class PoleResidue:
         """
         shape = self.residues.shape[:2]
         others = self._only(~kept).frf(far.frequencies).reshape(len(far.frequencies), -1)
-        complex_modes = self.residues.imag.any() or self.rates.any()
+        complex_modes = any(
+            part.any() for part in (self.residues.imag, self.rates, self.stiffness.imag)
+        )
         weights = far.fit(others) if complex_modes else far.fit_real(others).astype(complex)
         poles = weights[1:].T.reshape(*shape, len(far.stiffness))
         near = self._only(kept)
@@ -192,6 +195,25 @@ class PoleResidue:
         k = np.abs(self.stiffness[modes])
         width = (self.decay[modes] + self.stiffness.imag[modes] / np.sqrt(k)) / 2.0
         start = np.sqrt(np.maximum(k - 2.0 * width**2, 0.0))
+        omega, found = self._climb(start, width, 3.0 * width)
+        lost = np.flatnonzero(~found)
+        if len(lost):
+            # Other modes have moved the maximum away: look around for the nearest one.
+            step = width[lost] / 4.0
+            around = np.maximum(start[lost] + np.multiply.outer(_WIDER, step), 0.0)
+            size = np.abs(self._single(around.ravel())[0]).reshape(around.shape)
+            top = np.zeros(size.shape, dtype=bool)
+            top[1:-1] = (size[1:-1] > size[:-2]) & (size[1:-1] >= size[2:])
+            nearest = np.where(top, np.abs(_WIDER)[:, np.newaxis], np.inf).argmin(axis=0)
+            begin = around[nearest, np.arange(len(lost))]
+            again, settled = self._climb(begin, step, 2.0 * step)
+            omega[lost] = np.where(settled & top.any(axis=0), again, start[lost])
+        return omega / (2.0 * math.pi), np.abs(self._single(omega)[0])
+
+    def _climb(
+        self, start: FloatArray, stride: FloatArray, reach: FloatArray
+    ) -> tuple[FloatArray, NDArray[np.bool_]]:
+        """Newton's maxima of abs(H) from angular frequencies, and which of them are some."""
         omega = start.copy()
         for _ in range(_NEWTON):
             value, first, second = self._single(omega)
@@ -199,12 +221,11 @@ class PoleResidue:
             bend = np.abs(first) ** 2 + (value.conj() * second).real
             with np.errstate(divide="ignore", invalid="ignore"):
                 step = np.where(bend < 0.0, slope / bend, 0.0)
-            omega = omega - np.clip(step, -width, width)
-            if (np.abs(step) <= 1e-12 * k**0.5).all():
+            omega = omega - np.clip(step, -stride, stride)
+            if (np.abs(step) <= 1e-12 * start).all():
                 break
-        settled = (np.abs(omega - start) < 3.0 * width) & (np.abs(step) <= 1e-9 * k**0.5)
-        omega = np.where(settled & (bend < 0.0), omega, start)
-        return omega / (2.0 * math.pi), np.abs(self._single(omega)[0])
+        settled = (np.abs(omega - start) < reach) & (np.abs(step) <= 1e-6 * stride) & (bend < 0.0)
+        return omega, settled
 
     def _denominators(self, omega: FloatArray) -> ComplexArray:
         w = omega[:, np.newaxis]

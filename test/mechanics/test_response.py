@@ -3,14 +3,22 @@
 """FRFs and peaks against one oscillator's closed form, dense grids and direct solutions."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from linkage_vibration.mechanics.description import (
+    Damping,
+    LossFactor,
+    Mechanism,
+    ModalRatio,
+    Rayleigh,
+)
 from linkage_vibration.mechanics.model import LinkageModel
-from linkage_vibration.mechanics.response import oscillators
+from linkage_vibration.mechanics.response import far_poles, in_reach, oscillators
 
 
 @given(frequency=st.floats(1.0, 150.0), ratio=st.floats(1e-4, 0.6), mass=st.floats(1e-2, 1e4))
@@ -54,3 +62,67 @@ def test_pole_residue_sum_equals_direct_solution(model: LinkageModel, frequency:
     found = solution.frf(places, places).frf(np.array([frequency]))[0]
     np.testing.assert_allclose(found, direct, rtol=1e-8)
     np.testing.assert_allclose(found, found.T, rtol=1e-12)
+
+
+def test_undamped_pole_is_infinite_and_told() -> None:
+    """On an undamped pole the receptance is infinite, without a warning, and so is the peak."""
+    one = oscillators([2 * math.pi * 50.0], [0.0], [1.0])
+    at_pole, beside = one.frf(np.array([50.0, 49.0]))[:, 0, 0]
+    assert at_pole == math.inf
+    assert beside == pytest.approx(1 / ((100 * math.pi) ** 2 - (98 * math.pi) ** 2))
+    assert one.peak((0.0, 100.0)).magnitude == math.inf
+    assert one.peak((0.0, 100.0)).frequency == pytest.approx(50.0)
+
+
+def test_local_peaks_are_maxima_of_a_dense_grid() -> None:
+    """Of well separated, of overlapping and of hidden resonances each maximum is found."""
+    frf = oscillators(2 * math.pi * np.array([10.0, 40.0, 44.0, 90.0]), [0.02] * 4, [1, 2, 1, 1e-3])
+    found, sizes = frf.local_peaks(np.arange(4))
+    lines = np.linspace(0.0, 120.0, 1_200_001)
+    dense = np.abs(frf.frf(lines)[:, 0, 0])
+    top = np.flatnonzero((dense[1:-1] > dense[:-2]) & (dense[1:-1] > dense[2:])) + 1
+    assert len(top) == 3  # the weak mode at 90 Hz makes none
+    np.testing.assert_allclose(found[:3], lines[top], atol=1e-4)
+    np.testing.assert_allclose(sizes[:3], dense[top], rtol=1e-8)
+    assert found[3] == pytest.approx(90.0 * math.sqrt(1 - 2 * 0.02**2))
+
+
+@pytest.mark.parametrize("n_far", [2, 4, 6])
+def test_far_poles_stand_for_the_modes_above_a_band(model: LinkageModel, n_far: int) -> None:
+    """Each pole divides the error of every single FRF by ten or more; four leave less than 1e-5.
+
+    Leaving the modes above the band out altogether is wrong by 100 % between some points.
+    """
+    band = (0.0, 200.0)
+    lines = np.linspace(*band, 1001)
+    places = [(point, direction) for point in ("E1", "E2", "V1", "V2") for direction in "xz"]
+    worst = {"far poles": 0.0, "left out": 0.0}
+    for angle in np.radians([90.0, 140.0, 180.0]):
+        full = model.solve(float(angle)).frf(places, places)
+        kept = in_reach(full.stiffness, band)
+        assert kept.sum() in (3, 4)
+        far = far_poles(full.stiffness[~kept], full.decay[~kept], band, n_far)
+        nothing = far_poles(full.stiffness[:0], full.decay[:0], band)
+        exact = full.frf(lines)
+        for name, poles in (("far poles", far), ("left out", nothing)):
+            apart = np.linalg.norm(full.condensed(kept, poles).frf(lines) - exact, axis=0)
+            worst[name] = max(worst[name], (apart / np.linalg.norm(exact, axis=0)).max())
+    assert worst["left out"] > 0.99
+    assert worst["far poles"] < 5e-2 * 10.0 ** -(n_far - 1)
+
+
+@pytest.mark.parametrize("rule", [LossFactor(0.03), ModalRatio(0.02)])
+def test_far_poles_with_other_damping(mechanism: Mechanism, rule: Damping) -> None:
+    """Structural damping and modes that it couples are followed as well."""
+    links = tuple(
+        replace(link, damping=rule) if link.name != "lift_rod" else link for link in mechanism.links
+    )
+    if isinstance(rule, LossFactor):
+        links = tuple(replace(link, damping=rule) for link in mechanism.links)
+    model = LinkageModel(replace(mechanism, links=links, damping=Rayleigh(0.0, 0.0)))
+    places, band = [("E1", "z"), ("V1", "x")], (0.0, 200.0)
+    solution, lines = model.solve(2.3), np.linspace(*band, 1001)
+    exact = solution.frf(places, places).frf(lines)
+    found = solution.frf(places, places, band).frf(lines)
+    apart = np.linalg.norm(found - exact, axis=0) / np.linalg.norm(exact, axis=0)
+    assert apart.max() < 1e-4
