@@ -29,7 +29,8 @@ bench: setup
 	@command -v ccx > /dev/null || { echo "CalculiX is missing; run: apt-get install -y calculix-ccx"; exit 1; }
 	$(in_venv) python -m venv build/bench
 	build/bench/bin/pip install -qq '.[bench]'
-	for name in validation.exudyn_beams validation.solid_fe validation.sdynpy_fbs calibrations; do \
+	for name in validation.exudyn_beams validation.solid_fe validation.sdynpy_fbs calibrations \
+		stability speed speed.paper_job sweep fuzz; do \
 		build/bench/bin/python -m benchmark.$$name || exit 1; done
 
 setup:

@@ -51,8 +51,11 @@ setup(
         "fe": ["meshio", "scikit-fem"],
         "uff": ["pyuff"],
         "plots": ["matplotlib>=3.7"],
+        "dask": ["dask", "distributed"],
         # colcon runs the tests with pytest because this extra names it.
         "test": [
+            "dask",
+            "distributed",
             "exudyn; platform_machine == 'x86_64'",
             "hypothesis",
             "matplotlib>=3.7",
@@ -68,7 +71,17 @@ setup(
             "types-tqdm",
         ],
         # Peers of the benchmarks; CalculiX comes with `apt-get install calculix-ccx`.
-        "bench": ["exudyn", "gmsh", "meshio", "scikit-fem", "sdynpy"],
+        "bench": [
+            "dask",
+            "distributed",
+            "exudyn",
+            "gmsh",
+            "matplotlib>=3.7",
+            "meshio",
+            "pyFBS>=1.0.7",
+            "scikit-fem",
+            "sdynpy",
+        ],
     },
     entry_points={
         "console_scripts": [

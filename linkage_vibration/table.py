@@ -6,8 +6,6 @@ import hashlib
 import io
 import json
 import math
-import zipfile
-import zlib
 from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -426,21 +424,12 @@ def _read(path: Path) -> Table:
         if table.checksum != metadata["checksum"]:
             raise TableError(f"{path}: is damaged (its checksum differs); build the table again.")
         return table
+    except TableError:
+        raise
     except OSError as error:
         raise TableError(f"{path}: cannot be read ({error.strerror or error}); {rebuild}") from None
-    except (
-        ValueError,
-        KeyError,
-        TypeError,
-        IndexError,
-        EOFError,
-        MemoryError,
-        NotImplementedError,
-        OverflowError,
-        RuntimeError,
-        zipfile.BadZipFile,
-        zlib.error,
-    ) as error:
+    # A damaged archive raises errors of zipfile, zlib, struct, tokenize, json and NumPy.
+    except Exception as error:
         raise TableError(
             f"{path}: is damaged or not a table ({type(error).__name__}: {error}); {rebuild}"
         ) from None

@@ -216,11 +216,14 @@ def _chain(
     """Assemble elements from node to node; coordinates node by node."""
     size = 6 if spatial else 3
     mass, stiffness = np.zeros((2, size * len(nodes), size * len(nodes)))
+    made: dict[tuple[str, Section], tuple[FloatArray, FloatArray]] = {}
     for i, (length, section) in enumerate(zip(np.diff(nodes), sections, strict=True)):
+        key = f"{length:.12g}", section  # equal elements differ by rounding
+        if key not in made:
+            made[key] = element_matrices(float(length), section, material, spatial=spatial)
         at = slice(size * i, size * (i + 2))
-        element = element_matrices(float(length), section, material, spatial=spatial)
-        mass[at, at] += element[0]
-        stiffness[at, at] += element[1]
+        mass[at, at] += made[key][0]
+        stiffness[at, at] += made[key][1]
     return mass, stiffness
 
 

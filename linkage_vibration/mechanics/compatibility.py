@@ -156,6 +156,10 @@ class InterfaceMap:
         for component in components:
             for dof in component.dofs:
                 self._index[component.name, dof] = len(self._index)
+        self._places: dict[tuple[str, str], list[int]] = {}  # of x, z and, if there is one, theta
+        for (body, dof), at in self._index.items():
+            if dof.direction != "y":
+                self._places.setdefault((body, dof.point), []).append(at)
         self._centres = {body.name: body.centre_of_gravity for body in mechanism.rigid_bodies}
         # Out of plane, rigid bodies are held as the ground is: there is nothing to join among them.
         held = {GROUND, *self._centres}
@@ -187,17 +191,17 @@ class InterfaceMap:
             local = self._mechanism.local_points(body)[point]
             place = configuration.place_rate if rate else configuration.place
             arm = place(body, local) - place(body, self._centres[body])
-            at = [self._at(body, CENTRE_OF_GRAVITY, name) for name in ("x", "z", "theta")]
-            keep = 0.0 if rate else 1.0
-            rows[np.ix_([0, 2], at)] = [[keep, 0.0, -arm[1]], [0.0, keep, arm[0]]]
+            x, z, theta = self._places[body, CENTRE_OF_GRAVITY]
+            rows[0, x] = rows[2, z] = 0.0 if rate else 1.0
+            rows[0, theta], rows[2, theta] = -arm[1], arm[0]
             return rows
-        at = [self._at(body, point, name) for name in ("x", "z")]
-        angle = configuration.angle(body)
-        rows[np.ix_([0, 2], at)] = (
-            configuration.velocity_ratio(body) * rotation_derivative(angle)
-            if rate
-            else rotation(angle)
-        )
+        x, z = self._places[body, point][:2]
+        turn = rotation(configuration.angle(body))
+        if rate:
+            turn = configuration.velocity_ratio(body) * rotation_derivative(
+                configuration.angle(body)
+            )
+        (rows[0, x], rows[0, z]), (rows[2, x], rows[2, z]) = turn
         if self._spatial and not rate:
             rows[1, self._at(body, point, "y")] = 1.0
         return rows

@@ -26,9 +26,15 @@ from linkage_vibration.mechanics.description import (
 )
 from linkage_vibration.mechanics.dofs import InterfaceDof
 from linkage_vibration.mechanics.reduction import ReductionError, craig_bampton
+from linkage_vibration.mechanics.regularisation import (
+    Measured,
+    RegularisationError,
+    noise_level,
+    regularise,
+    rigid_motions,
+)
 
 FloatArray = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 CENTRE_OF_GRAVITY = "centre of gravity"
 
@@ -87,15 +93,18 @@ class FrfComponent:
     dofs : tuple of InterfaceDof, (n_interface,)
         Rows and columns.
     frequencies : ndarray, (n_freq,)
-        Hz, ascending.
-    frf : ndarray, (n_freq, n_interface, n_interface)
-        Receptances of the free body, m/N between displacements.
+        Hz, ascending, above 0.
+    measured : Measured
+        Receptances of the free body, regularised.
+    noise : float
+        Of the receptances as they were measured, relative, 1.
     """
 
     name: str
     dofs: tuple[InterfaceDof, ...]
     frequencies: FloatArray
-    frf: ComplexArray
+    measured: Measured
+    noise: float
 
 
 def link_component(
@@ -127,6 +136,8 @@ def link_component(
         If the body lacks a DoF that the linkage needs.
     ReductionError
         If the link has too few points to be held by them.
+    RegularisationError
+        If its FRFs contradict one another.
     """
     wanted = tuple(
         InterfaceDof(point, direction)
@@ -144,8 +155,14 @@ def link_component(
             raise MechanismError(
                 f"links.{link.name}.masses", "a link known by its FRFs takes no point masses."
             )
-        frf = link.body.frf[:, order][:, :, order] / link.count
-        return FrfComponent(link.name, wanted, link.body.frequencies, frf)
+        moving = link.body.frequencies > 0.0
+        frequencies = link.body.frequencies[moving]
+        frf = link.body.frf[moving][:, order][:, :, order] / link.count
+        try:
+            measured = regularise(wanted, frequencies, frf, rigid_motions(wanted, link.points))
+        except RegularisationError as error:
+            raise RegularisationError(f"links.{link.name}: {error}") from None
+        return FrfComponent(link.name, wanted, frequencies, measured, noise_level(frequencies, frf))
     if isinstance(link.body, Beam):
         try:
             beam = beam_matrices(

@@ -19,9 +19,11 @@ from linkage_vibration.mechanics.compatibility import row_space
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 IntArray = NDArray[np.intp]
+Matrix = FloatArray | ComplexArray
 
 _CHUNK = 2**20  # complex numbers of dynamic stiffness held at a time, 16 MB
 _FLOATING = 1e-9  # least eigenvalue of a scaled stiffness, 1: below it a body is free to move
+_HARMLESS = 1e-12  # of the largest receptance, 1: an error by rounding that is not looked into
 _ROUNDING_LIMIT = 1e-6  # of the largest receptance, 1: an error by rounding that is refused
 
 
@@ -68,22 +70,55 @@ def component_frf(
             "A component that is free to move has no receptance at 0 Hz; let the first frequency "
             "be above 0, 0.1 Hz or more."
         )
-    pick = np.eye(len(mass), n_dofs)
+    lossy = np.asarray((1.0 + 1j * loss_factor) * stiffness, dtype=np.complex128)
+    matrices: list[Matrix] = [lossy, mass, damping]
     frf = np.empty((len(omega), n_dofs, n_dofs), dtype=complex)
     step = max(1, _CHUNK // mass.size)
     for start in range(0, len(omega), step):
-        w = omega[start : start + step, np.newaxis, np.newaxis]
-        dynamic = (1.0 + 1j * loss_factor) * stiffness - w**2 * mass + 1j * w * damping
-        try:
-            frf[start : start + step] = np.linalg.solve(dynamic, pick)[:, :n_dofs]
-        except np.linalg.LinAlgError:
-            raise FbsError(
-                "A component's dynamic stiffness is singular between "
-                f"{frequencies[start]:g} and {frequencies[start + len(w) - 1]:g} Hz: it resonates "
-                "there without damping, or has a coordinate with neither mass nor stiffness; give "
-                "it damping, or move the frequencies."
-            ) from None
+        frf[start : start + step] = _inverse(matrices, n_dofs, omega[start : start + step])
+    for line in np.flatnonzero(~np.isfinite(frf).all(axis=(1, 2))):
+        raise FbsError(
+            f"A component's dynamic stiffness is singular at {frequencies[line]:g} Hz: it "
+            "resonates there without damping, or has a coordinate with neither mass nor stiffness; "
+            "give it damping, or move the frequencies."
+        )
     return np.asarray((frf + frf.swapaxes(1, 2)) / 2.0, dtype=complex)
+
+
+def _inverse(matrices: Sequence[Matrix], n_dofs: int, omega: FloatArray) -> ComplexArray:
+    """Return the part of (K - w^2 M + i w C)^-1 that belongs to the first DoFs, line by line.
+
+    Inner coordinates that do not touch one another, as fixed-interface modes, are eliminated one by
+    one beforehand: Z_bb - sum over i of Z_bi Z_ib / Z_ii.
+    """
+    n = len(matrices[0])
+    b, i = slice(n_dofs), slice(n_dofs, n)
+    pick = np.eye(n, n_dofs)
+    if not all(_is_diagonal(matrix[i, i]) for matrix in matrices):
+        return _solve(_dynamic(matrices, omega), pick)[:, :n_dofs]
+    cross = _dynamic([matrix[b, i] for matrix in matrices], omega)
+    diagonals: list[Matrix] = [matrix.diagonal()[np.newaxis, i] for matrix in matrices]
+    own = _dynamic(diagonals, omega)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        passed = (cross / own) @ cross.swapaxes(1, 2)
+    condensed = _dynamic([matrix[b, b] for matrix in matrices], omega) - passed
+    held = ~np.isfinite(condensed).all(axis=(1, 2))  # on a resonance with the interface held
+    condensed[held] = np.eye(n_dofs)
+    frf = _solve(condensed, np.eye(n_dofs))
+    if held.any():
+        frf[held] = _solve(_dynamic(matrices, omega[held]), pick)[:, :n_dofs]
+    return frf
+
+
+def _dynamic(matrices: Sequence[Matrix], omega: FloatArray) -> ComplexArray:
+    """K - w^2 M + i w C, (n_freq, ...)."""
+    stiffness, mass, damping = matrices
+    w = omega[:, np.newaxis, np.newaxis]
+    return np.asarray(stiffness - w**2 * mass + 1j * w * damping)
+
+
+def _is_diagonal(matrix: Matrix) -> bool:
+    return not (matrix - np.diag(np.diag(matrix))).any()
 
 
 def couple_frfs(
@@ -184,12 +219,17 @@ def couple_frfs_with_error(
     interface, diagonal = frf[:, :n_rows, :n_rows], np.arange(n_rows)
     interface[:, diagonal, diagonal] += compliance
     driven, seen = frf[:, :n_rows, n_rows:], frf[:, n_rows:, :n_rows]
-    forces = _solve(interface, np.concatenate([driven, seen.swapaxes(1, 2)], axis=2))
-    n_in = driven.shape[2]
-    coupled = frf[:, n_rows:, n_rows:] - seen @ forces[:, :, :n_in]
-    size = np.abs(forces)
-    g, f = size[:, :, :n_in].max(axis=2, initial=0.0), size[:, :, n_in:].max(axis=2, initial=0.0)
-    error = np.finfo(float).eps * np.einsum("ki,kij,kj->k", f, np.abs(interface), g)
+    forces = _solve(interface, driven)
+    coupled = frf[:, n_rows:, n_rows:] - seen @ forces
+    g = np.abs(forces).max(axis=2, initial=0.0)
+    # Where forces as large as the inputs' on both sides do nothing, it is left at that.
+    level = np.sqrt(np.abs(interface[:, diagonal, diagonal]))
+    error = np.finfo(float).eps * (g * level).sum(axis=1) ** 2
+    close = ~(error <= _HARMLESS * np.abs(coupled).max(axis=(1, 2), initial=0.0))
+    if close.any():
+        f = np.abs(_solve(interface[close], seen[close].swapaxes(1, 2))).max(axis=2, initial=0.0)
+        flexible = np.abs(interface[close])
+        error[close] = np.finfo(float).eps * np.einsum("ki,kij,kj->k", f, flexible, g[close])
     return coupled, np.where(np.isnan(error), np.inf, error)
 
 
@@ -210,15 +250,16 @@ def _independent(
     )
 
 
-def _solve(matrices: ComplexArray, right: ComplexArray) -> ComplexArray:
+def _solve(matrices: ComplexArray, right: Matrix) -> ComplexArray:
     """Solve a stack of equations; NaN where a matrix is singular."""
     try:
         return np.asarray(np.linalg.solve(matrices, right))
     except np.linalg.LinAlgError:
-        found = np.full_like(right, np.nan)
+        columns = np.broadcast_to(right, (len(matrices), *right.shape[-2:]))
+        found = np.full(columns.shape, np.nan, dtype=complex)
         for line, matrix in enumerate(matrices):
             try:
-                found[line] = np.linalg.solve(matrix, right[line])
+                found[line] = np.linalg.solve(matrix, columns[line])
             except np.linalg.LinAlgError:
                 continue
         return found

@@ -39,11 +39,16 @@ BoolArray = NDArray[np.bool_]
 _STEADY = 0.2  # of a pole's decay rate, by which it may move from order to order
 _ALIKE = 0.9  # least MAC of its shape with that at another order
 _FAINT = 1e-4  # least share of a mode in any FRF at its resonance; pole and zero cancel below it
+_ABOVE_NOISE = 3.0  # and least share against the noise, more where few lines show a peak
+_SURE = 0.5  # share that is a mode in any noise
 _RECURS = 0.5  # least share of the orders at which it is found
 _LINES_A_POLE = 3  # least lines in the band for each pole of a model
 _LEAST_DEGREE = 10  # of the polynomials that the lines must allow
 _NODE = 1e-9  # residue of a drive point that stands still, against the mode's largest
 _COARSEST = 5.0  # half-power bandwidths, by which lines may be apart at a peak
+_SHORT = 0.01  # of a band, by which its lines may fall short of either end
+_UNEXPLAINED = 0.6  # of the FRFs, that modes may leave in the mean of some lines
+_RUN = 5  # lines
 
 
 class IdentificationError(LinkageVibrationError):
@@ -114,8 +119,9 @@ def identify(
     Raises
     ------
     IdentificationError
-        If the arrays do not fit one another, the band holds too few lines or no mode, a peak falls
-        between two lines, or a mode does not move the drive point.
+        If the arrays do not fit one another; if the lines fall short of the band, are too few, or
+        are too far apart for a peak; if there is no mode, or modes leave too much of the FRFs
+        unexplained; if a mode does not move the drive point.
     """
     frequencies, frf = _in_band(frequencies, frf, band)
     if not (0 <= drive_point[0] < frf.shape[1] and 0 <= drive_point[1] < frf.shape[2]):
@@ -124,20 +130,43 @@ def identify(
             f"{frf.shape[2]} inputs; count both from 0."
         )
     omega = 2.0 * math.pi * frequencies
-    order = min(max_order, len(omega) // _LINES_A_POLE)
-    poles, recurring = _recurring(list(_models(omega, frf, max(2, order // frf.shape[2]))))
-    residues = _residues(omega, frf, poles)
+    poles, recurring = fit_poles(omega, frf, max_order)
+    residues, fitted = _residues(omega, frf, poles, omega**2)
     found = np.abs(poles) / (2.0 * math.pi)
-    modes = recurring & (found >= band[0]) & (found <= band[1])
-    modes &= _prominence(omega, frf, poles, residues) > _FAINT
+    inside = (found >= band[0]) & (found <= band[1])
+    rest = _line_sizes(omega, frf, frf - fitted)
+    noise = float(np.median(rest / _line_sizes(omega, frf)))
+    # Noise does most where a peak is narrower than the lines' spacing, or only its flank is seen.
+    ends = np.minimum(np.abs(found - frequencies[0]), np.abs(frequencies[-1] - found))
+    flank = 1.0 - poles.real / math.pi / np.maximum(ends, np.finfo(float).tiny)
+    doubt = np.maximum(_coarseness(frequencies, poles), 1.0) * flank
+    faint = np.clip(_ABOVE_NOISE * noise * doubt**2, _FAINT, _SURE)
+    modes = recurring & inside & (_prominence(omega, frf, poles, residues) > faint)
     if not modes.any():
         raise IdentificationError(
             f"No mode shows between {band[0]:g} and {band[1]:g} Hz; widen the band, refine the "
             "lines, lower the noise, or add damping if there is none."
         )
+    _check_resolution(frequencies, poles[modes])
+    _check_complete(omega, frf, poles[modes | ~inside], band)
     poles, residues = poles[modes], residues[modes]
-    _check_resolution(frequencies, poles)
     return IdentifiedModes(poles, residues, _shapes(poles, residues, drive_point))
+
+
+def fit_poles(
+    omega: FloatArray, frf: ComplexArray, max_order: int
+) -> tuple[ComplexArray, BoolArray]:
+    """Fit stable poles, ascending, to receptances (n_freq, n_out, n_in).
+
+    Returns
+    -------
+    poles : complex ndarray, (n,)
+        In the upper half plane, rad/s; those that stand for noise are among them.
+    recurring : ndarray of bool, (n,)
+        Which of them most models of the upper half of orders have as well.
+    """
+    order = min(max_order, len(omega) // _LINES_A_POLE)
+    return _recurring(list(_models(omega, frf, max(2, order // frf.shape[2]))))
 
 
 def _in_band(
@@ -161,19 +190,64 @@ def _in_band(
         raise IdentificationError(
             "FRFs hold values that are not finite, or frequencies that do not ascend; repair them."
         )
-    return frequencies[kept], frf[kept]
+    frequencies, frf = frequencies[kept], frf[kept]
+    slack = _SHORT * (band[1] - band[0])
+    if frequencies[0] > band[0] + slack or frequencies[-1] < band[1] - slack:
+        raise IdentificationError(
+            f"The lines reach from {frequencies[0]:g} to {frequencies[-1]:g} Hz, short of the band "
+            f"of {band[0]:g} to {band[1]:g} Hz, so that a mode in the rest would go unseen; "
+            "measure over all of it, or narrow the band."
+        )
+    return frequencies, frf
+
+
+def _check_complete(
+    omega: FloatArray, frf: ComplexArray, poles: ComplexArray, band: tuple[float, float]
+) -> None:
+    """Refuse modes that leave most of the FRFs about some frequency.
+
+    About a peak that is missing nearly all is left; noise of 10 % leaves 10 %.
+    """
+    size = _line_sizes(omega, frf)
+    fitted = _residues(omega, frf, poles, 1.0 / size)[1]
+    power = (_line_sizes(omega, frf, frf - fitted) / size) ** 2
+    left = np.sqrt(np.convolve(power, np.full(_RUN, 1.0 / _RUN), mode="valid"))
+    worst = int(left.argmax())
+    if left[worst] > _UNEXPLAINED:
+        where = omega[worst + _RUN // 2] / (2.0 * math.pi)
+        raise IdentificationError(
+            f"The modes found between {band[0]:g} and {band[1]:g} Hz leave "
+            f"{100.0 * left[worst]:.0f} % of the FRFs unexplained about {where:.4g} Hz, so that "
+            "one may be missing there; lower the noise, or refine the lines."
+        )
+
+
+def _line_sizes(
+    omega: FloatArray, frf: ComplexArray, part: ComplexArray | None = None
+) -> FloatArray:
+    """Norm of FRFs, or of a part of them, at each line, outputs of any unit alike, (n_freq,)."""
+    outputs = np.linalg.norm(omega[:, np.newaxis, np.newaxis] ** 2 * frf, axis=(0, 2))
+    weights = 1.0 / np.where(outputs > 0.0, outputs, np.inf)[:, np.newaxis]
+    sizes = np.linalg.norm(weights * (frf if part is None else part), axis=(1, 2))
+    return np.asarray(np.maximum(sizes, np.finfo(float).tiny))
+
+
+def _coarseness(frequencies: FloatArray, poles: ComplexArray) -> FloatArray:
+    """Return the spacing of the lines at each peak in half-power bandwidths, (n,)."""
+    after = np.searchsorted(frequencies, np.abs(poles) / (2.0 * math.pi))
+    spacing = np.diff(frequencies)[after.clip(1, len(frequencies) - 1) - 1]
+    return np.asarray(spacing / (-poles.real / math.pi))
 
 
 def _check_resolution(frequencies: FloatArray, poles: ComplexArray) -> None:
     """Refuse modes whose peak may hide between two lines."""
-    peaks, widths = np.abs(poles) / (2.0 * math.pi), -poles.real / math.pi
-    after = np.searchsorted(frequencies, peaks).clip(1, len(frequencies) - 1)
-    spacing = frequencies[after] - frequencies[after - 1]
-    for peak, width, space in zip(peaks, widths, spacing, strict=True):
-        if space > _COARSEST * width:
+    for pole, coarseness in zip(poles, _coarseness(frequencies, poles), strict=True):
+        if coarseness > _COARSEST:
+            width = -pole.real / math.pi
             raise IdentificationError(
-                f"The peak at {peak:.4g} Hz is {width:.2g} Hz wide, but the lines there are "
-                f"{space:.2g} Hz apart, too few to show it; space them by {width:.2g} Hz or less."
+                f"The peak at {abs(pole) / (2.0 * math.pi):.4g} Hz is {width:.2g} Hz wide, but the "
+                f"lines there are {coarseness * width:.2g} Hz apart, too few to show it; space "
+                f"them by {width:.2g} Hz or less."
             )
 
 
@@ -258,9 +332,8 @@ class _Fraction:
         """Return the roots of det A, and shapes B v of unit length where A v = 0."""
         n_in, size = self._n_in, degree * self._n_in
         found = self.coefficients(degree)
-        last = -np.linalg.solve(
-            found[size:], found[:size].reshape(degree, n_in, n_in).swapaxes(0, 1).reshape(n_in, -1)
-        )
+        lower = found[:size].reshape(degree, n_in, n_in).swapaxes(0, 1).reshape(n_in, -1)
+        last = -np.linalg.lstsq(found[size:], lower, rcond=None)[0]  # columns may be dependent
         companion = np.kron(self._recurrence[:degree, :degree].T, np.eye(n_in))
         companion[-n_in:] += self._recurrence[degree, degree - 1] * last
         roots, vectors = np.linalg.eig(companion)
@@ -305,23 +378,28 @@ def _recurs(model: _Model, other: _Model) -> BoolArray:
     return np.asarray(close[each, nearest] & (moved.argmin(axis=0)[nearest] == each))
 
 
-def _residues(omega: FloatArray, frf: ComplexArray, poles: ComplexArray) -> ComplexArray:
-    """Fit the residues of poles, (n, n_out, n_in), beside residual terms (LSFD).
+def _residues(
+    omega: FloatArray, frf: ComplexArray, poles: ComplexArray, weights: FloatArray
+) -> tuple[ComplexArray, ComplexArray]:
+    """Fit the residues of poles, (n, n_out, n_in), beside residual terms, and the FRFs (LSFD).
 
+    Weights are of the lines, (n_freq,).
     These are L / s^2 for what lies below the lines, and U + V s^2 for what lies above. Poles that
     are no modes of the band take part, so that what they stand for does not fall to its modes.
     """
     scale = omega[-1]
     s = 1j * omega[:, np.newaxis] / scale
     upper, lower = 1.0 / (s - poles / scale), 1.0 / (s - poles.conj() / scale)
-    terms = np.hstack([upper + lower, 1j * (upper - lower), s**-2.0, s**0.0, s**2.0]) * s**2.0
-    right = frf.reshape(len(omega), -1) * s**2.0
-    columns = _real(terms)
+    terms = np.hstack([upper + lower, 1j * (upper - lower), s**-2.0, s**0.0, s**2.0])
+    weights = (weights / weights.max())[:, np.newaxis]
+    right = weights * frf.reshape(len(omega), -1)
+    columns = _real(weights * terms)
     norms = np.linalg.norm(columns, axis=0)
     found = np.linalg.lstsq(columns / norms, _real(right), rcond=None)[0] / norms[:, np.newaxis]
     n = len(poles)
     complete = found[:n] + 1j * found[n : 2 * n]
-    return np.asarray(complete.reshape(n, *frf.shape[1:]) * scale)
+    fitted = (terms @ found).reshape(frf.shape)
+    return np.asarray(complete.reshape(n, *frf.shape[1:]) * scale), fitted
 
 
 def _prominence(

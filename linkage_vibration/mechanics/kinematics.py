@@ -4,9 +4,10 @@
 
 The pins alone leave one degree of freedom, so the closed positions of the linkage form a curve.
 It is traced once by its arc length, from the pose that the description gives to the toggles at
-which it turns back (or through a full turn); a configuration is then Newton's solution between
-two traced points. Arc length passes a toggle where the input angle, as a parameter, cannot, and
-stays on one branch of the assembly.
+which it turns back (or through a full turn); a configuration is then Newton's solution from between
+traced points. Arc length passes a toggle where the input angle, as a parameter, cannot, and stays
+on one branch of the assembly: where another crosses it, the determinant of the pins' equations
+changes its sign (Allgower and Georg, Numerical Continuation Methods, 1990, ch. 8), and it ends.
 """
 
 import math
@@ -14,6 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq
 
 from linkage_vibration.errors import LinkageVibrationError
@@ -21,14 +23,17 @@ from linkage_vibration.mechanics.description import GROUND, Mechanism, Mechanism
 
 FloatArray = NDArray[np.float64]
 
-_STEP = 0.1  # of arc length, with lengths scaled by the largest body: some 6 deg of rotation
+_STEP = 0.3  # of arc length, with lengths scaled by the largest body: some 10 deg of rotation
+_LEAST_STEP = 1e-6  # where shorter ones still fail, another branch crosses
+_BEND = 0.25  # rad, by which the curve should turn in a step; twice that is refused
+_TURNING_TOLERANCE = 1e-8  # of arc length: alpha3 at a toggle is off by its square
 _TOLERANCE = 1e-13  # of a Newton step, in the same scale
 _BRANCH_MARGIN = math.radians(45.0)  # how far a body may turn from the described pose
 
 
 @dataclass(frozen=True, slots=True)
 class Toggle:
-    """An input angle at which the linkage locks and turns back.
+    """An input angle at which the linkage locks and turns back, or may go on in another branch.
 
     Attributes
     ----------
@@ -143,6 +148,66 @@ def rotation_derivative(angle: float) -> FloatArray:
     return np.array([[-s, -c], [c, -s]])
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Pins:
+    """By how much the two ends of every pin are apart, lengths scaled.
+
+    That is linear in the positions, cosines and sines of a pose (x, z and angle of each body), with
+    matrices that are the same in every pose. A last row is left to what else a pose has to meet.
+
+    Attributes
+    ----------
+    positions : ndarray, (2 n_pins + 1, 3 n_bodies)
+        d(gap)/d(pose); the columns of the angles are zero.
+    cosines, sines : ndarray, (2 n_pins + 1, n_bodies)
+        d(gap)/d(cosine of each angle), and of each sine.
+    ground : ndarray, (2 n_pins + 1,)
+        What the ground's ends add.
+    """
+
+    positions: FloatArray
+    cosines: FloatArray
+    sines: FloatArray
+    ground: FloatArray
+
+    def at(self, pose: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the gaps, (2 n_pins + 1,), and d(gaps)/d(pose), (2 n_pins + 1, 3 n_bodies)."""
+        angles = pose[2::3]
+        c, s = np.cos(angles), np.sin(angles)
+        gaps = self.positions @ pose + self.cosines @ c + self.sines @ s + self.ground
+        jacobian = self.positions.copy()
+        jacobian[:, 2::3] = self.sines * c - self.cosines * s
+        return gaps, jacobian
+
+
+def _pins(mechanism: Mechanism, length: float) -> _Pins:
+    """Describe every pin, lengths divided by ``length``."""
+    column = {body.name: i for i, body in enumerate(mechanism.bodies)}
+    places = {name: mechanism.local_points(name) for name in (GROUND, *column)}
+    n_rows, n = 2 * len(mechanism.joints) + 1, len(column)
+    positions, ground = np.zeros((n_rows, 3 * n)), np.zeros(n_rows)
+    cosines, sines = np.zeros((2, n_rows, n))
+    for pin, (point, *bodies) in enumerate(mechanism.joints):
+        row = 2 * pin
+        for sign, body in zip((1.0, -1.0), bodies, strict=True):
+            x, z = sign * np.array(places[body][point]) / length
+            if body == GROUND:
+                ground[row : row + 2] = x, z
+                continue
+            i = column[body]
+            positions[row, 3 * i] = positions[row + 1, 3 * i + 1] = sign
+            cosines[row : row + 2, i] = x, z
+            sines[row : row + 2, i] = -z, x
+    return _Pins(positions, cosines, sines, ground)
+
+
+def _same_place(pose: FloatArray, other: FloatArray) -> bool:
+    """Tell whether two poses differ by full turns of the bodies at most."""
+    difference = pose - other
+    difference[2::3] = np.sin(difference[2::3] / 2.0)
+    return bool(np.abs(difference).max() < 1e-6)
+
+
 class Kinematics:
     """The closed positions of one mechanism on one branch of its assembly.
 
@@ -159,15 +224,17 @@ class Kinematics:
 
     def __init__(self, mechanism: Mechanism) -> None:
         self._bodies = tuple(body.name for body in mechanism.bodies)
-        self._input = 3 * self._bodies.index(mechanism.input_body) + 2
         points = [p for b in (GROUND, *self._bodies) for p in mechanism.local_points(b).values()]
         self._length = max(math.hypot(*point) for point in points)
-        self._pins = [
-            (self._end(mechanism, first, point), self._end(mechanism, second, point))
-            for point, first, second in mechanism.joints
-        ]
-        self._poses = self._trace(mechanism, self._assemble(mechanism))
-        self._alphas = np.array([pose[self._input] for pose in self._poses])
+        self._pins = _pins(mechanism, self._length)
+        self._input = np.zeros(3 * len(self._bodies))  # picks alpha3 out of a pose
+        self._input[3 * self._bodies.index(mechanism.input_body) + 2] = 1.0
+        poses, self._toggles = self._trace(mechanism)
+        alphas = poses @ self._input
+        self._traced = alphas[0], alphas[-1]
+        # Without toggles it was traced up and down until it repeats, and less than a step further.
+        self._period = 2.0 * math.pi * ((alphas[-1] - alphas[0]) // (4.0 * math.pi))
+        self._guess = CubicSpline(self._evenly(alphas), poses)
         self._check_stroke(mechanism)
 
     @property
@@ -198,22 +265,14 @@ class Kinematics:
         low, high = self.closable_range
         if not low < alpha3 < high:
             raise self._out_of_reach(alpha3)
-        alpha = alpha3
-        first, last = self._alphas[0], self._alphas[-1]
-        if not first <= alpha <= last:  # the input turns all the way: every turn repeats another
-            alpha = first + (alpha - first) % (2.0 * math.pi)
-        i = int(np.clip(np.searchsorted(self._alphas, alpha) - 1, 0, len(self._alphas) - 2))
-        share = (alpha - self._alphas[i]) / (self._alphas[i + 1] - self._alphas[i])
-        pose = self._poses[i] + share * (self._poses[i + 1] - self._poses[i])
-        solved = self._correct(pose, np.eye(len(pose))[self._input], alpha)
-        if solved is None:
+        alpha, (first, last) = alpha3, self._traced
+        if not first <= alpha <= last:  # the input turns all the way: later turns repeat these
+            alpha = first + (alpha - first) % self._period
+        closed = self._close(self._guess(self._evenly(alpha)), self._input, alpha)
+        if closed is None:
             raise self._out_of_reach(alpha3)
-        matrix = np.vstack([self._jacobian(solved), np.eye(len(pose))[self._input]])
-        right = np.zeros(len(pose))
-        right[-1] = 1.0
         scale = np.array([self._length, self._length, 1.0])
-        bodies = solved.reshape(-1, 3) * scale
-        rates = np.linalg.solve(matrix, right).reshape(-1, 3) * scale
+        bodies, rates = (rows.reshape(-1, 3) * scale for rows in closed)
         return Configuration(
             alpha3=alpha3,
             bodies=self._bodies,
@@ -224,6 +283,17 @@ class Kinematics:
             toggle_distance=min(alpha3 - low, high - alpha3),
         )
 
+    def _evenly(self, alpha3: float | FloatArray) -> FloatArray:
+        """Turn alpha3 into what poses are smooth functions of, up to the toggles.
+
+        Beside a toggle they change as the square root of the distance, as an arc sine does.
+        """
+        if self._toggles is None:
+            return np.asarray(alpha3)
+        low, high = self.closable_range
+        share = (2.0 * np.asarray(alpha3) - low - high) / (high - low)
+        return np.asarray(np.arcsin(np.clip(share, -1.0, 1.0)))
+
     def _out_of_reach(self, alpha3: float) -> KinematicsError:
         if self._toggles is None:
             return KinematicsError(alpha3, None)
@@ -231,70 +301,44 @@ class Kinematics:
         below = alpha3 - low.alpha3 < high.alpha3 - alpha3
         return KinematicsError(alpha3, low if below else high)
 
-    def _end(self, mechanism: Mechanism, body: str, point: str) -> tuple[int | None, FloatArray]:
-        """One end of a pin: the body's first row in a pose (None: the ground), and the place."""
-        local = np.array(mechanism.local_points(body)[point]) / self._length
-        return (None if body == GROUND else 3 * self._bodies.index(body)), local
+    def _close(
+        self, pose: FloatArray, direction: FloatArray, target: float
+    ) -> tuple[FloatArray, FloatArray] | None:
+        """Newton's closed pose with ``direction @ pose == target``; None if there is none near.
 
-    def _residual(self, pose: FloatArray) -> FloatArray:
-        """By how much the two ends of each pin are apart, (2 n_pins,), scaled."""
-        gaps = np.empty((len(self._pins), 2))
-        for row, ends in enumerate(self._pins):
-            first, second = (
-                place if at is None else pose[at : at + 2] + rotation(pose[at + 2]) @ place
-                for at, place in ends
-            )
-            gaps[row] = first - second
-        return gaps.ravel()
-
-    def _jacobian(self, pose: FloatArray) -> FloatArray:
-        """d(residual)/d(pose), (2 n_pins, 3 n_bodies)."""
-        jacobian = np.zeros((2 * len(self._pins), len(pose)))
-        for row, ends in enumerate(self._pins):
-            for sign, (at, place) in zip((1.0, -1.0), ends, strict=True):
-                if at is not None:
-                    block = jacobian[2 * row : 2 * row + 2, at : at + 3]
-                    block[0, 0] = block[1, 1] = sign
-                    block[:, 2] = sign * (rotation_derivative(pose[at + 2]) @ place)
-        return jacobian
-
-    def _correct(self, pose: FloatArray, direction: FloatArray, target: float) -> FloatArray | None:
-        """Newton's closed pose with ``direction @ pose == target``; None if there is none near."""
-        for _ in range(30):
-            residual = np.append(self._residual(pose), direction @ pose - target)
-            matrix = np.vstack([self._jacobian(pose), direction])
-            try:
-                step = np.linalg.solve(matrix, residual)
-            except np.linalg.LinAlgError:
+        With it comes d(pose)/d(target), which points along the curve of closed poses.
+        """
+        try:
+            for _ in range(30):
+                gaps, matrix = self._pins.at(pose)
+                matrix[-1] = direction
+                gaps[-1] = direction @ pose - target
+                step = np.linalg.solve(matrix, gaps)
+                size = float(np.abs(step).max())
+                if not size < 2.0:  # also when not a number: far from any solution
+                    return None
+                pose = pose - step
+                if size < _TOLERANCE * (1.0 + float(np.abs(pose).max())):
+                    break
+            gaps, matrix = self._pins.at(pose)
+            # Beside a toggle rounding keeps the steps from falling further; the pins tell.
+            if float(np.abs(gaps[:-1]).max()) > _TOLERANCE:
                 return None
-            size = float(np.abs(step).max())
-            if not size < 2.0:  # also when not a number: far from any solution
-                return None
-            pose = pose - step
-            if size < _TOLERANCE * (1.0 + float(np.abs(pose).max())):
-                return pose
-        # Beside a toggle rounding keeps the steps from falling further; the pins tell.
-        return pose if float(np.abs(self._residual(pose)).max()) < _TOLERANCE else None
+            matrix[-1] = direction
+            return pose, np.linalg.solve(matrix, np.eye(len(pose))[-1])
+        except np.linalg.LinAlgError:
+            return None
 
-    def _tangent(self, pose: FloatArray, along: FloatArray) -> FloatArray:
-        """Return the unit vector along the curve of closed poses, on the side of ``along``."""
-        right = np.zeros(len(pose))
-        right[-1] = 1.0
-        tangent = np.linalg.solve(np.vstack([self._jacobian(pose), along]), right)
-        return np.asarray(tangent / np.linalg.norm(tangent))
-
-    def _assemble(self, mechanism: Mechanism) -> FloatArray:
+    def _assemble(self, mechanism: Mechanism) -> tuple[FloatArray, FloatArray]:
         """Close the loops at the angle and near the pose that the description gives."""
         angles = dict(mechanism.assembly_angles)
         pose = np.zeros(3 * len(self._bodies))
-        for i, body in enumerate(self._bodies):
-            pose[3 * i + 2] = angles.get(body, mechanism.assembly_alpha3)
+        pose[2::3] = [angles.get(body, mechanism.assembly_alpha3) for body in self._bodies]
         # With the angles given, the pins are linear in the positions.
-        places = [i for i in range(len(pose)) if i % 3 != 2]
-        shift = np.linalg.lstsq(self._jacobian(pose)[:, places], -self._residual(pose), rcond=None)
-        pose[places] += shift[0]
-        guess = pose.copy()
-        closed = self._correct(pose, np.eye(len(pose))[self._input], mechanism.assembly_alpha3)
+        gaps, jacobian = self._pins.at(pose)
+        places = np.arange(len(pose)) % 3 != 2
+        pose[places] -= np.linalg.lstsq(jacobian[:, places], gaps, rcond=None)[0]
+        closed = self._close(pose, self._input, mechanism.assembly_alpha3)
         if closed is None:
             raise MechanismError(
                 "assembly",
@@ -302,10 +346,14 @@ class Kinematics:
                 "deg near the angles given; correct the angles, or the lengths under links and "
                 "rigid_bodies.",
             )
-        turned = np.abs(closed - guess)[2::3]
+        if np.linalg.norm(closed[1]) > 1.0 / _LEAST_STEP:
+            raise MechanismError(
+                "assembly.alpha3_deg", "the linkage is at a toggle there; give another angle."
+            )
+        turned = np.abs(closed[0] - pose)[2::3]
         if turned.max() > _BRANCH_MARGIN:
             body = self._bodies[int(turned.argmax())]
-            angle = math.degrees(closed[3 * int(turned.argmax()) + 2])
+            angle = math.degrees(closed[0][3 * int(turned.argmax()) + 2])
             raise MechanismError(
                 f"assembly.angles_deg.{body}",
                 f"from the angles given the loops close with this body at {angle:.1f} deg, too far "
@@ -313,67 +361,83 @@ class Kinematics:
             )
         return closed
 
-    def _trace(self, mechanism: Mechanism, start: FloatArray) -> list[FloatArray]:
-        """List closed poses from the lower to the upper toggle, alpha3 ascending; set the range."""
-        upward = np.eye(len(start))[self._input]
-        try:
-            tangent = self._tangent(start, upward)
-        except np.linalg.LinAlgError:
-            raise MechanismError(
-                "assembly.alpha3_deg", "the linkage is at a toggle there; give another angle."
-            ) from None
+    def _trace(self, mechanism: Mechanism) -> tuple[FloatArray, tuple[Toggle, Toggle] | None]:
+        """Return closed poses, (n, n_pose), alpha3 ascending, and the toggles at their ends."""
+        start, rate = self._assemble(mechanism)
+        tangent = rate / np.linalg.norm(rate)
         above, high = self._walk(mechanism, start, tangent)
         below, low = self._walk(mechanism, start, -tangent)
-        self._toggles = None if low is None or high is None else (low, high)
-        return [*reversed(below), start, *above]
+        poses = np.array([*reversed(below), start, *above])
+        return poses, None if low is None or high is None else (low, high)
 
     def _walk(
         self, mechanism: Mechanism, pose: FloatArray, tangent: FloatArray
     ) -> tuple[list[FloatArray], Toggle | None]:
-        """Follow the curve to its next toggle, or through a full turn; return the poses passed."""
-        way = math.copysign(1.0, tangent[self._input])
-        start = pose[self._input]
+        """Follow the curve to its next toggle, or until it repeats; return the poses passed."""
+        way = math.copysign(1.0, tangent @ self._input)
+        start, side = pose, self._side(pose, tangent)
         poses: list[FloatArray] = []
-        step = _STEP
-        while step > 1e-9:
-            ahead = self._correct(pose + step * tangent, tangent, float(tangent @ pose) + step)
-            if ahead is None:
+        turns = 2.0 * math.pi
+        curvature, step = np.zeros(len(pose)), _STEP
+        while step > _LEAST_STEP:
+            guess = pose + step * tangent + step**2 / 2.0 * curvature
+            closed = self._close(guess, tangent, float(tangent @ pose) + step)
+            if closed is None:
                 step /= 2.0
                 continue
-            onward = self._tangent(ahead, tangent)
-            if way * onward[self._input] <= 0.0:
+            ahead, rate = closed
+            onward = rate / np.linalg.norm(rate)
+            bend = math.acos(min(1.0, float(onward @ tangent)))
+            if bend > 2.0 * _BEND or self._side(ahead, onward) != side:
+                step /= 2.0
+                continue
+            slopes = way * (tangent @ self._input), way * (onward @ self._input)
+            if slopes[1] <= 0.0:
                 locked = self._locked(pose, tangent, step)
-                return [*poses, locked], self._toggle(mechanism, locked, tangent)
+                return [*poses, locked], self._toggle(mechanism, locked)
+            if way * ((ahead - pose) @ self._input) < step * min(slopes) / 2.0:
+                step /= 2.0  # alpha3 turned back and forth within it
+                continue
             poses.append(ahead)
-            pose, tangent, step = ahead, onward, min(_STEP, 2.0 * step)
-            if way * (pose[self._input] - start) > 2.0 * math.pi:
-                return poses, None
-        raise MechanismError(
-            "links",
-            f"two ways of closing the loops meet at alpha3 = "
-            f"{math.degrees(pose[self._input]):.3f} deg and the branch cannot be told there; "
-            "change a length.",
-        )
+            curvature = (onward - tangent) / step
+            pose, tangent = ahead, onward
+            step = min(_STEP, 2.0 * step, step * _BEND / max(bend, 1e-9))
+            full = float(start @ self._input) + way * turns
+            beyond = pose @ self._input - full
+            if way * beyond > 0.0:
+                back = pose - tangent * beyond / (tangent @ self._input)
+                again = self._close(back, self._input, full)
+                if again is not None and _same_place(again[0], start):
+                    return poses, None
+                turns += 2.0 * math.pi  # the loops take more than one turn to come round
+        return poses, self._toggle(mechanism, pose)  # another branch crosses this one
+
+    def _side(self, pose: FloatArray, tangent: FloatArray) -> float:
+        """Return a sign that stays the same along a branch, and differs where one crosses it."""
+        matrix = self._pins.at(pose)[1]
+        matrix[-1] = tangent
+        return float(np.linalg.slogdet(matrix)[0])
 
     def _locked(self, pose: FloatArray, tangent: FloatArray, step: float) -> FloatArray:
         """Return the pose at which alpha3 turns back, within one step ahead of a pose."""
 
-        def ahead(share: float) -> FloatArray:
-            length = share * step
-            found = self._correct(pose + length * tangent, tangent, float(tangent @ pose) + length)
+        def ahead(length: float) -> tuple[FloatArray, FloatArray]:
+            found = self._close(pose + length * tangent, tangent, float(tangent @ pose) + length)
             assert found is not None  # the whole step closed
             return found
 
-        def turning(share: float) -> float:
-            return float(self._tangent(ahead(share), tangent)[self._input])
+        def turning(length: float) -> float:
+            return float(ahead(length)[1] @ self._input)
 
-        return ahead(float(brentq(turning, 0.0, 1.0, xtol=1e-12)))
+        return ahead(float(brentq(turning, 0.0, step, xtol=_TURNING_TOLERANCE)))[0]
 
-    def _toggle(self, mechanism: Mechanism, pose: FloatArray, along: FloatArray) -> Toggle:
+    def _toggle(self, mechanism: Mechanism, pose: FloatArray) -> Toggle:
         """Tell why the linkage locks in a pose: which bodies could move with the input held."""
-        motion = self._tangent(pose, along).reshape(-1, 3)
-        moves = np.abs(motion[:, 2]) > 1e-6 * np.abs(motion).max()
-        moving = {body: i for i, body in enumerate(self._bodies) if moves[i]}
+        matrix = self._pins.at(pose)[1]
+        matrix[-1] = self._input
+        motion = np.linalg.svd(matrix)[2][-1].reshape(-1, 3)
+        still = 1e-4 * np.abs(motion).max()
+        moving = {b: i for i, b in enumerate(self._bodies) if abs(motion[i, 2]) > still}
 
         def pivots(body: str, but: str) -> list[str]:
             """Points of a moving body that stand still."""
@@ -383,7 +447,7 @@ class Kinematics:
                 point
                 for point, local in mechanism.local_points(body).items()
                 if point != but
-                and np.abs(motion[i, :2] + turn @ np.array(local) / self._length).max() < 1e-6
+                and np.abs(motion[i, :2] + turn @ np.array(local) / self._length).max() < still
             ]
 
         aligned: tuple[str, ...] = ()
@@ -392,9 +456,16 @@ class Kinematics:
                 for one in pivots(first, point):
                     for other in pivots(second, point):
                         aligned = (one, point, other)
-        return Toggle(float(pose[self._input]), aligned, tuple(moving))
+        return Toggle(float(pose @ self._input), aligned, tuple(moving))
 
     def _check_stroke(self, mechanism: Mechanism) -> None:
+        low, high = mechanism.stroke
+        if not -math.inf < low < high < math.inf:
+            raise MechanismError(
+                "input.range_deg",
+                f"[{math.degrees(low):g}, {math.degrees(high):g}] does not ascend; give "
+                "[from, to].",
+            )
         for angle in mechanism.stroke:
             if self._toggles and not self._toggles[0].alpha3 < angle < self._toggles[1].alpha3:
                 raise MechanismError(

@@ -35,6 +35,7 @@ from linkage_vibration.mechanics.fbs import (
 from linkage_vibration.mechanics.identification import IdentifiedModes, identify
 from linkage_vibration.mechanics.kinematics import Configuration, Kinematics, rotation
 from linkage_vibration.mechanics.modes import DampedModes, Modes, damp_modes, solve_modes
+from linkage_vibration.mechanics.regularisation import Measured, noise_gain, receptances
 from linkage_vibration.mechanics.response import (
     Peak,
     PoleResidue,
@@ -48,6 +49,7 @@ FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
 _STILL = 1e-6  # of the largest response: below it a DoF is held
+_NOISE = 0.5  # of coupled FRFs, root mean square over lines, that measured ones may bring
 _ROUNDING = 1e-9  # of the largest response, 1: an error above is worth a solve of the assembly
 
 Place = tuple[str, str]
@@ -259,11 +261,14 @@ class LinkageModel:
         joining = self.interface.join(configuration)
         if any(isinstance(component, FrfComponent) for component in self.components):
             blocks, rows, compliance = self._blocks(joining, frequencies)
-            return couple_frfs(blocks, rows, outputs, inputs, compliance, frequencies)
+            self._check_noise(blocks, rows, inputs, compliance)
+            parts = receptances(blocks)
+            return couple_frfs(parts, rows, outputs, inputs, compliance, frequencies)
         frf = np.empty((len(frequencies), len(outputs), len(inputs)), dtype=complex)
         moving = frequencies != 0.0
         blocks, rows, compliance = self._blocks(joining, frequencies[moving])
-        frf[moving], error = couple_frfs_with_error(blocks, rows, outputs, inputs, compliance)
+        parts = receptances(blocks)
+        frf[moving], error = couple_frfs_with_error(parts, rows, outputs, inputs, compliance)
         poor = ~moving
         poor[moving] = ~(error <= _ROUNDING * np.abs(frf[moving]).max(axis=(1, 2), initial=0.0))
         if poor.any():
@@ -271,9 +276,53 @@ class LinkageModel:
             frf[poor] = assembled_frf(coupled, frequencies[poor], outputs, inputs)
         return frf
 
+    def noise_gain(
+        self,
+        alpha3: float,
+        frequencies: FloatArray,
+        outputs: Sequence[Place],
+        inputs: Sequence[Place],
+    ) -> FloatArray:
+        """Return how much larger relative noise is in `coupled_frf` than in the measured FRFs.
+
+        Parameters are those of `coupled_frf`; of a component, ``noise`` tells what it was.
+
+        Returns
+        -------
+        ndarray, (n_freq, n_out, n_in)
+            1; see `regularisation.noise_gain`.
+        """
+        configuration = self.kinematics.at(alpha3)
+        blocks, rows, compliance = self._blocks(
+            self.interface.join(configuration), np.asarray(frequencies, dtype=float)
+        )
+        left, right = self.rows(outputs, configuration), self.rows(inputs, configuration)
+        return noise_gain(blocks, rows, left, right, compliance)
+
+    def _check_noise(
+        self,
+        blocks: Sequence[ComplexArray | Measured],
+        rows: FloatArray,
+        inputs: FloatArray,
+        compliance: ComplexArray,
+    ) -> None:
+        """Refuse measured FRFs whose noise drowns the coupled ones where the forces act."""
+        link = max(
+            (c for c in self.components if isinstance(c, FrfComponent)), key=lambda c: c.noise
+        )
+        gain = noise_gain(blocks, rows, inputs, inputs, compliance)
+        frf = couple_frfs_with_error(receptances(blocks), rows, inputs, inputs, compliance)[0]
+        share = link.noise * float(np.linalg.norm(gain * frf) / np.linalg.norm(frf))
+        if not share <= _NOISE:
+            raise ModelError(
+                f"Noise of {100.0 * link.noise:.2g} % in the FRFs of links.{link.name} becomes "
+                f"{100.0 * share:.0f} % in the coupled ones; average more measurements, or measure "
+                "up to higher frequencies, where the link deforms more."
+            )
+
     def _blocks(
         self, joining: Joining, frequencies: FloatArray
-    ) -> tuple[list[ComplexArray], FloatArray, ComplexArray]:
+    ) -> tuple[list[ComplexArray | Measured], FloatArray, ComplexArray]:
         """Return FRFs of the components, the rows that join them, and the rows' compliance."""
         omega = 2.0 * math.pi * frequencies[:, np.newaxis]
         springs = 1.0 / (joining.stiffness + 1j * omega * joining.damping)
@@ -284,15 +333,18 @@ class LinkageModel:
             np.hstack([rigid, springs]),
         )
 
-    def _frf(self, component: Component | FrfComponent, frequencies: FloatArray) -> ComplexArray:
+    def _frf(
+        self, component: Component | FrfComponent, frequencies: FloatArray
+    ) -> ComplexArray | Measured:
         """FRFs of a component on its interface DoFs, kept for the next configuration."""
+        kept: dict[tuple[str, bytes], ComplexArray | Measured]
         kept = self.__dict__.setdefault("_frfs", {})
         key = (component.name, np.asarray(frequencies, dtype=float).tobytes())
         if key not in kept:
             for old in [k for k in kept if k[0] == component.name]:
                 del kept[old]
             kept[key] = _component_frf(component, np.asarray(frequencies, dtype=float))
-        return np.asarray(kept[key])
+        return kept[key]
 
 
 @dataclass(frozen=True, eq=False)
@@ -538,7 +590,9 @@ class Solution:
         return self.modes.shapes[self.model.system.rows[component.name]]
 
 
-def _component_frf(component: Component | FrfComponent, frequencies: FloatArray) -> ComplexArray:
+def _component_frf(
+    component: Component | FrfComponent, frequencies: FloatArray
+) -> ComplexArray | Measured:
     if isinstance(component, Component):
         try:
             return component_frf(
@@ -564,4 +618,5 @@ def _component_frf(component: Component | FrfComponent, frequencies: FloatArray)
             f"links.{component.name} has no FRF at {worst:g} Hz; ask for frequencies among its own "
             f"({component.frequencies[0]:g} to {component.frequencies[-1]:g} Hz)."
         )
-    return np.asarray(component.frf[at])
+    measured = component.measured
+    return Measured(measured.frf[at], measured.kept, measured.leverage[at])

@@ -6,6 +6,7 @@ The first wrong, missing or unknown key raises `MechanismError` with its path an
 """
 
 import difflib
+import itertools
 import math
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any, Literal
@@ -31,6 +32,13 @@ from linkage_vibration.mechanics.description import (
     rayleigh_damping,
 )
 from linkage_vibration.mechanics.sections import rectangle, tube
+
+# No linkage comes near these limits; numbers in millimetres, tonnes, GPa or N/mm2 go beyond them.
+_LONGEST = 100.0  # m, between two points of a body
+_HEAVIEST = 1e6  # kg, a link
+_SOFTEST = 1e6  # Pa, rubber; metals in N/mm2 are below
+_STIFF, _FLIMSY = 1e9, (0.5, 25.0)  # Pa, and kg/m3 that no solid so stiff has; in g/cm3 all have
+_WIDEST = 10.0  # m and times the size of a rigid body, its radius of gyration
 
 
 def no_files(keys: "Keys", points: dict[str, Point]) -> Matrices | Frfs:
@@ -103,6 +111,7 @@ def mechanism_from_mapping(
     if mechanism.response.band[0] < 0.0:
         raise MechanismError("response.band_hz", "frequencies are not negative; begin at 0.")
     top.refuse_unknown()
+    _check_lengths(mechanism)
     _check_topology(mechanism)
     return mechanism
 
@@ -150,11 +159,20 @@ def read_material(keys: "Keys") -> Material:
         raise MechanismError(
             f"{keys.path}.poisson_ratio", f"{poisson:g} is not between -1 and 0.5; steel: 0.3."
         )
-    return Material(
-        keys.number("youngs_modulus", positive=True),
-        keys.number("density", positive=True),
-        poisson,
-    )
+    modulus = keys.number("youngs_modulus", positive=True)
+    if modulus < _SOFTEST:
+        raise MechanismError(
+            f"{keys.path}.youngs_modulus",
+            f"{modulus:g} Pa is softer than rubber; write it in Pa (steel: 210.0e+9).",
+        )
+    density = keys.number("density", positive=True)
+    if modulus > _STIFF and _FLIMSY[0] < density < _FLIMSY[1]:
+        raise MechanismError(
+            f"{keys.path}.density",
+            f"no solid of {modulus:g} Pa weighs {density:g} kg/m3; write it in kg/m3 (steel: "
+            "7800.0; 0.001 for a link without mass).",
+        )
+    return Material(modulus, density, poisson)
 
 
 def _beam(keys: "Keys", places: dict[str, Point]) -> Beam:
@@ -179,7 +197,31 @@ def _beam(keys: "Keys", places: dict[str, Point]) -> Beam:
             raise MechanismError(
                 steps[-1].path, f"the last section ends before the last point ({end:g} m)."
             )
+    begin = min(0.0, *(x for x, _ in places.values()))
+    _check_proportions(keys, segments, begin, material.density)
     return Beam(material, segments, keys.integer("elements", default=24))
+
+
+def _check_proportions(
+    keys: "Keys", segments: tuple[Segment, ...], begin: float, density: float
+) -> None:
+    """Refuse a link that is no beam, or has its section and its length in different units."""
+    length = segments[-1].end - begin
+    depth = min(math.sqrt(12.0 * s.section.second_moment / s.section.area) for s in segments)
+    if depth > length:
+        raise MechanismError(
+            f"{keys.path}.{'sections' if 'sections' in keys else 'section'}",
+            f"a bar {depth:g} m deep and {length:g} m long is no beam; if both are in m, describe "
+            "it under rigid_bodies, or by matrices.",
+        )
+    starts = (begin, *(segment.end for segment in segments))
+    volume = sum(s.section.area * (s.end - a) for a, s in zip(starts, segments, strict=False))
+    if volume * density > _HEAVIEST:
+        raise MechanismError(
+            keys.path,
+            f"{length:g} m long it weighs {volume * density:.3g} kg, as no link does; write lengths "
+            "in m (millimetres divided by 1000), areas in m2 and densities in kg/m3.",
+        )
 
 
 def _section(keys: "Keys", poisson_ratio: float) -> Section:
@@ -223,13 +265,17 @@ def _damping(keys: "Keys") -> Damping:
 def _rigid_body(keys: "Keys", name: str) -> RigidBody:
     points = keys["points"]
     places = {point: points.point(point) for point in points}
-    return RigidBody(
-        name=name,
-        points=tuple(places.items()),
-        centre_of_gravity=_centre_of_gravity(keys, places),
-        mass=keys.number("mass", positive=True),
-        inertia=keys.number("inertia", positive=True),
-    )
+    centre = _centre_of_gravity(keys, places)
+    mass, inertia = keys.number("mass", positive=True), keys.number("inertia", positive=True)
+    size = max((math.dist(centre, place) for place in places.values()), default=0.0)
+    radius = math.sqrt(inertia / mass)
+    if radius > _WIDEST * max(size, 1.0):
+        raise MechanismError(
+            f"{keys.path}.inertia",
+            f"with {mass:g} kg it makes a radius of gyration of {radius:.3g} m, but the points are "
+            f"within {size:.3g} m of the centre of gravity; write kg and kg m2.",
+        )
+    return RigidBody(name, tuple(places.items()), centre, mass, inertia)
 
 
 def _centre_of_gravity(keys: "Keys", points: dict[str, Point]) -> Point:
@@ -295,6 +341,20 @@ def _spring(keys: "Keys", name: str, points: dict[str, dict[str, Point]]) -> Spr
         stiffness=keys.number("stiffness", positive=True),
         damping=keys.number("damping", default=0.0),
     )
+
+
+def _check_lengths(mechanism: Mechanism) -> None:
+    places = {"ground": mechanism.ground}
+    places.update({f"links.{link.name}.points": link.points for link in mechanism.links})
+    places.update({f"rigid_bodies.{b.name}.points": b.points for b in mechanism.rigid_bodies})
+    for path, points in places.items():
+        for (first, place), (second, other) in itertools.combinations(points, 2):
+            if math.dist(place, other) > _LONGEST:
+                raise MechanismError(
+                    path,
+                    f"{first} and {second} are {math.dist(place, other):g} m apart; lengths are in "
+                    "m, so divide millimetres by 1000.",
+                )
 
 
 def _check_topology(mechanism: Mechanism) -> None:

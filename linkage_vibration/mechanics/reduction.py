@@ -76,13 +76,18 @@ def craig_bampton(
         if (np.diag(factor[0]) ** 2 < _SINGULAR * np.diag(stiffness)[i]).any():
             raise loose
         transformation[i, b] = -cho_solve(factor, stiffness[i, b])
+    reduced_mass, reduced_stiffness = np.zeros((2, n_interface + n_modes, n_interface + n_modes))
     if n_modes:
-        transformation[i, i] = eigh(stiffness[i, i], mass[i, i], subset_by_index=[0, n_modes - 1])[
-            1
-        ]
-    return Reduction(
-        _congruent(mass, transformation), _congruent(stiffness, transformation), transformation
-    )
+        squared, shapes = eigh(stiffness[i, i], mass[i, i], subset_by_index=[0, n_modes - 1])
+        transformation[i, i] = shapes
+        # What is 0 or 1 by theory is so to the last bit.
+        reduced_mass[i, i], reduced_stiffness[i, i] = np.eye(n_modes), np.diag(squared)
+        reduced_mass[i, b] = shapes.T @ (mass[i, b] + mass[i, i] @ transformation[i, b])
+        reduced_mass[b, i] = reduced_mass[i, b].T
+    statics = transformation[:, b]
+    reduced_mass[b, b] = _congruent(mass, statics)
+    reduced_stiffness[b, b] = _congruent(stiffness, statics)
+    return Reduction(reduced_mass, reduced_stiffness, transformation)
 
 
 def _congruent(matrix: FloatArray, transformation: FloatArray) -> FloatArray:

@@ -61,6 +61,7 @@ _RECIPROCITY = 0.8  # |H_ij - H_ji| / |H_ij + H_ji|; 1 where they have nothing i
 _FINITE = 1e100  # m/N; the square of what is larger is infinite
 _ACTIVE = 0.05  # of a drive point's accelerance: power that comes out rather than goes in
 _COUPLED = 0.2  # of the two drive points; less than that may be all noise
+_UNEQUAL = 0.1  # by which H_ij and H_ji may differ on the mean of all lines, where noise goes out
 _MASSES = (0.02, 1e6)  # kg, between which a part's apparent mass lies at most frequencies
 
 
@@ -96,7 +97,7 @@ def read_frfs(
     ComponentFileError
         If the file is missing, damaged or too large, or pyuff is missing; if a DoF is missing, or
         a function between two of them; if frequencies differ or do not ascend; if a value is not
-        finite; if the units are not SI, or cannot be; if H_ij and H_ji have nothing in common.
+        finite; if the units are not SI, or cannot be; if H_ij and H_ji differ.
     """
     if path.suffix.lower() == ".npz":
         frfs = _read_npz(path, dofs)
@@ -337,12 +338,21 @@ def _check_physics(path: Path, frfs: Frfs) -> None:
         for j, other in enumerate(frfs.dofs[:i]):
             there, back = accelerance[:, i, j], accelerance[:, j, i]
             odd, even = (float(np.linalg.norm(v)) for v in (there - back, there + back))
-            if odd > max(_RECIPROCITY * even, _COUPLED * math.sqrt(sizes[i] * sizes[j])):
+            noise = _COUPLED * math.sqrt(sizes[i] * sizes[j])
+            if odd > max(_RECIPROCITY * even, noise):
                 raise ComponentFileError(
                     path,
                     f"the FRFs of {_pair(one, other)} and the other way round have little in "
                     "common, where they should be equal; look for a wrong direction, sign or unit "
                     "in one of them.",
+                )
+            unequal = 2.0 * abs(np.vdot(there + back, there - back)) / max(even**2, 1e-300)
+            if even > noise and unequal > _UNEQUAL:
+                raise ComponentFileError(
+                    path,
+                    f"the FRFs of {_pair(one, other)} and the other way round differ by "
+                    f"{100.0 * unequal:.0f} % on the mean, where they should be equal; look for a "
+                    "wrong gain of a sensor, or measure them again.",
                 )
 
 

@@ -184,7 +184,7 @@ def test_zero_frequency() -> None:
 def test_undamped_resonance_is_refused() -> None:
     """A line on an undamped resonance is named, not divided by."""
     stiffness = scalar((2.0 * math.pi * 4.0) ** 2)
-    with pytest.raises(FbsError, match="singular between 3 and 4 Hz"):
+    with pytest.raises(FbsError, match="singular at 4 Hz"):
         component_frf(scalar(1.0), stiffness, scalar(0.0), 1, np.array([3.0, 4.0]))
 
 
@@ -301,7 +301,7 @@ def test_on_a_components_own_resonance(mechanism: Mechanism, body: str) -> None:
     assert isinstance(component, Component)
     values = eigh(component.stiffness, component.mass, eigvals_only=True)
     resonance = math.sqrt(values[3]) / (2.0 * math.pi)
-    frequencies = resonance * (1.0 + np.array([1e-3, 1e-6, 1e-13]))
+    frequencies = resonance * (1.0 + np.array([1e-3, 1e-6, 1e-14]))
     blocks = frfs_of(model, frequencies)
     exact = assembled_frf(solution.coupled, frequencies, rows, rows)
     found, error = couple_frfs_with_error(blocks, b, rows, rows)

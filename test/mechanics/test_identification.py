@@ -280,3 +280,64 @@ def test_misfits_are_refused() -> None:
         identify(LINES[::-1], frf, BAND)
     with pytest.raises(IdentificationError, match=r"\(0, 1\) is not among 1 outputs and 1 inputs"):
         identify(LINES, frf, BAND, drive_point=(0, 1))
+
+
+SHAPES = np.array([[0.9, 0.5, 0.7, 1.0, 0.8], [-0.4, 0.8, -0.9, 0.5, 0.6]])
+LOW = np.array([0.8, 3.0, 3.5, 7.0, 150.0])
+
+
+@pytest.mark.parametrize(
+    ("modes", "share"),
+    [
+        ([0, 1, 2, 3, 4], 0.0),
+        ([0, 1, 2, 3, 4], 1e-3),
+        ([1, 2, 3, 4], 0.01),
+        ([1, 3, 4], 0.05),
+    ],
+)
+def test_modes_below_ten_hertz(modes: list[int], share: float) -> None:
+    """Modes from 0.8 Hz on come out beside one at 150 Hz, fewer in more noise."""
+    frf = receptances(LINES, LOW[modes], np.full(len(modes), 0.02), SHAPES[:, modes])
+    found = identify(LINES, noisy(frf, share), BAND).omega / (2.0 * math.pi)
+    assert len(found) == len(modes)
+    np.testing.assert_allclose(found, LOW[modes], rtol=1e-8 + share)
+
+
+def test_modes_that_noise_hides_are_told() -> None:
+    """Noise of 5 % hides the modes at 0.8 and 3.5 Hz, which would go missing without a word."""
+    frf = noisy(receptances(LINES, LOW, np.full(5, 0.02), SHAPES), 0.05)
+    with pytest.raises(IdentificationError, match="% of the FRFs unexplained about 2.3 Hz"):
+        identify(LINES, frf, BAND)
+
+
+@pytest.mark.parametrize(
+    ("lines", "words"),
+    [
+        (np.linspace(0.1, 150.0, 1500), r"from 0\.1 to 150 Hz, short of the band of 0 to 200 Hz"),
+        (np.linspace(5.0, 200.0, 1951), r"from 5 to 200 Hz, short of the band of 0 to 200 Hz"),
+    ],
+)
+def test_lines_short_of_the_band(model: LinkageModel, lines: FloatArray, words: str) -> None:
+    """Lines up to 150 Hz hide mode 3 at 166 Hz, those from 5 Hz on mode 1; both are refused."""
+    frf = model.coupled_frf(math.radians(140.0), lines, PLACES, PLACES[:1])
+    with pytest.raises(IdentificationError, match=words):
+        identify(lines, frf, BAND)
+
+
+@pytest.mark.parametrize("share", [0.0, 1e-3, 1e-2])
+def test_lines_too_coarse_for_light_damping(model: LinkageModel, share: float) -> None:
+    """Lines 0.1 Hz apart and damping ratios of 0.02 %: refused in any noise, with both widths."""
+    solution = model.solve(math.radians(140.0))
+    shapes = solution.participation(PLACES)[:, :8]
+    frf = receptances(LINES, solution.natural_frequencies[:8], np.full(8, 2e-4), shapes)
+    with pytest.raises(IdentificationError, match="Hz wide, but the lines there are 0.1 Hz apart"):
+        identify(LINES, noisy(frf, share), BAND)
+
+
+def test_a_noisy_line_is_no_mode() -> None:
+    """A line off by 1 % on the flank of a peak is not taken for a mode of its own."""
+    frf = single(LINES, 0.02)
+    for line in range(480, 520, 5):
+        spoilt = noisy(frf, 1e-4)
+        spoilt[line] *= 1.01
+        assert len(identify(LINES, spoilt, BAND).omega) == 1

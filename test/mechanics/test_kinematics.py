@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Loop closure against circles, published figures and differences."""
 
+import dataclasses
 import functools
 import math
 from typing import Any
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 
 from linkage_vibration.mechanics.description import Mechanism, MechanismError
 from linkage_vibration.mechanics.kinematics import Configuration, Kinematics, KinematicsError
+from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
 
 FloatArray = NDArray[np.float64]
@@ -120,6 +122,33 @@ def test_toggle_to_the_last_digits(printed: Mechanism) -> None:
     assert math.dist(e1, p2) == pytest.approx(0.858, abs=1e-12)
 
 
+@pytest.mark.parametrize("distance_deg", [1.0, 1e-3, 1e-5, 1e-7])
+def test_digits_lost_near_a_toggle(printed: Mechanism, distance_deg: float) -> None:
+    """Angles lose eps / sqrt(distance) and no more; velocity ratios grow as 1 / sqrt(distance)."""
+    kinematics = kinematics_of(printed)
+    distance = math.radians(distance_deg)
+    configuration = kinematics.at(kinematics.closable_range[1] - distance)
+    mast = np.subtract(*(by_circles(printed, configuration.alpha3)[end] for end in ("E2", "E1")))
+    off = configuration.angle("implement") - math.atan2(mast[1], mast[0])
+    assert abs(off) < 10.0 * np.finfo(float).eps / math.sqrt(distance)
+    nearer = kinematics.at(kinematics.closable_range[1] - distance / 100.0)
+    growth = nearer.velocity_ratio("implement") / configuration.velocity_ratio("implement")
+    assert growth == pytest.approx(10.0, rel=2.0 * math.sqrt(distance) + 1e-4)
+
+
+def test_first_frequency_vanishes_at_a_toggle(printed: Mechanism) -> None:
+    """With its bars in line the mast is free, so the first mode falls as sqrt(distance).
+
+    A crank angle that is off by a tenth of the distance then costs a twentieth of the frequency.
+    """
+    model = LinkageModel(printed)
+    high = model.kinematics.closable_range[1]
+    first = [model.solve(high - 10.0**-n).natural_frequencies[0] for n in (4, 5, 6)]
+    np.testing.assert_allclose(np.array(first[:-1]) / first[1:], math.sqrt(10.0), rtol=0.02)
+    off = model.solve(high - 1.1e-6).natural_frequencies[0]
+    assert off / first[2] - 1.0 == pytest.approx(0.05, abs=0.002)
+
+
 def test_velocity_ratios_are_derivatives(mechanism: Mechanism) -> None:
     """Velocity ratios and point rates agree with central differences."""
     kinematics, alpha3, h = Kinematics(mechanism), math.radians(123.0), 1e-5
@@ -144,11 +173,54 @@ def test_angles_out_of_reach_tell_the_nearest(mechanism: Mechanism, alpha3_deg: 
     assert raised.value.nearest in (kinematics.toggles or ())
 
 
-def test_stroke_past_the_toggle_is_refused(mapping: Any) -> None:
-    """A stroke that the linkage cannot follow is told with its toggles."""
-    mapping["input"]["range_deg"] = [90, 204]
-    with pytest.raises(MechanismError, match=r"input\.range_deg: .*204 deg.*203\.703"):
+@pytest.mark.parametrize(
+    ("stroke_deg", "told"),
+    [
+        ([90, 204], r"at 204 deg.*203\.703"),
+        ([-70, 180], r"at -70 deg.*-63\.294"),
+        ([-70, 204], r"at -70 deg.*-63\.294"),
+        ([90, 600], r"at 600 deg.*203\.703"),
+        ([450, 540], r"at 450 deg.*203\.703"),
+    ],
+)
+def test_stroke_past_a_toggle_is_refused(mapping: Any, stroke_deg: list[float], told: str) -> None:
+    """A stroke that crosses a toggle, at either end or a turn away, is told with its toggles."""
+    mapping["input"]["range_deg"] = stroke_deg
+    with pytest.raises(MechanismError, match=rf"input\.range_deg: .*{told}"):
         Kinematics(mechanism_from_mapping(mapping))
+
+
+def test_stroke_may_near_a_toggle_but_not_touch_it(mechanism: Mechanism) -> None:
+    """The last number below the toggle is in reach; the toggle itself is refused."""
+    low, high = Kinematics(mechanism).closable_range
+    for ends in ((math.nextafter(low, 0.0), 2.0), (2.0, math.nextafter(high, 0.0))):
+        near = Kinematics(dataclasses.replace(mechanism, stroke=ends))
+        assert all(np.isfinite(near.at(angle).angles).all() for angle in ends)
+    for ends in ((low, 2.0), (2.0, high)):
+        with pytest.raises(MechanismError, match=r"input\.range_deg.*in line"):
+            Kinematics(dataclasses.replace(mechanism, stroke=ends))
+
+
+@pytest.mark.parametrize(
+    "stroke", [(3.0, 2.0), (2.0, 2.0), (math.nan, 2.0), (2.0, math.nan), (2.0, math.inf)]
+)
+def test_stroke_that_is_no_interval_is_refused(
+    mechanism: Mechanism, stroke: tuple[float, float]
+) -> None:
+    """Reversed, empty and infinite strokes are told, also where no file was read."""
+    with pytest.raises(MechanismError, match=r"input\.range_deg: .*ascend"):
+        Kinematics(dataclasses.replace(mechanism, stroke=stroke))
+
+
+@pytest.mark.parametrize("stroke_deg", [(80.0, 275.0), (275.0, 285.0)])
+def test_stroke_over_a_gap_is_refused(stroke_deg: tuple[float, float]) -> None:
+    """It closes from 40.4 to 96.5 deg and from 263.5 to 319.6, but cannot go from one to other."""
+    stroke = math.radians(stroke_deg[0]), math.radians(stroke_deg[1])
+    rocking = dataclasses.replace(four_bar(1.0, 0.8, 1.0, 0.35), stroke=stroke)
+    with pytest.raises(
+        MechanismError, match=r"range_deg: .* at 2[78]5 deg: .*96\.\d* deg with B, C"
+    ):
+        Kinematics(rocking)
 
 
 def test_links_that_cannot_close_are_refused(mapping: Any) -> None:
@@ -205,6 +277,100 @@ def test_full_turns_repeat() -> None:
         assert again.toggle_distance == math.inf
 
 
+def test_strokes_of_more_than_a_turn() -> None:
+    """A crank without toggles may turn as far as one likes; so may a range."""
+    rotating = dataclasses.replace(four_bar(1.0, 0.3, 0.9, 0.8), stroke=(0.0, 6.0 * math.pi))
+    kinematics = Kinematics(rotating)
+    once, later = kinematics.at(0.7), kinematics.at(0.7 + 6.0 * math.pi)
+    np.testing.assert_allclose(later.velocity_ratios, once.velocity_ratios, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("sides", "ends"),
+    [
+        ((1.0, 0.5, 1.0, 0.5), (0.0, 180.0)),  # a parallelogram
+        ((1.0, 0.3, 0.3, 1.0), (0.0, 180.0)),  # a kite
+        ((1.0, 0.3, 1.2, 0.5), (0.0, 360.0)),  # ground and coupler as long as crank and rocker
+    ],
+)
+def test_branches_end_where_another_crosses(
+    sides: tuple[float, float, float, float], ends: tuple[float, float]
+) -> None:
+    """With all four bars in line there are two ways on, which an angle cannot tell apart."""
+    kinematics = Kinematics(four_bar(*sides))
+    found = [math.degrees(angle) for angle in kinematics.closable_range]
+    assert found == pytest.approx(ends, abs=1e-3)
+    assert kinematics.toggles is not None
+    assert [toggle.aligned for toggle in kinematics.toggles] == [("B", "C", "D")] * 2
+    with pytest.raises(MechanismError, match=r"range_deg.*B, C and D in line"):
+        Kinematics(dataclasses.replace(four_bar(*sides), stroke=(1.0, 6.5)))
+
+
+@pytest.mark.parametrize("excess", [1e-3, 1e-5, 1e-7])
+def test_nearly_a_parallelogram(excess: float) -> None:
+    """However near the other branch passes, it is not taken for this one."""
+    low, high = Kinematics(four_bar(1.0, 0.5, 1.0 + excess, 0.5)).closable_range
+    # The law of cosines with coupler and rocker folded; 1 - cos by the half angle, for its digits.
+    share = ((0.5 + excess) ** 2 - 0.25) / 2.0
+    assert low == pytest.approx(2.0 * math.asin(math.sqrt(share)), rel=1e-6)
+    assert high == pytest.approx(2.0 * math.pi - low, rel=1e-12)
+
+
+def test_assembly_at_a_toggle_is_refused(mapping: Any, mechanism: Mechanism) -> None:
+    """Where a branch turns back it cannot be told by its pose."""
+    high = Kinematics(mechanism).at(math.nextafter(Kinematics(mechanism).closable_range[1], 0.0))
+    mapping["assembly"]["alpha3_deg"] = math.degrees(high.alpha3)
+    for body in mapping["assembly"]["angles_deg"]:
+        mapping["assembly"]["angles_deg"][body] = math.degrees(high.angle(body))
+    with pytest.raises(MechanismError, match=r"assembly\.alpha3_deg: .*toggle"):
+        Kinematics(mechanism_from_mapping(mapping))
+
+
+def test_loops_that_take_more_than_a_turn() -> None:
+    """Where the loops close otherwise after a turn, that turn is no repetition of the first.
+
+    In this linkage the crank turns by 430 deg from toggle to toggle.
+    """
+    bar = {
+        "section": {"shape": "round", "diameter": 0.02},
+        "material": {"youngs_modulus": 2.1e11, "density": 7800, "poisson_ratio": 0.3},
+    }
+    points: dict[str, dict[str, Any]] = {
+        "crank": {"A": 0.0, "B": 0.174},
+        "drag": {"B": 0.0, "C": 1.207},
+        "plate": {"C": 0.0, "E": [1.163, 0.415], "F": 0.515},
+        "long": {"D": 0.0, "E": 1.894},
+        "short": {"G": 0.0, "F": 1.137},
+    }
+    winding = mechanism_from_mapping(
+        {
+            "name": "winding",
+            "ground": {"A": [0.0, 0.0], "D": [0.519, 0.0], "G": [0.562, -0.260]},
+            "links": {name: {"points": places, **bar} for name, places in points.items()},
+            "input": {"link": "crank", "range_deg": [80, 100]},
+            "assembly": {
+                "alpha3_deg": 90,
+                "angles_deg": {"drag": -72, "plate": -55, "long": -62, "short": -84},
+            },
+            "damping": {"ratio": 0.01, "at_hz": [1, 100]},
+            "response": {"drive_point": "C", "direction": "x", "band_hz": [0, 100], "modes": 2},
+        }
+    )
+    kinematics = Kinematics(winding)
+    low, high = kinematics.closable_range
+    assert 2.0 * math.pi < high - low < 4.0 * math.pi
+    angle = low + 0.5
+    once, again = kinematics.at(angle), kinematics.at(angle + 2.0 * math.pi)
+    assert np.abs(np.sin((again.angles - once.angles) / 2.0)).max() > 0.1
+    for configuration in (once, again):
+        for point, first, second in winding.joints:
+            ends = [
+                configuration.place(body, winding.local_points(body)[point])
+                for body in (first, second)
+            ]
+            assert math.dist(*ends) < 1e-13
+
+
 @given(crank=st.floats(0.1, 3.0), coupler=st.floats(0.3, 3.0), rocker=st.floats(0.3, 3.0))
 def test_four_bar_toggles_in_closed_form(crank: float, coupler: float, rocker: float) -> None:
     """A four-bar locks where coupler and rocker are in line: the law of cosines tells where."""
@@ -213,7 +379,7 @@ def test_four_bar_toggles_in_closed_form(crank: float, coupler: float, rocker: f
     assume(near + 0.05 < reach < far - 0.05)
     limits = [(1 + crank**2 - side**2) / (2 * crank) for side in (near, far)]
     # Coupler, rocker, crank and ground all in line: two branches meet.
-    assume(not any(0.98 < abs(limit) < 1.02 for limit in limits))
+    assume(not any(abs(abs(limit) - 1.0) < 1e-4 for limit in limits))
     folded, stretched = (math.acos(c) if abs(c) < 1 else None for c in limits)
     expected_low = folded if folded is not None else (-stretched if stretched else -math.inf)
     expected_high = (

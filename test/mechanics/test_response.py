@@ -87,9 +87,11 @@ def test_local_peaks_are_maxima_of_a_dense_grid() -> None:
     assert found[3] == pytest.approx(90.0 * math.sqrt(1 - 2 * 0.02**2))
 
 
-@pytest.mark.parametrize("n_far", [2, 4, 6])
-def test_far_poles_stand_for_the_modes_above_a_band(model: LinkageModel, n_far: int) -> None:
-    """Each pole divides the error of every single FRF by ten or more; four leave less than 1e-5.
+@pytest.mark.parametrize(("n_far", "bound"), [(2, 1e-2), (4, 1e-4), (6, 1e-6)])
+def test_far_poles_stand_for_the_modes_above_a_band(
+    model: LinkageModel, n_far: int, bound: float
+) -> None:
+    """Each pole divides the error of every single FRF by ten; four leave less than 1e-4.
 
     Leaving the modes above the band out altogether is wrong by 100 % between some points.
     """
@@ -100,7 +102,7 @@ def test_far_poles_stand_for_the_modes_above_a_band(model: LinkageModel, n_far: 
     for angle in np.radians([90.0, 140.0, 180.0]):
         full = model.solve(float(angle)).frf(places, places)
         kept = in_reach(full.stiffness, band)
-        assert kept.sum() in (3, 4)
+        assert kept.sum() == 4
         far = far_poles(full.stiffness[~kept], full.decay[~kept], band, n_far)
         nothing = far_poles(full.stiffness[:0], full.decay[:0], band)
         exact = full.frf(lines)
@@ -108,7 +110,7 @@ def test_far_poles_stand_for_the_modes_above_a_band(model: LinkageModel, n_far: 
             apart = np.linalg.norm(full.condensed(kept, poles).frf(lines) - exact, axis=0)
             worst[name] = max(worst[name], (apart / np.linalg.norm(exact, axis=0)).max())
     assert worst["left out"] > 0.99
-    assert worst["far poles"] < 5e-2 * 10.0 ** -(n_far - 1)
+    assert worst["far poles"] < bound
 
 
 @pytest.mark.parametrize("rule", [LossFactor(0.03), ModalRatio(0.02)])

@@ -239,6 +239,12 @@ BAD_UFF: dict[str, tuple[Callable[[], list[dict[str, Any]]], str]] = {
         lambda: [{**data, "data": data["data"].conj()} for data in functions()],
         "response A z to a force at A z gives out power: .* wrong sign",
     ),
+    "one gain wrong": (
+        lambda: [
+            {**d, "data": 1.3 * d["data"]} if ends(d) == ["B x", "A x"] else d for d in functions()
+        ],
+        "response B x to a force at A x and the other way round differ by 26 % on the mean",
+    ),
     "one sign wrong": (
         lambda: [{**d, "data": -d["data"]} if k == 9 else d for k, d in enumerate(functions())],
         "response B z to a force at A z and the other way round have little in common",

@@ -1,0 +1,294 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Measured FRFs: what their noise does to a coupling, and how to keep it out.
+
+A free link moves far more as a rigid body than it deforms, so noise of 0.1 % in its receptances is
+larger than its flexibility, on which the coupled modes depend. To truncate the singular values of
+the interface flexibility B H B^T, or to damp them (Tikhonov), is no cure: the small ones are the
+stiff directions of the joints, and without them joints come apart.
+
+What can be truncated is known beforehand instead. Rigid motions R of the points leave no trace in
+the forces that are in equilibrium, N^T R = 0, so H N is the flexibility alone: a smooth function of
+a few poles and residual terms. It is fitted over all lines, with as many terms as stand out of the
+noise; the rigid block, in which noise does as little harm as a like error of the mass, stays as it
+was measured.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import block_diag, null_space, orth
+
+from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.mechanics.dofs import InterfaceDof
+from linkage_vibration.mechanics.identification import fit_poles
+
+FloatArray = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+_LEAST_LINES = 30
+_MAX_ORDER = 60  # poles in the largest model of a link
+_RESIDUAL_TERMS = 3  # 1, s^2, s^4 at most
+_REPEATED = 1e-14  # of the largest singular value of B H B^T: rounding is below it
+_SYSTEMATIC = 0.03  # of the FRFs, root mean square over lines; more is no free link
+
+
+class RegularisationError(LinkageVibrationError):
+    """Measured FRFs contradict one another, or are none of a free body."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Measured:
+    """Receptances with what is left in them of noise N that is unlike from line to line.
+
+    With E = K (N + N^T) / 2 K^T, the error is E where it was kept, and what a fit made of the rest,
+    whose variance is the leverage times that of (N + N^T) / 2 - E.
+
+    Attributes
+    ----------
+    frf : complex ndarray, (n_freq, n, n)
+        m/N between displacements.
+    kept : ndarray, (n, n)
+        K, 1 for FRFs that are as they were measured.
+    leverage : ndarray, (n_freq,)
+        From 0 to 1.
+    """
+
+    frf: ComplexArray
+    kept: FloatArray
+    leverage: FloatArray
+
+
+def as_measured(frf: ComplexArray) -> Measured:
+    """Take receptances, (n_freq, n, n), with all their noise, but H_ij and H_ji by their mean."""
+    n_freq, n = frf.shape[:2]
+    return Measured((frf + frf.swapaxes(1, 2)) / 2.0, np.eye(n), np.zeros(n_freq))
+
+
+def receptances(blocks: Sequence[ComplexArray | Measured]) -> list[ComplexArray]:
+    """Return the FRFs of components, measured or not, (n_freq, n_r, n_r) each."""
+    return [block.frf if isinstance(block, Measured) else block for block in blocks]
+
+
+def rigid_motions(
+    dofs: Sequence[InterfaceDof], points: Sequence[tuple[str, tuple[float, float]]]
+) -> FloatArray:
+    """Return how DoFs move with a rigid body, (n, 6): along x, z, about y; along y, about z, x.
+
+    Parameters
+    ----------
+    dofs : sequence of InterfaceDof, (n,)
+        At the points.
+    points : sequence of (name, (x, z))
+        Places in the body's own axes, m.
+    """
+    places = dict(points)
+    rows = []
+    for dof in dofs:
+        x, z = places[dof.point]
+        rows.append(
+            {
+                "x": [1.0, 0.0, -z, 0.0, 0.0, 0.0],
+                "z": [0.0, 1.0, x, 0.0, 0.0, 0.0],
+                "theta": [0.0, 0.0, 1.0, 0.0, 0.0, 0.0],
+                "y": [0.0, 0.0, 0.0, 1.0, x, z],
+            }[dof.direction]
+        )
+    return np.array(rows)
+
+
+def noise_level(frequencies: FloatArray, frf: ComplexArray) -> float:
+    """Estimate the relative noise of receptances, 1, from the third differences of the lines.
+
+    Whatever is resolved by the lines has small differences; noise of standard deviation s has some
+    of sqrt(20) s. The median over lines keeps peaks out of it.
+
+    Parameters
+    ----------
+    frequencies : ndarray, (n_freq,)
+        Hz, above 0.
+    frf : complex ndarray, (n_freq, n, n)
+        Receptances.
+    """
+    accelerance = np.asarray(frequencies)[:, np.newaxis, np.newaxis] ** 2 * frf
+    steps = np.median(np.abs(np.diff(accelerance, n=3, axis=0)), axis=0)
+    size = np.median(np.abs(accelerance), axis=0)
+    drive = np.diag(size)
+    felt = size > 1e-3 * np.sqrt(np.outer(drive, drive))  # others may hold nothing but rounding
+    # The median of a complex normal number's modulus is sqrt(ln 2) of its standard deviation.
+    return float(np.median(steps[felt] / size[felt]) / math.sqrt(20.0 * math.log(2.0)))
+
+
+def regularise(
+    dofs: Sequence[InterfaceDof],
+    frequencies: FloatArray,
+    frf: ComplexArray,
+    motions: FloatArray,
+) -> Measured:
+    """Fit what deforms in the receptances of a free body.
+
+    Candidates are no poles and those of `fit_poles`, each with one to three residual terms; the
+    Bayesian information criterion (Schwarz 1978) chooses, so that noise decides what is truncated.
+    Lines are weighted by the inverse of their size, as for noise that is relative to it. FRFs that
+    were computed, not measured, pass through within rounding as far as poles and terms suffice.
+
+    Parameters
+    ----------
+    dofs : sequence of InterfaceDof, (n,)
+        Rows and columns, for errors.
+    frequencies : ndarray, (n_freq,)
+        Hz, ascending, above 0.
+    frf : complex ndarray, (n_freq, n, n)
+        Receptances, with noise.
+    motions : ndarray, (n, k)
+        As `rigid_motions` finds them.
+
+    Raises
+    ------
+    RegularisationError
+        If there are fewer than 30 lines. If an FRF departs from every such fit by more than noise
+        and more than 3 %: it is not reciprocal, a pole drifted between measurements, a sensor has
+        a wrong gain or place, the body is not free, or lines are too far apart for a pole.
+    """
+    omega = 2.0 * math.pi * np.asarray(frequencies, dtype=float)
+    if len(omega) < _LEAST_LINES:
+        raise RegularisationError(
+            f"{len(omega)} lines above 0 Hz cannot tell how a link deforms from noise; measure "
+            f"{_LEAST_LINES} at least."
+        )
+    square = omega[:, np.newaxis, np.newaxis] ** 2
+    drive = np.einsum("kii->ki", np.abs(square * frf))
+    unit = np.sqrt(np.median(drive, axis=0))  # makes DoFs of any unit alike
+    raw = frf / np.outer(unit, unit)
+    even = (raw + raw.swapaxes(1, 2)) / 2.0
+    rigid = orth(motions / unit[:, np.newaxis])
+    elastic = null_space(rigid.T)
+    kept = rigid @ rigid.T
+    if not elastic.size:
+        return as_measured(frf)
+    weights = 1.0 / np.linalg.norm(even, axis=(1, 2))
+    part, leverage = _fit(omega, even @ elastic, weights)
+    across = part @ elastic.T  # H N N^T, of which N^T H N is to be symmetric
+    own = elastic @ (elastic.T @ across)
+    side = across - own
+    fitted = kept @ even @ kept + side + side.swapaxes(1, 2) + (own + own.swapaxes(1, 2)) / 2.0
+    _check_consistent(dofs, raw - fitted, fitted)
+    return Measured(
+        fitted * np.outer(unit, unit), unit[:, np.newaxis] * kept / unit[np.newaxis], leverage
+    )
+
+
+def _fit(
+    omega: FloatArray, frf: ComplexArray, weights: FloatArray
+) -> tuple[ComplexArray, FloatArray]:
+    """Fit poles and residual terms, as many as the noise warrants; leverage of each line."""
+    s = 1j * omega / omega[-1]
+    right = _real(weights[:, np.newaxis] * frf.reshape(len(omega), -1))
+    best = math.inf
+    for poles in (np.empty(0), fit_poles(omega, frf, _MAX_ORDER)[0] / omega[-1]):
+        upper = 1.0 / (s[:, np.newaxis] - poles)
+        lower = 1.0 / (s[:, np.newaxis] - poles.conj())
+        for order in range(1, _RESIDUAL_TERMS + 1):
+            residual = s[:, np.newaxis] ** (2 * np.arange(order))
+            terms = np.hstack([residual, upper + lower, 1j * (upper - lower)])
+            basis, factor = np.linalg.qr(_real(weights[:, np.newaxis] * terms))
+            shares = basis.T @ right
+            left = float(np.sum((right - basis @ shares) ** 2))
+            count = shares.size + 2 * len(poles)
+            score = right.size * math.log(max(left, 1e-300)) + count * math.log(right.size)
+            if score < best:
+                best = score
+                found = (basis @ shares)[: len(omega)] + 1j * (basis @ shares)[len(omega) :]
+                leverage = (basis**2).sum(axis=1).reshape(2, -1).mean(axis=0)
+    return np.asarray((found / weights[:, np.newaxis]).reshape(frf.shape)), leverage
+
+
+def _real(matrix: ComplexArray) -> FloatArray:
+    return np.concatenate([matrix.real, matrix.imag])
+
+
+def _check_consistent(
+    dofs: Sequence[InterfaceDof], rest: ComplexArray, fitted: ComplexArray
+) -> None:
+    """Refuse what a fit leaves where it is smooth over the lines, and so no noise.
+
+    Half the mean square of the first difference is the power of noise (von Neumann 1941).
+    """
+    size = np.sqrt((np.abs(fitted) ** 2).mean(axis=(1, 2), keepdims=True))
+    relative = rest * np.exp(-1j * np.angle(fitted)) / size
+    noise = (np.abs(np.diff(relative, axis=0)) ** 2).mean(axis=0) / 2.0
+    smooth = (np.abs(relative) ** 2).mean(axis=0) - noise
+    i, j = divmod(int(smooth.argmax()), len(dofs))
+    share = math.sqrt(max(float(smooth[i, j]), 0.0))
+    if share > max(_SYSTEMATIC, math.sqrt(float(noise[i, j]))):
+        raise RegularisationError(
+            f"The FRF of response {dofs[i]} to a force at {dofs[j]} departs by "
+            f"{100.0 * share:.0f} % from that of one free body with the same poles everywhere, and "
+            "noise does not explain it; look for a pole that drifted between measurements, a "
+            "sensor of wrong gain, sign or place, FRFs that are not reciprocal, a held body, or "
+            "lines too far apart."
+        )
+
+
+def noise_gain(
+    blocks: Sequence[ComplexArray | Measured],
+    compatibility: FloatArray,
+    outputs: FloatArray,
+    inputs: FloatArray,
+    compliance: FloatArray | ComplexArray | float = 0.0,
+) -> FloatArray:
+    """Relative error of coupled FRFs for each unit of relative error in the measured ones.
+
+    In first order H_c changes by T dH U with T = O - O H B^T Z B, U = I^T - B^T Z B H I^T and
+    Z = (B H B^T + S)^-1. Errors dH of measured FRFs are independent, complex, and of standard
+    deviation e abs(H_kl); the gain is the standard deviation of H_c over e abs(H_c). Where gain
+    times noise comes near 1, the coupled FRF is noise.
+
+    Parameters
+    ----------
+    blocks : sequence of complex ndarray, (n_freq, n_r, n_r), or Measured
+        Receptances of the components; arrays are exact.
+    compatibility, outputs, inputs, compliance
+        As `couple_frfs` takes them.
+
+    Returns
+    -------
+    ndarray, (n_freq, n_out, n_in)
+        1; with poles of a fit taken as known.
+    """
+    frfs = receptances(blocks)
+    frf = np.array([block_diag(*lines) for lines in zip(*frfs, strict=True)])
+    interface = compatibility @ frf @ compatibility.T
+    diagonal = np.arange(len(compatibility))
+    interface[:, diagonal, diagonal] += compliance
+    if np.linalg.matrix_rank(compatibility) == len(compatibility):
+        joints = np.linalg.solve(interface, compatibility.astype(complex))  # Z B
+    else:  # rows that repeat others share their force, which costs a decomposition a line
+        joints = np.linalg.pinv(interface, rcond=_REPEATED) @ compatibility
+    away = outputs - outputs @ frf @ compatibility.T @ joints
+    into = inputs.T - joints.swapaxes(1, 2) @ (compatibility @ frf @ inputs.T)
+    coupled = np.abs(outputs @ frf @ into)
+    power = np.zeros(coupled.shape)
+    start = 0
+    for block, values in zip(blocks, frfs, strict=True):
+        own = slice(start, start + values.shape[1])
+        start = own.stop
+        if not isinstance(block, Measured):
+            continue
+        for i, j in np.ndindex(*coupled.shape[1:]):
+            left, right = away[:, i, own], into[:, own, j]
+            every = _even(left, right)
+            kept = _even(left @ block.kept, right @ block.kept)
+            fitted = block.leverage[:, np.newaxis, np.newaxis] * np.abs(every - kept) ** 2
+            power[:, i, j] += ((np.abs(kept) ** 2 + fitted) * np.abs(values) ** 2).sum(axis=(1, 2))
+    # A response that vanishes altogether has no relative error.
+    return np.asarray(np.sqrt(power) / np.where(coupled > 0.0, coupled, np.inf))
+
+
+def _even(left: ComplexArray, right: ComplexArray) -> ComplexArray:
+    """Symmetric part of the product of two vectors a line, (n_freq, n, n)."""
+    product = left[:, :, np.newaxis] * right[:, np.newaxis, :]
+    return (product + product.swapaxes(1, 2)) / 2.0
