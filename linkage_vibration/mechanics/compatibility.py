@@ -11,6 +11,7 @@ has a row as well, whose value is not zero but the spring's elongation.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -176,6 +177,23 @@ class InterfaceMap:
     def out_of_plane(self) -> NDArray[np.bool_]:
         """Which interface DoFs are displacements out of plane, (n,)."""
         return np.array([dof.direction == "y" for _, dof in self._index], dtype=bool)
+
+    @cached_property
+    def held(self) -> NDArray[np.bool_]:
+        """Which interface DoFs of links the ground holds in every configuration, (n,).
+
+        A pin to the ground holds a point however the link lies, and a clamp its rotation.
+        """
+        held = np.zeros(len(self), dtype=bool)
+        for (point, first, second), _ in self._joints:
+            if first == GROUND and second not in self._centres:
+                held[self._places[second, point][:2]] = True
+                if self._spatial:
+                    held[self._at(second, point, "y")] = True
+        for link in self._mechanism.links:
+            if link.clamped is not None:
+                held[self._at(link.name, link.clamped, "theta")] = True
+        return held
 
     def displacement(
         self, body: str, point: str, configuration: Configuration, *, rate: bool = False

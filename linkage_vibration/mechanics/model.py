@@ -326,12 +326,23 @@ class LinkageModel:
         """Return FRFs of the components, the rows that join them, and the rows' compliance."""
         omega = 2.0 * math.pi * frequencies[:, np.newaxis]
         springs = 1.0 / (joining.stiffness + 1j * omega * joining.damping)
-        rigid = np.zeros((len(omega), len(joining.compatibility)))
+        # What the ground holds in every configuration is held before components are coupled.
+        compatibility = joining.compatibility[joining.compatibility[:, ~self._held].any(axis=1)]
+        rigid = np.zeros((len(omega), len(compatibility)))
         return (
             [self._frf(component, frequencies) for component in self.components],
-            np.vstack([joining.compatibility, joining.elongation]),
+            np.vstack([compatibility, joining.elongation]),
             np.hstack([rigid, springs]),
         )
+
+    @cached_property
+    def _held(self) -> NDArray[np.bool_]:
+        """Interface DoFs, (n,), that the ground holds, of components that have matrices."""
+        known = [
+            np.full(len(component.dofs), isinstance(component, Component))
+            for component in self.components
+        ]
+        return np.asarray(self.interface.held & np.concatenate(known))
 
     def _frf(
         self, component: Component | FrfComponent, frequencies: FloatArray
@@ -343,7 +354,10 @@ class LinkageModel:
         if key not in kept:
             for old in [k for k in kept if k[0] == component.name]:
                 del kept[old]
-            kept[key] = _component_frf(component, np.asarray(frequencies, dtype=float))
+            i = self.components.index(component)
+            start = sum(len(other.dofs) for other in self.components[:i])
+            held = self._held[start : start + len(component.dofs)]
+            kept[key] = _component_frf(component, np.asarray(frequencies, dtype=float), held)
         return kept[key]
 
 
@@ -591,20 +605,25 @@ class Solution:
 
 
 def _component_frf(
-    component: Component | FrfComponent, frequencies: FloatArray
+    component: Component | FrfComponent, frequencies: FloatArray, held: NDArray[np.bool_]
 ) -> ComplexArray | Measured:
+    """FRFs of a component, some of whose DoFs are held and so do not respond."""
     if isinstance(component, Component):
+        n, free = len(component.dofs), np.flatnonzero(~held)
+        left = np.ix_(*[[*free, *range(n, len(component.mass))]] * 2)
+        frf = np.zeros((len(frequencies), n, n), dtype=complex)
         try:
-            return component_frf(
-                component.mass,
-                component.stiffness,
-                component.damping,
-                len(component.dofs),
+            frf[:, free[:, np.newaxis], free] = component_frf(
+                component.mass[left],
+                component.stiffness[left],
+                component.damping[left],
+                len(free),
                 frequencies,
                 component.loss_factor,
             )
         except FbsError as error:
             raise FbsError(f"{component.name}: {error}") from None
+        return frf
     at = np.searchsorted(component.frequencies, frequencies).clip(0, len(component.frequencies) - 1)
     before = np.maximum(at - 1, 0)
     nearer = np.abs(component.frequencies[before] - frequencies) < np.abs(
