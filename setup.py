@@ -69,6 +69,7 @@ setup(
             "scikit-fem",
             "types-PyYAML",
             "types-tqdm",
+            "xarray",
         ],
         # Peers of the benchmarks; CalculiX comes with `apt-get install calculix-ccx`.
         "bench": [

@@ -12,7 +12,7 @@ from several starts within the bounds.
 
 import copy
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -47,14 +47,14 @@ class CalibrationError(LinkageVibrationError):
 class Parameter:
     """A number in the description that may be changed, or several that are the same one."""
 
-    path: str  # keys joined by dots, positions in lists from 0; several paths joined by commas
+    path: str  # as `split_paths` takes it
     low: float
     high: float
 
     @property
     def paths(self) -> tuple[str, ...]:
         """Every place that the number stands at."""
-        return tuple(path.strip() for path in self.path.split(","))
+        return split_paths(self.path)
 
 
 @dataclass(frozen=True, slots=True)
@@ -223,14 +223,7 @@ def summary(calibration: Calibration, result: CalibrationResult) -> str:
 
 def apply(calibration: Calibration, values: Sequence[float]) -> dict[str, Any]:
     """Return the description with other values of the parameters."""
-    changed = copy.deepcopy(calibration.mapping)
-    for path, value in _places(calibration, values):
-        *keys, last = path.split(".")
-        below: Any = changed
-        for key in keys:
-            below = below[int(key) if isinstance(below, list) else key]
-        below[int(last) if isinstance(below, list) else last] = float(value)
-    return changed
+    return with_numbers(calibration.mapping, _places(calibration, values))
 
 
 def write_mechanism(calibration: Calibration, values: Sequence[float], path: Path) -> None:
@@ -263,6 +256,47 @@ def write_mechanism(calibration: Calibration, values: Sequence[float], path: Pat
         plain = number if "e" not in number or "." in number else number.replace("e", ".0e")
         text = text[:start] + plain + text[end:]
     write_text(path, text, CalibrationError)
+
+
+def split_paths(path: str) -> tuple[str, ...]:
+    """Return the paths of a parameter: several, joined by commas, are one number.
+
+    A path is keys joined by dots, with positions in lists from 0.
+    """
+    return tuple(part.strip() for part in path.split(","))
+
+
+def number_at(mapping: Any, path: str) -> float:
+    """Return the number that stands at a path in a description.
+
+    Raises
+    ------
+    MechanismError
+        If there is none.
+    """
+    below = mapping
+    for key in path.split("."):
+        try:
+            below = below[int(key) if isinstance(below, list) else key]
+        except (KeyError, IndexError, ValueError, TypeError):
+            raise MechanismError(
+                f"parameters.{path}", f"the mechanism has no key {key!r} there; check the path."
+            ) from None
+    if isinstance(below, bool) or not isinstance(below, int | float):
+        raise MechanismError(f"parameters.{path}", f"{below!r} is not a number.")
+    return below
+
+
+def with_numbers(mapping: dict[str, Any], numbers: Iterable[tuple[str, float]]) -> dict[str, Any]:
+    """Return a copy of a description with other numbers at paths that it has."""
+    changed = copy.deepcopy(mapping)
+    for path, value in numbers:
+        *keys, last = path.split(".")
+        below: Any = changed
+        for key in keys:
+            below = below[int(key) if isinstance(below, list) else key]
+        below[int(last) if isinstance(below, list) else last] = value
+    return changed
 
 
 def natural_frequencies(
@@ -324,7 +358,7 @@ def natural_frequencies(
 def _places(calibration: Calibration, values: Sequence[float]) -> list[tuple[str, float]]:
     """List every path that a parameter stands at, with its value."""
     pairs = zip(calibration.parameters, values, strict=True)
-    return [(path, value) for parameter, value in pairs for path in parameter.paths]
+    return [(path, float(value)) for parameter, value in pairs for path in parameter.paths]
 
 
 def _target(keys: Keys) -> Target:
@@ -339,17 +373,10 @@ def _target(keys: Keys) -> Target:
 
 
 def _get(mapping: Any, path: str) -> float:
-    below = mapping
-    for key in path.split("."):
-        try:
-            below = below[int(key) if isinstance(below, list) else key]
-        except (KeyError, IndexError, ValueError, TypeError):
-            raise MechanismError(
-                f"parameters.{path}", f"the mechanism has no key {key!r} there; check the path."
-            ) from None
-    if isinstance(below, bool) or not isinstance(below, int | float) or below <= 0:
-        raise MechanismError(f"parameters.{path}", f"{below!r} is not a number above zero.")
-    return float(below)
+    value = number_at(mapping, path)
+    if value <= 0:
+        raise MechanismError(f"parameters.{path}", f"{value!r} is not a number above zero.")
+    return float(value)
 
 
 def _coarse(mechanism: Mechanism) -> Mechanism:

@@ -76,6 +76,16 @@ def _parser() -> argparse.ArgumentParser:
     )
     calibrate.set_defaults(run=_calibrate)
 
+    sweep = commands.add_parser("sweep", help="build the tables of many designs into one file")
+    sweep.add_argument("designs", type=Path, help="YAML file of a mechanism and parameters")
+    sweep.add_argument(
+        "-o", "--output", type=Path, help="netCDF file to write (default: DESIGNS with .nc)"
+    )
+    where = sweep.add_mutually_exclusive_group()
+    where.add_argument("--workers", type=int, help="processes (default: one for each core)")
+    where.add_argument("--dask", metavar="ADDRESS", help="scheduler of a Dask cluster to use")
+    sweep.set_defaults(run=_sweep)
+
     reproduce = commands.add_parser(
         "reproduce", help="write the numbers and figures of the paper beside ours"
     )
@@ -169,6 +179,39 @@ def _calibrate(options: argparse.Namespace) -> int:
         write_mechanism(calibration, result.values.tolist(), options.output)
         print(f"\nWritten: {options.output}")
     return 0
+
+
+def _sweep(options: argparse.Namespace) -> int:
+    from contextlib import ExitStack
+
+    from tqdm import tqdm
+
+    from linkage_vibration.processes import LocalPool
+    from linkage_vibration.sweep import dask_executor, read_designs, sweep
+
+    designs = read_designs(options.designs)
+    output = options.output or Path(options.designs.name).with_suffix(".nc")
+    with ExitStack() as stack:
+        if options.dask:
+            executor = stack.enter_context(dask_executor(options.dask))
+        else:
+            executor = stack.enter_context(LocalPool(options.workers))
+        bar = stack.enter_context(tqdm(total=designs.size, unit="design"))
+        result = sweep(designs, output, executor, bar.update)
+    print(
+        f"{output}: {designs.size} designs at {len(designs.alpha3)} angles; {result.built} "
+        f"worked out now, {result.kept} kept from before."
+    )
+    if result.messages:
+        index, message = next(iter(result.messages.items()))
+        print(
+            f"{len(result.messages)} designs have no result; the first, {designs.name(index)}: "
+            f"{message}",
+            file=sys.stderr,
+        )
+    if result.given_up:
+        print(f"{result.given_up} of them are tried again by the next run.", file=sys.stderr)
+    return 1 if result.given_up else 0
 
 
 def _reproduce(options: argparse.Namespace) -> int:

@@ -16,6 +16,7 @@ MODULES = sorted(PACKAGE.rglob("*.py"))
 ORDER = [
     "errors",
     "files",
+    "processes",
     "resources",
     "mechanics",
     "interpolation",
@@ -27,6 +28,7 @@ ORDER = [
     "drive",
     "calibration",
     "sweep",
+    "plan",
     "published",
     "plots",
     "figures",

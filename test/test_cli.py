@@ -26,12 +26,13 @@ def run(*arguments: str, folder: Path) -> "subprocess.CompletedProcess[str]":
 def test_build_writes_a_table(tmp_path: Path, printed: Mechanism) -> None:
     """Build shows its progress, writes a table for the mechanism, and tells its error."""
     source = str(config_file("three_point_linkage_as_printed.yaml"))
-    done = run("build", source, "--points", "20", folder=tmp_path)
+    done = run("build", source, "--tolerance", "1e-4", "--frf-points", "E1", folder=tmp_path)
     assert done.returncode == 0
     table = load_table(tmp_path / "three_point_linkage_as_printed.npz", printed)
     assert f"{table.interpolation_error.max():.1e}" in done.stdout
     assert table.table_id in done.stdout
-    assert "39/39" in done.stderr
+    assert table.places == (("E1", "x"), ("E1", "z"))
+    assert "angles" in done.stderr
 
 
 def test_predict_prints_what_the_predictor_says(tmp_path: Path) -> None:
@@ -50,9 +51,12 @@ def test_predict_prints_what_the_predictor_says(tmp_path: Path) -> None:
     ("arguments", "words"),
     [
         (("build", "none.yaml"), "none.yaml: cannot be read"),
-        (("build", "--points", "2"), "4 or more"),
+        (("build", "--tolerance", "0"), "1e-11"),
+        (("build", "--frf-points", "Q"), "no point Q"),
         (("build", "-o", "none/table.npz"), "cannot be written"),
         (("predict", "140", "--table", "none.npz"), "none.npz: cannot be read"),
+        (("sweep", "none.yaml"), "none.yaml: cannot be read"),
+        (("sweep", str(config_file("sweeps/implement.yaml")), "--workers", "0"), "at least one"),
     ],
 )
 def test_errors_are_one_sentence(tmp_path: Path, arguments: tuple[str, ...], words: str) -> None:
@@ -62,3 +66,23 @@ def test_errors_are_one_sentence(tmp_path: Path, arguments: tuple[str, ...], wor
     assert words in done.stderr
     assert "Traceback" not in done.stderr
     assert not list(tmp_path.rglob("*.npz")), os.listdir(tmp_path)
+
+
+def test_sweep_writes_one_file(tmp_path: Path) -> None:
+    """Sweep shows its progress, tells what has no result, and does not build a second time."""
+    source = config_file("four_bar.yaml").read_text().replace("[0.0, 360.0]", "[60.0, 120.0]")
+    (tmp_path / "four_bar.yaml").write_text(source)
+    (tmp_path / "grid.yaml").write_text(
+        "mechanism: four_bar.yaml\n"
+        "parameters: {links.coupler.points.C: [0.2, 0.45]}\n"
+        "angles_deg: {from: 60, to: 120, points: 4}\n"
+        "tolerance: 1.0e-3\n"
+    )
+    done = run("sweep", "grid.yaml", "--workers", "1", folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "2/2" in done.stderr
+    assert "links.coupler.points.C = 0.2: " in done.stderr
+    assert "2 worked out now, 0 kept" in done.stdout
+    again = run("sweep", "grid.yaml", folder=tmp_path)
+    assert "0 worked out now, 2 kept" in again.stdout
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["four_bar.yaml", "grid.nc", "grid.yaml"]

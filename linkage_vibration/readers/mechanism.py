@@ -23,6 +23,7 @@ from linkage_vibration.readers.component_files import ComponentFileError
 from linkage_vibration.readers.frfs import read_frfs
 from linkage_vibration.readers.matrices import read_matrices
 from linkage_vibration.readers.meshes import mesh_matrices
+from linkage_vibration.readers.yaml_size import refuse_unbounded
 
 
 def read_mechanism(path: Path, *, spatial: bool = False) -> Mechanism:
@@ -42,7 +43,7 @@ def read_mechanism(path: Path, *, spatial: bool = False) -> Mechanism:
         If the file cannot be read, is not YAML, or describes no sound mechanism; the text names
         the file, the key and the mend. So it does where a link's file cannot be used.
     """
-    return _mechanism(load_yaml(path)[0], str(path), path.parent, spatial)
+    return mechanism_of(load_yaml(path)[0], path, spatial=spatial)
 
 
 def load_yaml(path: Path) -> tuple[Any, str]:
@@ -61,25 +62,36 @@ def load_yaml(path: Path) -> tuple[Any, str]:
         ) from None
     except UnicodeDecodeError:
         raise MechanismError(str(path), "is not text in UTF-8; give a YAML file.") from None
+    except ValueError:  # a null character
+        raise MechanismError(repr(str(path)), "is no path; give that of a YAML file.") from None
     try:
         return yaml.load(text, _StrictLoader), text
     except yaml.YAMLError as error:
         raise MechanismError(str(path), f"is not valid YAML: {_one_line(error)}") from None
-    except (ValueError, RecursionError) as error:
-        raise MechanismError(str(path), f"cannot be read as YAML: {error}") from None
+    # Values that are not what their tags say make PyYAML raise whatever comes.
+    except Exception as error:
+        raise MechanismError(
+            str(path), f"cannot be read as YAML ({type(error).__name__}: {error})."
+        ) from None
 
 
-def _mechanism(mapping: Any, source: str, folder: Path, spatial: bool) -> Mechanism:
+def mechanism_of(mapping: Any, path: Path, *, spatial: bool = False) -> Mechanism:
+    """Validate what was read from a YAML file, or made of it; as `read_mechanism`."""
+
     def read(keys: Keys, points: dict[str, Point]) -> Matrices | Frfs:
         try:
-            return _read_body(keys, points, folder, spatial)
+            return _read_body(keys, points, path.parent, spatial)
         except ComponentFileError as error:
             raise MechanismError(f"{keys.path}.file", str(error)) from None
 
     try:
         return mechanism_from_mapping(mapping, read)
     except MechanismError as error:
-        raise MechanismError(f"{source}: {error.path}", error.problem) from None
+        raise MechanismError(f"{path}: {error.path}", error.problem) from None
+    except ArithmeticError:
+        raise MechanismError(
+            str(path), "holds a number so large or so small that nothing can be computed with it."
+        ) from None
 
 
 def _read_body(
@@ -107,7 +119,11 @@ def _read_body(
 
 
 class _StrictLoader(yaml.SafeLoader):
-    """Plain data only, and no key twice: YAML would drop the first in silence."""
+    """Plain data only, of bounded size, and no key twice: YAML would drop the first in silence."""
+
+    def construct_document(self, node: Any) -> Any:
+        refuse_unbounded(node)
+        return super().construct_document(node)
 
     def construct_mapping(self, node: Any, deep: bool = False) -> dict[Hashable, Any]:
         seen = set()
@@ -120,6 +136,21 @@ class _StrictLoader(yaml.SafeLoader):
                     )
                 seen.add(key)
         return super().construct_mapping(node, deep)
+
+
+def _whole_number(loader: _StrictLoader, node: Any) -> int:
+    """Read a whole number that computes as a float too."""
+    value = loader.construct_yaml_int(node)
+    try:
+        float(value)
+    except OverflowError:
+        raise yaml.constructor.ConstructorError(
+            None, None, "the number is too large", node.start_mark
+        ) from None
+    return int(value)
+
+
+_StrictLoader.add_constructor("tag:yaml.org,2002:int", _whole_number)
 
 
 def _one_line(error: yaml.YAMLError) -> str:
