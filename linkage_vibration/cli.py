@@ -76,6 +76,47 @@ def _parser() -> argparse.ArgumentParser:
     )
     calibrate.set_defaults(run=_calibrate)
 
+    plan = commands.add_parser(
+        "plan", help="choose the cheapest model that meets a tolerance, and measure it"
+    )
+    plan.add_argument(
+        "mechanism", nargs="?", type=Path, help="YAML file (default: the shipped linkage)"
+    )
+    plan.add_argument(
+        "--band-hz",
+        nargs=2,
+        type=float,
+        metavar=("LOW", "HIGH"),
+        help="(default: the mechanism's response.band_hz)",
+    )
+    plan.add_argument(
+        "--points",
+        nargs="+",
+        default=[],
+        metavar="POINT DIRECTION",
+        help="places to have FRFs between, as in: E1 z V1 x (default: no FRFs)",
+    )
+    plan.add_argument(
+        "--tolerance",
+        type=float,
+        default=1e-4,
+        help="relative, of natural frequencies; FRFs and their peak: a hundred times (%(default)s)",
+    )
+    where = plan.add_mutually_exclusive_group()
+    where.add_argument("--angle-deg", type=float, help="one angle of alpha3")
+    where.add_argument(
+        "--range-deg",
+        nargs=2,
+        type=float,
+        metavar=("LOW", "HIGH"),
+        help="range of alpha3 (default: the mechanism's stroke)",
+    )
+    plan.add_argument(
+        "--microseconds-per-prediction", type=float, help="how quick predictions have to be"
+    )
+    plan.add_argument("-o", "--output", type=Path, help="planned mechanism to write")
+    plan.set_defaults(run=_plan)
+
     sweep = commands.add_parser("sweep", help="build the tables of many designs into one file")
     sweep.add_argument("designs", type=Path, help="YAML file of a mechanism and parameters")
     sweep.add_argument(
@@ -179,6 +220,55 @@ def _calibrate(options: argparse.Namespace) -> int:
         write_mechanism(calibration, result.values.tolist(), options.output)
         print(f"\nWritten: {options.output}")
     return 0
+
+
+def _plan(options: argparse.Namespace) -> int:
+    from tqdm import tqdm
+
+    from linkage_vibration.plan import (
+        PlanError,
+        Scene,
+        measure,
+        plan,
+        summary,
+        truths,
+        write_planned,
+    )
+    from linkage_vibration.readers.mechanism import load_yaml, read_mechanism
+    from linkage_vibration.resources import DEFAULT_MECHANISM, config_file
+
+    words = options.points
+    if len(words) % 2:
+        raise PlanError("--points takes a direction after each point, as in: E1 z V1 x.")
+    places = tuple(zip(words[::2], words[1::2], strict=True))
+    source = options.mechanism or config_file(DEFAULT_MECHANISM)
+    mechanism = read_mechanism(source, spatial="y" in words[1::2])
+    low, high = options.range_deg or [options.angle_deg, options.angle_deg]
+    limit = options.microseconds_per_prediction
+    scene = Scene(
+        mechanism,
+        tuple(options.band_hz or mechanism.response.band),
+        places,
+        options.tolerance,
+        mechanism.stroke if low is None else (math.radians(low), math.radians(high)),
+        None if limit is None else 1e-6 * limit,
+    )
+    with tqdm(desc=mechanism.name, unit=" solves", delay=2.0) as bar:
+        chosen = plan(scene, lambda: bar.update(1))
+        measured = measure(chosen, truths(chosen, lambda: bar.update(1)))
+    print(summary(chosen, measured))
+    if options.output:
+        write_planned(chosen, load_yaml(source)[1], options.output)
+        print(f"\nWritten: {options.output}")
+        if chosen.table_tolerance is not None:
+            points = " ".join(dict.fromkeys(words[::2]))
+            print(
+                f"Its table: linkage-vibration build {options.output} "
+                f"--tolerance {chosen.table_tolerance:.3g}"
+                + (f" --frf-points {points}" if points else "")
+            )
+    quick = limit is None or chosen.scene.one_angle or measured.costs.prediction <= 1e-6 * limit
+    return 0 if quick and measured.errors.share(scene.allowed) <= 1.0 else 1
 
 
 def _sweep(options: argparse.Namespace) -> int:

@@ -11,6 +11,7 @@ import pytest
 
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.prediction import Predictor
+from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.resources import config_file
 from linkage_vibration.table import load_table
 
@@ -55,6 +56,8 @@ def test_predict_prints_what_the_predictor_says(tmp_path: Path) -> None:
         (("build", "--frf-points", "Q"), "no point Q"),
         (("build", "-o", "none/table.npz"), "cannot be written"),
         (("predict", "140", "--table", "none.npz"), "none.npz: cannot be read"),
+        (("plan", "--points", "E1"), "a direction after each point"),
+        (("plan", "--tolerance", "0"), "give one from 1e-9 to 1"),
         (("sweep", "none.yaml"), "none.yaml: cannot be read"),
         (("sweep", str(config_file("sweeps/implement.yaml")), "--workers", "0"), "at least one"),
     ],
@@ -86,3 +89,15 @@ def test_sweep_writes_one_file(tmp_path: Path) -> None:
     again = run("sweep", "grid.yaml", folder=tmp_path)
     assert "0 worked out now, 2 kept" in again.stdout
     assert sorted(p.name for p in tmp_path.iterdir()) == ["four_bar.yaml", "grid.nc", "grid.yaml"]
+
+
+def test_plan_chooses_and_measures(tmp_path: Path) -> None:
+    """Plan tells what it chose, what that is worth, and writes the mechanism to go on with."""
+    asked = ("--band-hz", "0", "40", "--points", "E1", "z", "--tolerance", "1e-3")
+    done = run("plan", *asked, "--range-deg", "100", "150", "-o", "planned.yaml", folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "elements a link" in done.stdout
+    assert "measured" in done.stdout
+    planned = read_mechanism(tmp_path / "planned.yaml")
+    assert planned.response.band == (0.0, 40.0)
+    assert planned.links[0].modes < 20

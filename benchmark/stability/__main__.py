@@ -27,9 +27,10 @@ INTRODUCTION = """\
 For each case the plain method is made to fail, with the figure, beside what this package does: the
 right answer, or a refusal that names the cause and the mend. Every number and picture here is
 written by `python -m benchmark.stability`; what has to hold is held by the tests named. Random
-linkages are tried against the invariants of mechanics in `test/properties` (some hundreds in every
-run, ten thousand each with `pytest -m nightly`), and every file reader against spoilt files in
-`test/readers/test_fuzz.py` and, 100,000 times, in [benchmark/fuzz.py](../benchmark/results/fuzz.md).
+linkages are tried against eight invariants of mechanics in `test/properties`: 320 in every run, ten
+thousand for each with `pytest -m nightly` ([results](../benchmark/results/properties.md)). Every
+file reader is tried on spoilt files in `test/readers/test_fuzz.py`, and 104,000 times by
+`python -m benchmark.fuzz` ([results](../benchmark/results/fuzz.md)).
 """
 
 

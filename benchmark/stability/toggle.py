@@ -70,9 +70,10 @@ def section(pictures: Path) -> str:
             f"{_keep(changes, 0.05)}.",
             _change_table(changes),
             f"**The table.** {_tables(models['as printed'].mechanism)}",
-            "**Refused:** a stroke that touches or crosses a toggle, when the model is made, with "
-            "its angle and the bars in line; an angle beyond it, with the nearest one that closes "
-            "(`KinematicsError`). `Configuration.toggle_distance` tells how near an angle is.",
+            "**Told:** a prediction within 1 deg of a toggle has the status `NEAR_TOGGLE`; "
+            "`Configuration.toggle_distance` is the distance. **Refused:** a stroke that touches "
+            "or crosses a toggle, when the model is made, with its angle and the bars in line; an "
+            "angle beyond it, with the nearest one that closes (`KinematicsError`).",
             "![Errors, velocity ratios and sensitivity near the toggles](stability/toggle.png)",
             "Held by `test/mechanics/test_kinematics.py`: `test_digits_lost_near_a_toggle`, "
             "`test_first_frequency_vanishes_at_a_toggle`, `test_stroke_past_a_toggle_is_refused`, "
@@ -357,8 +358,8 @@ def _draw(
     distance = next(iter(changes.values()))[:, 0]
     half = 100.0 * math.degrees(_CRANK_ERROR) / (2.0 * distance)
     right.loglog(distance, half, color=GREY, lw=1, label="0.1 deg / (2 distance)")
-    right.set_title("First mode, crank off by 0.1 deg", fontsize=10)
-    right.set_ylabel("change of its frequency, %")
+    right.set_title("Crank off by 0.1 deg", fontsize=10)
+    right.set_ylabel("change of the first frequency, %")
     right.legend(fontsize=7, loc="lower right")
     for ax in (left, middle, right):
         ax.set_xlabel("distance from the toggle, deg")

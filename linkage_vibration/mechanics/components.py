@@ -178,7 +178,14 @@ def link_component(
         dofs, mass, stiffness = beam.dofs, beam.mass, beam.stiffness
         nodes, motion = np.column_stack([beam.nodes, np.zeros(len(beam.nodes))]), beam.displacement
     else:
-        dofs, mass, stiffness = link.body.dofs, link.body.mass.copy(), link.body.stiffness
+        dofs = link.body.dofs
+        mass, stiffness = link.body.mass.copy(), link.body.stiffness
+        if mass.dtype != np.float64 or stiffness.dtype != np.float64:
+            raise MechanismError(
+                f"links.{link.name}",
+                f"its matrices are {mass.dtype} and {stiffness.dtype}, not float64; single "
+                "precision does not hold a stiffness and its effects: export them in double.",
+            )
         viscous = link.body.damping
         for point, value in link.masses:
             for direction in ("x", "y", "z") if spatial else ("x", "z"):

@@ -234,7 +234,9 @@ class Kinematics:
         self._traced = alphas[0], alphas[-1]
         # Without toggles it was traced up and down until it repeats, and less than a step further.
         self._period = 2.0 * math.pi * ((alphas[-1] - alphas[0]) // (4.0 * math.pi))
-        self._guess = CubicSpline(self._evenly(alphas), poses)
+        even = self._evenly(alphas)
+        apart = np.append(np.diff(even) > _TURNING_TOLERANCE, True)
+        self._guess = CubicSpline(even[apart], poses[apart])
         self._check_stroke(mechanism)
 
     @property
@@ -393,7 +395,8 @@ class Kinematics:
                 continue
             slopes = way * (tangent @ self._input), way * (onward @ self._input)
             if slopes[1] <= 0.0:
-                locked = self._locked(pose, tangent, step)
+                at_toggle = slopes[0] < _TURNING_TOLERANCE
+                locked = pose if at_toggle else self._locked(pose, tangent, step)
                 return [*poses, locked], self._toggle(mechanism, locked)
             if way * ((ahead - pose) @ self._input) < step * min(slopes) / 2.0:
                 step /= 2.0  # alpha3 turned back and forth within it

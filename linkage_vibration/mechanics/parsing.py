@@ -37,8 +37,11 @@ from linkage_vibration.mechanics.sections import rectangle, tube
 _LONGEST = 100.0  # m, between two points of a body
 _HEAVIEST = 1e6  # kg, a link
 _SOFTEST = 1e6  # Pa, rubber; metals in N/mm2 are below
+_STIFFEST = 1e18  # Pa; beside what is stiffer, rounding moves the first mode by more than 1e-5
 _STIFF, _FLIMSY = 1e9, (0.5, 25.0)  # Pa, and kg/m3 that no solid so stiff has; in g/cm3 all have
 _WIDEST = 10.0  # m and times the size of a rigid body, its radius of gyration
+
+_LARGEST = 1e30  # SI; powers of what is larger overflow
 
 
 def no_files(keys: "Keys", points: dict[str, Point]) -> Matrices | Frfs:
@@ -140,7 +143,7 @@ def _link(
         points=tuple(places.items()),
         body=body,
         count=keys.integer("count", default=1),
-        modes=keys.integer("modes", default=20),
+        modes=keys.integer("modes", default=20, least=0),
         clamped=keys.choice("clamped", [p for p in places if p in ground])
         if "clamped" in keys
         else None,
@@ -164,6 +167,12 @@ def read_material(keys: "Keys") -> Material:
         raise MechanismError(
             f"{keys.path}.youngs_modulus",
             f"{modulus:g} Pa is softer than rubber; write it in Pa (steel: 210.0e+9).",
+        )
+    if modulus > _STIFFEST:
+        raise MechanismError(
+            f"{keys.path}.youngs_modulus",
+            f"{modulus:g} Pa leaves no digits to the other links; describe what is rigid under "
+            "rigid_bodies.",
         )
     density = keys.number("density", positive=True)
     if modulus > _STIFF and _FLIMSY[0] < density < _FLIMSY[1]:
@@ -219,8 +228,8 @@ def _check_proportions(
     if volume * density > _HEAVIEST:
         raise MechanismError(
             keys.path,
-            f"{length:g} m long it weighs {volume * density:.3g} kg, as no link does; write lengths "
-            "in m (millimetres divided by 1000), areas in m2 and densities in kg/m3.",
+            f"{length:g} m long it weighs {volume * density:.3g} kg, as no link does; write "
+            "lengths in m (millimetres divided by 1000), areas in m2 and densities in kg/m3.",
         )
 
 
@@ -363,6 +372,19 @@ def _check_topology(mechanism: Mechanism) -> None:
         if len(mechanism.owners(name)) == 1 and not springs:
             raise MechanismError(f"ground.{name}", "no body has a point of this name; remove it.")
     freedom = 3 * len(mechanism.bodies) - 2 * len(mechanism.joints)
+    shared: dict[tuple[str, ...], list[str]] = {}
+    for point in dict.fromkeys(point for point, _, _ in mechanism.joints):
+        for pair in itertools.combinations(mechanism.owners(point), 2):
+            shared.setdefault(pair, []).append(point)
+    twice = {pair: points for pair, points in shared.items() if len(points) > 1}
+    if freedom < 1 and twice:
+        (one, other), points = next(iter(twice.items()))
+        raise MechanismError(
+            "links",
+            f"{one} and {other} are joined at {' and '.join(points)}, which holds them to one "
+            "another as one body; join two bodies at one point, and give equal links side by side "
+            "as one with `count: 2`.",
+        )
     if freedom != 1:
         raise MechanismError(
             "links",
@@ -435,11 +457,13 @@ class Keys:
             raise MechanismError(self._at(key), f"{value:g} is not greater than zero.")
         return value
 
-    def integer(self, key: str, *, default: int | None = None) -> int:
-        """Return a whole number from 1 to 10000."""
+    def integer(self, key: str, *, default: int | None = None, least: int = 1) -> int:
+        """Return a whole number from the least, 0 or 1, to 10000."""
         value = default if default is not None and key not in self else self._get(key)
-        if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value <= 10_000:
-            raise MechanismError(self._at(key), f"{value!r} is not a whole number from 1 to 10000.")
+        if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= 10_000:
+            raise MechanismError(
+                self._at(key), f"{value!r} is not a whole number from {least} to 10000."
+            )
         return value
 
     def text(self, key: str) -> str:
@@ -532,4 +556,8 @@ class Keys:
             number = math.inf
         if not math.isfinite(number):
             raise MechanismError(path, f"{value!r} is not a finite number.")
+        if abs(number) > _LARGEST:
+            raise MechanismError(
+                path, f"{number:g} is larger than any number of a mechanism; check its unit."
+            )
         return number

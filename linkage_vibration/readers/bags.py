@@ -14,9 +14,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import yaml
 from numpy.typing import NDArray
 
 from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.readers.yaml_size import refuse_unbounded
 
 if TYPE_CHECKING:
     from rosbags.interfaces import Connection
@@ -96,17 +98,7 @@ def read_joint_states(path: Path, topic: str | None = None) -> Iterator[JointSta
             raise BagError(
                 f"Topic {topic} of {path} holds {message.__msgtype__}; give one of {JOINT_STATE}."
             )
-        stamp = message.header.stamp
-        yield JointStateRecord(
-            log_time=log_time,
-            stamp=stamp.sec * 10**9 + stamp.nanosec,
-            frame_id=message.header.frame_id,
-            topic=topic,
-            name=tuple(message.name),
-            position=message.position,
-            velocity=message.velocity,
-            effort=message.effort,
-        )
+        yield _joint_state(path, topic, log_time, message)
 
 
 def read_messages(path: Path, topic: str) -> Iterator[tuple[int, Any]]:
@@ -139,6 +131,34 @@ def read_messages(path: Path, topic: str) -> Iterator[tuple[int, Any]]:
         decode = _decoder(path, connections)
         for connection, log_time, data in bag.messages(connections):
             yield log_time, decode(data, connection.msgtype)
+
+
+def _joint_state(path: Path, topic: str, log_time: int, message: Any) -> JointStateRecord:
+    """Take a message apart, which has the fields that the bag gives it under this type's name."""
+    try:
+        stamp = message.header.stamp
+        record = JointStateRecord(
+            log_time=log_time,
+            stamp=stamp.sec * 10**9 + stamp.nanosec,
+            frame_id=message.header.frame_id,
+            topic=topic,
+            name=tuple(message.name),
+            position=message.position,
+            velocity=message.velocity,
+            effort=message.effort,
+        )
+        same = isinstance(message.name, list) and all(
+            values.dtype == np.float64
+            for values in (record.position, record.velocity, record.effort)
+        )
+    except (AttributeError, TypeError):
+        same = False
+    if not same:
+        raise BagError(
+            f"{path} defines {JOINT_STATE} of topic {topic} otherwise than ROS does; record it "
+            "again with the type that ROS has."
+        )
+    return record
 
 
 def _joint_state_topic(path: Path) -> str:
@@ -182,8 +202,9 @@ def _open_bag(path: Path) -> "Iterator[Reader1 | Reader2]":
         raise BagError(f"{path} cannot be opened: {error.strerror or error}.") from None
     # A damaged file makes rosbags raise its own errors, but also those of struct, SQLite, zstd...
     except Exception as error:
+        told = " ".join(str(error).split()) or type(error).__name__
         raise BagError(
-            f"{path} is damaged or was cut short ({error}); {_MEND[kind]} may mend it."
+            f"{path} is damaged or was cut short ({told}); {_MEND[kind]} may mend it."
         ) from error
 
 
@@ -197,6 +218,7 @@ def _kind(path: Path) -> str:
                 f"Folder {path} has no metadata.yaml; give a bag file itself, or make the folder a "
                 "bag with `ros2 bag reindex`."
             )
+        _check_metadata(path / "metadata.yaml")
         return ""
     if path.suffix not in _MAGIC:
         raise BagError(f"{path} is no bag; the name of one ends in .bag, .mcap or .db3.")
@@ -208,6 +230,19 @@ def _kind(path: Path) -> str:
     if not magic.startswith(start):
         raise BagError(f"{path} is no {path.suffix} file, whatever its name says; give a bag.")
     return path.suffix
+
+
+def _check_metadata(path: Path) -> None:
+    """Refuse what would take its reader time and memory without bound."""
+    try:
+        root = yaml.compose(path.read_text(encoding="utf-8"), yaml.SafeLoader)
+        if root is not None:
+            refuse_unbounded(root)
+    except OSError as error:
+        raise BagError(f"{path} cannot be opened: {error.strerror}.") from None
+    except (ValueError, RecursionError, yaml.YAMLError) as error:
+        told = " ".join(str(error).split())
+        raise BagError(f"{path} is damaged ({told}); {_MEND['']} may mend it.") from None
 
 
 def _decoder(path: Path, connections: "list[Connection]") -> Callable[[bytes, str], Any]:

@@ -93,7 +93,15 @@ def read_matlab(path: Path) -> dict[str, Any]:
         return variables
     except ComponentFileError:
         raise
-    except (OSError, ValueError, StopIteration, struct.error, zlib.error, RecursionError) as error:
+    except (
+        OSError,
+        ValueError,
+        IndexError,
+        StopIteration,
+        struct.error,
+        zlib.error,
+        RecursionError,
+    ) as error:
         raise damaged(path, error) from None
 
 

@@ -65,6 +65,7 @@ _ASYMMETRY = 1e-6  # of the geometric mean of the two diagonal entries: seven di
 _FORGIVEN = {"stiffness": (2.0 * math.pi * 0.1) ** 2, "damping": 1e-3}
 _ROUNDING = 1e-13
 
+_FASTEST = 1e30  # 1/s2 or 1/s: nothing moves so fast
 _LONGITUDINAL_SPEED = 5100.0  # m/s, of steel and of aluminium
 
 
@@ -224,8 +225,8 @@ def _read_matrix_market(path: Path) -> Any:
             )
         entries = values.reshape(count, 3)
         whole = np.rint(entries[:, :2])
-        if not (np.array_equal(entries[:, :2], whole) and np.isfinite(whole).all()):
-            raise ValueError("an index is no whole number")
+        if not (np.array_equal(entries[:, :2], whole) and (np.abs(whole) <= MAX_ROWS).all()):
+            raise ValueError("an index is no whole number, or too large")
         places = entries[:, :2].astype(np.int64).T - 1
         matrix = sparse.coo_array((entries[:, 2], tuple(places)), shape=(rows, columns)).tocsc()
         if symmetry == "symmetric":
@@ -296,6 +297,16 @@ def _check(path: Path, labels: Sequence[str], name: str, matrix: Any, mass: Any)
             path, f"{name} is not a finite number at {labels[i]}, {labels[j]}; write it anew."
         )
 
+    if name != "mass":
+        with np.errstate(over="ignore"):
+            rates = matrix.diagonal() / mass.diagonal()
+        if rates.max() > _FASTEST:
+            label = labels[int(rates.argmax())]
+            raise ComponentFileError(
+                path,
+                f"{name} is {rates.max():.1g} times the mass at {label}, which no part has; write "
+                "both in kg, m, N, s.",
+            )
     whole = matrix if name == "mass" else matrix + _forgiven(name, matrix, mass)
     diagonal = whole.diagonal()
     _refuse_negative(path, labels, name, diagonal)

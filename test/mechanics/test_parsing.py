@@ -90,7 +90,7 @@ def remove(*path: str) -> Callable[[Any], None]:
         (change("links", "upper_link", "points", to={"P2": 0}), "upper_link.points", "two points"),
         (change("links", "upper_link", "points", to=[0, 1]), "upper_link.points", "mapping"),
         (change("links", "upper_link", "points", to={"P2": 0, "E3": 0.5}), "links", "freedom"),
-        (change("links", "upper_link", "modes", to=0), "upper_link.modes", "whole number"),
+        (change("links", "upper_link", "modes", to=-1), "upper_link.modes", "whole number"),
         (change("links", "upper_link", "modes", to=2.5), "upper_link.modes", "whole number"),
         (change("links", "input_crank", "clamped", to="V2"), "input_crank.clamped", "P3"),
         (change("links", "lift_rod", "section", "shape", to="hexagon"), "shape", "rectangle"),
@@ -141,3 +141,92 @@ def test_not_even_a_mechanism(nonsense: Any) -> None:
     """Whatever YAML may hold is refused in words."""
     with pytest.raises(MechanismError):
         mechanism_from_mapping(nonsense)
+
+
+def times(value: Any, factor: float) -> Any:
+    """Multiply every number in nested mappings and lists."""
+    if isinstance(value, dict):
+        return {key: times(item, factor) for key, item in value.items()}
+    if isinstance(value, list):
+        return [times(item, factor) for item in value]
+    return value * factor if isinstance(value, int | float) else value
+
+
+def enlarge(points: float, sections: float) -> Callable[[Any], None]:
+    """Return what multiplies all points, and all dimensions of sections."""
+
+    def spoil(mapping: Any) -> None:
+        mapping["ground"] = times(mapping["ground"], points)
+        for body in (*mapping["links"].values(), *mapping["rigid_bodies"].values()):
+            body["points"] = times(body["points"], points)
+            body["section"] = times(body.get("section", {}), sections)
+        implement = mapping["rigid_bodies"]["implement"]
+        del implement["section"]
+        implement["centre_of_gravity"] = times(implement["centre_of_gravity"], points)
+
+    return spoil
+
+
+def implement(**values: float) -> Callable[[Any], None]:
+    """Return what changes the implement."""
+    return lambda mapping: mapping["rigid_bodies"]["implement"].update(values)
+
+
+def material(key: str, value: float) -> Callable[[Any], None]:
+    """Return what changes the lift rod's material."""
+    return change("links", "lift_rod", "material", key, to=value)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "path", "words"),
+    [
+        (enlarge(1e3, 1.0), "ground", "523.417 m apart; lengths are in m"),
+        (enlarge(1e3, 1e3), "links.lower_link", "810 m long .*millimetres"),
+        (enlarge(50.0, 50.0), "links.lower_link", "40.5 m long .*millimetres"),
+        (enlarge(1.0, 1e3), "links.lower_link.section", "32 m deep and 0.81 m long is no beam"),
+        (material("youngs_modulus", 210.0), "material.youngs_modulus", "write it in Pa"),
+        (material("youngs_modulus", 210e3), "material.youngs_modulus", "write it in Pa"),
+        (material("youngs_modulus", 2.1e20), "material.youngs_modulus", "rigid_bodies"),
+        (material("density", 7.8), "material.density", "write it in kg/m3"),
+        (implement(mass=0.8), "rigid_bodies.implement.inertia", "15.8 m, .* write kg and kg m2"),
+        (implement(inertia=2e8), "rigid_bodies.implement.inertia", "500 m, .* write kg and kg m2"),
+        (change("links", "input_crank", "section", "height", to=0.21), "section", "no beam"),
+    ],
+)
+def test_units_are_told(mapping: Any, spoil: Callable[[Any], None], path: str, words: str) -> None:
+    """Millimetres, tonnes and gigapascals, where SI belongs, name the key and the mend."""
+    spoil(mapping)
+    with pytest.raises(MechanismError, match=words) as raised:
+        mechanism_from_mapping(mapping)
+    assert raised.value.path.endswith(path)
+
+
+@pytest.mark.parametrize(
+    "spoil",
+    [
+        implement(mass=1e-3, inertia=2.5e-4),
+        implement(mass=1e5, inertia=1e5),
+        implement(inertia=1e-6),
+        enlarge(0.01, 0.01),
+        enlarge(25.0, 25.0),
+        enlarge(100.0, 25.0),
+        material("youngs_modulus", 1e15),
+        material("youngs_modulus", 5e6),
+        material("density", 1e-3),
+        material("density", 22_600.0),
+        change("links", "input_crank", "section", "height", to=0.2),
+        change("links", "lift_rod", "section", "diameter", to=1e-4),
+    ],
+)
+def test_large_and_small_is_not_refused(mapping: Any, spoil: Callable[[Any], None]) -> None:
+    """A mechanism of any size and weight that somebody may build, or idealise, is read."""
+    spoil(mapping)
+    assert mechanism_from_mapping(mapping).links
+
+
+def test_joint_that_is_closed_twice(mapping: Any) -> None:
+    """Two bodies joined at two points are named, with both points and the mend."""
+    mapping["links"]["lift_rod"]["points"]["E9"] = 0.6
+    mapping["links"]["lower_link"]["points"]["E9"] = 0.9
+    with pytest.raises(MechanismError, match="lower_link and lift_rod are joined at V1 and E9"):
+        mechanism_from_mapping(mapping)

@@ -1,0 +1,406 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Every reader of files with small files that it accepts, and what it must never hand on."""
+
+import io
+import itertools
+import math
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cache, cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyuff
+import scipy.io
+from mcap.writer import CompressionType, Writer
+from numpy.typing import NDArray
+from rosbags.rosbag1 import Writer as Writer1
+from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import Writer as Writer2
+from rosbags.typesys import Stores, get_typestore
+from scipy import sparse
+
+from linkage_vibration.calibration import read_calibration
+from linkage_vibration.mechanics.description import Frfs, Material, Matrices
+from linkage_vibration.mechanics.model import LinkageModel
+from linkage_vibration.readers.bags import JOINT_STATE, read_joint_states
+from linkage_vibration.readers.frfs import read_frfs
+from linkage_vibration.readers.matrices import read_matrices
+from linkage_vibration.readers.mechanism import read_mechanism
+from linkage_vibration.readers.meshes import mesh_matrices
+from linkage_vibration.resources import config_file
+from linkage_vibration.sweep import read_designs
+from linkage_vibration.table import load_table, table_bytes
+from linkage_vibration.tabulation import build_table
+
+FloatArray = NDArray[np.float64]
+Files = dict[str, bytes]
+Seeds = tuple[tuple[str, Files], ...]
+
+_NODES = {1: "A", 2: "B"}
+_STEEL = Material(210e9, 7800.0, 0.3)
+_LENGTH = 0.3  # m, of the meshed bar
+_EDGES = [(0, 1), (1, 2), (0, 2), (0, 3), (2, 3), (1, 3)]  # gmsh's order of the nodes between
+
+
+@dataclass(frozen=True)
+class Reader:
+    """A reader of files.
+
+    Attributes
+    ----------
+    name : str
+        For people.
+    make : callable
+        Makes its seeds.
+    read : callable
+        Reads a path; raises AssertionError where the result is not valid.
+    """
+
+    name: str
+    make: Callable[[], Seeds]
+    read: Callable[[Path], None]
+
+    @cached_property
+    def seeds(self) -> Seeds:
+        """What it accepts: the path to give, and all files by name, one of which is spoilt."""
+        return self.make()
+
+
+def all_readers() -> tuple[Reader, ...]:
+    """Return every reader."""
+    return (
+        Reader("mechanism (YAML)", _mechanisms, _read_mechanism),
+        Reader("calibration (YAML)", _calibrations, _read_calibration),
+        Reader("sweep (YAML)", _sweeps, _read_sweep),
+        Reader("table (npz)", _tables, _read_table),
+        Reader("matrices (npz)", _matrices_npz, _read_matrices),
+        Reader("matrices (MATLAB)", _matrices_mat, _read_matrices),
+        Reader("matrices (Matrix Market)", _matrices_mtx, _read_matrices),
+        Reader("FRFs (npz)", _frfs_npz, _read_frfs),
+        Reader("FRFs (UFF 58)", _frfs_uff, _read_frfs),
+        Reader("mesh (gmsh)", _meshes, _read_mesh),
+        Reader("bag (MCAP)", _bags_mcap, _read_bag),
+        Reader("bag (db3)", _bags_db3, _read_bag),
+        Reader("bag (ROS 1)", _bags_ros1, _read_bag),
+    )
+
+
+def _alone(name: str, *contents: bytes) -> Seeds:
+    return tuple((name, {name: content}) for content in contents)
+
+
+def _read_mechanism(path: Path) -> None:
+    mechanism = read_mechanism(path)
+    assert len(mechanism.model_hash) == 64
+    assert 3 * len(mechanism.bodies) - 2 * len(mechanism.joints) == 1
+
+
+def _read_calibration(path: Path) -> None:
+    calibration = read_calibration(path)
+    assert all(0.0 < p.low < p.high < math.inf for p in calibration.parameters)
+
+
+def _read_sweep(path: Path) -> None:
+    designs = read_designs(path)
+    assert all(math.isfinite(value) for values in designs.values for value in values)
+    assert np.isfinite(designs.alpha3).all()
+
+
+def _read_table(path: Path) -> None:
+    """Read a table, which is the one that was written or none at all."""
+    assert table_bytes(load_table(path)) == _tables()[0][1]["t.npz"]
+
+
+def _read_matrices(path: Path) -> None:
+    _check_matrices(read_matrices(path))
+
+
+def _check_matrices(body: Matrices) -> None:
+    for matrix in (body.mass, body.stiffness, body.damping):
+        if matrix is not None:
+            assert matrix.dtype == np.float64
+            assert matrix.shape == body.mass.shape
+            assert np.isfinite(matrix).all()
+            assert (matrix == matrix.T).all()
+    assert len(body.dofs) == len(set(body.dofs)) <= len(body.mass)
+
+
+def _read_frfs(path: Path) -> None:
+    body: Frfs = read_frfs(path, nodes=_NODES)
+    assert body.frf.shape == (len(body.frequencies), len(body.dofs), len(body.dofs))
+    assert np.isfinite(body.frf).all()
+    assert (np.diff(body.frequencies) > 0.0).all()
+
+
+def _read_mesh(path: Path) -> None:
+    points = [("A", (0.0, 0.0)), ("B", (_LENGTH, 0.0))]
+    _check_matrices(mesh_matrices(path, _STEEL, {"A": "left", "B": "right"}, points, 2))
+
+
+def _read_bag(path: Path) -> None:
+    for record in read_joint_states(path):
+        assert all(isinstance(name, str) for name in record.name)
+        assert all(
+            array.dtype == np.float64 and array.ndim == 1
+            for array in (record.position, record.velocity, record.effort)
+        )
+        assert isinstance(record.stamp, int)
+        assert isinstance(record.log_time, int)
+
+
+def _mechanisms() -> Seeds:
+    names = ("four_bar", "stephenson_six_bar", "three_point_linkage")
+    shipped = [config_file(f"{name}.yaml").read_bytes() for name in names]
+    from_file = shipped[0].decode()
+    before, rest = from_file.split("  coupler:\n", 1)
+    after = rest[rest.index("  rocker:") :]
+    link = "  coupler:\n    points: {B: 0.0, C: 0.45}\n    file: {kind: matrices, path: a.npz}\n"
+    files = {"m.yaml": (before + link + after).encode(), **_matrices_npz()[0][1]}
+    return (*_alone("m.yaml", *shipped), ("m.yaml", files))
+
+
+def _calibrations() -> Seeds:
+    return _with_mechanism(config_file("calibrations/paper.yaml"))
+
+
+def _sweeps() -> Seeds:
+    return _with_mechanism(config_file("sweeps/implement.yaml"))
+
+
+def _with_mechanism(path: Path) -> Seeds:
+    """Return a file and beside it the mechanism that it names."""
+    content = path.read_bytes().replace(b"../", b"")
+    mechanism = config_file("three_point_linkage.yaml")
+    return ((path.name, {path.name: content, mechanism.name: mechanism.read_bytes()}),)
+
+
+@cache
+def _tables() -> Seeds:
+    mechanism = replace(read_mechanism(config_file("four_bar.yaml")), stroke=(1.0, 1.2))
+    table = build_table(LinkageModel(mechanism), tolerance=0.1, points=["C"])
+    return _alone("t.npz", table_bytes(table))
+
+
+def _chain() -> dict[str, FloatArray]:
+    """Return three masses on a line with springs between them, the middle one inside."""
+    spring = np.array([[1.0, 0.0, -1.0], [0.0, 1.0, -1.0], [-1.0, -1.0, 2.0]])
+    return {
+        "mass": np.diag([2.0, 2.0, 1.0]),
+        "stiffness": 1e7 * spring,
+        "damping": 30.0 * spring,
+    }
+
+
+def _saved_npz(**arrays: Any) -> bytes:
+    stream = io.BytesIO()
+    np.savez(stream, **arrays)
+    return stream.getvalue()
+
+
+def _matrices_npz() -> Seeds:
+    dofs = np.array(["A x", "B x"])
+    columns: dict[str, Any] = {}
+    for name, matrix in _chain().items():
+        packed = sparse.csc_array(matrix)
+        columns[f"{name}_data"] = packed.data
+        columns[f"{name}_indices"], columns[f"{name}_indptr"] = packed.indices, packed.indptr
+    return _alone("a.npz", _saved_npz(dofs=dofs, **_chain()), _saved_npz(dofs=dofs, **columns))
+
+
+def _matrices_mat() -> Seeds:
+    cells = np.array(["A x", "B x"], dtype=object)
+    columns = {name: sparse.csc_matrix(matrix) for name, matrix in _chain().items()}
+    contents = []
+    for matrices, dofs, packed in (
+        (_chain(), cells, False),
+        (columns, np.array(["A x", "B x"]), False),
+        (_chain(), cells, True),
+    ):
+        stream = io.BytesIO()
+        scipy.io.savemat(stream, {"dofs": dofs, **matrices}, do_compression=packed)
+        contents.append(stream.getvalue())
+    return _alone("a.mat", *contents)
+
+
+def _matrices_mtx() -> Seeds:
+    seeds = []
+    for layout in (np.asarray, sparse.coo_matrix):
+        files = {"a_dofs.txt": b"A x\nB x\n-\n"}
+        for name, matrix in _chain().items():
+            stream = io.BytesIO()
+            scipy.io.mmwrite(stream, layout(matrix))
+            files[f"a_{name}.mtx"] = stream.getvalue()
+        seeds.append(("a_mass.mtx", files))
+    return tuple(seeds)
+
+
+def _receptance(frequencies: FloatArray) -> NDArray[np.complex128]:
+    """Return that of the chain between its ends."""
+    omega = 2.0 * np.pi * frequencies[:, None, None]
+    m, k, c = (_chain()[name] for name in ("mass", "stiffness", "damping"))
+    return np.asarray(np.linalg.inv(k - omega**2 * m + 1j * omega * c)[:, :2, :2])
+
+
+def _frfs_npz() -> Seeds:
+    f = np.linspace(10.0, 800.0, 8)
+    dofs = np.array(["A x", "B x"])
+    return _alone("a.npz", _saved_npz(frequencies=f, frf=_receptance(f), dofs=dofs))
+
+
+def _frfs_uff() -> Seeds:
+    f = np.linspace(100.0, 800.0, 8)
+    frf = _receptance(f)
+    system = {"type": 164, "units_code": 1, "units_description": "SI", "temp_mode": 1}
+    system |= {"length": 1.0, "force": 1.0, "temp": 1.0, "temp_offset": 273.15}
+    contents = []
+    for spacing, binary, quantity, power in ((1, 0, 8, 0), (0, 0, 12, 2), (1, 1, 8, 0)):
+        sets: list[dict[str, Any]] = [system]
+        for i, j in ((0, 0), (1, 0), (1, 1)):
+            ends = {"rsp_node": i + 1, "rsp_dir": 1, "ref_node": j + 1, "ref_dir": 1}
+            values = {"x": f, "data": (2j * np.pi * f) ** power * frf[:, i, j]}
+            kinds = {"type": 58, "func_type": 4, "binary": binary, "abscissa_spacing": spacing}
+            kinds |= {"abscissa_spec_data_type": 18, "abscissa_axis_units_lab": "Hz"}
+            kinds |= {"ordinate_spec_data_type": quantity, "orddenom_spec_data_type": 13}
+            sets.append({**kinds, **ends, **values})
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / "a.uff"
+            for data_set in sets:
+                pyuff.UFF(str(path)).write_sets(data_set, "add")
+            contents.append(path.read_bytes())
+    return _alone("a.uff", *contents)
+
+
+def _meshes() -> Seeds:
+    kinds = itertools.product(("2.2", "4.1"), (1, 2))
+    return _alone("a.msh", *(_mesh(version, order).encode() for version, order in kinds))
+
+
+def _mesh(version: str, order: int) -> str:
+    """Return a bar along x of three bricks, each cut into six tetrahedra about its diagonal."""
+    size = np.array([_LENGTH / 3.0, 0.03, 0.05])
+    numbers: dict[tuple[float, ...], int] = {}
+
+    def numbered(corners: list[FloatArray]) -> list[int]:
+        """Return the numbers of an element's nodes, whose places count in bricks."""
+        edges = _EDGES if len(corners) == 4 else _EDGES[:3]
+        between = [(corners[a] + corners[b]) / 2.0 for a, b in edges] if order == 2 else []
+        return [numbers.setdefault(tuple(p), len(numbers) + 1) for p in [*corners, *between]]
+
+    tetrahedra = []
+    for x in range(3):
+        for axes in itertools.permutations(range(3)):
+            corners = [np.array([float(x), 0.0, 0.0])]
+            for axis in axes:
+                corners.append(corners[-1] + np.eye(3)[axis])
+            if np.linalg.det(np.diff(corners, axis=0)) < 0.0:
+                corners[1], corners[2] = corners[2], corners[1]
+            tetrahedra.append(numbered(corners))
+    faces = []
+    for x in (0.0, 3.0):
+        square = [np.array([x, y, z]) for y, z in ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0))]
+        faces.append([numbered([square[k] for k in three]) for three in ((0, 1, 2), (0, 2, 3))])
+    triangle, tetrahedron = (2, 4) if order == 1 else (9, 11)
+    blocks = [(2, triangle, faces[0]), (2, triangle, faces[1]), (3, tetrahedron, tetrahedra)]
+
+    names = ['2 1 "left"', '2 2 "right"', '3 3 "bar"']
+    lines = ["$MeshFormat", f"{version} 0 8", "$EndMeshFormat"]
+    lines += ["$PhysicalNames", "3", *names, "$EndPhysicalNames"]
+    places = [np.array(place) * size - [0.0, 0.015, 0.025] for place in numbers]
+    total, count = len(places), sum(len(elements) for *_, elements in blocks)
+    if version == "2.2":
+        lines += ["$Nodes", str(total)]
+        lines += [f"{i} {x:.9g} {y:.9g} {z:.9g}" for i, (x, y, z) in enumerate(places, 1)]
+        lines += ["$EndNodes", "$Elements", str(count)]
+    else:
+        box = "-1 -1 -1 1 1 1"
+        lines += ["$Entities", "0 0 2 1", f"1 {box} 1 1 0", f"2 {box} 1 2 0", f"1 {box} 1 3 0"]
+        lines += ["$EndEntities", "$Nodes", f"1 {total} 1 {total}", f"3 1 0 {total}"]
+        lines += map(str, range(1, total + 1))
+        lines += [f"{x:.9g} {y:.9g} {z:.9g}" for x, y, z in places]
+        lines += ["$EndNodes", "$Elements", f"3 {count} 1 {count}"]
+    element = itertools.count(1)
+    for tag, (dimension, kind, elements) in enumerate(blocks, 1):
+        if version == "4.1":
+            lines.append(f"{dimension} {tag if dimension == 2 else 1} {kind} {len(elements)}")
+        for nodes in elements:
+            tags = f" {kind} 2 {tag} {tag}" if version == "2.2" else ""
+            lines.append(f"{next(element)}{tags} {' '.join(map(str, nodes))}")
+    return "\n".join([*lines, "$EndElements", ""])
+
+
+def _joint_states(store: Any) -> list[Any]:
+    """Return two joint states of two joints."""
+    header = store.types["std_msgs/msg/Header"]
+    stamp = store.types["builtin_interfaces/msg/Time"]
+    sequence = {"seq": 0} if "seq" in header.__dataclass_fields__ else {}
+    return [
+        store.types[JOINT_STATE](
+            header=header(stamp=stamp(sec=100 + k, nanosec=250), frame_id="base", **sequence),
+            name=["a", "b"],
+            position=np.array([k + 0.5, -1.0]),
+            velocity=np.array([]),
+            effort=np.array([np.nan, 3.0]),
+        )
+        for k in range(2)
+    ]
+
+
+def _bags_mcap() -> Seeds:
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    definition = store.generate_msgdef(JOINT_STATE, ros_version=2)[0].encode()
+    contents = []
+    for compression, chunked in (
+        (CompressionType.NONE, True),
+        (CompressionType.NONE, False),
+        (CompressionType.ZSTD, True),
+        (CompressionType.LZ4, True),
+    ):
+        stream = io.BytesIO()
+        writer = Writer(stream, compression=compression, use_chunking=chunked, enable_crcs=chunked)
+        writer.start(profile="ros2", library="")
+        schema = writer.register_schema(JOINT_STATE, "ros2msg", definition)
+        channel = writer.register_channel("/joints", "cdr", schema)
+        for k, message in enumerate(_joint_states(store)):
+            writer.add_message(channel, k, bytes(store.serialize_cdr(message, JOINT_STATE)), k)
+        writer.finish()
+        contents.append(stream.getvalue())
+    folder = _recorded(StoragePlugin.MCAP)
+    return (*_alone("a.mcap", *contents), (".", folder))
+
+
+def _bags_db3() -> Seeds:
+    folder = _recorded(StoragePlugin.SQLITE3)
+    return (("bag.db3", {"bag.db3": folder["bag.db3"]}), (".", folder))
+
+
+def _recorded(plugin: StoragePlugin) -> Files:
+    """Return the files of a bag folder."""
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "bag"
+        with Writer2(path, version=9, storage_plugin=plugin) as bag:
+            connection = bag.add_connection("/joints", JOINT_STATE, typestore=store)
+            for k, message in enumerate(_joint_states(store)):
+                bag.write(connection, k, store.serialize_cdr(message, JOINT_STATE))
+        return {file.name: file.read_bytes() for file in path.iterdir()}
+
+
+def _bags_ros1() -> Seeds:
+    store = get_typestore(Stores.ROS1_NOETIC)
+    contents = []
+    for packed in (None, Writer1.CompressionFormat.BZ2, Writer1.CompressionFormat.LZ4):
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / "a.bag"
+            writer = Writer1(path)
+            if packed is not None:
+                writer.set_compression(packed)
+            with writer:
+                connection = writer.add_connection("/joints", JOINT_STATE, typestore=store)
+                for k, message in enumerate(_joint_states(store)):
+                    writer.write(connection, k, store.serialize_ros1(message, JOINT_STATE))
+            contents.append(path.read_bytes())
+    return _alone("a.bag", *contents)

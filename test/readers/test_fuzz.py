@@ -1,0 +1,93 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Spoilt files of every kind are refused in our words, or read as something valid.
+
+A thousand at every run; ``python -m benchmark.fuzz`` spoils a hundred times as many, and watches
+their time and memory.
+"""
+
+from collections import Counter
+from pathlib import Path
+
+import pytest
+
+for name in ("pyuff", "meshio", "skfem", "rosbags"):
+    pytest.importorskip(name, reason="reads or writes files of one kind (extras uff, fe and bags)")
+
+from benchmark.file_readers import Reader, all_readers  # noqa: E402
+from benchmark.fuzz import ACCEPTED, REFUSED, outcome, spoilt, write  # noqa: E402
+from benchmark.spoiling import BOMBS  # noqa: E402
+from linkage_vibration.errors import LinkageVibrationError  # noqa: E402
+
+READERS = {reader.name: reader for reader in all_readers()}
+INPUTS = 80
+
+
+@pytest.mark.parametrize("reader", READERS.values(), ids=READERS)
+def test_spoilt_files(tmp_path: Path, reader: Reader) -> None:
+    """What the reader accepts, spoilt here and there: mostly refused, and never in other words."""
+    for main, files in reader.seeds:
+        write(tmp_path, files)
+        assert outcome(reader, tmp_path / main) == (ACCEPTED, "")
+    outcomes = Counter[str]()
+    for number in range(INPUTS):
+        main, files = spoilt(reader, number)
+        write(tmp_path, files)
+        found, trace = outcome(reader, tmp_path / main)
+        assert found in (REFUSED, ACCEPTED), f"input {number}: {trace}"
+        outcomes[found] += 1
+    assert outcomes[REFUSED] > INPUTS / 4
+
+
+def test_each_byte_of_a_table(tmp_path: Path) -> None:
+    """A table of which one byte is flipped, each in turn, is refused or the same."""
+    reader = READERS["table (npz)"]
+    [(main, files)] = reader.seeds
+    for at in range(len(files[main])):
+        content = bytearray(files[main])
+        content[at] ^= 0xFF
+        (tmp_path / main).write_bytes(content)
+        found, trace = outcome(reader, tmp_path / main)
+        assert found in (REFUSED, ACCEPTED), f"byte {at}: {trace}"
+
+
+@pytest.mark.parametrize("bomb", BOMBS, ids=["laughs", "merges", "itself", "flow", "indents"])
+def test_yaml_without_bound(tmp_path: Path, bomb: str) -> None:
+    """A page of YAML that would fill the memory, or the stack, is refused for what it is."""
+    path = tmp_path / "m.yaml"
+    path.write_text(bomb)
+    with pytest.raises(LinkageVibrationError, match=r"m\.yaml: .*(written out|RecursionError)"):
+        READERS["mechanism (YAML)"].read(path)
+    (tmp_path / "metadata.yaml").write_text(bomb)
+    with pytest.raises(LinkageVibrationError, match=r"metadata\.yaml is damaged"):
+        READERS["bag (MCAP)"].read(tmp_path)
+
+
+@pytest.mark.parametrize(
+    "value", ["!!bool x", "!!timestamp x", "!!int ''", "!!map x", "0x" + "f" * 5000, "1" * 5000]
+)
+def test_yaml_values_that_are_not_what_they_say(tmp_path: Path, value: str) -> None:
+    """A tag that does not fit its value, and a whole number beyond every float, are refused."""
+    path = tmp_path / "m.yaml"
+    path.write_text(f"name: {value}\n")
+    with pytest.raises(LinkageVibrationError, match=r"m\.yaml"):
+        READERS["mechanism (YAML)"].read(path)
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        (b"float64[] position", b"float32[] position"),
+        (b"float64[] position", b"float64 positionxx"),
+        (b"std_msgs/Header header", b"std_msgs/Header headex"),
+        (b"string[] name", b"int64[]  name"),
+    ],
+)
+def test_joint_states_of_another_kind(tmp_path: Path, old: bytes, new: bytes) -> None:
+    """A bag that gives other fields to the name of joint states is refused."""
+    content = READERS["bag (MCAP)"].seeds[1][1]["a.mcap"]
+    assert len(old) == len(new)
+    assert old in content
+    (tmp_path / "a.mcap").write_bytes(content.replace(old, new))
+    with pytest.raises(LinkageVibrationError, match=r"otherwise than ROS does|is damaged"):
+        READERS["bag (MCAP)"].read(tmp_path / "a.mcap")

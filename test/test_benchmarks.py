@@ -1,0 +1,95 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""The chart of error against time runs, without the peers and in a small setting."""
+
+import csv
+import io
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("matplotlib")
+
+from benchmark.speed import assembled, coupled, paper_job
+from benchmark.speed.__main__ import Settings, as_csv, run, tables
+from benchmark.speed.chart import CONFIGURATION, FRFS, INTERPOLATED, LIVE, PACKAGE, Point
+from benchmark.speed.picture import draw
+from benchmark.speed.scene import MECHANISM, Scene, changed, frf_error, off_grid
+from linkage_vibration.readers.mechanism import read_mechanism
+
+
+@pytest.fixture(scope="module")
+def points() -> list[Point]:
+    """Two settings of every method of our own."""
+    mechanism = changed(read_mechanism(MECHANISM), elements=8, modes=4)
+    scene = Scene(
+        mechanism,
+        lines=np.linspace(0.0, 200.0, 41),
+        angles=np.radians([95.0, 140.0]),
+        live_angles=off_grid(mechanism.stroke, 20),
+        fine=8,
+    )
+    settings = Settings(
+        modes=(0, 3), elements=(2, 8), table_points=(6, 23), tolerances=(1e-3, 1e-6), rounds=2
+    )
+    return run(scene, settings, with_peers=False)
+
+
+def test_errors_fall_with_the_settings(points: list[Point]) -> None:
+    """More modes, elements or points of a table bring every answer nearer to the reference."""
+    families: dict[tuple[str, str], list[Point]] = {}
+    for point in points:
+        if not math.isnan(point.error) and "chosen" not in point.family:
+            families.setdefault((point.part, point.family), []).append(point)
+    assert {part for part, _ in families} == {CONFIGURATION, FRFS, LIVE, *INTERPOLATED}
+    for (_, family), line in families.items():
+        if family == coupled.NO_RESIDUAL:
+            continue  # what it leaves out does not depend on the links' modes
+        assert line[-1].error <= line[0].error
+        assert all(0.0 < p.cost.low <= p.cost.median <= p.cost.high for p in line)
+
+
+def test_the_reference_is_met(points: list[Point]) -> None:
+    """The sparse assembly with the reference's mesh agrees with the reference's dense modes."""
+    own = [p for p in points if (p.family, p.setting) == (assembled.FAMILY, "8 elements")]
+    assert {p.part for p in own} == {CONFIGURATION, FRFS}
+    assert all(p.error < 1e-8 for p in own)
+
+
+def test_a_missing_answer_says_why(points: list[Point]) -> None:
+    """LM-FBS has no natural frequencies, and the chart says so."""
+    missing = [p for p in points if math.isnan(p.error) and p.missing]
+    assert (CONFIGURATION, coupled.BATCHED) in {(p.part, p.family) for p in missing}
+
+
+def test_results_are_written(points: list[Point], tmp_path: Path) -> None:
+    """Every point is a row of the CSV; the page has a table a part; the picture is a PNG."""
+    rows = list(csv.reader(io.StringIO(as_csv(points))))
+    assert len(rows) == len(points) + 1
+    assert any(PACKAGE in part for part in tables(points))
+    draw(points, tmp_path / "chart.png")
+    assert (tmp_path / "chart.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_ways_of_the_paper_job_agree() -> None:
+    """The fast way of the paper's job agrees with the unreduced one, and LM-FBS with itself."""
+    whole = paper_job.paper_job()
+    job = paper_job.Job(whole.mechanism, whole.angles[::23], whole.lines[::100])
+    exact = list(paper_job.sparse(job))
+    for name, tolerance in ((paper_job.FAST, 1e-4), (paper_job.FINER, 1e-5)):
+        found = paper_job.METHODS[name](job)
+        assert max(map(frf_error, found, exact)) < tolerance
+    for plain, batched in zip(paper_job.as_written(job), paper_job.batched(job), strict=True):
+        np.testing.assert_allclose(plain, batched, rtol=1e-6, atol=1e-7 * np.abs(batched).max())
+
+
+def test_a_train_of_any_size_grows() -> None:
+    """The train used for growth closes, and LM-FBS and modes agree on it."""
+    job = paper_job.job_of_train(3)
+    assert len(job.mechanism.links) == 7
+    small = paper_job.Job(job.mechanism, job.angles[::45], job.lines[::200], job.rows)
+    for by_modes, by_frfs in zip(paper_job.shipped(small), paper_job.batched(small), strict=True):
+        assert by_frfs.shape == (10, 11)
+        assert frf_error(by_frfs, by_modes) < 1e-6
