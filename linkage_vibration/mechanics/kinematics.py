@@ -397,6 +397,9 @@ class Kinematics:
             if slopes[1] <= 0.0:
                 at_toggle = slopes[0] < _TURNING_TOLERANCE
                 locked = pose if at_toggle else self._locked(pose, tangent, step)
+                if locked is None:
+                    step /= 2.0
+                    continue
                 return [*poses, locked], self._toggle(mechanism, locked)
             if way * ((ahead - pose) @ self._input) < step * min(slopes) / 2.0:
                 step /= 2.0  # alpha3 turned back and forth within it
@@ -421,18 +424,26 @@ class Kinematics:
         matrix[-1] = tangent
         return float(np.linalg.slogdet(matrix)[0])
 
-    def _locked(self, pose: FloatArray, tangent: FloatArray, step: float) -> FloatArray:
-        """Return the pose at which alpha3 turns back, within one step ahead of a pose."""
+    def _locked(self, pose: FloatArray, tangent: FloatArray, step: float) -> FloatArray | None:
+        """Return the pose at which alpha3 turns back, within one step ahead of a pose.
 
-        def ahead(length: float) -> tuple[FloatArray, FloatArray]:
-            found = self._close(pose + length * tangent, tangent, float(tangent @ pose) + length)
-            assert found is not None  # the whole step closed
-            return found
+        None if Newton's method finds poses of another branch so far ahead.
+        """
+
+        def ahead(length: float) -> tuple[FloatArray, FloatArray] | None:
+            return self._close(pose + length * tangent, tangent, float(tangent @ pose) + length)
 
         def turning(length: float) -> float:
-            return float(ahead(length)[1] @ self._input)
+            found = ahead(length)
+            return math.nan if found is None else float(found[1] @ self._input)
 
-        return ahead(float(brentq(turning, 0.0, step, xtol=_TURNING_TOLERANCE)))[0]
+        if not turning(0.0) * turning(step) <= 0.0:
+            return None
+        try:
+            at = ahead(float(brentq(turning, 0.0, step, xtol=_TURNING_TOLERANCE)))
+        except ValueError:  # no number on the way
+            return None
+        return None if at is None else at[0]
 
     def _toggle(self, mechanism: Mechanism, pose: FloatArray) -> Toggle:
         """Tell why the linkage locks in a pose: which bodies could move with the input held."""

@@ -1,0 +1,225 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Makes the chart of error against time: CSV, picture and tables."""
+
+import csv
+import io
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from tqdm import tqdm
+
+from benchmark.report import RESULTS, machine, publish, table
+from benchmark.speed import assembled, coupled, peers
+from benchmark.speed.chart import (
+    CONFIGURATION,
+    EXACT,
+    FRFS,
+    INTERPOLATED,
+    LIVE,
+    PACKAGE,
+    Point,
+    cycling,
+    measure,
+    measure_live,
+    measure_package,
+)
+from benchmark.speed.picture import draw
+from benchmark.speed.scene import Scene, standard_scene
+from benchmark.speed.timing import pin_threads
+from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.files import write_text
+from linkage_vibration.table import Table
+from linkage_vibration.tabulation import build_table
+
+PICTURE = Path(__file__).parents[2] / "docs" / "pictures" / "speed_accuracy.png"
+CSV = RESULTS / "speed.csv"
+_SHOWN = "46 points"  # of the tables, in the page's list of predictions
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """How far a run of the chart goes.
+
+    Attributes
+    ----------
+    modes : tuple of int
+        Fixed-interface modes a link.
+    elements : tuple of int
+        Beam elements a link.
+    exudyn_elements : tuple of int
+        Of Exudyn's, with three nodes.
+    peer_modes : tuple of int
+        Modes a link where peers get ours.
+    table_points : tuple of int
+        Points of tables.
+    tolerances : tuple of float
+        Of the package's own tables.
+    rounds : int
+        How often each method is timed.
+    """
+
+    modes: tuple[int, ...] = (0, 1, 2, 3, 5, 10, 20, 40)
+    elements: tuple[int, ...] = (1, 2, 4, 8, 16, 24, 32)
+    exudyn_elements: tuple[int, ...] = (4, 8, 16, 32)
+    peer_modes: tuple[int, ...] = (3, 10, 20)
+    table_points: tuple[int, ...] = (6, 12, 23, 46, 91, 181)
+    tolerances: tuple[float, ...] = (1e-4, 1e-6, 1e-8)
+    rounds: int = 9
+
+
+def run(
+    scene: Scene,
+    settings: Settings,
+    with_peers: bool = True,
+    progress: Callable[[float], object] = lambda share: None,
+) -> list[Point]:
+    """Measure every point of the chart.
+
+    Parameters
+    ----------
+    scene : Scene
+        What is solved.
+    settings : Settings
+        How far to go.
+    with_peers : bool
+        Whether other codes run too.
+    progress : callable
+        Called with shares of the run, which sum up to 1.
+    """
+    methods = assembled.methods(scene, settings.elements)
+    methods += coupled.methods(scene, settings.modes, settings.elements)
+    progress(0.05)
+    if with_peers:
+        methods += peers.methods(scene, settings.exudyn_elements, settings.peer_modes)
+    progress(0.05)
+    model = scene.model()
+    built: list[tuple[Table, int]] = []
+    for tolerance in settings.tolerances:
+        solved: list[None] = []
+        made = build_table(model, tolerance, solved=lambda solved=solved: solved.append(None))
+        built.append((made, len(solved)))
+    unit = cycling(build_table(model).interpolate, scene.live_angles)
+    points = measure(scene, methods, unit, settings.rounds, lambda share: progress(0.6 * share))
+    points += measure_live(
+        scene,
+        settings.modes[:-1],
+        settings.table_points,
+        unit,
+        settings.rounds,
+        lambda share: progress(0.25 * share),
+    )
+    points += measure_package(scene, built, unit, settings.rounds)
+    progress(0.05)
+    return points
+
+
+def as_csv(points: Sequence[Point]) -> str:
+    """Return the points as CSV."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    cost = [f"cost, {name}" for name in ("median", "lower quartile", "upper quartile")]
+    writer.writerow(["answer", "method", "setting", "relative error", *cost, "missing"])
+    for p in points:
+        numbers = (p.error, p.cost.median, p.cost.low, p.cost.high)
+        told = ["" if math.isnan(x) else f"{x:.4g}" for x in numbers]
+        writer.writerow([p.part, p.family, p.setting, *told, p.missing])
+    return text.getvalue()
+
+
+def tables(points: Sequence[Point]) -> list[str]:
+    """Return the points as Markdown, answer by answer."""
+    parts = []
+    for part in (CONFIGURATION, FRFS):
+        own = [p for p in points if p.part == part]
+        parts += [f"## The cost of {part}", *_by_settings(own)]
+        reasons = dict.fromkeys((p.family, p.missing) for p in own if p.missing)
+        parts.append("\n".join(f"- No answer by {family}: {why}." for family, why in reasons))
+    shown = [
+        [p.family, p.setting, f"{p.error:.1e}", _figures(p.cost.median)]
+        for p in points
+        if p.part == LIVE and (p.family in (EXACT, PACKAGE) or p.setting == _SHOWN)
+    ]
+    parts += [f"## The cost of {LIVE}", table(["method", "setting", "error", "lookups"], shown)]
+    for part in INTERPOLATED:
+        own = [p for p in points if p.part == part and p.family != PACKAGE]
+        found = {(p.family, p.cost.median): p.error for p in own}
+        sizes = sorted({size for _, size in found})
+        rows = [
+            [family, *(_error(found.get((family, size), math.nan)) for size in sizes)]
+            for family in dict.fromkeys(p.family for p in own)
+        ]
+        parts += [
+            f"## Error of a {part}",
+            table(["interpolation", *(f"{size:g} points" for size in sizes)], rows),
+        ]
+    built = [p for p in points if p.part in INTERPOLATED and p.family == PACKAGE]
+    rows = [
+        [f"{solves:g}", *(f"{p.error:.1e}" for p in built if p.cost.median == solves)]
+        for solves in sorted({p.cost.median for p in built})
+    ]
+    return [
+        *parts,
+        "## Error of the package's table",
+        table(["solutions", "frequencies", "peak", "whole FRFs"], rows),
+    ]
+
+
+def _by_settings(points: Sequence[Point]) -> list[str]:
+    """Return a table for all families that have the same settings."""
+    groups: dict[tuple[str, ...], list[str]] = {}
+    found = {(p.family, p.setting): p for p in points if not math.isnan(p.error)}
+    for family in dict.fromkeys(family for family, _ in found):
+        settings = tuple(setting for own, setting in found if own == family)
+        groups.setdefault(settings, []).append(family)
+    parts = []
+    for settings, families in groups.items():
+        rows = []
+        for family in families:
+            own = [found[family, setting] for setting in settings]
+            rows.append([family, "error", *(f"{p.error:.1e}" for p in own)])
+            rows.append(["", "lookups", *(_figures(p.cost.median) for p in own)])
+        parts.append(table(["method", "", *settings], rows))
+    return parts
+
+
+def _error(error: float) -> str:
+    return "" if math.isnan(error) else f"{error:.1e}"
+
+
+def _figures(value: float) -> str:
+    """Three significant digits, without an exponent."""
+    return f"{value:,.0f}" if value >= 100.0 else f"{value:.3g}"
+
+
+def main() -> None:
+    """Run, and write the CSV, the picture and the tables."""
+    pin_threads("benchmark.speed")
+    scene, settings = standard_scene(), Settings()
+    with tqdm(total=1.0, bar_format="{percentage:3.0f}% |{bar}| {elapsed}") as bar:
+        points = run(scene, settings, progress=bar.update)
+    write_text(CSV, as_csv(points), LinkageVibrationError)
+    draw(points, PICTURE)
+    publish(
+        "speed",
+        "Error against time",
+        [
+            f"`{scene.mechanism.name}`, {len(scene.lines)} lines from {scene.lines[0]:g} to "
+            f"{scene.lines[-1]:g} Hz, eleven FRFs. Errors are relative to the same linkage with "
+            f"{scene.fine} elements a link, unreduced: of the worst of modes 1 to 3, and of FRFs "
+            f"in the L2 norm of all eleven, each at the worst of {len(scene.angles)} angles (of "
+            f"{len(scene.live_angles)} for predictions). Costs count lookups of the package's "
+            f"table, timed in the same round; medians of {settings.rounds} rounds in which the "
+            f"methods take turns, after a warm-up (`{CSV.name}` has the quartiles). Times are of "
+            "the processor. A configuration includes its kinematics and B; reduced links, their "
+            "FRFs, meshes and tables are made before.",
+            *tables(points),
+        ],
+        f"{machine(*peers.installed())}; one BLAS thread",
+    )
+
+
+if __name__ == "__main__":
+    main()

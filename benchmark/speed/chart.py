@@ -1,0 +1,248 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Measures error and cost of every method, in one run: the points of the chart."""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from itertools import cycle
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmark.speed.assembled import sparse_frequencies
+from benchmark.speed.coupled import modal_frf
+from benchmark.speed.method import Method, counted
+from benchmark.speed.samples import Sampler, unpacked
+from benchmark.speed.scene import MODES, Scene, frf_error, worst_frequency
+from benchmark.speed.tables import errors, tables
+from benchmark.speed.timing import Spread, spread, turns
+from linkage_vibration.mechanics.model import LinkageModel
+from linkage_vibration.table import Table
+
+FloatArray = NDArray[np.float64]
+Progress = Callable[[float], object]
+"""Called with shares of the work, which sum up to 1."""
+
+CONFIGURATION, FRFS, LIVE = "a configuration", "an FRF set", "a prediction"
+INTERPOLATED = ("table: frequencies", "table: peak", "table: whole FRFs")
+EXACT = "exact solution a message"
+PACKAGE = "the package's table, to a tolerance"
+CHOSEN = ", chosen points"
+_AT_LEAST = 5e-3  # s, of a sample
+_SLOW = 2.0  # s: a job that takes longer is timed once
+
+
+@dataclass(frozen=True, slots=True)
+class Point:
+    """A method at a setting: one point of the chart.
+
+    Attributes
+    ----------
+    part : str
+        What it answers.
+    family, setting : str
+        Line and point.
+    error : float
+        Relative; NaN where the method has no such answer.
+    cost : Spread
+        In lookups of a table; of tables' errors, in solutions of the model.
+    missing : str
+        Why there is no answer.
+    """
+
+    part: str
+    family: str
+    setting: str
+    error: float
+    cost: Spread
+    missing: str = ""
+
+
+_NONE = Spread(math.nan, math.nan, math.nan)
+
+
+def measure(
+    scene: Scene,
+    methods: Sequence[Method],
+    unit: Callable[[], object],
+    rounds: int,
+    progress: Progress,
+) -> list[Point]:
+    """Compare methods with the reference, a configuration and an FRF set at a time.
+
+    Parameters
+    ----------
+    scene : Scene
+        What is solved.
+    methods : sequence of Method
+        Ways to solve it.
+    unit : callable
+        What costs are counted in.
+    rounds : int
+        How often each is timed.
+    progress : callable
+        See `Progress`.
+    """
+    frequencies, frfs = scene.reference(scene.angles)
+    points, jobs = [], {}
+    for method in methods:
+        for part, answer, error, exact in (
+            (CONFIGURATION, method.frequencies, worst_frequency, frequencies),
+            (FRFS, method.frf, frf_error, frfs),
+        ):
+            if answer is None:
+                points.append(
+                    Point(part, method.family, method.setting, math.nan, _NONE, method.missing)
+                )
+                continue
+            worst = max(
+                error(answer(float(alpha3)), right)
+                for alpha3, right in zip(scene.angles, exact, strict=True)
+            )
+            points.append(Point(part, method.family, method.setting, worst, _NONE))
+            jobs[part, method.family, method.setting] = cycling(answer, scene.angles)
+        progress(0.3 / len(methods))
+    return _timed(points, jobs, unit, rounds, lambda share: progress(0.7 * share))
+
+
+def measure_live(
+    scene: Scene,
+    exact_modes: Sequence[int],
+    points_of_tables: Sequence[int],
+    unit: Callable[[], object],
+    rounds: int,
+    progress: Progress,
+) -> list[Point]:
+    """Compare predictions by tables and by exact solutions with the reference.
+
+    The tables hold the linkage as shipped, reduced; so their errors as tables are told apart, as
+    the parts `INTERPOLATED`.
+    """
+    model = scene.model()
+    fine = scene.model(elements=scene.fine, reduced=False)
+    exact = np.array([sparse_frequencies(fine, float(a)) for a in scene.live_angles])
+    points, jobs = [], {}
+    for n in exact_modes:
+        answer = partial(solved, scene.model(modes=n))
+        found = np.array([answer(float(a))[:MODES] for a in scene.live_angles])
+        setting = counted(n, "mode")
+        points.append(Point(LIVE, EXACT, setting, worst_frequency(found, exact), _NONE))
+        jobs[LIVE, EXACT, setting] = cycling(answer, scene.live_angles)
+    sampler = Sampler(model)
+    some = scene.live_angles[: max(1, len(scene.live_angles) // 10)]
+    whole = [modal_frf(model, float(alpha3), scene.lines) for alpha3 in some]
+    omega = 2.0 * math.pi * scene.lines
+    for n in points_of_tables:
+        built = tables(sampler, model.mechanism.stroke, n)
+        for (name, is_chosen), (live, terms) in built.items():
+            family, setting = name + CHOSEN * is_chosen, counted(n, "point")
+            missed = [
+                *errors(live, lambda alpha3: sampler.at(alpha3).live, scene.live_angles),
+                max(
+                    frf_error(unpacked(terms(float(alpha3)), omega), right)
+                    for alpha3, right in zip(some, whole, strict=True)
+                ),
+            ]
+            solves = spread([float(n)])
+            points += [
+                Point(part, family, setting, error, solves)
+                for part, error in zip(INTERPOLATED, missed, strict=True)
+            ]
+            found = np.array([live(float(a))[:MODES] for a in scene.live_angles])
+            points.append(Point(LIVE, family, setting, worst_frequency(found, exact), _NONE))
+            jobs[LIVE, family, setting] = cycling(live, scene.live_angles)
+        progress(0.6 * n / sum(points_of_tables))
+    return _timed(points, jobs, unit, rounds, lambda share: progress(0.4 * share))
+
+
+def measure_package(
+    scene: Scene, built: Sequence[tuple[Table, int]], unit: Callable[[], object], rounds: int
+) -> list[Point]:
+    """Compare the package's own tables, with how many solutions each took to build."""
+    model = scene.model()
+    fine = scene.model(elements=scene.fine, reduced=False)
+    exact = np.array([sparse_frequencies(fine, float(a)) for a in scene.live_angles])
+    solutions = [model.solve(float(alpha3)) for alpha3 in scene.live_angles]
+    own = np.array([solution.natural_frequencies[:MODES] for solution in solutions])
+    peaks = [solution.peak(model.mechanism.response.band) for solution in solutions]
+    points, jobs = [], {}
+    for table, solves in built:
+        found = table.evaluate(scene.live_angles)
+        setting = counted(len(table.alpha3), "point")
+        peak = [[p.frequency, p.magnitude] for p in peaks]
+        frf = max(
+            frf_error(
+                table.frf(s.configuration.alpha3, table.places, table.places[:1])
+                .frf(scene.lines)
+                .reshape(len(scene.lines), -1),
+                s.frf(table.places, table.places[:1])
+                .frf(scene.lines)
+                .reshape(len(scene.lines), -1),
+            )
+            for s in solutions[: max(1, len(solutions) // 10)]
+        )
+        missed = (
+            worst_frequency(found[:, :MODES], own),
+            worst_frequency(found[:, -2:], np.array(peak)),
+            frf,
+        )
+        points += [
+            Point(part, PACKAGE, setting, error, spread([float(solves)]))
+            for part, error in zip(INTERPOLATED, missed, strict=True)
+        ]
+        error = worst_frequency(found[:, :MODES], exact)
+        points.append(Point(LIVE, PACKAGE, setting, error, _NONE))
+        jobs[LIVE, PACKAGE, setting] = cycling(table.interpolate, scene.live_angles)
+    return _timed(points, jobs, unit, rounds, lambda share: None)
+
+
+def solved(model: LinkageModel, alpha3: float) -> FloatArray:
+    """Return what a prediction tells, from the model: (8,), as `samples.Sample.live`."""
+    solution = model.solve(alpha3)
+    peak = solution.peak(model.mechanism.response.band)
+    return np.array(
+        [
+            *solution.natural_frequencies[:MODES],
+            *solution.damping_ratios[:MODES],
+            peak.frequency,
+            math.log(peak.magnitude),
+        ]
+    )
+
+
+def cycling(answer: Callable[[float], object], angles: FloatArray) -> Callable[[], object]:
+    """Ask for one angle after the other."""
+    turn = cycle(angles.tolist())
+    return lambda: answer(next(turn))
+
+
+def _timed(
+    points: Sequence[Point],
+    jobs: dict[tuple[str, str, str], Callable[[], object]],
+    unit: Callable[[], object],
+    rounds: int,
+    progress: Progress,
+) -> list[Point]:
+    """Fill in the costs, counted in the unit of the same round."""
+    names = {" / ".join(key): key for key in jobs}
+    todo = {"": unit, **{name: jobs[key] for name, key in names.items()}}
+    share = 1.0 / (rounds * len(todo))
+    samples = turns(todo, rounds, at_least=_AT_LEAST, slow=_SLOW, step=lambda: progress(share))
+    own = samples[""]
+    costs = {
+        key: spread([taken / one for taken, one in zip(samples[name], own, strict=False)])
+        for name, key in names.items()
+    }
+    return [
+        Point(
+            p.part,
+            p.family,
+            p.setting,
+            p.error,
+            costs.get((p.part, p.family, p.setting), p.cost),
+            p.missing,
+        )
+        for p in points
+    ]

@@ -1,0 +1,522 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""The paper's job side by side, and how its cost grows with lines, configurations and links.
+
+The job: 11 FRFs in 46 configurations on the lines from 0 to 200 Hz by 0.1 Hz, from the description
+on: kinematics, reduction and component FRFs are part of it.
+"""
+
+import io
+import math
+import subprocess
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from scipy.linalg import block_diag
+from tqdm import tqdm
+
+from benchmark.report import machine, publish, table
+from benchmark.speed import coupled, peers
+from benchmark.speed.assembled import sparse_frf
+from benchmark.speed.scene import (
+    LINES,
+    MECHANISM,
+    SWEEP,
+    Rows,
+    Scene,
+    changed,
+    eleven,
+    frf_error,
+)
+from benchmark.speed.timing import Spread, pin_threads, seconds, spread, turns
+from benchmark.speed.train import train
+from linkage_vibration.mechanics.description import Mechanism
+from linkage_vibration.mechanics.kinematics import Configuration
+from linkage_vibration.mechanics.model import LinkageModel
+from linkage_vibration.mechanics.response import far_poles, in_reach
+from linkage_vibration.plots import COLOURS, GREY, INK
+from linkage_vibration.readers.mechanism import read_mechanism
+
+FloatArray = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+PICTURE = Path(__file__).parents[2] / "docs" / "pictures" / "paper_job.png"
+ROUNDS = 5
+MODES = 5  # a link, with which all FRFs together meet 1e-4
+MORE = 10  # a link, with which each of them does
+_BLOCK = 64  # configurations that share far poles
+FAST, SHIPPED = f"null space, {MODES} modes a link", "null space, as shipped, all modes"
+FINER = f"null space, {MORE} modes a link"
+BATCHED, WRITTEN = "LM-FBS, batched", "LM-FBS as written, eq. 19"
+SDYNPY, SDYNPY_MODES = "SDynPy by FRFs", "SDynPy by modes"
+SDYNPY_HELD = "SDynPy by FRFs, ground held before"
+PYFBS, SPARSE = "pyFBS", "assembled, unreduced, sparse"
+_AT_ONCE = {SPARSE}  # run once: it takes longer than all others together
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """What is asked for."""
+
+    mechanism: Mechanism
+    angles: FloatArray  # rad
+    lines: FloatArray  # Hz, from 0
+    rows: Rows = eleven
+
+
+Method = Callable[[Job], Iterator[ComplexArray]]
+"""Yields the FRFs of one configuration after the other, (n_lines, 11)."""
+
+
+def by_modes(job: Job, modes: int) -> Iterator[ComplexArray]:
+    """Null space and pole-residue; modes above the band are stood for by shared far poles."""
+    model = LinkageModel(changed(job.mechanism, modes=modes))
+    band = (float(job.lines[0]), float(job.lines[-1]))
+    for start in range(0, len(job.angles), _BLOCK):
+        found = [
+            coupled.eleven_functions(model, float(alpha3), job.rows)
+            for alpha3 in job.angles[start : start + _BLOCK]
+        ]
+        n_near = max(int(in_reach(functions.stiffness, band).sum()) for functions in found)
+        far = far_poles(
+            np.concatenate([functions.stiffness[n_near:] for functions in found]),
+            np.concatenate([functions.decay[n_near:] for functions in found]),
+            band,
+        )
+        for functions in found:
+            kept = np.arange(len(functions.decay)) < n_near
+            yield functions.condensed(kept, far).frf(job.lines)[:, :, 0]
+
+
+def shipped(job: Job) -> Iterator[ComplexArray]:
+    """Null space and pole-residue with every mode of the linkage as described."""
+    model = LinkageModel(job.mechanism)
+    for alpha3 in job.angles:
+        yield coupled.eleven_functions(model, float(alpha3), job.rows).frf(job.lines)[:, :, 0]
+
+
+def batched(job: Job) -> Iterator[ComplexArray]:
+    """LM-FBS, all lines at once; what the ground holds is held before."""
+    model = LinkageModel(job.mechanism)
+    blocks = coupled.held_frfs(model, job.lines[1:])
+    for alpha3 in job.angles:
+        yield coupled.batched(model, blocks, float(alpha3), job.rows)
+
+
+def as_written(job: Job) -> Iterator[ComplexArray]:
+    """LM-FBS line by line, with all matrices in full."""
+    model = LinkageModel(job.mechanism)
+    blocks = coupled.component_frfs(model, job.lines[1:])
+    full = np.stack([block_diag(*matrices) for matrices in zip(*blocks, strict=True)])
+    for alpha3 in job.angles:
+        yield coupled.as_written(model, full, float(alpha3))
+
+
+def sdynpy_frfs(job: Job, held: bool = False) -> Iterator[ComplexArray]:
+    """SDynPy's LM-FBS."""
+    model = LinkageModel(job.mechanism)
+    couple = peers.SdynpyFrfs(model, job.lines[1:], job.rows, held=held)
+    for alpha3 in job.angles:
+        yield couple(float(alpha3))
+
+
+def sdynpy_modes(job: Job) -> Iterator[ComplexArray]:
+    """SDynPy's assembly and superposition of modes."""
+    couple = peers.SdynpyModes(LinkageModel(job.mechanism))
+    for alpha3 in job.angles:
+        yield couple.frf(float(alpha3), job.lines)
+
+
+def pyfbs(job: Job) -> Iterator[ComplexArray]:
+    """LM-FBS with pyFBS's pseudo-inverse."""
+    couple = peers.PyfbsCoupling(LinkageModel(job.mechanism), job.lines[1:])
+    for alpha3 in job.angles:
+        yield couple(float(alpha3))
+
+
+def sparse(job: Job) -> Iterator[ComplexArray]:
+    """Solve the assembly without any reduction."""
+    model = LinkageModel(job.mechanism, reduced=False)
+    for alpha3 in job.angles:
+        yield sparse_frf(model, float(alpha3), job.lines)
+
+
+METHODS: dict[str, Method] = {
+    FAST: partial(by_modes, modes=MODES),
+    FINER: partial(by_modes, modes=MORE),
+    SHIPPED: shipped,
+    BATCHED: batched,
+    WRITTEN: as_written,
+    SDYNPY: sdynpy_frfs,
+    SDYNPY_HELD: partial(sdynpy_frfs, held=True),
+    SDYNPY_MODES: sdynpy_modes,
+    PYFBS: pyfbs,
+    SPARSE: sparse,
+}
+_NEEDS = {SDYNPY: "sdynpy", SDYNPY_HELD: "sdynpy", SDYNPY_MODES: "sdynpy", PYFBS: "pyfbs"}
+
+
+def run(method: Method, job: Job) -> None:
+    """Do a job and keep nothing of it."""
+    for _ in method(job):
+        pass
+
+
+def paper_job() -> Job:
+    """Return the paper's job."""
+    return Job(read_mechanism(MECHANISM), SWEEP, LINES)
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """A method on the paper's job.
+
+    Attributes
+    ----------
+    seconds : list of float
+        Round by round.
+    error : float
+        Relative L2 of all FRFs, worst configuration.
+    worst_frf : float
+        The same of the worst single FRF.
+    memory : tuple of float
+        Peak of a process that does nothing else, and what the job added to it, MB.
+    """
+
+    seconds: list[float]
+    error: float
+    worst_frf: float
+    memory: tuple[float, float]
+
+
+def side_by_side(names: list[str], step: Callable[[], object]) -> dict[str, Outcome]:
+    """Run methods in turn; ``step`` is called `ROUNDS` + 2 times for each, and once before."""
+    job = paper_job()
+    scene = Scene(job.mechanism, job.lines, job.angles, job.angles)
+    exact = scene.reference(job.angles)[1]
+    step()
+    errors = {}
+    for name in names:
+        found = [
+            (frf_error(frf, right), _worst_frf(frf, right))
+            for frf, right in zip(METHODS[name](job), exact, strict=True)
+        ]
+        errors[name] = np.max(found, axis=0)
+        step()
+    jobs = {name: partial(run, METHODS[name], job) for name in names}
+    repeated = {name: work for name, work in jobs.items() if name not in _AT_ONCE}
+    taken = turns(repeated, ROUNDS, step=step)
+    for name in _AT_ONCE.intersection(names):
+        taken[name] = [seconds(jobs[name])]
+        for _ in range(ROUNDS):
+            step()
+    outcomes = {}
+    for name in names:
+        memory = peak_memory(name)
+        outcomes[name] = Outcome(taken[name], *map(float, errors[name]), memory)
+        step()
+    return outcomes
+
+
+def _worst_frf(found: ComplexArray, exact: ComplexArray) -> float:
+    exact = exact[len(exact) - len(found) :]
+    apart = np.linalg.norm(found - exact, axis=0) / np.linalg.norm(exact, axis=0)
+    return float(apart.max())
+
+
+def peak_memory(name: str) -> tuple[float, float]:
+    """Return the peak memory of a process that does the job, and what the job added, MB."""
+    command = [sys.executable, "-m", "benchmark.speed.paper_job", "--memory", name]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    before, after = map(float, done.stdout.split()[-2:])
+    return after, after - before
+
+
+def _tell_memory(name: str) -> None:
+    """Do the job once and print the memory before it and its peak, MB (Linux)."""
+    tiny = Job(read_mechanism(MECHANISM), SWEEP[:1], LINES[:3])
+    run(METHODS[name], tiny)  # imports what the method needs
+    Path("/proc/self/clear_refs").write_text("5")  # sets the peak back to what is in use
+    before = _peak()
+    run(METHODS[name], paper_job())
+    print(before, _peak())
+
+
+def _peak() -> float:
+    """Peak of this process's own memory, MB; the kernel's usage counters inherit the parent's."""
+    status = Path("/proc/self/status").read_text()
+    return float(status.split("VmHWM:")[1].split()[0]) / 1024.0
+
+
+@dataclass(frozen=True, slots=True)
+class Growth:
+    """Cost against size, along one way of growing.
+
+    Attributes
+    ----------
+    sizes : list of float
+        How many lines, configurations or links.
+    seconds : list of float
+        Of the whole job.
+    """
+
+    sizes: list[float]
+    seconds: list[float]
+
+    @property
+    def slope(self) -> float:
+        """Of the straight line through the logarithms."""
+        return float(np.polyfit(np.log(self.sizes), np.log(self.seconds), 1)[0])
+
+    @property
+    def last_slope(self) -> float:
+        """Between the two largest sizes, where what is fixed matters least."""
+        x, y = np.log(self.sizes[-2:]), np.log(self.seconds[-2:])
+        return float((y[1] - y[0]) / (x[1] - x[0]))
+
+
+LINES_GROW, ANGLES_GROW, LINKS_GROW = "lines", "configurations", "links"
+_FACTORS = {FAST: (1, 10, 100), BATCHED: (1, 10), SDYNPY: (0.1, 1)}
+_CELLS = {FAST: (1, 4, 8, 16, 32), BATCHED: (1, 4, 8, 16, 32), SDYNPY: (1, 4, 8)}
+# Lines of a train's LM-FBS, which inverts a matrix with a row for every constraint on each; they
+# are run in one configuration and in three, from which the job's time is put together.
+_FEW = 101
+
+
+def growth(names: list[str], step: Callable[[], object]) -> dict[tuple[str, str], Growth]:
+    """Measure how the job's cost grows; ``step`` is called `steps_of_growth` times."""
+    base = paper_job()
+    found = {}
+    for name in names:
+        method = METHODS[name]
+        for way in (LINES_GROW, ANGLES_GROW):
+            sizes, taken = [], []
+            for factor in _FACTORS[name]:
+                job = _grown(base, way, factor)
+                sizes.append(float(len(job.lines if way == LINES_GROW else job.angles)))
+                repeats = 3 if factor <= 1 else 1
+                taken.append(min(seconds(partial(run, method, job)) for _ in range(repeats)))
+                step()
+            found[name, way] = Growth(sizes, taken)
+        sizes, taken = [], []
+        for n_cells in _CELLS[name]:
+            job = job_of_train(n_cells)
+            sizes.append(float(len(job.mechanism.links)))
+            if name == FAST:
+                taken.append(min(seconds(partial(run, method, job)) for _ in range(2)))
+            else:
+                taken.append(_put_together(method, job))
+            step()
+        found[name, LINKS_GROW] = Growth(sizes, taken)
+    return found
+
+
+def steps_of_growth(names: list[str]) -> int:
+    """Return how many measurements `growth` takes."""
+    return sum(2 * len(_FACTORS[name]) + len(_CELLS[name]) for name in names)
+
+
+def _grown(job: Job, way: str, factor: float) -> Job:
+    if way == LINES_GROW:
+        n = round(factor * (len(job.lines) - 1)) + 1
+        return Job(job.mechanism, job.angles, np.linspace(job.lines[0], job.lines[-1], n))
+    n = max(2, round(factor * len(job.angles)))
+    return Job(job.mechanism, np.linspace(job.angles[0], job.angles[-1], n), job.lines)
+
+
+def job_of_train(n_cells: int) -> Job:
+    """Return the paper's job for a train of four-bars."""
+    mechanism = train(n_cells, MODES)
+    angles = np.linspace(*mechanism.stroke, len(SWEEP))
+    return Job(mechanism, angles, LINES, partial(_rows_of_train, n_cells))
+
+
+def _put_together(method: Method, job: Job) -> float:
+    """Tell the time of a job of LM-FBS from runs on few lines, s.
+
+    Reduction counts once; component FRFs with the lines; coupling with lines and configurations.
+    """
+    lines = np.linspace(job.lines[0], job.lines[-1], _FEW)
+    share = len(job.lines) / _FEW
+    one, three = (
+        min(
+            seconds(partial(run, method, Job(job.mechanism, angles, lines, job.rows)))
+            for _ in range(2)
+        )
+        for angles in (job.angles[:1], job.angles[:3])
+    )
+    coupling = (three - one) / 2.0
+    reduction = min(seconds(partial(LinkageModel, job.mechanism)) for _ in range(2))
+    prepared = max(one - coupling - reduction, 0.0)
+    return reduction + share * (prepared + len(job.angles) * coupling)
+
+
+def _rows_of_train(
+    n_cells: int, model: LinkageModel, configuration: Configuration
+) -> tuple[FloatArray, FloatArray]:
+    """Eleven responses at the pins of a train, and a force at the end of its first coupler."""
+    places = [(f"B{1 + i // 2 % n_cells}", "xz"[i % 2]) for i in range(11)]
+    return model.rows(places, configuration), model.rows([("B1", "x")], configuration)
+
+
+def draw(outcomes: Mapping[str, Outcome], grown: Mapping[tuple[str, str], Growth]) -> None:
+    """Write the picture: the job side by side, and how it grows."""
+    figure = Figure(figsize=(15.0, 4.9), layout="constrained")
+    panels = figure.subplots(1, 4, width_ratios=[1.5, 1.0, 1.0, 1.0])
+    unit = spread(outcomes[FAST].seconds).median
+    axes = panels[0]
+    costs = {name: _ratio(outcome, outcomes[FAST]) for name, outcome in outcomes.items()}
+    names = sorted(costs, key=lambda name: -costs[name].median)
+    for row, name in enumerate(names):
+        cost = costs[name]
+        ours = name.startswith(("null", "LM-FBS, b"))
+        axes.barh(row, cost.median, left=0.5, color=COLOURS[0] if ours else "#bbbbbb", height=0.6)
+        axes.text(0.6, row + 0.42, name, fontsize=8, va="center", color=INK)
+        told = f"x {cost.median:.3g}, error {outcomes[name].error:.0e}"
+        axes.text(1.15 * (cost.median + 0.5), row, told, fontsize=8, va="center", color=INK)
+    axes.set_xscale("log")
+    axes.set_xlim(0.5, 40.0 * max(cost.median for cost in costs.values()))
+    axes.set_yticks([])
+    axes.set_ylim(-0.5, len(names) - 0.2)
+    axes.set_title("The paper's job: 46 x 2001 x 11", loc="left", fontsize=10, color=INK)
+    axes.set_xlabel(f"time, in that of '{FAST}'", fontsize=9)
+    styles = {FAST: (COLOURS[0], "o"), BATCHED: (COLOURS[4], "s"), SDYNPY: (COLOURS[1], "^")}
+    for axes, way in zip(panels[1:], (LINES_GROW, ANGLES_GROW, LINKS_GROW), strict=True):
+        for (name, own), growth in grown.items():
+            if own == way:
+                colour, marker = styles[name]
+                axes.plot(
+                    growth.sizes,
+                    [taken / unit for taken in growth.seconds],
+                    color=colour,
+                    marker=marker,
+                    label=f"{name}: {growth.slope:.2f}, {growth.last_slope:.2f}",
+                )
+        axes.set_xscale("log")
+        axes.set_yscale("log")
+        ticks = sorted({size for (_, own), g in grown.items() if own == way for size in g.sizes})
+        axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
+        axes.minorticks_off()
+        axes.set_xlabel(way, fontsize=9)
+        axes.set_ylabel("time, in the same unit", fontsize=9)
+        axes.set_title(f"More {way}", loc="left", fontsize=10, color=INK)
+        axes.grid(True, color="#dddddd", linewidth=0.5)
+        low, high = axes.get_ylim()
+        axes.set_ylim(low, high * 10.0 ** (0.34 * math.log10(high / low)))
+        title = "slope of all, of the last two points"
+        axes.legend(fontsize=7.2, title=title, title_fontsize=7.2, frameon=False, loc="upper left")
+    for axes in panels:
+        axes.tick_params(labelsize=8, colors=GREY)
+        for side in ("top", "right"):
+            axes.spines[side].set_visible(False)
+    image = io.BytesIO()
+    figure.savefig(image, format="png", dpi=110)
+    draft = PICTURE.with_suffix(".part")
+    draft.write_bytes(image.getvalue())
+    draft.replace(PICTURE)
+
+
+def report(
+    outcomes: Mapping[str, Outcome], grown: Mapping[tuple[str, str], Growth], missing: list[str]
+) -> list[str]:
+    """Return the result page's parts."""
+    unit = spread(outcomes[FAST].seconds).median
+    rows = []
+    for name, outcome in outcomes.items():
+        ratio = _ratio(outcome, outcomes[FAST])
+        peak, added = outcome.memory
+        rows.append(
+            [
+                name,
+                str(ratio) if len(outcome.seconds) > 1 else f"{ratio.median:.3g} (once)",
+                f"{outcome.error:.1e}",
+                f"{outcome.worst_frf:.1e}",
+                f"{peak:.0f}",
+                f"{added:.0f}",
+            ]
+        )
+    columns = ["method", "time", "error", "worst FRF", "peak, MB", "of it the job's, MB"]
+    parts = [
+        "11 FRFs of `three_point_linkage` in 46 configurations on 2001 lines from 0 to 200 Hz "
+        "(from 0.1 Hz for LM-FBS: floating links have no receptance at 0 Hz), from the "
+        "description on: kinematics, reduction and component FRFs included. Times are in that of "
+        f"'{FAST}': medians (and quartiles) of {ROUNDS} rounds in which the methods take turns, "
+        "after a warm-up; of the processor, on one thread. Errors are against the linkage with 96 "
+        "elements a link, unreduced: relative L2 of all eleven FRFs, and of the worst single one, "
+        "in the worst configuration. Where no number of modes is said, links have 20 "
+        "fixed-interface modes as shipped. Peak memory is that of a process that does this job "
+        "alone, its imports included.",
+        table(columns, rows),
+    ]
+    if SDYNPY in outcomes:
+        parts += [
+            f"'{theirs}' takes {_ratio(outcomes[theirs], outcomes[ours])} times as long as "
+            f"'{ours}'."
+            for theirs, ours in (
+                (SDYNPY, FAST),
+                (SDYNPY, FINER),
+                (SDYNPY_MODES, FAST),
+                (SDYNPY, BATCHED),
+                (SDYNPY_HELD, BATCHED),
+            )
+        ]
+    if missing:
+        parts.append(f"Not installed here: {', '.join(missing)}.")
+    rows = [
+        [
+            way,
+            name,
+            " ".join(f"{size:g}" for size in growth.sizes),
+            " ".join(f"{taken / unit:.3g}" for taken in growth.seconds),
+            f"{growth.slope:.2f}",
+            f"{growth.last_slope:.2f}",
+        ]
+        for (name, way), growth in grown.items()
+    ]
+    parts += [
+        "## How it grows",
+        "One of the three grows, the others stay the paper's; links are those of a train of "
+        f"four-bars with {MODES} modes a link. The slope is that of the logarithms, by least "
+        f"squares and between the two largest sizes. LM-FBS on trains was run on {_FEW} lines in "
+        "1 and 3 configurations, from which the job's time is put together; LM-FBS was left out "
+        "where it would take minutes.",
+        table(["grows", "method", "sizes", "time", "slope", "at the end"], rows),
+    ]
+    return parts
+
+
+def _ratio(first: Outcome, second: Outcome) -> Spread:
+    """Return how many times as long the first takes, round by round."""
+    pairs = zip(first.seconds, second.seconds, strict=False)  # one was run once
+    return spread([one / other for one, other in pairs])
+
+
+def main() -> None:
+    """Run all, and write the page and the picture."""
+    pin_threads("benchmark.speed.paper_job")
+    if sys.argv[1:2] == ["--memory"]:
+        _tell_memory(sys.argv[2])
+        return
+    lacking = {name for name, package in _NEEDS.items() if peers.lacks(package)}
+    names = [name for name in METHODS if name not in lacking]
+    growing = [name for name in _FACTORS if name in names]
+    with tqdm(total=1 + (ROUNDS + 2) * len(names) + steps_of_growth(growing)) as bar:
+        outcomes = side_by_side(names, bar.update)
+        grown = growth(growing, bar.update)
+    draw(outcomes, grown)
+    publish(
+        "speed.paper_job",
+        "The paper's job",
+        report(outcomes, grown, sorted(lacking)),
+        f"{machine(*peers.installed())}; one BLAS thread",
+    )
+
+
+if __name__ == "__main__":
+    main()
