@@ -216,10 +216,14 @@ class _Sampler:
             ratios, elastic = identified.damping_ratios, np.arange(len(modes.omega))
         else:
             solution = self.model.solve(alpha3)
-            modes, drive = solution.modes, solution.drive_point
-            ratios = solution.damping_ratios
+            modes, ratios = solution.modes, solution.damping_ratios
             elastic = np.flatnonzero(~modes.mechanism)
             terms = self._terms(solution)
+            own = self.response.point, self.response.direction
+            if terms is not None and own in self.places:
+                drive = terms.frf.between(self.places.index(own), self.places.index(own))
+            else:
+                drive = solution.drive_point
         reach = int(in_reach(modes.omega[elastic] ** 2, band).sum())
         some = elastic[: max(self.response.modes, reach) + _SPARE]
         if len(some) < self.response.modes:
@@ -229,7 +233,7 @@ class _Sampler:
                 "modes a link, or widen response.band_hz where modes are identified from FRFs."
             )
         lost = len(modes.omega) - len(drive.decay)  # mechanism modes have no term there
-        peaks = np.array(drive.local_peaks(some - lost))
+        peaks = np.array(drive.local_peaks(some - lost, band))
         edges = np.abs(drive.frf(np.array(band))[:, 0, 0])
         if not np.isfinite(peaks).all():
             raise TableError(

@@ -15,12 +15,9 @@ CASES = (
     "static_limit",
     "repeated_constraints",
     "resonance",
-    "veering",
     "truncation",
     "measured",
     "precision",
-    "table_edges",
-    "peaks",
 )
 DOCS = Path(__file__).parents[2] / "docs"
 INTRODUCTION = """\
@@ -28,7 +25,7 @@ For each case the plain method is made to fail, with the figure, beside what thi
 right answer, or a refusal that names the cause and the mend. Every number and picture here is
 written by `python -m benchmark.stability`; what has to hold is held by the tests named. Random
 linkages are tried against eight invariants of mechanics in `test/properties`: 320 in every run, ten
-thousand for each with `pytest -m nightly` ([results](../benchmark/results/properties.md)). Every
+thousand for each with `pytest -m nightly`, or `python -m benchmark.properties`. Every
 file reader is tried on spoilt files in `test/readers/test_fuzz.py`, and 104,000 times by
 `python -m benchmark.fuzz` ([results](../benchmark/results/fuzz.md)).
 """

@@ -55,7 +55,7 @@ it (together the sum of r / k + (w^2 - i w c) r / k^2):
 {table(["modes", "none: worst", "static", "second order", "none: at 0 Hz", "static at 0 Hz"], rows)}
 
 Three modes are all that the band holds, and mode 4 is at 207 Hz: a static residual is too little
-beside it. Ours keeps the modes up to 1.2 times the band and lets four fixed poles and a static
+beside it. Ours keeps the modes up to 1.3 times the band and lets four fixed poles and a static
 residual stand for all others (`Solution.frf(..., band)`): {_worst(ours, exact):.0e} at
 worst, {_worst(ours[:1], exact[:1]):.0e} at 0 Hz.
 

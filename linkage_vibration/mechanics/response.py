@@ -22,6 +22,8 @@ N_FAR = 4
 _NOTHING = 1e-15  # of the largest residue
 _NEWTON = 6  # steps at most to a maximum; three or four do
 _GRID = 200  # frequencies over the band in which a peak is sought first
+_BESIDE = 1e-6  # of a frequency: just above 0 Hz
+_RIVAL = 0.8  # of the highest value on it: a maximum that may be the peak between its lines
 _WIDER = np.arange(-32.0, 33.0)  # quarters of such widths, where a maximum is sought if need be
 _AROUND = np.linspace(-2.0, 2.0, 9)  # and about each resonance, in half-power half-widths
 
@@ -121,6 +123,13 @@ class PoleResidue:
             self.residual + weights[0].reshape(shape),
         )
 
+    def between(self, output: int, into: int) -> "PoleResidue":
+        """Return the single FRF of an output to an input, by their places in the arrays."""
+        at = slice(output, output + 1), slice(into, into + 1)
+        return PoleResidue(
+            self.stiffness, self.decay, self.residues[at], self.rates[at], self.residual[at]
+        )
+
     def _only(self, which: NDArray[np.bool_]) -> "PoleResidue":
         """Return some of the modes, without the residual."""
         return PoleResidue(
@@ -134,8 +143,8 @@ class PoleResidue:
     def peak(self, band: tuple[float, float]) -> Peak:
         """Find the largest magnitude within a band, its ends included, of a single FRF.
 
-        A grid, refined about each resonance in the band, brackets the largest value; the zero of
-        the derivative of abs(H)^2 in the bracket is the peak.
+        A grid, refined about each resonance in the band, brackets its maxima; the zeros of the
+        derivative of abs(H)^2 in the brackets of the highest ones are compared.
 
         Parameters
         ----------
@@ -155,13 +164,19 @@ class PoleResidue:
         if len(endless):
             return Peak(float(endless.min()) / (2.0 * math.pi), math.inf, True)
         grid = 2.0 * math.pi * self.lines((low / (2.0 * math.pi), band[1]), _GRID)
-        top = int(np.abs(self._single(grid)[0]).argmax())
-        left, right = grid[max(top - 1, 0)], grid[min(top + 1, len(grid) - 1)]
-        at, turns = float(grid[top]), self._slope(left) > 0.0 > self._slope(right)
-        if turns:
-            at = float(brentq(self._slope, left, right, xtol=1e-14 * high, rtol=1e-14))
-        magnitude = float(np.abs(self._single(np.array([at]))[0][0]))
-        return Peak(at / (2.0 * math.pi), magnitude, turns)
+        size = np.abs(self._single(grid)[0])
+        rises, falls = np.diff(size, prepend=-1.0) > 0.0, np.diff(size, append=-1.0) <= 0.0
+        best = Peak(math.nan, -1.0, False)
+        for top in np.flatnonzero(rises & falls & (size >= _RIVAL * size.max())).tolist():
+            left, right = grid[max(top - 1, 0)], grid[min(top + 1, len(grid) - 1)]
+            left = max(left, _BESIDE * right)  # at 0 Hz itself nothing rises
+            at, turns = float(grid[top]), self._slope(left) > 0.0 > self._slope(right)
+            if turns:
+                at = float(brentq(self._slope, left, right, xtol=1e-14 * high, rtol=1e-14))
+            magnitude = float(np.abs(self._single(np.array([at]))[0][0]))
+            if magnitude > best.magnitude:
+                best = Peak(at / (2.0 * math.pi), magnitude, turns)
+        return best
 
     def lines(self, band: tuple[float, float], count: int) -> FloatArray:
         """Return frequencies (Hz) over a band, even ones and more about each resonance there.
@@ -182,13 +197,17 @@ class PoleResidue:
         every = np.clip([*np.linspace(low, high, count), *near.ravel()], low, high)
         return np.asarray(np.unique(every) / (2.0 * math.pi))
 
-    def local_peaks(self, modes: NDArray[np.intp]) -> tuple[FloatArray, FloatArray]:
+    def local_peaks(
+        self, modes: NDArray[np.intp], band: tuple[float, float] = (0.0, math.inf)
+    ) -> tuple[FloatArray, FloatArray]:
         """Return the maximum beside the resonance of some modes, of a single FRF.
 
         Parameters
         ----------
         modes : ndarray of int, (n,)
             Which.
+        band : tuple of float
+            Hz. Maxima that other modes have moved away are sought of resonances in it alone.
 
         Returns
         -------
@@ -199,7 +218,8 @@ class PoleResidue:
         width = (self.decay[modes] + self.stiffness.imag[modes] / np.sqrt(k)) / 2.0
         start = np.sqrt(np.maximum(k - 2.0 * width**2, 0.0))
         omega, found = self._climb(start, width, 3.0 * width)
-        lost = np.flatnonzero(~found)
+        inside = (start >= 2.0 * math.pi * band[0]) & (start <= 2.0 * math.pi * band[1])
+        lost = np.flatnonzero(~found & inside)
         if len(lost):
             # Other modes have moved the maximum away: look around for the nearest one.
             step = width[lost] / 4.0
