@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 
+_EVEN = 1e-6  # of a logarithm: products that differ by less are the same
 _GRID = 1001  # places in an interval among which the next point is chosen
 
 
@@ -38,7 +39,8 @@ def leja_points(points: Sequence[float], low: float, high: float, count: int) ->
     with np.errstate(divide="ignore"):
         product = np.log(np.abs(grid[:, np.newaxis] - np.array(points))).sum(axis=1)
         for _ in range(count):
-            chosen.append(float(grid[product.argmax()]))
+            # Of equally good ones the last, on every machine, however the logarithms are rounded.
+            chosen.append(float(grid[np.flatnonzero(product > product.max() - _EVEN)[-1]]))
             product += np.log(np.abs(grid - chosen[-1]))
     return chosen
 

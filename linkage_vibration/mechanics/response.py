@@ -176,6 +176,10 @@ class PoleResidue:
             magnitude = float(np.abs(self._single(np.array([at]))[0][0]))
             if magnitude > best.magnitude:
                 best = Peak(at / (2.0 * math.pi), magnitude, turns)
+        # Of two maxima within one bracket the higher may have been passed over.
+        for at, magnitude in zip(*self.local_peaks(np.flatnonzero(inside)), strict=True):
+            if magnitude > best.magnitude * (1.0 + 1e-12) and band[0] < at < band[1]:
+                best = Peak(float(at), float(magnitude), True)
         return best
 
     def lines(self, band: tuple[float, float], count: int) -> FloatArray:
