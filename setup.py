@@ -42,10 +42,14 @@ setup(
     extras_require={
         # ROS 2 from PyPI, where none is sourced; in step with linkage_vibration_interfaces.
         "ros": [
+            "ros-diagnostic-msgs~=5.5.1",
+            "ros-lifecycle-msgs~=2.3.0",
             "ros-rclpy~=9.1.2",
             "ros-rmw-fastrtps-cpp~=9.3.3",
             "ros-sensor-msgs~=5.5.1",
             "ros-std-msgs~=5.5.1",
+            "ros-std-srvs~=5.5.1",
+            "ros-visualization-msgs~=5.5.1",
         ],
         "bags": ["rosbags>=0.11"],
         "fe": ["meshio", "scikit-fem"],
