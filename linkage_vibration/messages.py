@@ -119,7 +119,11 @@ def fault(prediction: Prediction, alpha3_range: tuple[float, float]) -> str:
         return f"crank angle {angle} deg is not a finite number"
     if prediction.status is Status.OUT_OF_RANGE:
         first, last = map(math.degrees, alpha3_range)
-        return f"crank angle {angle:.7g} deg is not in the table's {first:.7g} to {last:.7g} deg"
+        told = f"crank angle {angle:.7g} deg is not in the table's {first:.7g} to {last:.7g} deg"
+        turned = first + (angle - first) % 360.0
+        if turned <= last:
+            told += f", but {turned:.7g} deg is: is the joint's zero a turn off?"
+        return told
     if prediction.status is Status.NEAR_TOGGLE:
         return (
             f"crank angle {angle:.7g} deg is less than 1 deg from a toggle, where a small error of "

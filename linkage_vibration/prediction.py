@@ -13,6 +13,9 @@ from linkage_vibration.table import Table
 
 FloatArray = NDArray[np.float64]
 
+_TURN = 2.0 * math.pi
+_FARTHEST = 1e6  # rad; beyond, the last bits of an angle say too little of where in its turn it is
+
 
 class Status(enum.IntEnum):
     """Whether the numbers of a prediction may be used; the message's constants."""
@@ -61,6 +64,8 @@ class Prediction:
 class Predictor:
     """Predicts from a table.
 
+    A table over a whole turn is that of a crank that turns all the way, and serves every turn.
+
     Parameters
     ----------
     table : Table
@@ -71,17 +76,21 @@ class Predictor:
         self.table = table
         self._low, self._high = table.alpha3_range
         self._sound_low, self._sound_high = table.sound_range
+        self._turns = self._high - self._low >= _TURN * (1.0 - 1e-12)
         self._n_modes = table.n_modes
         self._table_id = table.table_id
         table.interpolate(self._low)  # makes what the table makes at first use
 
     def predict(self, alpha3: float) -> Prediction:
         """Predict at an angle in rad; any float is answered, if only by a status."""
-        if not self._low <= alpha3 <= self._high:
-            return self._refuse(alpha3)
-        values, peak_frequency, peak_magnitude, error = self.table.interpolate(alpha3)
+        angle = alpha3
+        if not self._low <= angle <= self._high:
+            if not self._turns or not abs(angle) < _FARTHEST:
+                return self._refuse(alpha3)
+            angle = min(self._low + (angle - self._low) % _TURN, self._high)
+        values, peak_frequency, peak_magnitude, error = self.table.interpolate(angle)
         n = self._n_modes
-        sound = self._sound_low <= alpha3 <= self._sound_high
+        sound = self._sound_low <= angle <= self._sound_high
         return Prediction(
             crank_angle=alpha3,
             status=Status.OK if sound else Status.NEAR_TOGGLE,

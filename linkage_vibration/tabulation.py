@@ -2,12 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Builds the lookup table: the model is solved where the table's error asks for it, and no more."""
 
+import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import brentq
 
 import linkage_vibration
 from linkage_vibration.interpolation import (
@@ -45,6 +47,15 @@ _LINES = 201  # frequencies at which FRFs are compared, beside those about the r
 _SILENT = 1e-6  # of what two places respond to themselves: an FRF between them that is none
 _NOTABLE = 0.5  # of the highest peak: a lower one is not the highest between the points either
 _LARGE = 600.0  # a logarithm that is still that of a number
+_PEAKS = 20.0  # the same where peaks are measured: they change more between the points
+_RIVAL = 0.8  # of the highest peak: a maximum that may be higher between the points
+_LONG = 0.01  # of the stroke: pieces in which such maxima have to be there all along
+_SAME = 1e-3  # of the band: two maxima of one height that are this near are one
+_EQUALLY_GOOD = math.log(3.0)  # of a Leja point's product: a point that is solved already serves
+_VEERING = 0.03  # of the tolerance: what is left out of shapes that veer by little more than it
+_MIXED = 0.9  # of a shape: less of it goes on where two have mixed
+_NARROW = 100.0  # tolerances: modes that mix and are nearer than that veer
+_BETWEEN = 401  # places in a piece at which polynomials are compared
 _MANY = 8  # points of a mechanism up to which all have FRFs in the table unless told otherwise
 
 
@@ -54,6 +65,7 @@ class _Piece:
 
     fitted: list[float]  # ascending: the points of its polynomials
     held: list[float]  # those that tell their error
+    gap: float  # relative error of frequencies where modes cross that veer by next to nothing
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,7 +85,7 @@ class _Sample:
     modes: Modes  # those that may be tracked, the lowest
     frequencies: FloatArray  # of these, Hz
     ratios: FloatArray
-    peaks: FloatArray  # (2, n), of the drive-point receptance beside each of these, Hz and m/N
+    peaks: FloatArray  # (2, n), of the drive-point receptance beside each of these, Hz, m/N or NaN
     edges: FloatArray  # (2, 2), the same at the band's ends
     drive: PoleResidue
     terms: _Terms | None
@@ -89,8 +101,22 @@ class _Tracked:
     mac: FloatArray  # (n - 1, k), from sample to sample
     log_frequencies: FloatArray  # (n, k)
     ratios: FloatArray  # (n, k)
-    peak_frequencies: FloatArray  # (n, k + 2), the last two at the band's ends
+    peak_frequencies: FloatArray  # (n, k + 2), the last two at the band's ends; NaN where none
     peak_magnitudes: FloatArray
+
+    def only(self, rows: NDArray[np.bool_]) -> "_Tracked":
+        """Return what is tracked at some of the samples, (n,), followed through all of them."""
+        some = np.flatnonzero(rows)
+        return _Tracked(
+            [self.orders[i] for i in some],
+            [self.signs[i] for i in some],
+            [self.shapes[i] for i in some],
+            self.mac[:0],
+            self.log_frequencies[some],
+            self.ratios[some],
+            self.peak_frequencies[some],
+            self.peak_magnitudes[some],
+        )
 
 
 def build_table(
@@ -104,8 +130,10 @@ def build_table(
     Every quantity is a polynomial in `stroke_variable`. The model is solved at the points of a Leja
     sequence; the three that come next measure the error of the polynomial through those before
     them, where it is largest, and join them while it is above the tolerance. A piece of the stroke
-    that would need more than 48 points is halved. Modes are tracked from point to point by their
-    shapes; where a shape might continue two, a point is put between.
+    that would need more than 48 points is halved, and one in which the highest peak passes from one
+    maximum to another that is not there all along. Modes are tracked from point to point by their
+    shapes; where a shape might continue two, a point is put between. Where modes seem to cross, the
+    model is solved to see whether they do, or veer.
 
     Parameters
     ----------
@@ -130,7 +158,7 @@ def build_table(
         raise TableError(
             f"A tolerance of {tolerance:g} cannot be met, or is none; give one from 1e-11 to 1."
         )
-    sampler = _Sampler(model, points, solved)
+    sampler = _Sampler(model, points, solved, tolerance)
     first, last = sampler.ends
     shortest = _SHORTEST * (last - first)
     waiting, pieces = [_start(sampler, first, last)], list[_Piece]()
@@ -151,18 +179,26 @@ def build_table(
             middle = (low + high) / 2.0
             waiting += [_start(sampler, low, middle), _start(sampler, middle, high)]
         pieces.sort(key=lambda piece: piece.fitted[0])
-        table, frf_errors = _measured(sampler, pieces)
-        for piece, error in zip(list(pieces), frf_errors, strict=True):
-            if error > max(_LOOSER * tolerance, _FRF_FLOOR):
-                pieces.remove(piece)
-                waiting.append(sorted(piece.fitted + piece.held))
+        table, poor = _measured(sampler, pieces, tolerance)
+        for piece in poor:
+            pieces.remove(piece)
+            more = leja_points(piece.fitted, piece.fitted[0], piece.fitted[-1], _BATCH)
+            waiting.append(sorted(piece.fitted + more))
     return table
 
 
 def _start(sampler: "_Sampler", low: float, high: float) -> list[float]:
-    """Return the first points between two stroke variables, those already solved among them."""
-    points = sorted({low, high, *(x for x in sampler.samples if low < x < high)})
-    return sorted(points + leja_points(points, low, high, max(0, _FIRST - len(points))))
+    """Return the first points between two stroke variables, near Leja's, some solved already."""
+    points, solved = [low, high], [x for x in sampler.samples if low < x < high]
+    while len(points) < _FIRST or (solved and len(points) < _MOST // 2):
+        best = leja_points(points, low, high, 1)
+        products = np.log(np.abs(np.subtract.outer([*best, *solved], points))).sum(axis=1)
+        if solved and products[1:].max() > products[0] - _EQUALLY_GOOD:
+            best = [solved.pop(int(products[1:].argmax()))]
+        elif len(points) >= _FIRST:
+            break
+        points += best
+    return sorted(points)
 
 
 class _Sampler:
@@ -170,12 +206,21 @@ class _Sampler:
 
     Parameters
     ----------
-    model, points, solved
+    model, points, solved, tolerance
         As in `build_table`.
+
+    Attributes
+    ----------
+    left_out : float
+        Of a gap between modes that cross, as `align` wants it: less once some are known to veer.
     """
 
     def __init__(
-        self, model: LinkageModel, points: Sequence[str] | None, solved: Callable[[], object]
+        self,
+        model: LinkageModel,
+        points: Sequence[str] | None,
+        solved: Callable[[], object],
+        tolerance: float,
     ) -> None:
         self.model = model
         self.response = model.mechanism.response
@@ -185,6 +230,7 @@ class _Sampler:
         toggles = model.kinematics.toggles
         self.toggles = None if toggles is None else (toggles[0].alpha3, toggles[1].alpha3)
         self.samples: dict[float, _Sample] = {}
+        self.tolerance = self.left_out = tolerance
         self._solved = solved
         stroke = model.mechanism.stroke
         self.ends = tuple(self._variable(angle) for angle in stroke)
@@ -235,7 +281,7 @@ class _Sampler:
         lost = len(modes.omega) - len(drive.decay)  # mechanism modes have no term there
         peaks = np.array(drive.local_peaks(some - lost, band))
         edges = np.abs(drive.frf(np.array(band))[:, 0, 0])
-        if not np.isfinite(peaks).all():
+        if np.isinf(peaks).any():
             raise TableError(
                 f"{self.model.mechanism.name} is undamped, so that its receptance has no highest "
                 "value; give its links damping."
@@ -270,19 +316,71 @@ def _refine(
     sampler: _Sampler, fitted: list[float], tolerance: float, shortest: float
 ) -> _Piece | None:
     """Add points until natural frequencies and peaks meet the tolerance; None if too many."""
+    between: list[float] = []  # where modes could not be told apart
     while len(fitted) <= _MOST:
-        held = leja_points(fitted, fitted[0], fitted[-1], _BATCH)
+        more = leja_points(fitted, fitted[0], fitted[-1], _BATCH)
+        held = sorted({*more, *between}.difference(fitted))
         every = sorted(fitted + held)
         tracked = _follow(sampler, every)
+        long = fitted[-1] - fitted[0] > _LONG * (sampler.ends[1] - sampler.ends[0])
+        maxima = _notable(sampler, tracked.peak_frequencies, tracked.peak_magnitudes, long)
+        if maxima is None:
+            return None
         doubtful = np.flatnonzero((tracked.mac <= 0.5).any(axis=1))
-        if _error(sampler, every, fitted, tracked) > tolerance:
-            fitted = every
-        elif len(doubtful):
+        mixed = np.flatnonzero((tracked.mac <= _MIXED).any(axis=1))
+        beside = np.sort(tracked.log_frequencies[[*mixed, *(mixed + 1)]], axis=1)
+        if (np.diff(beside, axis=1) < _NARROW * tolerance).any():
+            sampler.left_out = _VEERING * tolerance
+        error = _error(sampler, every, fitted, tracked, maxima)
+        if max(error, _difference(sampler, every, fitted, more, tracked, maxima)) > tolerance:
+            fitted = sorted(fitted + more)
+            continue
+        if len(doubtful):
             _check_step(sampler, every, tracked, doubtful, shortest)
-            fitted = sorted([*fitted, *((every[i] + every[i + 1]) / 2.0 for i in doubtful)])
+            between += [(every[i] + every[i + 1]) / 2.0 for i in doubtful]
+            continue
+        gaps = _gaps(sampler, every, fitted, tracked)
+        veering = [x for x, gap in gaps.items() if gap > tolerance / 2.0]
+        if veering:
+            sampler.left_out = _VEERING * tolerance
         else:
-            return _Piece(fitted, held)
+            return _Piece(fitted, held, max(gaps.values(), default=0.0))
+        if set(veering) <= set(between):
+            return None
+        between += veering
     return None
+
+
+def _gaps(
+    sampler: _Sampler, variables: list[float], fitted: list[float], tracked: _Tracked
+) -> dict[float, float]:
+    """Solve the model where tracked modes cross, and tell how far apart they are there.
+
+    Modes that veer within a step shorter than those of the table look as if they crossed.
+
+    Returns
+    -------
+    dict of float to float
+        For each stroke variable half the relative gap, which is the error of their frequencies.
+    """
+    own = np.isin(variables, fitted)
+    points, logarithms = np.array(variables)[own], tracked.log_frequencies[own]
+    grid = np.linspace(points[0], points[-1], _BETWEEN)
+    told = interpolation_matrix(points, grid) @ logarithms
+    found = {}
+    for one, other in itertools.combinations(range(told.shape[1]), 2):
+        apart = told[:, one] - told[:, other]
+        for i in np.flatnonzero(apart[:-1] * apart[1:] < 0.0):
+            difference = logarithms[:, one] - logarithms[:, other]
+
+            def at(x: float, difference: FloatArray = difference) -> float:
+                return float((interpolation_matrix(points, np.array([x])) @ difference)[0])
+
+            x = float(brentq(at, grid[i], grid[i + 1], xtol=1e-15))
+            level = (interpolation_matrix(points, np.array([x])) @ logarithms)[0, one]
+            off = np.abs(np.log(sampler.at(x).frequencies) - level)
+            found[x] = float(np.sort(off)[1])
+    return found
 
 
 def _check_step(
@@ -303,36 +401,41 @@ def _check_step(
 def _follow(sampler: _Sampler, variables: list[float]) -> _Tracked:
     """Track the modes in reach of the band over samples in ascending order."""
     samples = [sampler.at(x) for x in variables]
-    band = sampler.response.band
-    reach = [int(in_reach((2.0 * math.pi * s.frequencies) ** 2, band).sum()) for s in samples]
-    count = max(sampler.response.modes, *reach)
+    band, n = sampler.response.band, len(samples)
+    needed = [int(in_reach((2.0 * math.pi * s.frequencies) ** 2, band).sum()) for s in samples]
+    needed[0] = max(needed[0], sampler.response.modes)
+    most = min(len(s.frequencies) for s in samples)
+    count = min(max(needed), most)
+    # Where modes lie apart their shapes are their own; so that is where it begins.
+    apart = [np.diff(np.log(s.frequencies[: count + 1])).min(initial=math.inf) for s in samples]
+    base = int(np.argmax(apart))
     while True:
-        count = min(count, *(len(s.frequencies) for s in samples))
-        orders, signs, mac = [np.arange(count)], [np.ones(count)], []
-        shapes = [samples[0].modes.shapes[:, :count]]
-        for sample in samples[1:]:
-            modes = align(shapes[-1], sample.modes, sampler.mass)
-            order, sign, criterion = track(shapes[-1], modes, sampler.mass)
-            shapes.append(modes.select(order, sign).shapes)
-            orders.append(order)
-            signs.append(sign)
-            mac.append(criterion)
+        orders = [np.arange(count)] * n
+        signs, mac = np.ones((n, count)), np.ones((n - 1, count))
+        shapes = [samples[base].modes.shapes[:, :count]] * n
+        for i in (*range(base + 1, n), *range(base - 1, -1, -1)):
+            before = i - 1 if i > base else i + 1
+            modes = align(shapes[before], samples[i].modes, sampler.mass, sampler.left_out)
+            orders[i], signs[i], mac[min(i, before)] = track(shapes[before], modes, sampler.mass)
+            shapes[i] = modes.select(orders[i], signs[i]).shapes
         # A mode in reach at one angle is tracked at all, so that only higher ones are left over.
         missed = [
-            len(set(range(n)).difference(order.tolist()))
-            for n, order in zip(reach, orders, strict=True)
+            len(set(range(few)).difference(order.tolist()))
+            for few, order in zip(needed, orders, strict=True)
         ]
-        if not any(missed) or count == min(len(s.frequencies) for s in samples):
+        if not any(missed) or count == most:
             break
-        count += max(missed)
+        count = min(count + max(missed), most)
+    turn, rank = signs[0].copy(), np.argsort(orders[0], kind="stable")
+    orders = [order[rank] for order in orders]
     peaks = [
         np.hstack([s.peaks[:, order], s.edges]) for s, order in zip(samples, orders, strict=True)
     ]
     return _Tracked(
         orders,
-        signs,
-        shapes,
-        np.array(mac),
+        [(sign * turn)[rank] for sign in signs],
+        [(shape * turn)[:, rank] for shape in shapes],
+        mac[:, rank],
         np.log([s.frequencies[order] for s, order in zip(samples, orders, strict=True)]),
         np.array([s.ratios[order] for s, order in zip(samples, orders, strict=True)]),
         np.array([peak[0] for peak in peaks]),
@@ -341,7 +444,11 @@ def _follow(sampler: _Sampler, variables: list[float]) -> _Tracked:
 
 
 def _error(
-    sampler: _Sampler, variables: list[float], fitted: list[float], tracked: _Tracked
+    sampler: _Sampler,
+    variables: list[float],
+    fitted: list[float],
+    tracked: _Tracked,
+    maxima: NDArray[np.bool_],
 ) -> float:
     """Return the worst error where the polynomials were not fitted, in units of frequencies'."""
     n = sampler.response.modes
@@ -354,30 +461,103 @@ def _error(
 
     frequencies = tracked.log_frequencies[:, :n]
     worst = float(np.abs(told(frequencies) - frequencies[~own]).max())
-    notable = _notable(sampler, tracked.peak_frequencies[own], tracked.peak_magnitudes[own])
-    at = told(tracked.peak_frequencies)
-    size = np.exp(np.clip(told(np.log(tracked.peak_magnitudes)), -_LARGE, _LARGE)) * notable
-    exact_at, exact_size = tracked.peak_frequencies[~own], tracked.peak_magnitudes[~own]
+    exact_at, exact_size = tracked.peak_frequencies[:, maxima], tracked.peak_magnitudes[:, maxima]
+    at = told(exact_at)
+    size = np.exp(np.clip(told(np.log(exact_size)), -_LARGE, _LARGE))
+    exact_at, exact_size = exact_at[~own], exact_size[~own]
     for row in range(len(at)):
         # Of two peaks of one height either is the highest: each is held against itself.
         best = _highest(at[row], size[row], low, high)
         height = exact_size[row, _highest(exact_at[row], exact_size[row], low, high)]
-        worst = max(worst, abs(size[row, best] / height - 1.0) / _LOOSER)
-        worst = max(worst, _apart(at[row, best], exact_at[row, best]) / _LOOSER)
+        worst = max(worst, abs(size[row, best] / height - 1.0) / _PEAKS)
+        worst = max(worst, _apart(at[row, best], exact_at[row, best]) / _PEAKS)
     return worst
 
 
-def _notable(sampler: _Sampler, at: FloatArray, sizes: FloatArray) -> NDArray[np.bool_]:
-    """Which maxima, (n, n_peaks), are the highest at one of n points, or might be between them."""
-    highest = np.array(
-        [size[_highest(f, size, *sampler.response.band)] for f, size in zip(at, sizes, strict=True)]
-    )
+def _difference(
+    sampler: _Sampler,
+    variables: list[float],
+    fitted: list[float],
+    more: list[float],
+    tracked: _Tracked,
+    maxima: NDArray[np.bool_],
+) -> float:
+    """Return how far more points move the polynomials anywhere, in units of frequencies' error."""
+    n, band = sampler.response.modes, sampler.response.band
+    grid = np.linspace(fitted[0], fitted[-1], _BETWEEN)
+    levels, heights = [], []
+    for points in (fitted, fitted + more):
+        own = np.isin(variables, points)
+        matrix = interpolation_matrix(np.array(variables)[own], grid)
+        levels.append(matrix @ tracked.log_frequencies[own, :n])
+        at = matrix @ tracked.peak_frequencies[own][:, maxima]
+        logarithms = matrix @ np.log(tracked.peak_magnitudes[own][:, maxima])
+        size = np.exp(np.clip(logarithms, -_LARGE, _LARGE))
+        best = [_highest(f, s, *band) for f, s in zip(at, size, strict=True)]
+        heights.append(size[np.arange(len(grid)), best])
+    before, after = heights
+    moved = float(np.abs(before / after - 1.0).max())
+    return max(float(np.abs(levels[0] - levels[1]).max()), moved / _PEAKS)
+
+
+def _notable(
+    sampler: _Sampler, at: FloatArray, sizes: FloatArray, strict: bool
+) -> NDArray[np.bool_] | None:
+    """Which maxima tell the highest peak over some points of the stroke.
+
+    A maximum serves if it is there at every point. As few as can be are taken, so that each point
+    has its highest peak among them, and others that come near to it.
+
+    Parameters
+    ----------
+    sampler : _Sampler
+        Whose band and tolerance count.
+    at, sizes : ndarray, (n, n_peaks)
+        Hz and m/N of each maximum at each point, ascending; NaN where there is none.
+    strict : bool
+        Leave out none that nearly is the highest at a point, and might be between points.
+
+    Returns
+    -------
+    ndarray of bool, (n_peaks,), or None
+        None if maxima that are there all along do not suffice.
+    """
+    low, high = sampler.response.band
+    room, level = 1e-9 * high, 1.0 - min(_PEAKS * sampler.tolerance, 0.1)
+    heights = np.where((low - room <= at) & (at <= high + room), sizes, 0.0)
+    highest = heights.max(axis=1, keepdims=True)
     if not (highest > np.finfo(float).tiny).all():
         raise TableError(
             f"{sampler.model.mechanism.name} does not respond at response.drive_point; choose "
             "another point."
         )
-    return np.asarray((sizes >= _NOTABLE * highest[:, np.newaxis]).any(axis=0))
+    whole = np.asarray(np.isfinite(sizes).all(axis=0), dtype=np.bool_)
+    reached = (heights >= level * highest) & whole
+    chosen: NDArray[np.bool_] = np.zeros_like(whole)
+    missing: NDArray[np.bool_] = np.ones(len(at), dtype=np.bool_)
+    while missing.any():
+        # The band's ends stand last, and are smooth where a maximum runs into them.
+        count = reached[missing].sum(axis=0)
+        best = len(count) - 1 - int(count[::-1].argmax())
+        if count[best] == 0:
+            return None
+        chosen[best] = True
+        missing[reached[:, best]] = False
+
+    def meets(row: int, peak: int) -> bool:
+        """Whether a maximum is one of those chosen, or as good as one, at a point."""
+        near = np.abs(at[row, chosen] - at[row, peak]) <= _SAME * high
+        ratio = heights[row, chosen] / np.maximum(heights[row, peak], np.finfo(float).tiny)
+        return bool((near & (ratio >= level) & (ratio * level <= 1.0)).any())
+
+    rivals = heights >= _NOTABLE * highest
+    for other in np.flatnonzero(whole & rivals.any(axis=0) & ~chosen).tolist():
+        # One that runs into another is not smooth there, and not higher than that elsewhere.
+        chosen[other] = not any(meets(row, other) for row in range(len(at)))
+    left_out = np.argwhere((heights >= _RIVAL * highest) & ~chosen).tolist()
+    if strict and not all(meets(row, peak) for row, peak in left_out):
+        return None
+    return chosen
 
 
 def _highest(at: FloatArray, size: FloatArray, low: float, high: float) -> int:
@@ -391,27 +571,39 @@ def _apart(found: float, exact: float) -> float:
     return abs(found - exact) / abs(exact) if exact else abs(found)
 
 
-def _assemble(sampler: _Sampler, pieces: list[list[float]]) -> Table:
-    """Make the table of pieces that hold these points, its errors not yet measured."""
-    variables = sorted({x for piece in pieces for x in piece})
-    samples = [sampler.at(x) for x in variables]
-    tracked = _follow(sampler, variables)
+def _assemble(sampler: _Sampler, pieces: list[_Piece]) -> tuple[Table, dict[float, FloatArray]]:
+    """Make the table of some pieces, its errors not yet measured.
+
+    Returns
+    -------
+    table : Table
+    exact : dict of float to ndarray, (n_modes,)
+        Tracked natural frequencies (Hz) at each stroke variable, also where it was not fitted.
+    """
+    every = sorted({x for piece in pieces for x in (*piece.fitted, *piece.held)})
+    tracked = _follow(sampler, every)
     n = sampler.response.modes
-    ends = [variables.index(piece[0]) for piece in pieces] + [len(variables) - 1]
+    exact = np.exp(tracked.log_frequencies[:, :n])
+    rows = [[every.index(x) for x in sorted(piece.fitted + piece.held)] for piece in pieces]
     notable = np.array(
         [
-            _notable(sampler, tracked.peak_frequencies[rows], tracked.peak_magnitudes[rows])
-            for rows in (slice(a, b + 1) for a, b in zip(ends[:-1], ends[1:], strict=True))
+            _notable(sampler, tracked.peak_frequencies[own], tracked.peak_magnitudes[own], False)
+            for own in rows
         ]
     )
     used = notable.any(axis=0)
+    variables = sorted({x for piece in pieces for x in piece.fitted})
+    told = tracked.only(np.isin(every, variables))
+    samples = [sampler.at(x) for x in variables]
+    ends = [variables.index(piece.fitted[0]) for piece in pieces] + [len(variables) - 1]
+    none = np.isnan(told.peak_magnitudes)
     table = Table(
         alpha3=np.array([sample.alpha3 for sample in samples]),
         pieces=np.array(ends, dtype=np.int64),
-        natural_frequencies=np.exp(tracked.log_frequencies[:, :n]),
-        damping_ratios=tracked.ratios[:, :n],
-        peak_frequencies=tracked.peak_frequencies[:, used],
-        peak_magnitudes=tracked.peak_magnitudes[:, used],
+        natural_frequencies=np.exp(told.log_frequencies[:, :n]),
+        damping_ratios=told.ratios[:, :n],
+        peak_frequencies=np.where(none, 0.0, told.peak_frequencies)[:, used],
+        peak_magnitudes=np.where(none, np.finfo(float).tiny, told.peak_magnitudes)[:, used],
         peak_notable=notable[:, used],
         interpolation_error=np.zeros(len(pieces)),
         peak_error=math.nan,
@@ -430,7 +622,7 @@ def _assemble(sampler: _Sampler, pieces: list[list[float]]) -> Table:
         mechanism_name=sampler.model.mechanism.name,
         package_version=linkage_vibration.__version__,
     )
-    return _with_frfs(table, sampler, samples, tracked)
+    return _with_frfs(table, sampler, samples, told), dict(zip(every, exact, strict=True))
 
 
 def _with_frfs(table: Table, sampler: _Sampler, samples: list[_Sample], tracked: _Tracked) -> Table:
@@ -482,43 +674,49 @@ def _with_frfs(table: Table, sampler: _Sampler, samples: list[_Sample], tracked:
     )
 
 
-def _measured(sampler: _Sampler, pieces: list[_Piece]) -> tuple[Table, list[float]]:
+def _measured(
+    sampler: _Sampler, pieces: list[_Piece], tolerance: float
+) -> tuple[Table, list[_Piece]]:
     """Make the table, and measure its errors at the points that it was not fitted to.
 
     Returns
     -------
     table : Table
-    frf_errors : list of float
-        Of each piece.
+    poor : list of _Piece
+        Those that are not good enough.
     """
-    table = _assemble(sampler, [piece.fitted for piece in pieces])
+    table, frequencies = _assemble(sampler, pieces)
     n, band = table.n_modes, table.band
-    errors, frf_errors, peak_error = [], [], 0.0
+    errors, peak_errors, frf_errors = [], [], []
     for piece in pieces:
-        every = sorted(piece.fitted + piece.held)
-        tracked = _follow(sampler, every)
-        worst = 0.0
+        worst, peak_error = piece.gap, 0.0
         for x in piece.held:
             sample = sampler.samples[x]
             values, at, size, _ = table.interpolate(sample.alpha3)
-            exact = np.exp(tracked.log_frequencies[every.index(x), :n])
-            worst = max(worst, float(np.abs(np.sort(values[:n]) / np.sort(exact) - 1.0).max()))
+            exact = frequencies[x]
+            worst = max(worst, float(np.abs(np.array(values[:n]) / exact - 1.0).max()))
             peak = sample.drive.peak(band)
             peak_error = max(peak_error, abs(size / peak.magnitude - 1.0))
             # Of two peaks of one height either is the highest.
-            row = every.index(x)
-            level = tracked.peak_magnitudes[row] >= (1.0 - 2.0 * peak_error) * peak.magnitude
-            rivals = [peak.frequency, *tracked.peak_frequencies[row][level]]
+            places, sizes = np.hstack([sample.peaks, sample.edges])
+            rivals = [peak.frequency, *places[sizes >= (1.0 - 2.0 * peak_error) * peak.magnitude]]
             peak_error = max(peak_error, min(_apart(at, rival) for rival in rivals))
         errors.append(worst)
+        peak_errors.append(peak_error)
         frf_errors.append(_frf_error(sampler, table, piece.held))
     told = replace(
         table,
         interpolation_error=np.array(errors),
-        peak_error=peak_error,
+        peak_error=max(peak_errors),
         frf_error=max(frf_errors) if table.places else math.nan,
     )
-    return told, frf_errors
+    most, most_frf = _LOOSER * tolerance, max(_LOOSER * tolerance, _FRF_FLOOR)
+    poor = [
+        piece
+        for piece, own, peak, frf in zip(pieces, errors, peak_errors, frf_errors, strict=True)
+        if own > tolerance or peak > most or frf > most_frf
+    ]
+    return told, poor
 
 
 def _frf_error(sampler: _Sampler, table: Table, held: list[float]) -> float:

@@ -23,6 +23,7 @@ ORDER = [
     "table",
     "tabulation",
     "prediction",
+    "messages",
     "readers",
     "plan",
     "logs",

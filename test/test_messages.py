@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from linkage_vibration.prediction import Prediction, Status
-from linkage_vibration.ros.conversions import ReadingError, encode_prediction, joint_position
+from linkage_vibration.messages import ReadingError, encode_prediction, joint_position
 
 
 def state(names: list[str], positions: list[float]) -> Any:

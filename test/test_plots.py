@@ -18,7 +18,7 @@ from linkage_vibration.plots import PREDICTION_TOPIC, PlotError, _draw, plot_pre
 from linkage_vibration.prediction import Predictor
 from linkage_vibration.readers.bags import BagError, read_messages
 from linkage_vibration.resources import config_file
-from linkage_vibration.ros.conversions import encode_prediction
+from linkage_vibration.messages import encode_prediction
 from linkage_vibration.table import load_table
 
 PREDICTION = "linkage_vibration_interfaces/msg/VibrationPrediction"

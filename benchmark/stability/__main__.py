@@ -15,9 +15,12 @@ CASES = (
     "static_limit",
     "repeated_constraints",
     "resonance",
+    "veering",
     "truncation",
     "measured",
     "precision",
+    "table_edges",
+    "peaks",
 )
 DOCS = Path(__file__).parents[2] / "docs"
 INTRODUCTION = """\

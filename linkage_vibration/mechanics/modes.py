@@ -23,6 +23,8 @@ MECHANISM = 2.0 * math.pi * 1e-2
 _SHIFT = (2.0 * math.pi * 1.0) ** 2  # (rad/s)^2, 1 Hz
 _SLOWEST = 1e-3  # rad/s, at which a mechanism mode stands where damping couples it to others
 _COINCIDENT = 1e-9  # of a natural frequency: modes nearer than that are one to rounding
+_CLOSE = 0.1  # of a natural frequency: modes farther apart do not mix for next to no coupling
+_TURNED = 1e-9  # rad, by which shapes differ through rounding
 _DIAGONAL = 1e-9  # of the modal damping: off-diagonal terms below this are rounding
 
 
@@ -181,11 +183,15 @@ def track(
     return order, np.where(product[pairs] < 0.0, -1.0, 1.0), criterion[pairs]
 
 
-def align(previous: FloatArray, modes: Modes, mass: FloatArray) -> Modes:
-    """Turn the shapes of coincident modes so that they continue those of a neighbour.
+def align(
+    previous: FloatArray, modes: Modes, mass: FloatArray, coupling: float = _COINCIDENT
+) -> Modes:
+    """Turn the shapes of modes that coincide, or cross, so that they continue a neighbour's.
 
-    Modes of one frequency have no shapes of their own: any orthogonal mixture of theirs serves. The
-    mixture nearest to the neighbour's shapes is taken (orthogonal Procrustes problem).
+    Modes of one frequency have no shapes of their own: any mixture of theirs serves. Modes that
+    cross, coupled by next to nothing, mix likewise near the crossing. Two such shapes are turned in
+    their plane to where they are nearest to the neighbour's (orthogonal Procrustes problem), unless
+    that would leave out a coupling that matters.
 
     Parameters
     ----------
@@ -195,19 +201,37 @@ def align(previous: FloatArray, modes: Modes, mass: FloatArray) -> Modes:
         Modes here, ascending.
     mass : ndarray, (n, n)
         Of the uncoupled components.
+    coupling : float
+        What may be left out: the gap between two modes where they would cross without it, over
+        their frequency.
     """
-    apart = np.diff(modes.omega) > _COINCIDENT * modes.omega[1:]
-    if apart.all():
-        return modes
-    shapes = modes.shapes.copy()
-    for group in np.split(np.arange(len(modes.omega)), np.flatnonzero(apart) + 1):
-        if len(group) > 1:
-            product = previous.T @ mass @ shapes[:, group]
-            nearest = np.sort(np.argsort((product**2).sum(axis=1))[-len(group) :])
-            left, _, right = np.linalg.svd(product[nearest])
-            turn = (left @ right).T if len(nearest) == len(group) else np.eye(len(group))
-            shapes[:, group] = shapes[:, group] @ turn
-    return Modes(modes.omega, shapes)
+    omega, shapes = modes.omega, modes.shapes.copy()
+    order, signs, _ = track(previous, modes, mass)
+    others = np.setdiff1d(np.arange(len(omega)), order)
+    product = np.zeros((len(omega), len(omega)))  # with a diagonal as large as can be
+    product[order] = signs[:, np.newaxis] * (previous.T @ mass @ shapes)
+    near = [
+        (a, b, abs(omega[a] - omega[b]) / omega[b])
+        for i, a in enumerate(order)
+        for b in (*order[i + 1 :], *others)
+        if abs(omega[a] - omega[b]) < _CLOSE * omega[b]
+    ]
+    for _ in near:  # two at a time, until nothing turns
+        still = True
+        for a, b, apart in near:
+            sine, cosine = product[a, b] - product[b, a], product[a, a] + product[b, b]
+            angle = math.atan2(sine, cosine)
+            if abs(angle) < _TURNED or apart * abs(math.sin(2.0 * angle)) > coupling:
+                continue
+            still = False
+            turn = np.array(
+                [[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]]
+            )
+            shapes[:, [a, b]] = shapes[:, [a, b]] @ turn
+            product[:, [a, b]] = product[:, [a, b]] @ turn
+        if still:
+            break
+    return Modes(omega, shapes)
 
 
 def _is_diagonal(matrix: FloatArray) -> bool:

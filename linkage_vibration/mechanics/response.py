@@ -216,7 +216,8 @@ class PoleResidue:
         Returns
         -------
         frequencies, magnitudes : ndarray, (n,)
-            Hz and m/N; where a mode makes no maximum of its own, the receptance at its resonance.
+            Hz and m/N; NaN where there is no maximum, infinite where a mode is undamped. Modes near
+            one another may share one.
         """
         k = np.abs(self.stiffness[modes])
         width = (self.decay[modes] + self.stiffness.imag[modes] / np.sqrt(k)) / 2.0
@@ -234,8 +235,14 @@ class PoleResidue:
             nearest = np.where(top, np.abs(_WIDER)[:, np.newaxis], np.inf).argmin(axis=0)
             begin = around[nearest, np.arange(len(lost))]
             again, settled = self._climb(begin, step, 2.0 * step)
-            omega[lost] = np.where(settled & top.any(axis=0), again, start[lost])
-        return omega / (2.0 * math.pi), np.abs(self._single(omega)[0])
+            found[lost], omega[lost] = settled & top.any(axis=0), again
+        omega[~found] = np.nan
+        sizes, known = np.full(len(omega), np.nan), np.isfinite(omega)
+        sizes[known] = np.abs(self._single(omega[known])[0])
+        driven = (self.residues[0, 0, modes] != 0.0) | (self.rates[0, 0, modes] != 0.0)
+        endless = (width <= 0.0) & driven
+        omega[endless], sizes[endless] = start[endless], np.inf
+        return omega / (2.0 * math.pi), sizes
 
     def _climb(
         self, start: FloatArray, stride: FloatArray, reach: FloatArray
@@ -244,9 +251,9 @@ class PoleResidue:
         omega = start.copy()
         for _ in range(_NEWTON):
             value, first, second = self._single(omega)
-            slope = (value.conj() * first).real
-            bend = np.abs(first) ** 2 + (value.conj() * second).real
             with np.errstate(divide="ignore", invalid="ignore"):
+                slope = (value.conj() * first).real
+                bend = np.abs(first) ** 2 + (value.conj() * second).real
                 step = np.where(bend < 0.0, slope / bend, 0.0)
             omega = omega - np.clip(step, -stride, stride)
             if (np.abs(step) <= 1e-12 * start).all():
@@ -263,9 +270,10 @@ class PoleResidue:
         w = omega[:, np.newaxis]
         below, rate = self._denominators(omega), 1j * self.rates[0, 0]
         below_rate = 1j * self.decay - 2.0 * w
-        value = (self.residues[0, 0] + w * rate) / below
-        first = (rate - value * below_rate) / below
-        second = 2.0 * (value - first * below_rate) / below
+        with np.errstate(divide="ignore", invalid="ignore"):  # on a pole that is undamped
+            value = (self.residues[0, 0] + w * rate) / below
+            first = (rate - value * below_rate) / below
+            second = 2.0 * (value - first * below_rate) / below
         return value.sum(axis=1) + self.residual[0, 0], first.sum(axis=1), second.sum(axis=1)
 
     def _slope(self, omega: float) -> float:

@@ -38,15 +38,15 @@ from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.logs.definitions import message_definition, type_hash
 from linkage_vibration.logs.recording import Attachment, LogWriter, Topic, offered_qos_profiles
 from linkage_vibration.mechanics.model import LinkageModel
-from linkage_vibration.prediction import Predictor, Status
-from linkage_vibration.readers.mechanism import read_mechanism
-from linkage_vibration.resources import DEFAULT_MECHANISM, DEFAULT_TABLE, config_file
-from linkage_vibration.ros.conversions import (
+from linkage_vibration.messages import (
     ReadingError,
     encode_prediction,
     fault,
     joint_position,
 )
+from linkage_vibration.prediction import Predictor, Status
+from linkage_vibration.readers.mechanism import read_mechanism
+from linkage_vibration.resources import DEFAULT_MECHANISM, DEFAULT_TABLE, config_file
 from linkage_vibration.ros.parameters import declare_parameters, parameters_yaml
 from linkage_vibration.table import Table, load_table, table_bytes
 from linkage_vibration.tabulation import build_table

@@ -17,6 +17,7 @@ from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.modes import (
     Modes,
     ModesError,
+    align,
     damp_modes,
     solve_modes,
     track,
@@ -149,3 +150,28 @@ def test_mixed_damping_is_refused() -> None:
     modes, vectors = solve_modes(coupled)
     with pytest.raises(ModesError, match="same kind"):
         damp_modes(coupled, modes.omega, vectors)
+
+
+@pytest.mark.parametrize("turn", [0.3, 2.0])
+@pytest.mark.parametrize("apart", [0.0, 1e-12])
+def test_coincident_modes_are_turned_to_their_neighbours(turn: float, apart: float) -> None:
+    """Of two modes of one frequency any mixture is found; the neighbour's shapes are taken."""
+    before = np.eye(4)[:, :3]
+    mixed = np.eye(4)
+    mixed[:2, :2] = [[math.cos(turn), -math.sin(turn)], [math.sin(turn), math.cos(turn)]]
+    modes = Modes(np.array([1.0, 1.0 + apart, 2.0, 3.0]), mixed)
+    aligned = align(before, modes, np.eye(4))
+    order, signs, mac = track(before, aligned, np.eye(4))
+    np.testing.assert_allclose(aligned.select(order, signs).shapes, before, atol=1e-9)
+    assert (mac > 1.0 - 1e-9).all()
+
+
+def test_modes_that_veer_keep_their_own_shapes() -> None:
+    """A mixture that a coupling makes is not undone unless the coupling may be left out."""
+    turn, gap = math.pi / 5.0, 1e-3
+    mixed = np.array([[math.cos(turn), -math.sin(turn)], [math.sin(turn), math.cos(turn)]])
+    modes = Modes(np.array([1.0, 1.0 + gap]), mixed)
+    kept = align(np.eye(2), modes, np.eye(2), coupling=0.5 * gap)
+    np.testing.assert_array_equal(kept.shapes, mixed)
+    turned = align(np.eye(2), modes, np.eye(2), coupling=2.0 * gap)
+    np.testing.assert_allclose(np.abs(turned.shapes), np.eye(2), atol=1e-9)

@@ -84,7 +84,7 @@ def test_local_peaks_are_maxima_of_a_dense_grid() -> None:
     assert len(top) == 3  # the weak mode at 90 Hz makes none
     np.testing.assert_allclose(found[:3], lines[top], atol=1e-4)
     np.testing.assert_allclose(sizes[:3], dense[top], rtol=1e-8)
-    assert found[3] == pytest.approx(90.0 * math.sqrt(1 - 2 * 0.02**2))
+    assert np.isnan([found[3], sizes[3]]).all()
 
 
 @pytest.mark.parametrize(("n_far", "bound"), [(2, 1e-2), (4, 1e-4), (6, 1e-6)])

@@ -1,0 +1,152 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""The table's end points and past them, angles off by a turn, foreign and damaged files."""
+
+import math
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from benchmark.report import table
+from benchmark.stability.static_limit import linkage
+from linkage_vibration.mechanics.model import LinkageModel
+from linkage_vibration.messages import fault
+from linkage_vibration.prediction import Predictor, Status
+from linkage_vibration.readers.mechanism import read_mechanism
+from linkage_vibration.resources import config_file
+from linkage_vibration.table import Table, TableError, load_table, save_table
+from linkage_vibration.tabulation import build_table
+
+TITLE = "The table's edges, and files that are not what they seem"
+
+_STEP = math.radians(2.0)  # of the plain table
+
+
+def section(pictures: Path) -> str:
+    """Ask beside the table, a turn off, of another mechanism's, of a damaged one, and tell."""
+    model = linkage()
+    predictor = Predictor(build_table(model))
+    low, high = predictor.table.alpha3_range
+    turn = 2.0 * math.pi
+    asked = {
+        "the first angle": low,
+        "the last angle": high,
+        "one ulp below": math.nextafter(low, 0.0),
+        "one ulp above": math.nextafter(high, 4.0),
+        "5 deg above": high + math.radians(5.0),
+        "20 deg above": high + math.radians(20.0),
+        "a turn off": 2.0 + turn,
+        "NaN": math.nan,
+    }
+    columns = ["angle", "clamped", "extrapolated", "ours"]
+    rows = [[name, *_beside(model, predictor, angle)] for name, angle in asked.items()]
+    crank = Predictor(build_table(LinkageModel(read_mechanism(config_file("four_bar.yaml"))), 1e-4))
+    apart = np.subtract(
+        crank.predict(1.0 - 3.0 * turn).natural_frequencies, crank.predict(1.0).natural_frequencies
+    )
+    return f"""\
+Relative error of the worst of three natural frequencies of the default linkage, 90 to 180 deg.
+Clamped: `numpy.interp` on 2 deg steps, which holds the end values without a word. Extrapolated: the
+cubic spline on those.
+
+{table(columns, rows)}
+
+- An angle off by a turn, which an encoder that wraps elsewhere gives, is told as such:
+  "{_told(predictor, 2.0 + turn)}".
+- A crank that turns all the way has a table of a whole turn, which serves every turn: three turns
+  back its frequencies differ by {np.abs(apart).max():.0e} Hz.
+- A table of another mechanism: "{_foreign(model)}"
+{_damage(model)}
+
+Tests: `test/test_prediction.py`, `test/test_table.py::test_table_of_another_mechanism_is_refused`,
+`::test_damage_in_any_byte_is_refused`, `::test_number_changed_on_purpose_is_refused`,
+`::test_pickles_are_refused`, and 8000 spoilt tables in `python -m benchmark.fuzz`.
+"""
+
+
+def _beside(model: LinkageModel, predictor: Predictor, angle: float) -> list[str]:
+    """Return the errors of plain tables at an angle, and what ours says."""
+    low, high = predictor.table.alpha3_range
+    grid = np.arange(low, high + _STEP / 2.0, _STEP)
+    values = np.array([model.solve(float(a)).natural_frequencies[:3] for a in grid])
+    clamped = np.array([np.interp(angle, grid, column) for column in values.T])
+    extended = CubicSpline(grid, values)(angle)
+    prediction = predictor.predict(angle)
+    if math.isnan(angle):
+        return ["NaN", "NaN", prediction.status.name]
+    same = angle - 2.0 * math.pi if angle > 2.0 * math.pi else angle
+    exact = model.solve(same).natural_frequencies[:3]
+    told = [f"{np.abs(np.sort(found) / exact - 1.0).max():.0e}" for found in (clamped, extended)]
+    if prediction.status is Status.OK:
+        error = np.abs(np.sort(prediction.natural_frequencies) / exact - 1.0).max()
+        return [*told, f"{error:.0e}"]
+    return [*told, prediction.status.name]
+
+
+def _told(predictor: Predictor, angle: float) -> str:
+    return fault(predictor.predict(angle), predictor.table.alpha3_range)
+
+
+def _foreign(model: LinkageModel) -> str:
+    """Return what a table of the as-printed linkage is refused with."""
+    printed = read_mechanism(config_file("three_point_linkage_as_printed.yaml"))
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "printed.npz"
+        save_table(build_table(LinkageModel(printed), 1e-3), path)
+        try:
+            load_table(path, model.mechanism)
+        except TableError as error:
+            return str(error).replace(f"{folder}/", "")
+    raise AssertionError("a foreign table was not refused")
+
+
+def _damage(model: LinkageModel) -> str:
+    """Flip a bit of each byte of a small table, kept as plain numbers and as ours."""
+    smallest = _bare(build_table(model, 0.5))
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "frequencies.npy"
+        np.save(path, smallest.natural_frequencies)
+        plain = bytearray(path.read_bytes())
+        silent = 0
+        for at in range(len(plain)):
+            spoilt = plain.copy()
+            spoilt[at] ^= 1 << at % 8
+            path.write_bytes(spoilt)
+            try:
+                found = np.load(path)
+            except Exception:
+                continue
+            silent += not np.array_equal(found, smallest.natural_frequencies)
+        ours = Path(folder) / "table.npz"
+        save_table(smallest, ours)
+        sound = bytearray(ours.read_bytes())
+        refused = other = 0
+        for at in range(len(sound)):
+            spoilt = sound.copy()
+            spoilt[at] ^= 1 << at % 8
+            ours.write_bytes(spoilt)
+            try:
+                other += load_table(ours).checksum != smallest.checksum
+            except TableError:
+                refused += 1
+    return f"""\
+- Damage: one bit flipped in each byte of a small table, byte after byte. Kept as `.npy`,
+  {silent} of {len(plain)} flips load other numbers in silence. Of {len(sound)} flips in ours
+  {refused} are refused, {other} load other numbers, and {len(sound) - refused - other} are in bytes
+  that carry no number, so that the table is the same."""
+
+
+def _bare(whole: Table) -> Table:
+    """Return a table without FRFs, which is small."""
+    none = np.zeros((len(whole.alpha3), 0))
+    return replace(
+        whole,
+        places=(),
+        term_stiffness=none.astype(complex),
+        term_decay=none,
+        participations=none.astype(complex)[:, :, np.newaxis],
+        far_residues=none[:, :, np.newaxis],
+    )
