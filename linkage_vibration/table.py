@@ -408,6 +408,8 @@ def _read(path: Path) -> Table:
             metadata = json.loads(str(archive["metadata"]))
         if metadata["format"] != FORMAT or metadata["units"] != UNITS:
             raise TableError(f"{path}: is a table of another format; {rebuild}")
+        if arrays["alpha3"].dtype != np.float64:
+            raise TableError(f"{path}: is damaged (its angles are no numbers); {rebuild}")
         toggles, frf_error = metadata["toggles_rad"], metadata["frf_error"]
         table = Table(
             **arrays,

@@ -326,29 +326,33 @@ def _refine(
         maxima = _notable(sampler, tracked.peak_frequencies, tracked.peak_magnitudes, long)
         if maxima is None:
             return None
-        doubtful = np.flatnonzero((tracked.mac <= 0.5).any(axis=1))
-        mixed = np.flatnonzero((tracked.mac <= _MIXED).any(axis=1))
-        beside = np.sort(tracked.log_frequencies[[*mixed, *(mixed + 1)]], axis=1)
-        if (np.diff(beside, axis=1) < _NARROW * tolerance).any():
+        if _mix_closely(tracked, tolerance):
             sampler.left_out = _VEERING * tolerance
         error = _error(sampler, every, fitted, tracked, maxima)
         if max(error, _difference(sampler, every, fitted, more, tracked, maxima)) > tolerance:
             fitted = sorted(fitted + more)
             continue
+        doubtful = np.flatnonzero((tracked.mac <= 0.5).any(axis=1))
         if len(doubtful):
             _check_step(sampler, every, tracked, doubtful, shortest)
             between += [(every[i] + every[i + 1]) / 2.0 for i in doubtful]
             continue
         gaps = _gaps(sampler, every, fitted, tracked)
         veering = [x for x, gap in gaps.items() if gap > tolerance / 2.0]
-        if veering:
-            sampler.left_out = _VEERING * tolerance
-        else:
+        if not veering:
             return _Piece(fitted, held, max(gaps.values(), default=0.0))
+        sampler.left_out = _VEERING * tolerance
         if set(veering) <= set(between):
-            return None
+            return None  # points there did not help; halving will
         between += veering
     return None
+
+
+def _mix_closely(tracked: _Tracked, tolerance: float) -> bool:
+    """Whether shapes mix of modes whose frequencies are next to one another, so that they veer."""
+    mixed = np.flatnonzero((tracked.mac <= _MIXED).any(axis=1))
+    beside = np.sort(tracked.log_frequencies[[*mixed, *(mixed + 1)]], axis=1)
+    return bool((np.diff(beside, axis=1) < _NARROW * tolerance).any())
 
 
 def _gaps(
