@@ -1,12 +1,14 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""The drive that ships with the package: a hitch duty cycle, as a bag of joint states.
+"""The drive that ships with the package: a hitch duty cycle, as a bag.
 
 A tractor ploughs, lifts its implement at the headland, drives a stretch of road, lowers it and
 ploughs on. The lower links' far ends are lowest at alpha3 = 180 deg (0.32 m below their pivots) and
-highest at 90 deg (0.29 m above them), so working depth is near the upper end of the range.
+highest at 90 deg (0.29 m above them), so working depth is near the upper end of the range. The PTO
+drives the implement while it works.
 """
 
+import heapq
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -23,7 +25,10 @@ if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
 
 HITCH_JOINT = "hitch_rockshaft_joint"
+JOINTS, ENGINE_SPEED, PTO_SPEED = "/joint_states", "/engine_speed", "/pto_speed"
+FLOAT64 = "std_msgs/msg/Float64"
 RATE = 100  # Hz
+SPEED_RATE = 10  # Hz, of engine and PTO speeds
 START = 1_767_225_600  # s, 2026-01-01 00:00 UTC
 
 WORKING, RAISED = np.deg2rad([166.0, 104.0])
@@ -31,6 +36,9 @@ LIFT = (7.5, 10.0)  # s, from and until
 LOWERING = (15.0, 18.0)  # s
 DURATION = 20.0  # s
 ENCODER_STEP = 2 * np.pi / 2**14  # rad, a rotary encoder of 14 bits
+ENGINE_WORKING, ENGINE_IDLE, ENGINE_ROAD = 2000.0, 1300.0, 2050.0  # rpm
+ENGINE_STEP = 0.125  # rpm, of the J1939 bus
+PTO_RATIO = 540.0 / 1950.0  # of the PTO's speed to the engine's
 ENCODER_NOISE = np.deg2rad(0.02)  # rad, standard deviation
 
 
@@ -69,8 +77,44 @@ def hitch_duty_cycle() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     return times, ENCODER_STEP * np.rint(alpha3 / ENCODER_STEP)
 
 
+def engine_and_pto_speed() -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Return the speeds of engine and PTO over the duty cycle.
+
+    The engine works at 2000 rpm, where the draft pulls it down by up to 80 rpm; it idles along at
+    the headland, is sped up for the road, and drops to idle again before the implement is lowered.
+    The PTO is geared to it, and let go while the implement is up.
+
+    Returns
+    -------
+    times : ndarray, (n_times,), s
+        0 to 20 s at 10 Hz.
+    engine, pto : ndarray, (n_times,), rpm
+        In the bus's steps of 0.125 rpm.
+    """
+    random = np.random.RandomState(seed=4)
+    times = np.arange(round(DURATION * SPEED_RATE)) / SPEED_RATE
+    lifted = _move(times, *LIFT) - _move(times, *LOWERING)
+    draft = _sum_of_sines(times, np.linspace(0.1, 0.9, 9), random)
+    road = _move(times, 10.0, 13.0) - _move(times, 13.5, 15.0)
+    engine = (
+        ENGINE_WORKING
+        + (ENGINE_IDLE - ENGINE_WORKING) * lifted
+        + (ENGINE_ROAD - ENGINE_IDLE) * road
+        - 40.0 * np.clip(draft, 0.0, 2.0) * (1.0 - lifted)
+    )
+    pto = PTO_RATIO * engine * (1.0 - _move(times, 6.5, 7.5) + _move(times, 17.5, 19.0))
+    return (
+        times,
+        ENGINE_STEP * np.rint(engine / ENGINE_STEP),
+        ENGINE_STEP * np.rint(pto / ENGINE_STEP),
+    )
+
+
 def write_drive(path: Path) -> None:
-    """Write the hitch duty cycle as an MCAP of ``sensor_msgs/JointState`` on ``/joint_states``.
+    """Write the hitch duty cycle as an MCAP.
+
+    ``sensor_msgs/JointState`` is on ``/joint_states``, ``std_msgs/Float64`` in rpm on
+    ``/engine_speed`` and ``/pto_speed``.
 
     As with a real joint_state_broadcaster, other joints stand beside the hitch, the order of names
     is not fixed, and efforts, which nothing measures, are NaN. ``config/drives`` holds the result.
@@ -92,19 +136,26 @@ def write_drive(path: Path) -> None:
             "Writing the drive needs rosbags; `pip install linkage_vibration[bags]`."
         ) from None
     store = get_typestore(Stores.ROS2_HUMBLE)
-    topic = Topic(
-        name="/joint_states",
-        type=JOINT_STATE,
-        definition=store.generate_msgdef(JOINT_STATE, ros_version=2)[0],
-        type_hash=store.hash_rihs01(JOINT_STATE),
-        offered_qos_profiles=offered_qos_profiles(reliable=True, depth=10),
-    )
+    topics = [
+        Topic(
+            name=name,
+            type=message_type,
+            definition=store.generate_msgdef(message_type, ros_version=2)[0],
+            type_hash=store.hash_rihs01(message_type),
+            offered_qos_profiles=offered_qos_profiles(reliable=True, depth=10),
+        )
+        for name, message_type in (
+            (JOINTS, JOINT_STATE),
+            (ENGINE_SPEED, FLOAT64),
+            (PTO_SPEED, FLOAT64),
+        )
+    ]
     try:
         with tempfile.TemporaryDirectory(dir=path.parent) as folder:
             unfinished = Path(folder) / path.name
-            with LogWriter(unfinished, [topic]) as log:
-                for time, data in _joint_states(store):
-                    log.write(topic.name, data, time, time)
+            with LogWriter(unfinished, topics) as log:
+                for time, topic, data in heapq.merge(_joint_states(store), *_speeds(store)):
+                    log.write(topic, data, time, time)
             if log.error is not None:
                 raise log.error
             unfinished.replace(path)
@@ -114,7 +165,7 @@ def write_drive(path: Path) -> None:
         ) from None
 
 
-def _joint_states(store: "Typestore") -> Iterator[tuple[int, bytes]]:
+def _joint_states(store: "Typestore") -> Iterator[tuple[int, str, bytes]]:
     """Yield each time, in ns, and the joint state of that time in CDR."""
     message_type, header_type, stamp_type = (
         store.types[name]
@@ -141,7 +192,20 @@ def _joint_states(store: "Typestore") -> Iterator[tuple[int, bytes]]:
             effort=np.full(len(names), np.nan),
         )
         time = (START + seconds) * 10**9 + nanoseconds
-        yield time, bytes(store.serialize_cdr(message, JOINT_STATE))
+        yield time, JOINTS, bytes(store.serialize_cdr(message, JOINT_STATE))
+
+
+def _speeds(store: "Typestore") -> list[Iterator[tuple[int, str, bytes]]]:
+    """Return what yields each time, in ns, and the speed of that time in CDR, for both speeds."""
+    message_type = store.types[FLOAT64]
+    times, engine, pto = engine_and_pto_speed()
+
+    def told(topic: str, speeds: NDArray[np.float64]) -> Iterator[tuple[int, str, bytes]]:
+        for k, speed in enumerate(speeds.tolist()):
+            time = START * 10**9 + k * (10**9 // SPEED_RATE)
+            yield time, topic, bytes(store.serialize_cdr(message_type(data=speed), FLOAT64))
+
+    return [told(ENGINE_SPEED, engine), told(PTO_SPEED, pto)]
 
 
 def _move(times: NDArray[np.float64], start: float, end: float) -> NDArray[np.float64]:

@@ -1,63 +1,17 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Joint states to readings, and predictions to the bytes of their message; needs no rclpy."""
+"""Predictions and resonances as the bytes of their messages, and in words; needs no rclpy."""
 
 import math
 import struct
 import sys
-from collections.abc import Sequence
-from typing import Protocol
 
-from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.excitation import Resonance
 from linkage_vibration.prediction import Prediction, Status
 
 # The encapsulation of plain CDR (OMG DDS-RTPS, 10.2): which byte order follows.
 _ENCAPSULATION = b"\x00\x01\x00\x00" if sys.byteorder == "little" else b"\x00\x00\x00\x00"
-
-
-class ReadingError(LinkageVibrationError):
-    """A joint state holds no trustworthy position of the joint."""
-
-
-class Named(Protocol):
-    """What a reading needs of ``sensor_msgs/msg/JointState``."""
-
-    name: Sequence[str]
-    position: Sequence[float]
-
-
-def joint_position(joint_state: Named, joint: str) -> float | None:
-    """Return the position of a joint, looked up by its name.
-
-    Parameters
-    ----------
-    joint_state : sensor_msgs.msg.JointState
-        Names in any order.
-    joint : str
-        The joint's name.
-
-    Returns
-    -------
-    float or None
-        The position, which may be NaN; None where the message is about other joints alone.
-
-    Raises
-    ------
-    ReadingError
-        If the joint is named more than once, or there is not one position for each name.
-    """
-    names, positions = joint_state.name, joint_state.position
-    count = names.count(joint)
-    if count == 0:
-        return None
-    if count > 1:
-        raise ReadingError(f"Joint {joint} is named {count} times; name it once in a joint state.")
-    if len(names) != len(positions):
-        raise ReadingError(
-            f"A joint state has {len(names)} names but {len(positions)} positions, so that of "
-            f"{joint} is not known; publish one position for each name."
-        )
-    return positions[names.index(joint)]
+_FARTHEST = 1e6  # deg; beyond, an angle is not off by some turns
 
 
 def encode_prediction(prediction: Prediction, sec: int, nanosec: int, frame_id: str) -> bytes:
@@ -85,7 +39,7 @@ def encode_prediction(prediction: Prediction, sec: int, nanosec: int, frame_id: 
     n_modes = prediction.natural_frequencies.size
     # CDR aligns every number to its own size, which is what struct does natively.
     return _ENCAPSULATION + struct.pack(
-        f"iII{len(frame)}sdBI{n_modes}dI{n_modes}d3dI{len(table)}s",
+        f"iII{len(frame)}sdBI{n_modes}dI{n_modes}dI{n_modes}d3dI{len(table)}s",
         sec,
         nanosec,
         len(frame),
@@ -95,10 +49,53 @@ def encode_prediction(prediction: Prediction, sec: int, nanosec: int, frame_id: 
         n_modes,
         *prediction.natural_frequencies.tolist(),
         n_modes,
+        *prediction.frequency_stddev.tolist(),
+        n_modes,
         *prediction.damping_ratios.tolist(),
         prediction.frf_peak_frequency,
         prediction.frf_peak_magnitude,
         prediction.interpolation_error,
+        len(table),
+        table,
+    )
+
+
+def encode_resonance(resonance: Resonance, sec: int, nanosec: int, frame_id: str) -> bytes:
+    """Return a resonance as the CDR of ``linkage_vibration_interfaces/msg/Resonance``.
+
+    Parameters
+    ----------
+    resonance : Resonance
+        Of any state.
+    sec, nanosec : int
+        The header's stamp, s and ns.
+    frame_id : str
+        The header's frame.
+
+    Returns
+    -------
+    bytes
+        With the encapsulation header; the same always, as those of a prediction.
+    """
+    frame = frame_id.encode() + b"\x00"
+    excitation = resonance.excitation.encode() + b"\x00"
+    table = resonance.table_id.encode() + b"\x00"
+    return _ENCAPSULATION + struct.pack(
+        f"iII{len(frame)}sBI{len(excitation)}sdI3dbdI{len(table)}s",
+        sec,
+        nanosec,
+        len(frame),
+        frame,
+        resonance.state,
+        len(excitation),
+        excitation,
+        resonance.excitation_frequency,
+        resonance.mode,
+        resonance.natural_frequency,
+        resonance.margin,
+        resonance.relative_margin,
+        resonance.approach,
+        resonance.time_to_crossing,
         len(table),
         table,
     )
@@ -121,7 +118,7 @@ def fault(prediction: Prediction, alpha3_range: tuple[float, float]) -> str:
         first, last = map(math.degrees, alpha3_range)
         told = f"crank angle {angle:.7g} deg is not in the table's {first:.7g} to {last:.7g} deg"
         turned = first + (angle - first) % 360.0
-        if turned <= last:
+        if turned <= last and abs(angle) < _FARTHEST:
             told += f", but {turned:.7g} deg is: is the joint's zero a turn off?"
         return told
     if prediction.status is Status.NEAR_TOGGLE:

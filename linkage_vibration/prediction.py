@@ -43,6 +43,10 @@ class Prediction:
         Every number below is NaN unless it is OK or NEAR_TOGGLE.
     natural_frequencies, damping_ratios : ndarray, (n_modes,)
         Hz and 1.
+    frequency_slopes : ndarray, (n_modes,)
+        Change of the natural frequencies with alpha3, Hz/rad.
+    frequency_stddev : ndarray, (n_modes,)
+        Standard deviation of the natural frequencies through that of alpha3, Hz.
     frf_peak_frequency, frf_peak_magnitude : float
         Hz and m/N.
     interpolation_error : float
@@ -55,6 +59,8 @@ class Prediction:
     status: Status
     natural_frequencies: FloatArray
     damping_ratios: FloatArray
+    frequency_slopes: FloatArray
+    frequency_stddev: FloatArray
     frf_peak_frequency: float
     frf_peak_magnitude: float
     interpolation_error: float
@@ -81,8 +87,18 @@ class Predictor:
         self._table_id = table.table_id
         table.interpolate(self._low)  # makes what the table makes at first use
 
-    def predict(self, alpha3: float) -> Prediction:
-        """Predict at an angle in rad; any float is answered, if only by a status."""
+    def predict(self, alpha3: float, stddev: float = 0.0) -> Prediction:
+        """Predict at an angle; any float is answered, if only by a status.
+
+        Parameters
+        ----------
+        alpha3 : float
+            rad.
+        stddev : float
+            Standard deviation of alpha3, rad. It is carried to the frequencies to first order,
+            abs(df/dalpha3) stddev, which is too little where a frequency is highest or lowest: the
+            second-order term, abs(d2f/dalpha3^2) stddev^2 / sqrt(2), is all that is left there.
+        """
         angle = alpha3
         if not self._low <= angle <= self._high:
             if not self._turns or not abs(angle) < _FARTHEST:
@@ -90,12 +106,15 @@ class Predictor:
             angle = min(self._low + (angle - self._low) % _TURN, self._high)
         values, peak_frequency, peak_magnitude, error = self.table.interpolate(angle)
         n = self._n_modes
+        slopes = np.array(self.table.frequency_slopes(angle))
         sound = self._sound_low <= angle <= self._sound_high
         return Prediction(
             crank_angle=alpha3,
             status=Status.OK if sound else Status.NEAR_TOGGLE,
             natural_frequencies=np.array(values[:n]),
             damping_ratios=np.array(values[n:]),
+            frequency_slopes=slopes,
+            frequency_stddev=np.abs(slopes) * stddev,
             frf_peak_frequency=peak_frequency,
             frf_peak_magnitude=peak_magnitude,
             interpolation_error=error,
@@ -109,6 +128,8 @@ class Predictor:
             status=Status.OUT_OF_RANGE if math.isfinite(alpha3) else Status.INVALID_ANGLE,
             natural_frequencies=unknown,
             damping_ratios=unknown,
+            frequency_slopes=unknown,
+            frequency_stddev=unknown,
             frf_peak_frequency=math.nan,
             frf_peak_magnitude=math.nan,
             interpolation_error=math.nan,

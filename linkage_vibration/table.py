@@ -230,6 +230,28 @@ class Table:
             result[rows, n:] = np.hstack([np.take_along_axis(x, best, 1) for x in (at, size)])
         return result
 
+    def frequency_slopes(self, alpha3: float) -> list[float]:
+        """Return how fast the natural frequencies change with the angle, n_modes, Hz/rad.
+
+        Parameters
+        ----------
+        alpha3 : float
+            rad, within the range.
+        """
+        breaks, cells, n, *_ = self._lookup
+        i = bisect_right(breaks, alpha3) - 1
+        t = alpha3 - breaks[i]
+        some = cells[i][: n // 2]
+        return [(3.0 * c3 * t + 2.0 * c2) * t + c1 for c3, c2, c1, _ in some]
+
+    def evaluate_slopes(self, alpha3: FloatArray) -> FloatArray:
+        """Return the same at many angles, (n, n_modes), Hz/rad, to the last bit."""
+        breaks = np.array(self._breaks)
+        i = np.maximum(np.searchsorted(breaks, alpha3, side="right") - 1, 0)
+        t = (alpha3 - breaks[i])[:, np.newaxis]
+        cell = self._cells[i][:, :, : self.n_modes]
+        return np.asarray((3.0 * cell[:, 0] * t + 2.0 * cell[:, 1]) * t + cell[:, 2])
+
     def frf(self, alpha3: float, outputs: Sequence[Place], inputs: Sequence[Place]) -> PoleResidue:
         """Return receptances between some of the places at an angle, valid within the band.
 

@@ -23,8 +23,12 @@ ORDER = [
     "table",
     "tabulation",
     "prediction",
+    "inputs",
+    "excitation",
     "messages",
     "readers",
+    "serving",
+    "scene",
     "plan",
     "logs",
     "drive",
@@ -46,7 +50,8 @@ ROS = {
     "builtin_interfaces",
     "rosidl_runtime_py",
 }
-ROS |= {"linkage_vibration_interfaces", "ament_index_python", "rosgraph_msgs"}
+ROS |= {"linkage_vibration_interfaces", "ament_index_python", "rosgraph_msgs", "std_srvs"}
+ROS |= {"diagnostic_msgs", "geometry_msgs", "lifecycle_msgs", "visualization_msgs"}
 PURE = {"__future__", "collections", "dataclasses", "difflib", "enum", "functools", "hashlib"}
 PURE |= {"itertools", "json", "math", "numpy", "scipy", "typing"}
 

@@ -8,7 +8,15 @@ import numpy as np
 import pytest
 from rosbags.highlevel import AnyReader
 
-from linkage_vibration.drive import HITCH_JOINT, DriveError, hitch_duty_cycle, write_drive
+from linkage_vibration.drive import (
+    ENGINE_SPEED,
+    HITCH_JOINT,
+    PTO_SPEED,
+    DriveError,
+    engine_and_pto_speed,
+    hitch_duty_cycle,
+    write_drive,
+)
 from linkage_vibration.readers.bags import read_joint_states
 from linkage_vibration.resources import config_file
 
@@ -81,3 +89,28 @@ def test_folder_that_does_not_exist(tmp_path: Path) -> None:
     """The error names the file and the mend."""
     with pytest.raises(DriveError, match=r"nowhere/drive\.mcap"):
         write_drive(tmp_path / "nowhere" / "drive.mcap")
+
+
+def test_engine_and_pto_speed() -> None:
+    """The engine works, idles, and is sped up for the road; the PTO turns while it works alone."""
+    times, engine, pto = engine_and_pto_speed()
+    assert times.size == 200
+    assert ((1900 < engine) & (engine <= 2000)).all(where=times < 7.0)
+    assert engine.min() == 1300
+    assert engine.max() == 2050
+    working = (times < 6.5) | (times > 19.0)
+    rounding = 0.0625 * (1 + 540 / 1950)  # of both
+    np.testing.assert_allclose(pto[working], engine[working] * 540 / 1950, atol=rounding)
+    assert not pto[(times > 7.5) & (times < 17.5)].any()
+
+
+def test_bag_holds_the_speeds() -> None:
+    """Engine and PTO are on topics of their own, in rpm, at 10 Hz."""
+    _, engine, pto = engine_and_pto_speed()
+    speeds: dict[str, list[float]] = {ENGINE_SPEED: [], PTO_SPEED: []}
+    with AnyReader([config_file(SHIPPED)]) as reader:
+        for connection, _, data in reader.messages():
+            if connection.topic in speeds:
+                message = reader.deserialize(data, connection.msgtype)
+                speeds[connection.topic].append(message.data)
+    assert speeds == {ENGINE_SPEED: engine.tolist(), PTO_SPEED: pto.tolist()}

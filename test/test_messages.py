@@ -1,51 +1,23 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Readings out of joint states, and predictions as bytes."""
+"""Predictions and resonances as bytes, and in words."""
 
 import math
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from linkage_vibration.excitation import Resonance, ResonanceState
+from linkage_vibration.messages import encode_prediction, encode_resonance, fault
 from linkage_vibration.prediction import Prediction, Status
-from linkage_vibration.messages import ReadingError, encode_prediction, joint_position
 
-
-def state(names: list[str], positions: list[float]) -> Any:
-    """Return what a joint state has of names and positions."""
-    return SimpleNamespace(name=names, position=positions)
-
-
-def test_position_is_found_by_name() -> None:
-    """In any order; a message about other joints has none."""
-    assert joint_position(state(["a", "b"], [1.0, 2.0]), "b") == 2.0
-    assert joint_position(state(["b", "a"], [1.0, 2.0]), "b") == 1.0
-    assert joint_position(state(["a"], [1.0]), "b") is None
-    assert joint_position(state(["a"], []), "b") is None
-    assert joint_position(state([], []), "b") is None
-
-
-@pytest.mark.parametrize(
-    ("names", "positions", "words"),
-    [
-        (["b"], [], "1 names but 0 positions"),
-        (["a", "b"], [1.0], "2 names but 1 positions"),
-        (["b"], [1.0, 2.0], "1 names but 2 positions"),
-        (["b", "b"], [1.0, 2.0], "named 2 times"),
-    ],
-)
-def test_untrustworthy_readings(names: list[str], positions: list[float], words: str) -> None:
-    """Sizes that differ and a joint named twice are told."""
-    with pytest.raises(ReadingError, match=words):
-        joint_position(state(names, positions), "b")
+TEXT = st.text(st.characters(codec="utf-8", exclude_characters="\0"), max_size=20)
 
 
 @given(
-    frame=st.text(st.characters(codec="utf-8", exclude_characters="\0"), max_size=20),
+    frame=TEXT,
     table=st.text(st.characters(codec="ascii", exclude_characters="\0"), max_size=20),
     modes=st.integers(1, 6),
     angle=st.floats(),
@@ -60,14 +32,60 @@ def test_bytes_are_what_ros_reads(
     from linkage_vibration_interfaces.msg import VibrationPrediction
 
     numbers = np.linspace(1.0, 2.0, modes)
-    prediction = Prediction(angle, Status.OK, numbers, -numbers, 3.0, 4.0, 5e-7, table)
+    prediction = Prediction(
+        angle, Status.OK, numbers, -numbers, 0.5 * numbers, 2.0 * numbers, 3.0, 4.0, 5e-7, table
+    )
     encoded = encode_prediction(prediction, sec, 7, frame)
     message = deserialize_message(encoded, VibrationPrediction)
     assert (message.header.stamp.sec, message.header.stamp.nanosec) == (sec, 7)
     assert (message.header.frame_id, message.table_id) == (frame, table)
     assert message.crank_angle == angle or math.isnan(angle)
     assert message.natural_frequencies.tolist() == numbers.tolist()
+    assert message.frequency_stddev.tolist() == (2.0 * numbers).tolist()
     assert message.damping_ratios.tolist() == (-numbers).tolist()
     assert (message.frf_peak_frequency, message.frf_peak_magnitude) == (3.0, 4.0)
     own = serialize_message(message)
     assert len(own) == len(encoded)
+
+
+@given(frame=TEXT, excitation=TEXT, number=st.floats(), mode=st.integers(0, 2**32 - 1))
+def test_resonances_are_what_ros_reads(
+    frame: str, excitation: str, number: float, mode: int
+) -> None:
+    """A ROS 2 reader gets every field of a resonance back from our bytes."""
+    from rclpy.serialization import deserialize_message
+
+    from linkage_vibration_interfaces.msg import Resonance as Message
+
+    state = ResonanceState.WARNING
+    told = Resonance(state, excitation, number, mode, 2.0, 3.0, 4.0, -1, math.inf, "0123456789ab")
+    message = deserialize_message(encode_resonance(told, 5, 7, frame), Message)
+    assert (message.header.stamp.sec, message.header.stamp.nanosec) == (5, 7)
+    assert (message.header.frame_id, message.excitation) == (frame, excitation)
+    assert (message.state, message.mode, message.approach) == (Message.STATE_WARNING, mode, -1)
+    assert message.excitation_frequency == number or math.isnan(number)
+    found = (message.natural_frequency, message.margin, message.relative_margin)
+    assert found == (2.0, 3.0, 4.0)
+    assert (message.time_to_crossing, message.table_id) == (math.inf, "0123456789ab")
+
+
+@pytest.mark.parametrize(
+    ("degrees", "words"),
+    [
+        (85.0, "85 deg is not in the table's 90 to 180 deg"),
+        (480.0, "but 120 deg is: is the joint's zero a turn off?"),
+        (-240.0, "but 120 deg is: is the joint's zero a turn off?"),
+        (math.inf, "not a finite number"),
+    ],
+)
+def test_faults_in_words(degrees: float, words: str) -> None:
+    """What is wrong with an angle is told, and an angle that is off by a turn is recognised."""
+    status = Status.OUT_OF_RANGE if math.isfinite(degrees) else Status.INVALID_ANGLE
+    none = np.full(3, math.nan)
+    nan = math.nan
+    prediction = Prediction(
+        math.radians(degrees), status, none, none, none, none, nan, nan, nan, "table"
+    )
+    told = fault(prediction, (math.pi / 2.0, math.pi))
+    assert words in told
+    assert ("turn off" in told) == ("turn off" in words)

@@ -14,11 +14,11 @@ from matplotlib.figure import Figure
 from linkage_vibration.drive import hitch_duty_cycle
 from linkage_vibration.logs.definitions import message_definition, type_hash
 from linkage_vibration.logs.recording import LogWriter, Topic, offered_qos_profiles
+from linkage_vibration.messages import encode_prediction
 from linkage_vibration.plots import PREDICTION_TOPIC, PlotError, _draw, plot_predictions
 from linkage_vibration.prediction import Predictor
 from linkage_vibration.readers.bags import BagError, read_messages
 from linkage_vibration.resources import config_file
-from linkage_vibration.messages import encode_prediction
 from linkage_vibration.table import load_table
 
 PREDICTION = "linkage_vibration_interfaces/msg/VibrationPrediction"

@@ -12,8 +12,10 @@ from hypothesis import strategies as st
 
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.prediction import Predictor, Status
+from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.resources import config_file
 from linkage_vibration.table import load_table
+from linkage_vibration.tabulation import build_table
 
 
 @pytest.fixture(scope="module")
@@ -49,11 +51,13 @@ def test_any_float_is_answered(predictor: Predictor, alpha3: float) -> None:
     numbers = [
         *prediction.natural_frequencies,
         *prediction.damping_ratios,
+        *prediction.frequency_slopes,
+        *prediction.frequency_stddev,
         prediction.frf_peak_frequency,
         prediction.frf_peak_magnitude,
         prediction.interpolation_error,
     ]
-    assert len(numbers) == 9
+    assert len(numbers) == 15
     good = prediction.status is Status.OK
     assert good == (math.pi / 2 <= alpha3 <= math.pi)
     assert all(math.isfinite(number) == good for number in numbers)
@@ -78,3 +82,63 @@ def test_predictions_do_not_share_numbers(predictor: Predictor) -> None:
     before = first.natural_frequencies.copy()
     predictor.predict(3.0)
     np.testing.assert_array_equal(first.natural_frequencies, before)
+
+
+@given(st.floats(1.58, 3.13))
+def test_slopes_are_the_models(predictor: Predictor, model: LinkageModel, alpha3: float) -> None:
+    """Slopes are the derivatives of the exact frequencies, to the table's own smoothness."""
+    step = 1e-4
+    before, after = (model.solve(alpha3 + s).natural_frequencies[:3] for s in (-step, step))
+    slopes = predictor.predict(alpha3).frequency_slopes
+    # An error of 5e-7 that waves once between the table's points, some degrees apart.
+    room = 5e-7 * after / math.radians(1.0) * math.pi
+    assert (np.abs((after - before) / (2.0 * step) - slopes) <= room + 1e-3 * np.abs(slopes)).all()
+
+
+@pytest.mark.parametrize("degrees", [95.0, 110.0, 130.0, 150.0, 170.0])
+def test_uncertainty_is_that_of_samples(predictor: Predictor, degrees: float) -> None:
+    """The standard deviation told is that of the frequencies at angles that scatter."""
+    alpha3, stddev = math.radians(degrees), math.radians(0.2)
+    angles = alpha3 + np.random.default_rng(6).normal(scale=stddev, size=40_000)
+    sampled = predictor.table.evaluate(angles)[:, :3].std(axis=0)
+    told = predictor.predict(alpha3, stddev).frequency_stddev
+    # What the first order leaves out, and the scatter of 40,000 samples.
+    bend = np.abs(
+        predictor.predict(alpha3 + stddev).frequency_slopes
+        - predictor.predict(alpha3 - stddev).frequency_slopes
+    ) / (2.0 * stddev)
+    assert (np.abs(sampled - told) <= bend * stddev**2 / math.sqrt(2.0) + 0.02 * told).all()
+    assert (told > 0.0).all()
+
+
+def test_uncertainty_at_an_extremum_is_of_second_order(predictor: Predictor) -> None:
+    """Where a frequency is highest the first order says nothing; what is left is small."""
+    angles = np.linspace(1.6, 3.1, 3001)
+    slopes = predictor.table.evaluate_slopes(angles)
+    turning = np.argwhere(slopes[:-1] * slopes[1:] < 0.0)
+    assert len(turning)
+    row, mode = turning[0]
+    alpha3, stddev = float(angles[row]), math.radians(0.2)
+    scatter = alpha3 + np.random.default_rng(6).normal(scale=stddev, size=40_000)
+    sampled = float(predictor.table.evaluate(scatter)[:, mode].std())
+    bend = abs(slopes[row + 1, mode] - slopes[row, mode]) / (angles[1] - angles[0])
+    assert predictor.predict(alpha3, stddev).frequency_stddev[mode] < 0.5 * sampled
+    assert sampled == pytest.approx(bend * stddev**2 / math.sqrt(2.0), rel=0.3)
+
+
+def test_slopes_at_many_angles(predictor: Predictor) -> None:
+    """At many angles at once they are the same to the last bit."""
+    angles = np.random.default_rng(0).uniform(*predictor.table.alpha3_range, 500)
+    alone = [predictor.predict(angle).frequency_slopes for angle in angles.tolist()]
+    np.testing.assert_array_equal(predictor.table.evaluate_slopes(angles), alone)
+
+
+def test_table_of_a_whole_turn_serves_every_turn() -> None:
+    """A crank that turns all the way is where it was a turn ago; too far off, who knows."""
+    table = build_table(LinkageModel(read_mechanism(config_file("four_bar.yaml"))), 1e-2)
+    turning = Predictor(table)
+    for turns in (-3, 1, 1000):
+        here, there = turning.predict(1.0), turning.predict(1.0 + 2.0 * math.pi * turns)
+        assert there.status is Status.OK
+        np.testing.assert_allclose(there.natural_frequencies, here.natural_frequencies, rtol=1e-9)
+    assert turning.predict(1e7).status is Status.OUT_OF_RANGE

@@ -35,15 +35,11 @@ from sensor_msgs.msg import JointState
 
 import linkage_vibration
 from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.inputs import JointInput, ReadingError
 from linkage_vibration.logs.definitions import message_definition, type_hash
 from linkage_vibration.logs.recording import Attachment, LogWriter, Topic, offered_qos_profiles
 from linkage_vibration.mechanics.model import LinkageModel
-from linkage_vibration.messages import (
-    ReadingError,
-    encode_prediction,
-    fault,
-    joint_position,
-)
+from linkage_vibration.messages import encode_prediction, fault
 from linkage_vibration.prediction import Predictor, Status
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.resources import DEFAULT_MECHANISM, DEFAULT_TABLE, config_file
@@ -85,6 +81,12 @@ class LinkageVibrationNode(Node):
         self._next_warning: dict[str, float] = {}
 
         self._settings = declare_parameters(self)
+        self._input = JointInput(
+            self._settings.joint_name,
+            self._settings.sign,
+            self._settings.scale,
+            self._settings.offset,
+        )
         mechanism_path, table = self._load_model()
         self._predictor = Predictor(table)
         self._last_reading = time.monotonic()
@@ -177,14 +179,14 @@ class LinkageVibrationNode(Node):
         self._received += 1
         try:
             message = deserialize_message(data, JointState)
-            position = joint_position(message, self._settings.joint_name)
+            reading = self._input.reading(message)
         except ReadingError as error:
             self._warn("reading", str(error))
             return
         except RuntimeError as error:
             self._warn("bytes", f"A joint state of {len(data)} bytes is not valid CDR: {error}")
             return
-        if position is None:
+        if reading is None:
             # Several nodes may share the topic; `_on_second` tells when none has the joint.
             if len(self._other_joints) < MAX_NAMES_TOLD:
                 self._other_joints.update(message.name[:MAX_NAMES_TOLD])
@@ -192,7 +194,7 @@ class LinkageVibrationNode(Node):
         self._last_reading = time.monotonic()
         self._other_joints.clear()
 
-        prediction = self._predictor.predict(self._settings.crank_angle(position))
+        prediction = self._predictor.predict(reading.crank_angle)
         stamp = message.header.stamp
         encoded = encode_prediction(prediction, stamp.sec, stamp.nanosec, message.header.frame_id)
         self._publisher.publish(encoded)
@@ -200,7 +202,7 @@ class LinkageVibrationNode(Node):
         if prediction.status is not Status.OK:
             self._warn(
                 prediction.status.name,
-                f"Joint {self._settings.joint_name} is at {position}: "
+                f"Joint {self._settings.joint_name} gives an angle without a sound prediction: "
                 f"{fault(prediction, self._predictor.table.alpha3_range)}.",
             )
         # A simulated clock reads zero until it runs; such times would spoil the log.

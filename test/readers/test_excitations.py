@@ -1,0 +1,37 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Files of excitations: the shipped one, and bad ones."""
+
+from pathlib import Path
+
+import pytest
+
+from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.excitation import Source
+from linkage_vibration.readers.excitations import read_excitations
+from linkage_vibration.resources import config_file
+
+
+def test_shipped_file() -> None:
+    """It has every source, each order once, and no name twice."""
+    found = read_excitations(config_file("excitations.yaml"))
+    assert {one.source for one in found} == set(Source)
+    assert len({one.name for one in found}) == len(found) == 12
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "excitations: give at least one"),
+        ("engine: {speed: engine}", "excitations.engine.orders"),
+        ("engine: [", "is not valid YAML"),
+        ("engine: {speed: engine, orders: [1]}\nengine: {speed: pto, orders: [1]}", "stands twice"),
+    ],
+)
+def test_bad_files(tmp_path: Path, text: str, words: str) -> None:
+    """The error names the file and the key."""
+    path = tmp_path / "bad.yaml"
+    path.write_text(text)
+    with pytest.raises(LinkageVibrationError, match=words) as caught:
+        read_excitations(path)
+    assert "bad.yaml" in str(caught.value)
