@@ -43,6 +43,7 @@ setup(
         # ROS 2 from PyPI, where none is sourced; in step with linkage_vibration_interfaces.
         "ros": [
             "ros-diagnostic-msgs~=5.5.1",
+            "ros-geometry-msgs~=5.5.1",
             "ros-lifecycle-msgs~=2.3.0",
             "ros-rclpy~=9.1.2",
             "ros-rmw-fastrtps-cpp~=9.3.3",

@@ -14,6 +14,10 @@ from linkage_vibration.prediction import Prediction
 RPM = 1.0 / 60.0
 """Turns a second (Hz) in one turn a minute."""
 
+# Between two values that a rate is taken of; of a burst's it would be that of its delivery.
+_SHORTEST = 5e-3  # s
+_LARGEST = 1e6  # of a number in a description
+
 
 class ExcitationError(LinkageVibrationError):
     """A description of excitations cannot be used."""
@@ -102,8 +106,9 @@ class _Speed:
     """A speed as it was told last."""
 
     value: float
-    rate: float  # a second
     time: int | None  # ns; None where it is fixed
+    rate: float = 0.0  # a second
+    earlier: tuple[float, int] = (0.0, 0)  # value and time (ns) that the next rate goes back to
 
 
 def excitations_from_mapping(mapping: object, where: str = "excitations") -> tuple[Excitation, ...]:
@@ -134,6 +139,8 @@ def excitations_from_mapping(mapping: object, where: str = "excitations") -> tup
     found: list[Excitation] = []
     for name, keys in mapping.items():
         place = f"{where}.{name}"
+        if not (isinstance(name, str) and name.isprintable()):
+            raise ExcitationError(f"{where}: {name!r} is no name; name an excitation in words.")
         if not isinstance(keys, Mapping):
             raise ExcitationError(f"{place}: give speed and orders.")
         unknown = set(keys) - {"speed", "orders", "ratio", "rolling_radius"}
@@ -162,8 +169,10 @@ def excitations_from_mapping(mapping: object, where: str = "excitations") -> tup
 
 
 def _positive(value: Any, place: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 < value < 1e6:
-        raise ExcitationError(f"{place}: must be a number greater than 0, not {value!r}.")
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 < value <= _LARGEST:
+        raise ExcitationError(
+            f"{place}: must be a number above 0 and up to {_LARGEST:g}, not {value!r}."
+        )
     return float(value)
 
 
@@ -197,26 +206,50 @@ class ResonanceMonitor:
         self.hysteresis = hysteresis
         self.stale_after = stale_after
         self._speeds: dict[Source, _Speed] = {}
-        self._warning = False
+        self._warning = self._told = False
 
     def set_speed(self, source: Source, value: float, time: int) -> None:
-        """Take a speed (rpm or m/s) as told at a time (ns); one that is no number is forgotten."""
-        last = self._speeds.get(source)
+        """Take a speed as told at a time; its rate follows from the last two.
+
+        Parameters
+        ----------
+        source : Source
+            Whose speed.
+        value : float
+            rpm or m/s; where it is negative or no finite number, the last one is forgotten too.
+        time : int
+            When it was told, ns. Values that come within 5 ms count as one for the rate, which
+            starts anew when the clock jumps back, or after `stale_after`.
+        """
+        self._told = True
         if not 0.0 <= value < math.inf:
             self._speeds.pop(source, None)
             return
-        rate = 0.0
+        last = self._speeds.get(source)
+        rate, earlier = 0.0, (value, time)
         if last is not None and last.time is not None:
-            apart = 1e-9 * (time - last.time)
-            if apart == 0.0:
-                rate = last.rate
-            elif 0.0 < apart < self.stale_after:
-                rate = (value - last.value) / apart
-        self._speeds[source] = _Speed(value, rate, time)
+            before, since = last.earlier
+            apart = 1e-9 * (time - since)
+            if 0.0 <= apart < _SHORTEST:
+                rate, earlier = last.rate, last.earlier
+            elif _SHORTEST <= apart < self.stale_after:
+                rate = (value - before) / apart
+        self._speeds[source] = _Speed(value, time, rate, earlier)
+
+    @property
+    def speeds_told(self) -> bool:
+        """Whether any speed has ever been told; without, there is nothing to assess."""
+        return self._told
+
+    def is_fixed(self, source: Source) -> bool:
+        """Whether a speed is one that does not change."""
+        speed = self._speeds.get(source)
+        return speed is not None and speed.time is None
 
     def set_fixed(self, source: Source, value: float) -> None:
         """Take a speed (rpm or m/s) as one that does not change."""
-        self._speeds[source] = _Speed(value, 0.0, None)
+        self._told = True
+        self._speeds[source] = _Speed(value, None)
 
     def forget(self, source: Source) -> None:
         """Forget a speed."""

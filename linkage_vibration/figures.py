@@ -17,6 +17,7 @@ from linkage_vibration.mechanics.kinematics import Configuration
 from linkage_vibration.mechanics.model import LinkageModel, Solution
 from linkage_vibration.plots import COLOURS, GREY, INK, PlotError
 from linkage_vibration.published import GEOMETRY, OVER_THE_SWEEP, SUBSTRUCTURING
+from linkage_vibration.scene import curves, largest, mode_curves
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -158,36 +159,13 @@ def _stroke_axis(ax: "Axes") -> None:
     ax.set_xticks(range(90, 181, 15))
 
 
-def _lines(solution: Solution, mode: int) -> dict[str, tuple[FloatArray, FloatArray]]:
-    """Return places and displacements, each (n, 2), of each body as it is drawn.
-
-    Links are curves, the implement a closed triangle of E1, E2 and its centre of gravity.
-    """
-    drawn = {}
-    for body, (places, moved) in solution.link_shapes(mode).items():
-        drawn[body] = (places[:, ::2], moved[:, ::2])
-    for rigid in solution.model.mechanism.rigid_bodies:
-        places, moved = drawn[rigid.name]
-        arm = places[1] - places[0]
-        turned = moved[1] - moved[0]
-        rotation = (arm[0] * turned[1] - arm[1] * turned[0]) / float(arm @ arm)
-        centre = solution.configuration.place(rigid.name, rigid.centre_of_gravity)
-        out = centre - places[0]
-        swing = moved[0] + rotation * np.array([-out[1], out[0]])
-        drawn[rigid.name] = (
-            np.vstack([places, centre, places[0]]),
-            np.vstack([moved, swing, moved[0]]),
-        )
-    return drawn
-
-
 def _draw_bodies(
     ax: "Axes", solution: Solution, mode: int, scale: float, *, nodes: bool = True, **style: object
 ) -> None:
     """Draw every body, moved by a mode times a scale, and the points that move."""
-    lines = _lines(solution, mode)
-    for places, moved in lines.values():
-        x, z = (places + scale * moved).T
+    moved = mode_curves(solution, mode)
+    for body, places in curves(solution.model, solution.configuration).items():
+        x, z = (places + scale * moved[body]).T
         ax.plot(x, z, **style)  # type: ignore[arg-type]
     if not nodes:
         return
@@ -254,8 +232,8 @@ def _configurations(solutions: Sequence[Solution], label: str) -> "Figure":
     )
     axes = figure.subplots(1, 3, sharey=True)
     for ax, solution, angle in zip(axes, solutions, _ANGLES_DEG, strict=True):
-        for (body, (places, _)), colour in zip(
-            _lines(solution, 0).items(), (*_COLOURS, GREY), strict=True
+        for (body, places), colour in zip(
+            curves(solution.model, solution.configuration).items(), (*_COLOURS, GREY), strict=True
         ):
             ax.plot(
                 *places.T,
@@ -384,11 +362,8 @@ def _mode_shapes(solutions: Sequence[Solution], mode: int, label: str) -> "Figur
 
 def _scale(solution: Solution, mode: int) -> float:
     """Return what makes the largest displacement drawn `_SWING`; E1 goes up first."""
-    largest = max(
-        float(np.linalg.norm(moved, axis=1).max()) for _, moved in _lines(solution, mode).values()
-    )
     up = float(solution.participation([("E1", "z")])[0, mode])
-    return math.copysign(_SWING / largest, up)
+    return math.copysign(_SWING / largest(mode_curves(solution, mode)), up)
 
 
 def _mast_and_inertia(sweeps: Sweeps) -> "Figure":

@@ -16,6 +16,10 @@ from linkage_vibration.errors import LinkageVibrationError
 PERCENT_STEP = 0.4
 """Of a hitch position on the ISO 11783 bus, % a bit."""
 
+# Of a calibration: beyond, its slopes are no numbers of use.
+_LEAST_STEP = 1e-3  # %
+_LARGEST_ANGLE = 1e3  # rad
+
 
 class InputError(LinkageVibrationError):
     """A calibration, or another rule that makes angles of readings, cannot be used."""
@@ -130,8 +134,8 @@ class PercentInput:
     Raises
     ------
     InputError
-        If the points are not two at least, finite, and strictly monotone, or do not reach from 0
-        to 100 %.
+        If the points are not two at least, finite, within 1000 rad, and strictly monotone, with
+        0.001 % at least between them, or do not reach from 0 to 100 %.
     """
 
     percents: tuple[float, ...]
@@ -147,13 +151,17 @@ class PercentInput:
             )
         if not all(map(math.isfinite, (*self.percents, *self.angles))):
             raise InputError("A calibration has a number that is not finite; mend it.")
+        if max(map(abs, self.angles)) > _LARGEST_ANGLE:
+            raise InputError(
+                f"A calibration has an angle beyond {_LARGEST_ANGLE:g} rad; give crank angles."
+            )
         if (self.percents[0], self.percents[-1]) != (0.0, 100.0):
             raise InputError(
                 f"A calibration reaches from {self.percents[0]:g} to {self.percents[-1]:g} %; "
                 "let it begin at 0 and end at 100 %."
             )
         for i, step in enumerate(np.diff(self.percents), start=1):
-            if step <= 0.0:
+            if step < _LEAST_STEP:
                 raise InputError(
                     f"The percents of a calibration must ascend, but point {i + 1} "
                     f"({self.percents[i]:g} %) does not follow {self.percents[i - 1]:g} %."

@@ -97,7 +97,9 @@ class Predictor:
         stddev : float
             Standard deviation of alpha3, rad. It is carried to the frequencies to first order,
             abs(df/dalpha3) stddev, which is too little where a frequency is highest or lowest: the
-            second-order term, abs(d2f/dalpha3^2) stddev^2 / sqrt(2), is all that is left there.
+            second-order term, abs(d2f/dalpha3^2) stddev^2 / sqrt(2), is all that is left there. At
+            a distance d of a toggle, where frequencies go with its root, it is too little by a
+            share of 7/16 (stddev / d)^2, and means nothing within some stddev.
         """
         angle = alpha3
         if not self._low <= angle <= self._high:
@@ -106,15 +108,15 @@ class Predictor:
             angle = min(self._low + (angle - self._low) % _TURN, self._high)
         values, peak_frequency, peak_magnitude, error = self.table.interpolate(angle)
         n = self._n_modes
-        slopes = np.array(self.table.frequency_slopes(angle))
+        slopes = self.table.frequency_slopes(angle)
         sound = self._sound_low <= angle <= self._sound_high
         return Prediction(
             crank_angle=alpha3,
             status=Status.OK if sound else Status.NEAR_TOGGLE,
             natural_frequencies=np.array(values[:n]),
             damping_ratios=np.array(values[n:]),
-            frequency_slopes=slopes,
-            frequency_stddev=np.abs(slopes) * stddev,
+            frequency_slopes=np.array(slopes),
+            frequency_stddev=np.array([abs(slope) * stddev for slope in slopes]),
             frf_peak_frequency=peak_frequency,
             frf_peak_magnitude=peak_magnitude,
             interpolation_error=error,

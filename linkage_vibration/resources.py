@@ -13,6 +13,7 @@ PACKAGE = "linkage_vibration"
 # Below config, what is used where nothing else is asked for.
 DEFAULT_MECHANISM = "three_point_linkage.yaml"
 DEFAULT_TABLE = "tables/three_point_linkage.npz"
+DEFAULT_EXCITATIONS = "excitations.yaml"
 
 
 class ResourceError(LinkageVibrationError):

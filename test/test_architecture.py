@@ -32,6 +32,7 @@ ORDER = [
     "plan",
     "logs",
     "drive",
+    "review",
     "calibration",
     "sweep",
     "published",

@@ -17,8 +17,13 @@ from linkage_vibration.drive import (
     hitch_duty_cycle,
     write_drive,
 )
+from linkage_vibration.excitation import Resonance, ResonanceMonitor, ResonanceState, Source
+from linkage_vibration.inputs import JointInput
+from linkage_vibration.prediction import Predictor
 from linkage_vibration.readers.bags import read_joint_states
-from linkage_vibration.resources import config_file
+from linkage_vibration.readers.excitations import read_excitations
+from linkage_vibration.resources import DEFAULT_TABLE, config_file
+from linkage_vibration.table import load_table
 
 SHIPPED = "drives/hitch_duty_cycle.mcap"
 
@@ -114,3 +119,45 @@ def test_bag_holds_the_speeds() -> None:
                 message = reader.deserialize(data, connection.msgtype)
                 speeds[connection.topic].append(message.data)
     assert speeds == {ENGINE_SPEED: engine.tolist(), PTO_SPEED: pto.tolist()}
+
+
+def replayed() -> list[tuple[float, Resonance]]:
+    """Assess every joint state of the shipped bag as a node does; times are s from its start."""
+    predictor = Predictor(load_table(config_file(DEFAULT_TABLE)))
+    monitor = ResonanceMonitor(read_excitations(config_file("excitations.yaml")))
+    sources = {ENGINE_SPEED: Source.ENGINE, PTO_SPEED: Source.PTO}
+    joint, resonances = JointInput(HITCH_JOINT), []
+    with AnyReader([config_file(SHIPPED)]) as reader:
+        for connection, time, data in reader.messages():
+            message = reader.deserialize(data, connection.msgtype)
+            if connection.topic in sources:
+                monitor.set_speed(sources[connection.topic], message.data, time)
+            else:
+                reading = joint.reading(message)
+                assert reading is not None
+                prediction = predictor.predict(reading.crank_angle)
+                resonance = monitor.assess(prediction, reading.velocity, time)
+                resonances.append(((time - reader.start_time) * 1e-9, resonance))
+    return resonances
+
+
+def test_drive_crosses_resonances() -> None:
+    """Sped up for the road the engine runs through modes 2 and 1, warned of and foretold."""
+    road = [(time, told) for time, told in replayed() if 11.0 < time < 13.0]
+    assert road[0][1].state is ResonanceState.CLEAR
+    for excitation, mode in (("engine 6", 2), ("engine 3", 1)):
+        pair = [(t, r) for t, r in road if (r.excitation, r.mode) == (excitation, mode)]
+        crossing = next(t for t, r in pair if r.margin > 0.0)
+        for time, told in pair:
+            if told.state is ResonanceState.WARNING and told.margin < 0.0:
+                # Speeds are 0.1 s old at most, and rise ever more slowly towards the second.
+                assert told.approach == 1
+                assert time + told.time_to_crossing == pytest.approx(crossing, abs=0.1)
+        passed = next(r for _, r in pair if r.margin > 0.0)
+        assert passed.state is ResonanceState.WARNING
+        assert (passed.approach, passed.time_to_crossing) == (-1, np.inf)
+
+
+def test_replay_tells_the_same_again() -> None:
+    """Played twice, a bag gives the same resonances to the last bit."""
+    assert replayed() == replayed()

@@ -76,6 +76,9 @@ def test_orders_of_shafts_and_tyres() -> None:
         ({"a": {"speed": "pto", "orders": "1"}}, "excitations.a.orders"),
         ({"a": {"speed": "pto", "orders": [1, 0]}}, r"excitations.a.orders\[1\]"),
         ({"a": {"speed": "pto", "orders": [math.nan]}}, r"excitations.a.orders\[0\]"),
+        ({"a": {"speed": "pto", "orders": [2e6]}}, r"excitations.a.orders\[0\].* up to 1e\+06"),
+        ({"a\0": {"speed": "pto", "orders": [1]}}, r"excitations: 'a\\x00' is no name"),
+        ({None: {"speed": "pto", "orders": [1]}}, "excitations: None is no name"),
         ({"a": {"speed": "pto", "orders": [True]}}, r"excitations.a.orders\[0\]"),
         ({"a": {"speed": "pto", "orders": [1], "ratio": -1}}, "excitations.a.ratio"),
         ({"a": {"speed": "pto", "orders": [1], "gear": 2}}, "excitations.a.gear: is not known"),
@@ -170,6 +173,27 @@ def test_speed_that_is_none(prediction: Prediction, value: float) -> None:
     assert watch.assess(prediction, 0.0, SECOND // 10).state is ResonanceState.STALE
 
 
+def test_whether_speeds_were_ever_told() -> None:
+    """A monitor that hears no speed says so; one that has lost its speed has heard one."""
+    for tell in (lambda w: w.set_speed(Source.PTO, 540.0, 0), lambda w: w.set_fixed(Source.PTO, 1)):
+        watch = monitor()
+        assert not watch.speeds_told
+        tell(watch)
+        assert watch.speeds_told
+        watch.forget(Source.PTO)
+        assert watch.speeds_told
+
+
+def test_fixed_speeds_are_told_apart() -> None:
+    """A speed is fixed until it is forgotten, or told."""
+    watch = monitor()
+    assert not watch.is_fixed(Source.ENGINE)
+    watch.set_fixed(Source.ENGINE, 2000.0)
+    assert watch.is_fixed(Source.ENGINE)
+    watch.set_speed(Source.ENGINE, 2000.0, 0)
+    assert not watch.is_fixed(Source.ENGINE)
+
+
 def test_shaft_that_stands_excites_nothing(prediction: Prediction) -> None:
     """An engine at rest is no excitation of 0 Hz."""
     watch = monitor()
@@ -185,6 +209,38 @@ def test_clock_that_jumps_back(prediction: Prediction) -> None:
         if time == 101:
             assert watch.assess(prediction, 0.0, time * SECOND).approach != 0
     assert watch.assess(prediction, 0.0, 2 * SECOND).approach == 0
+
+
+def test_burst_makes_no_rate_of_its_own(prediction: Prediction) -> None:
+    """Values that come at 5 kHz rise as fast as over 5 ms, however noisy each is, or jammed."""
+    watch, natural = monitor(), float(prediction.natural_frequencies[1])
+    for i in range(500):
+        time = i * SECOND // 5000
+        noise = 0.01 * (-1) ** i  # Hz: 100 Hz/s from one to the next
+        watch.set_speed(Source.ENGINE, rpm(natural - 2.0 + 1e-9 * time + noise), time)
+        found = watch.assess(prediction, 0.0, time)
+        if i > 50:
+            # At most 0.02 Hz of noise in 5 ms, on 1 Hz/s
+            assert -found.margin / found.time_to_crossing <= 1.0 + 4.01
+    jammed = monitor()
+    for time, apart in ((0.0, -2.0), (0.1, -1.9), (0.1001, -1.8), (0.1002, -1.7)):
+        jammed.set_speed(Source.ENGINE, rpm(natural + apart), round(time * SECOND))
+    found = jammed.assess(prediction, 0.0, SECOND // 10)
+    assert found.margin == pytest.approx(-1.7)
+    assert found.time_to_crossing == pytest.approx(1.7)  # at 1 Hz/s
+
+
+def test_two_pairs_that_take_turns_do_not_chatter(prediction: Prediction) -> None:
+    """The warning stays while the nearest pair changes, and tells whichever is nearest."""
+    natural = float(prediction.natural_frequencies[1])
+    below, above = (Excitation(f"e {r}", Source.ENGINE, r / 60.0) for r in (0.85, 1.05))
+    watch = ResonanceMonitor([below, above])
+    found = []
+    for i in range(40):  # 0.85 x is 9 to 11 % too low while 1.05 x is 12 to 10 % too high
+        watch.set_speed(Source.ENGINE, rpm(natural * (1.06 + 0.01 * (-1) ** i)), i * SECOND // 10)
+        found.append(watch.assess(prediction, 0.0, i * SECOND // 10))
+    assert {one.excitation for one in found} == {"e 0.85", "e 1.05"}
+    assert {one.state for one in found} == {ResonanceState.WARNING}
 
 
 def test_same_calls_give_the_same_answers(predictor: Predictor) -> None:

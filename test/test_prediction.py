@@ -4,6 +4,7 @@
 
 import math
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -124,6 +125,27 @@ def test_uncertainty_at_an_extremum_is_of_second_order(predictor: Predictor) -> 
     bend = abs(slopes[row + 1, mode] - slopes[row, mode]) / (angles[1] - angles[0])
     assert predictor.predict(alpha3, stddev).frequency_stddev[mode] < 0.5 * sampled
     assert sampled == pytest.approx(bend * stddev**2 / math.sqrt(2.0), rel=0.3)
+
+
+def test_uncertainty_near_a_toggle() -> None:
+    """There a frequency goes with the root of the distance d: too little by 7/16 (stddev/d)^2."""
+    mechanism = read_mechanism(config_file("three_point_linkage_as_printed.yaml"))
+    toggles = LinkageModel(mechanism).kinematics.toggles
+    assert toggles is not None
+    toggle = toggles[1].alpha3
+    stroke = (mechanism.stroke[0], toggle - math.radians(0.01))
+    predictor = Predictor(build_table(LinkageModel(replace(mechanism, stroke=stroke)), 1e-5))
+    distance = math.radians(0.4)
+    for share in (0.02, 0.2):
+        alpha3, stddev = toggle - distance, share * distance
+        angles = alpha3 + np.random.default_rng(6).normal(scale=stddev, size=200_000)
+        sampled = float(predictor.table.evaluate(angles[angles < stroke[1]])[:, 1].std())
+        prediction = predictor.predict(alpha3, stddev)
+        assert prediction.status is Status.NEAR_TOGGLE
+        missing = sampled / prediction.frequency_stddev[1] - 1.0
+        scatter = 3.0 / math.sqrt(2.0 * angles.size)
+        # What the root itself leaves to higher orders and to the smooth rest is a fifth of it.
+        assert missing == pytest.approx(7.0 / 16.0 * share**2, rel=0.2, abs=scatter)
 
 
 def test_slopes_at_many_angles(predictor: Predictor) -> None:

@@ -2,12 +2,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """Writes serialized ROS 2 messages to an MCAP file that rosbag2, Foxglove and rosbags open."""
 
-from collections.abc import Sequence
+import contextlib
+import io
+import os
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 
 import yaml
+from mcap.data_stream import RecordBuilder
+from mcap.exceptions import UnsupportedCompressionError
+from mcap.records import Channel, Schema
 from mcap.writer import LIBRARY_IDENTIFIER, CompressionType, Writer
 
 from linkage_vibration.errors import LinkageVibrationError
@@ -16,6 +22,16 @@ from linkage_vibration.errors import LinkageVibrationError
 CHUNK_BYTES = 64 * 1024
 # The newest version of rosbag2's metadata whose policies are integers, see offered_qos_profiles.
 ROSBAG2_METADATA_VERSION = 7
+ROSBAG2_METADATA = "rosbag2"  # the name of its record
+COMPRESSIONS = tuple(kind.name.lower() for kind in CompressionType)
+
+# Bytes that MCAP adds, at most: to a message with its index; to a chunk with its two indexes, and
+# for each channel in it; for an attachment or metadata in the summary, beside its name; to the
+# summary as a whole.
+_PER_MESSAGE = 47
+_PER_CHUNK, _PER_CHUNK_CHANNEL = 160, 25
+_PER_INDEX = 64
+_PER_SUMMARY = 1024
 
 
 class LogError(LinkageVibrationError):
@@ -104,13 +120,62 @@ def _duration(nanoseconds: int) -> dict[str, int]:
     return {"sec": seconds, "nsec": nanoseconds}
 
 
+def rosbag2_metadata(
+    path: Path, topics: Sequence[Topic], counts: Sequence[int], first_time: int, last_time: int
+) -> dict[str, str]:
+    """Return the content of the metadata record that rosbag2 keeps in its own MCAP files.
+
+    Parameters
+    ----------
+    path : Path
+        The log; its name is kept.
+    topics : sequence of Topic
+        Its topics.
+    counts : sequence of int
+        How many messages it has of each.
+    first_time, last_time : int
+        Least and greatest log time, ns; 0 without messages.
+
+    Returns
+    -------
+    dict of str to str
+        To be written under the name `ROSBAG2_METADATA`.
+    """
+    metadata = {
+        "version": ROSBAG2_METADATA_VERSION,
+        "storage_identifier": "mcap",
+        "duration": {"nanoseconds": last_time - first_time},
+        "starting_time": {"nanoseconds_since_epoch": first_time},
+        "message_count": sum(counts),
+        "topics_with_message_count": [
+            {
+                "topic_metadata": {
+                    "name": topic.name,
+                    "type": topic.type,
+                    "serialization_format": "cdr",
+                    "offered_qos_profiles": topic.offered_qos_profiles,
+                    "type_description_hash": topic.type_hash,
+                },
+                "message_count": count,
+            }
+            for topic, count in zip(topics, counts, strict=True)
+        ],
+        "compression_format": "",
+        "compression_mode": "",
+        "relative_file_paths": [path.name],
+        "files": [],
+        "custom_data": {},
+    }
+    return {"serialized_metadata": yaml.safe_dump(metadata, sort_keys=False)}
+
+
 class LogWriter:
     """An MCAP log under way; predictions must go on when it fails, so only opening it raises.
 
-    Messages are gathered in chunks of 64 KiB, compressed by zstd (it shrinks joint states and
-    predictions to a third in 0.4 ms a chunk, and every reader of MCAP knows it). Whoever owns the
-    log calls `flush` once a second: a killed process then loses that second at most. The file grows
-    under its own name, so that what was flushed can be found. Not thread-safe.
+    Messages are gathered in chunks of 64 KiB; zstd shrinks joint states and predictions to a third
+    in 0.4 ms a chunk, and every reader of MCAP knows it. Whoever owns the log calls `flush` once a
+    second: a killed process then loses that second at most. The file grows under its own name, so
+    that what was flushed can be found. Not thread-safe.
 
     Parameters
     ----------
@@ -120,30 +185,42 @@ class LogWriter:
         The topics that will be written.
     attachments : sequence of Attachment
         Files to keep inside the log.
+    compression : str
+        Of chunks; one of `COMPRESSIONS`.
 
     Attributes
     ----------
     error : LogError or None
         The first failure; nothing is written after it.
+    written : int
+        How many messages the operating system has been given.
     dropped : int
-        How many messages are not in the file because of it.
+        How many messages are not in the file because of the failure.
 
     Raises
     ------
     LogError
-        If the file exists, or cannot be created or begun.
+        If the file exists, or cannot be created or begun; then it is not there.
     """
 
     def __init__(
-        self, path: Path, topics: Sequence[Topic], attachments: Sequence[Attachment] = ()
+        self,
+        path: Path,
+        topics: Sequence[Topic],
+        attachments: Sequence[Attachment] = (),
+        compression: str = "zstd",
     ) -> None:
         self.path = path
         self.error: LogError | None = None
-        self.dropped = 0
-        self._topics = tuple(topics)
-        self._counts = dict.fromkeys((topic.name for topic in topics), 0)
+        self.written = self.dropped = 0
+        self._topics: list[Topic] = []
+        self._counts: dict[str, int] = {}
+        self._channels: dict[str, int] = {}
+        self._schemas: dict[tuple[str, str], int] = {}
         self._first_time = self._last_time = 0
         self._held = self._held_bytes = 0
+        self._definition_bytes = self._index_bytes = self._chunks = 0
+        kind = _compression_type(compression)
         try:
             self._stream = path.open("xb")
         except FileExistsError:
@@ -153,12 +230,67 @@ class LogWriter:
                 f"{path} could not be created: {error.strerror}; give a folder that can be written."
             ) from None
         # Chunks end in `flush` alone, so that what a failure loses can be counted.
-        self._writer = Writer(self._stream, chunk_size=2**63, compression=CompressionType.ZSTD)
+        self._writer = Writer(self._stream, chunk_size=2**63, compression=kind)
+        self._begin(topics, attachments)
+        if self.error is not None:
+            self.close()
+            with contextlib.suppress(OSError):
+                path.unlink()
+            raise self.error
+
+    @property
+    def messages(self) -> int:
+        """How many messages are in the file or about to be."""
+        return self.written + self._held
+
+    @property
+    def size(self) -> int:
+        """How many bytes the file would have if it were closed now, at most."""
+        closing = self._index_bytes + _PER_SUMMARY
+        # In the first chunk, in the summary, and twice the part of them that rosbag2 asks for.
+        closing += 4 * self._definition_bytes
+        chunk = _PER_CHUNK + _PER_CHUNK_CHANNEL * len(self._topics)
+        held = self._held_bytes + self._held * _PER_MESSAGE
+        # What does not compress grows by less than 1 %.
+        return self._stream.tell() + held + held // 100 + closing + (self._chunks + 1) * chunk
+
+    def add_topic(self, topic: Topic) -> None:
+        """Let messages of another topic be written; nothing happens if it is known already."""
+        if topic.name in self._channels or self.error is not None:
+            return
+        definition = (topic.type, topic.definition)
+        records = RecordBuilder()
+        if definition not in self._schemas:
+            data = topic.definition.encode()
+            self._schemas[definition] = self._writer.register_schema(topic.type, "ros2msg", data)
+            Schema(self._schemas[definition], data, "ros2msg", topic.type).write(records)
+        schema = self._schemas[definition]
+        metadata = {
+            "offered_qos_profiles": topic.offered_qos_profiles,
+            "topic_type_hash": topic.type_hash,
+        }
+        channel = self._writer.register_channel(topic.name, "cdr", schema, metadata)
+        Channel(channel, topic.name, "cdr", metadata, schema).write(records)
+        self._topics.append(topic)
+        self._channels[topic.name] = channel
+        self._counts[topic.name] = 0
+        # The writer puts them into a chunk; here they stand by themselves too, so that the loss of
+        # that chunk costs no other.
+        data = records.end()  # type: ignore[no-untyped-call]
+        self._definition_bytes += len(data)
         try:
-            self._begin(attachments)
+            self._stream.write(data)
         except OSError as error:
-            raise self._failure(error) from None
-        self._channels = {topic.name: self._register(topic) for topic in topics}
+            self._fail(error)
+
+    def add_metadata(self, name: str, data: Mapping[str, str]) -> None:
+        """Keep facts in the log, by name; a later record of the same name does not replace them."""
+        if self.error is None:
+            try:
+                self._writer.add_metadata(name, dict(data))
+                self._index_bytes += _PER_INDEX + len(name.encode())
+            except OSError as error:
+                self._fail(error)
 
     def write(self, topic: str, data: bytes, log_time: int, publish_time: int) -> None:
         """Add a message; after a failure, count it as dropped.
@@ -177,11 +309,11 @@ class LogWriter:
             return
         # MCAP's times are unsigned, a ROS stamp's seconds are not.
         log_time, publish_time = max(log_time, 0), max(publish_time, 0)
-        empty = not any(self._counts.values())
+        empty = self.messages == 0
         self._first_time = log_time if empty else min(self._first_time, log_time)
         self._last_time = max(self._last_time, log_time)
         self._writer.add_message(
-            self._channels[topic], log_time, data, publish_time, self._counts[topic]
+            self._channels[topic], log_time, data, publish_time, self._counts[topic] % 2**32
         )
         self._counts[topic] += 1
         self._held += 1
@@ -194,7 +326,19 @@ class LogWriter:
         if self.error is None:
             try:
                 self._writer.flush()  # type: ignore[no-untyped-call]
+                if os.fstat(self._stream.fileno()).st_nlink == 0:
+                    raise FileNotFoundError
+                self._chunks += self._held > 0
+                self.written += self._held
                 self._held = self._held_bytes = 0
+            except OSError as error:
+                self._fail(error)
+
+    def sync(self) -> None:
+        """Wait until the disk has what was flushed: a loss of power then costs none of it."""
+        if self.error is None:
+            try:
+                os.fsync(self._stream.fileno())
             except OSError as error:
                 self._fail(error)
 
@@ -225,69 +369,58 @@ class LogWriter:
         """Close the log."""
         self.close()
 
-    def _begin(self, attachments: Sequence[Attachment]) -> None:
-        self._writer.start(profile="ros2", library=f"linkage_vibration {LIBRARY_IDENTIFIER}")
-        # Again in `close`, with the counts: as rosbag2 does, for logs that are never closed.
-        self._add_rosbag2_metadata()
-        for attachment in attachments:
-            self._writer.add_attachment(
-                create_time=0,
-                log_time=0,
-                name=attachment.name,
-                media_type=attachment.media_type,
-                data=attachment.data,
-            )
-        self._writer.flush()  # type: ignore[no-untyped-call]
-
-    def _register(self, topic: Topic) -> int:
-        schema = self._writer.register_schema(topic.type, "ros2msg", topic.definition.encode())
-        return self._writer.register_channel(
-            topic.name,
-            "cdr",
-            schema,
-            {
-                "offered_qos_profiles": topic.offered_qos_profiles,
-                "topic_type_hash": topic.type_hash,
-            },
-        )
+    def _begin(self, topics: Sequence[Topic], attachments: Sequence[Attachment]) -> None:
+        try:
+            self._writer.start(profile="ros2", library=f"linkage_vibration {LIBRARY_IDENTIFIER}")
+            for topic in topics:
+                self.add_topic(topic)
+            # Again in `close`, with the counts: as rosbag2 does, for logs that are never closed.
+            self._add_rosbag2_metadata()
+            for attachment in attachments:
+                self._writer.add_attachment(
+                    create_time=0,
+                    log_time=0,
+                    name=attachment.name,
+                    media_type=attachment.media_type,
+                    data=attachment.data,
+                )
+                names = attachment.name + attachment.media_type
+                self._index_bytes += _PER_INDEX + len(names.encode())
+            self._writer.flush()  # type: ignore[no-untyped-call]
+        except OSError as error:
+            self._fail(error)
 
     def _add_rosbag2_metadata(self) -> None:
-        metadata = {
-            "version": ROSBAG2_METADATA_VERSION,
-            "storage_identifier": "mcap",
-            "duration": {"nanoseconds": self._last_time - self._first_time},
-            "starting_time": {"nanoseconds_since_epoch": self._first_time},
-            "message_count": sum(self._counts.values()),
-            "topics_with_message_count": [
-                {
-                    "topic_metadata": {
-                        "name": topic.name,
-                        "type": topic.type,
-                        "serialization_format": "cdr",
-                        "offered_qos_profiles": topic.offered_qos_profiles,
-                        "type_description_hash": topic.type_hash,
-                    },
-                    "message_count": self._counts[topic.name],
-                }
-                for topic in self._topics
-            ],
-            "compression_format": "",
-            "compression_mode": "",
-            "relative_file_paths": [self.path.name],
-            "files": [],
-            "custom_data": {},
-        }
-        serialized = yaml.safe_dump(metadata, sort_keys=False)
-        self._writer.add_metadata("rosbag2", {"serialized_metadata": serialized})
+        counts = [self._counts[topic.name] for topic in self._topics]
+        self._writer.add_metadata(
+            ROSBAG2_METADATA,
+            rosbag2_metadata(self.path, self._topics, counts, self._first_time, self._last_time),
+        )
 
     def _fail(self, error: OSError) -> None:
         self.dropped += self._held
         self._held = self._held_bytes = 0
-        if self.error is None:
-            self.error = self._failure(error)
+        if self.error is not None:
+            return
+        if isinstance(error, FileNotFoundError):
+            self.error = LogError(f"{self.path} was removed while it was written; leave it there.")
+        else:
+            self.error = LogError(
+                f"{self.path} could not be written any further: {error.strerror}; make room on its "
+                f"disk, and complete what was written with `linkage-vibration recover {self.path}`."
+            )
 
-    def _failure(self, error: OSError) -> LogError:
-        return LogError(
-            f"{self.path} could not be written any further: {error.strerror}; make room on its "
-            "disk and start a new log, and mend this one with `mcap recover`."
-        )
+
+def _compression_type(name: str) -> CompressionType:
+    """Return mcap's name of a compression that is installed."""
+    if name not in COMPRESSIONS:
+        raise LogError(f"A log's compression is one of {', '.join(COMPRESSIONS)}, not {name!r}.")
+    kind = CompressionType[name.upper()]
+    try:
+        Writer(io.BytesIO(), compression=kind)
+    except UnsupportedCompressionError:
+        wheel = "lz4" if name == "lz4" else "zstandard"
+        raise LogError(
+            f"Logs with compression {name} need {wheel}; `pip install {wheel}`."
+        ) from None
+    return kind

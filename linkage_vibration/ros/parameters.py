@@ -3,20 +3,37 @@
 """The node's parameters: declared, checked and documented from one list."""
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, field, fields
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, fields, replace
 from typing import Any, TypeVar
 
 import yaml
-from rcl_interfaces.msg import ParameterDescriptor
+from rcl_interfaces.msg import (
+    FloatingPointRange,
+    IntegerRange,
+    ParameterDescriptor,
+    SetParametersResult,
+)
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 
 from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.excitation import Source
+from linkage_vibration.inputs import InputError, JointInput, PercentInput
+from linkage_vibration.logs.recorder import Limits
+from linkage_vibration.logs.recording import COMPRESSIONS
 
-Value = TypeVar("Value", bool, int, float, str)
+Value = TypeVar("Value", bool, int, float, str, tuple[float, ...])
 
 # ROS 2's names of the types, as `ros2 param describe` prints them.
-TYPE_NAMES = {bool: "boolean", int: "integer", float: "double", str: "string"}
+TYPE_NAMES = {
+    bool: "boolean",
+    int: "integer",
+    float: "double",
+    str: "string",
+    tuple: "double array",
+}
+JOINT_STATE, PERCENT = "joint_state", "percent"
 
 
 class ParameterError(LinkageVibrationError):
@@ -29,20 +46,59 @@ def _parameter(
     valid: str,
     description: str,
     check: Callable[[Value], bool] = lambda value: True,
+    *,
+    between: tuple[float, float] | None = None,
+    live: bool = False,
 ) -> Value:
-    """Return a dataclass field that carries what a declaration and a manual say."""
-    metadata = {"unit": unit, "valid": valid, "description": description, "check": check}
+    """Return a dataclass field that carries what a declaration and a manual say.
+
+    ``between`` is a range that includes its ends; a ``live`` parameter can be set while the node
+    works, all others are read when it is configured.
+    """
+    if between is not None:
+        valid = f"{between[0]:g} to {between[1]:g}"
+    metadata = {
+        "unit": unit,
+        "valid": valid,
+        "description": description,
+        "check": check,
+        "between": between,
+        "live": live,
+    }
     found: Any = field(default=default, metadata=metadata)
     return found  # type: ignore[no-any-return]
 
 
+def _speed(source: Source, topic: str) -> float:
+    """Return the field of a speed that may be fixed."""
+    return _parameter(
+        -1.0,
+        source.unit,
+        "a finite number",
+        f"Fixed {source.value} speed; below 0, it is heard on `{topic}` (std_msgs/Float64).",
+        math.isfinite,
+        live=True,
+    )
+
+
 @dataclass(frozen=True, slots=True)
 class Parameters:
-    """What the node was asked to do; fixed while it runs, so that one log has one meaning.
+    """What the node was asked to do.
 
     The fields' metadata are the descriptors; their order is the manual's.
     """
 
+    autostart: bool = _parameter(
+        True, "", "true or false", "Configure and activate at start, without a lifecycle manager."
+    )
+    input: str = _parameter(
+        JOINT_STATE,
+        "",
+        f"{JOINT_STATE} or {PERCENT}",
+        "Where the crank angle comes from: a joint on `joint_states`, or the hitch position in "
+        "percent on `hitch_position` (std_msgs/Float64, 0 down to 100 up).",
+        lambda value: value in (JOINT_STATE, PERCENT),
+    )
     joint_name: str = _parameter(
         "hitch_rockshaft_joint",
         "",
@@ -67,6 +123,27 @@ class Parameters:
     offset: float = _parameter(
         0.0, "rad", "a finite number", "Crank angle at joint position 0.", math.isfinite
     )
+    percent_points: tuple[float, ...] = _parameter(
+        (0.0, 100.0),
+        "%",
+        "ascending numbers from 0 to 100",
+        "Hitch positions of the calibration from percent to crank angle.",
+    )
+    percent_angles: tuple[float, ...] = _parameter(
+        (3.14159, 1.5708),
+        "rad",
+        "as many numbers, all ascending or all descending",
+        "Crank angles at those hitch positions; a monotone curve leads from one to the next.",
+    )
+    angle_stddev: float = _parameter(
+        0.0,
+        "rad",
+        "",
+        "Standard deviation of the crank angle, carried to the frequencies; that of the percent's "
+        "steps of 0.4 is added.",
+        between=(0.0, 1.0),
+        live=True,
+    )
     mechanism_file: str = _parameter(
         "",
         "",
@@ -80,11 +157,45 @@ class Parameters:
         "Table of that mechanism, made by `linkage-vibration build`; empty for the one that ships "
         "with the package, or, where mechanism_file is given, for one computed at start.",
     )
+    excitation_file: str = _parameter(
+        "",
+        "",
+        "the path of a YAML file, or empty",
+        "What excites the linkage; empty for the orders that ship with the package.",
+    )
+    engine_speed: float = _speed(Source.ENGINE, "engine_speed")
+    pto_speed: float = _speed(Source.PTO, "pto_speed")
+    ground_speed: float = _speed(Source.GROUND, "ground_speed")
+    warning_margin: float = _parameter(
+        0.1,
+        "1",
+        "",
+        "Relative margin of an excitation to a natural frequency below which it warns.",
+        between=(0.0, 1.0),
+        live=True,
+    )
+    hysteresis: float = _parameter(
+        0.02,
+        "1",
+        "",
+        "By how much the margin has to exceed that until the warning ends.",
+        between=(0.0, 1.0),
+        live=True,
+    )
+    stale_after: float = _parameter(
+        1.0,
+        "s",
+        "",
+        "Age from which a speed, or the crank angle, is stale.",
+        between=(0.01, 3600.0),
+        live=True,
+    )
     record: bool = _parameter(
         False,
         "",
         "true or false",
-        "Whether to log the joint states that are used and the predictions, in MCAP.",
+        "Whether to begin a log, in MCAP, when the node is activated; `~/start_recording` and "
+        "`~/stop_recording` do so at any time.",
     )
     log_directory: str = _parameter(
         "",
@@ -92,10 +203,92 @@ class Parameters:
         "the path of a folder that exists, or empty",
         "Where logs go; empty for the current directory.",
     )
+    compression: str = _parameter(
+        "zstd",
+        "",
+        ", ".join(COMPRESSIONS),
+        "Of logs.",
+        lambda value: value in COMPRESSIONS,
+    )
+    split_size: int = _parameter(
+        0,
+        "byte",
+        "a whole number, 0 for no limit",
+        "Size from which a log goes on in another file.",
+        lambda size: size >= 0,
+    )
+    split_duration: float = _parameter(
+        0.0,
+        "s",
+        "a finite number, 0 for no limit",
+        "Time after which a log goes on in another file.",
+        lambda duration: 0.0 <= duration < math.inf,
+    )
+    disk_limit: int = _parameter(
+        0,
+        "byte",
+        "a whole number, 0 for no limit",
+        "What all logs in the folder may take; recording ends there.",
+        lambda size: size >= 0,
+    )
+    delete_oldest: bool = _parameter(
+        False, "", "true or false", "Whether to delete the oldest logs instead."
+    )
+    extra_topics: str = _parameter(
+        "",
+        "",
+        "names of topics, separated by spaces, or empty",
+        "Topics to log as they come, beside those that the node uses.",
+    )
+    marker_mode: int = _parameter(
+        1,
+        "1",
+        "",
+        "Mode that `~/markers` show, an index into the natural frequencies; -1 for none.",
+        between=(-1, 1000),
+        live=True,
+    )
+    marker_rate: float = _parameter(
+        10.0, "Hz", "", "Pictures a second on `~/markers`.", between=(0.1, 100.0), live=True
+    )
+    marker_frame: str = _parameter(
+        "base_link",
+        "",
+        "the name of a frame",
+        "Frame of `~/markers`: the mechanism's origin, x forward, z up.",
+        lambda name: name != "",
+        live=True,
+    )
 
-    def crank_angle(self, position: float) -> float:
-        """Return the crank angle alpha3 (rad) at a position of the joint (its own unit)."""
-        return self.sign * self.scale * position + self.offset
+    def crank_input(self) -> JointInput | PercentInput:
+        """Return what makes crank angles of readings.
+
+        Raises
+        ------
+        ParameterError
+            If the calibration cannot be used.
+        """
+        if self.input == JOINT_STATE:
+            return JointInput(
+                self.joint_name, self.sign, self.scale, self.offset, self.angle_stddev
+            )
+        try:
+            return PercentInput(self.percent_points, self.percent_angles, self.angle_stddev)
+        except InputError as error:
+            raise ParameterError(f"Parameters percent_points, percent_angles: {error}") from None
+
+    def fixed_speed(self, source: Source) -> float | None:
+        """Return a speed that is fixed (rpm, m/s), or None where it is heard."""
+        value = {
+            Source.ENGINE: self.engine_speed,
+            Source.PTO: self.pto_speed,
+            Source.GROUND: self.ground_speed,
+        }[source]
+        return value if value >= 0.0 else None
+
+    def limits(self) -> Limits:
+        """Return how large logs become."""
+        return Limits(self.split_size, self.split_duration, self.disk_limit, self.delete_oldest)
 
 
 def check_value(name: str, value: object) -> Any:
@@ -114,14 +307,28 @@ def check_value(name: str, value: object) -> Any:
         If it has another type, or is not valid.
     """
     parameter = next(f for f in fields(Parameters) if f.name == name)
-    kind = type(parameter.default)
-    if kind is float and type(value) is int:
-        value = float(value)  # YAML's `scale: 1` means a number as much as `scale: 1.0` does.
-    if type(value) is not kind or not parameter.metadata["check"](value):
+    value = _own_type(type(parameter.default), value)
+    words = parameter.metadata
+    between = words["between"]
+    if (
+        type(value) is not type(parameter.default)
+        or (between is not None and not between[0] <= value <= between[1])
+        or not words["check"](value)
+    ):
         raise ParameterError(
-            f"Parameter {name} must be {parameter.metadata['valid']}, not {value!r}; "
+            f"Parameter {name} must be {words['valid']}, not {value!r}; "
             f"write for example `{name}: {_yaml(parameter.default)}`."
         )
+    return value
+
+
+def _own_type(kind: type, value: Any) -> Any:
+    """Return a value as a parameter's type, where it means the same: YAML's 1 is as good as 1.0."""
+    if kind is float and type(value) is int:
+        return float(value)
+    if kind is tuple and not isinstance(value, str | bytes) and isinstance(value, Iterable):
+        items = [_own_type(float, item) for item in value]
+        return tuple(items) if all(type(item) is float for item in items) else items
     return value
 
 
@@ -140,37 +347,101 @@ def declare_parameters(node: Node) -> Parameters:
         given = node.declare_parameter(parameter.name, parameter.default, anything).value
         node.undeclare_parameter(parameter.name)
         values[parameter.name] = check_value(parameter.name, given)
-        unit = parameter.metadata["unit"]
-        descriptor = ParameterDescriptor(
-            description=parameter.metadata["description"] + (f" Unit: {unit}." if unit else ""),
-            additional_constraints=f"Must be {parameter.metadata['valid']}.",
-            read_only=True,
-        )
         node.declare_parameter(
-            parameter.name, values[parameter.name], descriptor, ignore_override=True
+            parameter.name, values[parameter.name], _descriptor(parameter), ignore_override=True
         )
-    return Parameters(**values)
+    settings = Parameters(**values)
+    settings.crank_input()
+    return settings
+
+
+def _descriptor(parameter: Any) -> ParameterDescriptor:
+    """Return what `ros2 param describe` tells."""
+    words = parameter.metadata
+    unit, between = words["unit"], words["between"]
+    when = "" if words["live"] else " Read when the node is configured."
+    descriptor = ParameterDescriptor(
+        description=words["description"] + (f" Unit: {unit}." if unit else "") + when,
+        additional_constraints=f"Must be {words['valid']}.",
+        read_only=parameter.name == "autostart",
+    )
+    if between is not None and type(parameter.default) is int:
+        descriptor.integer_range = [IntegerRange(from_value=between[0], to_value=between[1])]
+    elif between is not None:
+        descriptor.floating_point_range = [
+            FloatingPointRange(from_value=between[0], to_value=between[1])
+        ]
+    return descriptor
+
+
+def in_own_types(asked: "list[Parameter[Any]]") -> "list[Parameter[Any]]":
+    """Return parameters that are to be set, whole numbers as doubles where these are wanted."""
+    kinds = {parameter.name: type(parameter.default) for parameter in fields(Parameters)}
+    return [
+        Parameter(p.name, value=_own_type(kinds[p.name], p.value)) if p.name in kinds else p
+        for p in asked
+    ]
+
+
+def changed(
+    settings: Parameters, asked: "Iterable[Parameter[Any]]", *, configured: bool
+) -> tuple[Parameters, SetParametersResult]:
+    """Return the parameters as they would be, and whether they may be set so.
+
+    Parameters
+    ----------
+    settings : Parameters
+        As they are.
+    asked : iterable of rclpy.parameter.Parameter
+        Some of them, as they are to be, and others that are none of ours.
+    configured : bool
+        Whether the node is, so that only live ones may be set.
+    """
+    known = {parameter.name: parameter.metadata for parameter in fields(Parameters)}
+    values: Mapping[str, Any] = {p.name: p.value for p in asked if p.name in known}
+    try:
+        for name in values:
+            if configured and not known[name]["live"]:
+                raise ParameterError(
+                    f"Parameter {name} is read when the node is configured; clean it up first "
+                    "(`ros2 lifecycle set`), or give it at start."
+                )
+        found = replace(settings, **{name: check_value(name, v) for name, v in values.items()})
+        if configured:
+            found.crank_input()
+    except ParameterError as error:
+        return settings, SetParametersResult(successful=False, reason=str(error))
+    return found, SetParametersResult(successful=True)
 
 
 def parameters_yaml(parameters: Parameters, node_name: str) -> str:
     """Return a file for ``--params-file`` that gives a node these parameters."""
-    values = {f.name: getattr(parameters, f.name) for f in fields(parameters)}
-    return yaml.safe_dump({node_name: {"ros__parameters": values}}, sort_keys=False)
+    values = {f.name: _plain(getattr(parameters, f.name)) for f in fields(parameters)}
+    return yaml.safe_dump(
+        {node_name: {"ros__parameters": values}}, sort_keys=False, default_flow_style=None
+    )
 
 
 def parameter_table() -> str:
     """Return the parameters as a Markdown table, for the manual."""
-    rows = ["| parameter | type | default | unit | valid | meaning |", "|---|---|---|---|---|---|"]
+    rows = [
+        "| parameter | type | default | unit | valid | live | meaning |",
+        "|---|---|---|---|---|---|---|",
+    ]
     for parameter in fields(Parameters):
         words = parameter.metadata
         rows.append(
             f"| `{parameter.name}` | {TYPE_NAMES[type(parameter.default)]} "
             f"| `{_yaml(parameter.default)}` | {words['unit']} | {words['valid']} "
-            f"| {words['description']} |"
+            f"| {'yes' if words['live'] else ''} | {words['description']} |"
         )
     return "\n".join(rows) + "\n"
 
 
+def _plain(value: object) -> object:
+    return list(value) if isinstance(value, tuple) else value
+
+
 def _yaml(value: object) -> str:
-    """Return a scalar as YAML writes it."""
-    return yaml.safe_dump(value, default_flow_style=True).splitlines()[0]
+    """Return a scalar or a list as YAML writes it."""
+    return yaml.safe_dump(_plain(value), default_flow_style=True).splitlines()[0]

@@ -24,6 +24,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from linkage_vibration.logs.definitions import message_definition, type_hash
 from linkage_vibration.logs.recording import (
+    COMPRESSIONS,
     Attachment,
     LogError,
     LogWriter,
@@ -71,6 +72,7 @@ def messages(count: int) -> list[tuple[str, Any, bytes, int]]:
             crank_angle=2.0 + k,
             status=k % 3,
             natural_frequencies=random.normal(size=3),
+            frequency_stddev=random.normal(size=3),
             damping_ratios=random.normal(size=3),
             frf_peak_frequency=random.normal(),
             frf_peak_magnitude=np.nan,
@@ -282,6 +284,47 @@ def test_full_disk_keeps_the_first_error_and_counts(tmp_path: Path) -> None:
         for record in StreamReader(file).records:
             readable += isinstance(record, Message)
     assert 0 < readable == len(written) - log.dropped
+
+
+@pytest.mark.parametrize("compression", COMPRESSIONS)
+@pytest.mark.parametrize("per_chunk", [1, 40])
+def test_size_is_a_close_bound(tmp_path: Path, compression: str, per_chunk: int) -> None:
+    """However much is in a chunk, and however badly it compresses, a file is not larger."""
+    random = np.random.default_rng(2)
+    with LogWriter(tmp_path / "log.mcap", TOPICS, compression=compression) as log:
+        for k in range(400):
+            log.write(TOPICS[k % 2].name, random.bytes(int(random.integers(4, 500))), k, k)
+            if k % per_chunk == 0:
+                log.flush()
+                log.add_metadata(f"record {k}", {"key": "value"})
+        bound = log.size
+    size = (tmp_path / "log.mcap").stat().st_size
+    assert size <= bound
+    # Loose where every message has indexes of its own.
+    assert bound - size < (80_000 if per_chunk == 1 else 30_000)
+
+
+def test_removed_file_is_told(tmp_path: Path) -> None:
+    """Whoever deletes a log under way is not left to think that it goes on."""
+    [(name, _, cdr, time), *_] = messages(1)
+    with LogWriter(tmp_path / "log.mcap", TOPICS) as log:
+        (tmp_path / "log.mcap").unlink()
+        log.write(name, cdr, time, time)
+        log.flush()
+        assert "log.mcap was removed" in str(log.error)
+        assert (log.written, log.dropped) == (0, 1)
+
+
+def test_log_that_cannot_be_begun_is_not_there(tmp_path: Path) -> None:
+    """A disk without room for what a log begins with gets no half of one."""
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    try:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (1000, limits[1]))
+        with pytest.raises(LogError, match="linkage-vibration recover"):
+            LogWriter(tmp_path / "log.mcap", TOPICS)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert not list(tmp_path.iterdir())
 
 
 def test_existing_file_is_kept(tmp_path: Path) -> None:

@@ -24,7 +24,7 @@ from rosgraph_msgs.msg import Clock
 from linkage_vibration.prediction import Predictor, Status
 from linkage_vibration.readers.bags import read_messages
 from linkage_vibration.resources import config_file
-from linkage_vibration.ros.node import main, unused_path
+from linkage_vibration.ros.node import main
 from linkage_vibration.table import load_table
 from linkage_vibration_interfaces.msg import VibrationPrediction
 
@@ -210,16 +210,6 @@ def test_console_script_is_installed() -> None:
     assert script.load() is main
 
 
-def test_logs_never_share_a_name(tmp_path: Path) -> None:
-    """Logs begun within a second get names of their own."""
-    names = set()
-    for _ in range(5):
-        path = unused_path(tmp_path)
-        path.touch()
-        names.add(path.name)
-    assert len(names) == 5
-
-
 def test_parameters_turn_positions_into_angles(
     start: Callable[..., Any], meet: Callable[[str], Any], predictor: Predictor
 ) -> None:
@@ -264,9 +254,9 @@ def test_table_of_another_mechanism_is_refused(start: Callable[..., Any]) -> Non
     assert "was built from another mechanism" in failed.said
 
 
-@pytest.mark.parametrize("by", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("by", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_signals_end_it_cleanly(start: Callable[..., Any], by: signal.Signals) -> None:
-    """Ctrl-C and SIGTERM give exit code 0 and no complaint, also when they come in a flurry."""
+    """Ctrl-C, SIGTERM and a hang-up give exit code 0 and no complaint, also in a flurry."""
     ended = start(name=f"ended_{by.name.lower()}")
     ended.wait_for("Predicting for joint")
     for _ in range(5):

@@ -1,0 +1,158 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Natural frequencies over the stroke, excitations over their speeds, and both over the drive.
+
+Run by `python -m benchmark.campbell`; it draws the picture of docs/excitation.md.
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from linkage_vibration.drive import engine_and_pto_speed, hitch_duty_cycle
+from linkage_vibration.excitation import (
+    Excitation,
+    Resonance,
+    ResonanceMonitor,
+    ResonanceState,
+    Source,
+)
+from linkage_vibration.plots import COLOURS, GREY, INK
+from linkage_vibration.prediction import Predictor
+from linkage_vibration.readers.excitations import read_excitations
+from linkage_vibration.resources import DEFAULT_TABLE, config_file
+from linkage_vibration.table import Table, load_table
+
+FloatArray = NDArray[np.float64]
+
+PICTURE = Path(__file__).parents[1] / "docs" / "pictures" / "campbell.png"
+EXCITATIONS = "excitations.yaml"
+ENGINE_SPEEDS = np.array([700.0, 2200.0])  # rpm
+TOP = 210.0  # Hz
+SHADE = "#F9E08B"
+
+
+def draw(picture: Path) -> None:
+    """Draw the picture."""
+    table = load_table(config_file(DEFAULT_TABLE))
+    figure = Figure(figsize=(9.0, 7.6), dpi=110, layout="constrained")
+    panels = figure.subplot_mosaic([["stroke", "engine"], ["drive", "drive"]])
+    over_the_stroke(panels["stroke"], table)
+    excitations = read_excitations(config_file(EXCITATIONS))
+    over_engine_speed(panels["engine"], table, excitations)
+    over_the_drive(panels["drive"], Predictor(table), excitations)
+    figure.savefig(picture)
+
+
+def over_the_stroke(ax: Axes, table: Table) -> None:
+    """Draw the natural frequencies over the crank angle."""
+    alpha3, frequencies = _swept(table)
+    for mode, colour in enumerate(COLOURS[: table.n_modes]):
+        ax.plot(np.degrees(alpha3), frequencies[:, mode], color=colour, lw=2.0)
+        place = (92.0, frequencies[0, mode] + 4.0)
+        ax.annotate(f"mode {mode}", place, color=colour, fontsize=9)
+    first, last = np.degrees(table.alpha3_range)
+    ax.set(
+        title="Natural frequencies over the stroke",
+        xlabel="crank angle [deg]",
+        ylabel="frequency [Hz]",
+        xlim=(first, last),
+        ylim=(0.0, TOP),
+        xticks=np.arange(first, last + 1.0, 15.0),
+    )
+
+
+def over_engine_speed(ax: Axes, table: Table, excitations: Sequence[Excitation]) -> None:
+    """Draw the engine's orders over its speed, and what the modes sweep over the stroke."""
+    _, frequencies = _swept(table)
+    for mode, colour in enumerate(COLOURS[: table.n_modes]):
+        low, high = frequencies[:, mode].min(), frequencies[:, mode].max()
+        ax.axhspan(low, high, color=colour, alpha=0.25, lw=0.0)
+    for one in excitations:
+        if one.source is Source.ENGINE:
+            ax.plot(ENGINE_SPEEDS, one.ratio * ENGINE_SPEEDS, color=INK, lw=1.0)
+            at = min(1500.0, 0.93 * TOP / one.ratio)
+            ax.annotate(
+                one.name.split()[-1],
+                (at, one.ratio * at),
+                ha="center",
+                va="center",
+                fontsize=8,
+                bbox={"boxstyle": "round,pad=0.15", "color": "white"},
+            )
+    ax.set(
+        title="Engine orders, and what each mode sweeps",
+        xlabel="engine speed [rpm]",
+        xlim=ENGINE_SPEEDS,
+        ylim=(0.0, TOP),
+    )
+
+
+def over_the_drive(ax: Axes, predictor: Predictor, excitations: Sequence[Excitation]) -> None:
+    """Draw what the monitor tells over the shipped drive: the nearest pair, and its warnings."""
+    times, resonances = assess_drive(predictor, excitations)
+    alpha3 = hitch_duty_cycle()[1]
+    frequencies = predictor.table.evaluate(alpha3)[:, : predictor.table.n_modes]
+    warned = [resonance.state is ResonanceState.WARNING for resonance in resonances]
+    across = ax.get_xaxis_transform()
+    ax.fill_between(times, 0, 1, where=warned, transform=across, color=SHADE, lw=0, label="warning")
+    for mode, colour in enumerate(COLOURS[: predictor.table.n_modes]):
+        ax.plot(times, frequencies[:, mode], color=colour, lw=2.0, label=f"mode {mode}")
+    told, engine, pto = engine_and_pto_speed()
+    speeds = {Source.ENGINE: engine, Source.PTO: pto}
+    nearest = {resonance.excitation for resonance in resonances}
+    for one in excitations:
+        if one.name in nearest:
+            turning = np.where(speeds[one.source] > 0.0, one.ratio * speeds[one.source], np.nan)
+            ax.plot(told, turning, color=INK if one.source is Source.ENGINE else GREY, lw=1.0)
+    for name, height in (("engine 3", 103.0), ("engine 6", 183.0)):
+        ax.annotate(name, (0.2, height), fontsize=8)
+    ax.annotate("PTO shaft and rotor", (0.2, 21.0), fontsize=8, color=GREY)
+    ax.set(
+        title="The shipped drive: warnings from a margin of 10 % on, until it is above 12 %",
+        xlabel="time [s]",
+        ylabel="frequency [Hz]",
+        xlim=(0.0, times[-1]),
+        ylim=(0.0, TOP),
+    )
+    ax.legend(loc="lower right", bbox_to_anchor=(0.99, 0.13), ncols=4, fontsize=8)
+
+
+def assess_drive(
+    predictor: Predictor, excitations: Sequence[Excitation]
+) -> tuple[FloatArray, list[Resonance]]:
+    """Assess every joint state of the shipped drive, as the node would.
+
+    Returns
+    -------
+    times : ndarray, (n,), s
+        Of the joint states.
+    resonances : list of Resonance, n
+        At each.
+    """
+    times, alpha3 = hitch_duty_cycle()
+    readings = zip(times.tolist(), alpha3.tolist(), np.gradient(alpha3, times), strict=True)
+    speeds = list(zip(*(column.tolist() for column in engine_and_pto_speed()), strict=True))
+    monitor, resonances = ResonanceMonitor(excitations), []
+    for time, angle, velocity in readings:
+        now = round(1e9 * time)
+        while speeds and speeds[0][0] <= time:
+            _, engine, pto = speeds.pop(0)
+            monitor.set_speed(Source.ENGINE, engine, now)
+            monitor.set_speed(Source.PTO, pto, now)
+        resonances.append(monitor.assess(predictor.predict(angle), float(velocity), now))
+    return times, resonances
+
+
+def _swept(table: Table) -> tuple[FloatArray, FloatArray]:
+    """Return angles over the stroke (rad), and the natural frequencies there (Hz)."""
+    alpha3 = np.linspace(*table.alpha3_range, 361)
+    return alpha3, table.evaluate(alpha3)[:, : table.n_modes]
+
+
+if __name__ == "__main__":
+    draw(PICTURE)

@@ -1,0 +1,277 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""The node's services: predictions, FRFs, mode shapes, the table, and another implement."""
+
+import tempfile
+from array import array
+from collections.abc import Callable
+from concurrent.futures import CancelledError, ThreadPoolExecutor
+from contextlib import suppress
+from pathlib import Path
+from typing import ParamSpec, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.exceptions import InvalidHandle
+from rclpy.node import Node
+from rclpy.serialization import deserialize_message
+from rclpy.task import Future
+
+from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.mechanics.description import Mechanism
+from linkage_vibration.messages import encode_prediction, fault
+from linkage_vibration.prediction import Predictor
+from linkage_vibration.processes import LocalPool
+from linkage_vibration.serving import (
+    Implement,
+    Served,
+    answer_frf,
+    answer_mode_shapes,
+    place_name,
+    rebuilt,
+    with_implement,
+)
+from linkage_vibration.table import table_bytes
+from linkage_vibration_interfaces.msg import VibrationPrediction
+from linkage_vibration_interfaces.srv import (
+    GetFrf,
+    GetModeShapes,
+    GetTable,
+    PredictVibration,
+    SetImplement,
+)
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+# Live predictions wait while a request is answered. This many take less than a tenth of a second:
+# joint states at 1 kHz fit the queue meanwhile.
+MAX_REQUEST = 1_000
+# Requests that wait for a thread; each costs the executor a microsecond whenever it wakes.
+MAX_WAITING = 16
+
+
+class ServiceError(LinkageVibrationError):
+    """A request comes at a wrong time."""
+
+
+class Services:
+    """Answers requests beside the live predictions, which wait for none that takes long.
+
+    What has to be solved is solved in a thread, and another table is built in a process; meanwhile
+    the callback is a coroutine that waits, in a callback group that lets others in.
+
+    Parameters
+    ----------
+    node : Node
+        To offer them on.
+    served : callable
+        Returns what is served now.
+    swap : callable
+        Called by the executor with what is served from then on.
+    """
+
+    def __init__(
+        self, node: Node, served: Callable[[], Served], swap: Callable[[Served], None]
+    ) -> None:
+        self._node, self._served, self._swap = node, served, swap
+        # One builds at most; the other is there for what is quick.
+        self._threads = ThreadPoolExecutor(2, "linkage_vibration_services")
+        self._waiting = 0
+        self._wanted: Path | None = None  # there as long as a table is being built
+        group = ReentrantCallbackGroup()
+        self._services = [
+            node.create_service(PredictVibration, "~/predict", self._predict),
+            node.create_service(GetFrf, "~/get_frf", self._get_frf, callback_group=group),
+            node.create_service(
+                GetModeShapes, "~/get_mode_shapes", self._get_mode_shapes, callback_group=group
+            ),
+            node.create_service(GetTable, "~/get_table", self._get_table, callback_group=group),
+            node.create_service(
+                SetImplement, "~/set_implement", self._set_implement, callback_group=group
+            ),
+        ]
+
+    def close(self) -> None:
+        """Give up what is being built, answer who waits, and take the services back.
+
+        To be called in the executor's thread, or when that has ended. It may take as long as a
+        process takes to start, or the model to be solved once.
+        """
+        if self._wanted is not None:
+            with suppress(FileNotFoundError):
+                self._wanted.rmdir()
+        self._threads.shutdown(cancel_futures=True)
+        if self._waiting and self._node.executor is not None:
+            # Who waits is answered before, if the executor goes on.
+            self._node.executor.create_task(self._destroy)
+        else:
+            self._destroy()
+
+    def _destroy(self) -> None:
+        for service in self._services:
+            self._node.destroy_service(service)
+
+    def _predict(
+        self, request: PredictVibration.Request, response: PredictVibration.Response
+    ) -> PredictVibration.Response:
+        angles = request.crank_angles
+        if not 0 < len(angles) <= MAX_REQUEST:
+            response.message = (
+                f"crank_angles has {len(angles)} angles; give 1 to {MAX_REQUEST} in a request."
+            )
+            return response
+        predictor = self._served().predictor
+        predictions = [predictor.predict(angle) for angle in angles]
+        sec, nanosec = self._node.get_clock().now().seconds_nanoseconds()
+        # By way of the bytes, so that the service and the topic cannot tell different things.
+        response.predictions = [
+            deserialize_message(encode_prediction(p, sec, nanosec, ""), VibrationPrediction)
+            for p in predictions
+        ]
+        failed = [i for i, p in enumerate(predictions) if not p.status.has_numbers]
+        response.success = not failed
+        if failed:
+            first = failed[0]
+            response.message = (
+                f"{len(failed)} of {len(angles)} angles have no prediction, the first is "
+                f"crank_angles[{first}]: "
+                f"{fault(predictions[first], predictor.table.alpha3_range)}."
+            )
+        return response
+
+    async def _get_frf(self, request: GetFrf.Request, response: GetFrf.Response) -> GetFrf.Response:
+        served = self._served()
+        try:
+            answer = await self._away(
+                answer_frf,
+                served,
+                request.crank_angle,
+                request.outputs,
+                request.inputs,
+                np.array(request.frequencies),
+                exact=request.exact,
+            )
+        except LinkageVibrationError as error:
+            response.message = str(error)
+            return response
+        response.success = True
+        response.table_id = served.table.table_id
+        response.outputs = [place_name(place) for place in answer.outputs]
+        response.inputs = [place_name(place) for place in answer.inputs]
+        response.frequencies = _doubles(answer.frequencies)
+        response.real, response.imaginary = _doubles(answer.frf.real), _doubles(answer.frf.imag)
+        return response
+
+    async def _get_mode_shapes(
+        self, request: GetModeShapes.Request, response: GetModeShapes.Response
+    ) -> GetModeShapes.Response:
+        served = self._served()
+        try:
+            modes = await self._away(answer_mode_shapes, served, request.crank_angle)
+        except LinkageVibrationError as error:
+            response.message = str(error)
+            return response
+        response.success = True
+        response.table_id = served.table.table_id
+        response.natural_frequencies = _doubles(modes.natural_frequencies)
+        response.damping_ratios = _doubles(modes.damping_ratios)
+        response.places = [place_name(place) for place in modes.places]
+        response.positions = _doubles(modes.positions)
+        response.shapes = _doubles(modes.shapes)
+        return response
+
+    async def _get_table(
+        self, _: GetTable.Request, response: GetTable.Response
+    ) -> GetTable.Response:
+        served = self._served()
+        try:
+            data = await self._away(table_bytes, served.table)
+        except LinkageVibrationError as error:
+            self._node.get_logger().warning(f"The table was not handed out: {error}")
+            return response
+        response.table_id = served.table.table_id
+        response.table = array("B", data)
+        response.mechanism = served.mechanism_text
+        return response
+
+    async def _set_implement(
+        self, request: SetImplement.Request, response: SetImplement.Response
+    ) -> SetImplement.Response:
+        implement = Implement(
+            request.rigid_body,
+            request.mass,
+            request.inertia,
+            tuple(request.centre_of_gravity),
+        )
+        served = self._served()
+        try:
+            if self._wanted is not None:
+                raise ServiceError(
+                    "The table of another implement is being built; ask again when it serves."
+                )
+            changed = with_implement(served.mechanism, served.mechanism_text, implement)
+            with tempfile.TemporaryDirectory(prefix="linkage_vibration_") as folder:
+                self._wanted = Path(folder)
+                self._swap(await self._away(_rebuild, *changed, served, self._wanted))
+        except LinkageVibrationError as error:
+            response.message = f"The table stays: {error}"
+        else:
+            response.success = True
+        finally:
+            self._wanted = None
+        response.table_id = self._served().table.table_id
+        return response
+
+    async def _away(self, work: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
+        """Call a function in a thread, and wait for it without holding up the executor.
+
+        Raises
+        ------
+        LinkageVibrationError
+            What the function raises, whatever that is: no request ends the node.
+        """
+        if self._waiting >= MAX_WAITING:
+            raise ServiceError(f"{self._waiting} requests wait already; ask again later.")
+        ready: Future[None] = Future()
+
+        def done(_: object) -> None:
+            ready.set_result(None)
+            # An executor looks at what waits when it wakes; that it has ended meanwhile is no harm.
+            with suppress(InvalidHandle):
+                if self._node.executor is not None:
+                    self._node.executor.wake()
+
+        self._waiting += 1
+        try:
+            answer = self._threads.submit(work, *args, **kwargs)
+            answer.add_done_callback(done)
+            await ready
+            return answer.result()
+        except LinkageVibrationError:
+            raise
+        except CancelledError:
+            raise ServiceError("The node ends, or is being configured anew.") from None
+        except Exception as error:
+            self._node.get_logger().error(f"A request failed: {type(error).__name__}: {error}")
+            raise ServiceError(
+                f"This cannot be computed ({type(error).__name__}: {error}); check the numbers."
+            ) from None
+        finally:
+            self._waiting -= 1
+
+
+def _rebuild(mechanism: Mechanism, text: str, served: Served, wanted: Path) -> Served:
+    """Build the table of a changed mechanism in a process, which leaves the cores' time alone.
+
+    In a thread it would take the interpreter from the live predictions again and again.
+    """
+    with LocalPool(1) as pool:
+        table = pool.submit(rebuilt, mechanism, served.table, wanted).result()
+    return Served(Predictor(table), mechanism, text)
+
+
+def _doubles(values: NDArray[np.float64]) -> "array[float]":
+    """Return numbers row by row, as messages take them without a look at each."""
+    return array("d", np.ascontiguousarray(values, dtype=float).tobytes())

@@ -1,0 +1,233 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""The markers over real DDS: where the linkage is, how a mode moves it, and only when asked."""
+
+import math
+import os
+import threading
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import rclpy
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.signals import SignalHandlerOptions
+from visualization_msgs.msg import Marker, MarkerArray
+
+from linkage_vibration.prediction import Predictor
+from linkage_vibration.readers.mechanism import read_mechanism
+from linkage_vibration.resources import config_file
+from linkage_vibration.ros.markers import SWING, Markers, MarkerSettings
+from linkage_vibration.scene import curves, size
+from linkage_vibration.serving import Served
+from linkage_vibration.table import load_table
+
+ANGLE = 2.3
+
+
+@dataclass
+class Viewer:
+    """A node that draws, spun in a thread, and a node that may look on."""
+
+    markers: Markers
+    served: Served
+    look: Callable[[], Any]
+    look_away: Callable[[Any], None]
+    spin: Callable[[float], None]
+    asked: list[float] = field(default_factory=list)
+    pictures: list[Any] = field(default_factory=list)
+
+    def next(self, good: Callable[[Any], bool] = lambda _: True, timeout: float = 20.0) -> Any:
+        """Return the next picture of a kind."""
+        self.pictures.clear()
+        deadline = time.monotonic() + timeout
+        while not (found := [p for p in self.pictures if good(p)]):
+            assert time.monotonic() < deadline, "no picture"
+            self.spin(0.05)
+        return found[0]
+
+
+@pytest.fixture
+def viewer(environment: dict[str, str]) -> Iterator[Viewer]:
+    """Return a node that draws the shipped linkage with its second mode."""
+    domain = int(environment["ROS_DOMAIN_ID"])
+    context = Context()
+    rclpy.init(context=context, domain_id=domain, signal_handler_options=SignalHandlerOptions.NO)
+    drawing, looking = (
+        rclpy.create_node(name, context=context, start_parameter_services=False)
+        for name in ("drawing", "looking")
+    )
+    path = config_file("three_point_linkage.yaml")
+    mechanism = read_mechanism(path)
+    table = load_table(config_file("tables/three_point_linkage.npz"), mechanism)
+    served, asked = Served(Predictor(table), mechanism, path.read_text()), list[float]()
+
+    def ask() -> Served:
+        asked.append(time.monotonic())
+        return served
+
+    markers = Markers(drawing, ask, MarkerSettings(mode=1, rate=20.0, frame="hitch"))
+    executors = [SingleThreadedExecutor(context=context) for _ in range(2)]
+    executors[0].add_node(drawing)
+    executors[1].add_node(looking)
+    thread = threading.Thread(target=executors[0].spin)
+    thread.start()
+    made = Viewer(
+        markers,
+        served,
+        lambda: looking.create_subscription(
+            MarkerArray, "drawing/markers", lambda m: made.pictures.append(m), 10
+        ),
+        looking.destroy_subscription,
+        executors[1].spin_once,
+        asked,
+    )
+    yield made
+    executors[0].shutdown()
+    thread.join(10.0)
+    markers.close()
+    for node in (drawing, looking):
+        node.destroy_node()
+    context.try_shutdown()
+
+
+def by_name(picture: Any) -> dict[tuple[str, int], Any]:
+    """Return the markers of a picture by what identifies them."""
+    found = {(marker.ns, marker.id): marker for marker in picture.markers}
+    assert len(found) == len(picture.markers)
+    return found
+
+
+def places(marker: Any) -> Any:
+    """Return a marker's points, (n, 2); all lie in the plane of motion."""
+    assert all(point.y == 0.0 for point in marker.points)
+    return np.array([[point.x, point.z] for point in marker.points])
+
+
+def test_nothing_is_computed_for_nobody(viewer: Viewer) -> None:
+    """Without a subscriber, or an angle, nothing is drawn; it begins and ends with somebody."""
+    viewer.markers.update(ANGLE)
+    time.sleep(0.5)
+    assert viewer.asked == []
+    viewer.markers.update(math.nan)
+    looking = viewer.look()
+    viewer.spin(0.5)
+    assert viewer.asked == []
+    viewer.markers.update(ANGLE)
+    viewer.next()
+    assert viewer.asked
+    viewer.look_away(looking)
+    time.sleep(0.5)
+    drawn = len(viewer.asked)
+    time.sleep(0.5)
+    assert len(viewer.asked) == drawn
+
+
+def test_picture(viewer: Viewer) -> None:
+    """Bodies are where the kinematics say, and the mode swings about them as far as it should."""
+    viewer.look()
+    viewer.markers.update(ANGLE)
+    model = viewer.served.model
+    at_rest = curves(model, model.kinematics.at(ANGLE))
+    swings, names = [], set()
+    for _ in range(30):
+        picture = viewer.next()
+        found = by_name(picture)
+        names.add(tuple(sorted(found)))
+        for i, curve in enumerate(at_rest.values()):
+            np.testing.assert_array_equal(places(found["bodies", i]), curve)
+        moved = [places(found["mode", i]) - curve for i, curve in enumerate(at_rest.values())]
+        swings.append(max(np.linalg.norm(m, axis=1).max() for m in moved))
+        for marker in picture.markers:
+            assert marker.header.frame_id == "hitch"
+            assert marker.header.stamp.sec > 0
+            assert marker.lifetime.nanosec == 150_000_000
+            assert (marker.action, marker.color.a) == (Marker.ADD, 1.0)
+            assert marker.scale.x > 0.0
+    assert len(names) == 1  # the same markers in every picture
+    assert {ns for ns, _ in next(iter(names))} == {
+        "bodies",
+        "joints",
+        "ground",
+        "centres_of_gravity",
+        "mode",
+        "mode_text",
+    }
+    most = SWING * size(at_rest)
+    assert max(swings) <= most * (1.0 + 1e-9)
+    assert max(swings) > 0.8 * most
+    assert min(swings) < 0.5 * most
+    frequency = viewer.served.predictor.predict(ANGLE).natural_frequencies[1]
+    assert found["mode_text", 0].text == f"mode 1: {frequency:.1f} Hz"
+
+
+def test_other_settings(viewer: Viewer) -> None:
+    """Mode, rate and frame can change; without a mode, or outside the table, none is drawn."""
+    viewer.look()
+    viewer.markers.update(ANGLE)
+    viewer.next()
+    viewer.markers.configure(MarkerSettings(mode=-1, rate=50.0, frame="tractor"))
+    picture = viewer.next(lambda p: p.markers[0].header.frame_id == "tractor")
+    assert "mode" not in {marker.ns for marker in picture.markers}
+    assert picture.markers[0].lifetime.nanosec == 60_000_000
+    begun, count = time.monotonic(), 0
+    while time.monotonic() < begun + 1.0:
+        viewer.pictures.clear()
+        viewer.spin(0.05)
+        count += len(viewer.pictures)
+    assert 30 < count <= 55
+    viewer.markers.configure(MarkerSettings(mode=0, rate=50.0, frame="tractor"))
+    viewer.next(lambda p: "mode" in {marker.ns for marker in p.markers})
+    viewer.markers.configure(MarkerSettings(mode=3, rate=50.0, frame="tractor"))
+    viewer.next(lambda p: "mode" not in {marker.ns for marker in p.markers})
+    viewer.markers.configure(MarkerSettings(mode=0, rate=50.0, frame="tractor"))
+    viewer.markers.update(3.3)  # the linkage closes there, but the table ends before
+    viewer.next(lambda p: "mode" not in {marker.ns for marker in p.markers})
+    viewer.markers.update(5.0)  # it does not close
+    viewer.spin(0.2)
+    viewer.pictures.clear()
+    viewer.spin(0.3)
+    assert viewer.pictures == []
+
+
+def test_mode_keeps_its_sign(viewer: Viewer) -> None:
+    """While the linkage moves, the drawn mode goes on smoothly: no shape turns over."""
+    viewer.look()
+    before = None
+    for angle in np.linspace(1.7, 3.0, 30):
+        viewer.markers.update(float(angle))
+        viewer.next()
+        shape = viewer.markers._before
+        assert shape is not None
+        if before is not None:
+            assert float((shape * before).sum()) > 0.0
+        before = shape
+
+
+def test_drawn(viewer: Viewer, tmp_path: Path) -> None:
+    """One picture, drawn as a viewer would: equal axes, every marker of it on the canvas."""
+    figures = pytest.importorskip("matplotlib.figure")
+    viewer.look()
+    viewer.markers.update(ANGLE)
+    picture = viewer.next()
+    figure = figures.Figure(figsize=(7, 6), dpi=100)
+    axes = figure.subplots()
+    axes.set_aspect("equal")
+    for marker in picture.markers:
+        colour = (marker.color.r, marker.color.g, marker.color.b)
+        if marker.type == Marker.TEXT_VIEW_FACING:
+            position = marker.pose.position
+            axes.text(position.x, position.z, marker.text, color=colour, ha="center")
+        elif marker.type == Marker.LINE_STRIP:
+            axes.plot(*places(marker).T, color=colour, lw=1.0 if marker.ns == "mode" else 3.0)
+        else:
+            kind = "s" if marker.type == Marker.CUBE_LIST else "o"
+            axes.plot(*places(marker).T, kind, color=colour, markersize=7)
+    target = Path(os.environ.get("MARKERS_PNG", tmp_path / "markers.png"))
+    figure.savefig(target)
+    assert target.stat().st_size > 5_000

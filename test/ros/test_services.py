@@ -1,0 +1,366 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""The services over real DDS, on a node that has nothing else to wake it."""
+
+import math
+import multiprocessing
+import re
+import signal
+import subprocess
+import sys
+import threading
+import time
+from array import array
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import rclpy
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.signals import SignalHandlerOptions
+
+from linkage_vibration.prediction import Predictor
+from linkage_vibration.readers.mechanism import read_mechanism
+from linkage_vibration.resources import config_file, share_directory
+from linkage_vibration.ros.services import MAX_REQUEST, MAX_WAITING, Services
+from linkage_vibration.serving import Served
+from linkage_vibration.table import load_table
+from linkage_vibration_interfaces.srv import (
+    GetFrf,
+    GetModeShapes,
+    GetTable,
+    PredictVibration,
+    SetImplement,
+)
+
+NODE = "serving"
+SERVICES = {
+    "predict": PredictVibration,
+    "get_frf": GetFrf,
+    "get_mode_shapes": GetModeShapes,
+    "get_table": GetTable,
+    "set_implement": SetImplement,
+}
+
+
+def shipped() -> Served:
+    """Return what the node serves where nothing else is asked for."""
+    path = config_file("three_point_linkage.yaml")
+    mechanism = read_mechanism(path)
+    table = load_table(config_file("tables/three_point_linkage.npz"), mechanism)
+    return Served(Predictor(table), mechanism, path.read_text())
+
+
+@dataclass
+class Bench:
+    """A node with the services, spun in a thread, and a client of each."""
+
+    served: list[Served]
+    services: Services
+    spinning: Callable[[], bool]
+    clients: dict[str, Any] = field(default_factory=dict)
+    spin: Callable[[float], None] = lambda _: None
+    run: Callable[[Callable[[], None]], Any] = lambda _: None
+
+    def ask(self, service: str, **fields: Any) -> Any:
+        """Send a request and return the future of its answer."""
+        return self.clients[service].call_async(SERVICES[service].Request(**fields))
+
+    def call(self, service: str, timeout: float = 10.0, **fields: Any) -> Any:
+        """Return the answer to a request."""
+        return self.wait(self.ask(service, **fields), timeout)
+
+    def wait(self, future: Any, timeout: float = 10.0) -> Any:
+        """Return an answer when it comes."""
+        deadline = time.monotonic() + timeout
+        while not future.done():
+            assert time.monotonic() < deadline, "no answer"
+            assert self.spinning(), "the node's executor has ended"
+            self.spin(0.05)
+        return future.result()
+
+
+@pytest.fixture
+def bench(environment: dict[str, str]) -> Iterator[Bench]:
+    """Return a node that has just begun, and clients that know it."""
+    domain = int(environment["ROS_DOMAIN_ID"])
+    contexts = [Context(), Context()]
+    for context in contexts:
+        rclpy.init(
+            context=context, domain_id=domain, signal_handler_options=SignalHandlerOptions.NO
+        )
+    node, peer = (
+        rclpy.create_node(name, context=context, start_parameter_services=False)
+        for name, context in zip((NODE, "asking"), contexts, strict=True)
+    )
+    executors = [SingleThreadedExecutor(context=context) for context in contexts]
+    for executor, member in zip(executors, (node, peer), strict=True):
+        executor.add_node(member)
+    served = [shipped()]
+    services = Services(node, lambda: served[-1], served.append)
+    thread = threading.Thread(target=executors[0].spin)
+    thread.start()
+    made = Bench(served, services, thread.is_alive)
+    made.spin, made.run = executors[1].spin_once, executors[0].create_task
+    for name, kind in SERVICES.items():
+        made.clients[name] = peer.create_client(kind, f"{NODE}/{name}")
+        assert made.clients[name].wait_for_service(20.0)
+    yield made
+    executors[0].shutdown()
+    thread.join(10.0)
+    assert not thread.is_alive()
+    services.close()
+    for member, context in zip((node, peer), contexts, strict=True):
+        member.destroy_node()
+        context.try_shutdown()
+
+
+def test_predict(bench: Bench) -> None:
+    """Many angles at once, in their order; too many or none are refused, and say so."""
+    angles = np.linspace(1.6, 3.1, MAX_REQUEST)
+    answer = bench.call("predict", crank_angles=array("d", angles))
+    assert answer.success
+    told = [p.natural_frequencies[0] for p in answer.predictions]
+    expected = [bench.served[0].predictor.predict(a).natural_frequencies[0] for a in angles]
+    assert told == expected
+    many = bench.call("predict", crank_angles=array("d", [2.0] * (MAX_REQUEST + 1)))
+    assert (many.success, many.message) == (
+        False,
+        "crank_angles has 1001 angles; give 1 to 1000 in a request.",
+    )
+    outside = bench.call("predict", crank_angles=array("d", [2.0, 5.0]))
+    assert not outside.success
+    assert "crank_angles[1]" in outside.message
+    assert len(outside.predictions) == 2
+
+
+def test_get_frf(bench: Bench) -> None:
+    """The table's answer is the table's FRF to the bit; the exact one is within 1e-4 of it."""
+    outputs, inputs, lines = ["E1.z", "V1.x"], ["E2.x", "E1.z"], np.linspace(0.0, 200.0, 401)
+    asked = {"crank_angle": 2.3, "outputs": outputs, "inputs": inputs}
+    answer = bench.call("get_frf", **asked)
+    assert (answer.success, answer.message) == (True, "")
+    assert (answer.outputs, answer.inputs) == (outputs, inputs)
+    assert list(answer.frequencies) == list(lines)
+    table = bench.served[0].table
+    places = [("E1", "z"), ("V1", "x")], [("E2", "x"), ("E1", "z")]
+    frf = (np.array(answer.real) + 1j * np.array(answer.imaginary)).reshape(401, 2, 2)
+    np.testing.assert_array_equal(frf, table.frf(2.3, *places).frf(lines))
+    exact = bench.call("get_frf", exact=True, **asked)
+    assert exact.table_id == answer.table_id == table.table_id
+    solved = (np.array(exact.real) + 1j * np.array(exact.imaginary)).reshape(401, 2, 2)
+    apart = np.linalg.norm(frf - solved, axis=0) / np.linalg.norm(solved, axis=0)
+    assert apart.max() < 1e-4
+    drive = bench.call("get_frf", crank_angle=2.3, frequencies=array("d", [5.0]))
+    assert (drive.outputs, drive.inputs) == (["E1.z"], ["E1.z"])
+    refused = bench.call("get_frf", crank_angle=2.3, outputs=["Q.z"], inputs=["E1.z"])
+    assert not refused.success
+    assert refused.message.startswith("outputs[0] is 'Q.z'; name one of E1.x, E1.z")
+
+
+def test_get_mode_shapes(bench: Bench) -> None:
+    """Frequencies, places and shapes are those of the solved model."""
+    answer = bench.call("get_mode_shapes", crank_angle=2.3)
+    assert answer.success
+    solution = bench.served[0].model.solve(2.3)
+    n = len(answer.natural_frequencies)
+    assert list(answer.natural_frequencies) == solution.natural_frequencies[:n].tolist()
+    places = [tuple(name.split(".")) for name in answer.places]
+    shapes = np.array(answer.shapes).reshape(n, len(places))
+    np.testing.assert_array_equal(shapes, solution.participation(places)[:, :n].T)
+    refused = bench.call("get_mode_shapes", crank_angle=5.0)
+    assert not refused.success
+    assert "cannot close" in refused.message
+
+
+def test_get_table(bench: Bench, tmp_path: Path) -> None:
+    """The bytes are a table's file, and the text is that of the mechanism that it belongs to."""
+    answer = bench.call("get_table")
+    (tmp_path / "table.npz").write_bytes(bytes(answer.table))
+    (tmp_path / "mechanism.yaml").write_text(answer.mechanism)
+    table = load_table(tmp_path / "table.npz", read_mechanism(tmp_path / "mechanism.yaml"))
+    assert table.table_id == answer.table_id == bench.served[0].table.table_id
+
+
+def test_set_implement(bench: Bench, tmp_path: Path) -> None:
+    """The old table serves until the new one does; predictions and the YAML tell which it is."""
+    old = bench.served[0].table.table_id
+    future = bench.ask("set_implement", mass=1200.0, inertia=300.0)
+    second = bench.call("set_implement", mass=900.0, inertia=200.0)
+    assert not second.success
+    assert second.message.endswith("is being built; ask again when it serves.")
+    told = []
+    while not future.done():
+        answer = bench.call("predict", crank_angles=array("d", [2.3]))
+        told.append(answer.predictions[0].table_id)
+    answer = future.result()
+    assert (answer.success, answer.message) == (True, "")
+    assert answer.table_id != old
+    served_old = told.count(old)
+    assert served_old > 10
+    assert told == [old] * served_old + [answer.table_id] * (len(told) - served_old)
+    assert len(bench.served) == 2
+    [prediction] = bench.call("predict", crank_angles=array("d", [2.3])).predictions
+    assert prediction.table_id == answer.table_id
+    got = bench.call("get_table")
+    (tmp_path / "heavy.yaml").write_text(got.mechanism)
+    heavy = read_mechanism(tmp_path / "heavy.yaml")
+    assert (heavy.rigid_bodies[0].mass, heavy.rigid_bodies[0].inertia) == (1200.0, 300.0)
+    assert got.table_id == answer.table_id
+    assert heavy.model_hash == bench.served[-1].table.model_hash
+    exact = bench.served[-1].model.solve(2.3).natural_frequencies[:3]
+    np.testing.assert_allclose(prediction.natural_frequencies, exact, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("fields", "why"),
+    [
+        ({"mass": -1.0, "inertia": 1.0}, "rigid_bodies.implement.mass: -1 is not greater"),
+        ({"mass": math.nan, "inertia": 1.0}, "rigid_bodies.implement.mass: nan is not a finite"),
+        ({"mass": 9.0, "inertia": 9.0, "rigid_body": "plough"}, "no rigid body 'plough'; name one"),
+        ({"mass": 9.0, "inertia": 9.0, "centre_of_gravity": array("d", [1.0])}, "has 1 numbers"),
+        ({"mass": 1e25, "inertia": 1e25}, "is undamped, so that its receptance has no highest"),
+        ({"mass": 1e30, "inertia": 1e30}, "cannot be computed (LinAlgError: The leading minor"),
+    ],
+)
+def test_refused_implement(bench: Bench, fields: dict[str, Any], why: str) -> None:
+    """What is no implement, or has no table, is refused with the reason; the old table stays."""
+    answer = bench.call("set_implement", **fields)
+    assert not answer.success
+    assert answer.message.startswith("The table stays: ")
+    assert why in answer.message
+    assert answer.table_id == bench.served[0].table.table_id
+    assert len(bench.served) == 1
+
+
+def test_more_than_can_wait(bench: Bench) -> None:
+    """Of a flood of requests all are answered, and those that are too many with the mend."""
+    futures = [bench.ask("get_mode_shapes", crank_angle=2.0) for _ in range(5 * MAX_WAITING)]
+    answers = [bench.wait(future) for future in futures[-MAX_WAITING // 2 :]]
+    assert all(a.success or "ask again later" in a.message for a in answers)
+    assert bench.call("get_mode_shapes", crank_angle=2.0).success
+
+
+STANDING_ALONE = """
+import signal
+
+import rclpy
+from rclpy.executors import ExternalShutdownException
+from test_services import NODE, Services, shipped
+
+if __name__ == "__main__":
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # rclpy acts on it, and nobody else
+    rclpy.init()
+    node, served = rclpy.create_node(NODE), [shipped()]
+    services = Services(node, lambda: served[-1], served.append)
+    try:
+        rclpy.spin(node)
+    except ExternalShutdownException:
+        pass
+    finally:
+        services.close()
+        node.destroy_node()
+        rclpy.try_shutdown()
+"""
+
+
+def standing_alone(
+    environment: dict[str, str], folder: Path, *arguments: str
+) -> "subprocess.Popen[str]":
+    """Return a node in a process of its own."""
+    script = folder / "node.py"
+    script.write_text(STANDING_ALONE)
+    return subprocess.Popen(
+        [sys.executable, script, *arguments],
+        env=environment | {"PYTHONPATH": str(Path(__file__).parent)},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+
+
+@pytest.mark.parametrize("by", [signal.SIGINT, signal.SIGTERM])
+def test_signal_while_building(
+    environment: dict[str, str], tmp_path: Path, by: signal.Signals
+) -> None:
+    """A signal in the middle of a rebuild ends the node soon, without a word, and its process."""
+    process = standing_alone(environment, tmp_path)
+    context = Context()
+    rclpy.init(
+        context=context,
+        domain_id=int(environment["ROS_DOMAIN_ID"]),
+        signal_handler_options=SignalHandlerOptions.NO,
+    )
+    try:
+        peer = rclpy.create_node("asking", context=context, start_parameter_services=False)
+        client = peer.create_client(SetImplement, f"{NODE}/set_implement")
+        assert client.wait_for_service(20.0)
+        client.call_async(SetImplement.Request(mass=1600.0, inertia=400.0))
+        deadline = time.monotonic() + 10.0
+        while not (building := every_child(process.pid)):
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
+        time.sleep(1.0)
+        process.send_signal(by)
+        said = process.communicate(timeout=10.0)[0]
+        assert (process.returncode, said) == (0, "")
+        while any(Path(f"/proc/{child}").exists() for child in building):
+            assert time.monotonic() < deadline + 10.0
+    finally:
+        process.kill()
+        peer.destroy_node()
+        context.try_shutdown()
+
+
+def every_child(pid: int) -> list[int]:
+    """Return the processes that any thread of a process has started."""
+    lists = Path(f"/proc/{pid}/task").glob("*/children")
+    return [int(child) for file in lists for child in file.read_text().split()]
+
+
+def test_close_while_building(bench: Bench) -> None:
+    """Who waits for a table is told that it will not come; its process and the services go."""
+    future = bench.ask("set_implement", mass=1200.0, inertia=300.0)
+    while not multiprocessing.active_children() and not future.done():
+        bench.spin(0.01)
+    closed = bench.run(bench.services.close)
+    answer = bench.wait(future, 5.0)
+    assert closed.done()
+    assert not answer.success
+    assert answer.message == "The table stays: Its building was given up."
+    assert not multiprocessing.active_children()
+    assert len(bench.served) == 1
+
+
+def test_manual(environment: dict[str, str], tmp_path: Path) -> None:
+    """The manual's examples run, one after the other, and tell what they promise."""
+    text = (share_directory() / "docs" / "services.md").read_text()
+    script = tmp_path / "examples.py"
+    script.write_text("".join(re.findall(r"```python\n(.*?)```", text, re.DOTALL)))
+    node = standing_alone(environment, tmp_path, "--ros-args", "-r", "__node:=linkage_vibration")
+    try:
+        said = subprocess.run(
+            [sys.executable, script],
+            env=environment,
+            cwd=tmp_path,
+            capture_output=True,
+            text=True,
+            timeout=60.0,
+        )
+        assert said.returncode == 0, said.stderr
+    finally:
+        node.kill()
+        node.wait()
+    old = shipped().table.table_id
+    lines = said.stdout.splitlines()
+    assert [line.split()[0] for line in lines[:3]] == [old] * 3
+    assert lines[3].startswith("E1.z peaks at ")
+    assert len(lines) == 8
+    read = load_table(tmp_path / f"{old}.npz", read_mechanism(tmp_path / f"{old}.yaml"))
+    assert read.table_id == old
+    assert lines[-1].startswith("served from now on: ")
+    assert old not in lines[-1]
