@@ -371,7 +371,7 @@ class Recorder:
             self._begin_file()
         except _LimitReached as reached:
             self._keep(reached)
-            self.active = False
+            self.recording = self.active = False
             return False
         except LogError as error:
             self._keep(error)

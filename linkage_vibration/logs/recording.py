@@ -405,9 +405,10 @@ class LogWriter:
         if isinstance(error, FileNotFoundError):
             self.error = LogError(f"{self.path} was removed while it was written; leave it there.")
         else:
+            mend = f", and complete this log with `linkage-vibration recover {self.path}`"
             self.error = LogError(
                 f"{self.path} could not be written any further: {error.strerror}; make room on its "
-                f"disk, and complete what was written with `linkage-vibration recover {self.path}`."
+                f"disk{mend if self.written else ''}."
             )
 
 

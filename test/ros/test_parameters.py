@@ -2,15 +2,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """Parameters: one list for declaring, checking and the manual."""
 
+import math
+from array import array
 from dataclasses import fields
 
 import pytest
+import yaml
+from rclpy.parameter import Parameter
 
+from linkage_vibration.inputs import JointInput, PercentInput
 from linkage_vibration.resources import share_directory
 from linkage_vibration.ros.parameters import (
     ParameterError,
     Parameters,
+    changed,
     check_value,
+    in_own_types,
     parameter_table,
     parameters_yaml,
 )
@@ -22,11 +29,12 @@ def test_readme_has_the_table() -> None:
 
 
 def test_parameter_file_has_every_parameter() -> None:
-    """The file to begin from lists every parameter with its default."""
+    """The file to begin from lists every parameter with its default, in the manual's order."""
     text = (share_directory() / "config" / "linkage_vibration.params.yaml").read_text()
-    lines = [line.split("#")[0].rstrip() for line in text.splitlines()]
-    expected = parameters_yaml(Parameters(), "/**").splitlines()
-    assert [line for line in lines if line] == expected
+    written = yaml.safe_load(text)["/**"]["ros__parameters"]
+    expected = yaml.safe_load(parameters_yaml(Parameters(), "/**"))["/**"]["ros__parameters"]
+    assert written == expected
+    assert list(written) == list(expected)
 
 
 def test_defaults_are_valid() -> None:
@@ -44,6 +52,51 @@ def test_whole_numbers_may_stand_for_doubles() -> None:
             check_value(name, value)
 
 
-def test_crank_angle() -> None:
-    """Angle = sign * scale * position + offset."""
-    assert Parameters(sign=-1, scale=0.5, offset=2.0).crank_angle(0.25) == 1.875
+def test_ranges_hold_at_their_ends() -> None:
+    """A range includes its ends, refuses what is beyond, and NaN."""
+    assert check_value("warning_margin", 0) == 0.0
+    assert check_value("warning_margin", 1.0) == 1.0
+    for value in (-1e-9, 1.0 + 1e-9, math.nan, math.inf):
+        with pytest.raises(ParameterError, match="warning_margin must be 0 to 1"):
+            check_value("warning_margin", value)
+
+
+def test_lists_of_numbers() -> None:
+    """Arrays, lists and whole numbers make a calibration; what holds no numbers does not."""
+    assert check_value("percent_points", array("d", [0.0, 100.0])) == (0.0, 100.0)
+    assert check_value("percent_points", [0, 50, 100]) == (0.0, 50.0, 100.0)
+    for value in ("0 100", ["0", "100"], 5.0, [True, False]):
+        with pytest.raises(ParameterError, match="percent_points"):
+            check_value("percent_points", value)
+
+
+def test_inputs_are_what_was_asked_for() -> None:
+    """The joint's rule or the calibration make angles; one that cannot be used names its keys."""
+    joint = Parameters(sign=-1, scale=0.5, offset=2.0, angle_stddev=0.1).crank_input()
+    assert joint == JointInput("hitch_rockshaft_joint", -1, 0.5, 2.0, 0.1)
+    assert isinstance(Parameters(input="percent").crank_input(), PercentInput)
+    with pytest.raises(ParameterError, match="percent_points, percent_angles: .*point 2"):
+        Parameters(input="percent", percent_angles=(1.0, 1.0)).crank_input()
+
+
+def test_what_may_be_set() -> None:
+    """Live parameters at any time, the others while not configured, and none that is not valid."""
+    settings = Parameters()
+    live, other = Parameter("warning_margin", value=0.2), Parameter("joint_name", value="boom")
+    found, result = changed(settings, [live], configured=True)
+    assert (found.warning_margin, result.successful) == (0.2, True)
+    found, result = changed(settings, [live, other], configured=True)
+    assert found == settings
+    assert "joint_name is read when the node is configured" in result.reason
+    found, result = changed(settings, [live, other], configured=False)
+    assert (found.joint_name, found.warning_margin) == ("boom", 0.2)
+    found, result = changed(settings, [Parameter("use_sim_time", value=True)], configured=True)
+    assert (found, result.successful) == (settings, True)
+
+
+def test_whole_numbers_are_set_as_doubles() -> None:
+    """What ROS would refuse for its type is turned before; what means something else is not."""
+    asked = [Parameter("stale_after", value=2), Parameter("sign", value=-1)]
+    stale_after, sign = in_own_types(asked)
+    assert (stale_after.value, type(stale_after.value)) == (2.0, float)
+    assert (sign.value, type(sign.value)) == (-1, int)

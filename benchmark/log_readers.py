@@ -1,0 +1,176 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Logs opened by every independent reader that installs, and compared message by message.
+
+Run by `python -m benchmark.log_readers`; needs Node.js with npm, whose packages it installs below
+``build``.
+"""
+
+import json
+import math
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
+from rosbags.highlevel import AnyReader
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from benchmark.report import machine, publish, table
+from linkage_vibration.drive import hitch_duty_cycle
+from linkage_vibration.logs.definitions import message_definition, type_hash
+from linkage_vibration.logs.recorder import UNLIMITED, Limits, Provenance, Recorder
+from linkage_vibration.logs.recording import COMPRESSIONS, Topic, offered_qos_profiles
+from linkage_vibration.logs.recovery import recover
+from linkage_vibration.messages import encode_prediction
+from linkage_vibration.prediction import Predictor
+from linkage_vibration.resources import DEFAULT_TABLE, config_file
+from linkage_vibration.table import load_table
+
+PACKAGES = ["@mcap/core", "@mcap/nodejs", "@mcap/support", "@foxglove/rosmsg"]
+PACKAGES += ["@foxglove/rosmsg2-serialization"]
+NODE_MODULES = Path("build/npm").resolve()
+JOINT_STATE = "sensor_msgs/msg/JointState"
+PREDICTION = "linkage_vibration_interfaces/msg/VibrationPrediction"
+# Topic, log time, publish time, fields.
+Message = tuple[str, int, int, Any]
+
+
+def topic(name: str, type_name: str) -> Topic:
+    """Return a topic as the node describes it."""
+    return Topic(
+        name,
+        type_name,
+        message_definition(type_name),
+        type_hash(type_name),
+        offered_qos_profiles(reliable=True, depth=100),
+    )
+
+
+def record(folder: Path, compression: str, limits: Limits) -> None:
+    """Record the duty cycle with its predictions."""
+    store = get_typestore(Stores.EMPTY)
+    store.register(get_types_from_msg(message_definition(JOINT_STATE), JOINT_STATE))
+    joint_state, header = store.types[JOINT_STATE], store.types["std_msgs/msg/Header"]
+    stamp = store.types["builtin_interfaces/msg/Time"]
+    predictor = Predictor(load_table(config_file(DEFAULT_TABLE)))
+    topics = [topic("/joint_states", JOINT_STATE), topic("/prediction", PREDICTION)]
+    recorder = Recorder(folder, topics, Provenance(), limits, compression)
+    recorder.start()
+    for time, alpha3 in zip(*hitch_duty_cycle(), strict=True):
+        sec, nanosec = divmod(round(1e9 * time), 10**9)
+        message = joint_state(
+            header=header(stamp=stamp(sec=sec, nanosec=nanosec), frame_id="hitch"),
+            name=["hitch"],
+            position=np.array([alpha3]),
+            velocity=np.array([math.nan]),
+            effort=np.array([]),
+        )
+        at = 10**9 * sec + nanosec
+        data = bytes(store.serialize_cdr(message, JOINT_STATE))
+        recorder.write("/joint_states", data, at, at - 1000)
+        data = encode_prediction(predictor.predict(alpha3), sec, nanosec, "hitch")
+        recorder.write("/prediction", data, at + 500, at + 400)
+    recorder.stop()
+
+
+def plain(value: Any) -> Any:
+    """Return a decoded message of any reader as dicts, lists and numbers; NaN as a word."""
+    for names in (getattr(value, "__slots__", ()), getattr(value, "__dataclass_fields__", ())):
+        if fields := [name for name in names if name.islower() and name[0] != "_"]:
+            return {name: plain(getattr(value, name)) for name in fields}
+    if isinstance(value, np.ndarray | list | tuple):
+        return [plain(item) for item in value]
+    return "NaN" if value != value else value
+
+
+def by_mcap(path: Path) -> list[Message]:
+    """Read by mcap and mcap-ros2-support."""
+    with path.open("rb") as file:
+        reader = make_reader(file, validate_crcs=True, decoder_factories=[DecoderFactory()])
+        return [
+            (channel.topic, message.log_time, message.publish_time, plain(decoded))
+            for _, channel, message, decoded in reader.iter_decoded_messages()
+        ]
+
+
+def by_rosbags(path: Path) -> list[Message]:
+    """Read by rosbags, which does not tell the publish time."""
+    with AnyReader([path]) as reader:
+        return [
+            (c.topic, time, 0, plain(reader.deserialize(data, c.msgtype)))
+            for c, time, data in reader.messages()
+        ]
+
+
+def by_npm(path: Path) -> list[Message]:
+    """Read by @mcap/core and @foxglove/rosmsg2-serialization."""
+    script = Path(__file__).with_suffix(".mjs")
+    command = ["node", str(script), str(NODE_MODULES), str(path)]
+    run = subprocess.run(command, check=True, capture_output=True, text=True)
+    found = []
+    for line in run.stdout.splitlines():
+        name, log_time, publish_time, fields = json.loads(line)
+        stamp = fields["header"]["stamp"]
+        stamp["nanosec"] = stamp.pop("nsec", stamp.get("nanosec"))
+        found.append((name, int(log_time), int(publish_time), fields))
+    return found
+
+
+def npm_version(package: str) -> str:
+    """Return the name and version of a package of npm."""
+    told = (NODE_MODULES / "node_modules" / package / "package.json").read_text(encoding="utf-8")
+    return f"{package} {json.loads(told)['version']}"
+
+
+def make_logs(folder: Path) -> dict[str, Path]:
+    """Return logs of each kind by what they are."""
+    kinds = {f"compression {name}": (name, UNLIMITED) for name in COMPRESSIONS}
+    kinds["one of several splits"] = ("zstd", Limits(split_size=250_000))
+    found = {}
+    for number, (name, (compression, limits)) in enumerate(kinds.items()):
+        place = folder / str(number)
+        place.mkdir()
+        record(place, compression, limits)
+        found[name] = min(place.glob("*.mcap"))
+    cut = folder / "cut.mcap"
+    content = found["compression zstd"].read_bytes()
+    cut.write_bytes(content[: len(content) // 2])
+    recover(cut, folder / "recovered.mcap")
+    return found | {"recovered from a half": folder / "recovered.mcap"}
+
+
+def main() -> int:
+    """Compare the readers, publish, and return how many disagree."""
+    if shutil.which("npm") is None:
+        print("Node.js with npm is missing; install it, and run this again.", file=sys.stderr)
+        return 1
+    NODE_MODULES.mkdir(parents=True, exist_ok=True)
+    install = ["npm", "install", "--silent", "--ignore-scripts", "--prefix", str(NODE_MODULES)]
+    subprocess.run([*install, *PACKAGES], check=True)
+    rows, wrong = [], 0
+    with tempfile.TemporaryDirectory() as folder:
+        for name, path in make_logs(Path(folder)).items():
+            expected = by_mcap(path)
+            without_publish_time = [(t, at, 0, fields) for t, at, _, fields in expected]
+            agree = [by_npm(path) == expected, by_rosbags(path) == without_publish_time]
+            wrong += agree.count(False)
+            rows.append([name, str(len(expected)), *("same" if a else "DIFFERENT" for a in agree)])
+    text = (
+        "Logs of the duty cycle with its predictions, read by mcap with mcap-ros2-support, and "
+        "message by message, field by field, by the other readers: @mcap/core with "
+        "@foxglove/rosmsg2-serialization, which are Foxglove's, and rosbags."
+    )
+    columns = ["log", "messages", "npm", "rosbags"]
+    others = machine("mcap", "mcap-ros2-support", "rosbags", *map(npm_version, PACKAGES))
+    publish("log_readers", "Logs and their readers", [text, table(columns, rows)], others)
+    return wrong
+
+
+if __name__ == "__main__":
+    sys.exit(main())

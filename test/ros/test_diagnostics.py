@@ -1,0 +1,137 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""What /diagnostics tells: the gravest trouble first, every number, and over DDS at 1 Hz."""
+
+import math
+import re
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+
+from linkage_vibration.excitation import Resonance, ResonanceState
+from linkage_vibration.ros.diagnostics import LATENCIES, Health, Log, Statistics, judge, status
+
+OK, WARN, ERROR, STALE = (
+    DiagnosticStatus.OK,
+    DiagnosticStatus.WARN,
+    DiagnosticStatus.ERROR,
+    DiagnosticStatus.STALE,
+)
+NEAR = Resonance(
+    ResonanceState.WARNING, "engine 3", 94.0, 1, 95.0, -1.0, -1.0 / 95.0, 1, 2.0, "a table"
+)
+LOG = Log(recording=True, path="/logs/a.mcap", written=10, dropped=0, error="")
+SOUND = Health(
+    state="active",
+    problem="",
+    reading="joint hitch on /joint_states",
+    age=0.01,
+    stale_after=1.0,
+    rate=100.0,
+    without_numbers=0.0,
+    resonance=replace(NEAR, state=ResonanceState.CLEAR),
+    log=LOG,
+    table_id="a table",
+    interpolation_error=4.6e-7,
+)
+
+
+@pytest.mark.parametrize(
+    ("changes", "level", "words"),
+    [
+        ({}, OK, "Predicting at 100 Hz"),
+        ({"state": "inactive"}, OK, "The node is inactive"),
+        ({"problem": "/none.yaml: cannot be read"}, ERROR, "/none.yaml"),
+        ({"age": 2.5}, STALE, "not for 2.5 s a reading of joint hitch on /joint_states"),
+        ({"age": math.nan}, STALE, "never a reading"),
+        ({"without_numbers": 0.25}, WARN, "25 % of the crank angles"),
+        ({"log": replace(LOG, dropped=3)}, WARN, "3 messages are not in the log"),
+        ({"log": replace(LOG, error="disk full")}, ERROR, "disk full"),
+        ({"resonance": NEAR}, WARN, r"engine 3 \(94.0 Hz\) is within 1.1 % of mode 1 \(95.0 Hz\)"),
+        ({"age": 2.5, "log": replace(LOG, error="disk full")}, ERROR, "disk full"),
+        ({"resonance": NEAR, "without_numbers": 0.5}, WARN, "50 %"),
+    ],
+)
+def test_gravest_trouble_first(changes: dict[str, Any], level: bytes, words: str) -> None:
+    """Each trouble has its level and a sentence; of two the graver is told."""
+    found, message = judge(replace(SOUND, **changes), Statistics())
+    assert found == level
+    assert re.search(words, message)
+
+
+def test_quality_that_does_not_match_is_a_reason_for_silence() -> None:
+    """Where nothing is heard and a publisher's QoS did not match, that is told beside."""
+    statistics = Statistics()
+    statistics.qos_mismatches["/joint_states"] += 1
+    assert "QoS does not match" in judge(replace(SOUND, age=9.0), statistics)[1]
+
+
+def test_numbers() -> None:
+    """Percentiles, counts, table and log are told by name."""
+    statistics = Statistics(received=7, predicted=6, clock_jumps=2)
+    statistics.latencies.extend(1e-3 * i for i in range(1, 101))
+    told = {v.key: v.value for v in status("a", "b", SOUND, statistics).values}
+    assert float(told["latency p50 [ms]"]) == pytest.approx(50.5)
+    assert float(told["latency p99 [ms]"]) == pytest.approx(99.01)
+    assert (told["messages received"], told["predictions"], told["clock jumps"]) == ("7", "6", "2")
+    assert (told["table id"], told["table error"]) == ("a table", "4.6e-07")
+    assert (told["log"], told["recording"]) == ("/logs/a.mcap", "true")
+
+
+def test_statistics_are_bounded_and_count() -> None:
+    """Rates and shares are those of the last second; latencies take no more memory in time."""
+    statistics = Statistics(received=100, predicted=100)
+    assert statistics.since_last_time(10.0) == (0.0, 0.0)
+    statistics.received, statistics.predicted, statistics.without_numbers = 150, 140, 10
+    assert statistics.since_last_time(10.5) == (100.0, 0.25)
+    assert statistics.since_last_time(11.5) == (0.0, 0.0)
+    statistics.latencies.extend([0.0] * 10 * LATENCIES)
+    assert len(statistics.latencies) == LATENCIES
+    for stamp in ((5, 0), (5, 1), (5, 1), (4, 9), (6, 0)):
+        statistics.take_stamp(*stamp)
+    assert statistics.stamps_back == 1
+
+
+def test_wall_clock_that_is_set(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A step of the wall's clock against the steady one is a jump, its passing is none."""
+    statistics = Statistics()
+    for wall, steady in ((100.0, 1.0), (101.0, 2.0), (98.0, 3.0), (99.0, 4.0)):
+        monkeypatch.setattr(time, "time", lambda wall=wall: wall)
+        monkeypatch.setattr(time, "monotonic", lambda steady=steady: steady)
+        statistics.watch_wall_clock()
+    assert statistics.clock_jumps == 1
+
+
+def test_once_a_second_over_dds(start: Callable[..., Any], meet: Callable[[str], Any]) -> None:
+    """The node tells how it fares: rate, age, latency, and then that the input has gone."""
+    node = start(name="diagnosed", engine_speed=2000.0)
+    peer = meet("diagnosed")
+    heard: list[Any] = []
+    peer.node.create_subscription(DiagnosticArray, "/diagnostics", heard.append, 10)
+
+    def own() -> list[Any]:
+        return [s for m in heard for s in m.status if s.name == "/diagnosed: predictions"]
+
+    def publish_until(condition: Callable[[], bool]) -> None:
+        end = time.monotonic() + 15.0
+        while not condition() and time.monotonic() < end:
+            peer.publish(["hitch_rockshaft_joint"], [2.0])
+            peer.spin(lambda: False, 0.02)
+        assert condition()
+
+    publish_until(lambda: len(own()) > 1)
+    heard.clear()
+    publish_until(lambda: len(own()) > 1)
+    told = {value.key: value.value for value in own()[-1].values}
+    assert own()[-1].level in (OK, WARN)
+    assert own()[-1].hardware_id == "three_point_linkage"
+    assert 10.0 < float(told["input rate [Hz]"]) < 60.0
+    assert 0.0 < float(told["latency p50 [ms]"]) <= float(told["latency p99 [ms]"])
+    assert told["resonance"] in ("clear", "warning")
+    assert peer.spin(lambda: bool(own()) and own()[-1].level == STALE, 5.0)
+    assert "joint hitch_rockshaft_joint on /joint_states" in own()[-1].message
+    assert node.stop() == 0

@@ -1,0 +1,221 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""The node's life: transitions over real DDS, what they cost, and what a manager is told."""
+
+import gc
+import os
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import rclpy
+from lifecycle_msgs.msg import State, Transition
+from lifecycle_msgs.srv import ChangeState, GetState
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.lifecycle import TransitionCallbackReturn
+from rclpy.parameter import Parameter
+from rclpy.signals import SignalHandlerOptions
+
+from linkage_vibration.prediction import Status
+
+JOINT = "hitch_rockshaft_joint"
+SUCCESS, FAILURE = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAILURE
+
+
+@pytest.fixture
+def managed(environment: dict[str, str]) -> Iterator[Callable[..., Any]]:
+    """Return what makes a node in this process that waits for a manager."""
+    from linkage_vibration.ros.node import LinkageVibrationNode
+
+    nodes: list[Any] = []
+
+    def make(*arguments: str) -> Any:
+        rclpy.init(
+            args=["--ros-args", "-p", "autostart:=false", *arguments],
+            signal_handler_options=SignalHandlerOptions.NO,
+        )
+        nodes.append(LinkageVibrationNode())
+        return nodes[-1]
+
+    yield make
+    for node in nodes:
+        node.close()
+    rclpy.try_shutdown()
+
+
+def open_files() -> int:
+    """Return how many files and sockets this process has open."""
+    return len(os.listdir("/proc/self/fd"))
+
+
+def resident() -> int:
+    """Return how many bytes of this process are in memory."""
+    return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+
+
+def entities(node: Any) -> dict[str, int]:
+    """Return how many entities of each kind a node has."""
+    kinds = ("publishers", "subscriptions", "services", "clients", "timers", "guards", "waitables")
+    return {kind: len(list(getattr(node, kind))) for kind in kinds}
+
+
+def test_hundred_lives_leave_nothing_behind(managed: Callable[..., Any], tmp_path: Path) -> None:
+    """After every transition 100 times over the node is as it was: entities, files, memory."""
+    node = managed("-p", "record:=true", "-p", f"log_directory:={tmp_path}")
+    before = entities(node)
+    sizes = []
+    for i in range(100):
+        assert node.trigger_configure() is SUCCESS
+        inactive = entities(node)
+        assert node.trigger_activate() is SUCCESS
+        assert entities(node)["subscriptions"] == inactive["subscriptions"] + 4
+        assert node.trigger_deactivate() is SUCCESS
+        assert entities(node) == inactive
+        assert node.trigger_cleanup() is SUCCESS
+        assert entities(node) == before
+        for path in tmp_path.iterdir():
+            path.unlink()
+        if i % 10 == 9:
+            gc.collect()
+            sizes.append((open_files(), resident()))
+    assert sizes[-1][0] == sizes[1][0]
+    assert sizes[-1][1] - sizes[4][1] < 5 * 2**20  # 50 lives; one table alone has half of that
+    assert node.trigger_configure() is SUCCESS
+    assert node.trigger_shutdown() is SUCCESS
+    assert entities(node) == before
+
+
+def test_configuring_that_fails_can_be_tried_again(managed: Callable[..., Any]) -> None:
+    """The reason is told, nothing is left of the attempt, and a mended parameter is enough."""
+    node = managed("-p", "mechanism_file:=/none.yaml")
+    before = entities(node)
+    assert node.trigger_configure() is FAILURE
+    assert "/none.yaml: cannot be read" in node.problem
+    assert entities(node) == before
+    [result] = node.set_parameters([Parameter("mechanism_file", value="")])
+    assert result.successful
+    assert node.trigger_configure() is SUCCESS
+    assert node.problem == ""
+    [result] = node.set_parameters([Parameter("mechanism_file", value="/none.yaml")])
+    assert "is read when the node is configured" in result.reason
+
+
+def test_activation_that_fails_leaves_it_inactive(managed: Callable[..., Any]) -> None:
+    """A log that cannot begin keeps the node from being active; without it, it goes on."""
+    node = managed("-p", "record:=true", "-p", "log_directory:=/none")
+    assert node.trigger_configure() is SUCCESS
+    inactive = entities(node)
+    assert node.trigger_activate() is FAILURE
+    assert "/none" in node.problem
+    assert entities(node) == inactive
+    assert node.trigger_cleanup() is SUCCESS
+    node.set_parameters([Parameter("record", value=False)])
+    assert node.trigger_configure() is SUCCESS
+    assert node.trigger_activate() is SUCCESS
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "words"),
+    [
+        ("warning_margin", 1.5, "warning_margin"),
+        ("stale_after", float("nan"), "stale_after"),
+        ("marker_rate", 0.0, "marker_rate"),
+        ("engine_speed", float("inf"), "engine_speed"),
+        ("marker_mode", -2, "marker_mode"),
+    ],
+)
+def test_parameters_are_checked_before_they_are_set(
+    managed: Callable[..., Any], name: str, value: Any, words: str
+) -> None:
+    """What is not valid changes nothing; what is, does so at once, whole numbers too."""
+    node = managed()
+    assert node.trigger_configure() is SUCCESS
+    before = node.get_parameter(name).value
+    [result] = node.set_parameters([Parameter(name, value=value)])
+    assert not result.successful
+    assert words in result.reason
+    assert node.get_parameter(name).value == before
+    [result] = node.set_parameters([Parameter("engine_speed", value=1800)])
+    assert result.successful
+    assert node.get_parameter("engine_speed").value == 1800.0
+
+
+def test_descriptors(managed: Callable[..., Any]) -> None:
+    """`ros2 param describe` tells unit, range and meaning."""
+    node = managed()
+    margin = node.describe_parameter("warning_margin")
+    assert [(r.from_value, r.to_value) for r in margin.floating_point_range] == [(0.0, 1.0)]
+    assert "Unit: 1." in margin.description
+    assert node.describe_parameter("marker_mode").integer_range[0].from_value == -1
+    assert node.describe_parameter("autostart").read_only
+    assert "Read when the node is configured." in node.describe_parameter("joint_name").description
+
+
+def test_manager_over_dds(
+    start: Callable[..., Any], environment: dict[str, str], tmp_path: Path
+) -> None:
+    """By its services a manager takes the node through its life, and it predicts while active."""
+    from array import array
+
+    from rclpy.qos import QoSProfile, ReliabilityPolicy
+    from sensor_msgs.msg import JointState
+
+    from linkage_vibration_interfaces.msg import VibrationPrediction
+
+    process = start(name="managed", autostart=False)
+    context = Context()
+    rclpy.init(
+        context=context,
+        domain_id=int(environment["ROS_DOMAIN_ID"]),
+        signal_handler_options=SignalHandlerOptions.NO,
+    )
+    peer = rclpy.create_node("manager", context=context)
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(peer)
+    change: Any = peer.create_client(ChangeState, "managed/change_state")
+    ask: Any = peer.create_client(GetState, "managed/get_state")
+    heard: list[Any] = []
+    peer.create_subscription(VibrationPrediction, "managed/prediction", heard.append, 10)
+    sensor = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+    publisher = peer.create_publisher(JointState, "joint_states", sensor)
+
+    def call(client: Any, request: Any) -> Any:
+        future = client.call_async(request)
+        executor.spin_until_future_complete(future, 10.0)
+        return future.result()
+
+    def go(transition: int) -> int:
+        assert call(change, ChangeState.Request(transition=Transition(id=transition))).success
+        return int(call(ask, GetState.Request()).current_state.id)
+
+    def answered(timeout: float) -> bool:
+        heard.clear()
+        end = time.monotonic() + timeout
+        while not heard and time.monotonic() < end:
+            publisher.publish(JointState(name=[JOINT], position=array("d", [2.0])))
+            executor.spin_once(0.1)
+        return bool(heard)
+
+    try:
+        assert change.wait_for_service(20.0)
+        assert ask.wait_for_service(20.0)
+        assert go(Transition.TRANSITION_CONFIGURE) == State.PRIMARY_STATE_INACTIVE
+        assert not answered(1.0)
+        for _ in range(2):
+            assert go(Transition.TRANSITION_ACTIVATE) == State.PRIMARY_STATE_ACTIVE
+            assert answered(10.0)
+            assert heard[0].status == Status.OK
+            assert go(Transition.TRANSITION_DEACTIVATE) == State.PRIMARY_STATE_INACTIVE
+            executor.spin_once(0.2)
+            assert not answered(0.5)
+        assert go(Transition.TRANSITION_CLEANUP) == State.PRIMARY_STATE_UNCONFIGURED
+        wrong = Transition(id=Transition.TRANSITION_ACTIVATE)
+        assert not call(change, ChangeState.Request(transition=wrong)).success
+    finally:
+        executor.shutdown()
+        peer.destroy_node()
+        context.try_shutdown()
+    assert process.stop() == 0

@@ -1,0 +1,44 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""The SROS 2 policy allows just what the node says and hears."""
+
+from collections.abc import Callable
+from typing import Any
+from xml.etree import ElementTree
+
+from linkage_vibration.resources import share_directory
+
+POLICY = share_directory() / "config" / "sros2" / "linkage_vibration.policy.xml"
+# Which of the two is heard is a parameter; the clock is, where time is simulated.
+OPTIONAL = {"hitch_position", "clock"}
+
+
+def allowed(kind: str, verb: str) -> set[str]:
+    """Return what the policy's profile lets the node do."""
+    profile = ElementTree.parse(POLICY).getroot().find("enclaves/enclave/profiles/profile")
+    assert profile is not None
+    assert profile.attrib == {"ns": "/", "node": "linkage_vibration"}
+    group = profile.find(f"{kind}s[@{verb}='ALLOW']")
+    assert group is not None
+    return {str(item.text) for item in group.findall(kind)}
+
+
+def test_policy_is_the_nodes(start: Callable[..., Any], meet: Callable[[str], Any]) -> None:
+    """Topics and services that a running node has are those that the policy names."""
+    start()
+    graph = meet("linkage_vibration").node
+
+    def named(found: list[tuple[str, list[str]]]) -> set[str]:
+        own = "/linkage_vibration/"
+        return {
+            f"~/{name.removeprefix(own)}" if name.startswith(own) else name.removeprefix("/")
+            for name, _ in found
+        }
+
+    node = ("linkage_vibration", "/")
+    published = named(graph.get_publisher_names_and_types_by_node(*node))
+    heard = named(graph.get_subscriber_names_and_types_by_node(*node))
+    served = named(graph.get_service_names_and_types_by_node(*node))
+    assert published == allowed("topic", "publish")
+    assert heard | OPTIONAL | {"parameter_events"} == allowed("topic", "subscribe")
+    assert served == allowed("service", "reply")
