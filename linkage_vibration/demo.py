@@ -20,10 +20,14 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from linkage_vibration.drive import HITCH_JOINT
+from linkage_vibration.drive import ENGINE_SPEED, HITCH_JOINT, PTO_SPEED
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.plots import plot_predictions
-from linkage_vibration.readers.bags import JointStateRecord, read_joint_states
+from linkage_vibration.readers.bags import (
+    JointStateRecord,
+    read_joint_states,
+    read_messages,
+)
 from linkage_vibration.resources import DEFAULT_TABLE, config_file
 from linkage_vibration.table import load_table
 
@@ -87,7 +91,7 @@ def run_demo(bag: Path | None, joint: str | None, output: Path) -> int:
         # Below it ROS 2 keeps what nodes say; without either nothing starts.
         os.environ.setdefault("ROS_LOG_DIR", str(output.resolve()))
     try:
-        from linkage_vibration.ros.player import play
+        from linkage_vibration.ros.player import SpeedRecord, play
     except ImportError as error:
         raise DemoError(
             f"ROS 2 cannot be imported ({error}); source one, or "
@@ -97,12 +101,13 @@ def run_demo(bag: Path | None, joint: str | None, output: Path) -> int:
     drive = bag or config_file(DRIVE)
     followed = joint or HITCH_JOINT
     records = (record for record in read_joint_states(drive) if _has_position(record, followed))
+    speeds = [SpeedRecord(*told) for told in ([] if bag else _speeds(drive))]
     logs_before = set(output.glob("*.mcap"))
     print(f"Playing {followed} of {drive} to the node on ROS domain {os.environ['ROS_DOMAIN_ID']}.")
     live = _LiveLine(sys.stdout)
     with _node(parameters, output) as check:
         try:
-            playback = play(records, live.show, check)
+            playback = play(records, speeds, live.show, check)
         finally:
             live.end()
     log = max(set(output.glob("*.mcap")) - logs_before, key=lambda path: path.stat().st_mtime)
@@ -125,6 +130,16 @@ def run_demo(bag: Path | None, joint: str | None, output: Path) -> int:
         file=sys.stderr,
     )
     return 1
+
+
+def _speeds(drive: Path) -> list[tuple[str, int, float]]:
+    """Return topic, log time (ns) and value of each speed in the drive that ships, in order."""
+    found = [
+        (topic, log_time, message.data)
+        for topic in (ENGINE_SPEED, PTO_SPEED)
+        for log_time, message in read_messages(drive, topic)
+    ]
+    return sorted(found, key=lambda told: told[1])
 
 
 def _percentiles(seconds: NDArray[np.float64]) -> str:

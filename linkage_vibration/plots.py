@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.excitation import ResonanceState
 from linkage_vibration.files import write_bytes
-from linkage_vibration.readers.bags import read_messages
+from linkage_vibration.readers.bags import read_messages, topic_names
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -20,10 +21,11 @@ if TYPE_CHECKING:
     from matplotlib.lines import Line2D
 
 PREDICTION_TOPIC = "/linkage_vibration/prediction"
+RESONANCE_TOPIC = "/linkage_vibration/resonance"
 # Okabe and Ito's palette, which the colour-blind tell apart.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#56B4E9", "#E69F00")
 INK, GREY = "#222222", "#6b6b6b"
-_PEAK, _SHADE = "#AA4499", "#F9E08B"
+_PEAK, _SHADE, _NEAR = "#AA4499", "#F9E08B", "#CC3311"
 
 
 class PlotError(LinkageVibrationError):
@@ -33,7 +35,8 @@ class PlotError(LinkageVibrationError):
 def plot_predictions(log: Path, picture: Path) -> None:
     """Draw the predictions of a log over time: crank angle, natural frequencies and FRF peak.
 
-    The time axis is that of the joint states' stamps. Lines break, and the background is shaded,
+    Excitations are drawn where they are near to a natural frequency. The time axis is that of the
+    joint states' stamps. Lines break, and the background is shaded,
     where predictions have a status other than OK or are missing.
 
     Parameters
@@ -58,10 +61,16 @@ def plot_predictions(log: Path, picture: Path) -> None:
             "Drawing needs matplotlib; `pip install linkage_vibration[plots]`."
         ) from None
     messages = [message for _, message in read_messages(log, PREDICTION_TOPIC)]
+    told = topic_names(log)
     if not messages:
         raise PlotError(f"{log} holds no prediction to draw; was the joint ever published?")
     figure = Figure(figsize=(10, 8.6), dpi=150, layout="constrained")
-    _draw(figure, messages)
+    near = [
+        message
+        for _, message in (read_messages(log, RESONANCE_TOPIC) if RESONANCE_TOPIC in told else [])
+        if message.state == ResonanceState.WARNING
+    ]
+    _draw(figure, messages, near)
     figure.suptitle(
         "Natural frequencies and FRF peak of the linkage as its crank turns",
         x=0.01,
@@ -79,7 +88,7 @@ def plot_predictions(log: Path, picture: Path) -> None:
     write_bytes(picture, png.getvalue(), PlotError)
 
 
-def _draw(figure: "Figure", messages: Sequence[Any]) -> None:
+def _draw(figure: "Figure", messages: Sequence[Any], near: Sequence[Any] = ()) -> None:
     """Draw one row each for the angle, every mode (the highest on top) and the peak."""
     from matplotlib.ticker import LogLocator, NullLocator
 
@@ -110,6 +119,14 @@ def _draw(figure: "Figure", messages: Sequence[Any]) -> None:
         # The peak shows in the row of the mode that it belongs to; it must not stretch the others.
         limits = ax.get_ylim()
         peak = line(ax, peak_frequency, color=INK, linewidth=1.2, linestyle=(0, (3, 3)))
+        own = [message for message in near if message.mode == mode]
+        if own:
+            at = [
+                (m.header.stamp.sec * 10**9 + m.header.stamp.nanosec - stamps[0]) / 1e9 for m in own
+            ]
+            [excited] = ax.plot(
+                at, [m.excitation_frequency for m in own], ".", color=_NEAR, markersize=3
+            )
         ax.set_ylim(limits)
         ax.set_ylabel(f"mode {mode + 1}\n$f_{mode + 1}$ [Hz]", color=colour)
     line(axes[-1], peak_magnitude, color=_PEAK, linewidth=2)
@@ -121,7 +138,9 @@ def _draw(figure: "Figure", messages: Sequence[Any]) -> None:
     axes[-1].set_xlabel("time [s]")
     axes[-1].set_xlim(times[0], max(times[-1], times[0] + 1e-3))
 
-    keys = {"frequency of the FRF peak": peak}
+    keys: dict[str, Any] = {"frequency of the FRF peak": peak}
+    if near:
+        keys["excitation near a natural frequency"] = excited
     for ax in axes:
         for last in np.flatnonzero(missing):
             keys["no prediction"] = ax.axvspan(
@@ -144,7 +163,12 @@ def _draw(figure: "Figure", messages: Sequence[Any]) -> None:
         ax.yaxis.labelpad = 12
     figure.align_ylabels(axes)
     figure.legend(
-        keys.values(), keys.keys(), loc="outside lower right", ncols=len(keys), frameon=False
+        keys.values(),
+        keys.keys(),
+        loc="outside lower right",
+        ncols=len(keys),
+        frameon=False,
+        markerscale=3.0,
     )
 
 

@@ -150,7 +150,7 @@ def judge(health: Health, statistics: Statistics) -> tuple[bytes, str]:
         return (
             DiagnosticStatus.WARN,
             f"{near.excitation} ({near.excitation_frequency:.1f} Hz) is within "
-            f"{100.0 * abs(near.relative_margin):.1f} % of mode {near.mode} "
+            f"{100.0 * abs(near.relative_margin):.1f} % of mode {near.mode + 1} "
             f"({near.natural_frequency:.1f} Hz).",
         )
     return DiagnosticStatus.OK, f"Predicting at {health.rate:.0f} Hz."

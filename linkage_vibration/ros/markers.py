@@ -167,7 +167,7 @@ class Markers:
         text = _marker(
             "mode_text", 0, Marker.TEXT_VIEW_FACING, COLOURS[1], 2.0 * _PIN * scale, above
         )
-        text.text = f"mode {mode}: {frequency:.1f} Hz"
+        text.text = f"mode {mode + 1}: {frequency:.1f} Hz"
         return [*markers, text]
 
 

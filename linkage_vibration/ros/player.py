@@ -1,11 +1,11 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Plays recorded joint states to a running node over DDS, and gathers what it answers."""
+"""Plays a recorded drive to a running node over DDS, and gathers what it answers."""
 
 import time
 from array import array
 from collections import defaultdict, deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,6 +18,7 @@ from rclpy.node import Node
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64
 
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.readers.bags import JointStateRecord
@@ -33,6 +34,25 @@ ANSWER_TIMEOUT = 3.0  # s, after the last prediction
 
 class PlayerError(LinkageVibrationError):
     """The node does not answer."""
+
+
+@dataclass(frozen=True, slots=True)
+class SpeedRecord:
+    """A speed of the tractor, as it was recorded.
+
+    Attributes
+    ----------
+    topic : str
+        Such as ``/engine_speed``.
+    log_time : int
+        ns.
+    value : float
+        rpm, or m/s.
+    """
+
+    topic: str
+    log_time: int
+    value: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,10 +80,11 @@ class Playback:
 
 def play(
     records: Iterable[JointStateRecord],
+    speeds: Sequence[SpeedRecord],
     on_prediction: Callable[[VibrationPrediction], None],
     check: Callable[[], None],
 ) -> Playback:
-    """Publish joint states at their recorded times, and wait until all are answered.
+    """Publish joint states and speeds at their recorded times, and wait until all are answered.
 
     Stamps are published as they were recorded, however old: the node copies them into its
     predictions, which tells which prediction answers which joint state.
@@ -72,6 +93,8 @@ def play(
     ----------
     records : iterable of JointStateRecord
         In the order of their log times.
+    speeds : sequence of SpeedRecord
+        In that order too; each goes out before the joint state that follows it.
     on_prediction : callable
         Called with every prediction that arrives.
     check : callable
@@ -90,7 +113,7 @@ def play(
         executor = SingleThreadedExecutor(context=context)
         executor.add_node(node)
         try:
-            return _play(node, executor, records, on_prediction, check)
+            return _play(node, executor, records, speeds, on_prediction, check)
         finally:
             executor.shutdown()
             node.destroy_node()
@@ -102,6 +125,7 @@ def _play(
     node: Node,
     executor: SingleThreadedExecutor,
     records: Iterable[JointStateRecord],
+    speeds: Sequence[SpeedRecord],
     on_prediction: Callable[[VibrationPrediction], None],
     check: Callable[[], None],
 ) -> Playback:
@@ -119,13 +143,14 @@ def _play(
             latencies.append(last_arrival - waiting.popleft())
         on_prediction(prediction)
 
-    publisher = node.create_publisher(
-        JointState,
-        "joint_states",
-        QoSProfile(
-            history=HistoryPolicy.KEEP_LAST, depth=100, reliability=ReliabilityPolicy.BEST_EFFORT
-        ),
+    sensor = QoSProfile(
+        history=HistoryPolicy.KEEP_LAST, depth=100, reliability=ReliabilityPolicy.BEST_EFFORT
     )
+    speed_publishers = {
+        topic: node.create_publisher(Float64, topic, sensor)
+        for topic in {speed.topic for speed in speeds}
+    }
+    publisher = node.create_publisher(JointState, "joint_states", sensor)
     node.create_subscription(
         VibrationPrediction,
         f"{PREDICTING_NODE}/prediction",
@@ -139,6 +164,7 @@ def _play(
     _wait_for_match(node, executor, publisher.get_subscription_count, check)
 
     lateness: list[float] = []
+    waiting_speeds = deque(speeds)
     start = time.monotonic()
     first_log_time: int | None = None
     for record in records:
@@ -149,6 +175,9 @@ def _play(
         executor.spin_once(max(due - time.monotonic(), 0.0))
         while (wait := due - time.monotonic()) > 0.0:
             executor.spin_once(wait)
+        while waiting_speeds and waiting_speeds[0].log_time <= record.log_time:
+            speed = waiting_speeds.popleft()
+            speed_publishers[speed.topic].publish(Float64(data=speed.value))
         message = _message(record)
         now = time.monotonic()
         sent_at[message.header.stamp.sec, message.header.stamp.nanosec].append(now)

@@ -51,7 +51,7 @@ SOUND = Health(
         ({"without_numbers": 0.25}, WARN, "25 % of the crank angles"),
         ({"log": replace(LOG, dropped=3)}, WARN, "3 messages are not in the log"),
         ({"log": replace(LOG, error="disk full")}, ERROR, "disk full"),
-        ({"resonance": NEAR}, WARN, r"engine 3 \(94.0 Hz\) is within 1.1 % of mode 1 \(95.0 Hz\)"),
+        ({"resonance": NEAR}, WARN, r"engine 3 \(94.0 Hz\) is within 1.1 % of mode 2 \(95.0 Hz\)"),
         ({"age": 2.5, "log": replace(LOG, error="disk full")}, ERROR, "disk full"),
         ({"resonance": NEAR, "without_numbers": 0.5}, WARN, "50 %"),
     ],

@@ -1,0 +1,148 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""The node for an hour at 1 kHz, recording: ``python -m benchmark.soak [MINUTES]``.
+
+Every joint state has to be answered, every prediction has to be in the log, and memory has to stay.
+"""
+
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from array import array
+from pathlib import Path
+
+from benchmark.latency.driver import QUIET, cpu_time
+from benchmark.report import RESULTS, machine, publish, table
+
+os.environ.setdefault("AMENT_PREFIX_PATH", sys.prefix)
+os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+
+import numpy as np
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64
+from tqdm import tqdm
+
+from linkage_vibration.plots import COLOURS
+from linkage_vibration.readers.bags import read_messages
+from linkage_vibration_interfaces.msg import VibrationPrediction
+
+RATE, SPEED_EVERY = 1000, 100  # Hz, and joint states to one engine speed
+JOINT = "hitch_rockshaft_joint"
+PAGE = os.sysconf("SC_PAGE_SIZE")
+
+
+def main() -> None:
+    """Send, count, and publish what came of it."""
+    minutes = float(sys.argv[1]) if len(sys.argv) > 1 else 60.0
+    with tempfile.TemporaryDirectory() as folder:
+        command = [sys.executable, "-m", "linkage_vibration.ros.node", "--ros-args"]
+        command += ["-p", "record:=true", "-p", "split_duration:=600.0"]
+        node = subprocess.Popen(command, cwd=folder, stdout=subprocess.DEVNULL)
+        try:
+            sent, answered, memory, cpu = send(node.pid, round(60.0 * minutes * RATE))
+        finally:
+            node.send_signal(signal.SIGINT)
+            code = node.wait(30.0)
+        logs = sorted(Path(folder).glob("*.mcap"), key=lambda path: path.stat().st_mtime_ns)
+        logged = bytearray(sent + 1)
+        size = sum(path.stat().st_size for path in logs)
+        for path in tqdm(logs, unit="log"):
+            for _, message in read_messages(path, "/linkage_vibration/prediction"):
+                stamp = message.header.stamp
+                logged[stamp.sec * RATE + stamp.nanosec] = 1
+    draw(memory, RESULTS / "soak.png")
+    settled = [m for t, m in memory if t > memory[-1][0] / 6.0]
+    rows = [
+        ["joint states sent, 1 kHz", f"{sent}"],
+        ["predictions that came back", f"{sum(answered[:sent])}"],
+        ["predictions in the log", f"{sum(logged[:sent])}"],
+        ["logs, MB together", f"{len(logs)}, {size / 1e6:.0f}"],
+        [
+            "memory after a sixth of the time, and its largest since [MB]",
+            f"{settled[0] / 1e6:.1f}, {max(settled) / 1e6:.1f}",
+        ],
+        ["processor [% of a core]", f"{cpu:.0f}"],
+        ["exit code", f"{code}"],
+    ]
+    text = (
+        f"One node, {minutes:g} minutes, with engine speeds at 10 Hz, recording, a new log each 10 "
+        "minutes."
+    )
+    publish("soak", "Soak", [text, table(["", ""], rows), "![](soak.png)"], machine())
+
+
+def send(process: int, count: int) -> tuple[int, bytearray, list[tuple[float, float]], float]:
+    """Send joint states; return how many, which are answered, memory over time, and CPU (%)."""
+    rclpy.init()
+    driver = rclpy.create_node("soak")
+    answered = bytearray(count + 1)
+
+    def on_answer(message: VibrationPrediction) -> None:
+        answered[message.header.stamp.sec * RATE + message.header.stamp.nanosec] = 1
+
+    driver.create_subscription(VibrationPrediction, "linkage_vibration/prediction", on_answer, 5000)
+    sensor = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)
+    publisher = driver.create_publisher(JointState, "joint_states", sensor)
+    engine = driver.create_publisher(Float64, "engine_speed", sensor)
+    executor = SingleThreadedExecutor()
+    executor.add_node(driver)
+    message = JointState(name=[JOINT])
+
+    def joint_state(number: int) -> JointState:
+        # Stamps count; one past the last tells the first ones, which find the node, apart.
+        message.header.stamp.sec, message.header.stamp.nanosec = divmod(number, RATE)
+        message.position = array("d", [2.3 + 0.7 * float(np.sin(1e-3 * number))])
+        message.velocity = array("d", [0.7 * float(np.cos(1e-3 * number))])
+        return message
+
+    while not answered[count]:
+        publisher.publish(joint_state(count))
+        executor.spin_once(0.2)
+    quiet = time.monotonic() + QUIET
+    while time.monotonic() < quiet:
+        executor.spin_once(0.1)
+    memory: list[tuple[float, float]] = []
+    begin, before = time.monotonic(), cpu_time(process)
+    for number in tqdm(range(count), unit="joint state", mininterval=5.0):
+        due = begin + number / RATE
+        while (wait := due - time.monotonic()) > 0.0:
+            executor.spin_once(wait)
+        publisher.publish(joint_state(number))
+        if number % SPEED_EVERY == 0:
+            engine.publish(Float64(data=1900.0 + 100.0 * float(np.sin(1e-4 * number))))
+            executor.spin_once(0.0)
+        if number % (5 * RATE) == 0:
+            pages = int(Path(f"/proc/{process}/statm").read_text().split()[1])
+            memory.append((number / RATE, float(pages * PAGE)))
+    spent = cpu_time(process) - before
+    lasted = time.monotonic() - begin
+    end = time.monotonic() + 5.0 * QUIET
+    while not all(answered) and time.monotonic() < end:
+        executor.spin_once(0.1)
+    executor.shutdown()
+    driver.destroy_node()
+    rclpy.try_shutdown()
+    return count, answered, memory, 100.0 * spent / lasted
+
+
+def draw(memory: list[tuple[float, float]], picture: Path) -> None:
+    """Draw the node's memory over time."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(7.2, 2.8), layout="constrained")
+    ax = figure.subplots()
+    times, sizes = np.array(memory).T
+    ax.plot(times / 60.0, sizes / 1e6, color=COLOURS[0])
+    ax.set(xlabel="time [min]", ylabel="resident memory [MB]", ylim=(0.0, None))
+    ax.grid(color="#dddddd", linewidth=0.6)
+    figure.savefig(picture, dpi=110)
+
+
+if __name__ == "__main__":
+    main()

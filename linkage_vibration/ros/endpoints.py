@@ -1,0 +1,102 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""How the node's topics are published, heard and logged."""
+
+from collections.abc import Callable
+from importlib import import_module
+from typing import Any, cast
+
+from rclpy.event_handler import PublisherEventCallbacks, QoSOfferedIncompatibleQoSInfo
+from rclpy.node import Node
+from rclpy.qos import (
+    DurabilityPolicy,
+    HistoryPolicy,
+    QoSProfile,
+    ReliabilityPolicy,
+    qos_policy_name_from_kind,
+)
+
+from linkage_vibration.logs.definitions import message_definition, type_hash
+from linkage_vibration.logs.recording import Topic, offered_qos_profiles
+from linkage_vibration.ros.diagnostics import Statistics
+from linkage_vibration.ros.throttle import Throttle
+
+# A tenth of a second of joint states at 1 kHz: rides out a stall of the machine without loss, and
+# no prediction waits longer than that behind it. Of predictions as many, for late retransmission.
+QUEUE_DEPTH = 100
+
+
+def advertise(
+    node: Node,
+    kind: Any,
+    name: str,
+    statistics: Statistics,
+    throttle: Throttle,
+    *,
+    latched: bool = False,
+) -> Any:
+    """Return a reliable publisher that tells of subscribers whose QoS it cannot serve.
+
+    Parameters
+    ----------
+    kind : type
+        Of the messages.
+    latched : bool
+        Keep the last message for those who subscribe later.
+    """
+    topic = node.resolve_topic_name(name)
+
+    def deaf(event: QoSOfferedIncompatibleQoSInfo) -> None:
+        statistics.qos_mismatches[topic] += event.total_count_change
+        throttle.warn(
+            f"subscriber of {topic}",
+            f"A subscriber of {topic} asks for a QoS that this "
+            f"node does not offer ({qos_policy_name_from_kind(event.last_policy_kind)}); it "
+            "receives nothing. Subscribe volatile, reliable or best effort.",
+        )
+
+    qos = _qos(ReliabilityPolicy.RELIABLE)
+    if latched:
+        qos.depth, qos.durability = 1, DurabilityPolicy.TRANSIENT_LOCAL
+    events = PublisherEventCallbacks(incompatible_qos=deaf)
+    return node.create_publisher(kind, name, qos, event_callbacks=events)
+
+
+def subscribe(node: Node, kind: Any, topic: str, heard: Callable[..., None]) -> Any:
+    """Return a subscription that hands out a message's bytes and its `MessageInfo`.
+
+    Best effort and volatile hears publishers of every QoS, and never waits for a lost message.
+    """
+    # rclpy's type hints do not know that `raw` hands out bytes.
+    return node.create_subscription(
+        kind, topic, cast(Any, heard), _qos(ReliabilityPolicy.BEST_EFFORT), raw=True
+    )
+
+
+def log_topic(name: str, type_name: str) -> Topic:
+    """Return what a log has to know of a topic."""
+    # Played back as reliable, a log reaches subscribers of either kind.
+    qos = offered_qos_profiles(reliable=True, depth=QUEUE_DEPTH)
+    return Topic(name, type_name, message_definition(type_name), type_hash(type_name), qos)
+
+
+def message_class(type_name: str) -> Any:
+    """Return the Python class of a type such as ``std_msgs/msg/String``.
+
+    Raises
+    ------
+    ImportError, AttributeError
+        If its package is not installed, or has no such type.
+    """
+    package, _, name = type_name.partition("/msg/")
+    return getattr(import_module(f"{package}.msg"), name)
+
+
+def _qos(reliability: ReliabilityPolicy) -> QoSProfile:
+    """Return a profile of its own: rclpy's overrides change the shared ones in place."""
+    return QoSProfile(
+        history=HistoryPolicy.KEEP_LAST,
+        depth=QUEUE_DEPTH,
+        reliability=reliability,
+        durability=DurabilityPolicy.VOLATILE,
+    )

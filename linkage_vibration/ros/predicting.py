@@ -1,0 +1,251 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""The way of a message through the node: reading, prediction, resonance, and all of it logged."""
+
+import math
+import time
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+from rclpy.node import Node
+from rclpy.serialization import deserialize_message
+from rclpy.subscription import MessageInfo
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64
+
+from linkage_vibration.excitation import Resonance, ResonanceMonitor, Source
+from linkage_vibration.inputs import JointInput, PercentInput, Reading, ReadingError
+from linkage_vibration.logs.recording import Topic
+from linkage_vibration.messages import encode_prediction, encode_resonance, fault
+from linkage_vibration.prediction import Predictor, Status
+from linkage_vibration.ros.diagnostics import Statistics
+from linkage_vibration.ros.endpoints import advertise, log_topic, subscribe
+from linkage_vibration.ros.parameters import JOINT_STATE, Parameters
+from linkage_vibration.ros.throttle import Throttle
+from linkage_vibration_interfaces.msg import Resonance as ResonanceMessage
+from linkage_vibration_interfaces.msg import VibrationPrediction
+
+SPEED_TOPICS = {
+    Source.ENGINE: "engine_speed",
+    Source.PTO: "pto_speed",
+    Source.GROUND: "ground_speed",
+}
+MISSING_AFTER = 5.0  # s without the joint, before it is said to be missing
+MAX_NAMES_TOLD = 20
+
+
+class Predicting:
+    """Answers each reading of the crank angle with a prediction on ``~/prediction``.
+
+    Once a speed was told, the resonance follows on ``~/resonance``.
+
+    Parameters
+    ----------
+    node : Node
+        To hear and publish on.
+    predictor : Predictor
+        On the table.
+    monitor : ResonanceMonitor
+        Of the excitations.
+    record : callable
+        Called with topic, bytes, time of receipt (ns) and `MessageInfo` or None of all that is
+        heard, used or published.
+    show : callable
+        Called with each crank angle that has a prediction, rad.
+    statistics : Statistics
+        Counts on.
+    throttle : Throttle
+        Warns of what cannot be answered.
+
+    Attributes
+    ----------
+    predictor : Predictor
+        The same; may be replaced between two messages.
+    resonance : Resonance or None
+        The last one.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        predictor: Predictor,
+        monitor: ResonanceMonitor,
+        record: Callable[[str, bytes, int, MessageInfo | None], None],
+        show: Callable[[float], None],
+        statistics: Statistics,
+        throttle: Throttle,
+    ) -> None:
+        self.predictor = predictor
+        self.resonance: Resonance | None = None
+        self._node, self._monitor, self._record, self._show = node, monitor, record, show
+        self._statistics, self._throttle = statistics, throttle
+        self._settings: Parameters
+        self._input: JointInput | PercentInput
+        self._subscriptions: list[Any] = []
+        self._other_joints: set[str] = set()
+        self._began = 0.0
+        self._joint_topic, self._percent_topic = map(
+            node.resolve_topic_name, ("joint_states", "hitch_position")
+        )
+        self._speed_topics = {s: node.resolve_topic_name(n) for s, n in SPEED_TOPICS.items()}
+        self._predictions = advertise(
+            node, VibrationPrediction, "~/prediction", statistics, throttle
+        )
+        self._resonances = advertise(node, ResonanceMessage, "~/resonance", statistics, throttle)
+        self._prediction_topic = self._predictions.topic_name
+        self._resonance_topic = self._resonances.topic_name
+
+    @property
+    def topics(self) -> list[Topic]:
+        """Those that `record` is called for."""
+        package = "linkage_vibration_interfaces/msg"
+        types = {
+            self._joint_topic: "sensor_msgs/msg/JointState",
+            self._percent_topic: "std_msgs/msg/Float64",
+            self._prediction_topic: f"{package}/VibrationPrediction",
+            self._resonance_topic: f"{package}/Resonance",
+            **dict.fromkeys(self._speed_topics.values(), "std_msgs/msg/Float64"),
+        }
+        return [log_topic(name, type_name) for name, type_name in types.items()]
+
+    @property
+    def what(self) -> str:
+        """What is read, in words."""
+        if isinstance(self._input, JointInput):
+            return f"joint {self._input.joint_name} on {self._joint_topic}"
+        return f"hitch position on {self._percent_topic}"
+
+    def apply(self, settings: Parameters) -> None:
+        """Follow other parameters from now on."""
+        monitor = self._monitor
+        self._settings, self._input = settings, settings.crank_input()
+        monitor.warning_margin = settings.warning_margin
+        monitor.hysteresis = settings.hysteresis
+        monitor.stale_after = settings.stale_after
+        for source in Source:
+            fixed = settings.fixed_speed(source)
+            if fixed is not None:
+                monitor.set_fixed(source, fixed)
+            elif monitor.is_fixed(source):
+                monitor.forget(source)
+        if self._subscriptions:
+            self.rest()
+            self.listen()
+
+    def listen(self) -> None:
+        """Answer what comes from now on."""
+        self._began = time.monotonic()
+        self._statistics.last_reading = math.nan
+        if self._settings.input == JOINT_STATE:
+            hitch = subscribe(self._node, JointState, self._joint_topic, self._on_joint_state)
+        else:
+            hitch = subscribe(self._node, Float64, self._percent_topic, self._on_percent)
+        self._subscriptions = [hitch] + [
+            subscribe(self._node, Float64, topic, partial(self._on_speed, source, topic))
+            for source, topic in self._speed_topics.items()
+        ]
+
+    def rest(self) -> None:
+        """Answer nothing from now on."""
+        for subscription in self._subscriptions:
+            self._node.destroy_subscription(subscription)
+        self._subscriptions = []
+        self._other_joints.clear()
+        self.resonance = None
+
+    def close(self) -> None:
+        """Take the publishers back."""
+        self._node.destroy_publisher(self._predictions)
+        self._node.destroy_publisher(self._resonances)
+
+    def tell_missing(self, now: float) -> None:
+        """Warn when the joint has not come for long, and name those that have."""
+        last = self._statistics.last_reading
+        quiet = now - (self._began if math.isnan(last) else last)
+        if quiet > MISSING_AFTER and isinstance(self._input, JointInput) and self._subscriptions:
+            names = ", ".join(sorted(self._other_joints)[:MAX_NAMES_TOLD]) or "none"
+            self._throttle.warn(
+                "missing",
+                f"Joint {self._input.joint_name} has not been on {self._joint_topic} for more than "
+                f"{MISSING_AFTER:g} s; joints seen there: {names}. Set joint_name to one of them, "
+                "or remap the topic.",
+            )
+
+    def _on_joint_state(self, data: bytes, info: MessageInfo) -> None:
+        began, received = time.monotonic(), self._node.get_clock().now().nanoseconds
+        self._statistics.received += 1
+        assert isinstance(self._input, JointInput)
+        try:
+            message = deserialize_message(data, JointState)
+            reading = self._input.reading(message)
+        except ReadingError as error:
+            self._throttle.warn("reading", str(error))
+            return
+        except RuntimeError as error:
+            self._throttle.warn(
+                "bytes", f"A joint state of {len(data)} bytes is not valid CDR: {error}"
+            )
+            return
+        if reading is None:
+            # Several nodes may share the topic; `tell_missing` tells when none has the joint.
+            if len(self._other_joints) < MAX_NAMES_TOLD:
+                self._other_joints.update(message.name[:MAX_NAMES_TOLD])
+            return
+        if self._other_joints:
+            self._other_joints.clear()
+        header = message.header
+        self._record(self._joint_topic, data, received, info)
+        self._answer(
+            reading, header.stamp.sec, header.stamp.nanosec, header.frame_id, received, began
+        )
+
+    def _on_percent(self, data: bytes, info: MessageInfo) -> None:
+        began, received = time.monotonic(), self._node.get_clock().now().nanoseconds
+        self._statistics.received += 1
+        assert isinstance(self._input, PercentInput)
+        percent = self._float(data)
+        if percent is not None:
+            self._record(self._percent_topic, data, received, info)
+            sec, nanosec = divmod(received, 10**9)
+            self._answer(self._input.reading(percent), sec, nanosec, "", received, began)
+
+    def _on_speed(self, source: Source, topic: str, data: bytes, info: MessageInfo) -> None:
+        received = self._node.get_clock().now().nanoseconds
+        value = self._float(data)
+        if value is not None:
+            if self._settings.fixed_speed(source) is None:
+                self._monitor.set_speed(source, value, received)
+            self._record(topic, data, received, info)
+
+    def _float(self, data: bytes) -> float | None:
+        try:
+            return float(deserialize_message(data, Float64).data)
+        except RuntimeError as error:
+            self._throttle.warn("bytes", f"A Float64 of {len(data)} bytes is not valid CDR: {error}")
+            return None
+
+    def _answer(
+        self, reading: Reading, sec: int, nanosec: int, frame: str, received: int, began: float
+    ) -> None:
+        """Predict, publish and record."""
+        counts = self._statistics
+        counts.take_reading(began, sec, nanosec, received)
+        prediction = self.predictor.predict(reading.crank_angle, reading.stddev)
+        encoded = encode_prediction(prediction, sec, nanosec, frame)
+        self._predictions.publish(encoded)
+        counts.predicted += 1
+        counts.latencies.append(time.monotonic() - began)
+        self._record(self._prediction_topic, encoded, received, None)
+        if self._monitor.speeds_told:
+            self.resonance = self._monitor.assess(prediction, reading.velocity, received)
+            encoded = encode_resonance(self.resonance, sec, nanosec, frame)
+            self._resonances.publish(encoded)
+            self._record(self._resonance_topic, encoded, received, None)
+        if prediction.status.has_numbers:
+            self._show(reading.crank_angle)
+        else:
+            counts.without_numbers += 1
+        if prediction.status is not Status.OK:
+            told = fault(prediction, self.predictor.table.alpha3_range)
+            self._throttle.warn(prediction.status.name, f"{self.what}: {told}.")
