@@ -27,6 +27,7 @@ from linkage_vibration.calibration import read_calibration
 from linkage_vibration.mechanics.description import Frfs, Material, Matrices
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.readers.bags import JOINT_STATE, read_joint_states
+from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.readers.frfs import read_frfs
 from linkage_vibration.readers.matrices import read_matrices
 from linkage_vibration.readers.mechanism import read_mechanism
@@ -76,6 +77,7 @@ def all_readers() -> tuple[Reader, ...]:
         Reader("mechanism (YAML)", _mechanisms, _read_mechanism),
         Reader("calibration (YAML)", _calibrations, _read_calibration),
         Reader("sweep (YAML)", _sweeps, _read_sweep),
+        Reader("excitations (YAML)", _excitations, _read_excitations),
         Reader("table (npz)", _tables, _read_table),
         Reader("matrices (npz)", _matrices_npz, _read_matrices),
         Reader("matrices (MATLAB)", _matrices_mat, _read_matrices),
@@ -108,6 +110,12 @@ def _read_sweep(path: Path) -> None:
     designs = read_designs(path)
     assert all(math.isfinite(value) for values in designs.values for value in values)
     assert np.isfinite(designs.alpha3).all()
+
+
+def _read_excitations(path: Path) -> None:
+    excitations = read_excitations(path)
+    assert excitations
+    assert all(0.0 < one.ratio < math.inf for one in excitations)
 
 
 def _read_table(path: Path) -> None:
@@ -176,6 +184,10 @@ def _with_mechanism(path: Path) -> Seeds:
     content = path.read_bytes().replace(b"../", b"")
     mechanism = config_file("three_point_linkage.yaml")
     return ((path.name, {path.name: content, mechanism.name: mechanism.read_bytes()}),)
+
+
+def _excitations() -> Seeds:
+    return _alone("excitations.yaml", config_file("excitations.yaml").read_bytes())
 
 
 @cache

@@ -12,6 +12,7 @@ import re
 import struct
 import zipfile
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import PurePath
 from typing import Any
 
@@ -135,7 +136,8 @@ def _spoil_tree(tree: Any, rng: random.Random) -> None:
             other, place = rng.choice(places)
             node[key] = other[place] if place in other or isinstance(other, list) else None
         case 3 if isinstance(node[key], int | float):
-            node[key] *= rng.choice([-1, 0, 1e-9, 1e-3, 1e3, 1e9, 1e200])
+            with suppress(OverflowError):  # a whole number beyond every float
+                node[key] *= rng.choice([-1, 0, 1e-9, 1e-3, 1e3, 1e9, 1e200])
         case 4:
             for _ in range(rng.choice([1, 3, 100])):
                 node[key] = rng.choice([[node[key]], {"x": node[key]}])

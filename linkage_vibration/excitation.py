@@ -150,9 +150,10 @@ def excitations_from_mapping(mapping: object, where: str = "excitations") -> tup
                 "ratio and rolling_radius."
             )
         speeds = {source.value: source for source in Source}
-        if keys.get("speed") not in speeds:
+        speed = keys.get("speed")
+        if not isinstance(speed, str) or speed not in speeds:
             raise ExcitationError(f"{place}.speed: must be one of {', '.join(speeds)}.")
-        source = speeds[keys["speed"]]
+        source = speeds[speed]
         per_unit = RPM * _positive(keys.get("ratio", 1.0), f"{place}.ratio")
         if source is Source.GROUND:
             radius = _positive(keys.get("rolling_radius"), f"{place}.rolling_radius")
