@@ -16,7 +16,7 @@ RPM = 1.0 / 60.0
 
 # Between two values that a rate is taken of; of a burst's it would be that of its delivery.
 _SHORTEST = 5e-3  # s
-_LARGEST = 1e6  # of a number in a description
+_LEAST, _LARGEST = 1e-6, 1e6  # of a number in a description
 
 
 class ExcitationError(LinkageVibrationError):
@@ -170,9 +170,13 @@ def excitations_from_mapping(mapping: object, where: str = "excitations") -> tup
 
 
 def _positive(value: Any, place: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 < value <= _LARGEST:
+    if (
+        isinstance(value, bool)
+        or not isinstance(value, int | float)
+        or not _LEAST <= value <= _LARGEST
+    ):
         raise ExcitationError(
-            f"{place}: must be a number above 0 and up to {_LARGEST:g}, not {value!r}."
+            f"{place}: must be a number from {_LEAST:g} to {_LARGEST:g}, not {value!r}."
         )
     return float(value)
 
