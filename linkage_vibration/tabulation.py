@@ -328,8 +328,10 @@ def _refine(
             return None
         if _mix_closely(tracked, tolerance):
             sampler.left_out = _VEERING * tolerance
-        error = _error(sampler, every, fitted, tracked, maxima)
-        if max(error, _difference(sampler, every, fitted, more, tracked, maxima)) > tolerance:
+        if (
+            _error(sampler, every, fitted, tracked, maxima) > tolerance
+            or _difference(sampler, every, fitted, more, tracked, maxima) > tolerance
+        ):
             fitted = sorted(fitted + more)
             continue
         doubtful = np.flatnonzero((tracked.mac <= 0.5).any(axis=1))
@@ -419,9 +421,13 @@ def _follow(sampler: _Sampler, variables: list[float]) -> _Tracked:
         shapes = [samples[base].modes.shapes[:, :count]] * n
         for i in (*range(base + 1, n), *range(base - 1, -1, -1)):
             before = i - 1 if i > base else i + 1
-            modes = align(shapes[before], samples[i].modes, sampler.mass, sampler.left_out)
-            orders[i], signs[i], mac[min(i, before)] = track(shapes[before], modes, sampler.mass)
-            shapes[i] = modes.select(orders[i], signs[i]).shapes
+            found = samples[i].modes
+            order, sign, criterion = track(shapes[before], found, sampler.mass)
+            modes = align(shapes[before], found, sampler.mass, order, sign, sampler.left_out)
+            if modes is not found:
+                order, sign, criterion = track(shapes[before], modes, sampler.mass)
+            orders[i], signs[i], mac[min(i, before)] = order, sign, criterion
+            shapes[i] = modes.select(order, sign).shapes
         # A mode in reach at one angle is tracked at all, so that only higher ones are left over.
         missed = [
             len(set(range(few)).difference(order.tolist()))
@@ -497,8 +503,7 @@ def _difference(
         at = matrix @ tracked.peak_frequencies[own][:, maxima]
         logarithms = matrix @ np.log(tracked.peak_magnitudes[own][:, maxima])
         size = np.exp(np.clip(logarithms, -_LARGE, _LARGE))
-        best = [_highest(f, s, *band) for f, s in zip(at, size, strict=True)]
-        heights.append(size[np.arange(len(grid)), best])
+        heights.append(np.where(_within(at, *band), size, -1.0).max(axis=1))
     before, after = heights
     moved = float(np.abs(before / after - 1.0).max())
     return max(float(np.abs(levels[0] - levels[1]).max()), moved / _PEAKS)
@@ -527,8 +532,8 @@ def _notable(
         None if maxima that are there all along do not suffice.
     """
     low, high = sampler.response.band
-    room, level = 1e-9 * high, 1.0 - min(_PEAKS * sampler.tolerance, 0.1)
-    heights = np.where((low - room <= at) & (at <= high + room), sizes, 0.0)
+    level = 1.0 - min(_PEAKS * sampler.tolerance, 0.1)
+    heights = np.where(_within(at, low, high), sizes, 0.0)
     highest = heights.max(axis=1, keepdims=True)
     if not (highest > np.finfo(float).tiny).all():
         raise TableError(
@@ -566,8 +571,13 @@ def _notable(
 
 def _highest(at: FloatArray, size: FloatArray, low: float, high: float) -> int:
     """Which of several maxima is the highest within a band."""
+    return int(np.where(_within(at, low, high), size, -1.0).argmax())
+
+
+def _within(at: FloatArray, low: float, high: float) -> NDArray[np.bool_]:
+    """Which maxima are within a band, whose ends belong to it however they are rounded."""
     room = 1e-9 * high
-    return int(np.where((low - room <= at) & (at <= high + room), size, -1.0).argmax())
+    return np.asarray((low - room <= at) & (at <= high + room))
 
 
 def _apart(found: float, exact: float) -> float:

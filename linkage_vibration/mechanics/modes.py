@@ -184,7 +184,12 @@ def track(
 
 
 def align(
-    previous: FloatArray, modes: Modes, mass: FloatArray, coupling: float = _COINCIDENT
+    previous: FloatArray,
+    modes: Modes,
+    mass: FloatArray,
+    order: IntArray,
+    signs: FloatArray,
+    coupling: float = _COINCIDENT,
 ) -> Modes:
     """Turn the shapes of modes that coincide, or cross, so that they continue a neighbour's.
 
@@ -201,20 +206,31 @@ def align(
         Modes here, ascending.
     mass : ndarray, (n, n)
         Of the uncoupled components.
+    order, signs : ndarray, (k,)
+        From `track`.
     coupling : float
         What may be left out: the gap between two modes where they would cross without it, over
         their frequency.
+
+    Returns
+    -------
+    Modes
+        The same object where nothing had to be turned.
     """
-    omega, shapes = modes.omega, modes.shapes.copy()
-    order, signs, _ = track(previous, modes, mass)
-    others = np.setdiff1d(np.arange(len(omega)), order)
+    omega = modes.omega
+    close = np.abs(omega[:, np.newaxis] - omega) < _CLOSE * omega
+    if not np.triu(close, 1).any():
+        return modes
+    shapes, turned = modes.shapes.copy(), False
     product = np.zeros((len(omega), len(omega)))  # with a diagonal as large as can be
     product[order] = signs[:, np.newaxis] * (previous.T @ mass @ shapes)
+    tracked = order.tolist()
+    others = [b for b in range(len(omega)) if b not in tracked]
     near = [
         (a, b, abs(omega[a] - omega[b]) / omega[b])
-        for i, a in enumerate(order)
-        for b in (*order[i + 1 :], *others)
-        if abs(omega[a] - omega[b]) < _CLOSE * omega[b]
+        for i, a in enumerate(tracked)
+        for b in (*tracked[i + 1 :], *others)
+        if close[a, b]
     ]
     for _ in near:  # two at a time, until nothing turns
         still = True
@@ -223,7 +239,7 @@ def align(
             angle = math.atan2(sine, cosine)
             if abs(angle) < _TURNED or apart * abs(math.sin(2.0 * angle)) > coupling:
                 continue
-            still = False
+            still, turned = False, True
             turn = np.array(
                 [[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]]
             )
@@ -231,7 +247,7 @@ def align(
             product[:, [a, b]] = product[:, [a, b]] @ turn
         if still:
             break
-    return Modes(omega, shapes)
+    return Modes(omega, shapes) if turned else modes
 
 
 def _is_diagonal(matrix: FloatArray) -> bool:
