@@ -35,7 +35,7 @@ setup(
     license="Apache-2.0",
     python_requires=">=3.10",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
-    package_data={NAME: ["py.typed"]},
+    package_data={NAME: ["py.typed"], f"{NAME}.review": ["page/*"]},
     data_files=installed_files(),
     zip_safe=False,
     install_requires=["mcap>=1.6", "numpy>=1.21", "PyYAML", "scipy>=1.8", "tqdm"],
@@ -94,5 +94,6 @@ setup(
             "linkage-vibration = linkage_vibration.cli:main",
             "linkage_vibration_node = linkage_vibration.ros.node:main",
         ],
+        "pytest11": ["linkage_vibration = linkage_vibration.pytest_plugin"],
     },
 )

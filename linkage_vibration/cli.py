@@ -135,6 +135,55 @@ def _parser() -> argparse.ArgumentParser:
     )
     reproduce.set_defaults(run=_reproduce)
 
+    recover = commands.add_parser(
+        "recover", help="save what is readable of a log that was cut short or damaged"
+    )
+    recover.add_argument("log", type=Path, metavar="LOG", help="MCAP file; it is only read")
+    recover.add_argument(
+        "-o", "--output", type=Path, help="MCAP file to write (default: LOG with _recovered)"
+    )
+    recover.set_defaults(run=_recover)
+
+    replay = commands.add_parser("replay", help="predict for what bags hold, and write a log")
+    replay.add_argument(
+        "bags", nargs="+", type=Path, metavar="BAG", help=".mcap, .db3, .bag, or a bag's folder"
+    )
+    replay.add_argument("-o", "--output", type=Path, required=True, help="MCAP file to write")
+    replay.add_argument("--params-file", type=Path, help="YAML file of the node's parameters")
+    replay.add_argument("--joint", help="joint that turns the crank (default: joint_name)")
+    replay.add_argument("--sign", type=int, help="crank angle = sign * scale * position + offset")
+    replay.add_argument("--scale", type=float, help="rad per unit of position")
+    replay.add_argument("--offset", type=float, help="rad")
+    replay.add_argument("--mechanism", type=Path, help="YAML file (default: the shipped linkage)")
+    replay.add_argument("--table", type=Path, help="table to use (default: the shipped one)")
+    replay.add_argument("--implement-mass", type=float, help="kg; what if it were so heavy?")
+    replay.add_argument("--implement-inertia", type=float, help="kg m2; what if?")
+    replay.add_argument(
+        "--remap",
+        nargs="+",
+        default=[],
+        metavar="NAME:=TOPIC",
+        help="topic in the bags for joint_states, hitch_position, engine_speed, pto_speed or "
+        "ground_speed",
+    )
+    replay.set_defaults(run=_replay)
+
+    review = commands.add_parser("review", help="write a page to look into a log with")
+    review.add_argument("log", type=Path, metavar="LOG", help="MCAP file")
+    review.add_argument(
+        "-o", "--output", type=Path, help="HTML file to write (default: LOG with .html)"
+    )
+    review.add_argument("--png", type=Path, help="picture to write too")
+    review.add_argument("--csv", type=Path, help="table of all predictions to write too")
+    review.set_defaults(run=_review)
+
+    diff = commands.add_parser("diff", help="tell how two logs of the same drive differ")
+    diff.add_argument("logs", nargs=2, type=Path, metavar="LOG", help="MCAP files, A and B")
+    diff.add_argument(
+        "-o", "--output", type=Path, default=Path("diff.html"), help="HTML file (%(default)s)"
+    )
+    diff.set_defaults(run=_diff)
+
     demo = commands.add_parser("demo", help="play a drive to the node and show what it predicts")
     demo.add_argument("--bag", type=Path, help="bag to play (default: the shipped drive)")
     demo.add_argument("--joint", help="joint to follow, whose swing is mapped onto the stroke")
@@ -320,6 +369,90 @@ def _reproduce(options: argparse.Namespace) -> int:
 
     reproduce(options.output, progress)
     print(f"Written: {options.output}")
+    return 0
+
+
+def _recover(options: argparse.Namespace) -> int:
+    from tqdm import tqdm
+
+    from linkage_vibration.logs.recovery import recover, summary
+
+    log: Path = options.log
+    output = options.output or log.with_name(f"{log.stem}_recovered.mcap")
+    with tqdm(
+        total=os.path.getsize(log) if os.path.exists(log) else 0,
+        unit="B",
+        unit_scale=True,
+        delay=2.0,
+    ) as bar:
+        result = recover(log, output, bar.update)
+    print(summary(result))
+    return 0
+
+
+def _replay(options: argparse.Namespace) -> int:
+    from tqdm import tqdm
+
+    from linkage_vibration.logs.replay import (
+        Settings,
+        WhatIf,
+        read_settings,
+        remappings,
+        replay,
+        summary,
+    )
+
+    settings = read_settings(options.params_file) if options.params_file else Settings()
+    given = {
+        "joint_name": options.joint,
+        "sign": options.sign,
+        "scale": options.scale,
+        "offset": options.offset,
+        "mechanism_file": options.mechanism and str(options.mechanism),
+        "table_file": options.table and str(options.table),
+    }
+    given = {name: value for name, value in given.items() if value is not None}
+    settings = settings.with_values(given, "Command line")
+    what_if = WhatIf(options.implement_mass, options.implement_inertia)
+    if what_if != WhatIf() or (settings.mechanism_file and not settings.table_file):
+        print("The table of this mechanism is built first.")
+    with tqdm(unit=" messages", unit_scale=True, delay=1.0) as bar:
+
+        def progress(done: int, total: int) -> None:
+            bar.total = total
+            bar.update(done - bar.n)
+
+        remaps = remappings(options.remap)
+        done = replay(options.bags, options.output, settings, remaps, what_if, progress)
+    print(f"{options.output}: {summary(done)}")
+    return 0
+
+
+def _review(options: argparse.Namespace) -> int:
+    from linkage_vibration.plots import plot_predictions
+    from linkage_vibration.review.log import read_log, write_csv
+    from linkage_vibration.review.page import write_page
+    from linkage_vibration.review.review import review_page
+
+    output = options.output or options.log.with_suffix(".html")
+    log = read_log(options.log)
+    write_page(review_page(log), output)
+    if options.csv:
+        write_csv(log, options.csv)
+    if options.png:
+        plot_predictions(options.log, options.png)
+    written = [output, *filter(None, [options.csv, options.png])]
+    print(f"Written: {', '.join(map(str, written))}")
+    return 0
+
+
+def _diff(options: argparse.Namespace) -> int:
+    from linkage_vibration.review.difference import compare, summary, write_difference
+
+    found = compare(*options.logs)
+    print(summary(found))
+    write_difference(found, options.output)
+    print(f"\nWritten: {options.output}")
     return 0
 
 

@@ -7,7 +7,7 @@ ROS 1 bag also its index). Every error is a `BagError`, raised when the first me
 or, where the damage lies further in, when it is reached.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -30,7 +30,7 @@ JOINT_STATE = "sensor_msgs/msg/JointState"
 _MAGIC = {".bag": b"#ROSBAG V2.0", ".mcap": b"\x89MCAP0\r\n", ".db3": b"SQLite format 3\0"}
 _MEND = {
     ".bag": "`rosbag reindex`",
-    ".mcap": "`mcap recover`",
+    ".mcap": "`linkage-vibration recover`",
     ".db3": "`ros2 bag reindex` on its folder",
     "": "`ros2 bag reindex`",
 }
@@ -124,10 +124,10 @@ def read_messages(path: Path, topic: str) -> Iterator[tuple[int, Any]]:
         If the bag cannot be read or has no such topic, or if neither the bag nor ROS 2 defines the
         topic's type.
     """
-    with _open_bag(path) as bag:
+    with open_bag(path) as bag:
         connections = [c for c in bag.connections if c.topic == topic]
         if not connections:
-            raise BagError(f"{path} has no topic {topic}; it has {_listing(bag.connections)}.")
+            raise BagError(f"{path} has no topic {topic}; it has {topic_listing(bag.connections)}.")
         decode = _decoder(path, connections)
         for connection, log_time, data in bag.messages(connections):
             yield log_time, decode(data, connection.msgtype)
@@ -163,11 +163,11 @@ def _joint_state(path: Path, topic: str, log_time: int, message: Any) -> JointSt
 
 def _joint_state_topic(path: Path) -> str:
     """Return the one topic of a bag that holds joint states."""
-    with _open_bag(path) as bag:
+    with open_bag(path) as bag:
         topics = sorted({c.topic for c in bag.connections if c.msgtype == JOINT_STATE})
         if not topics:
             raise BagError(
-                f"{path} has no topic of {JOINT_STATE}; it has {_listing(bag.connections)}."
+                f"{path} has no topic of {JOINT_STATE}; it has {topic_listing(bag.connections)}."
             )
     if len(topics) > 1:
         raise BagError(
@@ -176,15 +176,33 @@ def _joint_state_topic(path: Path) -> str:
     return topics[0]
 
 
-def _listing(connections: "list[Connection]") -> str:
+def topic_names(path: Path) -> set[str]:
+    """Return the names of the topics in a bag.
+
+    Raises
+    ------
+    BagError
+        If it cannot be read.
+    """
+    with open_bag(path) as bag:
+        return {connection.topic for connection in bag.connections}
+
+
+def topic_listing(connections: "Sequence[Connection]") -> str:
     """Name the topics of a bag, with their types."""
     topics = sorted({f"{c.topic} ({c.msgtype})" for c in connections})
     return ", ".join(topics) or "no topics at all"
 
 
 @contextmanager
-def _open_bag(path: Path) -> "Iterator[Reader1 | Reader2]":
+def open_bag(path: Path) -> "Iterator[Reader1 | Reader2]":
     """Open a bag, and tell any failure of it in words."""
+    with damage_told(path), bag_reader(path) as bag:
+        yield bag
+
+
+def bag_reader(path: Path) -> "Reader1 | Reader2":
+    """Return what opens a bag, which it raises no `BagError` for."""
     try:
         from rosbags.rosbag1 import Reader as Reader1
         from rosbags.rosbag2 import Reader as Reader2
@@ -192,10 +210,14 @@ def _open_bag(path: Path) -> "Iterator[Reader1 | Reader2]":
         raise BagError(
             "Reading bags needs rosbags 0.11 or later; `pip install linkage_vibration[bags]`."
         ) from None
-    kind = _kind(path)
+    return Reader1(path) if _kind(path) == ".bag" else Reader2(path)
+
+
+@contextmanager
+def damage_told(path: Path) -> Iterator[None]:
+    """Tell any failure of reading a bag in words, as a `BagError`."""
     try:
-        with Reader1(path) if kind == ".bag" else Reader2(path) as bag:
-            yield bag
+        yield
     except LinkageVibrationError:
         raise
     except OSError as error:
@@ -203,8 +225,9 @@ def _open_bag(path: Path) -> "Iterator[Reader1 | Reader2]":
     # A damaged file makes rosbags raise its own errors, but also those of struct, SQLite, zstd...
     except Exception as error:
         told = " ".join(str(error).split()) or type(error).__name__
+        mend = _MEND["" if path.is_dir() else path.suffix]
         raise BagError(
-            f"{path} is damaged or was cut short ({told}); {_MEND[kind]} may mend it."
+            f"{path} is damaged or was cut short ({told}); {mend} may mend it."
         ) from error
 
 

@@ -118,6 +118,7 @@ def test_types_come_from_the_file(tmp_path: Path, plugin: str) -> None:
             crank_angle=2.0,
             status=0,
             natural_frequencies=np.array([4.0, 95.0, 170.0]),
+            frequency_stddev=np.array([0.0, 0.1, 0.2]),
             damping_ratios=np.array([0.01, 0.02, 0.03]),
             frf_peak_frequency=4.0,
             frf_peak_magnitude=1e-4,

@@ -1,0 +1,183 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""How fast bags are replayed, and where the time goes: ``python -m benchmark.replay [SECONDS]``.
+
+Joint states at 1 kHz, as a joint_state_broadcaster sends them: three joints with velocities.
+"""
+
+import cProfile
+import pstats
+import resource
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mcap.writer import Writer
+from rosbags.rosbag1 import Writer as Writer1
+from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import Writer as Writer2
+from rosbags.typesys import Stores, get_typestore
+from tqdm import tqdm
+
+from benchmark.report import machine, publish, table
+from linkage_vibration.logs.replay import Settings, replay
+from linkage_vibration.readers.bags import JOINT_STATE
+
+RATE = 1000  # Hz
+SECONDS = 600
+NAMES = ["front_axle_steering_joint", "hitch_rockshaft_joint", "rear_pto_joint"]
+START = 1_767_225_600 * 10**9  # ns
+COLUMNS = ["bag", "joint states", "messages/s", "times real time", "CPU [us/message]"]
+STAGES = {
+    "_uncompressed": "reading and decompressing chunks",
+    "_chunk_block": "finding messages in chunks",
+    "_joined": "putting them in order, by columns",
+    "rows": "putting them in order, by columns",
+    "_read": "decoding joint states",
+    "predict_many": "predicting",
+    "encode_predictions": "encoding predictions",
+    "_records": "laying out the log's records",
+    "_resonances": "resonances, one by one",
+}
+
+
+def main() -> None:
+    """Replay each kind of bag three times, and publish the best."""
+    seconds = int(sys.argv[1]) if len(sys.argv) > 1 else SECONDS
+    rows = []
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        bags = {
+            "MCAP, zstd": write_mcap(folder / "joint_states.mcap", seconds),
+            "MCAP, zstd, engine speed at 10 Hz": write_mcap(
+                folder / "speeds.mcap", seconds // 4, speeds=True
+            ),
+            "SQLite": write_ros2(folder / "sqlite", seconds // 4),
+            "ROS 1": write_ros1(folder / "ros1.bag", seconds // 4),
+        }
+        for kind, bag in tqdm(bags.items()):
+            took, busy, count = min(timed(bag, folder / "out.mcap") for _ in range(3))
+            told = [f"{count / took:,.0f}", f"{count / took / RATE:,.0f}"]
+            rows.append([kind, f"{count}", *told, f"{1e6 * busy / count:.1f}"])
+        shares = {kind: profiled(bags[kind], folder / "out.mcap") for kind in list(bags)[:2]}
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    publish(
+        "replay",
+        "Replay",
+        [
+            "In: three joints with velocities at 1 kHz. Out: the same, predictions and, where a "
+            "speed is known, resonances, as MCAP with zstd. The best of three runs.",
+            table(COLUMNS, rows),
+            f"Peak memory of the process, which also wrote the bags: {peak:.0f} MiB.",
+            "Where the time goes, of the main thread under a profiler; chunks are compressed and "
+            "written on another one meanwhile.",
+            *(f"{kind}:\n\n{table(['part', 'share'], found)}" for kind, found in shares.items()),
+        ],
+        machine("mcap", "rosbags", "zstandard"),
+    )
+
+
+def timed(bag: Path, output: Path) -> tuple[float, float, int]:
+    """Return how long a replay takes, on the clock and of both cores, s, and how many states."""
+    begin, busy = time.perf_counter(), time.process_time()
+    done = replay([bag], output, Settings())
+    return time.perf_counter() - begin, time.process_time() - busy, done.predictions
+
+
+def profiled(bag: Path, output: Path) -> list[list[str]]:
+    """Return the shares of the parts of a replay."""
+    profile = cProfile.Profile()
+    profile.runcall(replay, [bag], output, Settings())
+    found: dict[str, float] = {}
+    stats = pstats.Stats(profile).stats  # type: ignore[attr-defined]
+    total = max(cumulative for *_, cumulative, _ in stats.values())
+    for (_, _, function), (*_, cumulative, _) in stats.items():
+        if function in STAGES:
+            stage = STAGES[function]
+            found[stage] = found.get(stage, 0.0) + cumulative
+    rest = total - sum(found.values())
+    named = sorted(found.items(), key=lambda item: -item[1])
+    return [[name, f"{100 * took / total:.0f} %"] for name, took in [*named, ("rest", rest)]]
+
+
+def joint_states(seconds: int) -> Iterator[tuple[int, Any]]:
+    """Yield times (ns) and messages."""
+    store = get_typestore(Stores.LATEST)
+    state, header, stamp = (
+        store.types[name]
+        for name in (JOINT_STATE, "std_msgs/msg/Header", "builtin_interfaces/msg/Time")
+    )
+    random = np.random.default_rng(1)
+    for k in range(seconds * RATE):
+        now = START + k * 10**9 // RATE
+        angle = 2.3 + 0.6 * np.sin(0.5 * k / RATE) + random.normal(scale=1e-4)
+        yield (
+            now,
+            state(
+                header=header(stamp=stamp(now // 10**9, now % 10**9), frame_id="base_link"),
+                name=NAMES,
+                position=np.array([0.01 * k / RATE, angle, 56.5 * k / RATE]),
+                velocity=np.array([0.01, 0.3 * np.cos(0.5 * k / RATE), 56.5]),
+                effort=np.array([]),
+            ),
+        )
+
+
+def write_mcap(path: Path, seconds: int, *, speeds: bool = False) -> Path:
+    """Write them as rosbag2 does, with chunks of 768 KiB."""
+    store = get_typestore(Stores.LATEST)
+    float64 = store.types["std_msgs/msg/Float64"]
+    with path.open("wb") as file:
+        writer = Writer(file, chunk_size=768 * 1024)
+        writer.start("ros2", "benchmark")
+        channels = []
+        for topic, kind in (
+            ("/joint_states", JOINT_STATE),
+            ("/engine_speed", "std_msgs/msg/Float64"),
+        ):
+            text = store.generate_msgdef(kind, ros_version=2)[0].encode()
+            schema = writer.register_schema(kind, "ros2msg", text)
+            channels.append(
+                writer.register_channel(topic, "cdr", schema, {"offered_qos_profiles": ""})
+            )
+            if not speeds:
+                break
+        for k, (now, message) in enumerate(joint_states(seconds)):
+            if speeds and k % 100 == 0:
+                data = store.serialize_cdr(float64(1800.0 + 0.01 * k), "std_msgs/msg/Float64")
+                writer.add_message(channels[1], now, bytes(data), now)
+            data = store.serialize_cdr(message, JOINT_STATE)
+            writer.add_message(channels[0], now, bytes(data), now)
+        writer.finish()
+    return path
+
+
+def write_ros2(folder: Path, seconds: int) -> Path:
+    """Write them as a SQLite bag."""
+    store = get_typestore(Stores.LATEST)
+    with Writer2(folder, version=9, storage_plugin=StoragePlugin.SQLITE3) as writer:
+        connection = writer.add_connection("/joint_states", JOINT_STATE, typestore=store)
+        for now, message in joint_states(seconds):
+            writer.write(connection, now, store.serialize_cdr(message, JOINT_STATE))
+    return folder
+
+
+def write_ros1(path: Path, seconds: int) -> Path:
+    """Write them as a ROS 1 bag."""
+    ros1 = get_typestore(Stores.ROS1_NOETIC)
+    with Writer1(path) as writer:
+        connection = writer.add_connection("/joint_states", JOINT_STATE, typestore=ros1)
+        for now, message in joint_states(seconds):
+            stamp = ros1.types["builtin_interfaces/msg/Time"](**vars(message.header.stamp))
+            header = ros1.types["std_msgs/msg/Header"](seq=0, stamp=stamp, frame_id="base_link")
+            numbered = ros1.types[JOINT_STATE](**{**vars(message), "header": header})
+            writer.write(connection, now, ros1.serialize_ros1(numbered, JOINT_STATE))
+    return path
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,403 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Replays give what the parts give one by one, and tell in words what a bag does not hold."""
+
+import subprocess
+import sys
+from collections.abc import Iterable
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from mcap.reader import make_reader
+from mcap.writer import Writer
+from rosbags.rosbag1 import Writer as Writer1
+from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import Writer as Writer2
+from rosbags.typesys import Stores, get_typestore
+
+from linkage_vibration.cli import main
+from linkage_vibration.excitation import ResonanceMonitor, Source
+from linkage_vibration.inputs import JointInput, PercentInput
+from linkage_vibration.logs.replay import (
+    ReplayError,
+    Settings,
+    WhatIf,
+    read_settings,
+    remappings,
+    replay,
+)
+from linkage_vibration.messages import encode_prediction, encode_resonance
+from linkage_vibration.prediction import Predictor, Status
+from linkage_vibration.readers.bags import JOINT_STATE, BagError, read_messages
+from linkage_vibration.readers.excitations import read_excitations
+from linkage_vibration.resources import DEFAULT_TABLE, config_file
+from linkage_vibration.table import load_table
+
+DRIVE = config_file("drives/hitch_duty_cycle.mcap")
+FLOAT64 = "std_msgs/msg/Float64"
+JOINT = "hitch_rockshaft_joint"
+PREDICTION, RESONANCE = "/linkage_vibration/prediction", "/linkage_vibration/resonance"
+STORE = get_typestore(Stores.LATEST)
+START = 1_700_000_000 * 10**9
+
+Entry = tuple[str, str, int, Any]  # topic, type, log time, message
+
+
+def joint_state(time: int, name: list[str], position: list[float], **others: list[float]) -> Any:
+    """Return a joint state as rosbags has it."""
+    stamp = STORE.types["builtin_interfaces/msg/Time"](sec=time // 10**9, nanosec=time % 10**9)
+    header = STORE.types["std_msgs/msg/Header"](stamp=stamp, frame_id="base")
+    arrays = {key: np.array(others.get(key, []), float) for key in ("velocity", "effort")}
+    numbers = np.array(position, float)
+    return STORE.types[JOINT_STATE](header=header, name=name, position=numbers, **arrays)
+
+
+def float64(value: float) -> Any:
+    """Return a number as rosbags has it."""
+    return STORE.types[FLOAT64](data=value)
+
+
+def as_ros1(store: Any, message: Any) -> Any:
+    """Return a joint state as ROS 1 has it, whose headers are numbered."""
+    stamp = store.types["builtin_interfaces/msg/Time"](**vars(message.header.stamp))
+    header = store.types["std_msgs/msg/Header"](seq=7, stamp=stamp, frame_id="base")
+    return store.types[JOINT_STATE](**{**vars(message), "header": header})
+
+
+def write_mcap(path: Path, entries: Iterable[Entry]) -> Path:
+    """Write messages."""
+    with path.open("wb") as file:
+        writer = Writer(file, chunk_size=20_000)
+        writer.start("ros2", "test")
+        channels: dict[str, int] = {}
+        for topic, kind, time, message in entries:
+            if topic not in channels:
+                text = STORE.generate_msgdef(kind, ros_version=2)[0].encode()
+                schema = writer.register_schema(kind, "ros2msg", text)
+                about = {"offered_qos_profiles": ""}
+                channels[topic] = writer.register_channel(topic, "cdr", schema, about)
+            data = message
+            if not isinstance(message, bytes):
+                data = bytes(STORE.serialize_cdr(message, kind))
+            writer.add_message(channels[topic], time, data, time - 1000)
+        writer.finish()
+    return path
+
+
+def swing(count: int, topic: str = "/joint_states", joint: str = JOINT) -> list[Entry]:
+    """Return a joint's swing at 1 kHz, a little beyond the table's range."""
+    found = []
+    for k in range(count):
+        time = START + k * 10**6
+        position = 2.35 + 0.8 * np.sin(k / 50)
+        names = [joint, "other"] if k % 7 else ["other", joint]
+        values = [position, 9.0] if k % 7 else [9.0, position]
+        found.append((topic, JOINT_STATE, time, joint_state(time, names, values, velocity=values)))
+    return found
+
+
+def data_of(log: Path, topic: str) -> list[tuple[int, bytes]]:
+    """Return log times and bytes of a topic."""
+    with log.open("rb") as file:
+        messages = make_reader(file, validate_crcs=True).iter_messages([topic])
+        return [(message.log_time, message.data) for *_, message in messages]
+
+
+def test_same_as_one_by_one(tmp_path: Path) -> None:
+    """Predictions and resonances are those of the parts that the node is made of, byte for byte."""
+    entries = swing(3000)
+    for k in range(0, 3000, 50):
+        entries.append(("/engine_speed", FLOAT64, START + k * 10**6, float64(800.0 + k)))
+    entries.append(("/pto_speed", FLOAT64, START + 10**9, float64(540.0)))
+    entries.sort(key=lambda entry: entry[2])
+    bag, log = write_mcap(tmp_path / "bag.mcap", entries), tmp_path / "log.mcap"
+    settings = Settings(sign=-1, scale=0.9, offset=4.6, angle_stddev=1e-3)
+    done = replay([bag], log, settings)
+
+    predictor = Predictor(load_table(config_file(DEFAULT_TABLE)))
+    monitor = ResonanceMonitor(read_excitations(config_file("excitations.yaml")))
+    rule = JointInput(JOINT, -1, 0.9, 4.6, 1e-3)
+    sources = {"/engine_speed": Source.ENGINE, "/pto_speed": Source.PTO}
+    predictions, resonances, statuses = [], [], set()
+    for topic, _, time, message in entries:
+        if topic in sources:
+            monitor.set_speed(sources[topic], message.data, time)
+            continue
+        reading = rule.reading(message)
+        assert reading is not None
+        prediction = predictor.predict(reading.crank_angle, reading.stddev)
+        statuses.add(prediction.status)
+        header = message.header.stamp.sec, message.header.stamp.nanosec, "base"
+        predictions.append((time, encode_prediction(prediction, *header)))
+        if monitor.speeds_told:
+            resonance = monitor.assess(prediction, reading.velocity, time)
+            resonances.append((time, encode_resonance(resonance, *header)))
+    assert {Status.OK, Status.OUT_OF_RANGE} <= statuses
+    assert data_of(log, PREDICTION) == predictions
+    assert data_of(log, RESONANCE) == resonances
+    assert (done.predictions, done.resonances) == (len(predictions), len(resonances))
+    for topic in ("/joint_states", "/engine_speed", "/pto_speed"):
+        assert data_of(log, topic) == data_of(bag, topic)
+
+
+def test_a_log_replayed_is_the_same_log(tmp_path: Path) -> None:
+    """A log holds all that its replay needs, and the replay's bytes do not change."""
+    first, second = tmp_path / "first.mcap", tmp_path / "second.mcap"
+    replay([DRIVE], first, Settings())
+    replay([first], second, Settings())
+    for topic in (PREDICTION, RESONANCE, "/joint_states"):
+        assert data_of(first, topic) == data_of(second, topic) != []
+    with first.open("rb") as file:
+        reader = make_reader(file)
+        attached = {attachment.name: attachment.data for attachment in reader.iter_attachments()}
+    (tmp_path / "parameters.yaml").write_bytes(attached["parameters.yaml"])
+    assert read_settings(tmp_path / "parameters.yaml") == Settings()
+    (tmp_path / "table.npz").write_bytes(attached[next(n for n in attached if n.endswith("npz"))])
+    assert (
+        load_table(tmp_path / "table.npz").table_id
+        == load_table(config_file(DEFAULT_TABLE)).table_id
+    )
+
+
+def test_every_kind_of_bag_gives_the_same(tmp_path: Path) -> None:
+    """ROS 1, SQLite and MCAP, in one file or in parts, lead to the same predictions."""
+    entries = swing(2500)
+    bags = [[write_mcap(tmp_path / "bag.mcap", entries)]]
+    bags.append(
+        [
+            write_mcap(tmp_path / "2.mcap", entries[1200:]),
+            write_mcap(tmp_path / "1.mcap", entries[:1200]),
+        ]
+    )
+    with Writer2(tmp_path / "sqlite", version=9, storage_plugin=StoragePlugin.SQLITE3) as new:
+        connection = new.add_connection("/joint_states", JOINT_STATE, typestore=STORE)
+        for *_, time, message in entries:
+            new.write(connection, time, STORE.serialize_cdr(message, JOINT_STATE))
+    bags.append([tmp_path / "sqlite"])
+    with Writer1(tmp_path / "old.bag") as old:
+        ros1 = get_typestore(Stores.ROS1_NOETIC)
+        connection1 = old.add_connection("/joint_states", JOINT_STATE, typestore=ros1)
+        for *_, time, message in entries:
+            old.write(connection1, time, ros1.serialize_ros1(as_ros1(ros1, message), JOINT_STATE))
+    bags.append([tmp_path / "old.bag"])
+    found = []
+    for paths in bags:
+        replay(paths, tmp_path / "log.mcap", Settings())
+        found.append(data_of(tmp_path / "log.mcap", PREDICTION))
+    assert len(found[0]) == 2500
+    assert found[1:] == found[:1] * 3
+
+
+def test_hitch_percent(tmp_path: Path) -> None:
+    """Percents of the bus become angles through the calibration; the stamp is the log time."""
+    values = [0.0, 12.4, 50.0, 100.0, 101.6, float("nan")]
+    entries = [
+        ("/hitch_position", FLOAT64, START + k * 10**8, float64(value))
+        for k, value in enumerate(values)
+    ]
+    bag, log = write_mcap(tmp_path / "bag.mcap", entries), tmp_path / "log.mcap"
+    points, angles = (0.0, 40.0, 100.0), (3.0, 2.4, 1.7)
+    settings = Settings(input="percent", percent_points=points, percent_angles=angles)
+    done = replay([bag], log, settings)
+    predictor = Predictor(load_table(config_file(DEFAULT_TABLE)))
+    expected = []
+    for k, value in enumerate(values):
+        reading = PercentInput(points, angles).reading(value)
+        time = START + k * 10**8
+        prediction = predictor.predict(reading.crank_angle, reading.stddev)
+        expected.append((time, encode_prediction(prediction, *divmod(time, 10**9), "")))
+    assert data_of(log, PREDICTION) == expected
+    assert done.statuses[Status.INVALID_ANGLE] == 2
+
+
+def test_what_if_the_implement_were_heavier(tmp_path: Path) -> None:
+    """A heavier implement lowers the first natural frequency, and the log tells its mechanism."""
+    bag, log = write_mcap(tmp_path / "bag.mcap", swing(20)), tmp_path / "log.mcap"
+    replay([bag], log, Settings())
+    before = [m.natural_frequencies[0] for _, m in read_messages(log, PREDICTION)]
+    replay([bag], log, Settings(), what_if=WhatIf(mass=1200.0))
+    after = [m.natural_frequencies[0] for _, m in read_messages(log, PREDICTION)]
+    ratio = np.array(after) / np.array(before)
+    assert np.all(ratio[np.isfinite(ratio)] < 0.99)
+    with log.open("rb") as file:
+        attached = {a.name: a.data for a in make_reader(file).iter_attachments()}
+    bodies = yaml.safe_load(attached["mechanism.yaml"])["rigid_bodies"]
+    assert [body["mass"] for body in bodies.values()] == [1200.0]
+
+
+def test_left_out_is_counted_and_told(tmp_path: Path) -> None:
+    """What cannot be used does not end the replay: other joints, no position, spoilt bytes."""
+    entries = swing(10)
+    time = START + 10**9
+    entries.append(("/joint_states", JOINT_STATE, time, joint_state(time, ["x"], [1.0])))
+    entries.append(("/joint_states", JOINT_STATE, time, joint_state(time, [JOINT], [])))
+    entries.append(("/joint_states", JOINT_STATE, time, b"\x00\x01\x00\x00spoilt"))
+    bag, log = write_mcap(tmp_path / "bag.mcap", entries), tmp_path / "log.mcap"
+    done = replay([bag], log, Settings())
+    assert (done.predictions, done.others, done.refused, done.unreadable) == (10, 1, 1, 1)
+    assert len(data_of(log, "/joint_states")) == 10
+
+
+CASES: dict[str, tuple[list[Entry], Settings, str]] = {
+    "empty": ([], Settings(), "has no topic /joint_states of .* no topics at all"),
+    "other joints": (
+        swing(5, joint="elbow"),
+        Settings(),
+        f"no joint {JOINT} .* elbow, other.*--joint",
+    ),
+    "two topics": (
+        swing(5, "/left") + swing(5, "/right"),
+        Settings(),
+        "2 topics; choose one, as in `--remap joint_states:=/left`: /left, /right",
+    ),
+    "other types": (
+        [("/engine_speed", FLOAT64, START, float64(1.0))],
+        Settings(),
+        r"has no topic /joint_states .* it has /engine_speed \(std_msgs/msg/Float64\)",
+    ),
+    "wrong type": (
+        [("/hitch_position", JOINT_STATE, START, joint_state(START, [], []))],
+        Settings(input="percent"),
+        "Topic /hitch_position of .* holds sensor_msgs/msg/JointState, not std_msgs/msg/Float64",
+    ),
+    "nothing usable": (
+        [("/joint_states", JOINT_STATE, START, joint_state(START, [JOINT], []))],
+        Settings(),
+        "no reading of the hitch .* 1 names but 0 positions",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_words_for_what_a_bag_does_not_hold(tmp_path: Path, case: str) -> None:
+    """The file, the topic and the mend are named, and nothing is left behind."""
+    entries, settings, words = CASES[case]
+    bag = write_mcap(tmp_path / "bag.mcap", entries)
+    with pytest.raises(ReplayError, match=words) as caught:
+        replay([bag], tmp_path / "log.mcap", settings)
+    assert "bag.mcap" in str(caught.value)
+    assert [path.name for path in tmp_path.iterdir()] == ["bag.mcap"]
+
+
+def test_types_that_nobody_knows(tmp_path: Path) -> None:
+    """Topics that are not needed may be of any type; a needed one is told."""
+    bag = write_mcap(tmp_path / "bag.mcap", swing(5))
+    data = bag.read_bytes().replace(b"sensor_msgs/msg/JointState", b"sensor_msgs/msg/OtherState")
+    bag.write_bytes(data)
+    with pytest.raises(ReplayError, match="holds sensor_msgs/msg/OtherState, not .*--remap"):
+        replay([bag], tmp_path / "log.mcap", Settings())
+
+
+def test_damage_leaves_what_was_there(tmp_path: Path) -> None:
+    """A bag that turns out to be damaged costs neither an older log nor the folder's order."""
+    bag = write_mcap(tmp_path / "bag.mcap", swing(5000))
+    with bag.open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    data = bytearray(bag.read_bytes())
+    data[summary.chunk_indexes[-2].chunk_start_offset + 100] ^= 0xFF
+    bag.write_bytes(data)
+    log = tmp_path / "log.mcap"
+    log.write_bytes(b"older")
+    with pytest.raises(BagError, match=r"bag\.mcap is damaged"):
+        replay([bag], log, Settings())
+    assert log.read_bytes() == b"older"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["bag.mcap", "log.mcap"]
+
+
+def test_output_that_cannot_be(tmp_path: Path) -> None:
+    """An output in no folder, or on the input, is refused in words."""
+    bag = write_mcap(tmp_path / "bag.mcap", swing(5))
+    with pytest.raises(ReplayError, match="could not be written: No such file"):
+        replay([bag], tmp_path / "missing" / "log.mcap", Settings())
+    with pytest.raises(ReplayError, match="is one of the bags"):
+        replay([bag], bag, Settings())
+
+
+def test_settings_are_the_nodes() -> None:
+    """Names, types and defaults are those of the node's parameters."""
+    from linkage_vibration.ros.parameters import Parameters
+
+    node = {parameter.name: parameter.default for parameter in fields(Parameters)}
+    for setting in fields(Settings):
+        assert node[setting.name] == setting.default
+        assert type(node[setting.name]) is type(setting.default)
+
+
+def test_params_file(tmp_path: Path) -> None:
+    """The node's own file is read; what is wrong in one is told with its place."""
+    assert read_settings(config_file("linkage_vibration.params.yaml")) == Settings()
+    path = tmp_path / "params.yaml"
+    values = {"joint_name": "j", "scale": 2, "record": True, "percent_angles": [3, 1.5]}
+    path.write_text(yaml.safe_dump({"/linkage_vibration": {"ros__parameters": values}}))
+    settings = read_settings(path)
+    assert (settings.joint_name, settings.scale, settings.percent_angles) == ("j", 2.0, (3.0, 1.5))
+    for text, words in (
+        ("/**: {ros__parameters: {sign: 2}}", "sign must be 1 or -1, not 2"),
+        ("/**: {ros__parameters: {scale: far}}", "scale must be a number, not 'far'"),
+        ("other_node: {ros__parameters: {}}", "has no parameters for the node"),
+        ("a: [", "cannot be read as YAML"),
+    ):
+        path.write_text(text)
+        with pytest.raises(ReplayError, match=f"params.yaml.*{words}"):
+            read_settings(path)
+
+
+def test_remappings() -> None:
+    """What is no NAME:=TOPIC, or renames nothing, is refused."""
+    with pytest.raises(ReplayError, match="write NAME:=TOPIC"):
+        remappings(["joint_states=/x"])
+    with pytest.raises(ReplayError, match="elbow is none of joint_states"):
+        replay([DRIVE], Path("log.mcap"), Settings(), {"elbow": "/x"})
+
+
+def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The command chooses topic and joint, and tells what it did."""
+    entries = swing(50, "/left", "elbow") + swing(50, "/right", "elbow")
+    bag, log = write_mcap(tmp_path / "bag.mcap", entries), tmp_path / "log.mcap"
+    words = ["replay", str(bag), "-o", str(log), "--joint", "elbow"]
+    assert main([*words, "--remap", "joint_states:=/right"]) == 0
+    assert "50 predictions for /right" in capsys.readouterr().out
+    assert len(data_of(log, "/right")) == 50
+    assert main(words) == 1
+    assert "choose one" in capsys.readouterr().err
+
+
+GROWTH = """
+import resource, sys
+from pathlib import Path
+from linkage_vibration.logs.replay import Settings, replay
+done = replay([Path(sys.argv[1])], Path(sys.argv[2]), Settings())
+print(done.predictions, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024)
+"""
+
+
+def test_memory_does_not_grow_with_the_bag(tmp_path: Path) -> None:
+    """A bag of 200 MB takes no more memory than one of 20."""
+    from linkage_vibration.logs.chunks import ChunkLog, Messages
+    from linkage_vibration.logs.replay import _topic
+
+    told = []
+    rng = np.random.default_rng(1)
+    for blocks in (23, 230):
+        bag = tmp_path / f"{blocks}.mcap"
+        example = np.frombuffer(STORE.serialize_cdr(swing(2)[1][3], JOINT_STATE), np.uint8)
+        at = example.tobytes().index(np.float64(2.35 + 0.8 * np.sin(1 / 50)).tobytes())
+        with ChunkLog(bag, [_topic("/joint_states", JOINT_STATE)], [], {}) as log:
+            for number in range(blocks):
+                rows = np.arange(5000)
+                data = np.tile(example, (5000, 1))
+                noise = rng.uniform(1.6, 3.1, 5000)
+                data[:, at : at + 8] = noise[:, np.newaxis].view(np.uint8)
+                times = START + (number * 5000 + rows) * 10**6
+                log.write([Messages("/joint_states", data, rows, times, times)])
+        words = [sys.executable, "-c", GROWTH, str(bag), str(tmp_path / "log.mcap")]
+        predictions, peak = map(int, subprocess.check_output(words).split())
+        assert predictions == blocks * 5000
+        told.append(peak)
+    assert len(example) * 230 * 5000 > 120e6
+    assert told[1] < told[0] + 30
