@@ -1,0 +1,91 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Two logs of one drive and what differs between them."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from linkage_vibration.cli import main
+from linkage_vibration.drive import hitch_duty_cycle
+from linkage_vibration.logs.replay import Settings, WhatIf, replay
+from linkage_vibration.resources import config_file
+from linkage_vibration.review.difference import compare, summary
+from linkage_vibration.review.log import ReviewError, read_log
+
+
+@pytest.fixture(scope="module")
+def heavier(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """Return logs of the shipped drive with the linkage as it is, and with 1200 kg behind it."""
+    folder = tmp_path_factory.mktemp("heavier")
+    bag = config_file("drives/hitch_duty_cycle.mcap")
+    replay([bag], folder / "a.mcap", Settings())
+    replay([bag], folder / "b.mcap", Settings(), what_if=WhatIf(mass=1200.0))
+    return folder / "a.mcap", folder / "b.mcap"
+
+
+def test_same_log_differs_in_nothing(drive: Path) -> None:
+    """A log held against itself gives zeros, and as many comparisons as it has numbers."""
+    found = compare(drive, drive)
+    assert [q.largest for q in found.quantities] == [0.0] * len(found.quantities)
+    assert [q.rms for q in found.quantities] == [0.0] * len(found.quantities)
+    sound = int(np.isfinite(read_log(drive).natural_frequencies[:, 0]).sum())
+    assert found.quantities[1].compared == sound and found.status_changes == 0
+
+
+def test_known_difference(write_log: Any, tmp_path: Path) -> None:
+    """One angle that is changed by 1 deg is told, with its place and its root mean square."""
+    times, alpha3 = hitch_duty_cycle()
+    a = write_log(tmp_path / "a.mcap", times[:100], alpha3[:100], False)
+    changed = alpha3[:100].copy()
+    changed[40] += np.deg2rad(1.0)
+    changed[60] = np.nan
+    b = write_log(tmp_path / "b.mcap", times[10:100], changed[10:], False)
+    found = compare(a, b)
+    angle, mode = found.quantities[:2]
+    assert len(found.stamps) == 90 and found.times[0] == 0.0
+    assert angle.farthest == mode.farthest == 30
+    assert np.rad2deg(angle.largest) == pytest.approx(1.0)
+    assert np.rad2deg(angle.rms) == pytest.approx(np.sqrt(1.0 / 89.0))
+    assert angle.largest_relative == pytest.approx(np.deg2rad(1.0) / alpha3[40])
+    assert (angle.compared, angle.one_sided, found.status_changes) == (89, 1, 1)
+    told = summary(found)
+    assert "90 predictions have the same stamps, 10 are in A alone, 0 in B alone; 1" in told
+
+
+def test_what_made_them_is_told(heavier: tuple[Path, Path]) -> None:
+    """Of two mechanisms the values that differ are told, and no comment or spelling."""
+    told = summary(compare(*heavier))
+    changed = told.split("mechanism, A -> B:\n")[1]
+    assert changed.strip() == "rigid_bodies.implement.mass: 800.0 -> 1200.0"
+
+
+def test_no_stamp_in_common(write_log: Any, tmp_path: Path) -> None:
+    """Logs of two drives have their sentence."""
+    a = write_log(tmp_path / "a.mcap", [0.0, 0.01], [2.0, 2.0], False)
+    b = write_log(tmp_path / "b.mcap", [5.0, 5.01], [2.0, 2.0], False)
+    with pytest.raises(ReviewError, match="no stamp in common"):
+        compare(a, b)
+
+
+def test_page_of_a_difference(
+    browser: Any, heavier: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The page reads both numbers and their difference, and goes to where it is largest."""
+    page = tmp_path / "diff.html"
+    assert main(["diff", *map(str, heavier), "-o", str(page)]) == 0
+    assert "rigid_bodies.implement.mass" in capsys.readouterr().out
+    browser.problems.clear()
+    browser.resize(1280, 900)
+    browser.open(page)
+    found = compare(*heavier)
+    mode_2 = found.quantities[2]
+    browser.click(browser.place("#table-differences tbody tr:nth-child(3)"))
+    at = browser.evaluate("review.cursor")
+    assert at == mode_2.farthest
+    told = [float(browser.text(f"#read-{part}_f2").split()[0]) for part in "abd"]
+    np.testing.assert_allclose(told[:2], [mode_2.a[at], mode_2.b[at]], rtol=1e-7)
+    assert told[2] == pytest.approx(mode_2.largest, rel=1e-3)
+    assert browser.problems == []

@@ -1,0 +1,102 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""What is read of a log is what the log holds."""
+
+import csv
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from linkage_vibration.excitation import Source
+from linkage_vibration.readers.bags import read_messages
+from linkage_vibration.resources import DEFAULT_MECHANISM, DEFAULT_TABLE, config_file
+from linkage_vibration.review.log import (
+    ReviewError,
+    durations,
+    gaps,
+    read_log,
+    write_csv,
+)
+from linkage_vibration.table import load_table
+
+
+def test_every_number_is_the_message_s(drive: Path) -> None:
+    """Predictions and resonances equal those that rosbags decodes one by one, to the last bit."""
+    log = read_log(drive)
+    messages = [message for _, message in read_messages(drive, "/linkage_vibration/prediction")]
+    for name, told in (
+        ("crank_angle", log.crank_angle),
+        ("status", log.status),
+        ("natural_frequencies", log.natural_frequencies),
+        ("frequency_stddev", log.frequency_stddev),
+        ("damping_ratios", log.damping_ratios),
+        ("frf_peak_frequency", log.peak_frequency),
+        ("frf_peak_magnitude", log.peak_magnitude),
+        ("interpolation_error", log.interpolation_error),
+    ):
+        np.testing.assert_array_equal(told, [getattr(m, name) for m in messages], name)
+    stamps = [m.header.stamp.sec * 10**9 + m.header.stamp.nanosec for m in messages]
+    np.testing.assert_array_equal(log.stamps, stamps)
+    assert log.resonances is not None
+    others = [message for _, message in read_messages(drive, "/linkage_vibration/resonance")]
+    for name in ("state", "excitation", "excitation_frequency", "mode", "relative_margin"):
+        expected = [getattr(m, name) for m in others]
+        np.testing.assert_array_equal(getattr(log.resonances, name), expected, name)
+
+
+def test_provenance_is_found(drive: Path) -> None:
+    """Table, mechanism, excitations and parameters come out of the log, and speeds in its time."""
+    log = read_log(drive)
+    table = load_table(config_file(DEFAULT_TABLE))
+    assert log.table is not None and log.table.table_id == table.table_id == log.table_id
+    assert log.mechanism is not None and log.mechanism.model_hash == table.model_hash
+    assert log.mechanism_text == config_file(DEFAULT_MECHANISM).read_text()
+    assert [e.name for e in log.excitations][:2] == ["engine 0.5", "engine 1"]
+    assert log.parameters == {"angle_stddev": 0.005, "warning_margin": 0.1}
+    times, engine = log.speeds[Source.ENGINE]
+    np.testing.assert_allclose(times, 0.1 * np.arange(200), atol=1e-9)
+    assert set(log.speeds) == {Source.ENGINE, Source.PTO} and engine[0] > 1900.0
+
+
+def test_gap_and_durations(drive: Path) -> None:
+    """The second without predictions is a gap, and no prediction counts for longer than a step."""
+    log = read_log(drive)
+    [(start, end)] = gaps(log)
+    assert (start, end) == (5.0, 6.0)
+    held = durations(log)
+    np.testing.assert_allclose(held[:-1], 0.01, rtol=1e-9)
+    assert held.sum() == pytest.approx(19.0, abs=0.011)
+
+
+def test_csv_gives_the_same_floats_again(drive: Path, tmp_path: Path) -> None:
+    """Each number of the table reads back as the float that the log holds."""
+    log = read_log(drive)
+    write_csv(log, tmp_path / "drive.csv")
+    with (tmp_path / "drive.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [int(row["stamp_ns"]) for row in rows] == log.stamps.tolist()
+    for name, values in (
+        ("crank_angle_rad", log.crank_angle),
+        ("natural_frequency_2_hz", log.natural_frequencies[:, 1]),
+        ("frf_peak_magnitude_m_per_n", log.peak_magnitude),
+    ):
+        np.testing.assert_array_equal([float(row[name]) for row in rows], values)
+    assert log.resonances is not None
+    assert [row["excitation"] for row in rows] == log.resonances.excitation.tolist()
+
+
+def test_bare_log(write_log: Any, tmp_path: Path) -> None:
+    """A log without speeds and attachments is read; what it does not tell is none."""
+    log = read_log(write_log(tmp_path / "bare.mcap", [0.0, 0.1], [2.0, math.nan], False, False))
+    assert log.resonances is None and log.table is None and log.mechanism is None
+    assert log.excitations == () and log.speeds == {} and log.parameters == {}
+    assert log.status.tolist() == [0, 2]
+
+
+def test_no_prediction(write_log: Any, tmp_path: Path) -> None:
+    """A log without a prediction has its sentence."""
+    with pytest.raises(ReviewError, match=r"empty\.mcap holds no prediction"):
+        read_log(write_log(tmp_path / "empty.mcap", [], []))

@@ -1,0 +1,85 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Moments of resonance and time shares of drives whose answers are known."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from linkage_vibration.review.log import Log, Resonances, read_log
+from linkage_vibration.review.moments import angle_shares, margin_shares, moments, worst
+
+
+def with_resonances(
+    log: Log, state: list[int], excitation: list[str], mode: list[int], margin: list[float]
+) -> Log:
+    """Return the first predictions of a log with other resonances."""
+    n = len(state)
+    none = np.full(n, np.nan)
+    frequency = log.natural_frequencies[np.arange(n), mode]
+    found = Resonances(
+        np.array(state),
+        np.array(excitation),
+        frequency * (1.0 + np.array(margin)),
+        np.array(mode),
+        frequency,
+        frequency * np.array(margin),
+        np.array(margin),
+        np.zeros(n, dtype=int),
+        none,
+    )
+    rows = {
+        name: getattr(log, name)[:n]
+        for name in ("stamps", "status", "crank_angle", "natural_frequencies")
+    }
+    return replace(log, **rows, resonances=found)
+
+
+def test_moments_are_the_stretches_of_warnings(drive: Path) -> None:
+    """A stretch ends where the warning does, and where excitation or mode change."""
+    log = with_resonances(
+        read_log(drive),
+        [0, 1, 1, 1, 1, 0, 1, 2],
+        ["a", "a", "a", "b", "b", "b", "b", ""],
+        [0, 0, 0, 0, 1, 1, 1, 0],
+        [0.3, 0.05, -0.01, 0.04, 0.03, 0.2, 0.02, np.nan],
+    )
+    found = moments(log)
+    told = [(m.excitation, m.mode, m.nearest, m.crossed) for m in found]
+    assert told == [("a", 0, 2, True), ("b", 0, 3, False), ("b", 1, 4, False), ("b", 1, 6, False)]
+    assert [(m.start, m.end) for m in found][:2] == [(0.01, 0.02), (0.03, 0.03)]
+    assert found[0].excitation_frequency == pytest.approx(0.99 * found[0].natural_frequency)
+
+
+def test_worst_are_the_nearest_in_order_of_time(
+    drive: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of too many moments those with the least margins stay."""
+    monkeypatch.setattr("linkage_vibration.review.moments.MAX_MOMENTS", 2)
+    state, excitation = [1, 0, 1, 0, 1], ["a"] * 5
+    margin = [0.01, 0.5, 0.09, 0.5, -0.02]
+    log = with_resonances(read_log(drive), state, excitation, [0] * 5, margin)
+    assert [m.nearest for m in worst(moments(log))] == [0, 4]
+
+
+def test_shares_add_up_to_the_time_with_numbers(drive: Path) -> None:
+    """Shares over angle and margin leave out just what has no prediction, and gaps do not count."""
+    log = read_log(drive)
+    sound = np.isfinite(log.natural_frequencies[:-1, 0]).mean()
+    margins = margin_shares(log)
+    assert margins is not None
+    assert angle_shares(log).shares.sum() == pytest.approx(sound, rel=1e-9)
+    assert margins.shares.sum() == pytest.approx(sound, rel=1e-9)
+
+
+def test_shares_of_a_known_drive(drive: Path) -> None:
+    """Half of the time at each of two margins fills two bars by half."""
+    log = with_resonances(
+        read_log(drive), [1] * 101, ["a"] * 101, [0] * 101, [0.01, -0.21] * 50 + [0.01]
+    )
+    shares = margin_shares(log)
+    assert shares is not None
+    np.testing.assert_allclose(shares.shares[shares.shares > 0.0], [0.5, 0.5], rtol=1e-9)
+    assert shares.edges[np.flatnonzero(shares.shares)].tolist() == pytest.approx([0.0, 0.2])
