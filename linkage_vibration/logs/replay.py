@@ -301,6 +301,9 @@ def replay(
             Attachment(f"{table.table_id}.npz", "application/x-npz", table_bytes(table)),
             Attachment("parameters.yaml", "application/yaml", _parameters(settings).encode()),
         ]
+        if monitor is not None:
+            excitations = _excitation_path(settings).read_bytes()
+            attachments.append(Attachment("excitations.yaml", "application/yaml", excitations))
         metadata = {
             PROVENANCE_METADATA: package_versions(),
             REPLAY_METADATA: {"inputs": " ".join(path.name for path in inputs)},
@@ -552,12 +555,16 @@ def _monitor(settings: Settings, topics: Mapping[str, BagTopic]) -> ResonanceMon
     fixed = {name: getattr(settings, name) for name in SPEEDS if getattr(settings, name) >= 0.0}
     if not fixed and not topics.keys() & SPEEDS.keys():
         return None
-    path = _path(settings.excitation_file) or config_file(DEFAULT_EXCITATIONS)
+    path = _excitation_path(settings)
     limits = settings.warning_margin, settings.hysteresis, settings.stale_after
     monitor = ResonanceMonitor(read_excitations(path), *limits)
     for name, value in fixed.items():
         monitor.set_fixed(SPEEDS[name], value)
     return monitor
+
+
+def _excitation_path(settings: Settings) -> Path:
+    return _path(settings.excitation_file) or config_file(DEFAULT_EXCITATIONS)
 
 
 def _model(settings: Settings, what_if: WhatIf) -> tuple[str, Table]:

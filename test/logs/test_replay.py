@@ -34,7 +34,7 @@ from linkage_vibration.messages import encode_prediction, encode_resonance
 from linkage_vibration.prediction import Predictor, Status
 from linkage_vibration.readers.bags import JOINT_STATE, BagError, read_messages
 from linkage_vibration.readers.excitations import read_excitations
-from linkage_vibration.resources import DEFAULT_TABLE, config_file
+from linkage_vibration.resources import DEFAULT_EXCITATIONS, DEFAULT_TABLE, config_file
 from linkage_vibration.table import load_table
 
 DRIVE = config_file("drives/hitch_duty_cycle.mcap")
@@ -154,6 +154,7 @@ def test_a_log_replayed_is_the_same_log(tmp_path: Path) -> None:
     with first.open("rb") as file:
         reader = make_reader(file)
         attached = {attachment.name: attachment.data for attachment in reader.iter_attachments()}
+    assert attached["excitations.yaml"] == config_file(DEFAULT_EXCITATIONS).read_bytes()
     (tmp_path / "parameters.yaml").write_bytes(attached["parameters.yaml"])
     assert read_settings(tmp_path / "parameters.yaml") == Settings()
     (tmp_path / "table.npz").write_bytes(attached[next(n for n in attached if n.endswith("npz"))])

@@ -56,14 +56,15 @@ def holds_for(*drawn: st.SearchStrategy[Any]) -> Callable[[Property], Callable[[
 def rounding(solution: Solution, turned: float = 0.0) -> FloatArray:
     """How far rounding may move each squared natural frequency, (n_modes,), (rad/s)^2.
 
-    An operation on matrices of size n leaves n EPS of their largest numbers. M and K come from four
-    such products (reduction and assembly, from both sides); that moves a squared frequency by as
-    much of the largest of the parts (Weyl). The modes take four more (a factor, its application
-    from both sides, the solution) and are solved for 1 / w^2, so that these move w^2 by as much of
-    w^4 / w_1^2. Bodies that are ``turned`` (rad) enter from both sides too.
+    A product of matrices of size n is rounded by n EPS abs(A) abs(B), whose norm is up to sqrt(n)
+    times that of A B (Higham, Accuracy and Stability of Numerical Algorithms, 3.13). M and K come
+    from four such products (reduction and assembly, from both sides); that moves a squared
+    frequency by as much of the largest of the parts (Weyl). The modes take four more (a factor, its
+    application from both sides, the solution) and are solved for 1 / w^2, so that these move w^2 by
+    as much of w^4 / w_1^2. Bodies that are ``turned`` (rad) enter from both sides too.
     """
     squared = solution.modes.omega**2
-    share = 4 * len(solution.model.system.mass) * EPS
+    share = 4 * len(solution.model.system.mass) ** 1.5 * EPS
     from_modes = share * squared**2 / squared[0]
     return np.asarray((share + 2.0 * turned) * highest(solution) + from_modes)
 
@@ -86,33 +87,25 @@ def frf_rounding(
     """How far rounding may move each receptance between places, (n, n), m/N.
 
     Moving Z by E moves H = phi^T Z^-1 phi by phi^T Z^-1 E Z^-1 phi, here in modal coordinates. The
-    damping D is rounded as K is and enters with w. Complex modes come from A = [[0, W], [-W, -D]],
-    rounded by its Frobenius norm (QR algorithm), each pair of a shape and its pole by itself. So
-    the condition of all shapes together comes in, squared as they serve from the left too; without
-    A's upper half that is w or the largest w_r times as much in Z. Bodies that are turned mix what
-    phi has along x and z.
+    damping D is rounded as K is and enters with w. Complex modes come from [[0, W], [-W, -D]],
+    rounded by its size; without its upper half that is w or the largest w_r times as much in Z.
+    Bodies that are turned mix what phi has along x and z.
     """
-    omega, modal = 2.0 * math.pi * frequency, solution.damped
+    omega, coupled = 2.0 * math.pi * frequency, solution.coupled
     vectors, natural = solution.vectors, solution.modes.omega
-    coupling = vectors.T @ solution.coupled.damping @ vectors
-    damped = omega * float(np.linalg.norm(coupling, 2))
-    if modal.poles is not None:
-        none, w = np.zeros_like(coupling), np.diag(natural)
-        a = np.block([[none, w], [-w, -coupling]])
-        condition = np.linalg.cond(np.linalg.eig(a)[1]) ** 2
-        damped = float((omega + natural[-1]) * condition * np.linalg.norm(a))
-    n = len(solution.model.system.mass)
-    share = 4 * n * EPS + 2.0 * turned
-    dynamic = modal.stiffness - omega**2 + 1j * omega * modal.decay
-    own = np.abs(solution.participation(places))
+    damping = vectors.T @ coupled.damping @ vectors
+    largest = natural[-1] if solution.damped.poles is not None else 0.0
+    share = 4 * len(solution.model.system.mass) ** 1.5 * EPS + 2.0 * turned
+    damped = share * (np.linalg.norm(damping, 2) + largest) * (omega + largest)
+    dynamic = np.diag(natural**2 - omega**2) + 1j * omega * damping
+    inverse = np.linalg.inv(dynamic + 1j * vectors.T @ coupled.loss @ vectors)
+    own = solution.participation(places)
     points = list(dict.fromkeys(point for point, _ in places))
     both = [np.abs(solution.participation([(p, "x"), (p, "z")])).sum(axis=0) for p in points]
     mixed = turned * np.array([both[points.index(point)] for point, _ in places])
-    amplitudes = (own + mixed) / np.abs(dynamic)
-    moved = rounding(solution, turned) + share * damped
-    sizes = np.sqrt((amplitudes**2 * moved).sum(axis=1))
-    from_phi = amplitudes @ (own + mixed).T - (own / np.abs(dynamic)) @ own.T
-    return np.asarray(np.outer(sizes, sizes) + from_phi)
+    motion, more = np.abs(own @ inverse), mixed @ np.abs(inverse)
+    moved = (motion + more) * np.sqrt(rounding(solution, turned) + damped)
+    return np.asarray(moved @ moved.T + motion @ mixed.T + mixed @ motion.T + more @ mixed.T)
 
 
 def receptance(solution: Solution, frequency: float) -> NDArray[np.complex128]:
@@ -163,7 +156,7 @@ def test_positive_matrices(linkage: Linkage) -> None:
     for mass, stiffness in matrices:
         np.linalg.cholesky(mass)
         squared = eigvalsh(stiffness, mass)
-        assert squared[0] >= -4 * len(mass) * EPS * highest(solution)
+        assert squared[0] >= -4 * len(mass) ** 1.5 * EPS * highest(solution)
 
 
 @holds_for(linkages(), st.floats(1e-3, 100.0), st.data())
