@@ -162,6 +162,7 @@ def build_table(
     first, last = sampler.ends
     shortest = _SHORTEST * (last - first)
     waiting, pieces = [_start(sampler, first, last)], list[_Piece]()
+    poor_before: set[tuple[float, float]] = set()
     while waiting:
         while waiting:
             fitted = waiting.pop()
@@ -176,15 +177,25 @@ def build_table(
                     f"{math.degrees(sampler.angle(low)):.4f} deg for a tolerance of {tolerance:g}; "
                     "give a larger one."
                 )
-            middle = (low + high) / 2.0
-            waiting += [_start(sampler, low, middle), _start(sampler, middle, high)]
+            waiting += _halves(sampler, low, high)
         pieces.sort(key=lambda piece: piece.fitted[0])
         table, poor = _measured(sampler, pieces, tolerance)
         for piece in poor:
             pieces.remove(piece)
-            more = leja_points(piece.fitted, piece.fitted[0], piece.fitted[-1], _BATCH)
-            waiting.append(sorted(piece.fitted + more))
+            low, high = piece.fitted[0], piece.fitted[-1]
+            if (low, high) in poor_before:  # more points have not helped
+                waiting += _halves(sampler, low, high)
+            else:
+                poor_before.add((low, high))
+                more = leja_points(piece.fitted, low, high, _BATCH)
+                waiting.append(sorted(piece.fitted + more))
     return table
+
+
+def _halves(sampler: "_Sampler", low: float, high: float) -> list[list[float]]:
+    """Return the first points of both halves between two stroke variables."""
+    middle = (low + high) / 2.0
+    return [_start(sampler, low, middle), _start(sampler, middle, high)]
 
 
 def _start(sampler: "_Sampler", low: float, high: float) -> list[float]:
