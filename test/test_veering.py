@@ -52,7 +52,7 @@ def test_shape_follows_its_own_mode_across() -> None:
 def test_gap_that_no_step_resolves_is_refused() -> None:
     """What would take ever shorter steps is told with the angle and the mend."""
     with pytest.raises(TableError, match=r"at alpha3 = 46\.62\d* deg .*; give a larger one"):
-        build_table(LinkageModel(crossing_crank(1e-8, AT)), 1e-11)
+        build_table(LinkageModel(crossing_crank(1e-9, AT)), 1e-11)
 
 
 @pytest.mark.parametrize("steps", [360, 45, 9, 4, 1])

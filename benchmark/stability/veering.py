@@ -54,7 +54,7 @@ of the shapes too, a wider one is resolved.
 {table(columns, rows)}
 
 - **In and out of the plane.** {_planes()}
-- **Still ambiguous.** A gap of 1e-8 Hz, resolved for a tolerance of 1e-11, takes steps shorter than
+- **Still ambiguous.** A gap of 1e-9 Hz, resolved for a tolerance of 1e-11, takes steps shorter than
   1e-7 of the stroke: "{_refused()}"
 
 **FRFs between the angles** of the default linkage, on an even grid: 16 FRFs from 0 to 200 Hz, worst
@@ -134,7 +134,7 @@ def _planes() -> str:
 def _refused() -> str:
     """Return what a veering that no step resolves is refused with."""
     try:
-        build_table(LinkageModel(crossing_crank(1e-8, _AT)), 1e-11)
+        build_table(LinkageModel(crossing_crank(1e-9, _AT)), 1e-11)
     except TableError as error:
         return str(error)
     raise AssertionError("modes that cannot be followed were not refused")
