@@ -3,7 +3,6 @@
 """How the node fares, in the words and numbers of ``/diagnostics``."""
 
 import math
-import time
 from collections import Counter, deque
 from dataclasses import dataclass, field
 
@@ -14,6 +13,26 @@ from linkage_vibration.excitation import Resonance, ResonanceState
 
 LATENCIES = 1_000  # the last ones, of which percentiles are told
 CLOCK_STEP = 0.5  # s between the wall's and the steady clock in a second: somebody has set it
+
+
+@dataclass(frozen=True, slots=True)
+class Second:
+    """What happened since the last status.
+
+    Attributes
+    ----------
+    rate : float
+        Predictions a second, Hz.
+    without_numbers : float
+        Share of them.
+    clock_jumps, qos_mismatches : int
+        As in `Statistics`.
+    """
+
+    rate: float
+    without_numbers: float
+    clock_jumps: int
+    qos_mismatches: int
 
 
 @dataclass
@@ -29,11 +48,13 @@ class Statistics:
     clock_jumps : int
         How often the clock was set, or a bag began anew.
     qos_mismatches : Counter of str
-        For each topic, events of an offered or requested QoS that cannot be met.
+        For each topic, how many subscribers asked for a QoS that is not offered.
     latencies : deque of float
         From a message's arrival in the node to its prediction being handed to DDS, s.
     last_reading : float
         When the last reading came, by the steady clock, s; NaN before the first.
+    stamp_age : float
+        How long before its arrival the last reading was stamped, s; below 0 from the future.
     """
 
     received: int = 0
@@ -44,33 +65,48 @@ class Statistics:
     qos_mismatches: Counter[str] = field(default_factory=Counter)
     latencies: "deque[float]" = field(default_factory=lambda: deque(maxlen=LATENCIES))
     last_reading: float = math.nan
-    _last_stamp: tuple[int, int] = (-(2**31), 0)
-    _before: tuple[float, int, int, int] | None = None  # time and counts a second ago
+    stamp_age: float = math.nan
+    _last_stamp: int = -(2**63)  # ns
+    _before: tuple[float, int, int, int, int] | None = None  # time and counts a second ago
     _wall: float | None = None
 
-    def take_stamp(self, sec: int, nanosec: int) -> None:
-        """Take the stamp of a reading."""
-        stamp = sec, nanosec
+    def take_reading(self, now: float, sec: int, nanosec: int, received: int) -> None:
+        """Take the times of a reading.
+
+        Parameters
+        ----------
+        now : float
+            By the steady clock, s.
+        sec, nanosec : int
+            Its stamp.
+        received : int
+            When it came by the clock that stamps are told by, ns.
+        """
+        stamp = 1_000_000_000 * sec + nanosec
         if stamp < self._last_stamp:
             self.stamps_back += 1
         self._last_stamp = stamp
+        self.stamp_age = 1e-9 * (received - stamp)
+        self.last_reading = now
 
-    def watch_wall_clock(self) -> None:
-        """Count a step of the wall's clock since the last call; to be called each second."""
-        ahead = time.time() - time.monotonic()
+    def watch_wall_clock(self, wall: float, steady: float) -> None:
+        """Count a step of the wall's clock since the last call; both times in s."""
+        ahead = wall - steady
         if self._wall is not None and abs(ahead - self._wall) > CLOCK_STEP:
             self.clock_jumps += 1
         self._wall = ahead
 
-    def since_last_time(self, now: float) -> tuple[float, float]:
-        """Return rate (Hz) and share without numbers of the predictions since the last call."""
-        counts = self.received, self.predicted, self.without_numbers
-        before = self._before or (now - 1.0, *counts)
+    def since_last_time(self, now: float) -> Second:
+        """Return what happened since the last call, which was a while ago (s)."""
+        mismatches = sum(self.qos_mismatches.values())
+        counts = self.predicted, self.without_numbers, self.clock_jumps, mismatches
+        then, *before = self._before or (now - 1.0, *counts)
         self._before = (now, *counts)
-        apart = max(now - before[0], 1e-9)
-        predicted = self.predicted - before[2]
-        refused = self.without_numbers - before[3]
-        return (self.received - before[1]) / apart, refused / predicted if predicted else 0.0
+        predicted, refused, jumps, mismatched = (
+            count - earlier for count, earlier in zip(counts, before, strict=True)
+        )
+        rate = predicted / max(now - then, 1e-9)
+        return Second(rate, refused / predicted if predicted else 0.0, jumps, mismatched)
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,10 +134,8 @@ class Health:
         Names what is read, such as "joint hitch on /joint_states".
     age, stale_after : float
         Of the last reading, and from which that is too old, s.
-    rate : float
-        Messages of the input a second.
-    without_numbers : float
-        Share of the last second's predictions.
+    second : Second
+        What happened since the status before.
     resonance : Resonance or None
         The last one.
     log : Log or None
@@ -115,8 +149,7 @@ class Health:
     reading: str
     age: float
     stale_after: float
-    rate: float
-    without_numbers: float
+    second: Second
     resonance: Resonance | None
     log: Log | None
     table_id: str
@@ -129,23 +162,25 @@ def judge(health: Health, statistics: Statistics) -> tuple[bytes, str]:
         return DiagnosticStatus.ERROR, health.problem
     if health.state != "active":
         return DiagnosticStatus.OK, f"The node is {health.state}."
-    log = health.log
+    log, second, near = health.log, health.second, health.resonance
     if log is not None and log.error:
         return DiagnosticStatus.ERROR, log.error
     if not health.age <= health.stale_after:  # NaN is no age
         told = "never" if math.isnan(health.age) else f"not for {health.age:.1f} s"
-        mismatch = sum(statistics.qos_mismatches.values())
-        mend = " A publisher's QoS does not match." if mismatch else ""
-        return DiagnosticStatus.STALE, f"There was {told} a reading of {health.reading}.{mend}"
-    if health.without_numbers > 0.0:
-        share = 100.0 * health.without_numbers
+        return DiagnosticStatus.STALE, f"There was {told} a reading of {health.reading}."
+    if second.without_numbers > 0.0:
+        share = 100.0 * second.without_numbers
         return (
             DiagnosticStatus.WARN,
             f"{share:.0f} % of the crank angles have no prediction; see the node's warnings.",
         )
     if log is not None and log.dropped:
         return DiagnosticStatus.WARN, f"{log.dropped} messages are not in the log."
-    near = health.resonance
+    if second.qos_mismatches:
+        topics = ", ".join(sorted(statistics.qos_mismatches))
+        return DiagnosticStatus.WARN, f"A subscriber's QoS does not match that of {topics}."
+    if second.clock_jumps:
+        return DiagnosticStatus.WARN, "The clock has jumped."
     if near is not None and near.state is ResonanceState.WARNING:
         return (
             DiagnosticStatus.WARN,
@@ -153,7 +188,7 @@ def judge(health: Health, statistics: Statistics) -> tuple[bytes, str]:
             f"{100.0 * abs(near.relative_margin):.1f} % of mode {near.mode + 1} "
             f"({near.natural_frequency:.1f} Hz).",
         )
-    return DiagnosticStatus.OK, f"Predicting at {health.rate:.0f} Hz."
+    return DiagnosticStatus.OK, f"Predicting at {second.rate:.0f} Hz."
 
 
 def status(name: str, hardware_id: str, health: Health, statistics: Statistics) -> DiagnosticStatus:
@@ -167,8 +202,9 @@ def status(name: str, hardware_id: str, health: Health, statistics: Statistics) 
     values = {
         "state": health.state,
         "input age [s]": f"{health.age:.3f}",
-        "input rate [Hz]": f"{health.rate:.1f}",
-        "without numbers [%]": f"{100.0 * health.without_numbers:.1f}",
+        "input rate [Hz]": f"{health.second.rate:.1f}",
+        "stamp age [s]": f"{statistics.stamp_age:.3f}",
+        "without numbers [%]": f"{100.0 * health.second.without_numbers:.1f}",
         "latency p50 [ms]": f"{median:.3f}",
         "latency p99 [ms]": f"{high:.3f}",
         "messages received": str(statistics.received),

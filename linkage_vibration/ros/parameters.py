@@ -98,6 +98,7 @@ class Parameters:
         "Where the crank angle comes from: a joint on `joint_states`, or the hitch position in "
         "percent on `hitch_position` (std_msgs/Float64, 0 down to 100 up).",
         lambda value: value in (JOINT_STATE, PERCENT),
+        live=True,
     )
     joint_name: str = _parameter(
         "hitch_rockshaft_joint",
@@ -105,6 +106,7 @@ class Parameters:
         "the name of a joint",
         "Joint whose position turns the input crank.",
         lambda name: name != "",
+        live=True,
     )
     sign: int = _parameter(
         1,
@@ -112,6 +114,7 @@ class Parameters:
         "1 or -1",
         "Sense of the joint: crank angle = sign * scale * position + offset.",
         lambda sign: sign in (1, -1),
+        live=True,
     )
     scale: float = _parameter(
         1.0,
@@ -119,21 +122,29 @@ class Parameters:
         "a finite number greater than 0",
         "Change of the crank angle per unit of joint position.",
         lambda scale: 0.0 < scale < math.inf,
+        live=True,
     )
     offset: float = _parameter(
-        0.0, "rad", "a finite number", "Crank angle at joint position 0.", math.isfinite
+        0.0,
+        "rad",
+        "a finite number",
+        "Crank angle at joint position 0.",
+        math.isfinite,
+        live=True,
     )
     percent_points: tuple[float, ...] = _parameter(
         (0.0, 100.0),
         "%",
         "ascending numbers from 0 to 100",
         "Hitch positions of the calibration from percent to crank angle.",
+        live=True,
     )
     percent_angles: tuple[float, ...] = _parameter(
         (3.14159, 1.5708),
         "rad",
         "as many numbers, all ascending or all descending",
         "Crank angles at those hitch positions; a monotone curve leads from one to the next.",
+        live=True,
     )
     angle_stddev: float = _parameter(
         0.0,
@@ -332,38 +343,44 @@ def _own_type(kind: type, value: Any) -> Any:
     return value
 
 
-def declare_parameters(node: Node) -> Parameters:
-    """Declare every parameter on a node, and return what it was given.
+def declare_parameters(node: Node) -> tuple[Parameters, dict[str, ParameterError]]:
+    """Declare every parameter on a node.
 
-    Raises
-    ------
-    ParameterError
-        If one of them is not valid.
+    Returns
+    -------
+    settings : Parameters
+        What it was given, with the defaults of those that are not valid.
+    faults : dict of str to ParameterError
+        What is wrong with these, by name.
     """
-    values = {}
+    values: dict[str, Any] = {}
+    faults: dict[str, ParameterError] = {}
     for parameter in fields(Parameters):
+        name = parameter.name
         # Declared first with any type, so that rclpy does not refuse an int before it is looked at.
         anything = ParameterDescriptor(dynamic_typing=True)
-        given = node.declare_parameter(parameter.name, parameter.default, anything).value
-        node.undeclare_parameter(parameter.name)
-        values[parameter.name] = check_value(parameter.name, given)
-        node.declare_parameter(
-            parameter.name, values[parameter.name], _descriptor(parameter), ignore_override=True
-        )
-    settings = Parameters(**values)
-    settings.crank_input()
-    return settings
+        given = node.declare_parameter(name, parameter.default, anything).value
+        node.undeclare_parameter(name)
+        try:
+            values[name] = check_value(name, given)
+        except ParameterError as error:
+            values[name], faults[name] = parameter.default, error
+        node.declare_parameter(name, values[name], _descriptor(parameter), ignore_override=True)
+    return Parameters(**values), faults
 
 
 def _descriptor(parameter: Any) -> ParameterDescriptor:
     """Return what `ros2 param describe` tells."""
     words = parameter.metadata
     unit, between = words["unit"], words["between"]
-    when = "" if words["live"] else " Read when the node is configured."
+    fixed = parameter.name == "autostart"
+    description = words["description"] + (f" Unit: {unit}." if unit else "")
+    if not words["live"]:
+        description += " Read at start." if fixed else " Read when the node is configured."
     descriptor = ParameterDescriptor(
-        description=words["description"] + (f" Unit: {unit}." if unit else "") + when,
+        description=description,
         additional_constraints=f"Must be {words['valid']}.",
-        read_only=parameter.name == "autostart",
+        read_only=fixed,
     )
     if between is not None and type(parameter.default) is int:
         descriptor.integer_range = [IntegerRange(from_value=between[0], to_value=between[1])]
@@ -412,6 +429,13 @@ def changed(
     except ParameterError as error:
         return settings, SetParametersResult(successful=False, reason=str(error))
     return found, SetParametersResult(successful=True)
+
+
+def without_markers(settings: Parameters) -> Parameters:
+    """Return the parameters with the defaults of those that messages do not depend on."""
+    shown = [parameter for parameter in fields(Parameters) if parameter.name.startswith("marker_")]
+    defaults: Any = {parameter.name: parameter.default for parameter in shown}
+    return replace(settings, **defaults)
 
 
 def parameters_yaml(parameters: Parameters, node_name: str) -> str:

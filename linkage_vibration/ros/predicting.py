@@ -31,8 +31,22 @@ SPEED_TOPICS = {
     Source.PTO: "pto_speed",
     Source.GROUND: "ground_speed",
 }
+INPUT_TOPICS = "joint_states", "hitch_position"
 MISSING_AFTER = 5.0  # s without the joint, before it is said to be missing
 MAX_NAMES_TOLD = 20
+
+
+def own_topics(node: Node) -> list[Topic]:
+    """Return all topics that `Predicting` hears or publishes on a node, as a log knows them."""
+    joint_states, hitch_position = INPUT_TOPICS
+    types = {
+        joint_states: "sensor_msgs/msg/JointState",
+        hitch_position: "std_msgs/msg/Float64",
+        "~/prediction": "linkage_vibration_interfaces/msg/VibrationPrediction",
+        "~/resonance": "linkage_vibration_interfaces/msg/Resonance",
+        **dict.fromkeys(SPEED_TOPICS.values(), "std_msgs/msg/Float64"),
+    }
+    return [log_topic(node.resolve_topic_name(name), kind) for name, kind in types.items()]
 
 
 class Predicting:
@@ -44,6 +58,8 @@ class Predicting:
     ----------
     node : Node
         To hear and publish on.
+    settings : Parameters
+        To begin with.
     predictor : Predictor
         On the table.
     monitor : ResonanceMonitor
@@ -69,6 +85,7 @@ class Predicting:
     def __init__(
         self,
         node: Node,
+        settings: Parameters,
         predictor: Predictor,
         monitor: ResonanceMonitor,
         record: Callable[[str, bytes, int, MessageInfo | None], None],
@@ -80,14 +97,12 @@ class Predicting:
         self.resonance: Resonance | None = None
         self._node, self._monitor, self._record, self._show = node, monitor, record, show
         self._statistics, self._throttle = statistics, throttle
-        self._settings: Parameters
+        self._settings = settings
         self._input: JointInput | PercentInput
         self._subscriptions: list[Any] = []
         self._other_joints: set[str] = set()
         self._began = 0.0
-        self._joint_topic, self._percent_topic = map(
-            node.resolve_topic_name, ("joint_states", "hitch_position")
-        )
+        self._joint_topic, self._percent_topic = map(node.resolve_topic_name, INPUT_TOPICS)
         self._speed_topics = {s: node.resolve_topic_name(n) for s, n in SPEED_TOPICS.items()}
         self._predictions = advertise(
             node, VibrationPrediction, "~/prediction", statistics, throttle
@@ -95,19 +110,7 @@ class Predicting:
         self._resonances = advertise(node, ResonanceMessage, "~/resonance", statistics, throttle)
         self._prediction_topic = self._predictions.topic_name
         self._resonance_topic = self._resonances.topic_name
-
-    @property
-    def topics(self) -> list[Topic]:
-        """Those that `record` is called for."""
-        package = "linkage_vibration_interfaces/msg"
-        types = {
-            self._joint_topic: "sensor_msgs/msg/JointState",
-            self._percent_topic: "std_msgs/msg/Float64",
-            self._prediction_topic: f"{package}/VibrationPrediction",
-            self._resonance_topic: f"{package}/Resonance",
-            **dict.fromkeys(self._speed_topics.values(), "std_msgs/msg/Float64"),
-        }
-        return [log_topic(name, type_name) for name, type_name in types.items()]
+        self.apply(settings)
 
     @property
     def what(self) -> str:
@@ -118,7 +121,7 @@ class Predicting:
 
     def apply(self, settings: Parameters) -> None:
         """Follow other parameters from now on."""
-        monitor = self._monitor
+        monitor, other_input = self._monitor, settings.input != self._settings.input
         self._settings, self._input = settings, settings.crank_input()
         monitor.warning_margin = settings.warning_margin
         monitor.hysteresis = settings.hysteresis
@@ -129,7 +132,7 @@ class Predicting:
                 monitor.set_fixed(source, fixed)
             elif monitor.is_fixed(source):
                 monitor.forget(source)
-        if self._subscriptions:
+        if other_input and self._subscriptions:
             self.rest()
             self.listen()
 
@@ -137,14 +140,18 @@ class Predicting:
         """Answer what comes from now on."""
         self._began = time.monotonic()
         self._statistics.last_reading = math.nan
-        if self._settings.input == JOINT_STATE:
-            hitch = subscribe(self._node, JointState, self._joint_topic, self._on_joint_state)
-        else:
-            hitch = subscribe(self._node, Float64, self._percent_topic, self._on_percent)
-        self._subscriptions = [hitch] + [
+        hitch = (
+            (JointState, self._joint_topic, self._on_joint_state)
+            if self._settings.input == JOINT_STATE
+            else (Float64, self._percent_topic, self._on_percent)
+        )
+        # Of what is there at once the executor takes the first subscription's: speeds, that the
+        # reading is held against the newest ones.
+        self._subscriptions = [
             subscribe(self._node, Float64, topic, partial(self._on_speed, source, topic))
             for source, topic in self._speed_topics.items()
         ]
+        self._subscriptions.append(subscribe(self._node, *hitch))
 
     def rest(self) -> None:
         """Answer nothing from now on."""
@@ -222,7 +229,9 @@ class Predicting:
         try:
             return float(deserialize_message(data, Float64).data)
         except RuntimeError as error:
-            self._throttle.warn("bytes", f"A Float64 of {len(data)} bytes is not valid CDR: {error}")
+            self._throttle.warn(
+                "bytes", f"A Float64 of {len(data)} bytes is not valid CDR: {error}"
+            )
             return None
 
     def _answer(

@@ -22,12 +22,16 @@ DISCOVERY_TIMEOUT = 20.0  # s
 
 @pytest.fixture(scope="session")
 def environment(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
-    """Return (and set) the environment in which nodes and peers find each other."""
+    """Return (and set) the environment in which nodes and peers find each other.
+
+    Nodes run with BLAS threads, as on a machine where nobody has thought of them: a signal to the
+    process may go to any thread.
+    """
     os.environ.setdefault("AMENT_PREFIX_PATH", sys.prefix)
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
     os.environ["ROS_DOMAIN_ID"] = str(DOMAIN)
     os.environ.setdefault("ROS_LOG_DIR", str(tmp_path_factory.mktemp("ros_log")))
-    return dict(os.environ)
+    return {key: value for key, value in os.environ.items() if key != "OPENBLAS_NUM_THREADS"}
 
 
 @dataclass
@@ -46,6 +50,16 @@ class RunningNode:
         """Return once the node has said something."""
         until(lambda: words in self.said or self.process.poll() is not None, words)
         assert words in self.said, self.said
+
+    def wait_for_handlers(self) -> None:
+        """Return once the node heeds signals; before, it is Python itself that starts."""
+        status = Path(f"/proc/{self.process.pid}/status")
+
+        def caught() -> int:
+            [mask] = [line for line in status.read_text().splitlines() if "SigCgt" in line]
+            return int(mask.split()[1], 16)
+
+        until(lambda: bool(caught() >> (signal.SIGTERM - 1) & 1), "handlers of signals")
 
     def stop(self, by: signal.Signals = signal.SIGINT) -> int:
         """End the node by a signal and return its exit code."""
@@ -126,8 +140,8 @@ class Peer:
     def spin(self, done: Callable[[], bool], timeout: float = 5.0) -> bool:
         """Handle what arrives until something is done, or time is up; return whether it is."""
         deadline = time.monotonic() + timeout
-        while not done() and time.monotonic() < deadline:
-            self.executor.spin_once(0.05)
+        while not done() and (left := deadline - time.monotonic()) > 0.0:
+            self.executor.spin_once(min(left, 0.05))
         return done()
 
     def answer(self, stamp: int, timeout: float = 5.0) -> Any:

@@ -20,6 +20,7 @@ from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 
 from linkage_vibration.prediction import Status
+from linkage_vibration.resources import config_file
 
 JOINT = "hitch_rockshaft_joint"
 SUCCESS, FAILURE = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAILURE
@@ -28,13 +29,14 @@ SUCCESS, FAILURE = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FA
 @pytest.fixture
 def managed(environment: dict[str, str]) -> Iterator[Callable[..., Any]]:
     """Return what makes a node in this process that waits for a manager."""
-    from linkage_vibration.ros.node import LinkageVibrationNode
+    from linkage_vibration.ros.lifecycle import LinkageVibrationNode
 
     nodes: list[Any] = []
 
     def make(*arguments: str) -> Any:
         rclpy.init(
-            args=["--ros-args", "-p", "autostart:=false", *arguments],
+            # Not the default name: rclpy leaves part of a lifecycle node in the graph.
+            args=["--ros-args", "-r", "__node:=here", "-p", "autostart:=false", *arguments],
             signal_handler_options=SignalHandlerOptions.NO,
         )
         nodes.append(LinkageVibrationNode())
@@ -103,6 +105,38 @@ def test_configuring_that_fails_can_be_tried_again(managed: Callable[..., Any]) 
     assert "is read when the node is configured" in result.reason
 
 
+def test_wrong_parameters_can_be_mended(managed: Callable[..., Any]) -> None:
+    """What is not valid at start keeps a managed node from being configured, until it is set."""
+    node = managed("-p", "sign:=3", "-p", "scale:=.nan")
+    for name, value in (("sign", -1), ("scale", 2)):
+        assert node.trigger_configure() is FAILURE
+        assert f"Parameter {name} must be" in node.problem
+        [result] = node.set_parameters([Parameter(name, value=value)])
+        assert result.successful
+    assert node.trigger_configure() is SUCCESS
+
+
+def test_table_of_another_mechanism_is_refused(managed: Callable[..., Any]) -> None:
+    """The shipped table does not serve the as-printed linkage."""
+    mechanism = config_file("three_point_linkage_as_printed.yaml")
+    table = config_file("tables/three_point_linkage.npz")
+    node = managed("-p", f"mechanism_file:={mechanism}", "-p", f"table_file:={table}")
+    assert node.trigger_configure() is FAILURE
+    assert "was built from another mechanism" in node.problem
+
+
+def test_defects_are_told(managed: Callable[..., Any], monkeypatch: pytest.MonkeyPatch) -> None:
+    """What nobody has foreseen ends no process: it is told, all is given back, and tried again."""
+    node = managed()
+    before = entities(node)
+    with monkeypatch.context() as spoilt:
+        spoilt.setattr("linkage_vibration.ros.lifecycle.Services", None)
+        assert node.trigger_configure() is TransitionCallbackReturn.ERROR
+    assert "TypeError" in node.problem
+    assert entities(node) == before
+    assert node.trigger_configure() is SUCCESS
+
+
 def test_activation_that_fails_leaves_it_inactive(managed: Callable[..., Any]) -> None:
     """A log that cannot begin keeps the node from being active; without it, it goes on."""
     node = managed("-p", "record:=true", "-p", "log_directory:=/none")
@@ -151,7 +185,8 @@ def test_descriptors(managed: Callable[..., Any]) -> None:
     assert "Unit: 1." in margin.description
     assert node.describe_parameter("marker_mode").integer_range[0].from_value == -1
     assert node.describe_parameter("autostart").read_only
-    assert "Read when the node is configured." in node.describe_parameter("joint_name").description
+    assert "Read when the node is configured." in node.describe_parameter("record").description
+    assert "configured" not in node.describe_parameter("joint_name").description
 
 
 def test_manager_over_dds(

@@ -147,11 +147,13 @@ def test_ten_thousand_joints(peer: Any, predictor: Predictor) -> None:
 def test_joint_that_is_missing_is_told(start: Callable[..., Any], peer: Any) -> None:
     """A node whose joint never comes says so, and names the joints that do."""
     lonely = start(name="lonely", joint_name="boom")
-    deadline = time.monotonic() + 15.0
-    while "boom has not been on" not in lonely.said and time.monotonic() < deadline:
+    words = "Joint boom has not been on /joint_states for more than 5 s; joints seen there: "
+    words += f"{JOINT}, wheel"
+    deadline = time.monotonic() + 25.0
+    while words not in lonely.said and time.monotonic() < deadline:
         peer.publish([JOINT, "wheel"], [2.0, 1.0])
         time.sleep(0.1)
-    lonely.wait_for(f"joints seen there: {JOINT}, wheel")
+    assert words in lonely.said
     assert lonely.stop() == 0
 
 
@@ -224,11 +226,7 @@ def test_parameters_turn_positions_into_angles(
     ("parameters", "words"),
     [
         ({"sign": 3}, "Parameter sign must be 1 or -1, not 3"),
-        ({"scale": 0.0}, "Parameter scale must be"),
-        ({"scale": "fast"}, "Parameter scale must be"),
         ({"offset": ".nan"}, "Parameter offset must be"),
-        ({"joint_name": "''"}, "Parameter joint_name must be"),
-        ({"mechanism_file": "/none.yaml"}, "/none.yaml: cannot be read"),
         ({"table_file": "/none.npz"}, "/none.npz: cannot be read"),
         ({"record": True, "log_directory": "/none"}, "/none"),
     ],
@@ -243,17 +241,6 @@ def test_wrong_parameters_end_it_in_words(
     assert "Traceback" not in failed.said
 
 
-def test_table_of_another_mechanism_is_refused(start: Callable[..., Any]) -> None:
-    """The shipped table does not serve the as-printed linkage."""
-    failed = start(
-        name="mixed",
-        mechanism_file=str(config_file("three_point_linkage_as_printed.yaml")),
-        table_file=str(config_file("tables/three_point_linkage.npz")),
-    )
-    assert failed.process.wait(30.0) == 1
-    assert "was built from another mechanism" in failed.said
-
-
 @pytest.mark.parametrize("by", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_signals_end_it_cleanly(start: Callable[..., Any], by: signal.Signals) -> None:
     """Ctrl-C, SIGTERM and a hang-up give exit code 0 and no complaint, also in a flurry."""
@@ -265,6 +252,17 @@ def test_signals_end_it_cleanly(start: Callable[..., Any], by: signal.Signals) -
     assert ended.process.wait(15.0) == 0
     assert [line.split()[0] for line in ended.said.splitlines()] == ["[INFO]", "[INFO]"]
     assert "predictions out" in ended.said
+
+
+def test_signals_at_any_moment(start: Callable[..., Any]) -> None:
+    """Also while it imports, builds its context or loads the table, a signal ends it cleanly."""
+    signals = signal.SIGINT, signal.SIGTERM, signal.SIGHUP
+    for i in range(6):
+        early, by = start(name=f"early_{i}"), signals[i % 3]
+        early.wait_for_handlers()
+        time.sleep(0.2 * i)
+        assert early.stop(by) == 0
+        assert {line.split()[0] for line in early.said.splitlines()} <= {"[INFO]"}
 
 
 def test_signal_ends_a_table_under_way(start: Callable[..., Any]) -> None:
@@ -335,6 +333,7 @@ def test_log_holds_what_was_published(
         assert summary is not None
         assert {a.name for a in reader.iter_attachments()} >= {
             "three_point_linkage.yaml",
+            "excitations.yaml",
             "parameters.yaml",
         }
         decoded = [

@@ -52,6 +52,16 @@ def test_whole_numbers_may_stand_for_doubles() -> None:
             check_value(name, value)
 
 
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("scale", 0.0), ("scale", "fast"), ("offset", math.nan), ("joint_name", ""), ("sign", 0)],
+)
+def test_what_is_not_valid_is_refused_in_words(name: str, value: object) -> None:
+    """The parameter, what it must be, what it is, and an example."""
+    with pytest.raises(ParameterError, match=f"{name} must be .*, not .*; write for example"):
+        check_value(name, value)
+
+
 def test_ranges_hold_at_their_ends() -> None:
     """A range includes its ends, refuses what is beyond, and NaN."""
     assert check_value("warning_margin", 0) == 0.0
@@ -82,14 +92,14 @@ def test_inputs_are_what_was_asked_for() -> None:
 def test_what_may_be_set() -> None:
     """Live parameters at any time, the others while not configured, and none that is not valid."""
     settings = Parameters()
-    live, other = Parameter("warning_margin", value=0.2), Parameter("joint_name", value="boom")
+    live, other = Parameter("warning_margin", value=0.2), Parameter("log_directory", value="/tmp")
     found, result = changed(settings, [live], configured=True)
     assert (found.warning_margin, result.successful) == (0.2, True)
     found, result = changed(settings, [live, other], configured=True)
     assert found == settings
-    assert "joint_name is read when the node is configured" in result.reason
+    assert "log_directory is read when the node is configured" in result.reason
     found, result = changed(settings, [live, other], configured=False)
-    assert (found.joint_name, found.warning_margin) == ("boom", 0.2)
+    assert (found.log_directory, found.warning_margin) == ("/tmp", 0.2)
     found, result = changed(settings, [Parameter("use_sim_time", value=True)], configured=True)
     assert (found, result.successful) == (settings, True)
 

@@ -12,7 +12,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 from builtin_interfaces.msg import Time
+from mcap.reader import make_reader
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -111,7 +113,14 @@ def test_burst_at_5_khz(peer: Any, node: Any) -> None:
     peer.predictions.clear()
     for i in range(5000):
         stamped(peer, 10, i, 2.0)
-    peer.answer(peer.publish([JOINT], [2.0]), 15.0)
+
+    def answered() -> bool:  # what follows such a burst may be lost as well
+        stamp = peer.publish([JOINT], [2.0])
+        return peer.spin(
+            lambda: any(p.header.stamp.nanosec == stamp for p in peer.predictions), 1.0
+        )
+
+    assert peer.spin(answered, 20.0)
     stamps = [p.header.stamp.nanosec for p in peer.predictions if p.header.stamp.sec == 10]
     assert stamps == sorted(stamps)
     assert node.process.poll() is None
@@ -228,6 +237,45 @@ def test_hitch_position_in_percent(
     other.spin(lambda: False, 0.3)
     assert answer(102.0).status == Status.INVALID_ANGLE
     assert process.stop() == 0
+
+
+def test_calibrated_while_it_works(
+    start: Callable[..., Any], meet: Callable[[str], Any], tmp_path: Path
+) -> None:
+    """Another joint rule or input holds from the next message on, in a log of its own."""
+    process = start(name="calibrated", record=True, log_directory=tmp_path)
+    peer = meet("calibrated")
+    hitch = peer.node.create_publisher(Float64, "hitch_position", SENSOR)
+    for offset in (0.25, 1):
+        assert set_parameter(peer, "calibrated", "offset", offset).successful
+        assert peer.answer(peer.publish([JOINT], [1.7])).crank_angle == 1.7 + offset
+    assert set_parameter(peer, "calibrated", "percent_angles", [3.0, 2.0]).successful
+    for _ in range(80):  # some are under way when they are heard no more
+        peer.publish([JOINT], [1.7])
+    assert set_parameter(peer, "calibrated", "input", "percent").successful
+    peer.spin(lambda: False, 0.2)
+    peer.predictions.clear()
+
+    def answered() -> bool:
+        hitch.publish(Float64(data=50.0))
+        return peer.spin(lambda: bool(peer.predictions), 0.2)
+
+    assert peer.spin(answered, 20.0)
+    assert peer.predictions[-1].crank_angle == 2.5
+    refused = set_parameter(peer, "calibrated", "percent_angles", [3.0, 2.0, 2.5])
+    assert "percent_points, percent_angles" in refused.reason
+    assert process.stop() == 0
+    offsets = set()
+    for path in tmp_path.iterdir():
+        with path.open("rb") as file:
+            attached = {a.name: a.data for a in make_reader(file).iter_attachments()}
+        settings = yaml.safe_load(attached["parameters.yaml"])["/calibrated"]["ros__parameters"]
+        heard = [message.position[0] for _, message in read_messages(path, "/joint_states")]
+        told = [m.crank_angle for _, m in read_messages(path, "/calibrated/prediction")]
+        if settings["input"] == "joint_state" and heard:
+            assert told == [position + settings["offset"] for position in heard]
+            offsets.add(settings["offset"])
+    assert offsets == {0.0, 0.25, 1.0}
 
 
 def test_bag_that_loops(

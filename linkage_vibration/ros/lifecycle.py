@@ -1,0 +1,349 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""The lifecycle node: what it has in each state, and what it tells of itself."""
+
+import math
+import time
+from collections.abc import Callable
+from typing import Any
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.clock import Clock, JumpThreshold
+from rclpy.clock_type import ClockType
+from rclpy.duration import Duration
+from rclpy.executors import ExternalShutdownException
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.logging import get_logger
+from rclpy.parameter import Parameter
+from rclpy.subscription import RCLError
+from std_msgs.msg import String
+
+from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.excitation import ResonanceMonitor
+from linkage_vibration.logs.recorder import Provenance, Recorder
+from linkage_vibration.readers.excitations import read_excitations
+from linkage_vibration.ros.diagnostics import Health, Log, Statistics, diagnostics, status
+from linkage_vibration.ros.endpoints import advertise
+from linkage_vibration.ros.markers import Markers, MarkerSettings
+from linkage_vibration.ros.model import (
+    absolute,
+    excitation_path,
+    load_served,
+    provenance,
+    table_info,
+)
+from linkage_vibration.ros.parameters import (
+    changed,
+    declare_parameters,
+    in_own_types,
+    without_markers,
+)
+from linkage_vibration.ros.predicting import Predicting, own_topics
+from linkage_vibration.ros.recording import Recording
+from linkage_vibration.ros.services import Services
+from linkage_vibration.ros.throttle import Throttle
+from linkage_vibration.serving import Served
+from linkage_vibration_interfaces.msg import TableInfo
+
+NODE_NAME = "linkage_vibration"
+
+
+class LinkageVibrationNode(LifecycleNode):
+    """Predicts how a linkage vibrates from each reading of its crank angle.
+
+    Configured, it has its table and offers its services; active, it listens and predicts.
+
+    Parameters
+    ----------
+    stop_asked : callable
+        Whether a signal came that rclpy did not hear.
+
+    Attributes
+    ----------
+    problem : str
+        Why it could not be configured or activated; empty where it could.
+
+    Raises
+    ------
+    LinkageVibrationError
+        If it is to start by itself and a parameter is not valid.
+    """
+
+    def __init__(self, stop_asked: Callable[[], bool] = lambda: False) -> None:
+        super().__init__(NODE_NAME)
+        self.problem = ""
+        self._stop_asked = stop_asked
+        self._state = "unconfigured"
+        self._statistics = Statistics()
+        self._throttle = Throttle(self.get_logger())
+        # What it has while it is configured.
+        self._served: Served | None = None
+        self._excitations = ""
+        self._predicting: Predicting | None = None
+        self._recording: Recording | None = None
+        self._offered: Services | None = None
+        self._markers: Markers | None = None
+        self._latched: list[Any] = []
+
+        self._settings, self._faults = declare_parameters(self)
+        if self._faults and self.autostart:
+            raise next(iter(self._faults.values()))
+        self.add_pre_set_parameters_callback(in_own_types)
+        self.add_on_set_parameters_callback(self._may_set)
+        self.add_post_set_parameters_callback(self._apply)
+        self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        # Simulated time may stand still; a log must be watched, and told of, nevertheless.
+        self.create_timer(1.0, self._on_second, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        back = JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1))
+        self._jumps = self.get_clock().create_jump_callback(back, post_callback=self._on_jump)
+
+    # Life
+
+    def start(self) -> None:
+        """Configure and activate, as a lifecycle manager would.
+
+        Raises
+        ------
+        LinkageVibrationError
+            If that cannot be done.
+        ExternalShutdownException
+            If a signal came.
+        """
+        for step in (self.trigger_configure, self.trigger_activate):
+            done = step()
+            self._go_on()
+            if done is not TransitionCallbackReturn.SUCCESS:
+                raise LinkageVibrationError(self.problem)
+
+    @property
+    def autostart(self) -> bool:
+        """Whether it is to start by itself."""
+        return self._settings.autostart
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Load or build the table, and offer the services."""
+        return self._become("inactive", self._configure, self._clean_up)
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Listen, predict, and record where that is asked for."""
+        return self._become("active", self._activate, self._deactivate)
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Listen no more, and complete the log."""
+        return self._become("inactive", self._deactivate)
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Give back the table, the services and all that is published."""
+        return self._become("unconfigured", self._clean_up)
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """End whatever is going on."""
+        self._deactivate()
+        return self._become("finalized", self._clean_up)
+
+    def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Begin anew after what nobody has foreseen; `problem` keeps what that was."""
+        self._deactivate()
+        self._clean_up()
+        self._state = "unconfigured"
+        return TransitionCallbackReturn.SUCCESS
+
+    def close(self) -> None:
+        """End the node, complete its log, and tell what was done."""
+        recording, counts = self._recording, self._statistics
+        self._deactivate()
+        self._clean_up()
+        self.destroy_node()
+        # The node's own logger would complain of a /rosout that a signal has shut down.
+        logger = get_logger(f"{NODE_NAME}.end")
+        logger.info(f"{counts.received} readings in, {counts.predicted} predictions out.")
+        if recording is not None:
+            recording.tell_end(logger.info, logger.error)
+
+    def _become(
+        self, state: str, do: Callable[[], None], undo: Callable[[], None] = lambda: None
+    ) -> TransitionCallbackReturn:
+        """Go over to a state; where that fails, tell why and stay."""
+        try:
+            do()
+        except LinkageVibrationError as error:
+            undo()
+            self.problem = str(error)
+            if not self.autostart:
+                self.get_logger().error(self.problem)
+            return TransitionCallbackReturn.FAILURE
+        except Exception as defect:
+            if isinstance(defect, ExternalShutdownException | RCLError) and self._stopped():
+                undo()
+                return TransitionCallbackReturn.FAILURE
+            self.problem = f"{type(defect).__name__}: {defect}; please report this."
+            self.get_logger().error(self.problem)
+            raise
+        self.problem, self._state = "", state
+        return TransitionCallbackReturn.SUCCESS
+
+    def _stopped(self) -> bool:
+        return self._stop_asked() or not rclpy.ok()
+
+    def _go_on(self) -> None:
+        if self._stopped():
+            raise ExternalShutdownException
+
+    def _configure(self) -> None:
+        if self._faults:
+            raise next(iter(self._faults.values()))
+        settings = self._settings
+        settings.crank_input()
+        path = excitation_path(settings)
+        excitations = read_excitations(path)
+        self._excitations = path.read_text(encoding="utf-8")
+        self._served = served = load_served(settings, self.get_logger().info, self._go_on)
+        statistics, throttle = self._statistics, self._throttle
+        topics = own_topics(self)
+        recorder = Recorder(
+            absolute(settings.log_directory),
+            topics,
+            self._provenance(served),
+            settings.limits(),
+            settings.compression,
+        )
+        self._recording = recording = Recording(
+            self,
+            recorder,
+            {topic.name for topic in topics},
+            set(map(self.resolve_topic_name, settings.extra_topics.split())),
+            throttle,
+        )
+        self._markers = markers = Markers(self, self._serving, self._marker_settings())
+        self._predicting = Predicting(
+            self,
+            settings,
+            served.predictor,
+            ResonanceMonitor(excitations),
+            recording.write,
+            markers.update,
+            statistics,
+            throttle,
+        )
+        self._offered = Services(self, self._serving, self._swap)
+        self._latched = [
+            advertise(self, kind, name, statistics, throttle, latched=True)
+            for kind, name in ((TableInfo, "~/table_info"), (String, "~/mechanism"))
+        ]
+        self._tell_model(served)
+
+    def _activate(self) -> None:
+        assert self._predicting is not None and self._recording is not None
+        self._recording.activate(begin=self._settings.record)
+        self._predicting.listen()
+        served = self._serving()
+        first, last = map(math.degrees, served.table.alpha3_range)
+        self.get_logger().info(
+            f"Predicting for {self._predicting.what}, crank angles {first:g} to {last:g} deg, "
+            f"table {served.table.table_id} of {served.mechanism.name}."
+        )
+
+    def _deactivate(self) -> None:
+        if self._predicting is not None:
+            self._predicting.rest()
+        if self._recording is not None:
+            self._recording.deactivate()
+
+    def _clean_up(self) -> None:
+        for part in (self._offered, self._markers, self._predicting, self._recording):
+            if part is not None:
+                part.close()
+        for publisher in self._latched:
+            self.destroy_publisher(publisher)
+        self._latched = []
+        self._offered = self._markers = self._predicting = self._recording = self._served = None
+
+    # What it serves
+
+    def _serving(self) -> Served:
+        assert self._served is not None  # as long as there is somebody to ask
+        return self._served
+
+    def _swap(self, served: Served) -> None:
+        """Serve another table from now on."""
+        assert self._predicting is not None and self._recording is not None
+        self._served, self._predicting.predictor = served, served.predictor
+        self._recording.recorder.change_provenance(self._provenance(served))
+        self._tell_model(served)
+        self.get_logger().info(f"Predicting from table {served.table.table_id} from now on.")
+
+    def _tell_model(self, served: Served) -> None:
+        info, mechanism = self._latched
+        info.publish(table_info(served.table, self.get_clock().now().to_msg()))
+        mechanism.publish(String(data=served.mechanism_text))
+
+    def _provenance(self, served: Served) -> Provenance:
+        name = self.get_fully_qualified_name()
+        return provenance(served, self._settings, self._excitations, name)
+
+    # What is set
+
+    def _may_set(self, asked: "list[Parameter[Any]]") -> Any:
+        return changed(self._settings, asked, configured=self._served is not None)[1]
+
+    def _apply(self, asked: "list[Parameter[Any]]") -> None:
+        before, configured = self._settings, self._served is not None
+        self._settings, _ = changed(before, asked, configured=configured)
+        for parameter in asked:
+            self._faults.pop(parameter.name, None)
+        if self._predicting is None or self._recording is None or self._markers is None:
+            return
+        self._markers.configure(self._marker_settings())
+        if without_markers(self._settings) != without_markers(before):
+            self._predicting.apply(self._settings)
+            self._recording.recorder.change_provenance(self._provenance(self._serving()))
+
+    def _marker_settings(self) -> MarkerSettings:
+        settings = self._settings
+        return MarkerSettings(settings.marker_mode, settings.marker_rate, settings.marker_frame)
+
+    # What it tells of itself
+
+    def _on_second(self) -> None:
+        now, counts = time.monotonic(), self._statistics
+        counts.watch_wall_clock(time.time(), now)
+        if self._recording is not None:
+            self._recording.watch()
+        if self._predicting is not None:
+            self._predicting.tell_missing(now)
+        told = status(
+            f"{self.get_fully_qualified_name()}: predictions",
+            "" if self._served is None else self._served.mechanism.name,
+            self._health(now),
+            counts,
+        )
+        self._diagnostics.publish(diagnostics(self.get_clock().now().to_msg(), told))
+
+    def _health(self, now: float) -> Health:
+        counts, served, predicting = self._statistics, self._served, self._predicting
+        table = None if served is None else served.table
+        return Health(
+            state=self._state,
+            problem=self.problem,
+            reading="" if predicting is None else predicting.what,
+            age=now - counts.last_reading,
+            stale_after=self._settings.stale_after,
+            second=counts.since_last_time(now),
+            resonance=None if predicting is None else predicting.resonance,
+            log=None if self._recording is None else log_state(self._recording.recorder),
+            table_id="" if table is None else table.table_id,
+            interpolation_error=math.nan
+            if table is None
+            else float(table.interpolation_error.max()),
+        )
+
+    def _on_jump(self, _: Any) -> None:
+        self._statistics.clock_jumps += 1
+
+
+def log_state(recorder: Recorder) -> Log:
+    """Return what a status tells of a recorder."""
+    error = "" if recorder.error is None else str(recorder.error)
+    path = str(recorder.path or "")
+    return Log(recorder.recording, path, recorder.written, recorder.dropped, error)
