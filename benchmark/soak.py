@@ -139,7 +139,7 @@ def draw(memory: list[tuple[float, float]], picture: Path) -> None:
     ax = figure.subplots()
     times, sizes = np.array(memory).T
     ax.plot(times / 60.0, sizes / 1e6, color=COLOURS[0])
-    ax.set(xlabel="time [min]", ylabel="resident memory [MB]", ylim=(0.0, None))
+    ax.set(xlabel="time [min]", ylabel="resident memory [MB]", ylim=(0.0, 1.2e-6 * sizes.max()))
     ax.grid(color="#dddddd", linewidth=0.6)
     figure.savefig(picture, dpi=110)
 
