@@ -40,6 +40,7 @@ _SOFTEST = 1e6  # Pa, rubber; metals in N/mm2 are below
 _STIFFEST = 1e18  # Pa; beside what is stiffer, rounding moves the first mode by more than 1e-5
 _STIFF, _FLIMSY = 1e9, (0.5, 25.0)  # Pa, and kg/m3 that no solid so stiff has; in g/cm3 all have
 _WIDEST = 10.0  # m and times the size of a rigid body, its radius of gyration
+_HEAVIEST_BODY = 1e9  # kg, a rigid body
 
 _LARGEST = 1e30  # SI; powers of what is larger overflow
 
@@ -276,6 +277,11 @@ def _rigid_body(keys: "Keys", name: str) -> RigidBody:
     places = {point: points.point(point) for point in points}
     centre = _centre_of_gravity(keys, places)
     mass, inertia = keys.number("mass", positive=True), keys.number("inertia", positive=True)
+    if mass > _HEAVIEST_BODY:
+        raise MechanismError(
+            f"{keys.path}.mass",
+            f"{mass:g} kg leaves no digits to the links; write kg, up to {_HEAVIEST_BODY:g}.",
+        )
     size = max((math.dist(centre, place) for place in places.values()), default=0.0)
     radius = math.sqrt(inertia / mass)
     if radius > _WIDEST * max(size, 1.0):
