@@ -16,7 +16,7 @@ from benchmark.latency.driver import Driver, Run, running
 from benchmark.report import RESULTS, machine, publish, table
 
 RATES = (10.0, 100.0, 200.0, 1000.0)  # Hz
-SECONDS = {10.0: 8.0, 100.0: 4.0, 200.0: 4.0, 1000.0: 3.0}
+SECONDS = {10.0: 5.0, 100.0: 4.0, 200.0: 4.0, 1000.0: 3.0}
 ROUNDS = 7
 
 OURS = ["-m", "linkage_vibration.ros.node", "--ros-args", "-r", "__node:=ours"]

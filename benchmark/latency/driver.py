@@ -32,6 +32,7 @@ from linkage_vibration_interfaces.msg import VibrationPrediction
 JOINT = "hitch_rockshaft_joint"
 QUIET = 1.0  # s, after the last message, for answers that are late
 FOUND = 20.0  # s, until which a node has to be found
+SETTLED = 3.0  # s of answers, in which DDS goes over from UDP to shared memory and loses some
 TICK = os.sysconf("SC_CLK_TCK")
 
 
@@ -98,11 +99,14 @@ class Driver:
     def _find(self) -> None:
         """Wait until joint states are answered."""
         end = time.monotonic() + FOUND
-        while not self._taken:
+        settled = 0.0
+        while not self._taken or time.monotonic() < settled:
             if time.monotonic() > end:
                 raise RuntimeError("the node does not answer")
             self._publish(0)
             self._executor.spin_once(0.1)
+            if self._taken and not settled:
+                settled = time.monotonic() + SETTLED
         quiet = time.monotonic() + 0.5
         while time.monotonic() < quiet:
             self._executor.spin_once(0.05)
