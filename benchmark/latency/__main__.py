@@ -141,9 +141,10 @@ def draw(runs: dict[tuple[str, float], list[Run]], picture: Path) -> None:
             above = 1.0 - np.arange(len(values)) / len(values)
             ax.loglog(values, above, color=colour, lw=1.5, label=name)
         ax.set(xlabel="latency [ms]", title=f"{rate:g} Hz")
-        ax.grid(color="#dddddd", linewidth=0.6, which="both")
+        ax.grid(color="#dddddd", linewidth=0.6)
     axes[0].set(ylabel="share of messages that take longer")
-    axes[-1].legend(fontsize=7, frameon=False)
+    handles, labels = axes[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=len(labels), frameon=False)
     figure.savefig(picture, dpi=110)
 
 
