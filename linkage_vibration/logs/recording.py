@@ -20,6 +20,10 @@ from linkage_vibration.errors import LinkageVibrationError
 
 # A chunk is compressed and written in one go, so its size bounds how long `write` can stall.
 CHUNK_BYTES = 64 * 1024
+# Of the node's topics, live as in a log: a second of joint states at 1 kHz, which rides out a stall
+# of the machine and is worked off in a quarter of that. A tenth of it lost 0.6 % in an hour on a
+# machine that had three times as much to do as it has cores.
+QUEUE_DEPTH = 1000
 # The newest version of rosbag2's metadata whose policies are integers, see offered_qos_profiles.
 ROSBAG2_METADATA_VERSION = 7
 ROSBAG2_METADATA = "rosbag2"  # the name of its record

@@ -23,7 +23,7 @@ from linkage_vibration.logs.batches import Predictions, encode_predictions, pred
 from linkage_vibration.logs.chunks import ChunkLog, Messages
 from linkage_vibration.logs.definitions import message_definition, type_hash
 from linkage_vibration.logs.recorder import PROVENANCE_METADATA, package_versions
-from linkage_vibration.logs.recording import Attachment, Topic, offered_qos_profiles
+from linkage_vibration.logs.recording import QUEUE_DEPTH, Attachment, Topic, offered_qos_profiles
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.messages import encode_resonance
 from linkage_vibration.prediction import Predictor, Status
@@ -56,7 +56,6 @@ SPEEDS = {"engine_speed": Source.ENGINE, "pto_speed": Source.PTO, "ground_speed"
 """The node's names of its topics, which bags may have others for."""
 
 _NODE_NAMES = ("/**", "linkage_vibration", "/linkage_vibration")
-_QUEUE_DEPTH = 100  # as the node's publishers
 _PLACES = 4  # of a row of a block: an input, then its prediction, then the resonance
 _MAX_NAMES_TOLD = 20
 
@@ -606,7 +605,7 @@ def _parameters(settings: Settings) -> str:
 
 
 def _topic(name: str, kind: str) -> Topic:
-    qos = offered_qos_profiles(reliable=True, depth=_QUEUE_DEPTH)
+    qos = offered_qos_profiles(reliable=True, depth=QUEUE_DEPTH)
     return Topic(name, kind, *_definition(kind), qos)
 
 

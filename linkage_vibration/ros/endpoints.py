@@ -17,14 +17,9 @@ from rclpy.qos import (
 )
 
 from linkage_vibration.logs.definitions import message_definition, type_hash
-from linkage_vibration.logs.recording import Topic, offered_qos_profiles
+from linkage_vibration.logs.recording import QUEUE_DEPTH, Topic, offered_qos_profiles
 from linkage_vibration.ros.diagnostics import Statistics
 from linkage_vibration.ros.throttle import Throttle
-
-# A second of joint states at 1 kHz: rides out a stall of the machine without loss, and is worked
-# off in a quarter of that. A tenth of it lost 0.6 % in an hour on a machine that had three times as
-# much to do as it has cores. Of predictions as many, for late retransmission.
-QUEUE_DEPTH = 1000
 
 
 def advertise(
