@@ -33,6 +33,7 @@ JOINT = "hitch_rockshaft_joint"
 QUIET = 1.0  # s, after the last message, for answers that are late
 FOUND = 20.0  # s, until which a node has to be found
 SETTLED = 3.0  # s of answers, in which DDS goes over from UDP to shared memory and loses some
+PACE = 0.02  # s, between joint states that nobody counts
 TICK = os.sysconf("SC_CLK_TCK")
 
 
@@ -98,13 +99,16 @@ class Driver:
 
     def _find(self) -> None:
         """Wait until joint states are answered."""
+        self._taken.clear()
         end = time.monotonic() + FOUND
         settled = 0.0
         while not self._taken or time.monotonic() < settled:
             if time.monotonic() > end:
                 raise RuntimeError("the node does not answer")
             self._publish(0)
-            self._executor.spin_once(0.1)
+            pause = time.monotonic() + PACE  # a flood would still be under way as the run begins
+            while time.monotonic() < pause:
+                self._executor.spin_once(PACE)
             if self._taken and not settled:
                 settled = time.monotonic() + SETTLED
         quiet = time.monotonic() + 0.5

@@ -23,6 +23,8 @@ from linkage_vibration.logs.recording import Attachment, LogError, LogWriter, To
 QUEUE_MESSAGES = 50_000
 QUEUE_BYTES = 32 * 2**20
 POLL_PERIOD = 0.02  # s; short, so that no batch keeps Python's lock from the node for long
+LONGEST_POLL = 0.2  # s; a wake-up costs as much as some messages, where there are few
+BATCH = 16  # messages that a poll is to find
 FLUSH_PERIOD = 0.5  # s; what a killed process loses, and as much for a disk that is not idle
 RETRY_PERIOD = 2.0  # s between two files, after a failure
 DRAIN_TIME = 5.0  # s that a slow disk is given at the end
@@ -156,6 +158,7 @@ class Recorder:
         self._begun = self._flushed = self._split_at = self._deadline = 0.0
         self._mended = True
         self._next_try = 0.0
+        self._pause, self._taken = POLL_PERIOD, 0
 
     @property
     def dropped(self) -> int:
@@ -182,6 +185,7 @@ class Recorder:
         self._queued = self._queued_bytes = self._overflowed = self._lost = 0
         self._deadline = math.inf
         self._mended = True
+        self._pause, self._taken = POLL_PERIOD, 0
         self._begin_file()
         self.active = True
         self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
@@ -239,8 +243,11 @@ class Recorder:
         """Write until there is nothing more to write."""
         try:
             while self.active:
-                self._wake.wait(POLL_PERIOD)
+                self._wake.wait(self._pause)
                 self._work()
+                wanted = self._pause * BATCH / max(self._taken, 1)
+                self._pause = max(POLL_PERIOD, min(wanted, LONGEST_POLL))
+                self._taken = 0
             self._work()
         except Exception as defect:
             self._keep(LogError(f"{self.path} was given up: {defect!r}; please report this."))
@@ -274,6 +281,7 @@ class Recorder:
         with self._lock:
             self._batch, self._queue = self._queue, self._batch
             self._queued = self._queued_bytes = 0
+        self._taken += len(self._batch)
         return bool(self._batch)
 
     def _do(self, entry: _Entry) -> None:

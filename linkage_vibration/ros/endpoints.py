@@ -3,6 +3,7 @@
 """How the node's topics are published, heard and logged."""
 
 from collections.abc import Callable
+from functools import wraps
 from importlib import import_module
 from typing import Any, cast
 
@@ -63,9 +64,15 @@ def subscribe(node: Node, kind: Any, topic: str, heard: Callable[..., None]) -> 
 
     Best effort and volatile hears publishers of every QoS, and never waits for a lost message.
     """
+
+    @wraps(heard)
+    def call(*args: Any) -> None:
+        # The events executor (rclpy 9.1) hands both over as one.
+        heard(*(args if len(args) == 2 else args[0]))
+
     # rclpy's type hints do not know that `raw` hands out bytes.
     return node.create_subscription(
-        kind, topic, cast(Any, heard), _qos(ReliabilityPolicy.BEST_EFFORT), raw=True
+        kind, topic, cast(Any, call), _qos(ReliabilityPolicy.BEST_EFFORT), raw=True
     )
 
 

@@ -7,16 +7,13 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.clock import Clock, JumpThreshold
 from rclpy.clock_type import ClockType
 from rclpy.duration import Duration
 from rclpy.executors import ExternalShutdownException
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
-from rclpy.logging import get_logger
 from rclpy.parameter import Parameter
-from rclpy.subscription import RCLError
 from std_msgs.msg import String
 
 from linkage_vibration.errors import LinkageVibrationError
@@ -57,7 +54,7 @@ class LinkageVibrationNode(LifecycleNode):
     Parameters
     ----------
     stop_asked : callable
-        Whether a signal came that rclpy did not hear.
+        Whether a signal came, which what takes long looks for.
 
     Attributes
     ----------
@@ -154,12 +151,11 @@ class LinkageVibrationNode(LifecycleNode):
         recording, counts = self._recording, self._statistics
         self._deactivate()
         self._clean_up()
-        self.destroy_node()
-        # The node's own logger would complain of a /rosout that a signal has shut down.
-        logger = get_logger(f"{NODE_NAME}.end")
+        logger = self.get_logger()
         logger.info(f"{counts.received} readings in, {counts.predicted} predictions out.")
         if recording is not None:
-            recording.tell_end(logger.info, logger.error)
+            recording.tell_end()
+        self.destroy_node()
 
     def _become(
         self, state: str, do: Callable[[], None], undo: Callable[[], None] = lambda: None
@@ -174,7 +170,7 @@ class LinkageVibrationNode(LifecycleNode):
                 self.get_logger().error(self.problem)
             return TransitionCallbackReturn.FAILURE
         except Exception as defect:
-            if isinstance(defect, ExternalShutdownException | RCLError) and self._stopped():
+            if isinstance(defect, ExternalShutdownException):
                 undo()
                 return TransitionCallbackReturn.FAILURE
             self.problem = f"{type(defect).__name__}: {defect}; please report this."
@@ -183,11 +179,8 @@ class LinkageVibrationNode(LifecycleNode):
         self.problem, self._state = "", state
         return TransitionCallbackReturn.SUCCESS
 
-    def _stopped(self) -> bool:
-        return self._stop_asked() or not rclpy.ok()
-
     def _go_on(self) -> None:
-        if self._stopped():
+        if self._stop_asked():
             raise ExternalShutdownException
 
     def _configure(self) -> None:

@@ -30,6 +30,7 @@ SWINGS_PER_SECOND = 0.5  # slow enough to be followed
 _LINE, _PIN = 0.012, 0.03  # of the size: widths of lines, diameters of joints
 WARN_PERIOD = 5.0  # s
 _PICTURES = 3.0  # after which a picture that is not renewed goes
+_UNSEEN_PERIOD = 1.0  # s, between two looks whether somebody subscribes now
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,13 +77,11 @@ class Markers:
         self._publisher = node.create_publisher(MarkerArray, "~/markers", 1)
         # Simulated time may stand still while somebody looks on.
         self._timer = node.create_timer(
-            1.0 / settings.rate, self._on_timer, clock=Clock(clock_type=ClockType.STEADY_TIME)
+            _UNSEEN_PERIOD, self._on_timer, clock=Clock(clock_type=ClockType.STEADY_TIME)
         )
 
     def configure(self, settings: MarkerSettings) -> None:
         """Draw otherwise from now on."""
-        if settings.rate != self._settings.rate:
-            self._timer.timer_period_ns = round(1e9 / settings.rate)
         self._settings = settings
 
     def update(self, crank_angle: float) -> None:
@@ -96,7 +95,12 @@ class Markers:
         self._node.destroy_publisher(self._publisher)
 
     def _on_timer(self) -> None:
-        if not math.isfinite(self._angle) or self._publisher.get_subscription_count() == 0:
+        seen = self._publisher.get_subscription_count() > 0
+        # Waking ten times a second for nobody costs as much as ten predictions.
+        period = round(1e9 / self._settings.rate) if seen else round(1e9 * _UNSEEN_PERIOD)
+        if self._timer.timer_period_ns != period:
+            self._timer.timer_period_ns = period
+        if not seen or not math.isfinite(self._angle):
             return
         if self._drawing is None or self._drawing.done():
             self._drawing = self._thread.submit(self._draw, self._angle, self._settings)
@@ -113,11 +117,10 @@ class Markers:
         except LinkageVibrationError:
             pass  # where the linkage cannot be, there is nothing to draw; predictions tell why
         except Exception as error:
-            if self._node.context.ok():  # else a signal has ended it meanwhile
-                self._node.get_logger().error(
-                    f"Drawing has failed ({type(error).__name__}: {error}).",
-                    throttle_duration_sec=WARN_PERIOD,
-                )
+            self._node.get_logger().error(
+                f"Drawing has failed ({type(error).__name__}: {error}).",
+                throttle_duration_sec=WARN_PERIOD,
+            )
 
     def _markers(self, served: Served, angle: float, settings: MarkerSettings) -> list[Marker]:
         drawn = scene(served.model, served.model.kinematics.at(angle))

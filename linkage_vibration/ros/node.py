@@ -30,19 +30,16 @@ def main(args: list[str] | None = None) -> int:
 def _heed_signals() -> Callable[[], bool]:
     """Let signals end nothing midway; return what tells whether one came.
 
-    rclpy shuts down on SIGINT and SIGTERM while the node spins. Nothing else may act on them:
-    Python's KeyboardInterrupt could strike in the middle of a write to the log, and a second signal
-    could kill a process that is ending well. Handlers rather than masks, as a signal to the process
-    goes to any thread that does not block it, and libraries begin theirs as they are imported.
+    Nothing else may act on them: Python's KeyboardInterrupt could strike in the middle of a write
+    to the log, and a second signal could kill a process that is ending well. Handlers rather than
+    masks, as a signal to the process goes to any thread that does not block it, and libraries begin
+    theirs as they are imported.
     """
     came = False
 
-    def note(number: int, _: FrameType | None) -> None:
+    def note(_: int, __: FrameType | None) -> None:
         nonlocal came
         came = True
-        if number == signal.SIGHUP:
-            # The end of a terminal or a session; rclpy does not know of it.
-            os.kill(os.getpid(), signal.SIGTERM)
 
     for number in STOP_SIGNALS:
         # Whoever started it (nohup) may want it to outlive its terminal.

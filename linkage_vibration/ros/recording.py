@@ -3,7 +3,6 @@
 """Logs what the node hears and says, from its start or when it is asked to."""
 
 import time
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -108,12 +107,13 @@ class Recording:
             self._error_told = True
             self._node.get_logger().error(f"{error} Predictions go on.")
 
-    def tell_end(self, tell: Callable[[str], object], complain: Callable[[str], object]) -> None:
+    def tell_end(self) -> None:
         """Tell where the log is, and of a failure that was not told yet."""
+        logger = self._node.get_logger()
         if self.recorder.error is not None and not self._error_told:
-            complain(f"{self.recorder.error} Predictions went on.")
+            logger.error(f"{self.recorder.error} Predictions went on.")
         if self.recorder.path is not None:
-            tell(f"Log: {self.recorder.path}")
+            logger.info(f"Log: {self.recorder.path}")
 
     def _hear(self, topic: str, type_name: str) -> None:
         try:

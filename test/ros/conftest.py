@@ -83,10 +83,14 @@ def start(
     """Return what starts a node with parameters; each is ended after the module's tests."""
     nodes: list[RunningNode] = []
 
-    def begin(*arguments: str, name: str = "linkage_vibration", **parameters: Any) -> RunningNode:
+    def begin(
+        *arguments: str,
+        name: str = "linkage_vibration",
+        program: Sequence[str] = ("-m", "linkage_vibration.ros.node"),
+        **parameters: Any,
+    ) -> RunningNode:
         output = tmp_path_factory.mktemp("node") / "said.txt"
-        command = [sys.executable, "-m", "linkage_vibration.ros.node", "--ros-args"]
-        command += ["-r", f"__node:={name}", *arguments]
+        command = [sys.executable, *program, "--ros-args", "-r", f"__node:={name}", *arguments]
         for key, value in parameters.items():
             command += ["-p", f"{key}:={str(value).lower() if value in (True, False) else value}"]
         with output.open("wb") as file:

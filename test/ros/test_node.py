@@ -265,6 +265,34 @@ def test_signals_at_any_moment(start: Callable[..., Any]) -> None:
         assert {line.split()[0] for line in early.said.splitlines()} <= {"[INFO]"}
 
 
+def test_signals_amid_traffic(start: Callable[..., Any], meet: Callable[[str], Any]) -> None:
+    """A signal that comes while a callback is about to publish does not take its context away."""
+    for i, by in enumerate((signal.SIGINT, signal.SIGTERM, signal.SIGHUP)):
+        busy = start(name=f"busy_{i}")
+        peer = meet(f"busy_{i}")
+        for count in range(1000):
+            peer.publish([JOINT], [2.0])
+            time.sleep(0.0005)
+            if count == 700:
+                busy.process.send_signal(by)
+        assert busy.process.wait(15.0) == 0
+        assert {line.split()[0] for line in busy.said.splitlines()} <= {"[INFO]"}, busy.said
+
+
+def test_executor_of_an_older_ros(start: Callable[..., Any], meet: Callable[[str], Any]) -> None:
+    """Where rclpy has no events executor, all goes on with the single-threaded one."""
+    older = (
+        "import sys; sys.modules['rclpy.experimental.events_executor'] = None;"
+        "from linkage_vibration.ros.node import main; sys.exit(main())"
+    )
+    node = start(name="older", program=["-c", older])
+    peer = meet("older")
+    assert peer.answer(peer.publish([JOINT], [2.0])).status == Status.OK
+    assert peer.call([2.0]).success
+    assert node.stop() == 0
+    assert {line.split()[0] for line in node.said.splitlines()} <= {"[INFO]"}
+
+
 def test_signal_ends_a_table_under_way(start: Callable[..., Any]) -> None:
     """A node that is still building its table ends as well."""
     builder = start(
@@ -315,6 +343,7 @@ def test_log_holds_what_was_published(
     start: Callable[..., Any], meet: Callable[[str], Any], tmp_path: Path
 ) -> None:
     """Every joint state that was used and every prediction, for two independent readers."""
+    began = time.time_ns()
     recorder = start(name="recorder", record=True, log_directory=tmp_path)
     peer = meet("recorder")
     warmed_up = peer.stamp
@@ -350,6 +379,9 @@ def test_log_holds_what_was_published(
         messages = make_reader(file).iter_messages("/recorder/prediction")
         stored = {message.data.rstrip(b"\0") for _, _, message in messages}
     assert {data.rstrip(b"\0") for data in peer.raw} <= stored
+    with path.open("rb") as file:
+        for _, _, message in make_reader(file).iter_messages("/joint_states"):
+            assert began < message.publish_time < message.log_time  # sent, then received
     for stamp, message in logged.items():
         assert same(message, published[stamp])
         assert list(used[stamp].name) == ["wheel", JOINT]
