@@ -24,8 +24,9 @@ from rosbags.typesys import Stores, get_typestore
 from tqdm import tqdm
 
 from benchmark.report import machine, publish, table
-from linkage_vibration.logs.replay import Settings, replay
+from linkage_vibration.parameters import Parameters
 from linkage_vibration.readers.bags import JOINT_STATE
+from linkage_vibration.replay.replay import replay
 
 RATE = 1000  # Hz
 SECONDS = 600
@@ -84,14 +85,14 @@ def main() -> None:
 def timed(bag: Path, output: Path) -> tuple[float, float, int]:
     """Return how long a replay takes, on the clock and of both cores, s, and how many states."""
     begin, busy = time.perf_counter(), time.process_time()
-    done = replay([bag], output, Settings())
+    done = replay([bag], output, Parameters())
     return time.perf_counter() - begin, time.process_time() - busy, done.predictions
 
 
 def profiled(bag: Path, output: Path) -> list[list[str]]:
     """Return the shares of the parts of a replay."""
     profile = cProfile.Profile()
-    profile.runcall(replay, [bag], output, Settings())
+    profile.runcall(replay, [bag], output, Parameters())
     found: dict[str, float] = {}
     stats = pstats.Stats(profile).stats  # type: ignore[attr-defined]
     total = max(cumulative for *_, cumulative, _ in stats.values())

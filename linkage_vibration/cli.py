@@ -393,16 +393,12 @@ def _recover(options: argparse.Namespace) -> int:
 def _replay(options: argparse.Namespace) -> int:
     from tqdm import tqdm
 
-    from linkage_vibration.logs.replay import (
-        Settings,
-        WhatIf,
-        read_settings,
-        remappings,
-        replay,
-        summary,
-    )
+    from linkage_vibration.parameters import Parameters, read_parameters, with_values
+    from linkage_vibration.replay.model import AS_IT_IS, WhatIf
+    from linkage_vibration.replay.replay import replay, summary
+    from linkage_vibration.replay.topics import remappings
 
-    settings = read_settings(options.params_file) if options.params_file else Settings()
+    settings = read_parameters(options.params_file) if options.params_file else Parameters()
     given = {
         "joint_name": options.joint,
         "sign": options.sign,
@@ -412,9 +408,9 @@ def _replay(options: argparse.Namespace) -> int:
         "table_file": options.table and str(options.table),
     }
     given = {name: value for name, value in given.items() if value is not None}
-    settings = settings.with_values(given, "Command line")
+    settings = with_values(settings, given)
     what_if = WhatIf(options.implement_mass, options.implement_inertia)
-    if what_if != WhatIf() or (settings.mechanism_file and not settings.table_file):
+    if what_if != AS_IT_IS or settings.table_path() is None:
         print("The table of this mechanism is built first.")
     with tqdm(unit=" messages", unit_scale=True, delay=1.0) as bar:
 

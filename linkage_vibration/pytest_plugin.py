@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 if TYPE_CHECKING:
-    from linkage_vibration.logs.replay import Settings
+    from linkage_vibration.parameters import Parameters
     from linkage_vibration.testkit import Limits, Report
 
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 def check_bag(tmp_path: Path) -> "Callable[..., Report]":
     """Return what fails the test, with the moment and a picture, if a bag passes a limit."""
 
-    def check(bag: Path, limits: "Limits", settings: "Settings | None" = None) -> "Report":
+    def check(bag: Path, limits: "Limits", settings: "Parameters | None" = None) -> "Report":
         # Every run of pytest loads this plugin; NumPy is for those that use it.
         from linkage_vibration import testkit
 

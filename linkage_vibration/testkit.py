@@ -17,11 +17,13 @@ from numpy.typing import NDArray
 
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.files import write_bytes
-from linkage_vibration.logs.replay import PREDICTION_TOPIC, RESONANCE_TOPIC, Settings, replay
+from linkage_vibration.parameters import Parameters
 from linkage_vibration.plots import COLOURS, GREY, INK
 from linkage_vibration.prediction import Status
 from linkage_vibration.readers.message_columns import Columns, read_columns, topic_types
 from linkage_vibration.readers.streams import open_bags
+from linkage_vibration.replay.replay import replay
+from linkage_vibration.topics import PREDICTION_TOPIC, RESONANCE_TOPIC
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -144,7 +146,7 @@ class _Signals:
 
 
 def check_bag(
-    bag: Path, limits: Limits, settings: Settings | None = None, picture: Path | None = None
+    bag: Path, limits: Limits, settings: Parameters | None = None, picture: Path | None = None
 ) -> Report:
     """Hold a bag against limits.
 
@@ -154,7 +156,7 @@ def check_bag(
         A log that has predictions; or any bag, which is replayed for this.
     limits : Limits
         What it is held against.
-    settings : Settings, optional
+    settings : Parameters, optional
         Replay the bag with these, also where it has predictions.
     picture : Path, optional
         The PNG to write where a limit is passed, of the first failure's surroundings.
@@ -173,7 +175,7 @@ def check_bag(
                 )
             folder = stack.enter_context(tempfile.TemporaryDirectory())
             log = Path(folder) / "replayed.mcap"
-            replay([bag], log, settings or Settings())
+            replay([bag], log, settings or Parameters())
         signals = _signals(bag, log, limits)
     failures = _failures(signals, limits)
     drawn = picture if failures and picture is not None else None

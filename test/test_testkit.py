@@ -12,18 +12,13 @@ import pytest
 from mcap.reader import make_reader
 
 from linkage_vibration.logs.chunks import ChunkLog, Messages
-from linkage_vibration.logs.replay import (
-    PREDICTION,
-    PREDICTION_TOPIC,
-    RESONANCE_TOPIC,
-    Settings,
-    _topic,
-    replay,
-)
+from linkage_vibration.parameters import Parameters
 from linkage_vibration.prediction import Status
 from linkage_vibration.readers.bags import JOINT_STATE, read_messages
+from linkage_vibration.replay.replay import replay
 from linkage_vibration.resources import config_file
 from linkage_vibration.testkit import Limits, TestKitError, check_bag
+from linkage_vibration.topics import PREDICTION, PREDICTION_TOPIC, RESONANCE_TOPIC, log_topic
 
 DRIVE = config_file("drives/hitch_duty_cycle.mcap")
 START = 1_767_225_600 * 10**9  # ns, of the drive: 2026-01-01
@@ -33,7 +28,7 @@ START = 1_767_225_600 * 10**9  # ns, of the drive: 2026-01-01
 def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return the drive with its predictions."""
     path = tmp_path_factory.mktemp("log") / "log.mcap"
-    replay([DRIVE], path, Settings())
+    replay([DRIVE], path, Parameters())
     return path
 
 
@@ -45,7 +40,7 @@ def rewritten(log: Path, path: Path, keep: "np.ndarray", delays: "np.ndarray") -
             [message for *_, message in reader.iter_messages([topic])]
             for topic in ("/joint_states", PREDICTION_TOPIC)
         )
-    topics = [_topic("/joint_states", JOINT_STATE), _topic(PREDICTION_TOPIC, PREDICTION)]
+    topics = [log_topic("/joint_states", JOINT_STATE), log_topic(PREDICTION_TOPIC, PREDICTION)]
     with ChunkLog(path, topics, [], {}) as out:
         for k in keep.tolist():
             row, sent = np.array([k]), np.array([states[k].log_time])
@@ -84,7 +79,7 @@ def test_margin_is_that_of_the_resonances(log: Path) -> None:
 
 def test_statuses_tell_the_first_moment() -> None:
     """Lifted over the end of the table, the drive fails at the first angle beyond it."""
-    settings = Settings(sign=-1, offset=4.95)
+    settings = Parameters(sign=-1, offset=4.95)
     [failure] = check_bag(DRIVE, Limits(), settings).failures
     position = np.array(
         [

@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""How the node's topics are published, heard and logged."""
+"""How the node's topics are published and heard."""
 
 from collections.abc import Callable
 from functools import wraps
@@ -17,8 +17,7 @@ from rclpy.qos import (
     qos_policy_name_from_kind,
 )
 
-from linkage_vibration.logs.definitions import message_definition, type_hash
-from linkage_vibration.logs.recording import QUEUE_DEPTH, Topic, offered_qos_profiles
+from linkage_vibration.logs.recording import QUEUE_DEPTH
 from linkage_vibration.ros.diagnostics import Statistics
 from linkage_vibration.ros.throttle import Throttle
 
@@ -74,13 +73,6 @@ def subscribe(node: Node, kind: Any, topic: str, heard: Callable[..., None]) -> 
     return node.create_subscription(
         kind, topic, cast(Any, call), _qos(ReliabilityPolicy.BEST_EFFORT), raw=True
     )
-
-
-def log_topic(name: str, type_name: str) -> Topic:
-    """Return what a log has to know of a topic."""
-    # Played back as reliable, a log reaches subscribers of either kind.
-    qos = offered_qos_profiles(reliable=True, depth=QUEUE_DEPTH)
-    return Topic(name, type_name, message_definition(type_name), type_hash(type_name), qos)
 
 
 def message_class(type_name: str) -> Any:

@@ -19,31 +19,23 @@ from std_msgs.msg import String
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.excitation import ResonanceMonitor
 from linkage_vibration.logs.recorder import Provenance, Recorder
+from linkage_vibration.parameters import NODE_NAME, without_markers
 from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.ros.diagnostics import Health, Log, Statistics, diagnostics, status
 from linkage_vibration.ros.endpoints import advertise
 from linkage_vibration.ros.markers import Markers, MarkerSettings
 from linkage_vibration.ros.model import (
-    absolute,
-    excitation_path,
     load_served,
     provenance,
     table_info,
 )
-from linkage_vibration.ros.parameters import (
-    changed,
-    declare_parameters,
-    in_own_types,
-    without_markers,
-)
+from linkage_vibration.ros.parameters import changed, declare_parameters, in_own_types
 from linkage_vibration.ros.predicting import Predicting, own_topics
 from linkage_vibration.ros.recording import Recording
 from linkage_vibration.ros.services import Services
 from linkage_vibration.ros.throttle import Throttle
 from linkage_vibration.serving import Served
 from linkage_vibration_interfaces.msg import TableInfo
-
-NODE_NAME = "linkage_vibration"
 
 
 class LinkageVibrationNode(LifecycleNode):
@@ -188,14 +180,14 @@ class LinkageVibrationNode(LifecycleNode):
             raise next(iter(self._faults.values()))
         settings = self._settings
         settings.crank_input()
-        path = excitation_path(settings)
+        path = settings.excitation_path()
         excitations = read_excitations(path)
         self._excitations = path.read_text(encoding="utf-8")
         self._served = served = load_served(settings, self.get_logger().info, self._go_on)
         statistics, throttle = self._statistics, self._throttle
         topics = own_topics(self)
         recorder = Recorder(
-            absolute(settings.log_directory),
+            settings.log_path(),
             topics,
             self._provenance(served),
             settings.limits(),

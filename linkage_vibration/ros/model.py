@@ -3,23 +3,15 @@
 """The mechanism, its table and its excitations, as the node's parameters name them."""
 
 from collections.abc import Callable
-from pathlib import Path
 
 from builtin_interfaces.msg import Time
 
-import linkage_vibration
 from linkage_vibration.logs.recorder import Provenance, package_versions
 from linkage_vibration.logs.recording import Attachment
 from linkage_vibration.mechanics.model import LinkageModel
+from linkage_vibration.parameters import Parameters, parameters_yaml
 from linkage_vibration.prediction import Predictor
 from linkage_vibration.readers.mechanism import read_mechanism
-from linkage_vibration.resources import (
-    DEFAULT_EXCITATIONS,
-    DEFAULT_MECHANISM,
-    DEFAULT_TABLE,
-    config_file,
-)
-from linkage_vibration.ros.parameters import Parameters, parameters_yaml
 from linkage_vibration.serving import Served, place_name
 from linkage_vibration.table import Table, load_table, table_bytes
 from linkage_vibration.tabulation import build_table
@@ -45,11 +37,9 @@ def load_served(
     LinkageVibrationError
         If a file cannot be used, or the mechanism cannot be tabulated.
     """
-    mechanism_file, table_file = settings.mechanism_file, settings.table_file
-    path = absolute(mechanism_file) if mechanism_file else config_file(DEFAULT_MECHANISM)
+    path, table_path = settings.mechanism_path(), settings.table_path()
     mechanism = read_mechanism(path)
-    if table_file or not mechanism_file:
-        table_path = absolute(table_file) if table_file else config_file(DEFAULT_TABLE)
+    if table_path is not None:
         table = load_table(table_path, mechanism)
     else:
         say(
@@ -58,17 +48,6 @@ def load_served(
         )
         table = build_table(LinkageModel(mechanism), solved=check)
     return Served(Predictor(table), mechanism, path.read_text(encoding="utf-8"))
-
-
-def excitation_path(settings: Parameters) -> Path:
-    """Return the file that describes the excitations."""
-    path = settings.excitation_file
-    return absolute(path) if path else config_file(DEFAULT_EXCITATIONS)
-
-
-def absolute(text: str) -> Path:
-    """Return the path that a parameter means; no shell has expanded its ``~``."""
-    return Path(text).expanduser().absolute()
 
 
 def provenance(
@@ -84,8 +63,7 @@ def provenance(
         With its namespace.
     """
     name, table = served.mechanism.name, served.table
-    parameters = f"# linkage_vibration {linkage_vibration.__version__}\n"
-    parameters += parameters_yaml(settings, node_name)
+    parameters = parameters_yaml(settings, node_name)
     return Provenance(
         (
             Attachment(f"{name}.yaml", "application/yaml", served.mechanism_text.encode()),

@@ -1,13 +1,11 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""The node's parameters: declared, checked and documented from one list."""
+"""The node's parameters as ROS 2 declares, describes and sets them."""
 
-import math
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field, fields, replace
-from typing import Any, TypeVar
+from collections.abc import Iterable, Mapping
+from dataclasses import fields
+from typing import Any
 
-import yaml
 from rcl_interfaces.msg import (
     FloatingPointRange,
     IntegerRange,
@@ -17,330 +15,13 @@ from rcl_interfaces.msg import (
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from linkage_vibration.errors import LinkageVibrationError
-from linkage_vibration.excitation import Source
-from linkage_vibration.inputs import InputError, JointInput, PercentInput
-from linkage_vibration.logs.recorder import Limits
-from linkage_vibration.logs.recording import COMPRESSIONS
-
-Value = TypeVar("Value", bool, int, float, str, tuple[float, ...])
-
-# ROS 2's names of the types, as `ros2 param describe` prints them.
-TYPE_NAMES = {
-    bool: "boolean",
-    int: "integer",
-    float: "double",
-    str: "string",
-    tuple: "double array",
-}
-JOINT_STATE, PERCENT = "joint_state", "percent"
-
-
-class ParameterError(LinkageVibrationError):
-    """A parameter of the node has a value that it cannot have."""
-
-
-def _parameter(
-    default: Value,
-    unit: str,
-    valid: str,
-    description: str,
-    check: Callable[[Value], bool] = lambda value: True,
-    *,
-    between: tuple[float, float] | None = None,
-    live: bool = False,
-) -> Value:
-    """Return a dataclass field that carries what a declaration and a manual say.
-
-    ``between`` is a range that includes its ends; a ``live`` parameter can be set while the node
-    works, all others are read when it is configured.
-    """
-    if between is not None:
-        valid = f"{between[0]:g} to {between[1]:g}"
-    metadata = {
-        "unit": unit,
-        "valid": valid,
-        "description": description,
-        "check": check,
-        "between": between,
-        "live": live,
-    }
-    found: Any = field(default=default, metadata=metadata)
-    return found  # type: ignore[no-any-return]
-
-
-def _speed(source: Source, topic: str) -> float:
-    """Return the field of a speed that may be fixed."""
-    return _parameter(
-        -1.0,
-        source.unit,
-        "a finite number",
-        f"Fixed {source.value} speed; below 0, it is heard on `{topic}` (std_msgs/Float64).",
-        math.isfinite,
-        live=True,
-    )
-
-
-@dataclass(frozen=True, slots=True)
-class Parameters:
-    """What the node was asked to do.
-
-    The fields' metadata are the descriptors; their order is the manual's.
-    """
-
-    autostart: bool = _parameter(
-        True, "", "true or false", "Configure and activate at start, without a lifecycle manager."
-    )
-    input: str = _parameter(
-        JOINT_STATE,
-        "",
-        f"{JOINT_STATE} or {PERCENT}",
-        "Where the crank angle comes from: a joint on `joint_states`, or the hitch position in "
-        "percent on `hitch_position` (std_msgs/Float64, 0 down to 100 up).",
-        lambda value: value in (JOINT_STATE, PERCENT),
-        live=True,
-    )
-    joint_name: str = _parameter(
-        "hitch_rockshaft_joint",
-        "",
-        "the name of a joint",
-        "Joint whose position turns the input crank.",
-        lambda name: name != "",
-        live=True,
-    )
-    sign: int = _parameter(
-        1,
-        "1",
-        "1 or -1",
-        "Sense of the joint: crank angle = sign * scale * position + offset.",
-        lambda sign: sign in (1, -1),
-        live=True,
-    )
-    scale: float = _parameter(
-        1.0,
-        "rad per unit of position",
-        "a finite number greater than 0",
-        "Change of the crank angle per unit of joint position.",
-        lambda scale: 0.0 < scale < math.inf,
-        live=True,
-    )
-    offset: float = _parameter(
-        0.0,
-        "rad",
-        "a finite number",
-        "Crank angle at joint position 0.",
-        math.isfinite,
-        live=True,
-    )
-    percent_points: tuple[float, ...] = _parameter(
-        (0.0, 100.0),
-        "%",
-        "ascending numbers from 0 to 100",
-        "Hitch positions of the calibration from percent to crank angle.",
-        live=True,
-    )
-    percent_angles: tuple[float, ...] = _parameter(
-        (3.14159, 1.5708),
-        "rad",
-        "as many numbers, all ascending or all descending",
-        "Crank angles at those hitch positions; a monotone curve leads from one to the next.",
-        live=True,
-    )
-    angle_stddev: float = _parameter(
-        0.0,
-        "rad",
-        "",
-        "Standard deviation of the crank angle, carried to the frequencies; that of the percent's "
-        "steps of 0.4 is added.",
-        between=(0.0, 1.0),
-        live=True,
-    )
-    mechanism_file: str = _parameter(
-        "",
-        "",
-        "the path of a YAML file, or empty",
-        "Mechanism; empty for the three-point linkage that ships with the package.",
-    )
-    table_file: str = _parameter(
-        "",
-        "",
-        "the path of an .npz file, or empty",
-        "Table of that mechanism, made by `linkage-vibration build`; empty for the one that ships "
-        "with the package, or, where mechanism_file is given, for one computed at start.",
-    )
-    excitation_file: str = _parameter(
-        "",
-        "",
-        "the path of a YAML file, or empty",
-        "What excites the linkage; empty for the orders that ship with the package.",
-    )
-    engine_speed: float = _speed(Source.ENGINE, "engine_speed")
-    pto_speed: float = _speed(Source.PTO, "pto_speed")
-    ground_speed: float = _speed(Source.GROUND, "ground_speed")
-    warning_margin: float = _parameter(
-        0.1,
-        "1",
-        "",
-        "Relative margin of an excitation to a natural frequency below which it warns.",
-        between=(0.0, 1.0),
-        live=True,
-    )
-    hysteresis: float = _parameter(
-        0.02,
-        "1",
-        "",
-        "By how much the margin has to exceed that until the warning ends.",
-        between=(0.0, 1.0),
-        live=True,
-    )
-    stale_after: float = _parameter(
-        1.0,
-        "s",
-        "",
-        "Age from which a speed, or the crank angle, is stale.",
-        between=(0.01, 3600.0),
-        live=True,
-    )
-    record: bool = _parameter(
-        False,
-        "",
-        "true or false",
-        "Whether to begin a log, in MCAP, when the node is activated; `~/start_recording` and "
-        "`~/stop_recording` do so at any time.",
-    )
-    log_directory: str = _parameter(
-        "",
-        "",
-        "the path of a folder that exists, or empty",
-        "Where logs go; empty for the current directory.",
-    )
-    compression: str = _parameter(
-        "zstd",
-        "",
-        ", ".join(COMPRESSIONS),
-        "Of logs.",
-        lambda value: value in COMPRESSIONS,
-    )
-    split_size: int = _parameter(
-        0,
-        "byte",
-        "a whole number, 0 for no limit",
-        "Size from which a log goes on in another file.",
-        lambda size: size >= 0,
-    )
-    split_duration: float = _parameter(
-        0.0,
-        "s",
-        "a finite number, 0 for no limit",
-        "Time after which a log goes on in another file.",
-        lambda duration: 0.0 <= duration < math.inf,
-    )
-    disk_limit: int = _parameter(
-        0,
-        "byte",
-        "a whole number, 0 for no limit",
-        "What all logs in the folder may take; recording ends there.",
-        lambda size: size >= 0,
-    )
-    delete_oldest: bool = _parameter(
-        False, "", "true or false", "Whether to delete the oldest logs instead."
-    )
-    extra_topics: str = _parameter(
-        "",
-        "",
-        "names of topics, separated by spaces, or empty",
-        "Topics to log as they come, beside those that the node uses.",
-    )
-    marker_mode: int = _parameter(
-        1,
-        "1",
-        "",
-        "Mode that `~/markers` show, an index into the natural frequencies; -1 for none.",
-        between=(-1, 1000),
-        live=True,
-    )
-    marker_rate: float = _parameter(
-        10.0, "Hz", "", "Pictures a second on `~/markers`.", between=(0.1, 100.0), live=True
-    )
-    marker_frame: str = _parameter(
-        "base_link",
-        "",
-        "the name of a frame",
-        "Frame of `~/markers`: the mechanism's origin, x forward, z up.",
-        lambda name: name != "",
-        live=True,
-    )
-
-    def crank_input(self) -> JointInput | PercentInput:
-        """Return what makes crank angles of readings.
-
-        Raises
-        ------
-        ParameterError
-            If the calibration cannot be used.
-        """
-        if self.input == JOINT_STATE:
-            return JointInput(
-                self.joint_name, self.sign, self.scale, self.offset, self.angle_stddev
-            )
-        try:
-            return PercentInput(self.percent_points, self.percent_angles, self.angle_stddev)
-        except InputError as error:
-            raise ParameterError(f"Parameters percent_points, percent_angles: {error}") from None
-
-    def fixed_speed(self, source: Source) -> float | None:
-        """Return a speed that is fixed (rpm, m/s), or None where it is heard."""
-        value = {
-            Source.ENGINE: self.engine_speed,
-            Source.PTO: self.pto_speed,
-            Source.GROUND: self.ground_speed,
-        }[source]
-        return value if value >= 0.0 else None
-
-    def limits(self) -> Limits:
-        """Return how large logs become."""
-        return Limits(self.split_size, self.split_duration, self.disk_limit, self.delete_oldest)
-
-
-def check_value(name: str, value: object) -> Any:
-    """Return the value of a parameter, in its own type.
-
-    Parameters
-    ----------
-    name : str
-        A field of `Parameters`.
-    value : object
-        What a person gave for it.
-
-    Raises
-    ------
-    ParameterError
-        If it has another type, or is not valid.
-    """
-    parameter = next(f for f in fields(Parameters) if f.name == name)
-    value = _own_type(type(parameter.default), value)
-    words = parameter.metadata
-    between = words["between"]
-    if (
-        type(value) is not type(parameter.default)
-        or (between is not None and not between[0] <= value <= between[1])
-        or not words["check"](value)
-    ):
-        raise ParameterError(
-            f"Parameter {name} must be {words['valid']}, not {value!r}; "
-            f"write for example `{name}: {_yaml(parameter.default)}`."
-        )
-    return value
-
-
-def _own_type(kind: type, value: Any) -> Any:
-    """Return a value as a parameter's type, where it means the same: YAML's 1 is as good as 1.0."""
-    if kind is float and type(value) is int:
-        return float(value)
-    if kind is tuple and not isinstance(value, str | bytes) and isinstance(value, Iterable):
-        items = [_own_type(float, item) for item in value]
-        return tuple(items) if all(type(item) is float for item in items) else items
-    return value
+from linkage_vibration.parameters import (
+    ParameterError,
+    Parameters,
+    check_value,
+    own_type,
+    with_values,
+)
 
 
 def declare_parameters(node: Node) -> tuple[Parameters, dict[str, ParameterError]]:
@@ -395,7 +76,7 @@ def in_own_types(asked: "list[Parameter[Any]]") -> "list[Parameter[Any]]":
     """Return parameters that are to be set, whole numbers as doubles where these are wanted."""
     kinds = {parameter.name: type(parameter.default) for parameter in fields(Parameters)}
     return [
-        Parameter(p.name, value=_own_type(kinds[p.name], p.value)) if p.name in kinds else p
+        Parameter(p.name, value=own_type(kinds[p.name], p.value)) if p.name in kinds else p
         for p in asked
     ]
 
@@ -423,49 +104,9 @@ def changed(
                     f"Parameter {name} is read when the node is configured; clean it up first "
                     "(`ros2 lifecycle set`), or give it at start."
                 )
-        found = replace(settings, **{name: check_value(name, v) for name, v in values.items()})
+        found = with_values(settings, values)
         if configured:
             found.crank_input()
     except ParameterError as error:
         return settings, SetParametersResult(successful=False, reason=str(error))
     return found, SetParametersResult(successful=True)
-
-
-def without_markers(settings: Parameters) -> Parameters:
-    """Return the parameters with the defaults of those that messages do not depend on."""
-    shown = [parameter for parameter in fields(Parameters) if parameter.name.startswith("marker_")]
-    defaults: Any = {parameter.name: parameter.default for parameter in shown}
-    return replace(settings, **defaults)
-
-
-def parameters_yaml(parameters: Parameters, node_name: str) -> str:
-    """Return a file for ``--params-file`` that gives a node these parameters."""
-    values = {f.name: _plain(getattr(parameters, f.name)) for f in fields(parameters)}
-    return yaml.safe_dump(
-        {node_name: {"ros__parameters": values}}, sort_keys=False, default_flow_style=None
-    )
-
-
-def parameter_table() -> str:
-    """Return the parameters as a Markdown table, for the manual."""
-    rows = [
-        "| parameter | type | default | unit | valid | live | meaning |",
-        "|---|---|---|---|---|---|---|",
-    ]
-    for parameter in fields(Parameters):
-        words = parameter.metadata
-        rows.append(
-            f"| `{parameter.name}` | {TYPE_NAMES[type(parameter.default)]} "
-            f"| `{_yaml(parameter.default)}` | {words['unit']} | {words['valid']} "
-            f"| {'yes' if words['live'] else ''} | {words['description']} |"
-        )
-    return "\n".join(rows) + "\n"
-
-
-def _plain(value: object) -> object:
-    return list(value) if isinstance(value, tuple) else value
-
-
-def _yaml(value: object) -> str:
-    """Return a scalar or a list as YAML writes it."""
-    return yaml.safe_dump(_plain(value), default_flow_style=True).splitlines()[0]

@@ -18,33 +18,36 @@ from linkage_vibration.excitation import Resonance, ResonanceMonitor, Source
 from linkage_vibration.inputs import JointInput, PercentInput, Reading, ReadingError
 from linkage_vibration.logs.recording import Topic
 from linkage_vibration.messages import encode_prediction, encode_resonance, fault
+from linkage_vibration.parameters import Parameters
 from linkage_vibration.prediction import Predictor, Status
+from linkage_vibration.readers.bags import JOINT_STATE
 from linkage_vibration.ros.diagnostics import Statistics
-from linkage_vibration.ros.endpoints import advertise, log_topic, subscribe
-from linkage_vibration.ros.parameters import JOINT_STATE, Parameters
+from linkage_vibration.ros.endpoints import advertise, subscribe
 from linkage_vibration.ros.throttle import Throttle
+from linkage_vibration.topics import (
+    FLOAT64,
+    HITCH_POSITION,
+    JOINT_STATES,
+    PREDICTION,
+    RESONANCE,
+    SPEEDS,
+    log_topic,
+)
 from linkage_vibration_interfaces.msg import Resonance as ResonanceMessage
 from linkage_vibration_interfaces.msg import VibrationPrediction
 
-SPEED_TOPICS = {
-    Source.ENGINE: "engine_speed",
-    Source.PTO: "pto_speed",
-    Source.GROUND: "ground_speed",
-}
-INPUT_TOPICS = "joint_states", "hitch_position"
 MISSING_AFTER = 5.0  # s without the joint, before it is said to be missing
 MAX_NAMES_TOLD = 20
 
 
 def own_topics(node: Node) -> list[Topic]:
     """Return all topics that `Predicting` hears or publishes on a node, as a log knows them."""
-    joint_states, hitch_position = INPUT_TOPICS
     types = {
-        joint_states: "sensor_msgs/msg/JointState",
-        hitch_position: "std_msgs/msg/Float64",
-        "~/prediction": "linkage_vibration_interfaces/msg/VibrationPrediction",
-        "~/resonance": "linkage_vibration_interfaces/msg/Resonance",
-        **dict.fromkeys(SPEED_TOPICS.values(), "std_msgs/msg/Float64"),
+        JOINT_STATES: JOINT_STATE,
+        HITCH_POSITION: FLOAT64,
+        "~/prediction": PREDICTION,
+        "~/resonance": RESONANCE,
+        **dict.fromkeys(SPEEDS, FLOAT64),
     }
     return [log_topic(node.resolve_topic_name(name), kind) for name, kind in types.items()]
 
@@ -102,8 +105,9 @@ class Predicting:
         self._subscriptions: list[Any] = []
         self._other_joints: set[str] = set()
         self._began = 0.0
-        self._joint_topic, self._percent_topic = map(node.resolve_topic_name, INPUT_TOPICS)
-        self._speed_topics = {s: node.resolve_topic_name(n) for s, n in SPEED_TOPICS.items()}
+        self._joint_topic = node.resolve_topic_name(JOINT_STATES)
+        self._percent_topic = node.resolve_topic_name(HITCH_POSITION)
+        self._speed_topics = {s: node.resolve_topic_name(n) for n, s in SPEEDS.items()}
         self._predictions = advertise(
             node, VibrationPrediction, "~/prediction", statistics, throttle
         )
@@ -142,7 +146,7 @@ class Predicting:
         self._statistics.last_reading = math.nan
         hitch = (
             (JointState, self._joint_topic, self._on_joint_state)
-            if self._settings.input == JOINT_STATE
+            if isinstance(self._input, JointInput)
             else (Float64, self._percent_topic, self._on_percent)
         )
         # Of what is there at once the executor takes the first subscription's: speeds, that the

@@ -14,8 +14,9 @@ from std_srvs.srv import Trigger
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.logs.recorder import Recorder
 from linkage_vibration.logs.recording import LogError
-from linkage_vibration.ros.endpoints import log_topic, message_class, subscribe
+from linkage_vibration.ros.endpoints import message_class, subscribe
 from linkage_vibration.ros.throttle import Throttle
+from linkage_vibration.topics import log_topic
 
 
 class Recording:

@@ -11,7 +11,8 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import RCLError
 
 from linkage_vibration.errors import LinkageVibrationError
-from linkage_vibration.ros.lifecycle import NODE_NAME, LinkageVibrationNode
+from linkage_vibration.parameters import NODE_NAME
+from linkage_vibration.ros.lifecycle import LinkageVibrationNode
 
 WATCH_PERIOD = 0.2  # s, between two looks whether a signal came
 

@@ -10,7 +10,9 @@ import pytest
 
 from linkage_vibration.cli import main
 from linkage_vibration.drive import hitch_duty_cycle
-from linkage_vibration.logs.replay import Settings, WhatIf, replay
+from linkage_vibration.parameters import Parameters
+from linkage_vibration.replay.model import WhatIf
+from linkage_vibration.replay.replay import replay
 from linkage_vibration.resources import config_file
 from linkage_vibration.review.difference import compare, summary
 from linkage_vibration.review.log import ReviewError, read_log
@@ -21,8 +23,8 @@ def heavier(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     """Return logs of the shipped drive with the linkage as it is, and with 1200 kg behind it."""
     folder = tmp_path_factory.mktemp("heavier")
     bag = config_file("drives/hitch_duty_cycle.mcap")
-    replay([bag], folder / "a.mcap", Settings())
-    replay([bag], folder / "b.mcap", Settings(), what_if=WhatIf(mass=1200.0))
+    replay([bag], folder / "a.mcap", Parameters())
+    replay([bag], folder / "b.mcap", Parameters(), what_if=WhatIf(mass=1200.0))
     return folder / "a.mcap", folder / "b.mcap"
 
 

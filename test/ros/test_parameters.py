@@ -1,92 +1,48 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Parameters: one list for declaring, checking and the manual."""
+"""Parameters as ROS 2 gives and sets them."""
 
-import math
-from array import array
-from dataclasses import fields
+from pathlib import Path
 
 import pytest
-import yaml
+import rclpy
+from rclpy.context import Context
+from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from linkage_vibration.inputs import JointInput, PercentInput
-from linkage_vibration.resources import share_directory
-from linkage_vibration.ros.parameters import (
-    ParameterError,
-    Parameters,
-    changed,
-    check_value,
-    in_own_types,
-    parameter_table,
-    parameters_yaml,
-)
-
-
-def test_readme_has_the_table() -> None:
-    """The README's table of parameters is the one that the code gives."""
-    assert parameter_table().strip() in (share_directory() / "README.md").read_text()
-
-
-def test_parameter_file_has_every_parameter() -> None:
-    """The file to begin from lists every parameter with its default, in the manual's order."""
-    text = (share_directory() / "config" / "linkage_vibration.params.yaml").read_text()
-    written = yaml.safe_load(text)["/**"]["ros__parameters"]
-    expected = yaml.safe_load(parameters_yaml(Parameters(), "/**"))["/**"]["ros__parameters"]
-    assert written == expected
-    assert list(written) == list(expected)
-
-
-def test_defaults_are_valid() -> None:
-    """Every default passes its own check."""
-    for parameter in fields(Parameters):
-        assert check_value(parameter.name, parameter.default) == parameter.default
-
-
-def test_whole_numbers_may_stand_for_doubles() -> None:
-    """YAML's 2 is taken as 2.0 where a double is wanted, and nothing else is bent."""
-    assert check_value("scale", 2) == 2.0
-    assert isinstance(check_value("scale", 2), float)
-    for name, value in (("scale", True), ("sign", 1.0), ("record", 1), ("joint_name", 5)):
-        with pytest.raises(ParameterError, match=name):
-            check_value(name, value)
+from linkage_vibration.parameters import NODE_NAME, Parameters, read_parameters
+from linkage_vibration.ros.parameters import changed, declare_parameters, in_own_types
 
 
 @pytest.mark.parametrize(
-    ("name", "value"),
-    [("scale", 0.0), ("scale", "fast"), ("offset", math.nan), ("joint_name", ""), ("sign", 0)],
+    "text",
+    [
+        "/**: {ros__parameters: {sign: -1, scale: 1e-3, offset: 2, joint_name: arm}}",
+        "linkage_vibration: {ros__parameters: {percent_points: [0, 50], record: yes}}",
+        "/linkage_vibration: {ros__parameters: {scale: 3.}}\n/**: {ros__parameters: {scale: 2.}}",
+        "/**: {ros__parameters: {scale: 2.}}\n/linkage_vibration: {ros__parameters: {scale: 3.}}",
+        "/*: {ros__parameters: {sign: -1}}\n/**/linkage_vibration: {ros__parameters: {scale: .5}}",
+        "/a/linkage_vibration: {ros__parameters: {sign: -1}}\n/**: {ros__parameters: {scale: 2.}}",
+        "/*/linkage_vibration: {ros__parameters: {sign: -1}}\n/**: {ros__parameters: {scale: 2e0}}",
+        "/**: {ros__parameters: {use_sim_time: false, qos_overrides: {a: 1}, offset: -.5E+1}}",
+    ],
 )
-def test_what_is_not_valid_is_refused_in_words(name: str, value: object) -> None:
-    """The parameter, what it must be, what it is, and an example."""
-    with pytest.raises(ParameterError, match=f"{name} must be .*, not .*; write for example"):
-        check_value(name, value)
-
-
-def test_ranges_hold_at_their_ends() -> None:
-    """A range includes its ends, refuses what is beyond, and NaN."""
-    assert check_value("warning_margin", 0) == 0.0
-    assert check_value("warning_margin", 1.0) == 1.0
-    for value in (-1e-9, 1.0 + 1e-9, math.nan, math.inf):
-        with pytest.raises(ParameterError, match="warning_margin must be 0 to 1"):
-            check_value("warning_margin", value)
-
-
-def test_lists_of_numbers() -> None:
-    """Arrays, lists and whole numbers make a calibration; what holds no numbers does not."""
-    assert check_value("percent_points", array("d", [0.0, 100.0])) == (0.0, 100.0)
-    assert check_value("percent_points", [0, 50, 100]) == (0.0, 50.0, 100.0)
-    for value in ("0 100", ["0", "100"], 5.0, [True, False]):
-        with pytest.raises(ParameterError, match="percent_points"):
-            check_value("percent_points", value)
-
-
-def test_inputs_are_what_was_asked_for() -> None:
-    """The joint's rule or the calibration make angles; one that cannot be used names its keys."""
-    joint = Parameters(sign=-1, scale=0.5, offset=2.0, angle_stddev=0.1).crank_input()
-    assert joint == JointInput("hitch_rockshaft_joint", -1, 0.5, 2.0, 0.1)
-    assert isinstance(Parameters(input="percent").crank_input(), PercentInput)
-    with pytest.raises(ParameterError, match="percent_points, percent_angles: .*point 2"):
-        Parameters(input="percent", percent_angles=(1.0, 1.0)).crank_input()
+def test_a_file_means_the_same_to_node_and_replay(
+    environment: dict[str, str], tmp_path: Path, text: str
+) -> None:
+    """What a file gives is what rclpy gives a node that is started with it."""
+    path = tmp_path / "params.yaml"
+    path.write_text(text)
+    context = Context()
+    rclpy.init(args=["--ros-args", "--params-file", str(path)], context=context)
+    node = Node(NODE_NAME, context=context)
+    try:
+        given, faults = declare_parameters(node)
+    finally:
+        node.destroy_node()
+        rclpy.shutdown(context=context)
+    assert not faults
+    assert read_parameters(path) == given != Parameters()
 
 
 def test_what_may_be_set() -> None:

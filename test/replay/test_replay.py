@@ -5,7 +5,6 @@
 import subprocess
 import sys
 from collections.abc import Iterable
-from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -22,23 +21,20 @@ from rosbags.typesys import Stores, get_typestore
 from linkage_vibration.cli import main
 from linkage_vibration.excitation import ResonanceMonitor, Source
 from linkage_vibration.inputs import JointInput, PercentInput
-from linkage_vibration.logs.replay import (
-    ReplayError,
-    Settings,
-    WhatIf,
-    read_settings,
-    remappings,
-    replay,
-)
 from linkage_vibration.messages import encode_prediction, encode_resonance
+from linkage_vibration.parameters import Parameters, read_parameters
 from linkage_vibration.prediction import Predictor, Status
 from linkage_vibration.readers.bags import JOINT_STATE, BagError, read_messages
 from linkage_vibration.readers.excitations import read_excitations
+from linkage_vibration.replay.errors import ReplayError
+from linkage_vibration.replay.model import WhatIf
+from linkage_vibration.replay.replay import replay
+from linkage_vibration.replay.topics import remappings
 from linkage_vibration.resources import DEFAULT_EXCITATIONS, DEFAULT_TABLE, config_file
 from linkage_vibration.table import load_table
+from linkage_vibration.topics import FLOAT64, log_topic
 
 DRIVE = config_file("drives/hitch_duty_cycle.mcap")
-FLOAT64 = "std_msgs/msg/Float64"
 JOINT = "hitch_rockshaft_joint"
 PREDICTION, RESONANCE = "/linkage_vibration/prediction", "/linkage_vibration/resonance"
 STORE = get_typestore(Stores.LATEST)
@@ -115,7 +111,7 @@ def test_same_as_one_by_one(tmp_path: Path) -> None:
     entries.append(("/pto_speed", FLOAT64, START + 10**9, float64(540.0)))
     entries.sort(key=lambda entry: entry[2])
     bag, log = write_mcap(tmp_path / "bag.mcap", entries), tmp_path / "log.mcap"
-    settings = Settings(sign=-1, scale=0.9, offset=4.6, angle_stddev=1e-3)
+    settings = Parameters(sign=-1, scale=0.9, offset=4.6, angle_stddev=1e-3)
     done = replay([bag], log, settings)
 
     predictor = Predictor(load_table(config_file(DEFAULT_TABLE)))
@@ -147,8 +143,8 @@ def test_same_as_one_by_one(tmp_path: Path) -> None:
 def test_a_log_replayed_is_the_same_log(tmp_path: Path) -> None:
     """A log holds all that its replay needs, and the replay's bytes do not change."""
     first, second = tmp_path / "first.mcap", tmp_path / "second.mcap"
-    replay([DRIVE], first, Settings())
-    replay([first], second, Settings())
+    replay([DRIVE], first, Parameters())
+    replay([first], second, Parameters())
     for topic in (PREDICTION, RESONANCE, "/joint_states"):
         assert data_of(first, topic) == data_of(second, topic) != []
     with first.open("rb") as file:
@@ -156,7 +152,7 @@ def test_a_log_replayed_is_the_same_log(tmp_path: Path) -> None:
         attached = {attachment.name: attachment.data for attachment in reader.iter_attachments()}
     assert attached["excitations.yaml"] == config_file(DEFAULT_EXCITATIONS).read_bytes()
     (tmp_path / "parameters.yaml").write_bytes(attached["parameters.yaml"])
-    assert read_settings(tmp_path / "parameters.yaml") == Settings()
+    assert read_parameters(tmp_path / "parameters.yaml") == Parameters()
     (tmp_path / "table.npz").write_bytes(attached[next(n for n in attached if n.endswith("npz"))])
     assert (
         load_table(tmp_path / "table.npz").table_id
@@ -187,7 +183,7 @@ def test_every_kind_of_bag_gives_the_same(tmp_path: Path) -> None:
     bags.append([tmp_path / "old.bag"])
     found = []
     for paths in bags:
-        replay(paths, tmp_path / "log.mcap", Settings())
+        replay(paths, tmp_path / "log.mcap", Parameters())
         found.append(data_of(tmp_path / "log.mcap", PREDICTION))
     assert len(found[0]) == 2500
     assert found[1:] == found[:1] * 3
@@ -202,7 +198,7 @@ def test_hitch_percent(tmp_path: Path) -> None:
     ]
     bag, log = write_mcap(tmp_path / "bag.mcap", entries), tmp_path / "log.mcap"
     points, angles = (0.0, 40.0, 100.0), (3.0, 2.4, 1.7)
-    settings = Settings(input="percent", percent_points=points, percent_angles=angles)
+    settings = Parameters(input="percent", percent_points=points, percent_angles=angles)
     done = replay([bag], log, settings)
     predictor = Predictor(load_table(config_file(DEFAULT_TABLE)))
     expected = []
@@ -218,9 +214,9 @@ def test_hitch_percent(tmp_path: Path) -> None:
 def test_what_if_the_implement_were_heavier(tmp_path: Path) -> None:
     """A heavier implement lowers the first natural frequency, and the log tells its mechanism."""
     bag, log = write_mcap(tmp_path / "bag.mcap", swing(20)), tmp_path / "log.mcap"
-    replay([bag], log, Settings())
+    replay([bag], log, Parameters())
     before = [m.natural_frequencies[0] for _, m in read_messages(log, PREDICTION)]
-    replay([bag], log, Settings(), what_if=WhatIf(mass=1200.0))
+    replay([bag], log, Parameters(), what_if=WhatIf(mass=1200.0))
     after = [m.natural_frequencies[0] for _, m in read_messages(log, PREDICTION)]
     ratio = np.array(after) / np.array(before)
     assert np.all(ratio[np.isfinite(ratio)] < 0.99)
@@ -238,36 +234,36 @@ def test_left_out_is_counted_and_told(tmp_path: Path) -> None:
     entries.append(("/joint_states", JOINT_STATE, time, joint_state(time, [JOINT], [])))
     entries.append(("/joint_states", JOINT_STATE, time, b"\x00\x01\x00\x00spoilt"))
     bag, log = write_mcap(tmp_path / "bag.mcap", entries), tmp_path / "log.mcap"
-    done = replay([bag], log, Settings())
+    done = replay([bag], log, Parameters())
     assert (done.predictions, done.others, done.refused, done.unreadable) == (10, 1, 1, 1)
     assert len(data_of(log, "/joint_states")) == 10
 
 
-CASES: dict[str, tuple[list[Entry], Settings, str]] = {
-    "empty": ([], Settings(), "has no topic /joint_states of .* no topics at all"),
+CASES: dict[str, tuple[list[Entry], Parameters, str]] = {
+    "empty": ([], Parameters(), "has no topic /joint_states of .* no topics at all"),
     "other joints": (
         swing(5, joint="elbow"),
-        Settings(),
+        Parameters(),
         f"no joint {JOINT} .* elbow, other.*--joint",
     ),
     "two topics": (
         swing(5, "/left") + swing(5, "/right"),
-        Settings(),
+        Parameters(),
         "2 topics; choose one, as in `--remap joint_states:=/left`: /left, /right",
     ),
     "other types": (
         [("/engine_speed", FLOAT64, START, float64(1.0))],
-        Settings(),
+        Parameters(),
         r"has no topic /joint_states .* it has /engine_speed \(std_msgs/msg/Float64\)",
     ),
     "wrong type": (
         [("/hitch_position", JOINT_STATE, START, joint_state(START, [], []))],
-        Settings(input="percent"),
+        Parameters(input="percent"),
         "Topic /hitch_position of .* holds sensor_msgs/msg/JointState, not std_msgs/msg/Float64",
     ),
     "nothing usable": (
         [("/joint_states", JOINT_STATE, START, joint_state(START, [JOINT], []))],
-        Settings(),
+        Parameters(),
         "no reading of the hitch .* 1 names but 0 positions",
     ),
 }
@@ -290,7 +286,7 @@ def test_types_that_nobody_knows(tmp_path: Path) -> None:
     data = bag.read_bytes().replace(b"sensor_msgs/msg/JointState", b"sensor_msgs/msg/OtherState")
     bag.write_bytes(data)
     with pytest.raises(ReplayError, match="holds sensor_msgs/msg/OtherState, not .*--remap"):
-        replay([bag], tmp_path / "log.mcap", Settings())
+        replay([bag], tmp_path / "log.mcap", Parameters())
 
 
 def test_damage_leaves_what_was_there(tmp_path: Path) -> None:
@@ -305,7 +301,7 @@ def test_damage_leaves_what_was_there(tmp_path: Path) -> None:
     log = tmp_path / "log.mcap"
     log.write_bytes(b"older")
     with pytest.raises(BagError, match=r"bag\.mcap is damaged"):
-        replay([bag], log, Settings())
+        replay([bag], log, Parameters())
     assert log.read_bytes() == b"older"
     assert sorted(path.name for path in tmp_path.iterdir()) == ["bag.mcap", "log.mcap"]
 
@@ -314,38 +310,9 @@ def test_output_that_cannot_be(tmp_path: Path) -> None:
     """An output in no folder, or on the input, is refused in words."""
     bag = write_mcap(tmp_path / "bag.mcap", swing(5))
     with pytest.raises(ReplayError, match="could not be written: No such file"):
-        replay([bag], tmp_path / "missing" / "log.mcap", Settings())
+        replay([bag], tmp_path / "missing" / "log.mcap", Parameters())
     with pytest.raises(ReplayError, match="is one of the bags"):
-        replay([bag], bag, Settings())
-
-
-def test_settings_are_the_nodes() -> None:
-    """Names, types and defaults are those of the node's parameters."""
-    from linkage_vibration.ros.parameters import Parameters
-
-    node = {parameter.name: parameter.default for parameter in fields(Parameters)}
-    for setting in fields(Settings):
-        assert node[setting.name] == setting.default
-        assert type(node[setting.name]) is type(setting.default)
-
-
-def test_params_file(tmp_path: Path) -> None:
-    """The node's own file is read; what is wrong in one is told with its place."""
-    assert read_settings(config_file("linkage_vibration.params.yaml")) == Settings()
-    path = tmp_path / "params.yaml"
-    values = {"joint_name": "j", "scale": 2, "record": True, "percent_angles": [3, 1.5]}
-    path.write_text(yaml.safe_dump({"/linkage_vibration": {"ros__parameters": values}}))
-    settings = read_settings(path)
-    assert (settings.joint_name, settings.scale, settings.percent_angles) == ("j", 2.0, (3.0, 1.5))
-    for text, words in (
-        ("/**: {ros__parameters: {sign: 2}}", "sign must be 1 or -1, not 2"),
-        ("/**: {ros__parameters: {scale: far}}", "scale must be a number, not 'far'"),
-        ("other_node: {ros__parameters: {}}", "has no parameters for the node"),
-        ("a: [", "cannot be read as YAML"),
-    ):
-        path.write_text(text)
-        with pytest.raises(ReplayError, match=f"params.yaml.*{words}"):
-            read_settings(path)
+        replay([bag], bag, Parameters())
 
 
 def test_remappings() -> None:
@@ -353,7 +320,7 @@ def test_remappings() -> None:
     with pytest.raises(ReplayError, match="write NAME:=TOPIC"):
         remappings(["joint_states=/x"])
     with pytest.raises(ReplayError, match="elbow is none of joint_states"):
-        replay([DRIVE], Path("log.mcap"), Settings(), {"elbow": "/x"})
+        replay([DRIVE], Path("log.mcap"), Parameters(), {"elbow": "/x"})
 
 
 def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -371,8 +338,9 @@ def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
 GROWTH = """
 import resource, sys
 from pathlib import Path
-from linkage_vibration.logs.replay import Settings, replay
-done = replay([Path(sys.argv[1])], Path(sys.argv[2]), Settings())
+from linkage_vibration.parameters import Parameters
+from linkage_vibration.replay.replay import replay
+done = replay([Path(sys.argv[1])], Path(sys.argv[2]), Parameters())
 print(done.predictions, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024)
 """
 
@@ -380,7 +348,6 @@ print(done.predictions, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 10
 def test_memory_does_not_grow_with_the_bag(tmp_path: Path) -> None:
     """A bag of 200 MB takes no more memory than one of 20."""
     from linkage_vibration.logs.chunks import ChunkLog, Messages
-    from linkage_vibration.logs.replay import _topic
 
     told = []
     rng = np.random.default_rng(1)
@@ -388,7 +355,7 @@ def test_memory_does_not_grow_with_the_bag(tmp_path: Path) -> None:
         bag = tmp_path / f"{blocks}.mcap"
         example = np.frombuffer(STORE.serialize_cdr(swing(2)[1][3], JOINT_STATE), np.uint8)
         at = example.tobytes().index(np.float64(2.35 + 0.8 * np.sin(1 / 50)).tobytes())
-        with ChunkLog(bag, [_topic("/joint_states", JOINT_STATE)], [], {}) as log:
+        with ChunkLog(bag, [log_topic("/joint_states", JOINT_STATE)], [], {}) as log:
             for number in range(blocks):
                 rows = np.arange(5000)
                 data = np.tile(example, (5000, 1))

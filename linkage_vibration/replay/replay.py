@@ -2,137 +2,49 @@
 # SPDX-License-Identifier: Apache-2.0
 """Replays bags through the prediction, and writes a log as the node would have."""
 
-import math
 import struct
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, cast
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 
-import linkage_vibration
-from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.excitation import ResonanceMonitor, Source
 from linkage_vibration.inputs import JointInput, PercentInput, Reading, ReadingError
 from linkage_vibration.logs.batches import Predictions, encode_predictions, predict_many
 from linkage_vibration.logs.chunks import ChunkLog, Messages
-from linkage_vibration.logs.definitions import message_definition, type_hash
 from linkage_vibration.logs.recorder import PROVENANCE_METADATA, package_versions
-from linkage_vibration.logs.recording import QUEUE_DEPTH, Attachment, Topic, offered_qos_profiles
-from linkage_vibration.mechanics.model import LinkageModel
+from linkage_vibration.logs.recording import Attachment
 from linkage_vibration.messages import encode_resonance
+from linkage_vibration.parameters import NODE_NAME, Parameters, parameters_yaml
 from linkage_vibration.prediction import Predictor, Status
-from linkage_vibration.readers.bags import JOINT_STATE
 from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.readers.joint_states import JointStateReader
-from linkage_vibration.readers.mechanism import load_yaml, read_mechanism
 from linkage_vibration.readers.streams import Bags, BagTopic, Block, open_bags
-from linkage_vibration.resources import (
-    DEFAULT_EXCITATIONS,
-    DEFAULT_MECHANISM,
-    DEFAULT_TABLE,
-    config_file,
+from linkage_vibration.replay.errors import ReplayError
+from linkage_vibration.replay.model import AS_IT_IS, WhatIf, load_model
+from linkage_vibration.replay.topics import choose_topics, told
+from linkage_vibration.table import table_bytes
+from linkage_vibration.topics import (
+    FLOAT64,
+    PREDICTION,
+    PREDICTION_TOPIC,
+    RESONANCE,
+    RESONANCE_TOPIC,
+    SPEEDS,
+    log_topic,
 )
-from linkage_vibration.serving import Implement, with_implement
-from linkage_vibration.table import Table, load_table, table_bytes
-from linkage_vibration.tabulation import build_table
 
 FloatArray = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-FLOAT64 = "std_msgs/msg/Float64"
-PREDICTION = "linkage_vibration_interfaces/msg/VibrationPrediction"
-RESONANCE = "linkage_vibration_interfaces/msg/Resonance"
-PREDICTION_TOPIC = "/linkage_vibration/prediction"
-RESONANCE_TOPIC = "/linkage_vibration/resonance"
 REPLAY_METADATA = "linkage_vibration.replay"
-JOINT_STATES, PERCENT = "joint_states", "hitch_position"
-SPEEDS = {"engine_speed": Source.ENGINE, "pto_speed": Source.PTO, "ground_speed": Source.GROUND}
-"""The node's names of its topics, which bags may have others for."""
-
-_NODE_NAMES = ("/**", "linkage_vibration", "/linkage_vibration")
 _PLACES = 4  # of a row of a block: an input, then its prediction, then the resonance
 _MAX_NAMES_TOLD = 20
-
-
-class ReplayError(LinkageVibrationError):
-    """A replay cannot be done as asked."""
-
-
-@dataclass(frozen=True, slots=True)
-class Settings:
-    """What the node would have been told; its parameters of these names tell the meanings."""
-
-    input: str = "joint_state"
-    joint_name: str = "hitch_rockshaft_joint"
-    sign: int = 1
-    scale: float = 1.0
-    offset: float = 0.0
-    percent_points: tuple[float, ...] = (0.0, 100.0)
-    percent_angles: tuple[float, ...] = (3.14159, 1.5708)
-    angle_stddev: float = 0.0
-    excitation_file: str = ""
-    engine_speed: float = -1.0
-    pto_speed: float = -1.0
-    ground_speed: float = -1.0
-    warning_margin: float = 0.1
-    hysteresis: float = 0.02
-    stale_after: float = 1.0
-    mechanism_file: str = ""
-    table_file: str = ""
-
-    def with_values(self, values: Mapping[str, Any], where: str) -> "Settings":
-        """Return settings with some values changed; names that are none of theirs are passed over.
-
-        Raises
-        ------
-        ReplayError
-            If a value has another type than it must, or is not valid.
-        """
-        known = {setting.name: setting.default for setting in fields(self)}
-        changed = replace(
-            self,
-            **{
-                name: _typed(value, known[name], f"{where}: {name}")
-                for name, value in values.items()
-                if name in known
-            },
-        )
-        for name, valid, words in (
-            ("input", changed.input in ("joint_state", "percent"), "joint_state or percent"),
-            ("sign", changed.sign in (1, -1), "1 or -1"),
-            ("scale", 0.0 < changed.scale < math.inf, "a finite number greater than 0"),
-            ("offset", math.isfinite(changed.offset), "a finite number"),
-            ("angle_stddev", 0.0 <= changed.angle_stddev < math.inf, "a finite number from 0 up"),
-            ("warning_margin", changed.warning_margin > 0.0, "a number greater than 0"),
-            ("hysteresis", changed.hysteresis >= 0.0, "a number from 0 up"),
-            ("stale_after", changed.stale_after > 0.0, "a number greater than 0"),
-        ):
-            if not valid:
-                raise ReplayError(f"{where}: {name} must be {words}, not {getattr(changed, name)}.")
-        return changed
-
-
-@dataclass(frozen=True, slots=True)
-class WhatIf:
-    """Other numbers of the only rigid body, the implement; None leaves one as it is.
-
-    Attributes
-    ----------
-    mass, inertia : float, optional
-        kg, and kg m2 about the centre of gravity.
-    """
-
-    mass: float | None = None
-    inertia: float | None = None
-
-
-AS_IT_IS = WhatIf()
 
 
 @dataclass(slots=True)
@@ -188,25 +100,6 @@ class _Readings:
     frame_id: str
 
 
-def remappings(words: Sequence[str]) -> dict[str, str]:
-    """Return what ``NAME:=TOPIC`` words mean.
-
-    Raises
-    ------
-    ReplayError
-        If a word is none.
-
-    Examples
-    --------
-    >>> remappings(["joint_states:=/arm/joint_states"])
-    {'joint_states': '/arm/joint_states'}
-    """
-    for word in words:
-        if ":=" not in word.strip(":="):
-            raise ReplayError(f"--remap {word}: write NAME:=TOPIC.")
-    return {name: topic for name, topic in (word.split(":=", 1) for word in words)}
-
-
 def summary(done: Replayed) -> str:
     """Return in words what a replay has done."""
     told = f"{done.predictions} predictions for {done.topic}"
@@ -222,38 +115,10 @@ def summary(done: Replayed) -> str:
     return told.rstrip(".") + "."
 
 
-def read_settings(path: Path) -> Settings:
-    """Read a file of the node's parameters, as ``--params-file`` takes it.
-
-    Raises
-    ------
-    ReplayError
-        If it cannot be read, has no parameters for the node, or has one that is not valid.
-    """
-    try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        told = " ".join(str(error).split())
-        raise ReplayError(f"{path} cannot be read as YAML: {told}.") from None
-    nodes = content if isinstance(content, dict) else {}
-    found = [nodes[name] for name in _NODE_NAMES if name in nodes]
-    settings = Settings()
-    for node in found:
-        values = node.get("ros__parameters") if isinstance(node, dict) else None
-        if isinstance(values, dict):
-            settings = settings.with_values(values, str(path))
-    if not found:
-        raise ReplayError(
-            f"{path} has no parameters for the node; give them below "
-            f"`{_NODE_NAMES[1]}:` or `/**:` and there `ros__parameters:`."
-        )
-    return settings
-
-
 def replay(
     inputs: Sequence[Path],
     output: Path,
-    settings: Settings,
+    settings: Parameters,
     remaps: Mapping[str, str] = MappingProxyType({}),
     what_if: WhatIf = AS_IT_IS,
     progress: Callable[[int, int], None] = lambda done, total: None,
@@ -270,8 +135,8 @@ def replay(
         Bags that are read as one.
     output : Path
         The MCAP to write; replaced when it exists.
-    settings : Settings
-        As the node's parameters.
+    settings : Parameters
+        As the node's; those that concern its logs and pictures are not used.
     remaps : mapping of str to str
         The bags' names of the node's topics, as ``{"joint_states": "/arm/joint_states"}``.
     what_if : WhatIf
@@ -288,20 +153,21 @@ def replay(
     if any(path.exists() and output.exists() and path.samefile(output) for path in inputs):
         raise ReplayError(f"{output} is one of the bags to replay; give another --output.")
     with open_bags(inputs) as bags:
-        topics = _choose_topics(bags, settings, remaps)
-        mechanism_text, table = _model(settings, what_if)
-        log_topics = [_topic(topic.name, topic.type) for topic in topics.values()]
-        log_topics.append(_topic(PREDICTION_TOPIC, PREDICTION))
+        topics = choose_topics(bags, settings, remaps)
+        mechanism_text, table = load_model(settings, what_if)
+        log_topics = [log_topic(topic.name, topic.type) for topic in topics.values()]
+        log_topics.append(log_topic(PREDICTION_TOPIC, PREDICTION))
         predictor, monitor = Predictor(table), _monitor(settings, topics)
+        parameters = parameters_yaml(settings, f"/{NODE_NAME}")
         if monitor is not None:
-            log_topics.append(_topic(RESONANCE_TOPIC, RESONANCE))
+            log_topics.append(log_topic(RESONANCE_TOPIC, RESONANCE))
         attachments = [
             Attachment("mechanism.yaml", "application/yaml", mechanism_text.encode()),
             Attachment(f"{table.table_id}.npz", "application/x-npz", table_bytes(table)),
-            Attachment("parameters.yaml", "application/yaml", _parameters(settings).encode()),
+            Attachment("parameters.yaml", "application/yaml", parameters.encode()),
         ]
         if monitor is not None:
-            excitations = _excitation_path(settings).read_bytes()
+            excitations = settings.excitation_path().read_bytes()
             attachments.append(Attachment("excitations.yaml", "application/yaml", excitations))
         metadata = {
             PROVENANCE_METADATA: package_versions(),
@@ -332,7 +198,7 @@ class _Replay:
 
     def __init__(
         self,
-        settings: Settings,
+        settings: Parameters,
         topics: Mapping[str, BagTopic],
         predictor: Predictor,
         monitor: ResonanceMonitor | None,
@@ -342,7 +208,9 @@ class _Replay:
         self._predictor = predictor
         self._monitor = monitor
         self._reader = JointStateReader()
-        self._joint, self._percent = _inputs(settings)
+        rule = settings.crank_input()
+        self._joint = rule if isinstance(rule, JointInput) else None
+        self._percent = rule if isinstance(rule, PercentInput) else None
         self.done = Replayed(self._names[0])
 
     def messages(self, block: Block) -> list[Messages]:
@@ -472,161 +340,29 @@ def _values(reading: Reading) -> tuple[Any, Any, Any]:
     return reading.crank_angle, reading.velocity, reading.stddev
 
 
-def _choose_topics(
-    bags: Bags, settings: Settings, remaps: Mapping[str, str]
-) -> dict[str, BagTopic]:
-    """Return the topics to read by the node's names of them, that of the hitch first."""
-    unknown = set(remaps) - {JOINT_STATES, PERCENT, *SPEEDS}
-    if unknown:
-        raise ReplayError(
-            f"--remap: {sorted(unknown)[0]} is none of {JOINT_STATES}, {PERCENT}, "
-            f"{', '.join(SPEEDS)}."
-        )
-    hitch, kind = (PERCENT, FLOAT64) if settings.input == "percent" else (JOINT_STATES, JOINT_STATE)
-    chosen = remaps.get(hitch)
-    if chosen is None and kind == JOINT_STATE:
-        named = sorted({topic.name for topic in bags.topics if topic.type == JOINT_STATE})
-        if len(named) > 1:
-            raise ReplayError(
-                f"{_told(bags)} has joint states on {len(named)} topics; choose one, as in "
-                f"`--remap {JOINT_STATES}:={named[0]}`: {', '.join(named)}."
-            )
-        chosen = named[0] if named else None
-    topics = {hitch: _bag_topic(bags, chosen or f"/{hitch}", kind, hitch)}
-    for name in SPEEDS:
-        if getattr(settings, name) >= 0.0:
-            continue
-        wanted = remaps.get(name)
-        # A log has the node's topics, whether anything was sent on them or not.
-        if wanted or any(topic.name == f"/{name}" and topic.count for topic in bags.topics):
-            topics[name] = _bag_topic(bags, wanted or f"/{name}", FLOAT64, name)
-    return topics
-
-
-def _bag_topic(bags: Bags, name: str, kind: str, meant: str) -> BagTopic:
-    """Return a topic of the bags, which has to be of a type."""
-    found = [topic for topic in bags.topics if topic.name == name]
-    listing = ", ".join(f"{topic.name} ({topic.type})" for topic in bags.topics)
-    remedy = f"name the right one with `--remap {meant}:=TOPIC`"
-    if not found:
-        raise ReplayError(
-            f"{_told(bags)} has no topic {name} of {kind}; it has {listing or 'no topics at all'}"
-            + (f"; {remedy}." if listing else ".")
-        )
-    if [topic.type for topic in found] != [kind]:
-        types = " and ".join(topic.type for topic in found)
-        raise ReplayError(f"Topic {name} of {_told(bags)} holds {types}, not {kind}; {remedy}.")
-    if not found[0].count:
-        raise ReplayError(f"Topic {name} of {_told(bags)} has no messages; {remedy}.")
-    return found[0]
-
-
-def _told(bags: Bags) -> str:
-    return ", ".join(map(str, bags.paths))
-
-
-def _refuse_nothing(done: Replayed, bags: Bags, settings: Settings) -> None:
+def _refuse_nothing(done: Replayed, bags: Bags, settings: Parameters) -> None:
     """Refuse a log without predictions, and tell why there are none."""
     if done.predictions:
         return
     if done.joints:
         names = ", ".join(sorted(done.joints)[:_MAX_NAMES_TOLD])
         raise ReplayError(
-            f"{_told(bags)} has no joint {settings.joint_name} on {done.topic}; it has {names}. "
+            f"{told(bags)} has no joint {settings.joint_name} on {done.topic}; it has {names}. "
             "Name one of them with --joint."
         )
     raise ReplayError(
-        f"{_told(bags)} has no reading of the hitch on {done.topic} that can be used: "
+        f"{told(bags)} has no reading of the hitch on {done.topic} that can be used: "
         f"{done.fault or 'its messages name no joints'}"
     )
 
 
-def _inputs(settings: Settings) -> tuple[JointInput | None, PercentInput | None]:
-    if settings.input == "percent":
-        points = settings.percent_points, settings.percent_angles
-        return None, PercentInput(*points, settings.angle_stddev)
-    rule = settings.sign, settings.scale, settings.offset, settings.angle_stddev
-    return JointInput(settings.joint_name, *rule), None
-
-
-def _monitor(settings: Settings, topics: Mapping[str, BagTopic]) -> ResonanceMonitor | None:
+def _monitor(settings: Parameters, topics: Mapping[str, BagTopic]) -> ResonanceMonitor | None:
     """Return what watches for resonance; None where no speed is known."""
-    fixed = {name: getattr(settings, name) for name in SPEEDS if getattr(settings, name) >= 0.0}
+    fixed = {s: speed for s in Source if (speed := settings.fixed_speed(s)) is not None}
     if not fixed and not topics.keys() & SPEEDS.keys():
         return None
-    path = _excitation_path(settings)
     limits = settings.warning_margin, settings.hysteresis, settings.stale_after
-    monitor = ResonanceMonitor(read_excitations(path), *limits)
-    for name, value in fixed.items():
-        monitor.set_fixed(SPEEDS[name], value)
+    monitor = ResonanceMonitor(read_excitations(settings.excitation_path()), *limits)
+    for source, speed in fixed.items():
+        monitor.set_fixed(source, speed)
     return monitor
-
-
-def _excitation_path(settings: Settings) -> Path:
-    return _path(settings.excitation_file) or config_file(DEFAULT_EXCITATIONS)
-
-
-def _model(settings: Settings, what_if: WhatIf) -> tuple[str, Table]:
-    """Return the mechanism's YAML, and its table, read or built."""
-    given = _path(settings.mechanism_file)
-    path = given or config_file(DEFAULT_MECHANISM)
-    mechanism, text = read_mechanism(path), load_yaml(path)[1]
-    if what_if != AS_IT_IS:
-        body = mechanism.rigid_bodies[0] if len(mechanism.rigid_bodies) == 1 else None
-        if body is None:
-            raise ReplayError(
-                f"{path} has {len(mechanism.rigid_bodies)} rigid bodies; which implement another "
-                "mass means is only known where there is one."
-            )
-        mass = body.mass if what_if.mass is None else what_if.mass
-        inertia = body.inertia if what_if.inertia is None else what_if.inertia
-        implement = Implement(body.name, mass, inertia, ())
-        changed, text = with_implement(mechanism, text, implement)
-        return text, build_table(LinkageModel(changed))
-    table_path = _path(settings.table_file)
-    if table_path is None and given is not None:
-        return text, build_table(LinkageModel(mechanism))
-    return text, load_table(table_path or config_file(DEFAULT_TABLE), mechanism)
-
-
-def _path(text: str) -> Path | None:
-    return Path(text).expanduser() if text else None
-
-
-def _parameters(settings: Settings) -> str:
-    """Return the settings as a file for the node's ``--params-file``."""
-    values = {
-        name: list(value) if isinstance(value, tuple) else value
-        for name, value in asdict(settings).items()
-    }
-    return f"# linkage_vibration {linkage_vibration.__version__}, replay\n" + yaml.safe_dump(
-        {_NODE_NAMES[2]: {"ros__parameters": values}}, sort_keys=False
-    )
-
-
-def _topic(name: str, kind: str) -> Topic:
-    qos = offered_qos_profiles(reliable=True, depth=QUEUE_DEPTH)
-    return Topic(name, kind, *_definition(kind), qos)
-
-
-def _definition(kind: str) -> tuple[str, str]:
-    """Return a type's definition and hash, without ROS 2 for what rosbags knows."""
-    from rosbags.typesys import Stores, get_typestore
-
-    store = get_typestore(Stores.LATEST)
-    if kind in store.fielddefs:
-        return store.generate_msgdef(kind, ros_version=2)[0], store.hash_rihs01(kind)
-    return message_definition(kind), type_hash(kind)
-
-
-def _typed(value: Any, default: Any, where: str) -> Any:
-    """Return a value in the type of a setting."""
-    if isinstance(default, tuple):
-        if isinstance(value, list | tuple):
-            return tuple(_typed(number, 0.0, where) for number in value)
-    elif type(default) is float and type(value) is int:
-        return float(value)
-    elif type(value) is type(default):
-        return value
-    kind = {str: "text", int: "a whole number", float: "a number", tuple: "a list of numbers"}
-    raise ReplayError(f"{where} must be {kind[type(default)]}, not {value!r}.")
