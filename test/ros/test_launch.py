@@ -1,65 +1,81 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""The launch files: their syntax here, their actions where launch_ros is installed."""
+"""The launch files: their words here, their actions where launch_ros is installed."""
 
 import ast
 import importlib.util
 from dataclasses import fields
+from typing import Any
 from xml.etree import ElementTree
 
 import pytest
 
+from linkage_vibration.parameters import Parameters
 from linkage_vibration.resources import share_directory
-from linkage_vibration.ros.parameters import Parameters
 
 PYTHON = share_directory() / "launch" / "linkage_vibration.launch.py"
 XML = share_directory() / "launch" / "linkage_vibration.launch.xml"
 
 
-def declared_in_python() -> dict[str, str]:
-    """Return the arguments that the Python file declares, with their descriptions."""
-    calls = [
-        node
+def overrides() -> dict[str, str]:
+    """Return the parameters that the Python file takes as arguments, with their types' names."""
+    [table] = [
+        node.value
         for node in ast.walk(ast.parse(PYTHON.read_text()))
-        if isinstance(node, ast.Call)
-        and isinstance(node.func, ast.Name)
-        and node.func.id == "DeclareLaunchArgument"
+        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "OVERRIDES"
     ]
-    return {
-        ast.literal_eval(call.args[0]): next(
-            ast.literal_eval(k.value) for k in call.keywords if k.arg == "description"
-        )
-        for call in calls
-    }
+    assert isinstance(table, ast.Dict)
+    found = {}
+    for name, value in zip(table.keys, table.values, strict=True):
+        assert isinstance(name, ast.Constant)
+        assert isinstance(value, ast.Tuple)
+        found[name.value] = ast.unparse(value.elts[0])
+    return found
 
 
-def test_both_files_take_the_same_arguments() -> None:
-    """Python and XML declare the same arguments, each described in the same words."""
-    in_xml = {
-        arg.attrib["name"]: arg.attrib["description"]
-        for arg in ElementTree.parse(XML).getroot().findall("arg")
-    }
-    assert declared_in_python() == in_xml
-    assert len(in_xml) == 9
-
-
-def test_arguments_become_parameters_of_the_node() -> None:
-    """What either file sets is a parameter that the node has, or one of every node."""
-    node = ElementTree.parse(XML).getroot().find("node")
-    assert node is not None
-    set_in_xml = {param.attrib["name"] for param in node.findall("param") if "name" in param.attrib}
-    known = {field.name for field in fields(Parameters)} | {"use_sim_time"}
-    assert set_in_xml <= known
-    for name in set_in_xml:
-        assert f'"{name}": argument("{name}"' in PYTHON.read_text()
-
-
-def test_python_file_describes_a_launch() -> None:
-    """Where launch_ros is installed, the Python file makes nine arguments and a node."""
-    pytest.importorskip("launch_ros", reason="launch_ros comes with a ROS 2 install only")
+def launched() -> Any:
+    """Return the Python file as a module."""
     spec = importlib.util.spec_from_file_location("launched", PYTHON)
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
-    assert len(module.generate_launch_description().entities) == 10
+    return module
+
+
+def test_arguments_become_parameters_of_the_node() -> None:
+    """Each is a parameter that the node has, of its type, or one that every node has."""
+    known = {field.name: type(field.default).__name__ for field in fields(Parameters)}
+    known["use_sim_time"] = "bool"
+    assert overrides().items() <= known.items()
+
+
+def test_xml_is_the_python_file() -> None:
+    """The XML file includes the Python file, from where it is installed, and adds nothing."""
+    [include] = ElementTree.parse(XML).getroot()
+    assert include.tag == "include"
+    place = PYTHON.relative_to(share_directory())
+    assert include.attrib == {"file": f"$(find-pkg-share linkage_vibration)/{place}"}
+
+
+def test_python_file_describes_a_launch() -> None:
+    """Where launch_ros is installed, the Python file makes nine arguments and a node."""
+    pytest.importorskip("launch_ros", reason="launch_ros comes with a ROS 2 install only")
+    entities = launched().generate_launch_description().entities
+    assert [type(entity).__name__ for entity in entities] == [
+        *["DeclareLaunchArgument"] * (3 + len(overrides())),
+        "OpaqueFunction",
+    ]
+
+
+def test_what_nobody_gave_is_left_to_the_file() -> None:
+    """Where launch_ros is installed: only arguments that were given become parameters."""
+    pytest.importorskip("launch_ros", reason="launch_ros comes with a ROS 2 install only")
+    from launch import LaunchContext
+
+    context = LaunchContext(argv=[])
+    context.launch_configurations.update(dict.fromkeys(overrides(), ""))
+    assert launched().given(context) == {}
+    context.launch_configurations.update({"record": "false", "joint_name": "5"})
+    found = {name: value.evaluate(context) for name, value in launched().given(context).items()}
+    assert found == {"joint_name": "5", "record": False}
