@@ -396,7 +396,7 @@ class _Loader(yaml.SafeLoader):
 
 _Loader.add_implicit_resolver(
     "tag:yaml.org,2002:float",
-    re.compile(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)[eE][-+]?[0-9]+"),
+    re.compile(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)[eE][-+]?[0-9]+$"),
     list("-+.0123456789"),
 )
 
@@ -431,7 +431,7 @@ def read_parameters(path: Path) -> Parameters:
             values.update({name: value for name, value in given.items() if name in known})
     try:
         return with_values(Parameters(), values)
-    except ParameterError as error:
+    except (ParameterError, OverflowError) as error:
         raise ParameterError(f"{path}: {error}") from None
 
 

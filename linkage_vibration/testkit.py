@@ -23,7 +23,12 @@ from linkage_vibration.prediction import Status
 from linkage_vibration.readers.message_columns import Columns, read_columns, topic_types
 from linkage_vibration.readers.streams import open_bags
 from linkage_vibration.replay.replay import replay
-from linkage_vibration.topics import PREDICTION_TOPIC, RESONANCE_TOPIC
+from linkage_vibration.topics import (
+    HITCH_POSITION,
+    JOINT_STATES,
+    PREDICTION_TOPIC,
+    RESONANCE_TOPIC,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -213,7 +218,7 @@ def _signals(bag: Path, log: Path, limits: Limits) -> _Signals:
 
 def _latencies(bag: Path, log: Path, topics: Sequence[str]) -> FloatArray:
     """Return for each prediction how long after its reading it was sent, s."""
-    inputs = [topic for topic in topics if topic in ("/joint_states", "/hitch_position")]
+    inputs = [topic for topic in topics if topic in (f"/{JOINT_STATES}", f"/{HITCH_POSITION}")]
     if len(inputs) != 1:
         raise TestKitError(
             f"{bag} has {len(inputs)} topics of readings, /joint_states or /hitch_position; the "

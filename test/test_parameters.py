@@ -123,6 +123,7 @@ def test_what_is_written_is_read_again(tmp_path: Path) -> None:
         ("/**: {ros__parameters: {sign: 2}}", "sign must be 1 or -1, not 2"),
         ("/**: {ros__parameters: {hysteresis: 1.5}}", "hysteresis must be 0 to 1, not 1.5"),
         ("/**: {ros__parameters: {scale: far}}", "scale must be .* not 'far'"),
+        ("/**: {ros__parameters: {scale: 1" + 400 * "0" + "}}", "too large"),
         ("other_node: {ros__parameters: {}}", "has no parameters for the node"),
         ("/tractor/linkage_vibration: {ros__parameters: {}}", "has no parameters for the node"),
         ("", "has no parameters for the node"),

@@ -24,11 +24,7 @@ from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.ros.diagnostics import Health, Log, Statistics, diagnostics, status
 from linkage_vibration.ros.endpoints import advertise
 from linkage_vibration.ros.markers import Markers, MarkerSettings
-from linkage_vibration.ros.model import (
-    load_served,
-    provenance,
-    table_info,
-)
+from linkage_vibration.ros.model import load_served, provenance, table_info
 from linkage_vibration.ros.parameters import changed, declare_parameters, in_own_types
 from linkage_vibration.ros.predicting import Predicting, own_topics
 from linkage_vibration.ros.recording import Recording

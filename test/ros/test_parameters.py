@@ -18,6 +18,7 @@ from linkage_vibration.ros.parameters import changed, declare_parameters, in_own
     "text",
     [
         "/**: {ros__parameters: {sign: -1, scale: 1e-3, offset: 2, joint_name: arm}}",
+        "/**: {ros__parameters: {joint_name: 1e3_arm, sign: -1}}",
         "linkage_vibration: {ros__parameters: {percent_points: [0, 50], record: yes}}",
         "/linkage_vibration: {ros__parameters: {scale: 3.}}\n/**: {ros__parameters: {scale: 2.}}",
         "/**: {ros__parameters: {scale: 2.}}\n/linkage_vibration: {ros__parameters: {scale: 3.}}",
