@@ -17,13 +17,19 @@ from benchmark.report import RESULTS, machine, publish, table
 
 RATES = (10.0, 100.0, 200.0, 1000.0)  # Hz
 SECONDS = {10.0: 5.0, 100.0: 4.0, 200.0: 4.0, 1000.0: 3.0}
-ROUNDS = 7
+ROUNDS = 5
 
-OURS = ["-m", "linkage_vibration.ros.node", "--ros-args", "-r", "__node:=ours"]
+NAMED = ["--ros-args", "-r", "__node:=ours"]
+OURS = ["-m", "linkage_vibration.ros.node", *NAMED]
+OLDER = (  # a ROS 2 without the events executor
+    "import sys; sys.modules['rclpy.experimental.events_executor'] = None;"
+    "from linkage_vibration.ros.node import main; sys.exit(main())"
+)
 NODES = {
     "echo": (["-m", "benchmark.latency.echo", "single-threaded"], "echo/prediction"),
     "ours": (OURS, "ours/prediction"),
     "ours, recording": ([*OURS, "-p", "record:=true"], "ours/prediction"),
+    "ours, single-threaded": (["-c", OLDER, *NAMED], "ours/prediction"),
     "echo, events executor": (["-m", "benchmark.latency.echo", "events"], "echo/prediction"),
     "echo, multi-threaded": (["-m", "benchmark.latency.echo", "multi-threaded"], "echo/prediction"),
 }
@@ -56,7 +62,8 @@ def main() -> None:
             f"Joint states to predictions over DDS between two processes, {rounds} rounds in which "
             "the nodes take turns. Latency from just before a joint state is published until its "
             "prediction is taken, in the driver; medians over rounds, ratios of a round's node to "
-            "that round's echo, in brackets from the lowest to the highest.",
+            "that round's echo, in brackets from the lowest to the highest. The echo is spun by "
+            "rclpy's own, single-threaded executor; ours by the events executor.",
             table(columns, rows(runs)),
             parts(),
             "![](latency.png)",

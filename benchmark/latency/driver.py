@@ -11,7 +11,7 @@ import tempfile
 import threading
 import time
 from array import array
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -34,7 +34,6 @@ QUIET = 1.0  # s, after the last message, for answers that are late
 FOUND = 20.0  # s, until which a node has to be found
 SETTLED = 3.0  # s of answers, in which DDS goes over from UDP to shared memory and loses some
 PACE = 0.02  # s, between joint states that nobody counts
-TICK = os.sysconf("SC_CLK_TCK")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,20 +56,36 @@ class Run:
 
 
 class Driver:
-    """Publishes joint states and times answers, by their stamps."""
+    """Publishes joint states and times answers, by their stamps.
+
+    Attributes
+    ----------
+    node : Node
+        The driver's own, which is spun during runs.
+    """
 
     def __init__(self) -> None:
         rclpy.init()
-        self._node = rclpy.create_node("latency_driver")
+        self.node = rclpy.create_node("latency_driver")
         sensor = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)
-        self._publisher = self._node.create_publisher(JointState, "joint_states", sensor)
+        self._publisher = self.node.create_publisher(JointState, "joint_states", sensor)
         self._executor = SingleThreadedExecutor()
-        self._executor.add_node(self._node)
+        self._executor.add_node(self.node)
         self._taken: dict[int, float] = {}
 
-    def run(self, topic: str, process: int, rate: float, count: int) -> Run:
-        """Send ``count`` joint states at ``rate`` Hz to a node that answers on a topic."""
-        subscription = self._node.create_subscription(
+    def run(
+        self,
+        topic: str,
+        process: int,
+        rate: float,
+        count: int,
+        begun: Callable[[], object] = lambda: None,
+    ) -> Run:
+        """Send ``count`` joint states at ``rate`` Hz to a node that answers on a topic.
+
+        ``begun`` is called as they begin.
+        """
+        subscription = self.node.create_subscription(
             VibrationPrediction, topic, self._on_answer, 1000, raw=True
         )
         try:
@@ -80,6 +95,7 @@ class Driver:
             before, began = cpu_time(process), time.monotonic()
             sender = threading.Thread(target=self._send, args=(rate, count, sent))
             sender.start()
+            begun()
             while sender.is_alive():
                 self._executor.spin_once(0.05)
             spent, lasted = cpu_time(process) - before, time.monotonic() - began
@@ -89,12 +105,12 @@ class Driver:
             latencies = [taken - sent[i] for i, taken in self._taken.items()]
             return Run(np.array(latencies), count - len(latencies), spent / lasted)
         finally:
-            self._node.destroy_subscription(subscription)
+            self.node.destroy_subscription(subscription)
 
     def close(self) -> None:
         """Leave."""
         self._executor.shutdown()
-        self._node.destroy_node()
+        self.node.destroy_node()
         rclpy.try_shutdown()
 
     def _find(self) -> None:
@@ -105,7 +121,7 @@ class Driver:
         while not self._taken or time.monotonic() < settled:
             if time.monotonic() > end:
                 raise RuntimeError("the node does not answer")
-            self._publish(0)
+            self.publish(0)
             pause = time.monotonic() + PACE  # a flood would still be under way as the run begins
             while time.monotonic() < pause:
                 self._executor.spin_once(PACE)
@@ -122,9 +138,10 @@ class Driver:
             if wait > 0.0:
                 time.sleep(wait)
             sent.append(time.monotonic())
-            self._publish(i)
+            self.publish(i)
 
-    def _publish(self, number: int) -> None:
+    def publish(self, number: int) -> None:
+        """Send a joint state that has a number."""
         message = JointState()
         message.header.stamp.nanosec = number
         message.name = [JOINT]
@@ -137,9 +154,9 @@ class Driver:
 
 
 def cpu_time(process: int) -> float:
-    """Return the processor time that a process and its threads have taken, s."""
-    fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / TICK
+    """Return the processor time that a process's threads have taken, s."""
+    threads = Path(f"/proc/{process}/task").glob("*/schedstat")
+    return 1e-9 * sum(int(thread.read_text().split()[0]) for thread in threads)
 
 
 @contextmanager

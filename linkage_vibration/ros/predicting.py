@@ -39,6 +39,8 @@ from linkage_vibration_interfaces.msg import VibrationPrediction
 MISSING_AFTER = 5.0  # s without the joint, before it is said to be missing
 MAX_NAMES_TOLD = 20
 
+_Heard = tuple[str, bytes, int, MessageInfo]  # topic, bytes, time of receipt (ns), origin
+
 
 def own_topics(node: Node) -> list[Topic]:
     """Return all topics that `Predicting` hears or publishes on a node, as a log knows them."""
@@ -205,11 +207,8 @@ class Predicting:
             return
         if self._other_joints:
             self._other_joints.clear()
-        header = message.header
-        self._record(self._joint_topic, data, received, info)
-        self._answer(
-            reading, header.stamp.sec, header.stamp.nanosec, header.frame_id, received, began
-        )
+        header, heard = message.header, (self._joint_topic, data, received, info)
+        self._answer(reading, header.stamp.sec, header.stamp.nanosec, header.frame_id, heard, began)
 
     def _on_percent(self, data: bytes, info: MessageInfo) -> None:
         began, received = time.monotonic(), self._node.get_clock().now().nanoseconds
@@ -217,9 +216,9 @@ class Predicting:
         assert isinstance(self._input, PercentInput)
         percent = self._float(data)
         if percent is not None:
-            self._record(self._percent_topic, data, received, info)
             sec, nanosec = divmod(received, 10**9)
-            self._answer(self._input.reading(percent), sec, nanosec, "", received, began)
+            heard = self._percent_topic, data, received, info
+            self._answer(self._input.reading(percent), sec, nanosec, "", heard, began)
 
     def _on_speed(self, source: Source, topic: str, data: bytes, info: MessageInfo) -> None:
         received = self._node.get_clock().now().nanoseconds
@@ -239,16 +238,17 @@ class Predicting:
             return None
 
     def _answer(
-        self, reading: Reading, sec: int, nanosec: int, frame: str, received: int, began: float
+        self, reading: Reading, sec: int, nanosec: int, frame: str, heard: _Heard, began: float
     ) -> None:
-        """Predict, publish and record."""
-        counts = self._statistics
-        counts.take_reading(began, sec, nanosec, received)
+        """Predict and publish; then count and record, what came before what it led to."""
+        counts, received = self._statistics, heard[2]
         prediction = self.predictor.predict(reading.crank_angle, reading.stddev)
         encoded = encode_prediction(prediction, sec, nanosec, frame)
         self._predictions.publish(encoded)
-        counts.predicted += 1
         counts.latencies.append(time.monotonic() - began)
+        counts.predicted += 1
+        counts.take_reading(began, sec, nanosec, received)
+        self._record(*heard)
         self._record(self._prediction_topic, encoded, received, None)
         if self._monitor.speeds_told:
             self.resonance = self._monitor.assess(prediction, reading.velocity, received)

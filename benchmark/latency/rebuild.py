@@ -1,0 +1,63 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Latency while another implement's table is built: ``python -m benchmark.latency.rebuild``."""
+
+import sys
+from functools import partial
+from typing import Any
+
+import numpy as np
+from tqdm import tqdm
+
+from benchmark.latency.__main__ import OURS, figures
+from benchmark.latency.driver import Driver, running
+from benchmark.report import machine, publish, table
+from linkage_vibration_interfaces.srv import SetImplement
+
+RATE, COUNT = 200.0, 800  # Hz, joint states in a run
+ROUNDS = 10
+MASSES = (600.0, 1000.0)  # kg
+
+
+def main() -> None:
+    """Measure with and without, in turns, and publish both."""
+    rounds = int(sys.argv[1]) if len(sys.argv) > 1 else ROUNDS
+    quiet, building = [], []
+    driver = Driver()
+    client = driver.node.create_client(SetImplement, "ours/set_implement")
+    with running(OURS) as process:
+        for number in tqdm(range(rounds), unit="round"):
+            quiet.append(driver.run("ours/prediction", process, RATE, COUNT))
+            request = SetImplement.Request(mass=MASSES[number % 2], inertia=200.0)
+            answers: list[Any] = []
+            ask = partial(asked, client, request, answers)
+            building.append(driver.run("ours/prediction", process, RATE, COUNT, ask))
+            if not (answers[0].done() and answers[0].result().success):
+                raise RuntimeError(f"the table was not built: {answers[0].result()}")
+    driver.close()
+    rows = []
+    for name, runs in {"as ever": quiet, "while a table is built": building}.items():
+        own = np.array([figures(run) for run in runs])
+        spread = [f"{np.median(v):.2f} ({v.min():.2f} to {v.max():.2f})" for v in own.T[:2]]
+        longest = 1e3 * max(run.latencies.max() for run in runs)
+        rows.append([name, *spread, f"{longest:.1f}", f"{sum(run.lost for run in runs)}"])
+    publish(
+        "rebuild",
+        "Latency while another implement's table is built",
+        [
+            f"Joint states at {RATE:g} Hz, {rounds} rounds of {COUNT / RATE:g} s each way. A "
+            "table is built, in a process of its own, upon a call of `~/set_implement` as a round "
+            "begins. Medians over rounds, in brackets from the lowest to the highest.",
+            table(["", "median [ms]", "p99 [ms]", "longest [ms]", "lost"], rows),
+        ],
+        machine(),
+    )
+
+
+def asked(client: Any, request: SetImplement.Request, answers: list[Any]) -> None:
+    """Call the service, and keep the answer that is to come."""
+    answers.append(client.call_async(request))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,106 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""The node is ended by a signal at a random moment: ``python -m benchmark.signals [COUNT]``.
+
+It records and answers joint states at 1 kHz meanwhile. Each process must exit with 0, complain of
+nothing, and leave no log that has to be recovered.
+"""
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections import Counter
+from pathlib import Path
+
+from mcap.exceptions import McapError
+from mcap.reader import make_reader
+from tqdm import tqdm
+
+from benchmark.latency.driver import Driver
+from benchmark.report import machine, publish, table
+
+COUNT = 100
+HEEDED = 0.5  # s from the process's begin, in which Python itself starts
+LATEST = 3.0  # s
+PATIENCE = 10.0  # s until a process is given up
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+COMMAND = [sys.executable, "-m", "linkage_vibration.ros.node", "--ros-args", "-p", "record:=true"]
+
+
+def main() -> None:
+    """End one process after another, and publish how each ended."""
+    count = int(sys.argv[1]) if len(sys.argv) > 1 else COUNT
+    chance = random.Random(1)
+    ends = {number: Counter[str]() for number in SIGNALS}
+    driver, over = Driver(), threading.Event()
+
+    def send() -> None:
+        while not over.wait(1e-3):
+            driver.publish(0)
+
+    sender = threading.Thread(target=send)
+    sender.start()
+    for _ in tqdm(range(count), unit="process"):
+        number, after = chance.choice(SIGNALS), chance.uniform(HEEDED, LATEST)
+        ends[number][ended(number, after)] += 1
+    over.set()
+    sender.join()
+    driver.close()
+    rows = [
+        [number.name, how, f"{times}"] for number, end in ends.items() for how, times in end.items()
+    ]
+    publish(
+        "signals",
+        "Ended by signals",
+        [
+            f"{count} processes, each ended {HEEDED:g} to {LATEST:g} s after its begin, while "
+            "joint states come at 1 kHz.",
+            table(["signal", "how it ended", "processes"], rows),
+        ],
+        machine(),
+    )
+
+
+def ended(number: signal.Signals, after: float) -> str:
+    """Return how a node ends that is sent a signal some time (s) after its begin."""
+    with tempfile.TemporaryDirectory() as folder:
+        node = subprocess.Popen(
+            COMMAND,
+            cwd=folder,
+            env={**os.environ, "PYTHONPATH": str(Path(__file__).parents[1])},
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+        )
+        time.sleep(after)
+        node.send_signal(number)
+        try:
+            said, _ = node.communicate(timeout=PATIENCE)
+        except subprocess.TimeoutExpired:
+            node.kill()
+            node.communicate()
+            return "not at all"
+        if node.returncode:
+            return f"exit code {node.returncode}"
+        complaints = [line for line in said.splitlines() if not line.startswith("[INFO]")]
+        if complaints:
+            return f"complained: {complaints[0]}"
+        logs = list(Path(folder).iterdir())
+        for log in logs:
+            try:
+                with log.open("rb") as file:
+                    summary = make_reader(file).get_summary()
+            except McapError as error:
+                return f"log cannot be read: {error}"
+            if log.suffix != ".mcap" or summary is None:
+                return f"{log.suffix} file is not complete"
+        return "exit code 0, log complete" if logs else "exit code 0, before its log"
+
+
+if __name__ == "__main__":
+    main()
