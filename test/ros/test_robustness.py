@@ -286,6 +286,9 @@ def test_bag_that_loops(
     peer = meet("looped")
     clock = peer.node.create_publisher(Clock, "/clock", QoSProfile(depth=1))
     assert peer.spin(lambda: clock.get_subscription_count() > 0, 20.0)
+    for _ in range(10):  # the node may find the clock a moment later
+        clock.publish(Clock(clock=Time(sec=99)))
+        peer.spin(lambda: False, 0.1)
     for loop in range(3):
         for second in (100, 101, 102):
             clock.publish(Clock(clock=Time(sec=second)))
