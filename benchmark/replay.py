@@ -42,7 +42,7 @@ STAGES = {
     "predict_many": "predicting",
     "encode_predictions": "encoding predictions",
     "_records": "laying out the log's records",
-    "_resonances": "resonances, one by one",
+    "_resonances": "assessing and encoding resonances",
 }
 
 

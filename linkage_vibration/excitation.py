@@ -8,8 +8,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.prediction import Prediction
+
+FloatArray = NDArray[np.float64]
+Integers = NDArray[np.int64]
 
 RPM = 1.0 / 60.0
 """Turns a second (Hz) in one turn a minute."""
@@ -17,6 +23,7 @@ RPM = 1.0 / 60.0
 # Between two values that a rate is taken of; of a burst's it would be that of its delivery.
 _SHORTEST = 5e-3  # s
 _LEAST, _LARGEST = 1e-6, 1e6  # of a number in a description
+_LATEST = 2**63 - 1  # ns
 
 
 class ExcitationError(LinkageVibrationError):
@@ -99,6 +106,75 @@ class Resonance:
     approach: int
     time_to_crossing: float
     table_id: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Resonances:
+    """Resonances by columns; see `Resonance`.
+
+    Attributes
+    ----------
+    state : ndarray of uint8, (n,)
+        Values of `ResonanceState`.
+    excitation : ndarray, (n,)
+        Which of the monitor's excitations; -1 when stale.
+    excitation_frequency : ndarray, (n,)
+        Hz.
+    mode : ndarray, (n,)
+        Index of the natural frequency.
+    natural_frequency, margin, relative_margin : ndarray, (n,)
+        Hz, Hz and 1.
+    approach : ndarray of int8, (n,)
+        1, -1 or 0.
+    time_to_crossing : ndarray, (n,)
+        s.
+    """
+
+    state: NDArray[np.uint8]
+    excitation: Integers
+    excitation_frequency: FloatArray
+    mode: Integers
+    natural_frequency: FloatArray
+    margin: FloatArray
+    relative_margin: FloatArray
+    approach: NDArray[np.int8]
+    time_to_crossing: FloatArray
+
+    def rows(self, which: Integers | slice) -> "Resonances":
+        """Return some of them."""
+        return Resonances(
+            self.state[which],
+            self.excitation[which],
+            self.excitation_frequency[which],
+            self.mode[which],
+            self.natural_frequency[which],
+            self.margin[which],
+            self.relative_margin[which],
+            self.approach[which],
+            self.time_to_crossing[which],
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class ToldSpeed:
+    """A speed that is told among predictions.
+
+    Attributes
+    ----------
+    before : int
+        How many of the predictions come before it.
+    source : Source
+        Whose speed.
+    value : float
+        rpm or m/s.
+    time : int
+        When it was told, ns.
+    """
+
+    before: int
+    source: Source
+    value: float
+    time: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -312,6 +388,100 @@ class ResonanceMonitor:
             time_to_crossing=abs(margin) / closing if closing > 0.0 else math.inf,
             table_id=prediction.table_id,
         )
+
+    def assess_many(
+        self,
+        natural_frequencies: FloatArray,
+        frequency_slopes: FloatArray,
+        velocity: FloatArray,
+        time: Integers,
+        speeds: Sequence[ToldSpeed],
+    ) -> Resonances:
+        """Return what `set_speed` and `assess` give, to the last bit, call by call.
+
+        Parameters
+        ----------
+        natural_frequencies, frequency_slopes : ndarray, (n, n_modes)
+            Of the predictions, Hz and Hz/rad; NaN where one has no numbers.
+        velocity : ndarray, (n,)
+            Of the crank, rad/s; NaN where it is not known.
+        time : ndarray, (n,)
+            When the predictions were made, ns.
+        speeds : sequence of ToldSpeed
+            In the order in which they are told.
+        """
+        n = len(time)
+        value, rate = self._speeds_at(time, speeds)
+        naturals = np.ascontiguousarray(natural_frequencies.T)
+        nearest = np.full(n, math.inf)
+        best, mode = np.full(n, -1), np.zeros(n, np.int64)
+        with np.errstate(all="ignore"):  # as Python's own numbers
+            for k, excitation in enumerate(self.excitations):
+                frequency = excitation.ratio * value[excitation.source]
+                for i, natural in enumerate(naturals):
+                    apart = np.abs(frequency / natural - 1.0)
+                    nearer = apart < nearest
+                    np.copyto(nearest, apart, where=nearer)
+                    np.copyto(best, k, where=nearer)
+                    np.copyto(mode, i, where=nearer)
+            stale = best < 0
+            warning = self._warnings(nearest, stale)
+            frequency, following = np.full(n, math.nan), np.full(n, math.nan)
+            for k, excitation in enumerate(self.excitations):
+                of_it = best == k
+                source = excitation.source
+                np.multiply(excitation.ratio, value[source], out=frequency, where=of_it)
+                np.multiply(excitation.ratio, rate[source], out=following, where=of_it)
+            rows = np.arange(n)
+            natural = np.where(stale, math.nan, natural_frequencies[rows, mode])
+            margin = frequency - natural
+            turning = frequency_slopes[rows, mode] * velocity
+            change = following - np.where(np.isnan(velocity), 0.0, turning)
+            closing = np.where(margin > 0.0, -change, change)
+            crossing = np.where(closing > 0.0, np.abs(margin) / closing, math.inf)
+            crossing[stale] = math.nan
+            return Resonances(
+                state=np.where(stale, ResonanceState.STALE, warning).astype(np.uint8),
+                excitation=best,
+                excitation_frequency=frequency,
+                mode=mode,
+                natural_frequency=natural,
+                margin=margin,
+                relative_margin=margin / natural,
+                approach=(closing > 0.0).astype(np.int8) - (closing < 0.0),
+                time_to_crossing=crossing,
+            )
+
+    def _speeds_at(
+        self, time: Integers, speeds: Sequence[ToldSpeed]
+    ) -> tuple[dict[Source, FloatArray], dict[Source, FloatArray]]:
+        """Take speeds; return those at each time, NaN where none excites, and their rates."""
+        told = {source: [(0, self._speeds.get(source))] for source in Source}
+        for one in speeds:
+            self.set_speed(one.source, one.value, one.time)
+            told[one.source].append((one.before, self._speeds.get(one.source)))
+        limit = math.floor(min(1e9 * self.stale_after, _LATEST))
+        values, rates = {}, {}
+        for source, history in told.items():
+            known = [_Speed(math.nan, None) if speed is None else speed for _, speed in history]
+            begins = [before for before, _ in history]
+            valid = np.repeat(np.arange(len(known)), np.diff([*begins, len(time)]))
+            value = np.array([speed.value or math.nan for speed in known])[valid]
+            fixed = np.array([speed.time is None for speed in known])[valid]
+            age = time - np.array([speed.time or 0 for speed in known])[valid]
+            value[~(fixed | ((-limit <= age) & (age <= limit)))] = math.nan
+            values[source], rates[source] = value, np.array([s.rate for s in known])[valid]
+        return values, rates
+
+    def _warnings(self, nearest: FloatArray, stale: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Return where it warns: between both limits, as it did before."""
+        begins = nearest < self.warning_margin
+        ends = stale | ~(nearest < self.warning_margin + self.hysteresis)
+        last = np.maximum.accumulate(np.where(begins | ends, np.arange(len(nearest)), -1))
+        warning = np.where(last < 0, self._warning, begins[last])
+        if len(warning):
+            self._warning = bool(warning[-1])
+        return warning
 
     def _fresh(self, time: int) -> dict[Source, _Speed]:
         """Speeds that are neither old nor from a time that the clock has jumped back from."""

@@ -2,16 +2,20 @@
 # SPDX-License-Identifier: Apache-2.0
 """Predicts and encodes by the thousand: to the last bit what `Predictor` and `messages` give."""
 
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from linkage_vibration.messages import encode_prediction
+from linkage_vibration.excitation import Excitation, Resonance, Resonances, ResonanceState
+from linkage_vibration.messages import encode_prediction, encode_resonance
 from linkage_vibration.prediction import Prediction, Predictor, Status
 
 FloatArray = NDArray[np.float64]
 Bytes = NDArray[np.uint8]
+Integers = NDArray[np.int64]
 
 _ENCAPSULATION = 4  # bytes
 
@@ -157,20 +161,102 @@ def encode_predictions(
         ],
         align=True,  # as CDR does
     )
+    columns = {
+        name: getattr(predictions, name)
+        for name in (
+            "crank_angle",
+            "status",
+            "natural_frequencies",
+            "frequency_stddev",
+            "damping_ratios",
+            "frf_peak_frequency",
+            "frf_peak_magnitude",
+            "interpolation_error",
+        )
+    }
+    return _alike(example, layout, {"sec": sec, "nanosec": nanosec, **columns})
+
+
+def encode_resonances(
+    resonances: Resonances,
+    excitations: Sequence[Excitation],
+    table_id: str,
+    sec: NDArray[np.int32],
+    nanosec: NDArray[np.uint32],
+    frame_id: str,
+) -> Iterator[tuple[Integers, Bytes]]:
+    """Encode resonances whose headers have one frame.
+
+    Parameters
+    ----------
+    resonances : Resonances
+        Any number of them.
+    excitations : sequence of Excitation
+        The monitor's.
+    table_id : str
+        Of the predictions.
+    sec, nanosec : ndarray, (n,)
+        The headers' stamps, s and ns.
+    frame_id : str
+        The headers' frame.
+
+    Yields
+    ------
+    which : ndarray, (m,)
+        Those of one excitation, whose messages are of one size.
+    encoded : ndarray of uint8, (m, n_bytes)
+        Each row is what `encode_resonance` gives.
+    """
+    nan = float("nan")
+    frame = len(frame_id.encode()) + 1
+    for number in np.unique(resonances.excitation).tolist():
+        [which] = np.nonzero(resonances.excitation == number)
+        name = excitations[number].name if number >= 0 else ""
+        stale = Resonance(ResonanceState.STALE, name, nan, 0, nan, nan, nan, 0, nan, table_id)
+        layout = np.dtype(
+            [
+                ("sec", "i4"),
+                ("nanosec", "u4"),
+                ("frame_length", "u4"),
+                ("frame", "u1", (frame,)),
+                ("state", "u1"),
+                ("excitation_length", "u4"),
+                ("excitation", "u1", (len(name.encode()) + 1,)),
+                ("excitation_frequency", "f8"),
+                ("mode", "u4"),
+                ("natural_frequency", "f8"),
+                ("margin", "f8"),
+                ("relative_margin", "f8"),
+                ("approach", "i1"),
+                ("time_to_crossing", "f8"),
+            ],
+            align=True,
+        )
+        columns = {
+            column: getattr(resonances, column)[which]
+            for column in (
+                "state",
+                "excitation_frequency",
+                "mode",
+                "natural_frequency",
+                "margin",
+                "relative_margin",
+                "approach",
+                "time_to_crossing",
+            )
+        }
+        stamps = {"sec": sec[which], "nanosec": nanosec[which]}
+        example = encode_resonance(stale, 0, 0, frame_id)
+        yield which, _alike(example, layout, {**stamps, **columns})
+
+
+def _alike(example: bytes, layout: np.dtype[np.void], columns: Mapping[str, NDArray[Any]]) -> Bytes:
+    """Return messages that have these numbers in their layout, and else the example's bytes."""
+    n = len(columns["sec"])
     numbers = np.zeros(n, layout)  # what CDR pads with, too
     numbers[:] = np.frombuffer(example, layout, 1, _ENCAPSULATION)
-    numbers["sec"], numbers["nanosec"] = sec, nanosec
-    for name in (
-        "crank_angle",
-        "status",
-        "natural_frequencies",
-        "frequency_stddev",
-        "damping_ratios",
-        "frf_peak_frequency",
-        "frf_peak_magnitude",
-        "interpolation_error",
-    ):
-        numbers[name] = getattr(predictions, name)
+    for name, column in columns.items():
+        numbers[name] = column
     rows = np.empty((n, len(example)), np.uint8)
     rows[:] = np.frombuffer(example, np.uint8)
     rows[:, _ENCAPSULATION : _ENCAPSULATION + layout.itemsize] = numbers.view(np.uint8).reshape(

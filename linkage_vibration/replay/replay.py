@@ -13,13 +13,17 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from linkage_vibration.excitation import ResonanceMonitor, Source
+from linkage_vibration.excitation import ResonanceMonitor, Source, ToldSpeed
 from linkage_vibration.inputs import JointInput, PercentInput, Reading, ReadingError
-from linkage_vibration.logs.batches import Predictions, encode_predictions, predict_many
+from linkage_vibration.logs.batches import (
+    Predictions,
+    encode_predictions,
+    encode_resonances,
+    predict_many,
+)
 from linkage_vibration.logs.chunks import ChunkLog, Messages
 from linkage_vibration.logs.recorder import PROVENANCE_METADATA, package_versions
 from linkage_vibration.logs.recording import Attachment
-from linkage_vibration.messages import encode_resonance
 from linkage_vibration.parameters import NODE_NAME, Parameters, parameters_yaml
 from linkage_vibration.prediction import Predictor, Status
 from linkage_vibration.readers.excitations import read_excitations
@@ -293,46 +297,56 @@ class _Replay:
     def _resonances(
         self, block: Block, readings: Sequence[_Readings], predicted: Sequence[Predictions]
     ) -> list[Messages]:
-        """Assess predictions and speeds one by one, as each depends on what came before."""
+        """Assess predictions, with the speeds that come among them."""
         assert self._monitor is not None
         found: list[Messages] = []
-        speeds: dict[int, tuple[Source, float]] = {}
+        speeds: list[tuple[int, Source, float]] = []
         for topic, source in enumerate(self._sources):
             if source is not None:
                 of_topic = np.flatnonzero(block.topics == topic)
                 for rows, data, values in self._floats(block, of_topic):
                     times = block.log_times[rows], block.publish_times[rows]
                     found.append(Messages(self._names[topic], data, _PLACES * rows, *times))
-                    speeds.update(
-                        (row, (source, v)) for row, v in zip(rows.tolist(), values, strict=True)
-                    )
-        asked = {
-            row: (group, i)
-            for group, some in enumerate(readings)
-            for i, row in enumerate(some.rows.tolist())
-        }
-        by_size: dict[int, list[tuple[int, bytes]]] = {}
-        for row in sorted(speeds.keys() | asked.keys()):
-            time = int(block.log_times[row])
-            if row in speeds:
-                self._monitor.set_speed(*speeds[row], time)
-                continue
-            if not self._monitor.speeds_told:
-                continue
-            group, i = asked[row]
-            some = readings[group]
-            prediction, velocity = predicted[group].row(i), float(some.velocity[i])
-            resonance = self._monitor.assess(prediction, velocity, time)
-            stamp = int(some.sec[i]), int(some.nanosec[i])
-            encoded = encode_resonance(resonance, *stamp, some.frame_id)
-            by_size.setdefault(len(encoded), []).append((row, encoded))
-        for size, entries in by_size.items():
-            rows = np.array([row for row, _ in entries])
-            joined = np.frombuffer(b"".join(encoded for _, encoded in entries), np.uint8)
-            data, log_times = joined.reshape(-1, size), block.log_times[rows]
-            place = _PLACES * rows + 2
-            found.append(Messages(RESONANCE_TOPIC, data, place, log_times, log_times))
-            self.done.resonances += len(entries)
+                    speeds += [
+                        (row, source, v) for row, v in zip(rows.tolist(), values, strict=True)
+                    ]
+        speeds.sort()  # by rows
+        if not readings:
+            for row, source, value in speeds:
+                self._monitor.set_speed(source, value, int(block.log_times[row]))
+            return found
+        rows = np.concatenate([some.rows for some in readings])
+        order = np.argsort(rows)
+        before = np.searchsorted(rows[order], [row for row, _, _ in speeds]).tolist()
+        # Until a speed is told there is nothing to assess.
+        first = 0 if self._monitor.speeds_told else min([len(rows), *before])
+        asked = order[first:]
+        resonances = self._monitor.assess_many(
+            np.concatenate([some.natural_frequencies for some in predicted])[asked],
+            np.concatenate([some.frequency_slopes for some in predicted])[asked],
+            np.concatenate([some.velocity for some in readings])[asked],
+            block.log_times[rows[asked]],
+            [
+                ToldSpeed(earlier - first, source, value, int(block.log_times[row]))
+                for earlier, (row, source, value) in zip(before, speeds, strict=True)
+            ],
+        )
+        answers = np.argsort(order) - first
+        for some in readings:
+            answer, answers = np.split(answers, [len(some.rows)])
+            kept = np.flatnonzero(answer >= 0)
+            for which, data in encode_resonances(
+                resonances.rows(answer[kept]),
+                self._monitor.excitations,
+                predicted[0].table_id,
+                some.sec[kept],
+                some.nanosec[kept],
+                some.frame_id,
+            ):
+                rows = some.rows[kept[which]]
+                times = block.log_times[rows], block.log_times[rows]
+                found.append(Messages(RESONANCE_TOPIC, data, _PLACES * rows + 2, *times))
+                self.done.resonances += len(rows)
         return found
 
 
