@@ -36,6 +36,8 @@ COLUMNS = ["bag", "joint states", "messages/s", "times real time", "CPU [us/mess
 STAGES = {
     "_uncompressed": "reading and decompressing chunks",
     "_chunk_block": "finding messages in chunks",
+    "find_messages": "finding messages in chunks",
+    "many_to_cdr": "turning ROS 1 into CDR",
     "_joined": "putting them in order, by columns",
     "rows": "putting them in order, by columns",
     "_read": "decoding joint states",

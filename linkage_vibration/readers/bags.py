@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from rosbags.rosbag2 import Reader as Reader2
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
+FLOAT64 = "std_msgs/msg/Float64"
 # How a file begins, and what mends one that ends too early, by suffix (a folder has none).
 _MAGIC = {".bag": b"#ROSBAG V2.0", ".mcap": b"\x89MCAP0\r\n", ".db3": b"SQLite format 3\0"}
 _MEND = {
@@ -201,8 +202,8 @@ def open_bag(path: Path) -> "Iterator[Reader1 | Reader2]":
         yield bag
 
 
-def bag_reader(path: Path) -> "Reader1 | Reader2":
-    """Return what opens a bag, which it raises no `BagError` for."""
+def bag_reader(path: Path, *, by_chunks: bool = False) -> "Reader1 | Reader2":
+    """Return what opens a bag, which it raises no `BagError` for; ROS 1's for `ros1` if asked."""
     try:
         from rosbags.rosbag1 import Reader as Reader1
         from rosbags.rosbag2 import Reader as Reader2
@@ -210,7 +211,13 @@ def bag_reader(path: Path) -> "Reader1 | Reader2":
         raise BagError(
             "Reading bags needs rosbags 0.11 or later; `pip install linkage_vibration[bags]`."
         ) from None
-    return Reader1(path) if _kind(path) == ".bag" else Reader2(path)
+    if _kind(path) != ".bag":
+        return Reader2(path)
+    if not by_chunks:
+        return Reader1(path)
+    from linkage_vibration.readers.ros1 import ChunkReader
+
+    return ChunkReader(path)
 
 
 @contextmanager

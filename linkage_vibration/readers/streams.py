@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Streams topics out of bags as columns: thousands of messages at a time, in order of log time.
 
-A chunk of an MCAP is taken apart here, as that is where a long bag's time goes; everything else
-comes message by message from rosbags. What is in memory is a chunk of each bag, and what overlaps.
+Chunks of MCAP and of ROS 1 are taken apart as a whole, as that is where a long bag's time goes;
+everything else comes message by message from rosbags. What is in memory is a chunk of each bag,
+and what overlaps.
 """
 
 import heapq
@@ -17,6 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from linkage_vibration.readers.bags import bag_reader, damage_told
@@ -26,6 +28,8 @@ if TYPE_CHECKING:
     from rosbags.rosbag1 import Reader as Reader1
     from rosbags.rosbag2 import Reader as Reader2
     from rosbags.rosbag2.storage_mcap import ChunkInfo, McapReader
+
+    from linkage_vibration.readers.ros1 import ChunkReader
 
 Bytes = NDArray[np.uint8]
 Integers = NDArray[np.int64]
@@ -166,7 +170,7 @@ def open_bags(paths: Sequence[Path]) -> Iterator[Bags]:
     with ExitStack() as stack:
         for path in paths:
             with damage_told(path):
-                bags.append(bag_reader(path))
+                bags.append(bag_reader(path, by_chunks=True))
                 stack.enter_context(bags[-1])
         yield Bags(paths, bags)
 
@@ -228,7 +232,12 @@ def _parts(
     from rosbags.rosbag2 import Reader as Reader2
     from rosbags.rosbag2.storage_mcap import McapReader
 
+    from linkage_vibration.readers.ros1 import ChunkReader
+
     with damage_told(path):
+        if isinstance(bag, ChunkReader):
+            yield from _ros1_parts(path, bag, number, names)
+            return
         if isinstance(bag, Reader2) and bag.compression_mode is None:
             storages = getattr(bag.storage, "storages", [bag.storage])
             if all(isinstance(storage, McapReader) and storage.chunks for storage in storages):
@@ -295,18 +304,59 @@ def _block(buffer: Bytes, columns: Sequence[tuple[int, ...]]) -> Block:
     return Block(buffer, *np.minimum(table, _LATEST).astype(np.int64).T.copy())
 
 
+def _ros1_parts(
+    path: Path, bag: "ChunkReader", number: int, names: Sequence[str]
+) -> Iterator[_Part]:
+    connections = [connection for connection in bag.connections if connection.topic in names]
+    wanted = {connection.id for connection in connections}
+    to_cdr = _to_cdr(connections)
+    chunks = [chunk for chunk in bag.chunk_infos if wanted & chunk.connection_counts.keys()]
+    for place, chunk in enumerate(sorted(chunks, key=lambda chunk: chunk.start_time)):
+
+        def load(position: int = chunk.pos) -> Block:
+            with damage_told(path):
+                return _ros1_block(bag.uncompressed(position), connections, names, to_cdr)
+
+        yield _Part(chunk.start_time, (number, place), load)
+
+
+def _ros1_block(
+    data: bytes,
+    connections: "Sequence[Connection]",
+    names: Sequence[str],
+    to_cdr: Callable[[bytes, str], bytes],
+) -> Block:
+    """Find the messages of these connections in a chunk, and turn them into CDR."""
+    from linkage_vibration.readers.ros1 import find_messages, many_to_cdr
+
+    found, starts, sizes, times = find_messages(data)
+    buffer = np.frombuffer(data, np.uint8)
+    blocks, order = [_block(buffer[:0], [])], [np.zeros(0, np.int64)]
+    for connection in connections:
+        mine = found == connection.id
+        for size in np.unique(sizes[mine]):
+            rows = np.flatnonzero(mine & (sizes == size))
+            messages = sliding_window_view(buffer, size)[starts[rows]]
+            for which, encoded in many_to_cdr(messages, connection.msgtype, to_cdr):
+                n, length = encoded.shape
+                topics = np.full(n, names.index(connection.topic))
+                at = times[rows[which]]
+                each = np.full(n, length)
+                blocks.append(Block(encoded.ravel(), length * np.arange(n), each, topics, at, at))
+                order.append(rows[which])
+    return _joined(blocks).rows(np.argsort(np.concatenate(order)))
+
+
 def _other_parts(bag: "Reader1 | Reader2", number: int, names: Sequence[str]) -> Iterator[_Part]:
     connections = [connection for connection in bag.connections if connection.topic in names]
     if not connections:
         return
-    as_cdr = _to_cdr(connections)
     data, columns, position, place = [], [], 0, 0
     for connection, time, raw in bag.messages(connections):
-        message = as_cdr(raw, connection.msgtype)
         topic = names.index(connection.topic)
-        columns.append((position, len(message), topic, max(time, 0), max(time, 0)))
-        data.append(message)
-        position += len(message)
+        columns.append((position, len(raw), topic, max(time, 0), max(time, 0)))
+        data.append(raw)
+        position += len(raw)
         if len(columns) == _GATHERED:
             yield _gathered(data, columns, (number, place))
             data, columns, position = [], [], 0
@@ -321,12 +371,9 @@ def _gathered(data: Collection[bytes], columns: Sequence[tuple[int, ...]], rank:
 
 
 def _to_cdr(connections: "Sequence[Connection]") -> Callable[[bytes, str], bytes]:
-    """Return what makes CDR of the messages of a bag."""
-    from rosbags.interfaces import ConnectionExtRosbag1
+    """Return what makes CDR of a message of ROS 1."""
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-    if not isinstance(connections[0].ext, ConnectionExtRosbag1):
-        return lambda raw, _: raw
     store = get_typestore(Stores.LATEST)
     for type_name, text in sorted({(c.msgtype, c.msgdef.data) for c in connections}):
         if type_name not in store.fielddefs:
