@@ -181,7 +181,7 @@ def _ordered(parts: Iterable[_Part]) -> Iterator[Block]:
     upcoming = iter(parts)
     part = next(upcoming, None)
     while part is not None:
-        held.append((part.rank, part.load()))
+        held.append((part.rank, _compact(part.load())))
         part = next(upcoming, None)
         if part is not None and sum(len(block) for _, block in held) < BLOCK:
             continue
@@ -218,7 +218,7 @@ def _compact(block: Block) -> Block:
     """Return the same block without the bytes of other messages, unless they are few."""
     if 2 * block.sizes.sum() > len(block.buffer):
         return block
-    data = b"".join(block.message(row) for row in range(len(block)))
+    data = b"".join(map(block.message, range(len(block))))
     starts = np.cumsum(block.sizes) - block.sizes
     buffer = np.frombuffer(data, np.uint8)
     times = block.log_times, block.publish_times

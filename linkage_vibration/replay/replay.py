@@ -307,9 +307,8 @@ class _Replay:
                 for rows, data, values in self._floats(block, of_topic):
                     times = block.log_times[rows], block.publish_times[rows]
                     found.append(Messages(self._names[topic], data, _PLACES * rows, *times))
-                    speeds += [
-                        (row, source, v) for row, v in zip(rows.tolist(), values, strict=True)
-                    ]
+                    of_block = zip(rows.tolist(), values, strict=True)
+                    speeds += [(row, source, value) for row, value in of_block]
         speeds.sort()  # by rows
         if not readings:
             for row, source, value in speeds:

@@ -1,0 +1,170 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Whether memory stays while a long bag is replayed: ``python -m benchmark.long_bag [GB]``.
+
+Bags as ``ros2 bag record`` writes them, MCAP in chunks of 768 KiB without compression, and tenths
+of them: one with a laser scanner beside the joints, one with joints alone. The temporary folder
+(TMPDIR) needs twice the room of the longest.
+"""
+
+import multiprocessing
+import re
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+
+import numpy as np
+from mcap.writer import CompressionType, Writer
+from rosbags.typesys import Stores, get_typestore
+from tqdm import tqdm
+
+from benchmark.replay import NAMES, RATE, START
+from benchmark.report import machine, publish, table
+from linkage_vibration.logs.replay import Settings, replay
+from linkage_vibration.readers.bags import FLOAT64, JOINT_STATE
+
+GIGABYTES = 10.0
+POINT_CLOUD = "sensor_msgs/msg/PointCloud2"
+CLOUD_EVERY, CLOUD_BYTES = 100, 16 * 1800 * 22  # joint states; 16 lines of 1800 points of 22 bytes
+SPEED_EVERY = 10  # joint states
+COLUMNS = ["bag", "GB", "joint states", "hours", "s", "states/s", "times real time", "peak [MiB]"]
+KINDS = {True: "joints, engine speed, laser scanner", False: "joints, engine speed"}
+
+
+def main() -> None:
+    """Replay a bag of each kind and a tenth of it, and publish how fast, and in what memory."""
+    longest = float(sys.argv[1]) if len(sys.argv) > 1 else GIGABYTES
+    rows, ratios = [], []
+    for scanner, kind in KINDS.items():
+        peaks = []
+        for gigabytes in (longest / 10.0, longest):
+            with tempfile.TemporaryDirectory() as name:
+                bag = Path(name) / "bag.mcap"
+                write(bag, gigabytes * 1e9, scanner=scanner)
+                # A process of its own, whose memory is that of the replay alone.
+                spawn = multiprocessing.get_context("spawn")
+                with ProcessPoolExecutor(1, spawn) as pool:
+                    done = pool.submit(replayed, bag, Path(name) / "out.mcap")
+                    took, states, peak = done.result()
+                size = f"{bag.stat().st_size / 1e9:.2f}"
+            rate = states / took
+            told = [f"{took:.1f}", f"{rate:,.0f}", f"{rate / RATE:,.0f}", f"{peak:.0f}"]
+            rows.append([kind, size, f"{states}", f"{states / RATE / 3600:.2f}", *told])
+            peaks.append(peak)
+        ratios.append(f"{kind}: {peaks[1] / peaks[0]:.2f}")
+    publish(
+        "long_bag",
+        "Long bags",
+        [
+            f"In: three joints with velocities at {RATE} Hz, an engine speed at "
+            f"{RATE // SPEED_EVERY} Hz and, where told, {CLOUD_BYTES / 1e3:.0f} kB of points at "
+            f"{RATE // CLOUD_EVERY} Hz, as MCAP without compression. Out: joints, speeds, "
+            "predictions and resonances, as MCAP with zstd. Peak: resident memory of the process "
+            "that replays, Python and NumPy included.",
+            table(COLUMNS, rows),
+            f"Peak memory with ten times the bag: {'; '.join(ratios)} times as much.",
+        ],
+        machine("mcap", "rosbags", "zstandard"),
+    )
+
+
+def replayed(bag: Path, output: Path) -> tuple[float, int, float]:
+    """Return how long a replay takes, s, how many states it has, and its peak memory, MiB."""
+    begin = time.perf_counter()
+    with tqdm(desc="replay", unit="message", unit_scale=True) as bar:
+
+        def show(done: int, total: int) -> None:
+            bar.total = total
+            bar.update(done - bar.n)
+
+        done = replay([bag], output, Settings(), progress=show)
+    took = time.perf_counter() - begin
+    [kibibytes] = re.findall(r"VmHWM:\s*(\d+) kB", Path("/proc/self/status").read_text())
+    return took, done.predictions, int(kibibytes) / 1024.0
+
+
+def write(path: Path, size: float, *, scanner: bool) -> None:
+    """Write a bag of this many bytes."""
+    store = get_typestore(Stores.LATEST)
+    with path.open("wb") as file, tqdm(desc="write", total=size, unit="B", unit_scale=True) as bar:
+        writer = Writer(file, chunk_size=768 * 1024, compression=CompressionType.NONE)
+        writer.start("ros2", "benchmark")
+        channels = []
+        for topic, kind in (
+            ("/joint_states", JOINT_STATE),
+            ("/engine_speed", FLOAT64),
+            ("/points", POINT_CLOUD),
+        ):
+            text = store.generate_msgdef(kind, ros_version=2)[0].encode()
+            schema = writer.register_schema(kind, "ros2msg", text)
+            about = {"offered_qos_profiles": ""}
+            channels.append(writer.register_channel(topic, "cdr", schema, about))
+        joints, engine, points = channels
+        speed, cloud = store.types[FLOAT64], point_cloud()
+        first = 0
+        while file.tell() < size:
+            for k, state in enumerate(joint_states(first), first):
+                now = START + k * 10**9 // RATE
+                if k % SPEED_EVERY == 0:
+                    rpm = speed(1600.0 + 500.0 * np.sin(1e-4 * k))
+                    writer.add_message(engine, now, bytes(store.serialize_cdr(rpm, FLOAT64)), now)
+                if scanner and k % CLOUD_EVERY == 0:
+                    writer.add_message(points, now, cloud, now)
+                writer.add_message(joints, now, state, now)
+            first += RATE
+            bar.update(file.tell() - bar.n)
+        writer.finish()
+
+
+def joint_states(first: int) -> Sequence[bytes]:
+    """Return the joint states of a second, from that of a number on."""
+    store = get_typestore(Stores.LATEST)
+    state, header, stamp = (
+        store.types[name]
+        for name in (JOINT_STATE, "std_msgs/msg/Header", "builtin_interfaces/msg/Time")
+    )
+    zero = header(stamp=stamp(sec=0, nanosec=0), frame_id="base_link")
+    message = state(
+        header=zero, name=NAMES, position=np.zeros(3), velocity=np.zeros(3), effort=np.zeros(0)
+    )
+    example = np.frombuffer(store.serialize_cdr(message, JOINT_STATE), np.uint8)
+    k = first + np.arange(RATE)
+    noise = np.random.default_rng(first).normal(scale=1e-4, size=RATE)
+    angle = 2.3 + 0.6 * np.sin(0.5 * k / RATE) + noise
+    rows = np.tile(example, (RATE, 1))
+    sec, nanosec = np.divmod(START + k * 10**9 // RATE, 10**9)
+    rows[:, 4:12] = np.column_stack([sec, nanosec]).astype("<u4").view(np.uint8)
+    # Behind the velocities stands how many efforts there are, before them their own number, padded.
+    velocity, position = len(example) - 28, len(example) - 60
+    positions = np.column_stack([0.01 * k / RATE, angle, 56.5 * k / RATE])
+    rates = np.column_stack(
+        [np.full(RATE, 0.01), 0.3 * np.cos(0.5 * k / RATE), np.full(RATE, 56.5)]
+    )
+    rows[:, position : position + 24] = positions.view(np.uint8)
+    rows[:, velocity : velocity + 24] = rates.view(np.uint8)
+    return [row.tobytes() for row in rows]
+
+
+def point_cloud() -> bytes:
+    """Return one turn of a laser scanner."""
+    store = get_typestore(Stores.LATEST)
+    stamp = store.types["builtin_interfaces/msg/Time"](sec=START // 10**9, nanosec=0)
+    message = store.types[POINT_CLOUD](
+        header=store.types["std_msgs/msg/Header"](stamp=stamp, frame_id="laser"),
+        height=16,
+        width=1800,
+        fields=[],
+        is_bigendian=False,
+        point_step=22,
+        row_step=1800 * 22,
+        data=np.random.default_rng(1).integers(0, 256, CLOUD_BYTES, np.uint8),
+        is_dense=True,
+    )
+    return bytes(store.serialize_cdr(message, POINT_CLOUD))
+
+
+if __name__ == "__main__":
+    main()
