@@ -43,20 +43,16 @@ from linkage_vibration.logs.recording import (
     Topic,
     rosbag2_metadata,
 )
+from linkage_vibration.readers.mcap_records import (
+    CHUNK,
+    MESSAGE,
+    MESSAGE_INDEX,
+    MESSAGE_RECORD,
+    RECORD,
+)
 
 Bytes = NDArray[np.uint8]
 Integers = NDArray[np.int64]
-
-_RECORD = np.dtype(
-    [
-        ("opcode", "u1"),
-        ("length", "<u8"),
-        ("channel", "<u2"),
-        ("sequence", "<u4"),
-        ("log_time", "<u8"),
-        ("publish_time", "<u8"),
-    ]
-)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -188,7 +184,10 @@ class ChunkLog:
         """Lay out the records of a chunk; return also where those of each topic and size begin."""
         places = np.concatenate([some.place for some in messages])
         lengths = np.concatenate(
-            [np.full(len(some.place), some.data.shape[1] + _RECORD.itemsize) for some in messages]
+            [
+                np.full(len(some.place), some.data.shape[1] + MESSAGE_RECORD.itemsize)
+                for some in messages
+            ]
         )
         order = np.argsort(places, kind="stable")
         begins = np.empty(len(order), np.int64)
@@ -197,9 +196,9 @@ class ChunkLog:
         offsets, done = [], 0
         for some in messages:
             n, size = some.data.shape
-            header = np.empty(n, _RECORD)
+            header = np.empty(n, MESSAGE_RECORD)
             header["opcode"] = Opcode.MESSAGE
-            header["length"] = size + _RECORD.itemsize - 9
+            header["length"] = MESSAGE.size + size
             header["channel"] = self._channel(some.topic)
             header["sequence"] = self._counts[some.topic] + np.arange(n)
             header["log_time"], header["publish_time"] = some.log_times, some.publish_times
@@ -220,12 +219,12 @@ class ChunkLog:
         first = min(int(some.log_times.min()) for some in messages)
         last = max(int(some.log_times.max()) for some in messages)
         begin = self._file.tell()
-        head = struct.pack("<QQQI", first, last, len(records), zlib.crc32(records))
-        head += struct.pack("<I4sQ", 4, b"zstd", len(compressed))
-        self._file.write(struct.pack("<BQ", Opcode.CHUNK, len(head) + len(compressed)))
+        head = CHUNK.pack(first, last, len(records), zlib.crc32(records), 4)
+        head += struct.pack("<4sQ", b"zstd", len(compressed))
+        self._file.write(RECORD.pack(Opcode.CHUNK, len(head) + len(compressed)))
         self._file.write(head)
         self._file.write(compressed)
-        indexes = begin + 9 + len(head) + len(compressed)
+        indexes = begin + RECORD.size + len(head) + len(compressed)
         self._chunks.append(
             ChunkIndex(
                 chunk_length=indexes - begin,
@@ -250,9 +249,8 @@ class ChunkLog:
                 ]
             ).astype("<u8")
             pairs = pairs[np.argsort(pairs[:, 1])]
-            self._file.write(
-                struct.pack("<BQHI", Opcode.MESSAGE_INDEX, 6 + pairs.nbytes, channel, pairs.nbytes)
-            )
+            head = MESSAGE_INDEX.pack(channel, pairs.nbytes)
+            self._file.write(RECORD.pack(Opcode.MESSAGE_INDEX, len(head) + pairs.nbytes) + head)
             self._file.write(pairs.tobytes())
         self._chunks[-1].message_index_length = self._file.tell() - indexes
 

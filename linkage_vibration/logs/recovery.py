@@ -41,6 +41,7 @@ from mcap.writer import LIBRARY_IDENTIFIER, MCAP0_MAGIC, Writer
 
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.logs.recording import ROSBAG2_METADATA, Topic, rosbag2_metadata
+from linkage_vibration.readers.mcap_records import CHUNK, MESSAGE, MESSAGE_INDEX, RECORD
 
 RECOVERY_METADATA = "linkage_vibration.recovery"  # the name of a record
 # What says that it is longer is taken for damaged, so that memory stays bounded.
@@ -48,12 +49,8 @@ LONGEST_RECORD = 2**28
 
 _DAMAGES_TOLD = 20
 _BLOCK = 2**20  # bytes read at a time
-_RECORD = struct.Struct("<BQ")  # opcode, length
-_MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
-_CHUNK = struct.Struct("<QQQII")  # first and last log time, size, CRC, length of compression's name
-_MESSAGE_INDEX = struct.Struct("<HI")  # channel, bytes of entries
 _INDEX_ENTRY_BYTES = 16
-_FOOTER_BYTES = _RECORD.size + 20 + len(MCAP0_MAGIC)
+_FOOTER_BYTES = RECORD.size + 20 + len(MCAP0_MAGIC)
 # An opcode and a length below 4 GiB; a lookahead, as what looks like one may overlap the true one.
 _LIKELY_RECORD = re.compile(rb"(?=[\x01-\x0f].{4}\0{4})", re.DOTALL)
 _RECORDS: dict[int, Any] = {
@@ -259,7 +256,7 @@ class _Rescue:
         footer = self._source.read(size - _FOOTER_BYTES, _FOOTER_BYTES)
         if not footer.endswith(MCAP0_MAGIC):
             return
-        record = _parse(Opcode.FOOTER, footer[_RECORD.size : -len(MCAP0_MAGIC)])
+        record = _parse(Opcode.FOOTER, footer[RECORD.size : -len(MCAP0_MAGIC)])
         end = size - _FOOTER_BYTES
         if not isinstance(record, Footer) or not 0 < record.summary_start <= end:
             return
@@ -267,7 +264,7 @@ class _Rescue:
             return
         # The CRC covers the footer too, up to itself.
         summary = self._source.read(record.summary_start, end - record.summary_start)
-        if zlib.crc32(footer[: _RECORD.size + 16], zlib.crc32(summary)) != record.summary_crc:
+        if zlib.crc32(footer[: RECORD.size + 16], zlib.crc32(summary)) != record.summary_crc:
             return
         for opcode, body in _split(summary):
             found = _parse(opcode, body)
@@ -283,9 +280,9 @@ class _Rescue:
             self._damages.append("byte 0: the magic number")
             offset = self._resume_at(0)
         while offset < source.size:
-            start = offset + _RECORD.size
+            start = offset + RECORD.size
             if (end := self._end_of_sound(offset)) is not None:
-                opcode, _ = _RECORD.unpack(source.read(offset, _RECORD.size))
+                opcode, _ = RECORD.unpack(source.read(offset, RECORD.size))
                 if issubclass(_RECORDS.get(opcode, object), _AFTER_DATA):
                     break
                 yield offset, opcode, source.read(start, end - start), False
@@ -312,17 +309,17 @@ class _Rescue:
                     return offset + match.start()
             if offset + len(block) >= source.size:
                 break
-            offset += len(block) - _RECORD.size + 1
+            offset += len(block) - RECORD.size + 1
         return source.size
 
     def _end_of_sound(self, offset: int) -> int | None:
         """Return where a record ends whose content agrees with its length, or nothing."""
         source = self._source
-        header = source.read(offset, _RECORD.size)
-        if len(header) < _RECORD.size:
+        header = source.read(offset, RECORD.size)
+        if len(header) < RECORD.size:
             return None
-        opcode, length = _RECORD.unpack(header)
-        start = offset + _RECORD.size
+        opcode, length = RECORD.unpack(header)
+        start = offset + RECORD.size
         end: int = start + length
         if length > LONGEST_RECORD or end > source.size:
             return None
@@ -331,11 +328,11 @@ class _Rescue:
         elif opcode == Opcode.MESSAGE:
             # Nothing inside it tells its length; what comes after it does. Where there are chunks,
             # messages stand in them alone, and what looks like another is an index gone wrong.
-            sound = not self._chunked and length >= _MESSAGE.size and self._is_likely(end)
+            sound = not self._chunked and length >= MESSAGE.size and self._is_likely(end)
         elif opcode == Opcode.MESSAGE_INDEX:
-            content = source.read(start, _MESSAGE_INDEX.size)
-            entries = length - _MESSAGE_INDEX.size
-            sound = entries >= 0 and _MESSAGE_INDEX.unpack(content)[1] == entries
+            content = source.read(start, MESSAGE_INDEX.size)
+            entries = length - MESSAGE_INDEX.size
+            sound = entries >= 0 and MESSAGE_INDEX.unpack(content)[1] == entries
         else:
             sound = opcode in _RECORDS and _parse(opcode, source.read(start, length)) is not None
         return end if sound else None
@@ -343,25 +340,25 @@ class _Rescue:
     def _is_likely(self, offset: int) -> bool:
         """Tell whether something like a record, or the file's end, is at an offset."""
         return offset == self._source.size or (
-            _LIKELY_RECORD.match(self._source.read(offset, _RECORD.size)) is not None
+            _LIKELY_RECORD.match(self._source.read(offset, RECORD.size)) is not None
         )
 
     def _is_cut_chunk(self, offset: int) -> bool:
-        header = self._source.read(offset, _RECORD.size)
-        if len(header) < _RECORD.size:
+        header = self._source.read(offset, RECORD.size)
+        if len(header) < RECORD.size:
             return False
-        opcode, length = _RECORD.unpack(header)
-        start = offset + _RECORD.size
+        opcode, length = RECORD.unpack(header)
+        start = offset + RECORD.size
         cut = start + length > self._source.size
         return bool(opcode == Opcode.CHUNK and cut and self._chunk_length(start) == length)
 
     def _chunk_length(self, start: int) -> int | None:
         """Return how long a chunk's content is by what it says itself."""
-        head = self._source.read(start, _CHUNK.size + 16)
-        if len(head) < _CHUNK.size:
+        head = self._source.read(start, CHUNK.size + 16)
+        if len(head) < CHUNK.size:
             return None
-        name_length = _CHUNK.unpack_from(head)[-1]
-        before = _CHUNK.size + name_length + 8
+        name_length = CHUNK.unpack_from(head)[-1]
+        before = CHUNK.size + name_length + 8
         if len(head) < before:
             return None
         return int(before + int.from_bytes(head[before - 8 : before], "little"))
@@ -373,7 +370,7 @@ class _Rescue:
         elif opcode == Opcode.MESSAGE:
             self._take_message(body)
         elif opcode == Opcode.MESSAGE_INDEX:
-            channel, size = _MESSAGE_INDEX.unpack_from(body)
+            channel, size = MESSAGE_INDEX.unpack_from(body)
             count = size // _INDEX_ENTRY_BYTES
             # An index without its chunk still counts what the chunk had.
             if self._chunk.pop(channel, None) != count:
@@ -384,9 +381,9 @@ class _Rescue:
     def _take_chunk(self, offset: int, body: bytes, cut: bool) -> None:
         self._chunked = True
         self._chunk.clear()
-        *_, size, crc, name_length = _CHUNK.unpack_from(body)
-        compression = body[_CHUNK.size : _CHUNK.size + name_length]
-        data = _decompressed(compression, memoryview(body)[_CHUNK.size + name_length + 8 :])
+        *_, size, crc, name_length = CHUNK.unpack_from(body)
+        compression = body[CHUNK.size : CHUNK.size + name_length]
+        data = _decompressed(compression, memoryview(body)[CHUNK.size + name_length + 8 :])
         sound = len(data) == size if crc == 0 else zlib.crc32(data) == crc
         if not sound and not cut:
             self._damages.append(f"byte {offset}: a chunk of {len(body)} bytes, damaged")
@@ -394,7 +391,7 @@ class _Rescue:
         if cut:
             self._damages.append(f"byte {offset}: a chunk, cut off")
         for opcode, content in _split(data):
-            if opcode == Opcode.MESSAGE and len(content) >= _MESSAGE.size:
+            if opcode == Opcode.MESSAGE and len(content) >= MESSAGE.size:
                 self._take_message(content)
             elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
                 found = _parse(opcode, content)
@@ -402,7 +399,7 @@ class _Rescue:
                     self._define(found, verified=not cut and crc != 0)
 
     def _take_message(self, body: bytes) -> None:
-        channel, sequence, log_time, publish_time = _MESSAGE.unpack_from(body)
+        channel, sequence, log_time, publish_time = MESSAGE.unpack_from(body)
         self._chunk[channel] += 1
         if channel not in self._channels:
             self._lost[channel] += 1
@@ -410,7 +407,7 @@ class _Rescue:
         self._begin()
         if channel not in self._channel_ids:
             self._register(channel)
-        data = body[_MESSAGE.size :]
+        data = body[MESSAGE.size :]
         self._writer.add_message(self._channel_ids[channel], log_time, data, publish_time, sequence)
         self._saved[channel] += 1
         self._first_time = min(self._first_time, log_time)
@@ -515,9 +512,9 @@ class _Rescue:
 def _split(records: bytes) -> Iterator[tuple[int, bytes]]:
     """Yield the opcode and content of each record, up to the first that is incomplete."""
     offset = 0
-    while offset + _RECORD.size <= len(records):
-        opcode, length = _RECORD.unpack_from(records, offset)
-        start = offset + _RECORD.size
+    while offset + RECORD.size <= len(records):
+        opcode, length = RECORD.unpack_from(records, offset)
+        start = offset + RECORD.size
         offset = start + length
         if offset > len(records):
             return
@@ -530,7 +527,7 @@ def _parse(opcode: int, body: bytes) -> McapRecord | None:
         record: McapRecord = _RECORDS[opcode].read(ReadDataStream(io.BytesIO(body)))
         builder = RecordBuilder()
         record.write(builder)
-        written = builder.end()[_RECORD.size :]  # type: ignore[no-untyped-call]
+        written = builder.end()[RECORD.size :]  # type: ignore[no-untyped-call]
     except (KeyError, ValueError, struct.error, McapError):
         return None
     # The CRC of an attachment may be left out.

@@ -10,7 +10,6 @@ and what overlaps.
 import heapq
 import io
 import itertools
-import struct
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
@@ -18,10 +17,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
+from mcap.opcode import Opcode
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from linkage_vibration.readers.bags import bag_reader, damage_told
+from linkage_vibration.readers.mcap_records import CHUNK, MESSAGE, MESSAGE_RECORD, RECORD
 
 if TYPE_CHECKING:
     from rosbags.interfaces import Connection
@@ -38,11 +39,7 @@ BLOCK = 4096
 """Messages that are handed out at a time, at least; NumPy's calls cost little beside so many."""
 
 _GATHERED = 1024  # messages that rosbags hands over one by one, until they are a part of a stream
-_MESSAGE = 5  # the opcode of an MCAP message, whose record begins so:
-_RECORD = struct.Struct("<BQ")
-_HEADER = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
-_CHUNK = struct.Struct("<QQQI")  # first and last log time, uncompressed size, CRC
-_LATEST = 2**63 - 1
+_LATEST = 2**63 - 1  # ns; MCAP's times are unsigned, but those beyond the year 2262 are no times
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -276,32 +273,47 @@ def _uncompressed(storage: "McapReader", chunk: "ChunkInfo") -> bytes:
 
     file = storage.bio
     assert file is not None
-    file.seek(chunk.chunk_start_offset + 9)
-    *_, size, crc = _CHUNK.unpack(read_exact(file, _CHUNK.size))
-    file.seek(12 + len(chunk.compression.encode()), io.SEEK_CUR)
+    file.seek(chunk.chunk_start_offset + RECORD.size)
+    *_, size, crc, name = CHUNK.unpack(read_exact(file, CHUNK.size))
+    file.seek(name + 8, io.SEEK_CUR)
     return decompress(read_exact(file, chunk.compressed_size), chunk.compression, size, crc)
 
 
 def _chunk_block(data: bytes, channels: dict[int, int]) -> Block:
     """Find the messages of these channels among a chunk's records."""
-    columns: list[tuple[int, int, int, int, int]] = []
+    begins: list[int] = []
     position, end = 0, len(data)
     while position < end:
-        kind, length = _RECORD.unpack_from(data, position)
-        position += 9
-        if kind == _MESSAGE:
-            channel, _, log_time, publish_time = _HEADER.unpack_from(data, position)
-            topic = channels.get(channel)
-            if topic is not None:
-                columns.append((position + 22, length - 22, topic, log_time, publish_time))
-        position += length
-    return _block(np.frombuffer(data, np.uint8), columns)
+        kind, length = RECORD.unpack_from(data, position)
+        if kind == Opcode.MESSAGE:
+            begins.append(position)
+        position += RECORD.size + length
+    if position > end:
+        raise ValueError("a record reaches beyond its chunk")
+    buffer = np.frombuffer(data, np.uint8)
+    if not begins:
+        return _block(buffer, [])
+    topics = np.full(2**16, -1)
+    topics[list(channels)] = list(channels.values())
+    starts = np.array(begins)
+    heads = sliding_window_view(buffer, MESSAGE_RECORD.itemsize)[starts].view(MESSAGE_RECORD)[:, 0]
+    if (heads["length"] < MESSAGE.size).any():
+        raise ValueError("a message is shorter than its own head")
+    wanted = topics[heads["channel"]] >= 0
+    heads, starts = heads[wanted], starts[wanted] + MESSAGE_RECORD.itemsize
+    sizes = heads["length"].astype(np.int64) - MESSAGE.size
+    topic = topics[heads["channel"]]
+    return Block(
+        buffer, starts, sizes, topic, _time(heads["log_time"]), _time(heads["publish_time"])
+    )
+
+
+def _time(column: NDArray[np.uint64]) -> Integers:
+    return np.minimum(column, _LATEST).astype(np.int64)
 
 
 def _block(buffer: Bytes, columns: Sequence[tuple[int, ...]]) -> Block:
-    # MCAP's times are unsigned; those beyond the year 2262 are no times.
-    table = np.array(columns, np.uint64).reshape(-1, 5)
-    return Block(buffer, *np.minimum(table, _LATEST).astype(np.int64).T.copy())
+    return Block(buffer, *np.array(columns, np.int64).reshape(-1, 5).T.copy())
 
 
 def _ros1_parts(
@@ -354,7 +366,8 @@ def _other_parts(bag: "Reader1 | Reader2", number: int, names: Sequence[str]) ->
     data, columns, position, place = [], [], 0, 0
     for connection, time, raw in bag.messages(connections):
         topic = names.index(connection.topic)
-        columns.append((position, len(raw), topic, max(time, 0), max(time, 0)))
+        at = min(max(time, 0), _LATEST)
+        columns.append((position, len(raw), topic, at, at))
         data.append(raw)
         position += len(raw)
         if len(columns) == _GATHERED:

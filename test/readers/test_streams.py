@@ -3,11 +3,13 @@
 """Topics stream out of bags in order of time, whatever the order in the file."""
 
 import random
+import struct
 from pathlib import Path
 
 import pytest
+from mcap.opcode import Opcode
 from mcap.reader import make_reader
-from mcap.writer import CompressionType, Writer
+from mcap.writer import CompressionType, IndexType, Writer
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
@@ -154,6 +156,42 @@ def test_damage_names_the_file(tmp_path: Path) -> None:
     bad.write_bytes(data)
     with pytest.raises(BagError, match=r"bad\.mcap is damaged or was cut short .*may mend it"):
         read([good, bad], ["/a"])
+
+
+@pytest.mark.parametrize("length", [0, 21, 2**16, 2**62])
+@pytest.mark.parametrize("which", [0, 1])
+def test_records_that_lie(tmp_path: Path, length: int, which: int) -> None:
+    """A message that says a length that it cannot have is damage, where no checksum tells it."""
+    path = tmp_path / "bag.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file, compression=CompressionType.NONE, enable_crcs=False)
+        writer.start("ros2", "test")
+        schema = writer.register_schema(FLOAT64, "ros2msg", b"float64 data")
+        channel = writer.register_channel("/a", "cdr", schema, {"offered_qos_profiles": ""})
+        for k in range(2):
+            writer.add_message(channel, k, cdr(k), k)
+        writer.finish()
+    true, told = (struct.pack("<BQ", Opcode.MESSAGE, n) for n in (22 + 12, length))
+    parts = path.read_bytes().split(true)
+    path.write_bytes(
+        parts[0] + (told + parts[1] + true if which == 0 else true + parts[1] + told) + parts[2]
+    )
+    with pytest.raises(BagError, match="is damaged"):
+        read([path], ["/a"])
+
+
+def test_chunk_without_messages(tmp_path: Path) -> None:
+    """A chunk of definitions alone is no damage, and times beyond all calendars are no error."""
+    path = tmp_path / "bag.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file, chunk_size=1, index_types=IndexType.CHUNK)
+        writer.start("ros2", "test")
+        schema = writer.register_schema(FLOAT64, "ros2msg", b"float64 data")
+        channel = writer.register_channel("/a", "cdr", schema, {"offered_qos_profiles": ""})
+        for time in (5, 2**64 - 1):
+            writer.add_message(channel, time, cdr(time), time)
+        writer.finish()
+    assert [time for time, *_ in read([path], ["/a"])] == [5, 2**63 - 1]
 
 
 def test_cut_short(tmp_path: Path) -> None:

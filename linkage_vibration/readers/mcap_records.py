@@ -1,0 +1,23 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""How MCAP lays out the records that are read and written without its library, for speed."""
+
+import struct
+
+import numpy as np
+
+RECORD = struct.Struct("<BQ")  # opcode, length of what follows
+MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time; then the data
+CHUNK = struct.Struct("<QQQII")  # first and last log time, size, CRC, length of compression's name
+MESSAGE_INDEX = struct.Struct("<HI")  # channel, bytes of entries
+MESSAGE_RECORD = np.dtype(
+    [
+        ("opcode", "u1"),
+        ("length", "<u8"),
+        ("channel", "<u2"),
+        ("sequence", "<u4"),
+        ("log_time", "<u8"),
+        ("publish_time", "<u8"),
+    ]
+)
+"""`RECORD` and `MESSAGE`, one behind the other."""
