@@ -1,0 +1,208 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Whether the page of an hour's log is smooth: ``python -m benchmark.review_page [MINUTES]``.
+
+A headless Chromium is given a person's input, and each frame that answers it is timed: from its
+first callback until the page's thread is free again, when everything is laid out and painted.
+"""
+
+import random
+import struct
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from mcap.reader import make_reader
+from tqdm import tqdm
+
+from benchmark.browser import Browser
+from benchmark.report import machine, publish, table
+from linkage_vibration.drive import DURATION, ENGINE_SPEED, JOINTS, RATE
+from linkage_vibration.logs.recording import LogWriter, Topic, offered_qos_profiles
+from linkage_vibration.logs.replay import Settings, replay
+from linkage_vibration.resources import config_file
+from linkage_vibration.review.log import read_log
+from linkage_vibration.review.page import write_page
+from linkage_vibration.review.review import review_page
+
+MINUTES = 60.0
+FRAME = 1000.0 / 60.0  # ms
+WIDTH, HEIGHT = 1920, 1080
+GESTURES, STEPS = 24, 20  # of each kind, and of each gesture
+CTRL, SHIFT = 2, 8  # of DevTools
+CHART = "#chart-waterfall .u-over"
+Place = Callable[[float], tuple[float, float]]  # by the share of the chart's width
+Gesture = Callable[[Browser, Place, random.Random, int], None]
+COLUMNS = ["input", "frames", "median [ms]", "90 % [ms]", "99 % [ms]", "longest [ms]", "late"]
+TIMER = """
+(() => {
+  const own = requestAnimationFrame.bind(window), channel = new MessageChannel();
+  let answered = "", shown = "", frame = 0, begun = 0;
+  window.timed = [];
+  for (const kind of ["pointermove", "pointerup", "wheel"])
+    addEventListener(kind, () => { answered = kind; }, { capture: true, passive: true });
+  channel.port1.onmessage = () => timed.push([shown, performance.now() - begun]);
+  window.requestAnimationFrame = callback => own(now => {
+    if (answered && now !== frame) {
+      shown = answered;
+      begun = performance.now();
+      channel.port2.postMessage(null);  // comes when the frame is done
+    }
+    frame = now;
+    answered = "";
+    callback(now);
+  });
+})();
+"""
+
+
+def main() -> None:
+    """Make the page, use it, and publish how long its frames took."""
+    minutes = float(sys.argv[1]) if len(sys.argv) > 1 else MINUTES
+    with tempfile.TemporaryDirectory() as name:
+        bag, log, page = (Path(name) / f for f in ("bag.mcap", "log.mcap", "page.html"))
+        write_bag(bag, minutes)
+        predictions = replay([bag], log, Settings()).predictions
+        making = timed(lambda: write_page(review_page(read_log(log)), page))
+        size = page.stat().st_size
+        with Browser(WIDTH, HEIGHT) as browser:
+            browser.send("Page.addScriptToEvaluateOnNewDocument", source=TIMER)
+            opening = timed(lambda: browser.open(page))
+            kept = browser.evaluate("review.n")
+            product = browser.send("Browser.getVersion")["product"].replace("/", " ")
+            rows = [
+                row(label, used(browser, gesture, event))
+                for label, gesture, event in (
+                    ("hover: cursor and readings", hover, "pointermove"),
+                    ("Shift and drag: move along", pan, "pointermove"),
+                    ("Ctrl and wheel: zoom", zoom, "wheel"),
+                    ("drag, double-click: zoom to a window, and all", window, "pointerup"),
+                )
+            ]
+            assert not browser.problems, browser.problems
+    publish(
+        "review_page",
+        "Review page",
+        [
+            f"A log of {minutes:g} min at {RATE} Hz, {predictions} predictions with resonances, as "
+            f"a page of {size / 1e6:.1f} MB that holds {kept} of them. Made in {making:.1f} s; "
+            f"opened in {opening:.1f} s.",
+            f"{product} without a GPU, {WIDTH} x {HEIGHT}: each row is the frames that answer an "
+            "input, on the page's thread from their first callback to the end of painting, while "
+            f"the linkage swings. Late: more than {FRAME:.1f} ms, a frame at 60 Hz. Tiles are "
+            "rasterised and composed on other threads.",
+            table(COLUMNS, rows),
+        ],
+        machine(product),
+    )
+
+
+def timed(do: Callable[[], object]) -> float:
+    """Return how long something takes, s."""
+    begin = time.perf_counter()
+    do()
+    return time.perf_counter() - begin
+
+
+def write_bag(path: Path, minutes: float) -> None:
+    """Write the drive that ships again and again, with an engine that runs ever slower."""
+    with config_file("drives/hitch_duty_cycle.mcap").open("rb") as file:
+        messages = [
+            (schema, channel.topic, message.log_time, message.data)
+            for schema, channel, message in make_reader(file).iter_messages()
+        ]
+    qos = offered_qos_profiles(reliable=True, depth=10)
+    kinds = {topic: schema for schema, topic, *_ in messages if schema is not None}
+    topics = [
+        Topic(topic, schema.name, schema.data.decode(), "", qos) for topic, schema in kinds.items()
+    ]
+    rounds = round(60.0 * minutes / DURATION)
+    with LogWriter(path, topics) as log:
+        for k in tqdm(range(rounds), unit="round"):
+            for _, topic, first, data in messages:
+                now = first + round(k * DURATION * 1e9)
+                if topic == JOINTS:
+                    data = data[:4] + struct.pack("<II", *divmod(now, 10**9)) + data[12:]
+                elif topic == ENGINE_SPEED:
+                    [speed] = struct.unpack_from("<d", data, 4)
+                    data = data[:4] + struct.pack("<d", speed * (1.0 - 0.2 * k / rounds))
+                log.write(topic, data, now, now)
+
+
+def row(label: str, frames: list[float]) -> list[str]:
+    """Return a line of the table."""
+    told = [f"{value:.1f}" for value in np.percentile(frames, [50, 90, 99, 100])]
+    late = sum(took > FRAME for took in frames) / len(frames)
+    return [label, f"{len(frames)}", *told, f"{100 * late:.0f} %"]
+
+
+def used(browser: Browser, gesture: Gesture, answered: str) -> list[float]:
+    """Return how long each frame took that answered an event while a person moved so, ms."""
+    browser.place(CHART)  # in sight
+    left, top, width, height = browser.evaluate(
+        f"(b => [b.left, b.top, b.width, b.height])(document.querySelector('{CHART}')"
+        ".getBoundingClientRect())"
+    )
+    browser.evaluate("timed.length = 0")
+    rng = random.Random(1)
+    for k in tqdm(range(GESTURES), desc=gesture.__name__):
+        press(browser, "all")
+
+        def at(across: float) -> tuple[float, float]:
+            return left + across * width, top + 0.5 * height
+
+        gesture(browser, at, rng, k)
+    return [took for kind, took in browser.evaluate("timed") if kind == answered]
+
+
+def hover(browser: Browser, at: Place, rng: random.Random, k: int) -> None:
+    """Move over the chart, at a step a frame, in views from all to a second."""
+    for _ in range(k % 12):
+        press(browser, "in")
+    for _ in range(STEPS):
+        browser.mouse("mouseMoved", at(rng.uniform(0.01, 0.99)))
+        browser.settle()
+
+
+def pan(browser: Browser, at: Place, rng: random.Random, k: int) -> None:
+    """Drag the chart to one side and back, in views from the half to a second."""
+    for _ in range(1 + k % 11):
+        press(browser, "in")
+    browser.mouse("mouseMoved", at(0.5), modifiers=SHIFT)
+    browser.mouse("mousePressed", at(0.5), modifiers=SHIFT)
+    for i in range(STEPS):
+        across = 0.5 + 0.4 * np.sin(2.0 * np.pi * (i + 1) / STEPS)
+        browser.mouse("mouseMoved", at(across), buttons=1, modifiers=SHIFT)
+        browser.settle()
+    browser.mouse("mouseReleased", at(0.5), modifiers=SHIFT)
+
+
+def zoom(browser: Browser, at: Place, rng: random.Random, k: int) -> None:
+    """Turn the wheel until a few seconds are in view, and back."""
+    about = at(rng.uniform(0.1, 0.9))
+    for i in range(STEPS):
+        delta = -120 if i < STEPS // 2 else 120
+        browser.mouse("mouseWheel", about, deltaX=0, deltaY=delta, modifiers=CTRL)
+        browser.settle()
+
+
+def window(browser: Browser, at: Place, rng: random.Random, k: int) -> None:
+    """Choose windows within windows, and return to the whole hour."""
+    for _ in range(3):
+        ends = sorted(rng.uniform(0.05, 0.95) for _ in range(2))
+        browser.drag(at(ends[0]), at(ends[1] + 0.04))
+        browser.settle()
+    browser.click(at(0.5), count=2)
+
+
+def press(browser: Browser, button: str) -> None:
+    """Press a button of the toolbar, in a way that is not timed."""
+    browser.evaluate(f"document.querySelector('[data-do={button}]').click()")
+    browser.settle()
+
+
+if __name__ == "__main__":
+    main()
