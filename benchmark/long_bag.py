@@ -23,8 +23,9 @@ from tqdm import tqdm
 
 from benchmark.replay import NAMES, RATE, START
 from benchmark.report import machine, publish, table
-from linkage_vibration.logs.replay import Settings, replay
+from linkage_vibration.parameters import Parameters
 from linkage_vibration.readers.bags import FLOAT64, JOINT_STATE
+from linkage_vibration.replay.replay import replay
 
 GIGABYTES = 10.0
 POINT_CLOUD = "sensor_msgs/msg/PointCloud2"
@@ -80,7 +81,7 @@ def replayed(bag: Path, output: Path) -> tuple[float, int, float]:
             bar.total = total
             bar.update(done - bar.n)
 
-        done = replay([bag], output, Settings(), progress=show)
+        done = replay([bag], output, Parameters(), progress=show)
     took = time.perf_counter() - begin
     [kibibytes] = re.findall(r"VmHWM:\s*(\d+) kB", Path("/proc/self/status").read_text())
     return took, done.predictions, int(kibibytes) / 1024.0

@@ -22,7 +22,8 @@ from benchmark.browser import Browser
 from benchmark.report import machine, publish, table
 from linkage_vibration.drive import DURATION, ENGINE_SPEED, JOINTS, RATE
 from linkage_vibration.logs.recording import LogWriter, Topic, offered_qos_profiles
-from linkage_vibration.logs.replay import Settings, replay
+from linkage_vibration.parameters import Parameters
+from linkage_vibration.replay.replay import replay
 from linkage_vibration.resources import config_file
 from linkage_vibration.review.log import read_log
 from linkage_vibration.review.page import write_page
@@ -65,7 +66,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as name:
         bag, log, page = (Path(name) / f for f in ("bag.mcap", "log.mcap", "page.html"))
         write_bag(bag, minutes)
-        predictions = replay([bag], log, Settings()).predictions
+        predictions = replay([bag], log, Parameters()).predictions
         making = timed(lambda: write_page(review_page(read_log(log)), page))
         size = page.stat().st_size
         with Browser(WIDTH, HEIGHT) as browser:
