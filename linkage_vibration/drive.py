@@ -19,14 +19,13 @@ from numpy.typing import NDArray
 
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.logs.recording import LogWriter, Topic, offered_qos_profiles
-from linkage_vibration.readers.bags import JOINT_STATE
+from linkage_vibration.readers.bags import FLOAT64, JOINT_STATE
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
 
 HITCH_JOINT = "hitch_rockshaft_joint"
 JOINTS, ENGINE_SPEED, PTO_SPEED = "/joint_states", "/engine_speed", "/pto_speed"
-FLOAT64 = "std_msgs/msg/Float64"
 RATE = 100  # Hz
 SPEED_RATE = 10  # Hz, of engine and PTO speeds
 START = 1_767_225_600  # s, 2026-01-01 00:00 UTC

@@ -11,7 +11,6 @@ SPEEDS = {"engine_speed": Source.ENGINE, "pto_speed": Source.PTO, "ground_speed"
 PREDICTION_TOPIC = "/linkage_vibration/prediction"  # unless the node has another name
 RESONANCE_TOPIC = "/linkage_vibration/resonance"
 
-FLOAT64 = "std_msgs/msg/Float64"
 PREDICTION = "linkage_vibration_interfaces/msg/VibrationPrediction"
 RESONANCE = "linkage_vibration_interfaces/msg/Resonance"
 

@@ -9,8 +9,8 @@ import pytest
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from linkage_vibration.logs.definitions import DefinitionError, message_definition, type_hash
-from linkage_vibration.readers.bags import JOINT_STATE
-from linkage_vibration.topics import FLOAT64, PREDICTION, RESONANCE, log_topic
+from linkage_vibration.readers.bags import FLOAT64, JOINT_STATE
+from linkage_vibration.topics import PREDICTION, RESONANCE, log_topic
 
 
 @pytest.mark.parametrize("kind", [JOINT_STATE, FLOAT64, PREDICTION, RESONANCE])

@@ -26,6 +26,7 @@ from linkage_vibration.logs.recorder import PROVENANCE_METADATA, package_version
 from linkage_vibration.logs.recording import Attachment
 from linkage_vibration.parameters import NODE_NAME, Parameters, parameters_yaml
 from linkage_vibration.prediction import Predictor, Status
+from linkage_vibration.readers.bags import FLOAT64
 from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.readers.joint_states import JointStateReader
 from linkage_vibration.readers.streams import Bags, BagTopic, Block, open_bags
@@ -34,7 +35,6 @@ from linkage_vibration.replay.model import AS_IT_IS, WhatIf, load_model
 from linkage_vibration.replay.topics import choose_topics, told
 from linkage_vibration.table import table_bytes
 from linkage_vibration.topics import (
-    FLOAT64,
     PREDICTION,
     PREDICTION_TOPIC,
     RESONANCE,

@@ -5,10 +5,10 @@
 from collections.abc import Mapping, Sequence
 
 from linkage_vibration.parameters import PERCENT, Parameters
-from linkage_vibration.readers.bags import JOINT_STATE
+from linkage_vibration.readers.bags import FLOAT64, JOINT_STATE
 from linkage_vibration.readers.streams import Bags, BagTopic
 from linkage_vibration.replay.errors import ReplayError
-from linkage_vibration.topics import FLOAT64, HITCH_POSITION, JOINT_STATES, SPEEDS
+from linkage_vibration.topics import HITCH_POSITION, JOINT_STATES, SPEEDS
 
 
 def remappings(words: Sequence[str]) -> dict[str, str]:

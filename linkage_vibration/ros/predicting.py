@@ -20,12 +20,11 @@ from linkage_vibration.logs.recording import Topic
 from linkage_vibration.messages import encode_prediction, encode_resonance, fault
 from linkage_vibration.parameters import Parameters
 from linkage_vibration.prediction import Predictor, Status
-from linkage_vibration.readers.bags import JOINT_STATE
+from linkage_vibration.readers.bags import FLOAT64, JOINT_STATE
 from linkage_vibration.ros.diagnostics import Statistics
 from linkage_vibration.ros.endpoints import advertise, subscribe
 from linkage_vibration.ros.throttle import Throttle
 from linkage_vibration.topics import (
-    FLOAT64,
     HITCH_POSITION,
     JOINT_STATES,
     PREDICTION,

@@ -24,7 +24,7 @@ from linkage_vibration.inputs import JointInput, PercentInput
 from linkage_vibration.messages import encode_prediction, encode_resonance
 from linkage_vibration.parameters import Parameters, read_parameters
 from linkage_vibration.prediction import Predictor, Status
-from linkage_vibration.readers.bags import JOINT_STATE, BagError, read_messages
+from linkage_vibration.readers.bags import FLOAT64, JOINT_STATE, BagError, read_messages
 from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.replay.errors import ReplayError
 from linkage_vibration.replay.model import WhatIf
@@ -32,7 +32,7 @@ from linkage_vibration.replay.replay import replay
 from linkage_vibration.replay.topics import remappings
 from linkage_vibration.resources import DEFAULT_EXCITATIONS, DEFAULT_TABLE, config_file
 from linkage_vibration.table import load_table
-from linkage_vibration.topics import FLOAT64, log_topic
+from linkage_vibration.topics import log_topic
 
 DRIVE = config_file("drives/hitch_duty_cycle.mcap")
 JOINT = "hitch_rockshaft_joint"
