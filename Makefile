@@ -31,7 +31,7 @@ bench: setup
 	build/bench/bin/pip install -qq '.[bench]'
 	for name in validation.exudyn_beams validation.solid_fe validation.sdynpy_fbs calibrations \
 		stability speed speed.paper_job sweep fuzz properties campbell latency \
-		latency.rebuild signals crash log_readers replay long_bag \
+		rebuild signals crash log_readers replay long_bag \
 		review_page soak; do \
 		build/bench/bin/python -m benchmark.$$name || exit 1; done
 

@@ -21,7 +21,8 @@ from mcap.exceptions import McapError
 from mcap.reader import make_reader
 from tqdm import tqdm
 
-from benchmark.latency.driver import Driver
+from benchmark.latency.__main__ import OURS
+from benchmark.latency.driver import Driver, named
 from benchmark.report import machine, publish, table
 
 COUNT = 100
@@ -29,7 +30,7 @@ HEEDED = 0.5  # s from the process's begin, in which Python itself starts
 LATEST = 3.0  # s
 PATIENCE = 10.0  # s until a process is given up
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-COMMAND = [sys.executable, "-m", "linkage_vibration.ros.node", "--ros-args", "-p", "record:=true"]
+COMMAND = [sys.executable, *OURS, *named("ended", "-p", "record:=true")]
 
 
 def main() -> None:
@@ -41,7 +42,7 @@ def main() -> None:
 
     def send() -> None:
         while not over.wait(1e-3):
-            driver.publish(0)
+            driver.publish("ended", 0)
 
     sender = threading.Thread(target=send)
     sender.start()

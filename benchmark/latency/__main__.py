@@ -1,56 +1,61 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Latency, side by side: ``python -m benchmark.latency [ROUNDS]``.
+"""Latency, side by side: ``python -m benchmark.latency [TURNS]``.
 
-A plain rclpy node that echoes, and ours, take turns at four rates, with recording off and on.
+A plain rclpy node that echoes, and ours, with recording off and on. All run throughout, and take
+short turns, so that what else goes on in a machine strikes all alike.
 """
 
 import sys
 import time
+from collections.abc import Sequence
+from contextlib import ExitStack
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 from tqdm import tqdm
 
-from benchmark.latency.driver import Driver, Run, running
+from benchmark.latency.driver import Driver, Run, named, running
 from benchmark.report import RESULTS, machine, publish, table
 
-RATES = (10.0, 100.0, 200.0, 1000.0)  # Hz
-SECONDS = {10.0: 5.0, 100.0: 4.0, 200.0: 4.0, 1000.0: 3.0}
-ROUNDS = 5
+TURNS = 16
+SECONDS = {10.0: 2.0, 100.0: 1.0, 200.0: 1.0, 1000.0: 1.0}  # of a turn, by the rate in Hz
+RESAMPLED = 1000
 
-NAMED = ["--ros-args", "-r", "__node:=ours"]
-OURS = ["-m", "linkage_vibration.ros.node", *NAMED]
+ECHO = ["-m", "benchmark.latency.echo"]
+OURS = ["-m", "linkage_vibration.ros.node"]
 OLDER = (  # a ROS 2 without the events executor
     "import sys; sys.modules['rclpy.experimental.events_executor'] = None;"
     "from linkage_vibration.ros.node import main; sys.exit(main())"
 )
 NODES = {
-    "echo": (["-m", "benchmark.latency.echo", "single-threaded"], "echo/prediction"),
-    "ours": (OURS, "ours/prediction"),
-    "ours, recording": ([*OURS, "-p", "record:=true"], "ours/prediction"),
-    "ours, single-threaded": (["-c", OLDER, *NAMED], "ours/prediction"),
-    "echo, events executor": (["-m", "benchmark.latency.echo", "events"], "echo/prediction"),
-    "echo, multi-threaded": (["-m", "benchmark.latency.echo", "multi-threaded"], "echo/prediction"),
+    "echo": [*ECHO, "single-threaded", *named("echo")],
+    "ours": [*OURS, *named("ours")],
+    "ours, recording": [*OURS, *named("ours_recording", "-p", "record:=true")],
+    "ours, single-threaded": ["-c", OLDER, *named("ours_single_threaded")],
+    "echo, events executor": [*ECHO, "events", *named("echo_events_executor")],
+    "echo, multi-threaded": [*ECHO, "multi-threaded", *named("echo_multi_threaded")],
 }
 
 
 def main() -> None:
-    """Measure, and publish ratios to the echo of the same round."""
-    rounds = int(sys.argv[1]) if len(sys.argv) > 1 else ROUNDS
-    runs: dict[tuple[str, float], list[Run]] = {}
+    """Measure, and publish ratios to the echo."""
+    turns = int(sys.argv[1]) if len(sys.argv) > 1 else TURNS
+    names = {name: name.translate({ord(" "): "_", ord("-"): "_", ord(","): None}) for name in NODES}
+    runs: dict[tuple[str, float], list[Run]] = {(n, r): [] for n in NODES for r in SECONDS}
     driver = Driver()
-    bar = tqdm(total=rounds * len(RATES) * len(NODES), unit="run")
-    for number in range(rounds):
-        for name in rotated(list(NODES), number):
-            command, topic = NODES[name]
-            with running(command) as process:
-                for rate in RATES:
-                    run = driver.run(topic, process, rate, round(rate * SECONDS[rate]))
-                    runs.setdefault((name, rate), []).append(run)
-                    bar.update()
-            time.sleep(0.5)
-    bar.close()
+    with ExitStack() as stack:
+        processes = {}
+        for name, command in NODES.items():
+            processes[name] = stack.enter_context(running(command))
+            driver.meet(names[name])
+        order = [(rate, turn) for rate in SECONDS for turn in range(turns)]
+        for rate, turn in tqdm(order, unit="turn"):
+            for name in rotated(list(NODES), turn):
+                count = round(rate * SECONDS[rate])
+                run = driver.run(names[name], processes[name], rate, count)
+                runs[name, rate].append(run)
     driver.close()
     draw(runs, RESULTS / "latency.png")
     columns = ["node", "rate [Hz]", "median [ms]", "p99 [ms]", "CPU [%]", "lost"]
@@ -59,11 +64,11 @@ def main() -> None:
         "latency",
         "Latency, side by side",
         [
-            f"Joint states to predictions over DDS between two processes, {rounds} rounds in which "
-            "the nodes take turns. Latency from just before a joint state is published until its "
-            "prediction is taken, in the driver; medians over rounds, ratios of a round's node to "
-            "that round's echo, in brackets from the lowest to the highest. The echo is spun by "
-            "rclpy's own, single-threaded executor; ours by the events executor.",
+            f"Joint states to predictions over DDS between processes, in {turns} turns of each "
+            "node at each rate. Latency from just before a joint state is published until its "
+            "prediction is taken, in the driver. In brackets, where 90 % of the ratios are when "
+            "turns are drawn anew. The echo is spun by rclpy's own, single-threaded executor; ours "
+            "by the events executor.",
             table(columns, rows(runs)),
             parts(),
             "![](latency.png)",
@@ -73,30 +78,39 @@ def main() -> None:
 
 
 def rotated(names: list[str], by: int) -> list[str]:
-    """Return names with another one first each round."""
+    """Return names with another one first each time."""
     by %= len(names)
     return names[by:] + names[:by]
 
 
-def figures(run: Run) -> tuple[float, float, float]:
-    """Return median, 99th percentile (ms) and CPU (%)."""
-    median, high = np.percentile(1e3 * run.latencies, [50.0, 99.0])
-    return float(median), float(high), 100.0 * run.cpu
+def figures(runs: Sequence[Run]) -> NDArray[np.float64]:
+    """Return median and 99th percentile (ms) and CPU (%) of runs together, (3,)."""
+    latencies = np.concatenate([run.latencies for run in runs])
+    median, high = np.percentile(1e3 * latencies, [50.0, 99.0])
+    cpu = 100.0 * sum(run.cpu for run in runs) / sum(run.lasted for run in runs)
+    return np.array([median, high, cpu])
+
+
+def ratios(own: Sequence[Run], echo: Sequence[Run]) -> list[str]:
+    """Return the ratios of their figures, and what chance makes of them."""
+    random = np.random.default_rng(1)
+    found = []
+    for _ in range(RESAMPLED):
+        some = random.integers(len(own), size=len(own))
+        found.append(figures([own[i] for i in some]) / figures([echo[i] for i in some]))
+    low, high = np.percentile(found, [5.0, 95.0], axis=0)
+    middle = figures(own) / figures(echo)
+    return [f"{m:.2f} ({a:.2f} to {b:.2f})" for m, a, b in zip(middle, low, high, strict=True)]
 
 
 def rows(runs: dict[tuple[str, float], list[Run]]) -> list[list[str]]:
     """Lay out the figures of each node at each rate."""
     told = []
-    for rate in RATES:
-        echo = np.array([figures(run) for run in runs["echo", rate]])
-        for name in NODES:
-            own = np.array([figures(run) for run in runs[name, rate]])
-            median, high, cpu = np.median(own, axis=0)
-            lost = sum(run.lost for run in runs[name, rate])
-            ratios = own / echo
-            spread = [f"{np.median(r):.2f} ({r.min():.2f} to {r.max():.2f})" for r in ratios.T]
-            row = [name, f"{rate:g}", f"{median:.2f}", f"{high:.2f}", f"{cpu:.1f}", f"{lost}"]
-            told.append([*row, *(spread if name != "echo" else ["1", "1", "1"])])
+    for (name, rate), own in sorted(runs.items(), key=lambda entry: entry[0][1]):
+        median, high, cpu = figures(own)
+        lost = sum(run.lost for run in own)
+        row = [name, f"{rate:g}", f"{median:.2f}", f"{high:.2f}", f"{cpu:.1f}", f"{lost}"]
+        told.append([*row, *(ratios(own, runs["echo", rate]) if name != "echo" else "111")])
     return told
 
 
@@ -141,8 +155,8 @@ def draw(runs: dict[tuple[str, float], list[Run]], picture: Path) -> None:
     from linkage_vibration.plots import COLOURS, INK
 
     figure = Figure(figsize=(9.6, 3.6), layout="constrained")
-    axes = figure.subplots(1, len(RATES), sharey=True)
-    for ax, rate in zip(axes, RATES, strict=True):
+    axes = figure.subplots(1, len(SECONDS), sharey=True)
+    for ax, rate in zip(axes, SECONDS, strict=True):
         for name, colour in zip(NODES, (INK, *COLOURS), strict=False):
             values = np.sort(np.concatenate([1e3 * r.latencies for r in runs[name, rate]]))
             above = 1.0 - np.arange(len(values)) / len(values)

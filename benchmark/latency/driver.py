@@ -47,16 +47,19 @@ class Run:
     lost : int
         Joint states without an answer.
     cpu : float
-        Share of a core that the node's process took.
+        Processor time that the node's process took, s.
+    lasted : float
+        s.
     """
 
     latencies: NDArray[np.float64]
     lost: int
     cpu: float
+    lasted: float
 
 
 class Driver:
-    """Publishes joint states and times answers, by their stamps.
+    """Publishes joint states to nodes by their names, and times the answers, by their stamps.
 
     Attributes
     ----------
@@ -67,45 +70,66 @@ class Driver:
     def __init__(self) -> None:
         rclpy.init()
         self.node = rclpy.create_node("latency_driver")
-        sensor = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)
-        self._publisher = self.node.create_publisher(JointState, "joint_states", sensor)
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self.node)
+        self._publishers: dict[str, Any] = {}
         self._taken: dict[int, float] = {}
+
+    def meet(self, name: str) -> None:
+        """Wait until a node, run by the words of `named`, answers joint states."""
+        self.node.create_subscription(
+            VibrationPrediction, f"/{name}/prediction", self._on_answer, 1000, raw=True
+        )
+        self._taken.clear()
+        end, settled = time.monotonic() + FOUND, 0.0
+        while not self._taken or time.monotonic() < settled:
+            if time.monotonic() > end:
+                raise RuntimeError(f"{name} does not answer")
+            self.publish(name, 0)
+            self._spin(PACE)  # a flood would still be under way as a run begins
+            if self._taken and not settled:
+                settled = time.monotonic() + SETTLED
+        self._spin(0.5)
 
     def run(
         self,
-        topic: str,
+        name: str,
         process: int,
         rate: float,
         count: int,
         begun: Callable[[], object] = lambda: None,
     ) -> Run:
-        """Send ``count`` joint states at ``rate`` Hz to a node that answers on a topic.
+        """Send ``count`` joint states at ``rate`` Hz to a node that was met.
 
         ``begun`` is called as they begin.
         """
-        subscription = self.node.create_subscription(
-            VibrationPrediction, topic, self._on_answer, 1000, raw=True
-        )
-        try:
-            self._find()
-            self._taken.clear()
-            sent: list[float] = []
-            before, began = cpu_time(process), time.monotonic()
-            sender = threading.Thread(target=self._send, args=(rate, count, sent))
-            sender.start()
-            begun()
-            while sender.is_alive():
-                self._executor.spin_once(0.05)
-            spent, lasted = cpu_time(process) - before, time.monotonic() - began
-            end = time.monotonic() + QUIET
-            while len(self._taken) < count and time.monotonic() < end:
-                self._executor.spin_once(0.05)
-            latencies = [taken - sent[i] for i, taken in self._taken.items()]
-            return Run(np.array(latencies), count - len(latencies), spent / lasted)
-        finally:
-            self.node.destroy_subscription(subscription)
+        self._taken.clear()
+        sent: list[float] = []
+        before, began = cpu_time(process), time.monotonic()
+        sender = threading.Thread(target=self._send, args=(name, rate, count, sent))
+        sender.start()
+        begun()
+        while sender.is_alive():
+            self._executor.spin_once(0.05)
+        spent, lasted = cpu_time(process) - before, time.monotonic() - began
+        end = time.monotonic() + QUIET
+        while len(self._taken) < count and time.monotonic() < end:
+            self._executor.spin_once(0.05)
+        latencies = [taken - sent[i] for i, taken in self._taken.items()]
+        return Run(np.array(latencies), count - len(latencies), spent, lasted)
+
+    def publish(self, name: str, number: int) -> None:
+        """Send a node a joint state that has a number."""
+        if name not in self._publishers:
+            sensor = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)
+            self._publishers[name] = self.node.create_publisher(
+                JointState, f"/{name}/joint_states", sensor
+            )
+        message = JointState()
+        message.header.stamp.nanosec = number
+        message.name = [JOINT]
+        message.position = array("d", [1.6 + 1.5e-4 * (number % 10_000)])
+        self._publishers[name].publish(message)
 
     def close(self) -> None:
         """Leave."""
@@ -113,44 +137,29 @@ class Driver:
         self.node.destroy_node()
         rclpy.try_shutdown()
 
-    def _find(self) -> None:
-        """Wait until joint states are answered."""
-        self._taken.clear()
-        end = time.monotonic() + FOUND
-        settled = 0.0
-        while not self._taken or time.monotonic() < settled:
-            if time.monotonic() > end:
-                raise RuntimeError("the node does not answer")
-            self.publish(0)
-            pause = time.monotonic() + PACE  # a flood would still be under way as the run begins
-            while time.monotonic() < pause:
-                self._executor.spin_once(PACE)
-            if self._taken and not settled:
-                settled = time.monotonic() + SETTLED
-        quiet = time.monotonic() + 0.5
-        while time.monotonic() < quiet:
-            self._executor.spin_once(0.05)
-
-    def _send(self, rate: float, count: int, sent: list[float]) -> None:
+    def _send(self, name: str, rate: float, count: int, sent: list[float]) -> None:
         begin = time.monotonic()
         for i in range(count):
             wait = begin + i / rate - time.monotonic()
             if wait > 0.0:
                 time.sleep(wait)
             sent.append(time.monotonic())
-            self.publish(i)
+            self.publish(name, i)
 
-    def publish(self, number: int) -> None:
-        """Send a joint state that has a number."""
-        message = JointState()
-        message.header.stamp.nanosec = number
-        message.name = [JOINT]
-        message.position = array("d", [1.6 + 1.5e-4 * (number % 10_000)])
-        self._publisher.publish(message)
+    def _spin(self, seconds: float) -> None:
+        end = time.monotonic() + seconds
+        while (left := end - time.monotonic()) > 0.0:
+            self._executor.spin_once(left)
 
     def _on_answer(self, data: Any) -> None:
         now = time.monotonic()
         self._taken.setdefault(struct.unpack_from("<I", data, 8)[0], now)
+
+
+def named(name: str, *others: str) -> list[str]:
+    """Return the words of a command line that give a node a name and joint states of its own."""
+    words = ["--ros-args", "-r", f"__node:={name}", "-r", f"joint_states:=/{name}/joint_states"]
+    return [*words, *others]
 
 
 def cpu_time(process: int) -> float:

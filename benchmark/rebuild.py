@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Latency while another implement's table is built: ``python -m benchmark.latency.rebuild``."""
+"""Latency while another implement's table is built: ``python -m benchmark.rebuild``."""
 
 import sys
 from functools import partial
@@ -10,7 +10,7 @@ import numpy as np
 from tqdm import tqdm
 
 from benchmark.latency.__main__ import OURS, figures
-from benchmark.latency.driver import Driver, running
+from benchmark.latency.driver import Driver, named, running
 from benchmark.report import machine, publish, table
 from linkage_vibration_interfaces.srv import SetImplement
 
@@ -25,19 +25,20 @@ def main() -> None:
     quiet, building = [], []
     driver = Driver()
     client = driver.node.create_client(SetImplement, "ours/set_implement")
-    with running(OURS) as process:
+    with running([*OURS, *named("ours")]) as process:
+        driver.meet("ours")
         for number in tqdm(range(rounds), unit="round"):
-            quiet.append(driver.run("ours/prediction", process, RATE, COUNT))
+            quiet.append(driver.run("ours", process, RATE, COUNT))
             request = SetImplement.Request(mass=MASSES[number % 2], inertia=200.0)
             answers: list[Any] = []
             ask = partial(asked, client, request, answers)
-            building.append(driver.run("ours/prediction", process, RATE, COUNT, ask))
+            building.append(driver.run("ours", process, RATE, COUNT, ask))
             if not (answers[0].done() and answers[0].result().success):
                 raise RuntimeError(f"the table was not built: {answers[0].result()}")
     driver.close()
     rows = []
     for name, runs in {"as ever": quiet, "while a table is built": building}.items():
-        own = np.array([figures(run) for run in runs])
+        own = np.array([figures([run]) for run in runs])
         spread = [f"{np.median(v):.2f} ({v.min():.2f} to {v.max():.2f})" for v in own.T[:2]]
         longest = 1e3 * max(run.latencies.max() for run in runs)
         rows.append([name, *spread, f"{longest:.1f}", f"{sum(run.lost for run in runs)}"])
