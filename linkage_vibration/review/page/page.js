@@ -119,6 +119,9 @@
     return [x, ...ys];
   }
 
+  /** How many stretches a chart shows: one in two pixels, as lines are wider than one. */
+  const wantedOver = width => Math.max(100, (width - 80) / 2);
+
   // ---- state ---------------------------------------------------------------------------------
 
   let view = [first, last];
@@ -311,7 +314,7 @@
         this.u.over.append(this.line);
         interact(this);
       },
-      data(width) { return decimated(quantities, view, Math.max(100, width - 80)); },
+      data(width) { return decimated(quantities, view, wantedOver(width)); },
       near: true,
       stale: false,
       update() {
@@ -512,8 +515,10 @@
         const here = places(x);
         if (!here.length) continue;
         best.fill(0);
+        let from = -1;
         for (const place of here) {
-          const from = Math.round(place) * ROWS;
+          if (from === Math.round(place) * ROWS) continue;
+          from = Math.round(place) * ROWS;
           for (let r = 0; r < ROWS; r++) if (shade[from + r] > best[r]) best[r] = shade[from + r];
         }
         for (let r = 0; r < ROWS; r++) pixels[r * width + x] = LUT[best[r]];
@@ -568,13 +573,15 @@
     ctx.clip();
     const path = new Path2D();
     let down = false;
+    // Far out of sight dashes would cost as much as in sight.
+    const top = bbox.top - bbox.height, bottom = bbox.top + 2 * bbox.height;
     for (const [x, y] of points) {
       if (x === null || !(y > 0)) { down = false; continue; }
-      const px = u.valToPos(x, "x", true), py = u.valToPos(y, "y", true);
+      const px = u.valToPos(x, "x", true), py = clamp(u.valToPos(y, "y", true), top, bottom);
       if (down) path.lineTo(px, py); else path.moveTo(px, py);
       down = true;
     }
-    ctx.lineJoin = "round";
+    ctx.lineJoin = "bevel";
     ctx.setLineDash(dash.map(d => d * devicePixelRatio));
     for (const [style, size] of edge ? [[edge, width + 2], [colour, width]] : [[colour, width]]) {
       ctx.strokeStyle = style;
@@ -623,9 +630,16 @@
     return points;
   }
 
+  let pointsInView = [], viewOfPoints = null;  // which several charts draw
+
   function drawExcitations(u, style) {
-    const { ctx, bbox } = u, taken = [];
-    const drawn = excitations.map(one => [one, excitationPoints(one, 400)]).filter(([, points]) => !busy(u, points));
+    if (viewOfPoints !== view) {
+      pointsInView = excitations.map(one => [one, excitationPoints(one, 250)]);
+      viewOfPoints = view;
+    }
+    const { ctx, bbox } = u, taken = [], { min, max } = u.scales.y;
+    const inSight = points => points.some(([, y]) => y >= min) && points.some(([, y]) => y !== null && y <= max);
+    const drawn = pointsInView.filter(([, points]) => inSight(points) && !busy(u, points));
     for (const [one, points] of drawn) stroke(u, points, { ...style, dash: dashes[one.style] ?? [] });
     for (const [one, points] of drawn) {
       // At the right end, where there is room between the labels.
@@ -949,9 +963,8 @@
       id: "waterfall", title: `Receptance |H| at ${frf.place}, frequency over time`, unit: "Hz", log: true, height: 256,
       range: waterfall.range, series: [], paint: paintOverTime,
       overlay(u) {
-        const width = Math.max(100, u.width - 80);
         data.modes.forEach((_, k) => {
-          const [x, y] = decimated([charts.lines[k]], view, width), points = x.map((t, i) => [t, y[i]]);
+          const [x, y] = decimated([charts.lines[k]], view, wantedOver(u.width)), points = x.map((t, i) => [t, y[i]]);
           if (!busy(u, points)) stroke(u, points, { colour: "#000000", edge: k === mode ? "#ffffff" : "", width: k === mode ? 1.8 : 1, dash: [4, 3] });
         });
         drawExcitations(u, onMap);
@@ -1012,7 +1025,7 @@
       scales: { x: { time: false, range: () => [first, last] }, y: { range: yRange(false) } },
       axes: [{ show: false }, { ...AXIS, size: 64, values: (u, splits) => splits.map(() => null), grid: { show: false }, ticks: { show: false }, label: data.overview.label, labelSize: 16, labelFont: "11px system-ui, sans-serif" }],
       hooks: { drawClear: [u => shadeAll(u)] },
-    }, decimated([stripQuantity], [first, last], Math.max(100, width - 80)), overview);
+    }, decimated([stripQuantity], [first, last], wantedOver(width)), overview);
     strip.u.over.append(frameBox);
     strip.u.over.style.cursor = "grab";
     const over = strip.u.over, at = x => first + clamp(x, 0, over.clientWidth) / over.clientWidth * (last - first);
