@@ -25,8 +25,8 @@ RESAMPLED = 1000
 
 ECHO = ["-m", "benchmark.latency.echo"]
 OURS = ["-m", "linkage_vibration.ros.node"]
-OLDER = (  # a ROS 2 without the events executor
-    "import sys; sys.modules['rclpy.experimental.events_executor'] = None;"
+OLDER = (  # as under a ROS 2 whose events executor is not used
+    "import sys, importlib.metadata as metadata; metadata.version = lambda _: '7.1.4';"
     "from linkage_vibration.ros.node import main; sys.exit(main())"
 )
 NODES = {

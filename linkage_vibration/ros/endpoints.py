@@ -3,11 +3,16 @@
 """How the node's topics are published and heard."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import wraps
 from importlib import import_module
 from typing import Any, cast
 
-from rclpy.event_handler import PublisherEventCallbacks, QoSOfferedIncompatibleQoSInfo
+from rclpy.event_handler import (
+    PublisherEventCallbacks,
+    QoSOfferedIncompatibleQoSInfo,
+    SubscriptionEventCallbacks,
+)
 from rclpy.node import Node
 from rclpy.qos import (
     DurabilityPolicy,
@@ -20,41 +25,56 @@ from rclpy.qos import (
 from linkage_vibration.logs.recording import QUEUE_DEPTH
 from linkage_vibration.ros.diagnostics import Statistics
 from linkage_vibration.ros.throttle import Throttle
+from linkage_vibration_interfaces.msg import Resonance, VibrationPrediction
 
 
-def advertise(
-    node: Node,
-    kind: Any,
-    name: str,
-    statistics: Statistics,
-    throttle: Throttle,
-    *,
-    latched: bool = False,
-) -> Any:
-    """Return a reliable publisher that tells of subscribers whose QoS it cannot serve.
+@dataclass(frozen=True, slots=True)
+class Publishers:
+    """What live predictions go out by; there as long as the node, whatever its state.
 
-    Parameters
-    ----------
-    kind : type
-        Of the messages.
-    latched : bool
-        Keep the last message for those who subscribe later.
+    In rclpy 9.1 a publisher or subscription that has QoS events must not be destroyed while the
+    events executor is at work: an event that comes meanwhile ends the process. All others of the
+    node are without.
     """
-    topic = node.resolve_topic_name(name)
 
-    def deaf(event: QoSOfferedIncompatibleQoSInfo) -> None:
-        statistics.qos_mismatches[topic] += event.total_count_change
-        throttle.warn(
-            f"subscriber of {topic}",
-            f"A subscriber of {topic} asks for a QoS that this "
-            f"node does not offer ({qos_policy_name_from_kind(event.last_policy_kind)}); it "
-            "receives nothing. Subscribe volatile, reliable or best effort.",
-        )
+    predictions: Any
+    resonances: Any
 
+
+def publishers(node: Node, statistics: Statistics, throttle: Throttle) -> Publishers:
+    """Return reliable publishers that tell of subscribers whose QoS they cannot serve."""
+
+    def advertised(kind: Any, name: str) -> Any:
+        topic = node.resolve_topic_name(name)
+
+        def deaf(event: QoSOfferedIncompatibleQoSInfo) -> None:
+            statistics.qos_mismatches[topic] += event.total_count_change
+            throttle.warn(
+                f"subscriber of {topic}",
+                f"A subscriber of {topic} asks for a QoS that this "
+                f"node does not offer ({qos_policy_name_from_kind(event.last_policy_kind)}); it "
+                "receives nothing. Subscribe volatile, reliable or best effort.",
+            )
+
+        events = PublisherEventCallbacks(incompatible_qos=deaf)
+        qos = _qos(ReliabilityPolicy.RELIABLE)
+        return node.create_publisher(kind, name, qos, event_callbacks=events)
+
+    return Publishers(
+        advertised(VibrationPrediction, "~/prediction"), advertised(Resonance, "~/resonance")
+    )
+
+
+def publisher(node: Node, kind: Any, name: str, *, latched: bool = False) -> Any:
+    """Return a reliable publisher of one message, which may be destroyed at any time.
+
+    A latched one keeps the message for those who subscribe later.
+    """
     qos = _qos(ReliabilityPolicy.RELIABLE)
+    qos.depth = 1
     if latched:
-        qos.depth, qos.durability = 1, DurabilityPolicy.TRANSIENT_LOCAL
-    events = PublisherEventCallbacks(incompatible_qos=deaf)
+        qos.durability = DurabilityPolicy.TRANSIENT_LOCAL
+    events = PublisherEventCallbacks(use_default_callbacks=False)
     return node.create_publisher(kind, name, qos, event_callbacks=events)
 
 
@@ -71,7 +91,12 @@ def subscribe(node: Node, kind: Any, topic: str, heard: Callable[..., None]) -> 
 
     # rclpy's type hints do not know that `raw` hands out bytes.
     return node.create_subscription(
-        kind, topic, cast(Any, call), _qos(ReliabilityPolicy.BEST_EFFORT), raw=True
+        kind,
+        topic,
+        cast(Any, call),
+        _qos(ReliabilityPolicy.BEST_EFFORT),
+        raw=True,
+        event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),  # see Publishers
     )
 
 

@@ -22,7 +22,7 @@ from linkage_vibration.logs.recorder import Provenance, Recorder
 from linkage_vibration.parameters import NODE_NAME, without_markers
 from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.ros.diagnostics import Health, Log, Statistics, diagnostics, status
-from linkage_vibration.ros.endpoints import advertise
+from linkage_vibration.ros.endpoints import publisher, publishers
 from linkage_vibration.ros.markers import Markers, MarkerSettings
 from linkage_vibration.ros.model import load_served, provenance, table_info
 from linkage_vibration.ros.parameters import changed, declare_parameters, in_own_types
@@ -62,6 +62,7 @@ class LinkageVibrationNode(LifecycleNode):
         self._state = "unconfigured"
         self._statistics = Statistics()
         self._throttle = Throttle(self.get_logger())
+        self._outputs = publishers(self, self._statistics, self._throttle)
         # What it has while it is configured.
         self._served: Served | None = None
         self._excitations = ""
@@ -199,6 +200,7 @@ class LinkageVibrationNode(LifecycleNode):
         self._markers = markers = Markers(self, self._serving, self._marker_settings())
         self._predicting = Predicting(
             self,
+            self._outputs,
             settings,
             served.predictor,
             ResonanceMonitor(excitations),
@@ -209,7 +211,7 @@ class LinkageVibrationNode(LifecycleNode):
         )
         self._offered = Services(self, self._serving, self._swap)
         self._latched = [
-            advertise(self, kind, name, statistics, throttle, latched=True)
+            publisher(self, kind, name, latched=True)
             for kind, name in ((TableInfo, "~/table_info"), (String, "~/mechanism"))
         ]
         self._tell_model(served)
@@ -232,18 +234,20 @@ class LinkageVibrationNode(LifecycleNode):
             self._recording.deactivate()
 
     def _clean_up(self) -> None:
-        for part in (self._offered, self._markers, self._predicting, self._recording):
+        for part in (self._offered, self._markers, self._recording):
             if part is not None:
                 part.close()
-        for publisher in self._latched:
-            self.destroy_publisher(publisher)
+        for latched in self._latched:
+            self.destroy_publisher(latched)
         self._latched = []
         self._offered = self._markers = self._predicting = self._recording = self._served = None
 
     # What it serves
 
     def _serving(self) -> Served:
-        assert self._served is not None  # as long as there is somebody to ask
+        if self._served is None:
+            # The events executor hands over what came before its service was destroyed.
+            raise LinkageVibrationError("The node is not configured any more; configure it first.")
         return self._served
 
     def _swap(self, served: Served) -> None:

@@ -20,6 +20,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.plots import COLOURS, GREY
+from linkage_vibration.ros.endpoints import publisher
 from linkage_vibration.scene import Curves, corners, largest, mode_curves, nearest_mode, scene, size
 from linkage_vibration.serving import Served
 
@@ -74,7 +75,7 @@ class Markers:
         self._before: FloatArray | None = None  # the mode as it was drawn last, for its sign
         self._thread = ThreadPoolExecutor(1, "linkage_vibration_markers")
         self._drawing: Future[None] | None = None
-        self._publisher = node.create_publisher(MarkerArray, "~/markers", 1)
+        self._publisher = publisher(node, MarkerArray, "~/markers")
         # Simulated time may stand still while somebody looks on.
         self._timer = node.create_timer(
             _UNSEEN_PERIOD, self._on_timer, clock=Clock(clock_type=ClockType.STEADY_TIME)
@@ -90,17 +91,20 @@ class Markers:
 
     def close(self) -> None:
         """Take the timer and the publisher back."""
+        self._angle = math.nan  # the timer may come once more
         self._node.destroy_timer(self._timer)
         self._thread.shutdown(cancel_futures=True)
         self._node.destroy_publisher(self._publisher)
 
     def _on_timer(self) -> None:
+        if not math.isfinite(self._angle):
+            return
         seen = self._publisher.get_subscription_count() > 0
         # Waking ten times a second for nobody costs as much as ten predictions.
         period = round(1e9 / self._settings.rate) if seen else round(1e9 * _UNSEEN_PERIOD)
         if self._timer.timer_period_ns != period:
             self._timer.timer_period_ns = period
-        if not seen or not math.isfinite(self._angle):
+        if not seen:
             return
         if self._drawing is None or self._drawing.done():
             self._drawing = self._thread.submit(self._draw, self._angle, self._settings)

@@ -22,7 +22,7 @@ from linkage_vibration.parameters import Parameters
 from linkage_vibration.prediction import Predictor, Status
 from linkage_vibration.readers.bags import FLOAT64, JOINT_STATE
 from linkage_vibration.ros.diagnostics import Statistics
-from linkage_vibration.ros.endpoints import advertise, subscribe
+from linkage_vibration.ros.endpoints import Publishers, subscribe
 from linkage_vibration.ros.throttle import Throttle
 from linkage_vibration.topics import (
     HITCH_POSITION,
@@ -32,8 +32,6 @@ from linkage_vibration.topics import (
     SPEEDS,
     log_topic,
 )
-from linkage_vibration_interfaces.msg import Resonance as ResonanceMessage
-from linkage_vibration_interfaces.msg import VibrationPrediction
 
 MISSING_AFTER = 5.0  # s without the joint, before it is said to be missing
 MAX_NAMES_TOLD = 20
@@ -61,7 +59,9 @@ class Predicting:
     Parameters
     ----------
     node : Node
-        To hear and publish on.
+        To hear on.
+    publishers : Publishers
+        To publish on.
     settings : Parameters
         To begin with.
     predictor : Predictor
@@ -89,6 +89,7 @@ class Predicting:
     def __init__(
         self,
         node: Node,
+        publishers: Publishers,
         settings: Parameters,
         predictor: Predictor,
         monitor: ResonanceMonitor,
@@ -109,10 +110,7 @@ class Predicting:
         self._joint_topic = node.resolve_topic_name(JOINT_STATES)
         self._percent_topic = node.resolve_topic_name(HITCH_POSITION)
         self._speed_topics = {s: node.resolve_topic_name(n) for n, s in SPEEDS.items()}
-        self._predictions = advertise(
-            node, VibrationPrediction, "~/prediction", statistics, throttle
-        )
-        self._resonances = advertise(node, ResonanceMessage, "~/resonance", statistics, throttle)
+        self._predictions, self._resonances = publishers.predictions, publishers.resonances
         self._prediction_topic = self._predictions.topic_name
         self._resonance_topic = self._resonances.topic_name
         self.apply(settings)
@@ -166,11 +164,6 @@ class Predicting:
         self._other_joints.clear()
         self.resonance = None
 
-    def close(self) -> None:
-        """Take the publishers back."""
-        self._node.destroy_publisher(self._predictions)
-        self._node.destroy_publisher(self._resonances)
-
     def tell_missing(self, now: float) -> None:
         """Warn when the joint has not come for long, and name those that have."""
         last = self._statistics.last_reading
@@ -187,7 +180,8 @@ class Predicting:
     def _on_joint_state(self, data: bytes, info: MessageInfo) -> None:
         began, received = time.monotonic(), self._node.get_clock().now().nanoseconds
         self._statistics.received += 1
-        assert isinstance(self._input, JointInput)
+        if not isinstance(self._input, JointInput):
+            return  # heard before the input was changed
         try:
             message = deserialize_message(data, JointState)
             reading = self._input.reading(message)
@@ -212,7 +206,8 @@ class Predicting:
     def _on_percent(self, data: bytes, info: MessageInfo) -> None:
         began, received = time.monotonic(), self._node.get_clock().now().nanoseconds
         self._statistics.received += 1
-        assert isinstance(self._input, PercentInput)
+        if not isinstance(self._input, PercentInput):
+            return
         percent = self._float(data)
         if percent is not None:
             sec, nanosec = divmod(received, 10**9)

@@ -122,7 +122,11 @@ class Services:
                 f"crank_angles has {len(angles)} angles; give 1 to {MAX_REQUEST} in a request."
             )
             return response
-        predictor = self._served().predictor
+        try:
+            predictor = self._served().predictor
+        except LinkageVibrationError as error:
+            response.message = str(error)
+            return response
         predictions = [predictor.predict(angle) for angle in angles]
         sec, nanosec = self._node.get_clock().now().seconds_nanoseconds()
         # By way of the bytes, so that the service and the topic cannot tell different things.
@@ -142,8 +146,8 @@ class Services:
         return response
 
     async def _get_frf(self, request: GetFrf.Request, response: GetFrf.Response) -> GetFrf.Response:
-        served = self._served()
         try:
+            served = self._served()
             answer = await self._away(
                 answer_frf,
                 served,
@@ -167,8 +171,8 @@ class Services:
     async def _get_mode_shapes(
         self, request: GetModeShapes.Request, response: GetModeShapes.Response
     ) -> GetModeShapes.Response:
-        served = self._served()
         try:
+            served = self._served()
             modes = await self._away(answer_mode_shapes, served, request.crank_angle)
         except LinkageVibrationError as error:
             response.message = str(error)
@@ -185,8 +189,8 @@ class Services:
     async def _get_table(
         self, _: GetTable.Request, response: GetTable.Response
     ) -> GetTable.Response:
-        served = self._served()
         try:
+            served = self._served()
             data = await self._away(table_bytes, served.table)
         except LinkageVibrationError as error:
             self._node.get_logger().warning(f"The table was not handed out: {error}")
@@ -205,24 +209,29 @@ class Services:
             request.inertia,
             tuple(request.centre_of_gravity),
         )
-        served = self._served()
         try:
-            if self._wanted is not None:
-                raise ServiceError(
-                    "The table of another implement is being built; ask again when it serves."
-                )
-            changed = with_implement(served.mechanism, served.mechanism_text, implement)
-            with tempfile.TemporaryDirectory(prefix="linkage_vibration_") as folder:
-                self._wanted = Path(folder)
-                self._swap(await self._away(_rebuild, *changed, served, self._wanted))
+            await self._replace(self._served(), implement)
         except LinkageVibrationError as error:
             response.message = f"The table stays: {error}"
         else:
             response.success = True
-        finally:
-            self._wanted = None
-        response.table_id = self._served().table.table_id
+        with suppress(LinkageVibrationError):
+            response.table_id = self._served().table.table_id
         return response
+
+    async def _replace(self, served: Served, implement: Implement) -> None:
+        """Build the table of another implement, and have it serve."""
+        if self._wanted is not None:
+            raise ServiceError(
+                "The table of another implement is being built; ask again when it serves."
+            )
+        changed = with_implement(served.mechanism, served.mechanism_text, implement)
+        with tempfile.TemporaryDirectory(prefix="linkage_vibration_") as folder:
+            self._wanted = Path(folder)
+            try:
+                self._swap(await self._away(_rebuild, *changed, served, self._wanted))
+            finally:
+                self._wanted = None
 
     async def _away(self, work: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
         """Call a function in a thread, and wait for it without holding up the executor.

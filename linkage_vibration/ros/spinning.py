@@ -3,8 +3,11 @@
 """From the command line to the exit code."""
 
 from collections.abc import Callable
+from contextlib import suppress
+from importlib.metadata import PackageNotFoundError, version
 
 import rclpy
+from rclpy.exceptions import InvalidHandle
 from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
 from rclpy.logging import get_logger
 from rclpy.signals import SignalHandlerOptions
@@ -14,6 +17,7 @@ from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.parameters import NODE_NAME
 from linkage_vibration.ros.lifecycle import LinkageVibrationNode
 
+EVENTS_SINCE = (9, 1, 2)  # of rclpy; before, its events executor awaits no service
 WATCH_PERIOD = 0.2  # s, between two looks whether a signal came
 
 
@@ -52,8 +56,10 @@ def _spin(stop_asked: Callable[[], bool]) -> None:
             node.start()
         executor = _executor()
         node.executor = executor
-        while not stop_asked():
-            executor.spin_once(WATCH_PERIOD)
+        while rclpy.ok() and not stop_asked():
+            with suppress(InvalidHandle):  # of what was destroyed as something came for it
+                executor.spin_once(WATCH_PERIOD)
+        executor.shutdown()
     finally:
         node.close()
 
@@ -65,7 +71,11 @@ def _executor() -> Executor:
     multi-threaded one delays and loses messages under load.
     """
     try:
-        from rclpy.experimental.events_executor import EventsExecutor
-    except ImportError:  # a ROS 2 from before it
+        found = tuple(int(part) for part in version("rclpy").split(".")[:3])
+    except (PackageNotFoundError, ValueError):
+        found = ()
+    if found < EVENTS_SINCE:
         return SingleThreadedExecutor()
+    from rclpy.experimental.events_executor import EventsExecutor
+
     return EventsExecutor()

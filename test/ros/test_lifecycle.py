@@ -4,6 +4,8 @@
 
 import gc
 import os
+import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -187,6 +189,94 @@ def test_descriptors(managed: Callable[..., Any]) -> None:
     assert node.describe_parameter("autostart").read_only
     assert "Read when the node is configured." in node.describe_parameter("record").description
     assert "configured" not in node.describe_parameter("joint_name").description
+
+
+STORM = """
+import sys, time
+import rclpy
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from linkage_vibration_interfaces.msg import Resonance, VibrationPrediction
+from linkage_vibration_interfaces.srv import PredictVibration
+from visualization_msgs.msg import MarkerArray
+
+rclpy.init()
+node = rclpy.create_node("storm")
+wrong = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+topics = {
+    "stormy/prediction": VibrationPrediction,
+    "stormy/resonance": Resonance,
+    "stormy/markers": MarkerArray,
+}
+client = node.create_client(PredictVibration, "stormy/predict")
+while True:
+    if client.service_is_ready():
+        client.call_async(PredictVibration.Request(crank_angles=[2.0]))
+    heard = [
+        node.create_subscription(kind, topic, print, qos)
+        for topic, kind in topics.items()
+        for qos in (wrong, 10, wrong, 10)
+    ]
+    time.sleep(0.01)
+    for one in heard:
+        node.destroy_subscription(one)
+"""
+
+
+def test_lives_amid_a_storm(start: Callable[..., Any], environment: dict[str, str]) -> None:
+    """Peers that come and go, of right and wrong QoS, cost it nothing while it changes state.
+
+    rclpy's events executor can end the process by a segmentation fault when a publisher that has
+    QoS events is destroyed at such a time.
+    """
+    from array import array
+
+    from rclpy.qos import QoSProfile, ReliabilityPolicy
+    from sensor_msgs.msg import JointState
+
+    process = start(name="stormy", autostart=False)
+    storms = [
+        subprocess.Popen([sys.executable, "-c", STORM], env=environment, stdout=subprocess.DEVNULL)
+        for _ in range(2)
+    ]
+    context = Context()
+    rclpy.init(
+        context=context,
+        domain_id=int(environment["ROS_DOMAIN_ID"]),
+        signal_handler_options=SignalHandlerOptions.NO,
+    )
+    peer = rclpy.create_node("storm_manager", context=context)
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(peer)
+    change: Any = peer.create_client(ChangeState, "stormy/change_state")
+    sensor = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+    publisher = peer.create_publisher(JointState, "joint_states", sensor)
+    message = JointState(name=[JOINT], position=array("d", [2.0]))
+    peer.create_timer(0.002, lambda: publisher.publish(message))
+    try:
+        assert change.wait_for_service(20.0)
+        for _ in range(8):
+            for transition in (
+                Transition.TRANSITION_CONFIGURE,
+                Transition.TRANSITION_ACTIVATE,
+                Transition.TRANSITION_DEACTIVATE,
+                Transition.TRANSITION_CLEANUP,
+            ):
+                request = ChangeState.Request(transition=Transition(id=transition))
+                future = change.call_async(request)
+                executor.spin_until_future_complete(future, 10.0)
+                assert future.done() and future.result().success, process.said
+                end = time.monotonic() + 0.1
+                while time.monotonic() < end:
+                    executor.spin_once(0.02)
+        assert process.stop() == 0
+        assert "Traceback" not in process.said
+    finally:
+        for storm in storms:
+            storm.kill()
+            storm.wait()
+        executor.shutdown()
+        peer.destroy_node()
+        context.try_shutdown()
 
 
 def test_manager_over_dds(

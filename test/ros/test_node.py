@@ -282,7 +282,7 @@ def test_signals_amid_traffic(start: Callable[..., Any], meet: Callable[[str], A
 def test_executor_of_an_older_ros(start: Callable[..., Any], meet: Callable[[str], Any]) -> None:
     """Where rclpy has no events executor, all goes on with the single-threaded one."""
     older = (
-        "import sys; sys.modules['rclpy.experimental.events_executor'] = None;"
+        "import sys, importlib.metadata as metadata; metadata.version = lambda _: '7.1.4';"
         "from linkage_vibration.ros.node import main; sys.exit(main())"
     )
     node = start(name="older", program=["-c", older])

@@ -190,9 +190,10 @@ def test_set_implement(bench: Bench, tmp_path: Path) -> None:
     """The old table serves until the new one does; predictions and the YAML tell which it is."""
     old = bench.served[0].table.table_id
     future = bench.ask("set_implement", mass=1200.0, inertia=300.0)
-    second = bench.call("set_implement", mass=900.0, inertia=200.0)
-    assert not second.success
-    assert second.message.endswith("is being built; ask again when it serves.")
+    for _ in range(2):  # what is refused does not make way for the next
+        second = bench.call("set_implement", mass=900.0, inertia=200.0)
+        assert not second.success
+        assert second.message.endswith("is being built; ask again when it serves.")
     told = []
     while not future.done():
         answer = bench.call("predict", crank_angles=array("d", [2.3]))
