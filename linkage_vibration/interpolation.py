@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 
 _EVEN = 1e-6  # of a logarithm: products that differ by less are the same
+_LARGE = 600.0  # a logarithm that is still that of a number
 _GRID = 1001  # places in an interval among which the next point is chosen
 
 
@@ -78,6 +79,25 @@ def interpolation_matrix(points: FloatArray, at: FloatArray) -> FloatArray:
     matrix = terms / terms.sum(axis=1, keepdims=True)
     matrix[hits.any(axis=1)] = hits[hits.any(axis=1)]
     return np.asarray(matrix)
+
+
+def interpolate_positive(matrix: FloatArray, values: FloatArray) -> FloatArray:
+    """Interpolate what is positive by its logarithm, so that it stays positive: exp(matrix log v).
+
+    Parameters
+    ----------
+    matrix : ndarray, (n, n_points)
+        From `interpolation_matrix`.
+    values : ndarray, (n_points, ...)
+        At the points; a polynomial that overshoots beyond the numbers there are is cut off.
+
+    Examples
+    --------
+    >>> matrix = interpolation_matrix(np.array([0.0, 1.0]), np.array([0.5]))
+    >>> np.round(interpolate_positive(matrix, np.array([1.0, 100.0])), 9)
+    array([10.])
+    """
+    return np.asarray(np.exp(np.clip(matrix @ np.log(values), -_LARGE, _LARGE)))
 
 
 def stroke_variable(alpha3: FloatArray, toggles: tuple[float, float] | None) -> FloatArray:

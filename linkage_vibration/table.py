@@ -20,6 +20,7 @@ from scipy.interpolate import CubicSpline
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.files import write_bytes
 from linkage_vibration.interpolation import (
+    interpolate_positive,
     interpolation_matrix,
     stroke_angle,
     stroke_variable,
@@ -52,7 +53,6 @@ UNITS = {
 
 _CELLS = 512  # cubic cells to a piece, for lookups: their error is below 1e-8
 _CHUNK = 4096  # angles looked up at a time, so that their cells stay in the cache
-_LARGE = 600.0  # a logarithm that is still that of a number
 _NEAR = math.radians(1.0)  # of a toggle
 
 
@@ -316,11 +316,10 @@ class Table:
     ) -> tuple[list[float], list[list[list[float]]], int, int, float, float]:
         """What `interpolate` needs, at hand: cells and where they begin, sizes and the band."""
         breaks = self._breaks
-        low, high = self.band
-        room = 1e-9 * high  # peaks at the band's ends belong to it, however they are rounded
+        low, high = widened(self.band)
         n = 2 * self.n_modes
         cells = self._cells.swapaxes(1, 2).tolist()
-        return breaks, cells, n, self.peak_frequencies.shape[1], low - room, high + room
+        return breaks, cells, n, self.peak_frequencies.shape[1], low, high
 
     @cached_property
     def _errors(self) -> list[float]:
@@ -350,11 +349,11 @@ class Table:
         for piece, notable in enumerate(self.peak_notable):
             rows = slice(piece * _CELLS, (piece + 1) * _CELLS + 1)
             points, matrix = self._polynomial(at[rows])
-            frequencies = np.exp(matrix @ np.log(self.natural_frequencies[points]))
+            frequencies = interpolate_positive(matrix, self.natural_frequencies[points])
             others = matrix @ np.hstack([self.damping_ratios, self.peak_frequencies])[points]
             magnitudes = np.zeros((len(matrix), len(notable)))
-            logarithms = matrix @ np.log(self.peak_magnitudes[points][:, notable])
-            magnitudes[:, notable] = np.exp(np.clip(logarithms, -_LARGE, _LARGE))
+            own = self.peak_magnitudes[points][:, notable]
+            magnitudes[:, notable] = interpolate_positive(matrix, own)
             values = np.hstack([frequencies, others, magnitudes])
             cells.append(CubicSpline(at[rows], values).c.swapaxes(0, 1))
         return np.ascontiguousarray(np.concatenate(cells))
@@ -374,6 +373,13 @@ class Table:
             "places": [list(place) for place in self.places],
             "complex_modes": self.complex_modes,
         }
+
+
+def widened(band: tuple[float, float]) -> tuple[float, float]:
+    """Return a band to which peaks at its ends belong, however they are rounded, Hz."""
+    low, high = band
+    room = 1e-9 * high
+    return low - room, high + room
 
 
 def table_bytes(table: Table) -> bytes:

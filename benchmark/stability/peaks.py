@@ -67,7 +67,8 @@ halved.
 **The band.** {_edges()} Of the two oscillators between 20 and 40 Hz, where none resonates, it is
 told at {none.frequency:g} Hz, {_kind(none)}.
 
-Tests: `test/test_peaks.py`, `test/mechanics/test_response.py::test_peak_of_one_oscillator`,
+Tests: `test/tabulation/test_peaks.py`,
+`test/mechanics/test_response.py::test_peak_of_one_oscillator`,
 `::test_peak_at_the_edges_of_a_band`, `::test_local_peaks_are_maxima_of_a_dense_grid`.
 
 ![A sharp peak between lines, and the highest peak over the stroke](stability/peaks.png)

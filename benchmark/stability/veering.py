@@ -66,7 +66,8 @@ only if each shape keeps its sign from angle to angle, which no eigen-solver pro
 
 Our table, from {len(tables["ours"].alpha3)} angles: {_ours(model, tables["ours"]):.0e}.
 
-Tests: `test/test_veering.py`, `test/test_tabulation.py::test_what_was_asked_for`,
+Tests: `test/tabulation/test_veering.py`,
+`test/tabulation/test_building.py::test_what_was_asked_for`,
 `test/mechanics/test_modes.py::test_tracking_undoes_order_and_sign`.
 
 ![Two modes that cross or veer, and one FRF between grid points](stability/veering.png)

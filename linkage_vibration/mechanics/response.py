@@ -19,11 +19,13 @@ _MARGIN = 0.95  # between configurations the lowest mode may come lower still
 N_FAR = 4
 """Poles that stand for the modes above a band, unless told otherwise."""
 
+RIVAL = 0.8
+"""Of the highest of some values: a maximum that may be higher still between them."""
+
 _NOTHING = 1e-15  # of the largest residue
 _NEWTON = 6  # steps at most to a maximum; three or four do
 _GRID = 200  # frequencies over the band in which a peak is sought first
 _BESIDE = 1e-6  # of a frequency: just above 0 Hz
-_RIVAL = 0.8  # of the highest value on it: a maximum that may be the peak between its lines
 _WIDER = np.arange(-32.0, 33.0)  # quarters of such widths, where a maximum is sought if need be
 _AROUND = np.linspace(-2.0, 2.0, 9)  # and about each resonance, in half-power half-widths
 
@@ -167,7 +169,7 @@ class PoleResidue:
         size = np.abs(self._single(grid)[0])
         rises, falls = np.diff(size, prepend=-1.0) > 0.0, np.diff(size, append=-1.0) <= 0.0
         best = Peak(math.nan, -1.0, False)
-        for top in np.flatnonzero(rises & falls & (size >= _RIVAL * size.max())).tolist():
+        for top in np.flatnonzero(rises & falls & (size >= RIVAL * size.max())).tolist():
             left, right = grid[max(top - 1, 0)], grid[min(top + 1, len(grid) - 1)]
             left = max(left, _BESIDE * right)  # at 0 Hz itself nothing rises
             at, turns = float(grid[top]), self._slope(left) > 0.0 > self._slope(right)

@@ -15,6 +15,7 @@ from linkage_vibration.mechanics.model import LinkageModel  # noqa: E402
 from linkage_vibration.readers.mechanism import read_mechanism  # noqa: E402
 from linkage_vibration.resources import config_file  # noqa: E402
 from linkage_vibration.tabulation import build_table  # noqa: E402
+from linkage_vibration.tabulation.peaks import notable  # noqa: E402
 
 
 def test_jump_from_one_mode_to_the_other() -> None:
@@ -62,3 +63,23 @@ def test_sharp_peaks_are_not_missed(mechanism: Mechanism) -> None:
         assert table.interpolate(float(angle))[2] == pytest.approx(exact.magnitude, rel=1e-2)
     assert max(seen) < 0.9
     assert min(seen) < 0.2
+
+
+def test_which_maxima_tell_the_highest() -> None:
+    """Two that swap both count, a low one and one beyond the band do not; the band's end stays."""
+    x, one = np.linspace(-1.0, 1.0, 9), np.ones(9)
+    at = np.column_stack([10.0 * one, 20.0 * one, 30.0 * one, 90.0 * one, 50.0 * one])
+    sizes = np.column_stack([2.0 + x, 2.0 - x, 0.1 * one, 9.0 * one, 0.2 * one])
+    chosen = notable(at, sizes, (0.0, 50.0), 1e-4, strict=True)
+    assert chosen is not None
+    assert chosen.tolist() == [True, True, False, False, False]
+
+
+@pytest.mark.parametrize(("strict", "served"), [(False, True), (True, False)])
+def test_a_maximum_that_is_not_there_all_along(strict: bool, served: bool) -> None:
+    """One that vanishes where it is nearly the highest asks for shorter pieces if they are long."""
+    sizes = np.column_stack([np.ones(5), [0.9, 0.85, 0.5, np.nan, np.nan]])
+    at = np.where(np.isnan(sizes), np.nan, [10.0, 20.0])
+    assert (notable(at, sizes, (0.0, 50.0), 1e-4, strict=strict) is not None) is served
+    sizes[0, 1] = 1.1  # the highest itself
+    assert notable(at, sizes, (0.0, 50.0), 1e-4, strict=strict) is None
