@@ -87,6 +87,18 @@ class Predictor:
         self._table_id = table.table_id
         table.interpolate(self._low)  # makes what the table makes at first use
 
+    def angle_in_table(self, alpha3: float) -> float | None:
+        """Return the table's angle (rad) at which the crank stands as it does at alpha3.
+
+        It is alpha3 itself, or for a crank that turns all the way its place in the table's turn;
+        None if the table does not hold there.
+        """
+        if self._low <= alpha3 <= self._high:
+            return alpha3
+        if not self._turns or not abs(alpha3) < _FARTHEST:
+            return None
+        return min(self._low + (alpha3 - self._low) % _TURN, self._high)
+
     def predict(self, alpha3: float, stddev: float = 0.0) -> Prediction:
         """Predict at an angle; any float is answered, if only by a status.
 
@@ -101,11 +113,9 @@ class Predictor:
             a distance d of a toggle, where frequencies go with its root, it is too little by a
             share of 7/16 (stddev / d)^2, and means nothing within some stddev.
         """
-        angle = alpha3
-        if not self._low <= angle <= self._high:
-            if not self._turns or not abs(angle) < _FARTHEST:
-                return self._refuse(alpha3)
-            angle = min(self._low + (angle - self._low) % _TURN, self._high)
+        angle = self.angle_in_table(alpha3)
+        if angle is None:
+            return self._refuse(alpha3)
         values, peak_frequency, peak_magnitude, error = self.table.interpolate(angle)
         n = self._n_modes
         slopes = self.table.frequency_slopes(angle)

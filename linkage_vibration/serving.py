@@ -180,7 +180,8 @@ def answer_frf(
             f"{MAX_VALUES} numbers at most."
         )
     if not exact:
-        frf = table.frf(alpha3, *told).frf(frequencies)
+        angle = served.predictor.angle_in_table(alpha3)
+        frf = table.frf(alpha3 if angle is None else angle, *told).frf(frequencies)
     elif served.model.measured_frequencies is None:
         frf = served.model.solve(alpha3).frf(*told).frf(frequencies)
     else:

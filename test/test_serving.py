@@ -28,7 +28,8 @@ from linkage_vibration.serving import (
     rebuilt,
     with_implement,
 )
-from linkage_vibration.table import load_table
+from linkage_vibration.table import TableError, load_table
+from linkage_vibration.tabulation import build_table
 
 DRIVE: dict[str, Any] = {"outputs": [], "inputs": [], "frequencies": np.array([])}
 
@@ -90,6 +91,23 @@ def test_refused_frf(served: Served, changed: dict[str, Any], exact: bool, why: 
     """What cannot be answered is refused with its place and the mend."""
     with pytest.raises(LinkageVibrationError, match=why):
         answer_frf(served, **{"alpha3": 2.0, "exact": exact, **DRIVE, **changed})
+
+
+def test_frf_of_a_crank_that_turns_all_the_way() -> None:
+    """A whole turn's table answers on every turn as the model does; too far off it refuses."""
+    path = config_file("four_bar.yaml")
+    mechanism = read_mechanism(path)
+    table = build_table(LinkageModel(mechanism), 1e-2)
+    turning = Served(Predictor(table), mechanism, path.read_text())
+    here = answer_frf(turning, math.radians(10.0), exact=False, **DRIVE)
+    for degrees in (370.0, -350.0, 3610.0):
+        told = answer_frf(turning, math.radians(degrees), exact=False, **DRIVE)
+        np.testing.assert_allclose(told.frf, here.frf, rtol=1e-9)
+    ours = answer_frf(turning, math.radians(370.0), exact=False, **DRIVE).frf
+    exact = answer_frf(turning, math.radians(370.0), exact=True, **DRIVE).frf
+    assert np.linalg.norm(ours - exact) < 2.0 * table.frf_error * np.linalg.norm(exact)
+    with pytest.raises(TableError, match="outside the table"):
+        answer_frf(turning, 1e7, exact=False, **DRIVE)
 
 
 def test_exact_beyond_the_band(served: Served) -> None:
