@@ -29,6 +29,8 @@ from linkage_vibration.mechanics.model import LinkageModel, Place, Solution
 from linkage_vibration.mechanics.response import N_FAR, PoleResidue, far_poles, in_reach
 from linkage_vibration.table import Table, TableError
 from linkage_vibration.tabulation import build_table
+from linkage_vibration.tabulation.accuracy import FRF_FLOOR, LOOSER
+from linkage_vibration.tabulation.verification import frf_lines, worst_frf_error
 
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -38,9 +40,6 @@ Pair = tuple[int, int]
 
 Residual = Literal["none", "static", "far poles", "every mode"]
 """What an FRF holds of the modes above the band."""
-
-LOOSER = 100.0
-"""Times the tolerance of natural frequencies: that of the highest peak and of FRFs."""
 
 FRF_LINES = 2001
 """Frequencies at which the cost of FRFs is told: 0 to 200 Hz by 0.1 Hz."""
@@ -58,10 +57,7 @@ _RESOLVED = 0.05  # of the tolerance: what the mesh that others are held against
 _SETTLED = 0.02  # of the tolerance: three steps of modes that agree so well tell the limit
 _TABLE_ROOM = 0.02  # of the tolerance: the least that is left to a table's interpolation
 _TRIES, _TIGHTER = 6, 3.0  # tolerances of a table, and how they go down where one is missed
-_TABLE_FRF = 1e-5  # no better is promised of a table's FRFs
 _ABOVE = 1.02  # of the band: modes up to here may come into it between the angles looked at
-_LINES = 201  # frequencies at which FRFs are compared, beside those about the resonances
-_SILENT = 1e-6  # of what two places respond to themselves: an FRF between them that is none
 
 # Measured on linkages of four links and up to a hundred coordinates:
 _ELEMENT_WORK = 14.0  # to build a link's element, in coordinates of one solve
@@ -499,10 +495,10 @@ class _Planner:
         pair = self._cheapest(1.0 - _TABLE_ROOM)
         errors = self._errors(pair)
         left = self._allowed - errors
-        if scene.places and left[2] < _TABLE_FRF:
+        if scene.places and left[2] < FRF_FLOOR:
             raise PlanError(
-                f"A table's FRFs are good to {_TABLE_FRF:g} at best; give a tolerance of "
-                f"{2.0 * _TABLE_FRF / LOOSER:g} or more, no points, or no time per prediction."
+                f"A table's FRFs are good to {FRF_FLOOR:g} at best; give a tolerance of "
+                f"{2.0 * FRF_FLOOR / LOOSER:g} or more, no points, or no time per prediction."
             )
         table, tolerance, own, build = self._table(pair, left)
         prediction, frfs = _lookup_costs(scene, table)
@@ -837,8 +833,7 @@ def _truth(scene: Scene, told: _Told) -> Truth:
         none = np.zeros((0, 1, 1))
         nothing = np.zeros((0, 0, 0), dtype=complex)
         return Truth(told.alpha3, frequencies, below, told.peak, none.ravel(), none, nothing)
-    lines = told.frf.lines(scene.band, _LINES)
-    weights = np.sqrt(np.gradient(lines))[:, np.newaxis, np.newaxis]
+    lines, weights = frf_lines(told.frf, scene.band)
     frf = told.frf.frf(lines)
     if not np.isfinite(frf).all():
         raise PlanError(
@@ -857,11 +852,7 @@ def _errors(truth: Truth, told: _Told) -> FloatArray:
     peak = abs(told.peak / truth.peak - 1.0) if 0.0 < truth.peak < math.inf else 0.0
     frf = 0.0
     if told.frf is not None:
-        size = np.linalg.norm(truth.frf, axis=0)
-        # What does not respond at all but for rounding has no relative error.
-        size = np.maximum(size, _SILENT * np.sqrt(np.outer(np.diag(size), np.diag(size))))
-        off = np.linalg.norm(truth.weights * told.frf.frf(truth.lines) - truth.frf, axis=0)
-        frf = (off[size > 0.0] / size[size > 0.0]).max(initial=0.0)
+        frf = worst_frf_error(truth.weights * told.frf.frf(truth.lines), truth.frf)
     return np.array([apart.max(initial=0.0), peak, frf])
 
 

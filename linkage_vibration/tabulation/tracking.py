@@ -93,7 +93,7 @@ class Tracker:
         self._tolerance = self._left_out = tolerance
 
     def heed_veering(self) -> None:
-        """Henceforth turn only such shapes as hardly are coupled, since some are known to veer."""
+        """From now on turn shapes only where next to nothing couples them: some do veer."""
         self._left_out = _VEERING * self._tolerance
 
     def follow(self, variables: Sequence[float]) -> Tracked:

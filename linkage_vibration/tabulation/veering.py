@@ -69,7 +69,7 @@ def crossing_gaps(sampler: Sampler, fitted: list[float], tracked: Tracked) -> di
                 )
             )
             level = told(np.array([x]), logarithms)[0, one]
-            # The nearest mode and the next are the two; the farther is a gap's half away.
+            # The two modes there are the nearest to it, and the second is half the gap away.
             off = np.abs(np.log(sampler.at(x).frequencies) - level)
             gaps[x] = float(np.sort(off)[1])
     return gaps

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from linkage_vibration.mechanics.response import PoleResidue
 from linkage_vibration.table import Table
 from linkage_vibration.tabulation.accuracy import Accuracy
 from linkage_vibration.tabulation.peaks import apart
@@ -16,6 +17,7 @@ from linkage_vibration.tabulation.sampling import Sample, Sampler
 from linkage_vibration.tabulation.tracking import Tracked
 
 FloatArray = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
 
 _LINES = 201  # frequencies at which FRFs are compared, beside those about the resonances
 _SILENT = 1e-6  # of what two places respond to themselves: an FRF between them that is none
@@ -64,6 +66,24 @@ def verify(
     return told, [pieces[i] for i in np.flatnonzero((errors > allowed).any(axis=1))]
 
 
+def frf_lines(exact: PoleResidue, band: tuple[float, float]) -> tuple[FloatArray, FloatArray]:
+    """Return where FRFs are compared, Hz, (n_freq,), and weights, (n_freq, 1, 1).
+
+    The sum of the squares of what is weighted is its integral over the band.
+    """
+    lines = exact.lines(band, _LINES)
+    return lines, np.sqrt(np.gradient(lines))[:, np.newaxis, np.newaxis]
+
+
+def worst_frf_error(found: ComplexArray, exact: ComplexArray) -> float:
+    """Return the relative L2 error of the worst of weighted FRFs, (n_freq, n_places, n_places)."""
+    size = np.linalg.norm(exact, axis=0)
+    # What does not respond at all but for rounding has no relative error.
+    size = np.maximum(size, _SILENT * np.sqrt(np.outer(np.diag(size), np.diag(size))))
+    off = np.linalg.norm(found - exact, axis=0)
+    return float((off[size > 0.0] / size[size > 0.0]).max(initial=0.0))
+
+
 def _frequency_error(table: Table, sample: Sample, exact: FloatArray) -> float:
     """Return the relative error of the worst natural frequency."""
     values = table.interpolate(sample.alpha3)[0]
@@ -88,11 +108,5 @@ def _frf_error(table: Table, sample: Sample) -> float:
     assert sample.terms is not None
     exact = sample.terms.frf
     found = table.frf(sample.alpha3, table.places, table.places)
-    lines = exact.lines(table.band, _LINES)
-    weights = np.sqrt(np.gradient(lines))[:, np.newaxis, np.newaxis]
-    true = weights * exact.frf(lines)
-    size = np.linalg.norm(true, axis=0)
-    # What does not respond at all but for rounding has no relative error.
-    size = np.maximum(size, _SILENT * np.sqrt(np.outer(np.diag(size), np.diag(size))))
-    off = np.linalg.norm(weights * found.frf(lines) - true, axis=0)
-    return float((off[size > 0.0] / size[size > 0.0]).max(initial=0.0))
+    lines, weights = frf_lines(exact, table.band)
+    return worst_frf_error(weights * found.frf(lines), weights * exact.frf(lines))
