@@ -108,8 +108,9 @@
       if (gap) x.push(time[b - 1]);
       quantities.forEach((quantity, k) => {
         if (b > a + 1) {
-          const [low, high] = quantity.extremes(a, b);
-          ys[k].push(finite(low), finite(high));
+          const [low, high] = quantity.extremes(a, b).map(finite);
+          // As it goes, so that a line that falls has no teeth.
+          if (quantity.value(a) > quantity.value(b - 1)) ys[k].push(high, low); else ys[k].push(low, high);
         } else {
           ys[k].push(finite(quantity.value(a)));
         }
@@ -621,7 +622,8 @@
         low = Math.min(low, values[end]);
         high = Math.max(high, values[end++]);
       }
-      if (end > i) points.push([times[i], low], [times[end - 1], high]);
+      const [one, other] = values[i] > values[end - 1] ? [high, low] : [low, high];
+      if (end > i) points.push([times[i], one], [times[end - 1], other]);
       const lost = end < to && !(values[end] > 0);
       if (lost || (end < to && apart(end))) points.push([null, null]);
       while (end < to && !(values[end] > 0)) end++;
