@@ -33,7 +33,7 @@ class Results:
         if report.when == "call":
             examples = report.nodeid.partition("[")[2].rstrip("]")
             title = self.titles[report.nodeid]
-            self.rows.append([title, examples, report.outcome, f"{report.duration:.0f}"])
+            self.rows.append([title, examples, report.outcome])
 
 
 def main() -> None:
@@ -43,7 +43,7 @@ def main() -> None:
     publish(
         "properties",
         "Properties of random linkages",
-        [table(["property", "examples", "outcome", "s"], results.rows)],
+        [table(["property", "examples", "outcome"], results.rows)],
         machine("hypothesis"),
     )
     sys.exit(status)

@@ -56,17 +56,24 @@ def holds_for(*drawn: st.SearchStrategy[Any]) -> Callable[[Property], Callable[[
 def rounding(solution: Solution, turned: float = 0.0) -> FloatArray:
     """How far rounding may move each squared natural frequency, (n_modes,), (rad/s)^2.
 
-    A product of matrices of size n is rounded by n EPS abs(A) abs(B), whose norm is up to sqrt(n)
-    times that of A B (Higham, Accuracy and Stability of Numerical Algorithms, 3.13). M and K come
+    A product of matrices of size n is rounded by n EPS / 2 abs(A) abs(B) (Higham, Accuracy and
+    Stability of Numerical Algorithms, 3.13), and each of both has up to sqrt(n) times the spectral
+    norm that it has with its signs (lemma 6.6), which makes n^2 EPS / 2 of them. M and K come
     from four such products (reduction and assembly, from both sides); that moves a squared
     frequency by as much of the largest of the parts (Weyl). The modes take four more (a factor, its
     application from both sides, the solution) and are solved for 1 / w^2, so that these move w^2 by
     as much of w^4 / w_1^2. Bodies that are ``turned`` (rad) enter from both sides too.
     """
     squared = solution.modes.omega**2
-    share = 4 * len(solution.model.system.mass) ** 1.5 * EPS
+    share = product_rounding(solution, 4)
     from_modes = share * squared**2 / squared[0]
     return np.asarray((share + 2.0 * turned) * highest(solution) + from_modes)
+
+
+def product_rounding(solution: Solution, products: int) -> float:
+    """By what share of the factors' norms some products of a solution's matrices are rounded."""
+    n = len(solution.model.system.mass)
+    return products * n**2 * EPS / 2.0
 
 
 def turned_by_rounding(reach: float) -> float:
@@ -95,7 +102,7 @@ def frf_rounding(
     vectors, natural = solution.vectors, solution.modes.omega
     damping = vectors.T @ coupled.damping @ vectors
     largest = natural[-1] if solution.damped.poles is not None else 0.0
-    share = 4 * len(solution.model.system.mass) ** 1.5 * EPS + 2.0 * turned
+    share = product_rounding(solution, 4) + 2.0 * turned
     damped = share * (np.linalg.norm(damping, 2) + largest) * (omega + largest)
     dynamic = np.diag(natural**2 - omega**2) + 1j * omega * damping
     inverse = np.linalg.inv(dynamic + 1j * vectors.T @ coupled.loss @ vectors)
@@ -156,7 +163,7 @@ def test_positive_matrices(linkage: Linkage) -> None:
     for mass, stiffness in matrices:
         np.linalg.cholesky(mass)
         squared = eigvalsh(stiffness, mass)
-        assert squared[0] >= -4 * len(mass) ** 1.5 * EPS * highest(solution)
+        assert squared[0] >= -product_rounding(solution, 4) * highest(solution)
 
 
 @holds_for(linkages(), st.floats(1e-3, 100.0), st.data())
