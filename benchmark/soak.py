@@ -12,6 +12,7 @@ import sys
 import tempfile
 import time
 from array import array
+from dataclasses import dataclass
 from pathlib import Path
 
 from benchmark.latency.driver import QUIET, cpu_time
@@ -34,7 +35,30 @@ from linkage_vibration_interfaces.msg import VibrationPrediction
 
 RATE, SPEED_EVERY = 1000, 100  # Hz, and joint states to one engine speed
 JOINT = "hitch_rockshaft_joint"
+STALL = 0.05  # s
 PAGE = os.sysconf("SC_PAGE_SIZE")
+
+
+@dataclass(frozen=True, slots=True)
+class Sent:
+    """What became of joint states.
+
+    Attributes
+    ----------
+    answered : bytearray
+        1 for each that was answered.
+    memory : list of tuple
+        Time (s), and the node's resident memory (bytes).
+    stalls : list of float
+        How long the sender was held up, s; what else the machine does holds up the node as well.
+    cpu : float
+        Share of a core that the node took, %.
+    """
+
+    answered: bytearray
+    memory: list[tuple[float, float]]
+    stalls: list[float]
+    cpu: float
 
 
 def main() -> None:
@@ -45,29 +69,35 @@ def main() -> None:
         command += ["-p", "record:=true", "-p", "split_duration:=600.0"]
         node = subprocess.Popen(command, cwd=folder, stdout=subprocess.DEVNULL)
         try:
-            sent, answered, memory, cpu = send(node.pid, round(60.0 * minutes * RATE))
+            sent = send(node.pid, round(60.0 * minutes * RATE))
         finally:
             node.send_signal(signal.SIGINT)
             code = node.wait(30.0)
         logs = sorted(Path(folder).glob("*.mcap"), key=lambda path: path.stat().st_mtime_ns)
-        logged = bytearray(sent + 1)
+        count = len(sent.answered)
+        logged = bytearray(count + 1)
         size = sum(path.stat().st_size for path in logs)
         for path in tqdm(logs, unit="log"):
             for _, message in read_messages(path, "/linkage_vibration/prediction"):
                 stamp = message.header.stamp
                 logged[stamp.sec * RATE + stamp.nanosec] = 1
-    draw(memory, RESULTS / "soak.png")
-    settled = [m for t, m in memory if t > memory[-1][0] / 6.0]
+    draw(sent.memory, RESULTS / "soak.png")
+    settled = [m for t, m in sent.memory if t > sent.memory[-1][0] / 6.0]
     rows = [
-        ["joint states sent, 1 kHz", f"{sent}"],
-        ["predictions that came back", f"{sum(answered[:sent])}"],
-        ["predictions in the log", f"{sum(logged[:sent])}"],
+        ["joint states sent, 1 kHz", f"{count}"],
+        ["predictions that came back", f"{sum(sent.answered)}"],
+        ["in how many stretches others are missing", f"{stretches(sent.answered)}"],
+        ["predictions in the log", f"{sum(logged[:count])}"],
+        [
+            f"sender held up by more than {STALL:g} s: times, longest [s]",
+            f"{len(sent.stalls)}, {max(sent.stalls, default=0.0):.2f}",
+        ],
         ["logs, MB together", f"{len(logs)}, {size / 1e6:.0f}"],
         [
             "memory after a sixth of the time, and its largest since [MB]",
             f"{settled[0] / 1e6:.1f}, {max(settled) / 1e6:.1f}",
         ],
-        ["processor [% of a core]", f"{cpu:.0f}"],
+        ["processor [% of a core]", f"{sent.cpu:.0f}"],
         ["exit code", f"{code}"],
     ]
     text = (
@@ -77,8 +107,8 @@ def main() -> None:
     publish("soak", "Soak", [text, table(["", ""], rows), "![](soak.png)"], machine())
 
 
-def send(process: int, count: int) -> tuple[int, bytearray, list[tuple[float, float]], float]:
-    """Send joint states; return how many, which are answered, memory over time, and CPU (%)."""
+def send(process: int, count: int) -> Sent:
+    """Send joint states to a node, and hear its answers."""
     rclpy.init()
     driver = rclpy.create_node("soak")
     answered = bytearray(count + 1)
@@ -108,11 +138,16 @@ def send(process: int, count: int) -> tuple[int, bytearray, list[tuple[float, fl
     while time.monotonic() < quiet:
         executor.spin_once(0.1)
     memory: list[tuple[float, float]] = []
+    stalls: list[float] = []
     begin, before = time.monotonic(), cpu_time(process)
     for number in tqdm(range(count), unit="joint state", mininterval=5.0):
         due = begin + number / RATE
         while (wait := due - time.monotonic()) > 0.0:
             executor.spin_once(wait)
+        if -wait > STALL:
+            # A controller that was held up goes on at its rate, it does not make up for it.
+            begin -= wait
+            stalls.append(-wait)
         publisher.publish(joint_state(number))
         if number % SPEED_EVERY == 0:
             engine.publish(Float64(data=1900.0 + 100.0 * float(np.sin(1e-4 * number))))
@@ -128,7 +163,12 @@ def send(process: int, count: int) -> tuple[int, bytearray, list[tuple[float, fl
     executor.shutdown()
     driver.destroy_node()
     rclpy.try_shutdown()
-    return count, answered, memory, 100.0 * spent / lasted
+    return Sent(answered[:count], memory, stalls, 100.0 * spent / lasted)
+
+
+def stretches(answered: bytearray) -> int:
+    """Return in how many places one or more are missing."""
+    return len([part for part in bytes(answered).split(b"\1") if part])
 
 
 def draw(memory: list[tuple[float, float]], picture: Path) -> None:

@@ -154,7 +154,7 @@ def draw(runs: dict[tuple[str, float], list[Run]], picture: Path) -> None:
 
     from linkage_vibration.plots import COLOURS, INK
 
-    figure = Figure(figsize=(9.6, 3.6), layout="constrained")
+    figure = Figure(figsize=(9.6, 4.0), layout="constrained")
     axes = figure.subplots(1, len(SECONDS), sharey=True)
     for ax, rate in zip(axes, SECONDS, strict=True):
         for name, colour in zip(NODES, (INK, *COLOURS), strict=False):
@@ -165,7 +165,7 @@ def draw(runs: dict[tuple[str, float], list[Run]], picture: Path) -> None:
         ax.grid(color="#dddddd", linewidth=0.6)
     axes[0].set(ylabel="share of messages that take longer")
     handles, labels = axes[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=len(labels), frameon=False)
+    figure.legend(handles, labels, loc="outside lower center", ncols=3, frameon=False)
     figure.savefig(picture, dpi=110)
 
 
