@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 import time
+from array import array
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -19,12 +20,16 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.parameter import Parameter
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
+from sensor_msgs.msg import JointState
 
 from linkage_vibration.prediction import Status
 from linkage_vibration.resources import config_file
+from linkage_vibration_interfaces.msg import VibrationPrediction
 
 JOINT = "hitch_rockshaft_joint"
+SENSOR = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
 SUCCESS, FAILURE = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAILURE
 
 
@@ -48,6 +53,24 @@ def managed(environment: dict[str, str]) -> Iterator[Callable[..., Any]]:
     for node in nodes:
         node.close()
     rclpy.try_shutdown()
+
+
+@pytest.fixture
+def manager(environment: dict[str, str]) -> Iterator[tuple[Any, SingleThreadedExecutor]]:
+    """Return another node and what spins it."""
+    context = Context()
+    rclpy.init(
+        context=context,
+        domain_id=int(environment["ROS_DOMAIN_ID"]),
+        signal_handler_options=SignalHandlerOptions.NO,
+    )
+    peer = rclpy.create_node("manager", context=context)
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(peer)
+    yield peer, executor
+    executor.shutdown()
+    peer.destroy_node()
+    context.try_shutdown()
 
 
 def open_files() -> int:
@@ -222,34 +245,22 @@ while True:
 """
 
 
-def test_lives_amid_a_storm(start: Callable[..., Any], environment: dict[str, str]) -> None:
+def test_lives_amid_a_storm(
+    start: Callable[..., Any], environment: dict[str, str], manager: Any
+) -> None:
     """Peers that come and go, of right and wrong QoS, cost it nothing while it changes state.
 
     rclpy's events executor can end the process by a segmentation fault when a publisher that has
     QoS events is destroyed at such a time.
     """
-    from array import array
-
-    from rclpy.qos import QoSProfile, ReliabilityPolicy
-    from sensor_msgs.msg import JointState
-
     process = start(name="stormy", autostart=False)
     storms = [
         subprocess.Popen([sys.executable, "-c", STORM], env=environment, stdout=subprocess.DEVNULL)
         for _ in range(2)
     ]
-    context = Context()
-    rclpy.init(
-        context=context,
-        domain_id=int(environment["ROS_DOMAIN_ID"]),
-        signal_handler_options=SignalHandlerOptions.NO,
-    )
-    peer = rclpy.create_node("storm_manager", context=context)
-    executor = SingleThreadedExecutor(context=context)
-    executor.add_node(peer)
+    peer, executor = manager
     change: Any = peer.create_client(ChangeState, "stormy/change_state")
-    sensor = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
-    publisher = peer.create_publisher(JointState, "joint_states", sensor)
+    publisher = peer.create_publisher(JointState, "joint_states", SENSOR)
     message = JointState(name=[JOINT], position=array("d", [2.0]))
     peer.create_timer(0.002, lambda: publisher.publish(message))
     try:
@@ -274,38 +285,17 @@ def test_lives_amid_a_storm(start: Callable[..., Any], environment: dict[str, st
         for storm in storms:
             storm.kill()
             storm.wait()
-        executor.shutdown()
-        peer.destroy_node()
-        context.try_shutdown()
 
 
-def test_manager_over_dds(
-    start: Callable[..., Any], environment: dict[str, str], tmp_path: Path
-) -> None:
+def test_manager_over_dds(start: Callable[..., Any], manager: Any) -> None:
     """By its services a manager takes the node through its life, and it predicts while active."""
-    from array import array
-
-    from rclpy.qos import QoSProfile, ReliabilityPolicy
-    from sensor_msgs.msg import JointState
-
-    from linkage_vibration_interfaces.msg import VibrationPrediction
-
     process = start(name="managed", autostart=False)
-    context = Context()
-    rclpy.init(
-        context=context,
-        domain_id=int(environment["ROS_DOMAIN_ID"]),
-        signal_handler_options=SignalHandlerOptions.NO,
-    )
-    peer = rclpy.create_node("manager", context=context)
-    executor = SingleThreadedExecutor(context=context)
-    executor.add_node(peer)
+    peer, executor = manager
     change: Any = peer.create_client(ChangeState, "managed/change_state")
     ask: Any = peer.create_client(GetState, "managed/get_state")
     heard: list[Any] = []
     peer.create_subscription(VibrationPrediction, "managed/prediction", heard.append, 10)
-    sensor = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
-    publisher = peer.create_publisher(JointState, "joint_states", sensor)
+    publisher = peer.create_publisher(JointState, "joint_states", SENSOR)
 
     def call(client: Any, request: Any) -> Any:
         future = client.call_async(request)
@@ -324,23 +314,18 @@ def test_manager_over_dds(
             executor.spin_once(0.1)
         return bool(heard)
 
-    try:
-        assert change.wait_for_service(20.0)
-        assert ask.wait_for_service(20.0)
-        assert go(Transition.TRANSITION_CONFIGURE) == State.PRIMARY_STATE_INACTIVE
-        assert not answered(1.0)
-        for _ in range(2):
-            assert go(Transition.TRANSITION_ACTIVATE) == State.PRIMARY_STATE_ACTIVE
-            assert answered(10.0)
-            assert heard[0].status == Status.OK
-            assert go(Transition.TRANSITION_DEACTIVATE) == State.PRIMARY_STATE_INACTIVE
-            executor.spin_once(0.2)
-            assert not answered(0.5)
-        assert go(Transition.TRANSITION_CLEANUP) == State.PRIMARY_STATE_UNCONFIGURED
-        wrong = Transition(id=Transition.TRANSITION_ACTIVATE)
-        assert not call(change, ChangeState.Request(transition=wrong)).success
-    finally:
-        executor.shutdown()
-        peer.destroy_node()
-        context.try_shutdown()
+    assert change.wait_for_service(20.0)
+    assert ask.wait_for_service(20.0)
+    assert go(Transition.TRANSITION_CONFIGURE) == State.PRIMARY_STATE_INACTIVE
+    assert not answered(1.0)
+    for _ in range(2):
+        assert go(Transition.TRANSITION_ACTIVATE) == State.PRIMARY_STATE_ACTIVE
+        assert answered(10.0)
+        assert heard[0].status == Status.OK
+        assert go(Transition.TRANSITION_DEACTIVATE) == State.PRIMARY_STATE_INACTIVE
+        executor.spin_once(0.2)
+        assert not answered(0.5)
+    assert go(Transition.TRANSITION_CLEANUP) == State.PRIMARY_STATE_UNCONFIGURED
+    wrong = Transition(id=Transition.TRANSITION_ACTIVATE)
+    assert not call(change, ChangeState.Request(transition=wrong)).success
     assert process.stop() == 0
