@@ -148,8 +148,9 @@ class Predicting:
             if isinstance(self._input, JointInput)
             else (Float64, self._percent_topic, self._on_percent)
         )
-        # Of what is there at once the executor takes the first subscription's: speeds, that the
-        # reading is held against the newest ones.
+        # Of what is there at once the single-threaded executor takes the first subscription's:
+        # speeds, that the reading is held against the newest ones. The events executor takes all
+        # in the order in which it came.
         self._subscriptions = [
             subscribe(self._node, Float64, topic, partial(self._on_speed, source, topic))
             for source, topic in self._speed_topics.items()

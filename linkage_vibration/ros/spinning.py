@@ -56,10 +56,12 @@ def _spin(stop_asked: Callable[[], bool]) -> None:
             node.start()
         executor = _executor()
         node.executor = executor
-        while rclpy.ok() and not stop_asked():
-            with suppress(InvalidHandle):  # of what was destroyed as something came for it
-                executor.spin_once(WATCH_PERIOD)
-        executor.shutdown()
+        try:
+            while rclpy.ok() and not stop_asked():
+                with suppress(InvalidHandle):  # of what was destroyed as something came for it
+                    executor.spin_once(WATCH_PERIOD)
+        finally:
+            executor.shutdown()  # before what it looks after is destroyed
     finally:
         node.close()
 
