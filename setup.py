@@ -91,9 +91,9 @@ setup(
     },
     entry_points={
         "console_scripts": [
-            "linkage-vibration = linkage_vibration.cli:main",
+            "linkage-vibration = linkage_vibration.cli.main:main",
             "linkage_vibration_node = linkage_vibration.ros.node:main",
         ],
-        "pytest11": ["linkage_vibration = linkage_vibration.pytest_plugin"],
+        "pytest11": ["linkage_vibration = linkage_vibration.testing.pytest_plugin"],
     },
 )

@@ -12,8 +12,13 @@ import numpy as np
 from tqdm import tqdm
 
 from benchmark.report import machine, publish, table
-from linkage_vibration.calibration import Calibration, Parameter, calibrate, read_calibration
-from linkage_vibration.resources import config_file
+from linkage_vibration.studies.calibration import (
+    Calibration,
+    Parameter,
+    calibrate,
+    read_calibration,
+)
+from linkage_vibration.support.resources import config_file
 
 STARTS = 4
 LOWER = "links.lower_link"

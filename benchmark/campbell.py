@@ -13,19 +13,19 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from linkage_vibration.drive import engine_and_pto_speed, hitch_duty_cycle
-from linkage_vibration.excitation import (
+from linkage_vibration.demo.drive import engine_and_pto_speed, hitch_duty_cycle
+from linkage_vibration.drawing.plots import COLOURS, GREY, INK
+from linkage_vibration.prediction.excitation import (
     Excitation,
     Resonance,
     ResonanceMonitor,
     ResonanceState,
     Source,
 )
-from linkage_vibration.plots import COLOURS, GREY, INK
-from linkage_vibration.prediction import Predictor
+from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.readers.excitations import read_excitations
-from linkage_vibration.resources import DEFAULT_TABLE, config_file
-from linkage_vibration.table import Table, load_table
+from linkage_vibration.support.resources import DEFAULT_TABLE, config_file
+from linkage_vibration.table.table import Table, load_table
 
 FloatArray = NDArray[np.float64]
 

@@ -26,9 +26,9 @@ from rosbags.highlevel import AnyReader
 from tqdm import tqdm
 
 from benchmark.report import machine, publish, table
-from linkage_vibration.logs.recorder import Limits, Provenance, Recorder
-from linkage_vibration.logs.recording import Attachment, Topic
-from linkage_vibration.logs.recovery import recover
+from linkage_vibration.bags.recorder import Limits, Provenance, Recorder
+from linkage_vibration.bags.recovery import recover
+from linkage_vibration.bags.writing import Attachment, Topic
 
 KILLS = 200
 PERIOD = 1e-3  # s

@@ -23,19 +23,20 @@ from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_typestore
 from scipy import sparse
 
-from linkage_vibration.calibration import read_calibration
+from linkage_vibration.bags.message_types import JOINT_STATE
+from linkage_vibration.bags.reading import read_joint_states
 from linkage_vibration.mechanics.description import Frfs, Material, Matrices
 from linkage_vibration.mechanics.model import LinkageModel
-from linkage_vibration.readers.bags import JOINT_STATE, read_joint_states
 from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.readers.frfs import read_frfs
 from linkage_vibration.readers.matrices import read_matrices
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.readers.meshes import mesh_matrices
-from linkage_vibration.resources import config_file
-from linkage_vibration.sweep import read_designs
-from linkage_vibration.table import load_table, table_bytes
-from linkage_vibration.tabulation import build_table
+from linkage_vibration.studies.calibration import read_calibration
+from linkage_vibration.studies.sweep import read_designs
+from linkage_vibration.support.resources import config_file
+from linkage_vibration.table.build import build_table
+from linkage_vibration.table.table import load_table, table_bytes
 
 FloatArray = NDArray[np.float64]
 Files = dict[str, bytes]

@@ -22,15 +22,15 @@ from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from benchmark.report import machine, publish, table
-from linkage_vibration.drive import hitch_duty_cycle
-from linkage_vibration.logs.definitions import message_definition, type_hash
-from linkage_vibration.logs.recorder import UNLIMITED, Limits, Provenance, Recorder
-from linkage_vibration.logs.recording import COMPRESSIONS, Topic, offered_qos_profiles
-from linkage_vibration.logs.recovery import recover
-from linkage_vibration.messages import encode_prediction
-from linkage_vibration.prediction import Predictor
-from linkage_vibration.resources import DEFAULT_TABLE, config_file
-from linkage_vibration.table import load_table
+from linkage_vibration.bags.recorder import UNLIMITED, Limits, Provenance, Recorder
+from linkage_vibration.bags.recovery import recover
+from linkage_vibration.bags.writing import COMPRESSIONS, Topic, offered_qos_profiles
+from linkage_vibration.demo.drive import hitch_duty_cycle
+from linkage_vibration.messages.definitions import message_definition, type_hash
+from linkage_vibration.messages.encoding import encode_prediction
+from linkage_vibration.prediction.predictor import Predictor
+from linkage_vibration.support.resources import DEFAULT_TABLE, config_file
+from linkage_vibration.table.table import load_table
 
 PACKAGES = ["@mcap/core", "@mcap/nodejs", "@mcap/support", "@foxglove/rosmsg"]
 PACKAGES += ["@foxglove/rosmsg2-serialization"]

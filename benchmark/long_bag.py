@@ -23,8 +23,8 @@ from tqdm import tqdm
 
 from benchmark.replay import NAMES, RATE, START
 from benchmark.report import machine, publish, table
-from linkage_vibration.parameters import Parameters
-from linkage_vibration.readers.bags import FLOAT64, JOINT_STATE
+from linkage_vibration.bags.message_types import FLOAT64, JOINT_STATE
+from linkage_vibration.prediction.settings import Parameters
 from linkage_vibration.replay.replay import replay
 
 GIGABYTES = 10.0

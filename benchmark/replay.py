@@ -24,8 +24,8 @@ from rosbags.typesys import Stores, get_typestore
 from tqdm import tqdm
 
 from benchmark.report import machine, publish, table
-from linkage_vibration.parameters import Parameters
-from linkage_vibration.readers.bags import JOINT_STATE
+from linkage_vibration.bags.message_types import JOINT_STATE
+from linkage_vibration.prediction.settings import Parameters
 from linkage_vibration.replay.replay import replay
 
 RATE = 1000  # Hz

@@ -20,14 +20,14 @@ from tqdm import tqdm
 
 from benchmark.browser import Browser
 from benchmark.report import machine, publish, table
-from linkage_vibration.drive import DURATION, ENGINE_SPEED, JOINTS, RATE
-from linkage_vibration.logs.recording import LogWriter, Topic, offered_qos_profiles
-from linkage_vibration.parameters import Parameters
+from linkage_vibration.bags.writing import LogWriter, Topic, offered_qos_profiles
+from linkage_vibration.demo.drive import DURATION, ENGINE_SPEED, JOINTS, RATE
+from linkage_vibration.prediction.settings import Parameters
 from linkage_vibration.replay.replay import replay
-from linkage_vibration.resources import config_file
+from linkage_vibration.review.html import write_page
 from linkage_vibration.review.log import read_log
-from linkage_vibration.review.page import write_page
-from linkage_vibration.review.review import review_page
+from linkage_vibration.review.review_page import review_page
+from linkage_vibration.support.resources import config_file
 
 MINUTES = 60.0
 FRAME = 1000.0 / 60.0  # ms

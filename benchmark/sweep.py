@@ -20,10 +20,10 @@ from matplotlib.figure import Figure
 from tqdm import tqdm
 
 from benchmark.report import machine, publish, table
-from linkage_vibration.plots import COLOURS, GREY
-from linkage_vibration.processes import LocalPool
-from linkage_vibration.resources import config_file
-from linkage_vibration.sweep import Designs, read_designs, sweep
+from linkage_vibration.drawing.plots import COLOURS, GREY
+from linkage_vibration.studies.sweep import Designs, read_designs, sweep
+from linkage_vibration.support.process_pool import LocalPool
+from linkage_vibration.support.resources import config_file
 
 PICTURE = Path(__file__).parents[1] / "docs" / "pictures" / "sweep.png"
 REPEATS = 3

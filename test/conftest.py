@@ -12,7 +12,7 @@ from hypothesis import settings
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.readers.mechanism import read_mechanism
-from linkage_vibration.resources import config_file
+from linkage_vibration.support.resources import config_file
 
 # Times say nothing on a machine that others share.
 settings.register_profile("untimed", deadline=None)

@@ -119,10 +119,10 @@ def parts() -> str:
     from rclpy.serialization import deserialize_message, serialize_message
     from sensor_msgs.msg import JointState
 
-    from linkage_vibration.messages import encode_prediction
-    from linkage_vibration.prediction import Predictor
-    from linkage_vibration.resources import DEFAULT_TABLE, config_file
-    from linkage_vibration.table import load_table
+    from linkage_vibration.messages.encoding import encode_prediction
+    from linkage_vibration.prediction.predictor import Predictor
+    from linkage_vibration.support.resources import DEFAULT_TABLE, config_file
+    from linkage_vibration.table.table import load_table
 
     predictor = Predictor(load_table(config_file(DEFAULT_TABLE)))
     message = JointState(name=["hitch_rockshaft_joint"], position=[2.0])
@@ -152,7 +152,7 @@ def draw(runs: dict[tuple[str, float], list[Run]], picture: Path) -> None:
     """Draw the distribution of latencies of each node at each rate."""
     from matplotlib.figure import Figure
 
-    from linkage_vibration.plots import COLOURS, INK
+    from linkage_vibration.drawing.plots import COLOURS, INK
 
     figure = Figure(figsize=(9.6, 4.0), layout="constrained")
     axes = figure.subplots(1, len(SECONDS), sharey=True)

@@ -30,9 +30,9 @@ from benchmark.speed.picture import draw
 from benchmark.speed.scene import Scene, standard_scene
 from benchmark.speed.timing import pin_threads
 from linkage_vibration.errors import LinkageVibrationError
-from linkage_vibration.files import write_text
-from linkage_vibration.table import Table
-from linkage_vibration.tabulation import build_table
+from linkage_vibration.support.atomic_files import write_text
+from linkage_vibration.table.build import build_table
+from linkage_vibration.table.table import Table
 
 PICTURE = Path(__file__).parents[2] / "docs" / "pictures" / "speed_accuracy.png"
 CSV = RESULTS / "speed.csv"

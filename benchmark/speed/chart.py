@@ -19,7 +19,7 @@ from benchmark.speed.scene import MODES, Scene, frf_error, worst_frequency
 from benchmark.speed.tables import errors, tables
 from benchmark.speed.timing import Spread, spread, turns
 from linkage_vibration.mechanics.model import LinkageModel
-from linkage_vibration.table import Table
+from linkage_vibration.table.table import Table
 
 FloatArray = NDArray[np.float64]
 Progress = Callable[[float], object]

@@ -36,11 +36,11 @@ from benchmark.speed.scene import (
 )
 from benchmark.speed.timing import Spread, pin_threads, seconds, spread, turns
 from benchmark.speed.train import train
+from linkage_vibration.drawing.plots import COLOURS, GREY, INK
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.kinematics import Configuration
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.response import far_poles, in_reach
-from linkage_vibration.plots import COLOURS, GREY, INK
 from linkage_vibration.readers.mechanism import read_mechanism
 
 FloatArray = NDArray[np.float64]

@@ -20,6 +20,7 @@ from benchmark.stability.static_limit import (
     linkage,
     picture_of,
 )
+from linkage_vibration.drawing.plots import COLOURS, GREY, INK
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.components import Component
 from linkage_vibration.mechanics.fbs import component_frf, couple_frfs
@@ -35,7 +36,6 @@ from linkage_vibration.mechanics.regularisation import (
     rigid_motions,
 )
 from linkage_vibration.mechanics.response import oscillators
-from linkage_vibration.plots import COLOURS, GREY, INK
 from linkage_vibration.readers.frfs import read_frfs
 
 FloatArray = NDArray[np.float64]

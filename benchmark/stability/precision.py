@@ -24,6 +24,7 @@ from benchmark.stability.static_limit import (
     linkage,
     plain_lm_fbs,
 )
+from linkage_vibration.drawing.plots import COLOURS, GREY
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.beams import beam_matrices
 from linkage_vibration.mechanics.coupling import assembled_frf
@@ -32,10 +33,9 @@ from linkage_vibration.mechanics.kinematics import Kinematics
 from linkage_vibration.mechanics.model import LinkageModel, Solution
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
 from linkage_vibration.mechanics.sections import rectangle, tube
-from linkage_vibration.plots import COLOURS, GREY
 from linkage_vibration.readers.frfs import read_frfs
 from linkage_vibration.readers.matrices import read_matrices
-from linkage_vibration.resources import config_file
+from linkage_vibration.support.resources import config_file
 
 TITLE = "Precision and scale"
 

@@ -18,11 +18,11 @@ from benchmark.stability.static_limit import (
     plain_lm_fbs,
     share,
 )
+from linkage_vibration.drawing.plots import COLOURS, GREY
 from linkage_vibration.mechanics.compatibility import CouplingError, row_space
 from linkage_vibration.mechanics.coupling import couple
 from linkage_vibration.mechanics.fbs import couple_frfs
 from linkage_vibration.mechanics.modes import solve_modes
-from linkage_vibration.plots import COLOURS, GREY
 
 FloatArray = NDArray[np.float64]
 

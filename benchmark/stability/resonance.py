@@ -21,6 +21,7 @@ from benchmark.stability.static_limit import (
     saddle_point_frf,
     share,
 )
+from linkage_vibration.drawing.plots import COLOURS, GREY
 from linkage_vibration.mechanics.compatibility import CouplingError, Joining
 from linkage_vibration.mechanics.components import Component
 from linkage_vibration.mechanics.coupling import assembled_frf, couple, uncoupled_system
@@ -34,7 +35,6 @@ from linkage_vibration.mechanics.fbs import (
 from linkage_vibration.mechanics.model import LinkageModel, Solution
 from linkage_vibration.mechanics.modes import damp_modes, solve_modes
 from linkage_vibration.mechanics.response import pole_residue
-from linkage_vibration.plots import COLOURS, GREY
 
 FloatArray = NDArray[np.float64]
 

@@ -14,15 +14,15 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
 from benchmark.report import table
+from linkage_vibration.drawing.plots import COLOURS, GREY, INK
 from linkage_vibration.mechanics.compatibility import CouplingError
 from linkage_vibration.mechanics.components import Component
 from linkage_vibration.mechanics.coupling import assembled_frf
 from linkage_vibration.mechanics.description import Damping, ModalRatio
 from linkage_vibration.mechanics.fbs import FbsError, component_frf, couple_frfs_with_error
 from linkage_vibration.mechanics.model import LinkageModel, Solution
-from linkage_vibration.plots import COLOURS, GREY, INK
 from linkage_vibration.readers.mechanism import read_mechanism
-from linkage_vibration.resources import config_file
+from linkage_vibration.support.resources import config_file
 
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]

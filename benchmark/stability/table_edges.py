@@ -13,12 +13,12 @@ from scipy.interpolate import CubicSpline
 from benchmark.report import table
 from benchmark.stability.static_limit import linkage
 from linkage_vibration.mechanics.model import LinkageModel
-from linkage_vibration.messages import fault
-from linkage_vibration.prediction import Predictor, Status
+from linkage_vibration.messages.encoding import fault
+from linkage_vibration.prediction.predictor import Predictor, Status
 from linkage_vibration.readers.mechanism import read_mechanism
-from linkage_vibration.resources import config_file
-from linkage_vibration.table import Table, TableError, load_table, save_table
-from linkage_vibration.tabulation import build_table
+from linkage_vibration.support.resources import config_file
+from linkage_vibration.table.build import build_table
+from linkage_vibration.table.table import Table, TableError, load_table, save_table
 
 TITLE = "The table's edges, and files that are not what they seem"
 
@@ -61,8 +61,9 @@ cubic spline on those.
 - A table of another mechanism: "{_foreign(model)}"
 {_damage(model)}
 
-Tests: `test/test_prediction.py`, `test/test_table.py::test_table_of_another_mechanism_is_refused`,
-`::test_damage_in_any_byte_is_refused`, `::test_number_changed_on_purpose_is_refused`,
+Tests: `test/prediction/test_predictor.py`, `test/table/test_table.py`
+`::test_table_of_another_mechanism_is_refused`, `::test_damage_in_any_byte_is_refused`,
+`::test_number_changed_on_purpose_is_refused`,
 `::test_pickles_are_refused`, and 8000 spoilt tables in `python -m benchmark.fuzz`.
 """
 

@@ -12,14 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmark.report import table
+from linkage_vibration.drawing.plots import COLOURS, GREY
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.kinematics import Kinematics, KinematicsError
 from linkage_vibration.mechanics.model import LinkageModel
-from linkage_vibration.plots import COLOURS, GREY
 from linkage_vibration.readers.mechanism import read_mechanism
-from linkage_vibration.resources import config_file
-from linkage_vibration.table import TableError
-from linkage_vibration.tabulation import build_table
+from linkage_vibration.support.resources import config_file
+from linkage_vibration.table.build import build_table
+from linkage_vibration.table.table import TableError
 
 TITLE = "Toggle: the linkage locks"
 

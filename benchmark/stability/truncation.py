@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from benchmark.report import table
 from benchmark.stability.static_limit import ALPHA3, PLACES, linkage, picture_of
+from linkage_vibration.drawing.plots import COLOURS, GREY, INK
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.response import PoleResidue
-from linkage_vibration.plots import COLOURS, GREY, INK
 
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]

@@ -4,7 +4,7 @@
 
 from pathlib import Path
 
-from linkage_vibration.excitation import Excitation, excitations_from_mapping
+from linkage_vibration.prediction.excitation import Excitation, excitations_from_mapping
 from linkage_vibration.readers.mechanism import load_yaml
 
 

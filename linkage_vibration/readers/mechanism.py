@@ -23,7 +23,7 @@ from linkage_vibration.readers.component_files import ComponentFileError
 from linkage_vibration.readers.frfs import read_frfs
 from linkage_vibration.readers.matrices import read_matrices
 from linkage_vibration.readers.meshes import mesh_matrices
-from linkage_vibration.readers.yaml_size import refuse_unbounded
+from linkage_vibration.support.yaml_size import refuse_unbounded
 
 
 def read_mechanism(path: Path, *, spatial: bool = False) -> Mechanism:

@@ -13,28 +13,14 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from linkage_vibration.excitation import ResonanceMonitor, Source, ToldSpeed
-from linkage_vibration.inputs import JointInput, PercentInput, Reading, ReadingError
-from linkage_vibration.logs.batches import (
-    Predictions,
-    encode_predictions,
-    encode_resonances,
-    predict_many,
-)
-from linkage_vibration.logs.chunks import ChunkLog, Messages
-from linkage_vibration.logs.recorder import PROVENANCE_METADATA, package_versions
-from linkage_vibration.logs.recording import Attachment
-from linkage_vibration.parameters import NODE_NAME, Parameters, parameters_yaml
-from linkage_vibration.prediction import Predictor, Status
-from linkage_vibration.readers.bags import FLOAT64
-from linkage_vibration.readers.excitations import read_excitations
-from linkage_vibration.readers.joint_states import JointStateReader
-from linkage_vibration.readers.streams import Bags, BagTopic, Block, open_bags
-from linkage_vibration.replay.errors import ReplayError
-from linkage_vibration.replay.model import AS_IT_IS, WhatIf, load_model
-from linkage_vibration.replay.topics import choose_topics, told
-from linkage_vibration.table import table_bytes
-from linkage_vibration.topics import (
+from linkage_vibration.bags.chunks import ChunkLog, Messages
+from linkage_vibration.bags.joint_states import JointStateReader
+from linkage_vibration.bags.message_types import FLOAT64
+from linkage_vibration.bags.recorder import PROVENANCE_METADATA, package_versions
+from linkage_vibration.bags.streams import Bags, BagTopic, Block, open_bags
+from linkage_vibration.bags.writing import Attachment
+from linkage_vibration.messages.batches import encode_predictions, encode_resonances
+from linkage_vibration.messages.topics import (
     PREDICTION,
     PREDICTION_TOPIC,
     RESONANCE,
@@ -42,6 +28,15 @@ from linkage_vibration.topics import (
     SPEEDS,
     log_topic,
 )
+from linkage_vibration.prediction.batch import Predictions, predict_many
+from linkage_vibration.prediction.excitation import ResonanceMonitor, Source, ToldSpeed
+from linkage_vibration.prediction.inputs import JointInput, PercentInput, Reading, ReadingError
+from linkage_vibration.prediction.predictor import Predictor, Status
+from linkage_vibration.prediction.settings import NODE_NAME, Parameters, parameters_yaml
+from linkage_vibration.readers.excitations import read_excitations
+from linkage_vibration.replay.remapping import ReplayError, choose_topics, told
+from linkage_vibration.replay.what_if import AS_IT_IS, WhatIf, load_model
+from linkage_vibration.table.table import table_bytes
 
 FloatArray = NDArray[np.float64]
 Integers = NDArray[np.int64]

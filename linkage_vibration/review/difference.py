@@ -12,10 +12,10 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from linkage_vibration.plots import COLOURS
+from linkage_vibration.drawing.plots import COLOURS
+from linkage_vibration.review.html import Page, thinned, write_page
 from linkage_vibration.review.log import Log, ReviewError, read_log
-from linkage_vibration.review.page import Page, thinned, write_page
-from linkage_vibration.review.review import DEG, STATUSES, clock, provenance_rows
+from linkage_vibration.review.review_page import DEG, STATUSES, clock, provenance_rows
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

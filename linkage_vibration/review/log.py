@@ -13,14 +13,14 @@ from mcap.exceptions import McapError
 from mcap.reader import make_reader
 from numpy.typing import NDArray
 
+from linkage_vibration.bags.message_columns import LOG_TIME, Columns, read_columns, topic_types
 from linkage_vibration.errors import LinkageVibrationError
-from linkage_vibration.excitation import Excitation, Source, excitations_from_mapping
-from linkage_vibration.files import write_text
 from linkage_vibration.mechanics.description import Mechanism
+from linkage_vibration.messages.topics import PREDICTION, RESONANCE, SPEEDS
+from linkage_vibration.prediction.excitation import Excitation, Source, excitations_from_mapping
 from linkage_vibration.readers.mechanism import read_mechanism
-from linkage_vibration.readers.message_columns import LOG_TIME, Columns, read_columns, topic_types
-from linkage_vibration.table import Table, TableError, load_table
-from linkage_vibration.topics import PREDICTION, RESONANCE, SPEEDS
+from linkage_vibration.support.atomic_files import write_text
+from linkage_vibration.table.table import Table, TableError, load_table
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -22,7 +22,7 @@ from rclpy.qos import (
     qos_policy_name_from_kind,
 )
 
-from linkage_vibration.logs.recording import QUEUE_DEPTH
+from linkage_vibration.bags.writing import QUEUE_DEPTH
 from linkage_vibration.ros.diagnostics import Statistics
 from linkage_vibration.ros.throttle import Throttle
 from linkage_vibration_interfaces.msg import Resonance, VibrationPrediction

@@ -16,21 +16,21 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 from rclpy.parameter import Parameter
 from std_msgs.msg import String
 
+from linkage_vibration.bags.recorder import Provenance, Recorder
 from linkage_vibration.errors import LinkageVibrationError
-from linkage_vibration.excitation import ResonanceMonitor
-from linkage_vibration.logs.recorder import Provenance, Recorder
-from linkage_vibration.parameters import NODE_NAME, without_markers
+from linkage_vibration.prediction.answers import Served
+from linkage_vibration.prediction.excitation import ResonanceMonitor
+from linkage_vibration.prediction.settings import NODE_NAME, without_markers
 from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.ros.diagnostics import Health, Log, Statistics, diagnostics, status
 from linkage_vibration.ros.endpoints import publisher, publishers
+from linkage_vibration.ros.log_control import Recording
 from linkage_vibration.ros.markers import Markers, MarkerSettings
-from linkage_vibration.ros.model import load_served, provenance, table_info
-from linkage_vibration.ros.parameters import changed, declare_parameters, in_own_types
-from linkage_vibration.ros.predicting import Predicting, own_topics
-from linkage_vibration.ros.recording import Recording
+from linkage_vibration.ros.message_path import Predicting, own_topics
+from linkage_vibration.ros.parameter_server import changed, declare_parameters, in_own_types
+from linkage_vibration.ros.served import load_served, provenance, table_info
 from linkage_vibration.ros.services import Services
 from linkage_vibration.ros.throttle import Throttle
-from linkage_vibration.serving import Served
 from linkage_vibration_interfaces.msg import TableInfo
 
 

@@ -18,11 +18,19 @@ from rclpy.node import Node
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
+from linkage_vibration.drawing.geometry import (
+    Curves,
+    corners,
+    largest,
+    mode_curves,
+    nearest_mode,
+    scene,
+    size,
+)
+from linkage_vibration.drawing.plots import COLOURS, GREY
 from linkage_vibration.errors import LinkageVibrationError
-from linkage_vibration.plots import COLOURS, GREY
+from linkage_vibration.prediction.answers import Served
 from linkage_vibration.ros.endpoints import publisher
-from linkage_vibration.scene import Curves, corners, largest, mode_curves, nearest_mode, scene, size
-from linkage_vibration.serving import Served
 
 FloatArray = NDArray[np.float64]
 

@@ -20,8 +20,8 @@ from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 
+from linkage_vibration.bags.reading import JointStateRecord
 from linkage_vibration.errors import LinkageVibrationError
-from linkage_vibration.readers.bags import JointStateRecord
 from linkage_vibration_interfaces.msg import VibrationPrediction
 from linkage_vibration_interfaces.srv import PredictVibration
 

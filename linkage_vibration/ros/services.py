@@ -20,10 +20,8 @@ from rclpy.task import Future
 
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.description import Mechanism
-from linkage_vibration.messages import encode_prediction, fault
-from linkage_vibration.prediction import Predictor
-from linkage_vibration.processes import LocalPool
-from linkage_vibration.serving import (
+from linkage_vibration.messages.encoding import encode_prediction, fault
+from linkage_vibration.prediction.answers import (
     Implement,
     Served,
     answer_frf,
@@ -32,7 +30,9 @@ from linkage_vibration.serving import (
     rebuilt,
     with_implement,
 )
-from linkage_vibration.table import table_bytes
+from linkage_vibration.prediction.predictor import Predictor
+from linkage_vibration.support.process_pool import LocalPool
+from linkage_vibration.table.table import table_bytes
 from linkage_vibration_interfaces.msg import VibrationPrediction
 from linkage_vibration_interfaces.srv import (
     GetFrf,

@@ -14,7 +14,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import RCLError
 
 from linkage_vibration.errors import LinkageVibrationError
-from linkage_vibration.parameters import NODE_NAME
+from linkage_vibration.prediction.settings import NODE_NAME
 from linkage_vibration.ros.lifecycle import LinkageVibrationNode
 
 EVENTS_SINCE = (9, 1, 2)  # of rclpy; before, its events executor awaits no service

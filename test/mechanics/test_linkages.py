@@ -18,7 +18,7 @@ from linkage_vibration.mechanics.kinematics import Kinematics
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
 from linkage_vibration.readers.mechanism import read_mechanism
-from linkage_vibration.resources import config_file
+from linkage_vibration.support.resources import config_file
 
 FloatArray = NDArray[np.float64]
 

@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 from linkage_vibration.errors import LinkageVibrationError
-from linkage_vibration.excitation import Source
+from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.readers.excitations import read_excitations
-from linkage_vibration.resources import config_file
+from linkage_vibration.support.resources import config_file
 
 
 def test_shipped_file() -> None:

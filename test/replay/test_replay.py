@@ -18,21 +18,21 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_typestore
 
-from linkage_vibration.cli import main
-from linkage_vibration.excitation import ResonanceMonitor, Source
-from linkage_vibration.inputs import JointInput, PercentInput
-from linkage_vibration.messages import encode_prediction, encode_resonance
-from linkage_vibration.parameters import Parameters, read_parameters
-from linkage_vibration.prediction import Predictor, Status
-from linkage_vibration.readers.bags import FLOAT64, JOINT_STATE, BagError, read_messages
+from linkage_vibration.bags.message_types import FLOAT64, JOINT_STATE
+from linkage_vibration.bags.reading import BagError, read_messages
+from linkage_vibration.cli.main import main
+from linkage_vibration.messages.encoding import encode_prediction, encode_resonance
+from linkage_vibration.messages.topics import log_topic
+from linkage_vibration.prediction.excitation import ResonanceMonitor, Source
+from linkage_vibration.prediction.inputs import JointInput, PercentInput
+from linkage_vibration.prediction.predictor import Predictor, Status
+from linkage_vibration.prediction.settings import Parameters, read_parameters
 from linkage_vibration.readers.excitations import read_excitations
-from linkage_vibration.replay.errors import ReplayError
-from linkage_vibration.replay.model import WhatIf
+from linkage_vibration.replay.remapping import ReplayError, remappings
 from linkage_vibration.replay.replay import replay
-from linkage_vibration.replay.topics import remappings
-from linkage_vibration.resources import DEFAULT_EXCITATIONS, DEFAULT_TABLE, config_file
-from linkage_vibration.table import load_table
-from linkage_vibration.topics import log_topic
+from linkage_vibration.replay.what_if import WhatIf
+from linkage_vibration.support.resources import DEFAULT_EXCITATIONS, DEFAULT_TABLE, config_file
+from linkage_vibration.table.table import load_table
 
 DRIVE = config_file("drives/hitch_duty_cycle.mcap")
 JOINT = "hitch_rockshaft_joint"
@@ -338,7 +338,7 @@ def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
 GROWTH = """
 import resource, sys
 from pathlib import Path
-from linkage_vibration.parameters import Parameters
+from linkage_vibration.prediction.settings import Parameters
 from linkage_vibration.replay.replay import replay
 done = replay([Path(sys.argv[1])], Path(sys.argv[2]), Parameters())
 print(done.predictions, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024)
@@ -347,7 +347,7 @@ print(done.predictions, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 10
 
 def test_memory_does_not_grow_with_the_bag(tmp_path: Path) -> None:
     """A bag of 200 MB takes no more memory than one of 20."""
-    from linkage_vibration.logs.chunks import ChunkLog, Messages
+    from linkage_vibration.bags.chunks import ChunkLog, Messages
 
     told = []
     rng = np.random.default_rng(1)

@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 
 from benchmark.browser import CHROMIUM, NAMES, Browser
-from linkage_vibration.drive import engine_and_pto_speed, hitch_duty_cycle
-from linkage_vibration.excitation import ResonanceMonitor, Source
-from linkage_vibration.logs.definitions import message_definition, type_hash
-from linkage_vibration.logs.recording import Attachment, LogWriter, Topic, offered_qos_profiles
-from linkage_vibration.messages import encode_prediction, encode_resonance
-from linkage_vibration.prediction import Predictor
+from linkage_vibration.bags.writing import Attachment, LogWriter, Topic, offered_qos_profiles
+from linkage_vibration.demo.drive import engine_and_pto_speed, hitch_duty_cycle
+from linkage_vibration.messages.definitions import message_definition, type_hash
+from linkage_vibration.messages.encoding import encode_prediction, encode_resonance
+from linkage_vibration.prediction.excitation import ResonanceMonitor, Source
+from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.readers.excitations import read_excitations
-from linkage_vibration.resources import DEFAULT_MECHANISM, DEFAULT_TABLE, config_file
-from linkage_vibration.table import load_table, table_bytes
+from linkage_vibration.support.resources import DEFAULT_MECHANISM, DEFAULT_TABLE, config_file
+from linkage_vibration.table.table import load_table, table_bytes
 
 START = 1_767_225_600 * 10**9  # ns
 TOPICS = {

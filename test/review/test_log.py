@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from linkage_vibration.excitation import Source
-from linkage_vibration.readers.bags import read_messages
-from linkage_vibration.resources import DEFAULT_MECHANISM, DEFAULT_TABLE, config_file
+from linkage_vibration.bags.reading import read_messages
+from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.review.log import (
     ReviewError,
     durations,
@@ -20,7 +19,8 @@ from linkage_vibration.review.log import (
     read_log,
     write_csv,
 )
-from linkage_vibration.table import load_table
+from linkage_vibration.support.resources import DEFAULT_MECHANISM, DEFAULT_TABLE, config_file
+from linkage_vibration.table.table import load_table
 
 
 def test_every_number_is_the_message_s(drive: Path) -> None:

@@ -10,7 +10,7 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray
 from visualization_msgs.msg import MarkerArray
 
-from linkage_vibration.resources import config_file
+from linkage_vibration.support.resources import config_file
 from linkage_vibration_interfaces.msg import Resonance, TableInfo, VibrationPrediction
 
 TOPICS = {

@@ -10,8 +10,8 @@ from xml.etree import ElementTree
 
 import pytest
 
-from linkage_vibration.parameters import Parameters
-from linkage_vibration.resources import share_directory
+from linkage_vibration.prediction.settings import Parameters
+from linkage_vibration.support.resources import share_directory
 
 PYTHON = share_directory() / "launch" / "linkage_vibration.launch.py"
 XML = share_directory() / "launch" / "linkage_vibration.launch.xml"

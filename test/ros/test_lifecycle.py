@@ -24,8 +24,8 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 
-from linkage_vibration.prediction import Status
-from linkage_vibration.resources import config_file
+from linkage_vibration.prediction.predictor import Status
+from linkage_vibration.support.resources import config_file
 from linkage_vibration_interfaces.msg import VibrationPrediction
 
 JOINT = "hitch_rockshaft_joint"

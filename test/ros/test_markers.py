@@ -19,13 +19,13 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 from visualization_msgs.msg import Marker, MarkerArray
 
-from linkage_vibration.prediction import Predictor
+from linkage_vibration.drawing.geometry import curves, size
+from linkage_vibration.prediction.answers import Served
+from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.readers.mechanism import read_mechanism
-from linkage_vibration.resources import config_file
 from linkage_vibration.ros.markers import SWING, Markers, MarkerSettings
-from linkage_vibration.scene import curves, size
-from linkage_vibration.serving import Served
-from linkage_vibration.table import load_table
+from linkage_vibration.support.resources import config_file
+from linkage_vibration.table.table import load_table
 
 ANGLE = 2.3
 

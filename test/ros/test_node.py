@@ -21,11 +21,11 @@ from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosgraph_msgs.msg import Clock
 
-from linkage_vibration.prediction import Predictor, Status
-from linkage_vibration.readers.bags import read_messages
-from linkage_vibration.resources import config_file
+from linkage_vibration.bags.reading import read_messages
+from linkage_vibration.prediction.predictor import Predictor, Status
 from linkage_vibration.ros.node import main
-from linkage_vibration.table import load_table
+from linkage_vibration.support.resources import config_file
+from linkage_vibration.table.table import load_table
 from linkage_vibration_interfaces.msg import VibrationPrediction
 
 JOINT = "hitch_rockshaft_joint"
@@ -197,7 +197,7 @@ def test_topic_bytes_are_exact(peer: Any) -> None:
 
 def typestore() -> Any:
     """Return rosbags' types with ours among them."""
-    from linkage_vibration.logs.definitions import message_definition
+    from linkage_vibration.messages.definitions import message_definition
 
     name = "linkage_vibration_interfaces/msg/VibrationPrediction"
     store = get_typestore(Stores.ROS2_HUMBLE)

@@ -23,11 +23,11 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, String
 from std_srvs.srv import Trigger
 
-from linkage_vibration.inputs import PercentInput
-from linkage_vibration.prediction import Predictor, Status
-from linkage_vibration.readers.bags import read_messages
-from linkage_vibration.resources import config_file
-from linkage_vibration.table import load_table
+from linkage_vibration.bags.reading import read_messages
+from linkage_vibration.prediction.inputs import PercentInput
+from linkage_vibration.prediction.predictor import Predictor, Status
+from linkage_vibration.support.resources import config_file
+from linkage_vibration.table.table import load_table
 from linkage_vibration_interfaces.msg import Resonance, TableInfo
 
 JOINT = "hitch_rockshaft_joint"

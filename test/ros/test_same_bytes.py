@@ -12,9 +12,9 @@ from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 
-from linkage_vibration.parameters import Parameters
+from linkage_vibration.prediction.settings import Parameters
 from linkage_vibration.replay.replay import replay
-from linkage_vibration.resources import config_file
+from linkage_vibration.support.resources import config_file
 
 PREDICTION, RESONANCE = "/linkage_vibration/prediction", "/linkage_vibration/resonance"
 SETTINGS = Parameters(sign=-1, scale=0.98, offset=4.7, angle_stddev=2e-3, stale_after=0.5)

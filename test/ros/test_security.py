@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Any
 from xml.etree import ElementTree
 
-from linkage_vibration.resources import share_directory
+from linkage_vibration.support.resources import share_directory
 
 POLICY = share_directory() / "config" / "sros2" / "linkage_vibration.policy.xml"
 # Which of the two is heard is a parameter; the clock is, where time is simulated.

@@ -23,12 +23,12 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 
-from linkage_vibration.prediction import Predictor
+from linkage_vibration.prediction.answers import Served
+from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.readers.mechanism import read_mechanism
-from linkage_vibration.resources import config_file, share_directory
 from linkage_vibration.ros.services import MAX_REQUEST, MAX_WAITING, Services
-from linkage_vibration.serving import Served
-from linkage_vibration.table import load_table
+from linkage_vibration.support.resources import config_file, share_directory
+from linkage_vibration.table.table import load_table
 from linkage_vibration_interfaces.srv import (
     GetFrf,
     GetModeShapes,

@@ -1,0 +1,184 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Reads messages of numbers and strings by the thousand, each field as a column.
+
+The fields are those that the log itself defines, so that a log of an older type can be read too.
+Messages whose strings and sequences have the same lengths are taken apart together.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+
+from linkage_vibration.bags.reading import BagError, open_bag
+from linkage_vibration.bags.streams import Block, open_bags
+
+Column: TypeAlias = NDArray[Any]
+Columns: TypeAlias = dict[str, Column]
+_Field: TypeAlias = tuple[str, str, bool]  # name, type, whether it is a sequence
+
+LOG_TIME = "log_time"  # ns; a column that every topic has
+
+_ORIGIN = 4  # CDR aligns numbers to their sizes, counted from behind its encapsulation header
+_CODES = {"float64": "f8", "float32": "f4", "bool": "u1", "byte": "u1", "octet": "u1"}
+_CODES |= {f"int{8 * size}": f"i{size}" for size in (1, 2, 4, 8)}
+_CODES |= {f"uint{8 * size}": f"u{size}" for size in (1, 2, 4, 8)}
+
+
+def read_columns(path: Path, types: Mapping[str, str]) -> dict[str, Columns]:
+    """Read topics of a log into memory.
+
+    Parameters
+    ----------
+    path : Path
+        An MCAP, or any bag that defines its types.
+    types : mapping of str to str
+        Which topics, with their types; see `topic_types`.
+
+    Returns
+    -------
+    dict of str to columns
+        For each topic the fields by name, ``header.stamp.sec`` where they are nested: ndarray (n,),
+        or (n, longest) of a sequence, NaN where a message's is shorter. In the order of log times,
+        which are in ``log_time``, ns.
+
+    Raises
+    ------
+    BagError
+        If the log cannot be read, or a message is not what its type says.
+    """
+    fields = _fields(path, types)
+    found: dict[str, list[Columns]] = {name: [] for name in types}
+    names = list(types)
+    with open_bags([path]) as bags:
+        for block in bags.blocks(names):
+            for i, name in enumerate(names):
+                rows = np.flatnonzero(block.topics == i)
+                if len(rows):
+                    found[name].append(_block_columns(path, name, fields[name], block, rows))
+    return {name: _joined(parts, fields[name]) for name, parts in found.items()}
+
+
+def topic_types(path: Path) -> dict[str, str]:
+    """Return the topics of a log with their types, in alphabetical order.
+
+    Raises
+    ------
+    BagError
+        If the log cannot be read.
+    """
+    with open_bag(path) as bag:
+        return dict(sorted((c.topic, c.msgtype) for c in bag.connections))
+
+
+def _fields(path: Path, types: Mapping[str, str]) -> dict[str, list[_Field]]:
+    """Return the fields of each topic, those of nested messages in their places."""
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+    store = get_typestore(Stores.EMPTY)
+    with open_bag(path) as bag:
+        for text, type_name in sorted({(c.msgdef.data, c.msgtype) for c in bag.connections}):
+            store.register(get_types_from_msg(text, type_name))
+
+    def flat(type_name: str, prefix: str) -> Iterator[_Field]:
+        for name, (kind, content) in store.fielddefs[type_name][1]:
+            if kind.name == "NAME":
+                yield from flat(str(content), f"{prefix}{name}.")
+                continue
+            base = content if kind.name == "BASE" else content[0][1]
+            told = str(base[0]) if isinstance(base, tuple) else str(base)
+            sequence = kind.name == "SEQUENCE"
+            if (told not in _CODES and (told != "string" or sequence)) or kind.name == "ARRAY":
+                raise BagError(f"{path}: field {prefix}{name} of {type_name} is no number or text.")
+            yield prefix + name, told, sequence
+
+    return {topic: list(flat(type_name, "")) for topic, type_name in types.items()}
+
+
+def _block_columns(
+    path: Path, topic: str, fields: Sequence[_Field], block: Block, rows: NDArray[np.int64]
+) -> Columns:
+    """Take the messages of one topic in a block apart."""
+    parts: list[tuple[NDArray[np.int64], Columns]] = []
+    for size in np.unique(block.sizes[rows]):
+        alike = rows[block.sizes[rows] == size]
+        messages = sliding_window_view(block.buffer, int(size))[block.starts[alike]]
+        try:
+            parts += _taken_apart(messages, alike, fields, _ORIGIN, {})
+        except (IndexError, ValueError):
+            raise BagError(
+                f"{path}: a message of {int(size)} bytes on {topic} is not what its type says; "
+                "record it again."
+            ) from None
+    found = _joined([part for _, part in parts], fields)
+    found[LOG_TIME] = block.log_times[np.concatenate([which for which, _ in parts])]
+    order = np.argsort(np.concatenate([which for which, _ in parts]))
+    return {name: column[order] for name, column in found.items()}
+
+
+def _taken_apart(
+    messages: NDArray[np.uint8],
+    rows: NDArray[np.int64],
+    fields: Sequence[_Field],
+    position: int,
+    found: Columns,
+) -> Iterator[tuple[NDArray[np.int64], Columns]]:
+    """Yield the columns of messages of one size, those of the same lengths together."""
+    order = "<" if messages[0, 1] else ">"
+
+    def numbers(at: int, code: str, count: int) -> Column:
+        width = count * int(code[1:])
+        if at + width > messages.shape[1]:
+            raise ValueError
+        some = np.ascontiguousarray(messages[:, at : at + width])
+        return some.view(order + code).astype(code).reshape(len(rows), count)
+
+    for k, (name, kind, sequence) in enumerate(fields):
+        code = _CODES.get(kind, "u1")
+        if sequence or kind == "string":
+            position += -position % 4
+            lengths = numbers(position, "u4", 1)[:, 0]
+            if (lengths != lengths[0]).any():
+                for length in np.unique(lengths):
+                    some = lengths == length
+                    known = {key: column[some] for key, column in found.items()}
+                    yield from _taken_apart(messages[some], rows[some], fields[k:], position, known)
+                return
+            position, count = position + 4, int(lengths[0])
+        else:
+            count = 1
+        if count and kind != "string":
+            position += -(position - _ORIGIN) % int(code[1:])
+        values = numbers(position, code, count)
+        position += count * int(code[1:])
+        if kind == "string":
+            text = np.ascontiguousarray(values).view(f"S{max(count, 1)}")[:, 0]
+            found = {**found, name: np.char.decode(text, "utf-8")}
+        else:
+            found = {**found, name: values if sequence else values[:, 0]}
+    yield rows, found
+
+
+def _joined(parts: Sequence[Columns], fields: Sequence[_Field]) -> Columns:
+    """Put columns one behind the other; sequences get the width of the longest."""
+    joined: Columns = {}
+    for name, kind, sequence in fields:
+        columns = [part[name] for part in parts]
+        if sequence and columns:
+            width = max(column.shape[1] for column in columns)
+            columns = [
+                np.pad(column, ((0, 0), (0, width - column.shape[1])), constant_values=np.nan)
+                if column.shape[1] < width
+                else column
+                for column in columns
+            ]
+        empty = np.empty((0, 0) if sequence else 0, "U1" if kind == "string" else _CODES[kind])
+        joined[name] = np.concatenate(columns) if columns else empty
+    if all(LOG_TIME in part for part in parts):
+        times = [part[LOG_TIME] for part in parts]
+        joined[LOG_TIME] = np.concatenate(times) if times else np.empty(0, np.int64)
+    return joined

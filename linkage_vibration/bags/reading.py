@@ -1,0 +1,310 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Streams messages out of bags: ROS 1 ``.bag``, ROS 2 ``.db3`` and ``.mcap``, and bag folders.
+
+Messages come in the order of their recording, one chunk of the file in memory at a time (of a
+ROS 1 bag also its index). Every error is a `BagError`, raised when the first message is asked for
+or, where the damage lies further in, when it is reached.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from linkage_vibration.bags.message_types import JOINT_STATE
+from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.support.yaml_size import refuse_unbounded
+
+if TYPE_CHECKING:
+    from rosbags.interfaces import Connection
+    from rosbags.rosbag1 import Reader as Reader1
+    from rosbags.rosbag2 import Reader as Reader2
+
+# How a file begins, and what mends one that ends too early, by suffix (a folder has none).
+_MAGIC = {".bag": b"#ROSBAG V2.0", ".mcap": b"\x89MCAP0\r\n", ".db3": b"SQLite format 3\0"}
+_MEND = {
+    ".bag": "`rosbag reindex`",
+    ".mcap": "`linkage-vibration recover`",
+    ".db3": "`ros2 bag reindex` on its folder",
+    "": "`ros2 bag reindex`",
+}
+
+
+class BagError(LinkageVibrationError):
+    """A bag cannot be read, or does not hold what was asked of it."""
+
+
+@dataclass(frozen=True, slots=True)
+class JointStateRecord:
+    """A recorded ``sensor_msgs/JointState``.
+
+    Attributes
+    ----------
+    log_time : int
+        When it was recorded, ns.
+    stamp : int
+        The stamp of its header, ns.
+    frame_id : str
+        The frame of its header.
+    topic : str
+        The topic that it was published on.
+    name : tuple of str
+        Joint names, in the order that the message has them.
+    position, velocity, effort : ndarray, (n_joints,) or (0,)
+        rad or m, rad/s or m/s, N m or N; empty where the message leaves them out.
+    """
+
+    log_time: int
+    stamp: int
+    frame_id: str
+    topic: str
+    name: tuple[str, ...]
+    position: NDArray[np.float64]
+    velocity: NDArray[np.float64]
+    effort: NDArray[np.float64]
+
+
+def read_joint_states(path: Path, topic: str | None = None) -> Iterator[JointStateRecord]:
+    """Yield the joint states of a bag.
+
+    Parameters
+    ----------
+    path : Path
+        A bag file or a ROS 2 bag folder.
+    topic : str, optional
+        Which topic to read; may be left out where only one holds joint states.
+
+    Yields
+    ------
+    JointStateRecord
+        In the order of their recording.
+
+    Raises
+    ------
+    BagError
+        If the bag cannot be read, if it has no joint states on that topic, or if several topics
+        hold joint states and none was chosen.
+    """
+    if topic is None:
+        topic = _joint_state_topic(path)
+    for log_time, message in read_messages(path, topic):
+        if message.__msgtype__ != JOINT_STATE:
+            raise BagError(
+                f"Topic {topic} of {path} holds {message.__msgtype__}; give one of {JOINT_STATE}."
+            )
+        yield _joint_state(path, topic, log_time, message)
+
+
+def read_messages(path: Path, topic: str) -> Iterator[tuple[int, Any]]:
+    """Yield the messages of one topic of a bag, whatever their type.
+
+    Parameters
+    ----------
+    path : Path
+        A bag file or a ROS 2 bag folder.
+    topic : str
+        Which topic to read.
+
+    Yields
+    ------
+    log_time : int
+        When the message was recorded, ns.
+    message : object
+        The message, its fields as attributes, decoded as the bag itself defines its type.
+
+    Raises
+    ------
+    BagError
+        If the bag cannot be read or has no such topic, or if neither the bag nor ROS 2 defines the
+        topic's type.
+    """
+    with open_bag(path) as bag:
+        connections = [c for c in bag.connections if c.topic == topic]
+        if not connections:
+            raise BagError(f"{path} has no topic {topic}; it has {topic_listing(bag.connections)}.")
+        decode = _decoder(path, connections)
+        for connection, log_time, data in bag.messages(connections):
+            yield log_time, decode(data, connection.msgtype)
+
+
+def _joint_state(path: Path, topic: str, log_time: int, message: Any) -> JointStateRecord:
+    """Take a message apart, which has the fields that the bag gives it under this type's name."""
+    try:
+        stamp = message.header.stamp
+        record = JointStateRecord(
+            log_time=log_time,
+            stamp=stamp.sec * 10**9 + stamp.nanosec,
+            frame_id=message.header.frame_id,
+            topic=topic,
+            name=tuple(message.name),
+            position=message.position,
+            velocity=message.velocity,
+            effort=message.effort,
+        )
+        same = isinstance(message.name, list) and all(
+            values.dtype == np.float64
+            for values in (record.position, record.velocity, record.effort)
+        )
+    except (AttributeError, TypeError):
+        same = False
+    if not same:
+        raise BagError(
+            f"{path} defines {JOINT_STATE} of topic {topic} otherwise than ROS does; record it "
+            "again with the type that ROS has."
+        )
+    return record
+
+
+def _joint_state_topic(path: Path) -> str:
+    """Return the one topic of a bag that holds joint states."""
+    with open_bag(path) as bag:
+        topics = sorted({c.topic for c in bag.connections if c.msgtype == JOINT_STATE})
+        if not topics:
+            raise BagError(
+                f"{path} has no topic of {JOINT_STATE}; it has {topic_listing(bag.connections)}."
+            )
+    if len(topics) > 1:
+        raise BagError(
+            f"{path} has joint states on {len(topics)} topics; choose one of {', '.join(topics)}."
+        )
+    return topics[0]
+
+
+def topic_names(path: Path) -> set[str]:
+    """Return the names of the topics in a bag.
+
+    Raises
+    ------
+    BagError
+        If it cannot be read.
+    """
+    with open_bag(path) as bag:
+        return {connection.topic for connection in bag.connections}
+
+
+def topic_listing(connections: "Sequence[Connection]") -> str:
+    """Name the topics of a bag, with their types."""
+    topics = sorted({f"{c.topic} ({c.msgtype})" for c in connections})
+    return ", ".join(topics) or "no topics at all"
+
+
+@contextmanager
+def open_bag(path: Path) -> "Iterator[Reader1 | Reader2]":
+    """Open a bag, and tell any failure of it in words."""
+    with damage_told(path), bag_reader(path) as bag:
+        yield bag
+
+
+def bag_reader(path: Path, *, by_chunks: bool = False) -> "Reader1 | Reader2":
+    """Return what opens a bag, which it raises no `BagError` for; ROS 1's for `ros1` if asked."""
+    try:
+        from rosbags.rosbag1 import Reader as Reader1
+        from rosbags.rosbag2 import Reader as Reader2
+    except ImportError:
+        raise BagError(
+            "Reading bags needs rosbags 0.11 or later; `pip install linkage_vibration[bags]`."
+        ) from None
+    if _kind(path) != ".bag":
+        return Reader2(path)
+    if not by_chunks:
+        return Reader1(path)
+    from linkage_vibration.bags.ros1 import ChunkReader
+
+    return ChunkReader(path)
+
+
+@contextmanager
+def damage_told(path: Path) -> Iterator[None]:
+    """Tell any failure of reading a bag in words, as a `BagError`."""
+    try:
+        yield
+    except LinkageVibrationError:
+        raise
+    except OSError as error:
+        raise BagError(f"{path} cannot be opened: {error.strerror or error}.") from None
+    # A damaged file makes rosbags raise its own errors, but also those of struct, SQLite, zstd...
+    except Exception as error:
+        told = " ".join(str(error).split()) or type(error).__name__
+        mend = _MEND["" if path.is_dir() else path.suffix]
+        raise BagError(
+            f"{path} is damaged or was cut short ({told}); {mend} may mend it."
+        ) from error
+
+
+def _kind(path: Path) -> str:
+    """Return the suffix of a bag file, and of a bag folder an empty one; refuse anything else."""
+    if not path.exists():
+        raise BagError(f"There is no bag {path}; check the path.")
+    if path.is_dir():
+        if not (path / "metadata.yaml").is_file():
+            raise BagError(
+                f"Folder {path} has no metadata.yaml; give a bag file itself, or make the folder a "
+                "bag with `ros2 bag reindex`."
+            )
+        _check_metadata(path / "metadata.yaml")
+        return ""
+    if path.suffix not in _MAGIC:
+        raise BagError(f"{path} is no bag; the name of one ends in .bag, .mcap or .db3.")
+    magic = _MAGIC[path.suffix]
+    with path.open("rb") as file:
+        start = file.read(len(magic))
+    if not start:
+        raise BagError(f"{path} is empty; its recording was cut off before anything was written.")
+    if not magic.startswith(start):
+        raise BagError(f"{path} is no {path.suffix} file, whatever its name says; give a bag.")
+    return path.suffix
+
+
+def _check_metadata(path: Path) -> None:
+    """Refuse what would take its reader time and memory without bound."""
+    try:
+        root = yaml.compose(path.read_text(encoding="utf-8"), yaml.SafeLoader)
+        if root is not None:
+            refuse_unbounded(root)
+    except OSError as error:
+        raise BagError(f"{path} cannot be opened: {error.strerror}.") from None
+    except (ValueError, RecursionError, yaml.YAMLError) as error:
+        told = " ".join(str(error).split())
+        raise BagError(f"{path} is damaged ({told}); {_MEND['']} may mend it.") from None
+
+
+def _decoder(path: Path, connections: "list[Connection]") -> Callable[[bytes, str], Any]:
+    """Return what decodes the messages of these connections of one topic."""
+    from rosbags.interfaces import ConnectionExtRosbag1, MessageDefinitionFormat
+    from rosbags.serde import SerdeError
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+    definitions = {
+        (c.msgtype, c.msgdef.data)
+        for c in connections
+        if c.msgdef.format == MessageDefinitionFormat.MSG
+    }
+    # .db3 files from before ROS 2 Iron hold no definitions.
+    store = get_typestore(Stores.EMPTY if definitions else Stores.LATEST)
+    for type_name, text in sorted(definitions):
+        store.register(get_types_from_msg(text, type_name))
+    for connection in connections:
+        if connection.msgtype not in store.fielddefs:
+            raise BagError(
+                f"{path} does not define {connection.msgtype} of topic {connection.topic}; "
+                "record it again with ROS 2 Iron or later, or as .mcap."
+            )
+    if isinstance(connections[0].ext, ConnectionExtRosbag1):
+        return store.deserialize_ros1
+
+    def decode(data: bytes, type_name: str) -> Any:
+        # rclpy's serialize_message leaves up to 8 bytes behind a message that ends in empty arrays.
+        for excess in (0, 4):
+            try:
+                return store.deserialize_cdr(data[: len(data) - excess], type_name)
+            except SerdeError:
+                continue
+        return store.deserialize_cdr(data[:-8], type_name)
+
+    return decode

@@ -1,0 +1,269 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""The whole path once: a drive goes to the node over DDS, its predictions come back and are drawn.
+
+The node runs in a process of its own, just as an integrator starts it; this process plays.
+"""
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, TextIO
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from linkage_vibration.bags.reading import (
+    JointStateRecord,
+    read_joint_states,
+    read_messages,
+)
+from linkage_vibration.demo.drive import ENGINE_SPEED, HITCH_JOINT, PTO_SPEED
+from linkage_vibration.drawing.plots import plot_predictions
+from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.support.resources import DEFAULT_TABLE, config_file
+from linkage_vibration.table.table import load_table
+
+DRIVE = "drives/hitch_duty_cycle.mcap"
+# A swing is mapped onto the table's range less this at each end, lest rounding leaves the range.
+MARGIN = 1e-9  # rad
+STOP_TIMEOUT = 10.0  # s
+NODE_MODULE = "linkage_vibration.ros.node"
+# Both stand beside the log. The node's words would tear the live line.
+NODE_PARAMETERS, NODE_OUTPUT = "node_parameters.yaml", "node_output.txt"
+
+
+class DemoError(LinkageVibrationError):
+    """The demo cannot run, or its node fails."""
+
+
+def run_demo(bag: Path | None, joint: str | None, output: Path) -> int:
+    """Play a drive to the node, print what it predicts, and draw its log.
+
+    Unless the user has set them, the variables ``ROS_AUTOMATIC_DISCOVERY_RANGE`` and
+    ``ROS_DOMAIN_ID`` are set for this process and the node's, so that they hear only each other.
+
+    Parameters
+    ----------
+    bag : Path, optional
+        What to play; the hitch duty cycle that ships with the package when left out. The joint's
+        swing in any other bag is mapped onto the table's range by the node's scale and offset.
+    joint : str, optional
+        The joint to follow; may be left out for the drive that ships.
+    output : Path
+        The folder for the log and the picture, made where it is missing.
+
+    Returns
+    -------
+    int
+        0 if each joint state was answered by one prediction and the node ended well, 1 if not.
+
+    Raises
+    ------
+    LinkageVibrationError
+        If ROS 2, the bag, its joint, the table or the folder is not as it must be, or if the node
+        does not start.
+    """
+    parameters: dict[str, object] = {"joint_name": HITCH_JOINT}
+    if bag is not None or joint is not None:
+        low, high = _swing(bag or config_file(DRIVE), joint)
+        first, last = load_table(config_file(DEFAULT_TABLE)).alpha3_range
+        scale = (last - first - 2 * MARGIN) / (high - low)
+        offset = first + MARGIN - scale * low
+        parameters = {"joint_name": joint, "scale": scale, "offset": offset}
+    try:
+        output.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise DemoError(
+            f"{output} cannot be a folder to write to: {error.strerror}; give another one."
+        ) from None
+    parameters |= {"record": True, "log_directory": str(output.resolve())}
+    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    os.environ.setdefault("ROS_DOMAIN_ID", str(_free_domain()))
+    if "HOME" not in os.environ:
+        # Below it ROS 2 keeps what nodes say; without either nothing starts.
+        os.environ.setdefault("ROS_LOG_DIR", str(output.resolve()))
+    try:
+        from linkage_vibration.ros.player import SpeedRecord, play
+    except ImportError as error:
+        raise DemoError(
+            f"ROS 2 cannot be imported ({error}); source one, or "
+            "`pip install linkage_vibration[ros] ./linkage_vibration_interfaces`."
+        ) from None
+
+    drive = bag or config_file(DRIVE)
+    followed = joint or HITCH_JOINT
+    records = (record for record in read_joint_states(drive) if _has_position(record, followed))
+    speeds = [SpeedRecord(*told) for told in ([] if bag else _speeds(drive))]
+    logs_before = set(output.glob("*.mcap"))
+    print(f"Playing {followed} of {drive} to the node on ROS domain {os.environ['ROS_DOMAIN_ID']}.")
+    live = _LiveLine(sys.stdout)
+    with _node(parameters, output) as check:
+        try:
+            playback = play(records, speeds, live.show, check)
+        finally:
+            live.end()
+    log = max(set(output.glob("*.mcap")) - logs_before, key=lambda path: path.stat().st_mtime)
+    picture = log.with_suffix(".png")
+    plot_predictions(log, picture)
+    late = _percentiles(playback.lateness)
+    print(
+        f"joint states in    {playback.sent}, published {late} after their recorded times\n"
+        f"predictions out    {playback.received}\n"
+        f"latency            {_percentiles(playback.latencies)}, from joint state to prediction\n"
+        f"log                {log}\n"
+        f"picture            {picture}"
+    )
+    if playback.sent == playback.received == playback.latencies.size:
+        return 0
+    print(
+        f"Of {playback.sent} joint states {playback.latencies.size} were answered, by "
+        f"{playback.received} predictions: the machine is too busy, or another node is on this ROS "
+        f"domain; {output / NODE_OUTPUT} may tell more. Run again.",
+        file=sys.stderr,
+    )
+    return 1
+
+
+def _speeds(drive: Path) -> list[tuple[str, int, float]]:
+    """Return topic, log time (ns) and value of each speed in the drive that ships, in order."""
+    found = [
+        (topic, log_time, message.data)
+        for topic in (ENGINE_SPEED, PTO_SPEED)
+        for log_time, message in read_messages(drive, topic)
+    ]
+    return sorted(found, key=lambda told: told[1])
+
+
+def _percentiles(seconds: NDArray[np.float64]) -> str:
+    median, late = np.percentile(seconds, (50, 99)) * 1e3 if seconds.size else (np.nan, np.nan)
+    return f"median {median:.2f} ms, 99th percentile {late:.2f} ms"
+
+
+def _has_position(record: JointStateRecord, joint: str) -> bool:
+    return joint in record.name and len(record.position) == len(record.name)
+
+
+def _swing(bag: Path, joint: str | None) -> tuple[float, float]:
+    """Return the least and the greatest position of a joint in a bag."""
+    joints: set[str] = set()
+    low, high = np.inf, -np.inf
+    for record in read_joint_states(bag):
+        joints.update(record.name)
+        if joint is not None and _has_position(record, joint):
+            position = record.position[record.name.index(joint)]
+            # fmin and fmax pass over NaN, with which broadcasters fill what they do not know.
+            low, high = np.fmin(low, position), np.fmax(high, position)
+    listing = ", ".join(sorted(joints)) or "no joint at all"
+    if joint is None:
+        raise DemoError(f"Say which joint of {bag} to follow; it has {listing}.")
+    if joint not in joints:
+        raise DemoError(f"{bag} has no joint {joint}; it has {listing}.")
+    if not (np.isfinite(low) and np.isfinite(high) and low < high):
+        raise DemoError(
+            f"Joint {joint} of {bag} does not move between two finite positions; choose another "
+            f"one of {listing}."
+        )
+    return float(low), float(high)
+
+
+def _free_domain() -> int:
+    """Return a ROS domain that no participant on this machine uses."""
+    # DDS-RTPS 9.6.2.3: participants of a domain listen on the port 7400 + 250 * domain.
+    for offset in range(100):
+        domain = 1 + (os.getpid() + offset) % 100
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            try:
+                probe.bind(("", 7400 + 250 * domain))
+            except OSError:
+                continue
+            return domain
+    raise DemoError("ROS domains 1 to 100 are all in use on this machine; set ROS_DOMAIN_ID.")
+
+
+@contextmanager
+def _node(parameters: dict[str, object], folder: Path) -> Iterator[Callable[[], None]]:
+    """Run the node with these parameters; yield what raises once it has ended by itself."""
+    settings, said = folder / NODE_PARAMETERS, folder / NODE_OUTPUT
+    try:
+        settings.write_text(yaml.safe_dump({"/**": {"ros__parameters": parameters}}), "utf-8")
+        sink = said.open("wb")
+    except OSError as error:
+        raise DemoError(
+            f"{folder} cannot be written to: {error.strerror}; give another folder."
+        ) from None
+    with sink:
+        process = subprocess.Popen(
+            [sys.executable, "-m", NODE_MODULE, "--ros-args", "--params-file", str(settings)],
+            stdin=subprocess.DEVNULL,
+            stdout=sink,
+            stderr=subprocess.STDOUT,
+        )
+
+    def check() -> None:
+        if process.poll() is not None:
+            raise DemoError(
+                f"The node ended with exit code {process.returncode}; what it said last "
+                f"({said}) should tell the mend:\n{_tail(said)}"
+            )
+
+    try:
+        yield check
+    finally:
+        process.send_signal(signal.SIGINT)
+        try:
+            process.wait(STOP_TIMEOUT)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+    if process.returncode != 0:
+        check()
+
+
+def _tail(file: Path) -> str:
+    return "\n".join(file.read_text("utf-8", errors="replace").splitlines()[-10:])
+
+
+class _LiveLine:
+    """One line about the newest prediction: rewritten in place on a terminal, else once a second.
+
+    Parameters
+    ----------
+    stream : text stream
+        Where to write it.
+    """
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+        self._in_place = stream.isatty()
+        self._due = 0.0
+
+    def show(self, prediction: Any) -> None:
+        """Write the line, if it is time to."""
+        now = time.monotonic()
+        if now < self._due:
+            return
+        self._due = now + (0.1 if self._in_place else 1.0)
+        self._stream.write(f"\r{_line(prediction)}" if self._in_place else f"{_line(prediction)}\n")
+        self._stream.flush()
+
+    def end(self) -> None:
+        """Leave the line as it stands."""
+        if self._in_place and self._due:
+            self._stream.write("\n")
+
+
+def _line(prediction: Any) -> str:
+    """Return a prediction in words, always as wide, and narrower than 80 columns for 3 modes."""
+    frequencies = "".join(f"{frequency:7.2f}" for frequency in prediction.natural_frequencies)
+    return (
+        f"crank {np.rad2deg(prediction.crank_angle):6.2f} deg |{frequencies} Hz | peak "
+        f"{prediction.frf_peak_magnitude:8.2e} m/N at {prediction.frf_peak_frequency:6.2f} Hz"
+    )

@@ -1,0 +1,224 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""The drive that ships with the package: a hitch duty cycle, as a bag.
+
+A tractor ploughs, lifts its implement at the headland, drives a stretch of road, lowers it and
+ploughs on. The lower links' far ends are lowest at alpha3 = 180 deg (0.32 m below their pivots) and
+highest at 90 deg (0.29 m above them), so working depth is near the upper end of the range. The PTO
+drives the implement while it works.
+"""
+
+import heapq
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from linkage_vibration.bags.message_types import FLOAT64, JOINT_STATE
+from linkage_vibration.bags.writing import LogWriter, Topic, offered_qos_profiles
+from linkage_vibration.errors import LinkageVibrationError
+
+if TYPE_CHECKING:
+    from rosbags.typesys.store import Typestore
+
+HITCH_JOINT = "hitch_rockshaft_joint"
+JOINTS, ENGINE_SPEED, PTO_SPEED = "/joint_states", "/engine_speed", "/pto_speed"
+RATE = 100  # Hz
+SPEED_RATE = 10  # Hz, of engine and PTO speeds
+START = 1_767_225_600  # s, 2026-01-01 00:00 UTC
+
+WORKING, RAISED = np.deg2rad([166.0, 104.0])
+LIFT = (7.5, 10.0)  # s, from and until
+LOWERING = (15.0, 18.0)  # s
+DURATION = 20.0  # s
+ENCODER_STEP = 2 * np.pi / 2**14  # rad, a rotary encoder of 14 bits
+ENGINE_WORKING, ENGINE_IDLE, ENGINE_ROAD = 2000.0, 1300.0, 2050.0  # rpm
+ENGINE_STEP = 0.125  # rpm, of the J1939 bus
+PTO_RATIO = 540.0 / 1950.0  # of the PTO's speed to the engine's
+ENCODER_NOISE = np.deg2rad(0.02)  # rad, standard deviation
+
+
+class DriveError(LinkageVibrationError):
+    """The drive cannot be written."""
+
+
+def hitch_duty_cycle() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the crank angle of a hitch over its duty cycle, as a noisy encoder reads it.
+
+    Depth control chases the soil's draft below 1 Hz by a few degrees. Lifting and lowering are
+    minimum-jerk moves. On the road the implement bounces on the tyres at about 2 Hz, most strongly
+    when it has just been lifted. The noise is seeded: the drive is the same each time.
+
+    Returns
+    -------
+    times : ndarray, (n_times,), s
+        0 to 20 s at 100 Hz.
+    alpha3 : ndarray, (n_times,), rad
+        The crank's angle, between 101 and 169 deg.
+    """
+    # RandomState, because only the old generators' streams are promised never to change.
+    random = np.random.RandomState(seed=3)
+    times = np.arange(round(DURATION * RATE)) / RATE
+    lifted = _move(times, *LIFT) - _move(times, *LOWERING)
+    draft = _sum_of_sines(times, np.linspace(0.1, 0.9, 9), random)
+    road = _sum_of_sines(times, np.linspace(1.7, 2.3, 5), random)
+    bounce = 1 + 2 * np.exp(-np.maximum(times - LIFT[1], 0) / 0.8)
+    alpha3 = (
+        WORKING
+        + (RAISED - WORKING) * lifted
+        + np.deg2rad(1.4) * draft * (1 - lifted)
+        + np.deg2rad(0.4) * road * bounce * lifted
+        + random.normal(scale=ENCODER_NOISE, size=times.size)
+    )
+    return times, ENCODER_STEP * np.rint(alpha3 / ENCODER_STEP)
+
+
+def engine_and_pto_speed() -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Return the speeds of engine and PTO over the duty cycle.
+
+    The engine works at 2000 rpm, where the draft pulls it down by up to 80 rpm; it idles along at
+    the headland, is sped up for the road, and drops to idle again before the implement is lowered.
+    The PTO is geared to it, and let go while the implement is up.
+
+    Returns
+    -------
+    times : ndarray, (n_times,), s
+        0 to 20 s at 10 Hz.
+    engine, pto : ndarray, (n_times,), rpm
+        In the bus's steps of 0.125 rpm.
+    """
+    random = np.random.RandomState(seed=4)
+    times = np.arange(round(DURATION * SPEED_RATE)) / SPEED_RATE
+    lifted = _move(times, *LIFT) - _move(times, *LOWERING)
+    draft = _sum_of_sines(times, np.linspace(0.1, 0.9, 9), random)
+    road = _move(times, 10.0, 13.0) - _move(times, 13.5, 15.0)
+    engine = (
+        ENGINE_WORKING
+        + (ENGINE_IDLE - ENGINE_WORKING) * lifted
+        + (ENGINE_ROAD - ENGINE_IDLE) * road
+        - 40.0 * np.clip(draft, 0.0, 2.0) * (1.0 - lifted)
+    )
+    pto = PTO_RATIO * engine * (1.0 - _move(times, 6.5, 7.5) + _move(times, 17.5, 19.0))
+    return (
+        times,
+        ENGINE_STEP * np.rint(engine / ENGINE_STEP),
+        ENGINE_STEP * np.rint(pto / ENGINE_STEP),
+    )
+
+
+def write_drive(path: Path) -> None:
+    """Write the hitch duty cycle as an MCAP.
+
+    ``sensor_msgs/JointState`` is on ``/joint_states``, ``std_msgs/Float64`` in rpm on
+    ``/engine_speed`` and ``/pto_speed``.
+
+    As with a real joint_state_broadcaster, other joints stand beside the hitch, the order of names
+    is not fixed, and efforts, which nothing measures, are NaN. ``config/drives`` holds the result.
+
+    Parameters
+    ----------
+    path : Path
+        The file to write; replaced when it exists.
+
+    Raises
+    ------
+    DriveError
+        If the file cannot be written, or rosbags, which encodes messages, is not installed.
+    """
+    try:
+        from rosbags.typesys import Stores, get_typestore
+    except ImportError:
+        raise DriveError(
+            "Writing the drive needs rosbags; `pip install linkage_vibration[bags]`."
+        ) from None
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    topics = [
+        Topic(
+            name=name,
+            type=message_type,
+            definition=store.generate_msgdef(message_type, ros_version=2)[0],
+            type_hash=store.hash_rihs01(message_type),
+            offered_qos_profiles=offered_qos_profiles(reliable=True, depth=10),
+        )
+        for name, message_type in (
+            (JOINTS, JOINT_STATE),
+            (ENGINE_SPEED, FLOAT64),
+            (PTO_SPEED, FLOAT64),
+        )
+    ]
+    try:
+        with tempfile.TemporaryDirectory(dir=path.parent) as folder:
+            unfinished = Path(folder) / path.name
+            with LogWriter(unfinished, topics) as log:
+                for time, topic, data in heapq.merge(_joint_states(store), *_speeds(store)):
+                    log.write(topic, data, time, time)
+            if log.error is not None:
+                raise log.error
+            unfinished.replace(path)
+    except OSError as error:
+        raise DriveError(
+            f"{path} could not be written: {error.strerror}; give a folder that can be written."
+        ) from None
+
+
+def _joint_states(store: "Typestore") -> Iterator[tuple[int, str, bytes]]:
+    """Yield each time, in ns, and the joint state of that time in CDR."""
+    message_type, header_type, stamp_type = (
+        store.types[name]
+        for name in (JOINT_STATE, "std_msgs/msg/Header", "builtin_interfaces/msg/Time")
+    )
+    times, alpha3 = hitch_duty_cycle()
+    joints = {
+        HITCH_JOINT: alpha3,
+        "front_axle_steering_joint": np.round(0.05 * np.sin(0.8 * times), 4),
+        "rear_pto_joint": np.round(56.5 * times, 4),
+    }
+    names = list(joints)
+    positions = np.column_stack(list(joints.values()))
+    velocities = np.gradient(positions, 1 / RATE, axis=0)
+    for k in range(times.size):
+        seconds, ticks = divmod(k, RATE)
+        nanoseconds = ticks * (10**9 // RATE)
+        order = np.roll(np.arange(len(names)), seconds)
+        message = message_type(
+            header=header_type(stamp=stamp_type(START + seconds, nanoseconds), frame_id=""),
+            name=[names[i] for i in order],
+            position=positions[k, order],
+            velocity=velocities[k, order],
+            effort=np.full(len(names), np.nan),
+        )
+        time = (START + seconds) * 10**9 + nanoseconds
+        yield time, JOINTS, bytes(store.serialize_cdr(message, JOINT_STATE))
+
+
+def _speeds(store: "Typestore") -> list[Iterator[tuple[int, str, bytes]]]:
+    """Return what yields each time, in ns, and the speed of that time in CDR, for both speeds."""
+    message_type = store.types[FLOAT64]
+    times, engine, pto = engine_and_pto_speed()
+
+    def told(topic: str, speeds: NDArray[np.float64]) -> Iterator[tuple[int, str, bytes]]:
+        for k, speed in enumerate(speeds.tolist()):
+            time = START * 10**9 + k * (10**9 // SPEED_RATE)
+            yield time, topic, bytes(store.serialize_cdr(message_type(data=speed), FLOAT64))
+
+    return [told(ENGINE_SPEED, engine), told(PTO_SPEED, pto)]
+
+
+def _move(times: NDArray[np.float64], start: float, end: float) -> NDArray[np.float64]:
+    """Return the minimum-jerk polynomial that rises from 0 at ``start`` to 1 at ``end``."""
+    s = np.clip((times - start) / (end - start), 0, 1)
+    risen: NDArray[np.float64] = s**3 * (10 - 15 * s + 6 * s**2)
+    return risen
+
+
+def _sum_of_sines(
+    times: NDArray[np.float64], frequencies: NDArray[np.float64], random: np.random.RandomState
+) -> NDArray[np.float64]:
+    """Return a noise of unit variance that has just these frequencies, in Hz."""
+    phases = random.uniform(0, 2 * np.pi, frequencies.size)
+    waves = np.sin(2 * np.pi * np.outer(times, frequencies) + phases)
+    noise: NDArray[np.float64] = waves.sum(axis=1) * np.sqrt(2 / frequencies.size)
+    return noise

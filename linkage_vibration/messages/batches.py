@@ -1,0 +1,173 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Encodes many predictions or resonances at once, equal to `encoding` to the last bit."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from linkage_vibration.messages.encoding import encode_prediction, encode_resonance
+from linkage_vibration.prediction.batch import Predictions
+from linkage_vibration.prediction.excitation import (
+    Excitation,
+    Resonance,
+    Resonances,
+    ResonanceState,
+)
+
+FloatArray = NDArray[np.float64]
+Bytes = NDArray[np.uint8]
+Integers = NDArray[np.int64]
+
+_ENCAPSULATION = 4  # bytes
+
+
+def encode_predictions(
+    predictions: Predictions,
+    sec: NDArray[np.int32],
+    nanosec: NDArray[np.uint32],
+    frame_id: str,
+) -> Bytes:
+    """Encode predictions whose headers have one frame.
+
+    Parameters
+    ----------
+    predictions : Predictions
+        One at least.
+    sec, nanosec : ndarray, (n,)
+        The headers' stamps, s and ns.
+    frame_id : str
+        The headers' frame.
+
+    Returns
+    -------
+    ndarray of uint8, (n, n_bytes)
+        Each row is what `encode_prediction` gives.
+    """
+    n, modes = predictions.natural_frequencies.shape
+    example = encode_prediction(predictions.row(0), 0, 0, frame_id)
+    frame = len(frame_id.encode()) + 1
+    layout = np.dtype(
+        [
+            ("sec", "i4"),
+            ("nanosec", "u4"),
+            ("frame_length", "u4"),
+            ("frame", "u1", (frame,)),
+            ("crank_angle", "f8"),
+            ("status", "u1"),
+            ("frequencies", "u4"),
+            ("natural_frequencies", "f8", (modes,)),
+            ("stddevs", "u4"),
+            ("frequency_stddev", "f8", (modes,)),
+            ("ratios", "u4"),
+            ("damping_ratios", "f8", (modes,)),
+            ("frf_peak_frequency", "f8"),
+            ("frf_peak_magnitude", "f8"),
+            ("interpolation_error", "f8"),
+        ],
+        align=True,  # as CDR does
+    )
+    columns = {
+        name: getattr(predictions, name)
+        for name in (
+            "crank_angle",
+            "status",
+            "natural_frequencies",
+            "frequency_stddev",
+            "damping_ratios",
+            "frf_peak_frequency",
+            "frf_peak_magnitude",
+            "interpolation_error",
+        )
+    }
+    return _alike(example, layout, {"sec": sec, "nanosec": nanosec, **columns})
+
+
+def encode_resonances(
+    resonances: Resonances,
+    excitations: Sequence[Excitation],
+    table_id: str,
+    sec: NDArray[np.int32],
+    nanosec: NDArray[np.uint32],
+    frame_id: str,
+) -> Iterator[tuple[Integers, Bytes]]:
+    """Encode resonances whose headers have one frame.
+
+    Parameters
+    ----------
+    resonances : Resonances
+        Any number of them.
+    excitations : sequence of Excitation
+        The monitor's.
+    table_id : str
+        Of the predictions.
+    sec, nanosec : ndarray, (n,)
+        The headers' stamps, s and ns.
+    frame_id : str
+        The headers' frame.
+
+    Yields
+    ------
+    which : ndarray, (m,)
+        Those of one excitation, whose messages are of one size.
+    encoded : ndarray of uint8, (m, n_bytes)
+        Each row is what `encode_resonance` gives.
+    """
+    nan = float("nan")
+    frame = len(frame_id.encode()) + 1
+    for number in np.unique(resonances.excitation).tolist():
+        [which] = np.nonzero(resonances.excitation == number)
+        name = excitations[number].name if number >= 0 else ""
+        stale = Resonance(ResonanceState.STALE, name, nan, 0, nan, nan, nan, 0, nan, table_id)
+        layout = np.dtype(
+            [
+                ("sec", "i4"),
+                ("nanosec", "u4"),
+                ("frame_length", "u4"),
+                ("frame", "u1", (frame,)),
+                ("state", "u1"),
+                ("excitation_length", "u4"),
+                ("excitation", "u1", (len(name.encode()) + 1,)),
+                ("excitation_frequency", "f8"),
+                ("mode", "u4"),
+                ("natural_frequency", "f8"),
+                ("margin", "f8"),
+                ("relative_margin", "f8"),
+                ("approach", "i1"),
+                ("time_to_crossing", "f8"),
+            ],
+            align=True,
+        )
+        columns = {
+            column: getattr(resonances, column)[which]
+            for column in (
+                "state",
+                "excitation_frequency",
+                "mode",
+                "natural_frequency",
+                "margin",
+                "relative_margin",
+                "approach",
+                "time_to_crossing",
+            )
+        }
+        stamps = {"sec": sec[which], "nanosec": nanosec[which]}
+        example = encode_resonance(stale, 0, 0, frame_id)
+        yield which, _alike(example, layout, {**stamps, **columns})
+
+
+def _alike(example: bytes, layout: np.dtype[np.void], columns: Mapping[str, NDArray[Any]]) -> Bytes:
+    """Return messages that have these numbers in their layout, and else the example's bytes."""
+    n = len(columns["sec"])
+    numbers = np.zeros(n, layout)  # what CDR pads with, too
+    numbers[:] = np.frombuffer(example, layout, 1, _ENCAPSULATION)
+    for name, column in columns.items():
+        numbers[name] = column
+    rows = np.empty((n, len(example)), np.uint8)
+    rows[:] = np.frombuffer(example, np.uint8)
+    rows[:, _ENCAPSULATION : _ENCAPSULATION + layout.itemsize] = numbers.view(np.uint8).reshape(
+        n, layout.itemsize
+    )
+    return rows

@@ -1,0 +1,469 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Draws counterparts of the paper's figures 3 to 9, and the evidence on its Table 1."""
+
+import io
+import math
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from linkage_vibration.drawing.geometry import curves, largest, mode_curves
+from linkage_vibration.drawing.plots import COLOURS, GREY, INK, PlotError
+from linkage_vibration.mechanics.description import Mechanism
+from linkage_vibration.mechanics.kinematics import Configuration
+from linkage_vibration.mechanics.model import LinkageModel, Solution
+from linkage_vibration.paper.numbers import GEOMETRY, OVER_THE_SWEEP, SUBSTRUCTURING
+from linkage_vibration.support.atomic_files import write_bytes
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+FloatArray = NDArray[np.float64]
+Sweeps = Mapping[str, Sequence[Solution]]
+"""Solutions over the stroke by the name of the geometry, the one to believe first."""
+
+_COLOURS = (*COLOURS[:3], COLOURS[4])
+_BODIES = ("lower_link", "upper_link", "lift_rod", "implement")
+_ANGLES_DEG = (90.0, 140.0, 180.0)
+_LINES: FloatArray = np.linspace(0.5, 200.0, 1996)  # Hz
+_SWING = 0.16  # m, how far the point that moves most is drawn from its place
+_FRAMES = 24
+_UPRIGHT = math.radians(10.0)  # within which a hitch that is built well keeps the mast
+
+
+class Fit(Protocol):
+    """A fit with one dimension of Table 1 freed."""
+
+    @property
+    def key(self) -> str:
+        """Key of the dimension's printed number; empty where none is freed."""
+
+    @property
+    def value(self) -> float:
+        """What the fit made of it."""
+
+    @property
+    def cost(self) -> float:
+        """Half the sum of squared logarithms."""
+
+    @property
+    def worst(self) -> float:
+        """Largest relative difference."""
+
+    @property
+    def lean(self) -> float:
+        """How far the mast gets from upright, rad."""
+
+
+def require_matplotlib() -> None:
+    """Import matplotlib before anything long begins.
+
+    Raises
+    ------
+    PlotError
+        If it is missing.
+    """
+    try:
+        import matplotlib.figure  # noqa: F401
+    except ImportError:
+        raise PlotError(
+            "Drawing needs matplotlib; `pip install linkage_vibration[plots]`."
+        ) from None
+
+
+def draw_figures(
+    output: Path,
+    sweeps: Sweeps,
+    fits: Sequence[Fit],
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> None:
+    """Write all figures into a folder.
+
+    Parameters
+    ----------
+    output : Path
+        Folder; figures in it are replaced.
+    sweeps : mapping of str to sequence of Solution
+        See `Sweeps`; of two geometries of the three-point linkage.
+    fits : sequence of Fit
+        For the chart of freed dimensions.
+    progress : callable
+        Called with the figures done and all of them.
+
+    Raises
+    ------
+    PlotError
+        If a figure cannot be written.
+    """
+    label = next(iter(sweeps))
+    model = sweeps[label][0].model
+    chosen = [model.solve(math.radians(angle)) for angle in _ANGLES_DEG]
+    drawings: dict[str, Callable[[], Figure]] = {
+        "fig3_configurations.png": lambda: _configurations(chosen, label),
+        "fig4_link_angles.png": lambda: _link_angles(sweeps[label], label),
+        "fig5_drive_point_frf.png": lambda: _drive_point_frf(chosen, label),
+        "fig6_natural_frequencies.png": lambda: _natural_frequencies(sweeps),
+        "fig7_mode_1.png": lambda: _mode_shapes(chosen, 0, label),
+        "fig8_mode_2.png": lambda: _mode_shapes(chosen, 1, label),
+        "fig9_mode_3.png": lambda: _mode_shapes(chosen, 2, label),
+        "mast_and_inertia.png": lambda: _mast_and_inertia(sweeps),
+        "freed_dimensions.png": lambda: _freed_dimensions(fits),
+    }
+    for done, (name, draw) in enumerate(drawings.items()):
+        progress(done, len(drawings) + 1)
+        png = io.BytesIO()
+        draw().savefig(png, format="png")
+        write_bytes(output / name, png.getvalue(), PlotError)
+    progress(len(drawings), len(drawings) + 1)
+    _animate(output / "mode_1.gif", chosen[1], 0, label)
+    progress(len(drawings) + 1, len(drawings) + 1)
+
+
+def generalised_inertia(mechanism: Mechanism, configuration: Configuration) -> float:
+    """Return J = sum of m v^2 + I theta'^2 of the rigid bodies, kg m2, rates per rad of alpha3.
+
+    It is the mass that the input feels: the lower it is, the higher the first natural frequency.
+    """
+    return sum(
+        body.mass * float(np.sum(configuration.place_rate(body.name, body.centre_of_gravity) ** 2))
+        + body.inertia * configuration.velocity_ratio(body.name) ** 2
+        for body in mechanism.rigid_bodies
+    )
+
+
+def _figure(title: str, note: str, size: tuple[float, float]) -> "Figure":
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=size, dpi=110, layout="constrained")
+    height = size[1]
+    figure.get_layout_engine().set(rect=(0.0, 0.0, 1.0, 1.0 - 0.62 / height))  # type: ignore[call-arg, union-attr]
+    figure.text(0.01, 1.0 - 0.18 / height, title, fontsize=12, fontweight="bold", va="center")
+    figure.text(0.01, 1.0 - 0.42 / height, note, fontsize=9, color=GREY, va="center")
+    return figure
+
+
+def _tidy(ax: "Axes") -> None:
+    ax.grid(color="#dddddd", linewidth=0.6)
+    ax.set_axisbelow(True)
+    ax.spines[["top", "right"]].set_visible(False)
+
+
+def _stroke_axis(ax: "Axes") -> None:
+    _tidy(ax)
+    ax.set_xlim(90.0, 180.0)
+    ax.set_xticks(range(90, 181, 15))
+
+
+def _draw_bodies(
+    ax: "Axes", solution: Solution, mode: int, scale: float, *, nodes: bool = True, **style: object
+) -> None:
+    """Draw every body, moved by a mode times a scale, and the points that move."""
+    moved = mode_curves(solution, mode)
+    for body, places in curves(solution.model, solution.configuration).items():
+        x, z = (places + scale * moved[body]).T
+        ax.plot(x, z, **style)  # type: ignore[arg-type]
+    if not nodes:
+        return
+    moved_points = solution.participation([(p, d) for p in ("V1", "V2", "E1", "E2") for d in "xz"])
+    shift = scale * moved_points[:, mode].reshape(-1, 2)
+    points = _points(solution)
+    at = np.array([points[p] for p in ("V1", "V2", "E1", "E2")]) + shift
+    ax.plot(*at.T, "o", markersize=4.5, color=str(style["color"]), zorder=5)
+
+
+def _points(solution: Solution) -> dict[str, FloatArray]:
+    """Return where the named points are, and the centre of gravity M."""
+    mechanism, configuration = solution.model.mechanism, solution.configuration
+    points = {
+        point: configuration.place(body.name, local)
+        for body in mechanism.bodies
+        for point, local in body.points
+    }
+    rigid = mechanism.rigid_bodies[0]
+    points["M"] = configuration.place(rigid.name, rigid.centre_of_gravity)
+    return points
+
+
+_LABEL_AT = {
+    "P1": (-4, -14),
+    "P2": (-17, -3),
+    "P3": (7, 2),
+    "V1": (4, -13),
+    "V2": (-4, 8),
+    "E1": (-8, -15),
+    "E2": (-14, 7),
+    "M": (-4, 9),
+}
+
+
+def _scene(ax: "Axes", solution: Solution, *, named: bool = True) -> None:
+    """Draw the ground pins and the names of points; set the frame that all configurations share."""
+    points = _points(solution)
+    for point, place in solution.model.mechanism.ground:
+        ax.plot(*place, marker="^", markersize=8, color=INK, zorder=6)
+        points[point] = np.array(place)
+    for point, at in points.items() if named else ():
+        ax.annotate(
+            point,
+            (float(at[0]), float(at[1])),
+            xytext=_LABEL_AT[point],
+            textcoords="offset points",
+            fontsize=8,
+            color=INK,
+            zorder=7,
+        )
+    ax.set_aspect("equal")
+    ax.set_xlim(-2.1, 0.2)
+    ax.set_ylim(-0.75, 0.95)
+    ax.set_xlabel("x [m]")
+    _tidy(ax)
+
+
+def _configurations(solutions: Sequence[Solution], label: str) -> "Figure":
+    figure = _figure(
+        "Three configurations of the linkage (figure 3)",
+        f"{label}; the tractor is to the right, M is the implement's centre of gravity",
+        (10, 3.9),
+    )
+    axes = figure.subplots(1, 3, sharey=True)
+    for ax, solution, angle in zip(axes, solutions, _ANGLES_DEG, strict=True):
+        for (body, places), colour in zip(
+            curves(solution.model, solution.configuration).items(), (*_COLOURS, GREY), strict=True
+        ):
+            ax.plot(
+                *places.T,
+                color=colour,
+                linewidth=1.5 if body == "implement" else 3,
+                label=body.replace("_", " "),
+            )
+        _scene(ax, solution)
+        at = np.array([_points(solution)[p] for p in ("V1", "V2", "E1", "E2", "M")])
+        ax.plot(*at.T, "o", markersize=4.5, color=INK, zorder=5)
+        ax.set_title(f"$α_3$ = {angle:g} deg", fontsize=10)
+    axes[0].set_ylabel("z [m]")
+    figure.legend(
+        *axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=5, frameon=False
+    )
+    return figure
+
+
+def _link_angles(solutions: Sequence[Solution], label: str) -> "Figure":
+    figure = _figure("Angles of the links over the stroke (figure 4)", label, (8, 4.6))
+    ax = figure.subplots()
+    alpha3 = _degrees(solutions)
+    names = ("α_1", "α_2", "α_4", "α_5")
+    for body, name, colour in zip(_BODIES, names, _COLOURS, strict=True):
+        angles = np.degrees([s.configuration.angle(body) for s in solutions])
+        ax.plot(alpha3, angles, color=colour, linewidth=2)
+        ax.annotate(
+            f"${name}$, {body.replace('_', ' ')}",
+            (alpha3[-1], angles[-1]),
+            xytext=(6, 0),
+            textcoords="offset points",
+            verticalalignment="center",
+            color=colour,
+            annotation_clip=False,
+        )
+    _stroke_axis(ax)
+    ax.set_xlabel("crank angle $α_3$ [deg]")
+    ax.set_ylabel("angle from x towards z [deg]")
+    return figure
+
+
+def _drive_point_frf(solutions: Sequence[Solution], label: str) -> "Figure":
+    figure = _figure(
+        "Drive-point FRF of E1 along z (figure 5)",
+        f"{label}; damping is assumed, the paper prints none",
+        (8, 5.6),
+    )
+    magnitude, phase = figure.subplots(2, sharex=True, height_ratios=[2.4, 1])
+    styles = ("-", "--", "-")
+    for solution, angle, colour, style in zip(
+        solutions, _ANGLES_DEG, (_COLOURS[0], _COLOURS[2], _COLOURS[1]), styles, strict=True
+    ):
+        frf = solution.drive_point.frf(_LINES)[:, 0, 0]
+        about = {"color": colour, "linestyle": style, "linewidth": 1.6}
+        magnitude.semilogy(_LINES, np.abs(frf), label=f"$α_3$ = {angle:g} deg", **about)
+        phase.plot(_LINES, np.degrees(np.angle(frf)), **about)
+    magnitude.set_ylabel("receptance [m/N]")
+    magnitude.legend(frameon=False)
+    phase.set_ylabel("phase [deg]")
+    phase.set_yticks([-180, -90, 0])
+    phase.set_ylim(-190, 10)
+    phase.set_xlim(0, 200)
+    phase.set_xlabel("frequency [Hz]")
+    for ax in (magnitude, phase):
+        _tidy(ax)
+    return figure
+
+
+def _natural_frequencies(sweeps: Sweeps) -> "Figure":
+    figure = _figure(
+        "First three natural frequencies over the stroke (figure 6)",
+        "both geometries with the same sections; markers and band: what the paper prints",
+        (8, 8),
+    )
+    axes = figure.subplots(3, sharex=True)
+    printed = {number.key.split("over_the_sweep.")[-1]: number.value for number in OVER_THE_SWEEP}
+    for row, ax in enumerate(axes[::-1]):
+        for (label, solutions), colour, style in zip(
+            sweeps.items(), _COLOURS, ("-", "--"), strict=False
+        ):
+            ax.plot(
+                _degrees(solutions),
+                [s.natural_frequencies[row] for s in solutions],
+                color=colour,
+                linestyle=style,
+                linewidth=2,
+                label=label,
+            )
+        at = {140.0: SUBSTRUCTURING[row].value}
+        ends = (printed[f"mode_{row + 1}.0"], printed[f"mode_{row + 1}.1"])
+        if row < 2:
+            at |= {90.0: ends[0], 180.0: ends[1]}
+        else:
+            ax.axhspan(*ends, color="#F9E08B", alpha=0.6, lw=0, zorder=0)
+            ax.annotate("the paper's interval", (91, ends[0] + 1.5), fontsize=8, color=GREY)
+        ax.plot(
+            list(at), list(at.values()), "D", color=INK, clip_on=False, zorder=6, label="the paper"
+        )
+        _stroke_axis(ax)
+        ax.set_ylabel(f"mode {row + 1} [Hz]")
+    axes[2].set_xlabel("crank angle $α_3$ [deg]")
+    figure.legend(
+        *axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=3, frameon=False
+    )
+    return figure
+
+
+def _mode_shapes(solutions: Sequence[Solution], mode: int, label: str) -> "Figure":
+    figure = _figure(
+        f"Mode {mode + 1} in three configurations (figure {7 + mode})",
+        f"{label}; dashed: at rest; colours: extremes, magnified; dots: V1, V2, E1, E2",
+        (10, 3.7),
+    )
+    axes = figure.subplots(1, 3, sharey=True)
+    for ax, solution, angle in zip(axes, solutions, _ANGLES_DEG, strict=True):
+        scale = _scale(solution, mode)
+        _draw_bodies(ax, solution, mode, 0.0, nodes=False, color=GREY, linestyle="--", linewidth=1)
+        for sign, colour in ((1.0, _COLOURS[0]), (-1.0, _COLOURS[1])):
+            _draw_bodies(ax, solution, mode, sign * scale, color=colour, linewidth=1.8)
+        _scene(ax, solution, named=False)
+        frequency = solution.natural_frequencies[mode]
+        ax.set_title(f"$α_3$ = {angle:g} deg: {frequency:.1f} Hz", fontsize=10)
+    axes[0].set_ylabel("z [m]")
+    return figure
+
+
+def _scale(solution: Solution, mode: int) -> float:
+    """Return what makes the largest displacement drawn `_SWING`; E1 goes up first."""
+    up = float(solution.participation([("E1", "z")])[0, mode])
+    return math.copysign(_SWING / largest(mode_curves(solution, mode)), up)
+
+
+def _mast_and_inertia(sweeps: Sweeps) -> "Figure":
+    figure = _figure(
+        "What the length of the upper link does to the implement",
+        "without any section: kinematics and the implement's printed mass and inertia alone",
+        (8, 6),
+    )
+    mast, inertia = figure.subplots(2, sharex=True)
+    for (label, solutions), colour, style in zip(
+        sweeps.items(), _COLOURS, ("-", "--"), strict=False
+    ):
+        model: LinkageModel = solutions[0].model
+        alpha3 = np.linspace(90.0, 180.0, 181)
+        places = [model.kinematics.at(math.radians(alpha)) for alpha in alpha3]
+        about = {"color": colour, "linestyle": style, "linewidth": 2, "label": label}
+        mast.plot(alpha3, np.degrees([place.angle("implement") for place in places]), **about)
+        inertia.plot(
+            alpha3, [generalised_inertia(model.mechanism, place) for place in places], **about
+        )
+    mast.axhline(90.0, color=GREY, linewidth=1, linestyle=":")
+    mast.annotate("upright", (91, 90.4), fontsize=8, color=GREY)
+    mast.set_ylabel("mast, E1 to E2 [deg]")
+    inertia.set_ylabel("implement's inertia\nabout $α_3$ [kg m²]")
+    inertia.set_ylim(bottom=0.0)
+    inertia.set_xlabel("crank angle $α_3$ [deg]")
+    for ax in (mast, inertia):
+        _stroke_axis(ax)
+    figure.legend(
+        *mast.get_legend_handles_labels(), loc="outside lower center", ncols=2, frameon=False
+    )
+    return figure
+
+
+def _freed_dimensions(fits: Sequence[Fit]) -> "Figure":
+    figure = _figure(
+        "The printed frequencies with one dimension of Table 1 freed at a time",
+        "fitted with all sections; degrees: how far the mast leans, orange: up to 10 deg",
+        (8, 5.6),
+    )
+    printed = {number.key: number for number in GEOMETRY}
+    ordered = sorted(fits, key=lambda fit: fit.cost, reverse=True)
+    names = []
+    for fit in ordered:
+        if fit.key:
+            number = printed[fit.key]
+            names.append(
+                f"{number.quantity}\n{number.value:g} to {fit.value:.3g} {number.unit}".strip()
+            )
+        else:
+            names.append("none")
+    ax = figure.subplots()
+    colours = [_COLOURS[1] if fit.lean < _UPRIGHT else GREY for fit in ordered]
+    ax.barh(names, [fit.cost for fit in ordered], color=colours, height=0.7)
+    for row, fit in enumerate(ordered):
+        ax.annotate(
+            f"{fit.cost:.3f}  within {100 * fit.worst:.0f} %, {math.degrees(fit.lean):.0f} deg",
+            (fit.cost, row),
+            xytext=(4, 0),
+            textcoords="offset points",
+            verticalalignment="center",
+            fontsize=8,
+        )
+    _tidy(ax)
+    ax.grid(visible=False, axis="y")
+    ax.tick_params(axis="y", labelsize=7.5, length=0)
+    ax.set_xlim(0.0, 1.35 * ordered[0].cost)
+    ax.set_xlabel("half the sum of squared ln(ours / the paper's)")
+    return figure
+
+
+def _animate(path: Path, solution: Solution, mode: int, label: str) -> None:
+    """Write a GIF of one period of a mode."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from PIL import Image
+
+    frames = []
+    scale = _scale(solution, mode)
+    alpha3 = math.degrees(solution.configuration.alpha3)
+    for share in np.sin(2.0 * np.pi * np.arange(_FRAMES) / _FRAMES):
+        figure = _figure(
+            f"Mode {mode + 1} at {alpha3:g} deg, {solution.natural_frequencies[mode]:.1f} Hz",
+            f"{label}; slowed down and magnified",
+            (6, 4.8),
+        )
+        figure.set_dpi(80)
+        ax = figure.subplots()
+        _draw_bodies(ax, solution, mode, 0.0, nodes=False, color=GREY, linestyle="--", linewidth=1)
+        _draw_bodies(ax, solution, mode, float(share) * scale, color=_COLOURS[0], linewidth=2)
+        _scene(ax, solution, named=False)
+        ax.set_ylabel("z [m]")
+        canvas = FigureCanvasAgg(figure)
+        canvas.draw()  # type: ignore[no-untyped-call]
+        pixels = np.asarray(canvas.buffer_rgba())  # type: ignore[no-untyped-call]
+        image = Image.fromarray(pixels).convert("RGB")
+        frames.append(image.quantize(colors=32))
+    gif = io.BytesIO()
+    frames[0].save(gif, format="GIF", save_all=True, append_images=frames[1:], duration=60, loop=0)
+    write_bytes(path, gif.getvalue(), PlotError)
+
+
+def _degrees(solutions: Sequence[Solution]) -> FloatArray:
+    return np.degrees([solution.configuration.alpha3 for solution in solutions])

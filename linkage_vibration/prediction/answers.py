@@ -1,0 +1,348 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a node serves, and its answers to what is asked beside predictions."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.mechanics.description import GROUND, Frfs, Matrices, Mechanism, Point
+from linkage_vibration.mechanics.model import LinkageModel, Place
+from linkage_vibration.mechanics.parsing import Keys, mechanism_from_mapping
+from linkage_vibration.prediction.predictor import Predictor
+from linkage_vibration.table.build import TOLERANCE, build_table
+from linkage_vibration.table.table import Table
+
+FloatArray = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+MAX_FREQUENCIES = 10_000
+MAX_VALUES = 100_000
+"""Of one answer; as a message they are 1.6 MB."""
+
+_LINES = 401  # over the band, where no frequencies are asked for
+
+
+class ServingError(LinkageVibrationError):
+    """What was asked cannot be answered."""
+
+
+@dataclass(frozen=True, eq=False)
+class Served:
+    """A mechanism and its table, which are swapped together.
+
+    Attributes
+    ----------
+    predictor : Predictor
+        On the table.
+    mechanism : Mechanism
+        That the table was built from.
+    mechanism_text : str
+        The same as YAML.
+    """
+
+    predictor: Predictor
+    mechanism: Mechanism
+    mechanism_text: str
+
+    @property
+    def table(self) -> Table:
+        """The table."""
+        return self.predictor.table
+
+    @cached_property
+    def model(self) -> LinkageModel:
+        """The mechanism, ready to be solved; made when it is asked for first."""
+        return LinkageModel(self.mechanism)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FrfAnswer:
+    """Receptances at one angle.
+
+    Attributes
+    ----------
+    outputs, inputs : tuple of (point, direction)
+        Between which.
+    frequencies : ndarray, (n_freq,)
+        Hz.
+    frf : complex ndarray, (n_freq, n_out, n_in)
+        m/N.
+    """
+
+    outputs: tuple[Place, ...]
+    inputs: tuple[Place, ...]
+    frequencies: FloatArray
+    frf: ComplexArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ModeShapes:
+    """Modes at one angle: those in the table's band, and as many as the table tracks at least.
+
+    Attributes
+    ----------
+    natural_frequencies, damping_ratios : ndarray, (n_modes,)
+        Hz, ascending, and 1.
+    places : tuple of (point, direction), (n_places,)
+        Every point that moves, along x and z.
+    positions : ndarray, (n_places,)
+        Coordinates of these points in that direction, m.
+    shapes : ndarray, (n_modes, n_places)
+        Mass-normalised displacements, 1/sqrt(kg).
+    """
+
+    natural_frequencies: FloatArray
+    damping_ratios: FloatArray
+    places: tuple[Place, ...]
+    positions: FloatArray
+    shapes: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Implement:
+    """A rigid body's new numbers.
+
+    Attributes
+    ----------
+    rigid_body : str
+        Which; empty for the only one.
+    mass, inertia : float
+        kg, and kg m2 about the centre of gravity.
+    centre_of_gravity : tuple of float
+        [x, z] in the body's own axes, m; empty to leave it where it is.
+    """
+
+    rigid_body: str
+    mass: float
+    inertia: float
+    centre_of_gravity: tuple[float, ...]
+
+
+def answer_frf(
+    served: Served,
+    alpha3: float,
+    outputs: Sequence[str],
+    inputs: Sequence[str],
+    frequencies: FloatArray,
+    *,
+    exact: bool,
+) -> FrfAnswer:
+    """Return receptances at an angle, from the table or from the model.
+
+    Parameters
+    ----------
+    served : Served
+        What is served now.
+    alpha3 : float
+        rad.
+    outputs, inputs : sequence of str
+        As in "E1.z"; both empty for the drive point.
+    frequencies : ndarray, (n_freq,)
+        Hz; empty for 401 even steps over the table's band.
+    exact : bool
+        Solve the model, rather than look the table up.
+
+    Raises
+    ------
+    LinkageVibrationError
+        If a place, a frequency or the angle cannot be answered for, or too much is asked.
+    """
+    table = served.table
+    if not math.isfinite(alpha3):
+        raise ServingError(f"crank_angle is {alpha3}; give a finite angle in rad.")
+    if bool(outputs) != bool(inputs):
+        empty, given = ("inputs", "outputs") if outputs else ("outputs", "inputs")
+        raise ServingError(
+            f"{given} has places and {empty} has none; give both, or neither for the drive point."
+        )
+    known = _moving_places(served.mechanism) if exact else table.places
+    told = _places("outputs", outputs, known, exact), _places("inputs", inputs, known, exact)
+    if not outputs:
+        response = served.mechanism.response
+        told = ((response.point, response.direction),), ((response.point, response.direction),)
+    if len(frequencies) == 0:
+        frequencies = np.linspace(*table.band, _LINES)
+    _check_frequencies(frequencies, None if exact else table.band)
+    n_values = len(frequencies) * len(told[0]) * len(told[1])
+    if len(frequencies) > MAX_FREQUENCIES or n_values > MAX_VALUES:
+        raise ServingError(
+            f"{len(frequencies)} frequencies between {len(told[0])} outputs and {len(told[1])} "
+            f"inputs are too much for one answer; ask for {MAX_FREQUENCIES} frequencies and "
+            f"{MAX_VALUES} numbers at most."
+        )
+    if not exact:
+        angle = served.predictor.angle_in_table(alpha3)
+        frf = table.frf(alpha3 if angle is None else angle, *told).frf(frequencies)
+    elif served.model.measured_frequencies is None:
+        frf = served.model.solve(alpha3).frf(*told).frf(frequencies)
+    else:
+        frf = served.model.coupled_frf(alpha3, frequencies, *told)
+    return FrfAnswer(*told, frequencies, frf)
+
+
+def answer_mode_shapes(served: Served, alpha3: float) -> ModeShapes:
+    """Solve the model at an angle (rad) and return its modes.
+
+    Raises
+    ------
+    LinkageVibrationError
+        If the linkage cannot take the angle, or has links that are known by FRFs alone.
+    """
+    if not math.isfinite(alpha3):
+        raise ServingError(f"crank_angle is {alpha3}; give a finite angle in rad.")
+    solution = served.model.solve(alpha3)
+    elastic = np.flatnonzero(~solution.modes.mechanism)
+    in_band = int((solution.natural_frequencies[elastic] <= served.table.band[1]).sum())
+    modes = elastic[: max(in_band, served.table.n_modes)]
+    places = _moving_places(served.mechanism)
+    positions = []
+    for point, direction in places:
+        body = served.mechanism.owners(point)[-1]
+        local = served.mechanism.local_points(body)[point]
+        positions.append(solution.configuration.place(body, local)["xz".index(direction)])
+    return ModeShapes(
+        solution.natural_frequencies[modes],
+        solution.damping_ratios[modes],
+        places,
+        np.array(positions),
+        solution.participation(places)[:, modes].T,
+    )
+
+
+def with_implement(
+    mechanism: Mechanism, mechanism_text: str, implement: Implement
+) -> tuple[Mechanism, str]:
+    """Return a mechanism and its YAML with other numbers of a rigid body.
+
+    They pass the same checks as a file's. Comments of the YAML go, as they may be about the old
+    numbers; links that come from files keep what was read.
+
+    Raises
+    ------
+    ServingError
+        If there is no such body.
+    MechanismError
+        If its numbers are not sound; the text names the key and the mend.
+    """
+    name = _rigid_body(mechanism, implement.rigid_body)
+    centre = list(implement.centre_of_gravity)
+    if len(centre) not in (0, 2):
+        raise ServingError(
+            f"centre_of_gravity has {len(centre)} numbers; give [x, z] in m in the axes of "
+            f"{name}, or none to leave it where it is."
+        )
+    mapping = yaml.safe_load(mechanism_text)
+    numbers: dict[str, Any] = {"mass": implement.mass, "inertia": implement.inertia}
+    if centre:
+        numbers["centre_of_gravity"] = centre
+    # Made anew rather than changed: an alias may lead to the same numbers elsewhere.
+    bodies = mapping["rigid_bodies"]
+    mapping["rigid_bodies"] = {**bodies, name: {**bodies[name], **numbers}}
+    text = "# With another implement than the file that it comes from.\n"
+    text += yaml.safe_dump(mapping, sort_keys=False, default_flow_style=None, width=100)
+    return _mechanism(mapping, mechanism), text
+
+
+def rebuilt(mechanism: Mechanism, like: Table, wanted: Path) -> Table:
+    """Build the table of a changed mechanism, with the points and the accuracy of the old one.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+        What to tabulate.
+    like : Table
+        The old one; its measured error is the new one's tolerance, where that is the looser one.
+    wanted : Path
+        A folder without which the building ends, so that another process can end it.
+
+    Raises
+    ------
+    LinkageVibrationError
+        If the model cannot be made or tabulated, or the folder has gone.
+    """
+
+    def check() -> None:
+        if not wanted.exists():
+            raise ServingError("Its building was given up.")
+
+    check()
+    tolerance = max(TOLERANCE, float(like.interpolation_error.max()))
+    points = tuple(dict.fromkeys(point for point, _ in like.places))
+    return build_table(LinkageModel(mechanism), tolerance, points, check)
+
+
+def place_name(place: Place) -> str:
+    """Return a place as requests and answers name it: "E1.z"."""
+    return ".".join(place)
+
+
+def _rigid_body(mechanism: Mechanism, asked: str) -> str:
+    names = [body.name for body in mechanism.rigid_bodies]
+    if not names:
+        raise ServingError(
+            f"{mechanism.name} has no rigid body to change; describe the implement under "
+            "rigid_bodies."
+        )
+    if asked == "" and len(names) > 1:
+        raise ServingError(f"rigid_body is empty; name one of: {', '.join(names)}.")
+    if asked not in ("", *names):
+        raise ServingError(f"There is no rigid body {asked!r}; name one of: {', '.join(names)}.")
+    return asked or names[0]
+
+
+def _mechanism(mapping: dict[str, Any], known: Mechanism) -> Mechanism:
+    """Validate a description whose links are those of a known mechanism, files not read again."""
+    bodies = {f"links.{link.name}": link.body for link in known.links}
+    links = {
+        name: {**link, "file": {}} if "file" in link else link
+        for name, link in mapping["links"].items()
+    }
+
+    def body(keys: Keys, points: dict[str, Point]) -> Matrices | Frfs:
+        keys["file"].refuse_unknown()
+        found = bodies[keys.path]
+        assert isinstance(found, Matrices | Frfs)
+        return found
+
+    return mechanism_from_mapping({**mapping, "links": links}, body)
+
+
+def _moving_places(mechanism: Mechanism) -> tuple[Place, ...]:
+    """Return every point that is not the ground's, along x and z."""
+    ground = mechanism.local_points(GROUND)
+    points = dict.fromkeys(p for body in mechanism.bodies for p, _ in body.points)
+    return tuple((p, direction) for p in points if p not in ground for direction in ("x", "z"))
+
+
+def _places(
+    where: str, names: Sequence[str], known: Sequence[Place], exact: bool
+) -> tuple[Place, ...]:
+    """Return places by their names."""
+    by_name = {place_name(place): place for place in known}
+    for i, name in enumerate(names):
+        if name not in by_name:
+            mend = "" if exact else ", or set exact to ask the model"
+            raise ServingError(
+                f"{where}[{i}] is {name!r}; name one of {', '.join(by_name) or '(none)'}{mend}."
+            )
+    return tuple(by_name[name] for name in names)
+
+
+def _check_frequencies(frequencies: FloatArray, band: tuple[float, float] | None) -> None:
+    """Refuse frequencies that are none, or where the table does not hold."""
+    low, high = (0.0, math.inf) if band is None else band
+    bad = np.flatnonzero(~(np.isfinite(frequencies) & (frequencies >= low) & (frequencies <= high)))
+    if len(bad):
+        first, mend = int(bad[0]), "give finite frequencies from 0 Hz up"
+        if band is not None:
+            mend = f"the table holds from {low:g} to {high:g} Hz; beyond, set exact"
+        raise ServingError(f"frequencies[{first}] is {frequencies[first]:g} Hz; {mend}.")

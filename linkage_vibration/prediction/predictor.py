@@ -1,0 +1,149 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""An angle goes in, a prediction comes out: the one path that node, replay and CLI share."""
+
+import enum
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from linkage_vibration.table.table import Table
+
+FloatArray = NDArray[np.float64]
+
+_TURN = 2.0 * math.pi
+_FARTHEST = 1e6  # rad; beyond, the last bits of an angle say too little of where in its turn it is
+
+
+class Status(enum.IntEnum):
+    """Whether the numbers of a prediction may be used; the message's constants."""
+
+    OK = 0
+    OUT_OF_RANGE = 1
+    INVALID_ANGLE = 2
+    NEAR_TOGGLE = 3
+
+    @property
+    def has_numbers(self) -> bool:
+        """Whether a prediction of this status has numbers."""
+        return self in (Status.OK, Status.NEAR_TOGGLE)
+
+
+@dataclass(frozen=True, slots=True)
+class Prediction:
+    """How the mechanism vibrates at one angle.
+
+    Attributes
+    ----------
+    crank_angle : float
+        alpha3 as asked, rad.
+    status : Status
+        Every number below is NaN unless it is OK or NEAR_TOGGLE.
+    natural_frequencies, damping_ratios : ndarray, (n_modes,)
+        Hz and 1.
+    frequency_slopes : ndarray, (n_modes,)
+        Change of the natural frequencies with alpha3, Hz/rad.
+    frequency_stddev : ndarray, (n_modes,)
+        Standard deviation of the natural frequencies through that of alpha3, Hz.
+    frf_peak_frequency, frf_peak_magnitude : float
+        Hz and m/N.
+    interpolation_error : float
+        Estimated relative error of the worst natural frequency, 1.
+    table_id : str
+        Names the table that the numbers come from.
+    """
+
+    crank_angle: float
+    status: Status
+    natural_frequencies: FloatArray
+    damping_ratios: FloatArray
+    frequency_slopes: FloatArray
+    frequency_stddev: FloatArray
+    frf_peak_frequency: float
+    frf_peak_magnitude: float
+    interpolation_error: float
+    table_id: str
+
+
+class Predictor:
+    """Predicts from a table.
+
+    A table over a whole turn is that of a crank that turns all the way, and serves every turn.
+
+    Parameters
+    ----------
+    table : Table
+        As built or loaded.
+    """
+
+    def __init__(self, table: Table) -> None:
+        self.table = table
+        self._low, self._high = table.alpha3_range
+        self._sound_low, self._sound_high = table.sound_range
+        self._turns = self._high - self._low >= _TURN * (1.0 - 1e-12)
+        self._n_modes = table.n_modes
+        self._table_id = table.table_id
+        table.interpolate(self._low)  # makes what the table makes at first use
+
+    def angle_in_table(self, alpha3: float) -> float | None:
+        """Return the table's angle (rad) at which the crank stands as it does at alpha3.
+
+        It is alpha3 itself, or for a crank that turns all the way its place in the table's turn;
+        None if the table does not hold there.
+        """
+        if self._low <= alpha3 <= self._high:
+            return alpha3
+        if not self._turns or not abs(alpha3) < _FARTHEST:
+            return None
+        return min(self._low + (alpha3 - self._low) % _TURN, self._high)
+
+    def predict(self, alpha3: float, stddev: float = 0.0) -> Prediction:
+        """Predict at an angle; any float is answered, if only by a status.
+
+        Parameters
+        ----------
+        alpha3 : float
+            rad.
+        stddev : float
+            Standard deviation of alpha3, rad. It is carried to the frequencies to first order,
+            abs(df/dalpha3) stddev, which is too little where a frequency is highest or lowest: the
+            second-order term, abs(d2f/dalpha3^2) stddev^2 / sqrt(2), is all that is left there. At
+            a distance d of a toggle, where frequencies go with its root, it is too little by a
+            share of 7/16 (stddev / d)^2, and means nothing within some stddev.
+        """
+        angle = self.angle_in_table(alpha3)
+        if angle is None:
+            return self._refuse(alpha3)
+        values, peak_frequency, peak_magnitude, error = self.table.interpolate(angle)
+        n = self._n_modes
+        slopes = self.table.frequency_slopes(angle)
+        sound = self._sound_low <= angle <= self._sound_high
+        return Prediction(
+            crank_angle=alpha3,
+            status=Status.OK if sound else Status.NEAR_TOGGLE,
+            natural_frequencies=np.array(values[:n]),
+            damping_ratios=np.array(values[n:]),
+            frequency_slopes=np.array(slopes),
+            frequency_stddev=np.array([abs(slope) * stddev for slope in slopes]),
+            frf_peak_frequency=peak_frequency,
+            frf_peak_magnitude=peak_magnitude,
+            interpolation_error=error,
+            table_id=self._table_id,
+        )
+
+    def _refuse(self, alpha3: float) -> Prediction:
+        unknown = np.full(self._n_modes, np.nan)
+        return Prediction(
+            crank_angle=alpha3,
+            status=Status.OUT_OF_RANGE if math.isfinite(alpha3) else Status.INVALID_ANGLE,
+            natural_frequencies=unknown,
+            damping_ratios=unknown,
+            frequency_slopes=unknown,
+            frequency_stddev=unknown,
+            frf_peak_frequency=math.nan,
+            frf_peak_magnitude=math.nan,
+            interpolation_error=math.nan,
+            table_id=self._table_id,
+        )

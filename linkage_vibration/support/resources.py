@@ -1,0 +1,50 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Where the files that ship with the package lie, however it was installed."""
+
+import os
+import sys
+from pathlib import Path
+
+from linkage_vibration.errors import LinkageVibrationError
+
+PACKAGE = "linkage_vibration"
+
+# Below config, what is used where nothing else is asked for.
+DEFAULT_MECHANISM = "three_point_linkage.yaml"
+DEFAULT_TABLE = "tables/three_point_linkage.npz"
+DEFAULT_EXCITATIONS = "excitations.yaml"
+
+
+class ResourceError(LinkageVibrationError):
+    """A file that ships with the package is not where an installation puts it."""
+
+
+def share_directory() -> Path:
+    """Return the folder that holds ``config`` and ``launch``.
+
+    A checkout wins over what is installed, so that an editable install sees its own files; then
+    come the prefixes of a sourced ROS 2 in their order, then the Python environment.
+
+    Raises
+    ------
+    ResourceError
+        If none of them holds a ``config`` folder of this package.
+    """
+    checkout = Path(__file__).resolve().parents[2]
+    if (checkout / "package.xml").is_file():
+        return checkout
+    prefixes = [p for p in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if p]
+    for prefix in [*prefixes, sys.prefix]:
+        share = Path(prefix) / "share" / PACKAGE
+        if (share / "config").is_dir():
+            return share
+    raise ResourceError(
+        f"No share/{PACKAGE}/config was found under {', '.join([*prefixes, sys.prefix])}; "
+        "install the package again, or source the workspace that holds it."
+    )
+
+
+def config_file(name: str) -> Path:
+    """Return the path of a file below ``config``, such as ``three_point_linkage.yaml``."""
+    return share_directory() / "config" / name

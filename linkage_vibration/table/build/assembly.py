@@ -1,0 +1,137 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Makes the table of pieces that have been refined."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+import linkage_vibration
+from linkage_vibration.mechanics.response import FarPoles, PoleResidue, far_poles
+from linkage_vibration.table.build.accuracy import Accuracy
+from linkage_vibration.table.build.peaks import SILENT, notable
+from linkage_vibration.table.build.refinement import Piece
+from linkage_vibration.table.build.sampling import Sampler, Terms
+from linkage_vibration.table.build.tracking import Tracked
+from linkage_vibration.table.table import Table
+
+ComplexArray = NDArray[np.complex128]
+IntArray = NDArray[np.intp]
+
+
+def assemble(sampler: Sampler, pieces: list[Piece], tracked: Tracked, accuracy: Accuracy) -> Table:
+    """Make the table of some pieces, its errors not yet measured.
+
+    Parameters
+    ----------
+    sampler : Sampler
+        Of the model.
+    pieces : list of Piece
+        Over the whole stroke, ascending.
+    tracked : Tracked
+        At all their points, also those that they are not fitted to.
+    accuracy : Accuracy
+        That they were refined to.
+    """
+    band, equal = sampler.response.band, accuracy.equal_height
+    notables = np.array([_notable(tracked, piece, band, equal) for piece in pieces])
+    used, n = notables.any(axis=0), sampler.response.modes
+    variables = sorted({x for piece in pieces for x in piece.fitted})
+    told = tracked.only(tracked.at(variables))
+    bounds = [variables.index(piece.fitted[0]) for piece in pieces] + [len(variables) - 1]
+    none = np.isnan(told.peak_magnitudes)
+    table = Table(
+        alpha3=np.array([sampler.at(x).alpha3 for x in variables]),
+        pieces=np.array(bounds, dtype=np.int64),
+        natural_frequencies=np.exp(told.log_frequencies[:, :n]),
+        damping_ratios=told.ratios[:, :n],
+        peak_frequencies=np.where(none, 0.0, told.peak_frequencies)[:, used],
+        peak_magnitudes=np.where(none, SILENT, told.peak_magnitudes)[:, used],
+        peak_notable=notables[:, used],
+        interpolation_error=np.zeros(len(pieces)),
+        peak_error=math.nan,
+        frf_error=math.nan,
+        toggles=sampler.toggles,
+        band=band,
+        places=(),
+        term_stiffness=np.zeros((len(variables), 0), dtype=complex),
+        term_decay=np.zeros((len(variables), 0)),
+        participations=np.zeros((len(variables), 0, 0), dtype=complex),
+        complex_modes=False,
+        far_stiffness=np.zeros(0, dtype=complex),
+        far_decay=np.zeros(0),
+        far_residues=np.zeros((len(variables), 1, 0)),
+        model_hash=sampler.model.mechanism.model_hash,
+        mechanism_name=sampler.model.mechanism.name,
+        package_version=linkage_vibration.__version__,
+    )
+    terms = [found for x in variables if (found := sampler.at(x).terms) is not None]
+    return table if len(terms) < len(variables) else _with_frfs(table, sampler, told, terms)
+
+
+def _notable(
+    tracked: Tracked, piece: Piece, band: tuple[float, float], equal: float
+) -> NDArray[np.bool_] | None:
+    """Which maxima tell the highest peak in a piece."""
+    own = tracked.at(piece.fitted + piece.held)
+    at, sizes = tracked.peak_frequencies[own], tracked.peak_magnitudes[own]
+    return notable(at, sizes, band, equal, strict=False)
+
+
+def _with_frfs(table: Table, sampler: Sampler, tracked: Tracked, terms: Sequence[Terms]) -> Table:
+    """Add the terms of FRFs: those of the tracked modes, and far poles for the sum of all others.
+
+    Terms are numbered as all modes are, since there is no mechanism mode.
+    """
+    both = list(zip(terms, tracked.orders, strict=True))
+    stiffness = np.array([term.frf.stiffness[order] for term, order in both])
+    decay = np.array([term.frf.decay[order] for term, order in both])
+    coupled = any(term.frf.rates.any() for term in terms)
+    if coupled and (decay**2 >= 4.0 * stiffness.real).any():
+        return table  # a mode damped beyond oscillation is no pair of conjugate poles
+    kept = [_mask(order, len(term.frf.decay)) for term, order in both]
+    far = far_poles(
+        np.concatenate([term.frf.stiffness[~own] for term, own in zip(terms, kept, strict=True)]),
+        np.concatenate([term.frf.decay[~own] for term, own in zip(terms, kept, strict=True)]),
+        table.band,
+    )
+    residues = np.array(
+        [_far_residues(term.frf, own, far) for term, own in zip(terms, kept, strict=True)]
+    )
+    return replace(
+        table,
+        places=sampler.places,
+        term_stiffness=stiffness,
+        term_decay=decay,
+        participations=np.array([_participation(t, tracked, i) for i, t in enumerate(terms)]),
+        complex_modes=coupled,
+        far_stiffness=far.stiffness,
+        far_decay=far.decay,
+        far_residues=residues if residues.imag.any() else residues.real,
+    )
+
+
+def _mask(order: IntArray, count: int) -> NDArray[np.bool_]:
+    """Return which of so many modes are in an order."""
+    mask = np.zeros(count, dtype=np.bool_)
+    mask[order] = True
+    return mask
+
+
+def _participation(term: Terms, tracked: Tracked, sample: int) -> ComplexArray:
+    """Return the shapes of a sample's tracked modes at the places, (n_places, k)."""
+    if term.complex_shapes is not None:
+        return term.complex_shapes[:, tracked.orders[sample]] * tracked.signs[sample]
+    shapes = tracked.shapes[sample][: term.rows.shape[1]]
+    return (term.rows @ shapes).astype(np.complex128)
+
+
+def _far_residues(frf: PoleResidue, kept: NDArray[np.bool_], far: FarPoles) -> ComplexArray:
+    """Return static flexibility and residues of far poles, as a table has them."""
+    condensed, n = frf.condensed(kept, far), len(frf.residual)
+    tail = condensed.residues[:, :, len(condensed.decay) - len(far.decay) :]
+    every = np.concatenate([condensed.residual[:, :, np.newaxis], tail], axis=2)
+    return np.asarray(every[np.triu_indices(n)].T)

@@ -1,0 +1,465 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""The lookup table over alpha3: what a prediction tells, and FRFs, at any angle of the stroke."""
+
+import hashlib
+import io
+import json
+import math
+from bisect import bisect_right
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.mechanics.description import Mechanism
+from linkage_vibration.mechanics.model import Place
+from linkage_vibration.mechanics.response import PoleResidue
+from linkage_vibration.support.atomic_files import write_bytes
+from linkage_vibration.table.interpolation import (
+    interpolate_positive,
+    interpolation_matrix,
+    stroke_angle,
+    stroke_variable,
+)
+
+FloatArray = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+IntArray = NDArray[np.int64]
+
+FORMAT = "linkage_vibration table 2"
+UNITS = {
+    "alpha3": "rad",
+    "pieces": "1",
+    "natural_frequencies": "Hz",
+    "damping_ratios": "1",
+    "peak_frequencies": "Hz",
+    "peak_magnitudes": "m/N",
+    "peak_notable": "1",
+    "interpolation_error": "1",
+    "term_stiffness": "rad^2/s^2",
+    "term_decay": "rad/s",
+    "participations": "1/sqrt(kg)",
+    "far_stiffness": "rad^2/s^2",
+    "far_decay": "rad/s",
+    "far_residues": "m/N, then 1/kg",
+}
+
+_CELLS = 512  # cubic cells to a piece, for lookups: their error is below 1e-8
+_CHUNK = 4096  # angles looked up at a time, so that their cells stay in the cache
+_NEAR = math.radians(1.0)  # of a toggle
+
+
+class TableError(LinkageVibrationError):
+    """A table cannot be built, read or used."""
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """What a prediction tells, and the terms of FRFs, at angles over the stroke.
+
+    The stroke is cut into pieces, in each of which every quantity is the polynomial through its
+    points (in `interpolation.stroke_variable`). For lookups the polynomials are resampled into
+    cubic cells when the table is made or loaded.
+
+    Attributes
+    ----------
+    alpha3 : ndarray, (n,)
+        Angles, rad, ascending.
+    pieces : ndarray of int, (n_pieces + 1,)
+        Which points bound the pieces; from 0 to n - 1.
+    natural_frequencies : ndarray, (n, n_modes)
+        Hz; ascending at the first angle, then tracked by shape.
+    damping_ratios : ndarray, (n, n_modes)
+        1.
+    peak_frequencies, peak_magnitudes : ndarray, (n, n_peaks)
+        Maxima of the drive-point receptance that may be the highest in the band somewhere: beside
+        resonances, and at the band's ends; Hz and m/N. Each is smooth, where the highest may jump
+        from one to another.
+    peak_notable : ndarray of bool, (n_pieces, n_peaks)
+        Which of them are high enough in a piece to count there.
+    interpolation_error : ndarray, (n_pieces,)
+        Relative error of the worst natural frequency, 1, measured against the model at points that
+        the piece was not fitted to, chosen where a polynomial's error is largest.
+    peak_error : float
+        The same for the highest peak's frequency and magnitude, the worst of all pieces.
+    frf_error : float
+        The same for the worst single FRF: relative L2 norm over the band; NaN without FRFs.
+    toggles : tuple of float or None
+        Where the linkage locks, rad.
+    band : tuple of float
+        Hz, in which peaks are sought and FRFs hold.
+    places : tuple of (point, direction)
+        Between which FRFs can be told; empty where the model has no such terms.
+    term_stiffness, term_decay : ndarray, (n, n_terms)
+        k and c of each pole's term in an FRF, as in `PoleResidue`.
+    participations : complex ndarray, (n, n_places, n_terms)
+        Shapes of the terms at the places; their products are the residues.
+    complex_modes : bool
+        Whether viscous damping couples the modes, so that each term is a pair of complex ones.
+    far_stiffness, far_decay : ndarray, (n_far,)
+        Poles that stand for all modes above the band (`response.FarPoles`).
+    far_residues : ndarray, (n, 1 + n_far, n_places (n_places + 1) / 2)
+        Static flexibility and residues of those, the upper triangle row by row.
+    model_hash : str
+        Of the mechanism that it was built from.
+    mechanism_name : str
+        For people.
+    package_version : str
+        Of the package that built it.
+    """
+
+    alpha3: FloatArray
+    pieces: IntArray
+    natural_frequencies: FloatArray
+    damping_ratios: FloatArray
+    peak_frequencies: FloatArray
+    peak_magnitudes: FloatArray
+    peak_notable: NDArray[np.bool_]
+    interpolation_error: FloatArray
+    peak_error: float
+    frf_error: float
+    toggles: tuple[float, float] | None
+    band: tuple[float, float]
+    places: tuple[Place, ...]
+    term_stiffness: ComplexArray
+    term_decay: FloatArray
+    participations: ComplexArray
+    complex_modes: bool
+    far_stiffness: ComplexArray
+    far_decay: FloatArray
+    far_residues: FloatArray | ComplexArray
+    model_hash: str
+    mechanism_name: str
+    package_version: str
+
+    @property
+    def n_modes(self) -> int:
+        """How many modes are tracked."""
+        return int(self.natural_frequencies.shape[1])
+
+    @cached_property
+    def alpha3_range(self) -> tuple[float, float]:
+        """First and last angle, rad."""
+        return float(self.alpha3[0]), float(self.alpha3[-1])
+
+    @cached_property
+    def sound_range(self) -> tuple[float, float]:
+        """Between which angles (rad) no toggle is nearer than one degree."""
+        if self.toggles is None:
+            return -math.inf, math.inf
+        return self.toggles[0] + _NEAR, self.toggles[1] - _NEAR
+
+    @property
+    def table_id(self) -> str:
+        """Sixteen hexadecimal digits that change with any number in the table."""
+        return self.checksum[:16]
+
+    @cached_property
+    def checksum(self) -> str:
+        """SHA-256 of every array and of the metadata."""
+        digest = hashlib.sha256(json.dumps(self._metadata(), sort_keys=True).encode())
+        for name in UNITS:
+            array = np.ascontiguousarray(getattr(self, name))
+            array = array.astype(array.dtype.newbyteorder("<"), copy=False)
+            digest.update(f"{name}{array.shape}{array.dtype.kind}".encode())
+            digest.update(array.tobytes())
+        return digest.hexdigest()
+
+    def interpolate(self, alpha3: float) -> tuple[list[float], float, float, float]:
+        """Evaluate what a prediction tells at an angle within the range.
+
+        Parameters
+        ----------
+        alpha3 : float
+            rad; outside the range the result has no meaning, so ask `alpha3_range` first.
+
+        Returns
+        -------
+        values : list of float, 2 n_modes
+            Natural frequencies (Hz), then damping ratios (1).
+        peak_frequency, peak_magnitude : float
+            Of the highest peak, Hz and m/N.
+        error : float
+            Relative error of the worst natural frequency in this piece.
+        """
+        breaks, cells, n, n_peaks, low, high = self._lookup
+        i = bisect_right(breaks, alpha3) - 1
+        t = alpha3 - breaks[i]
+        # On so few numbers plain floats are three times as fast as arrays.
+        values = [((c3 * t + c2) * t + c1) * t + c0 for c3, c2, c1, c0 in cells[i]]
+        frequency = magnitude = -1.0
+        for at, size in zip(values[n : n + n_peaks], values[n + n_peaks :], strict=True):
+            if size > magnitude and low <= at <= high:
+                frequency, magnitude = at, size
+        return values[:n], frequency, magnitude, self._errors[i]
+
+    def evaluate(self, alpha3: FloatArray) -> FloatArray:
+        """Evaluate what a prediction tells at many angles at once.
+
+        Parameters
+        ----------
+        alpha3 : ndarray, (n,)
+            rad, within the range.
+
+        Returns
+        -------
+        ndarray, (n, 2 n_modes + 2)
+            Natural frequencies (Hz), damping ratios (1), frequency (Hz) and magnitude (m/N) of the
+            highest peak; the same bits as `interpolate` gives.
+        """
+        starts, _, n, n_peaks, low, high = self._lookup
+        breaks, cells = np.array(starts), self._cells
+        result = np.empty((len(alpha3), n + 2))
+        for start in range(0, len(alpha3), _CHUNK):
+            some = np.asarray(alpha3[start : start + _CHUNK], dtype=float)
+            i = np.maximum(np.searchsorted(breaks, some, side="right") - 1, 0)
+            t = (some - breaks[i])[:, np.newaxis]
+            cell = cells[i]
+            values = ((cell[:, 0] * t + cell[:, 1]) * t + cell[:, 2]) * t + cell[:, 3]
+            at, size = values[:, n : n + n_peaks], values[:, n + n_peaks :]
+            best = np.where((low <= at) & (at <= high), size, -1.0).argmax(axis=1)[:, np.newaxis]
+            rows = slice(start, start + len(some))
+            result[rows, :n] = values[:, :n]
+            result[rows, n:] = np.hstack([np.take_along_axis(x, best, 1) for x in (at, size)])
+        return result
+
+    def frequency_slopes(self, alpha3: float) -> list[float]:
+        """Return how fast the natural frequencies change with the angle, n_modes, Hz/rad.
+
+        Parameters
+        ----------
+        alpha3 : float
+            rad, within the range.
+        """
+        breaks, cells, n, *_ = self._lookup
+        i = bisect_right(breaks, alpha3) - 1
+        t = alpha3 - breaks[i]
+        some = cells[i][: n // 2]
+        return [(3.0 * c3 * t + 2.0 * c2) * t + c1 for c3, c2, c1, _ in some]
+
+    def evaluate_slopes(self, alpha3: FloatArray) -> FloatArray:
+        """Return the same at many angles, (n, n_modes), Hz/rad, to the last bit."""
+        breaks = np.array(self._breaks)
+        i = np.maximum(np.searchsorted(breaks, alpha3, side="right") - 1, 0)
+        t = (alpha3 - breaks[i])[:, np.newaxis]
+        cell = self._cells[i][:, :, : self.n_modes]
+        return np.asarray((3.0 * cell[:, 0] * t + 2.0 * cell[:, 1]) * t + cell[:, 2])
+
+    def frf(self, alpha3: float, outputs: Sequence[Place], inputs: Sequence[Place]) -> PoleResidue:
+        """Return receptances between some of the places at an angle, valid within the band.
+
+        Raises
+        ------
+        TableError
+            If the angle is outside the range, or the table does not know one of the places.
+        """
+        low, high = self.alpha3_range
+        if not low <= alpha3 <= high:
+            raise TableError(
+                f"alpha3 = {math.degrees(alpha3):.3f} deg is outside the table "
+                f"({math.degrees(low):g} to {math.degrees(high):g} deg)."
+            )
+        for place in (*outputs, *inputs):
+            if place not in self.places:
+                known = ", ".join(" ".join(known) for known in self.places) or "none"
+                raise TableError(
+                    f"The table has no FRF at {' '.join(place)}; it has these: {known}. Name the "
+                    "point when the table is built, or solve the model."
+                )
+        points, matrix = self._polynomial(np.array([alpha3]))
+        weights = matrix[0]
+        k = np.exp(weights @ np.log(self.term_stiffness[points]))
+        c = weights @ self.term_decay[points]
+        shapes = np.tensordot(weights, self.participations[points], axes=1)
+        o = [self.places.index(place) for place in outputs]
+        i = [self.places.index(place) for place in inputs]
+        products = shapes[o][:, np.newaxis] * shapes[i][np.newaxis]
+        if self.complex_modes:
+            # psi psi / (i w - p) and its conjugate on one denominator
+            pole = -c / 2.0 + 1j * np.sqrt(k.real - c**2 / 4.0)
+            residues = -2.0 * (products * pole.conj()).real + 0j
+            rates = 2.0 * products.real + 0j
+        else:
+            residues, rates = products, np.zeros_like(products)
+        n = len(self.places)
+        far = np.tensordot(weights, self.far_residues[points], axes=1)
+        full = np.empty((len(far), n, n), dtype=complex)
+        upper = np.triu_indices(n)
+        full[:, upper[0], upper[1]] = full[:, upper[1], upper[0]] = far
+        full = full[:, o][:, :, i].transpose(1, 2, 0)
+        return PoleResidue(
+            np.concatenate([k, self.far_stiffness]),
+            np.concatenate([c, self.far_decay]),
+            np.concatenate([residues, full[:, :, 1:]], axis=2),
+            np.concatenate([rates, np.zeros_like(full[:, :, 1:])], axis=2),
+            np.array(full[:, :, 0]),
+        )
+
+    def _polynomial(self, alpha3: FloatArray) -> tuple[slice, FloatArray]:
+        """Which points hold for angles of one piece, and their weights, (n, n_points)."""
+        bounds = self.alpha3[self.pieces]
+        i = int(np.clip(np.searchsorted(bounds, alpha3[0], side="right") - 1, 0, len(bounds) - 2))
+        points = slice(int(self.pieces[i]), int(self.pieces[i + 1]) + 1)
+        own = stroke_variable(self.alpha3[points], self.toggles)
+        return points, interpolation_matrix(own, stroke_variable(alpha3, self.toggles))
+
+    @cached_property
+    def _lookup(
+        self,
+    ) -> tuple[list[float], list[list[list[float]]], int, int, float, float]:
+        """What `interpolate` needs, at hand: cells and where they begin, sizes and the band."""
+        breaks = self._breaks
+        low, high = widened(self.band)
+        n = 2 * self.n_modes
+        cells = self._cells.swapaxes(1, 2).tolist()
+        return breaks, cells, n, self.peak_frequencies.shape[1], low, high
+
+    @cached_property
+    def _errors(self) -> list[float]:
+        return [float(error) for error in np.repeat(self.interpolation_error, _CELLS)]
+
+    @cached_property
+    def _breaks(self) -> list[float]:
+        """Where the cells begin, rad."""
+        return [float(angle) for angle in self._fine[:-1]]
+
+    @cached_property
+    def _fine(self) -> FloatArray:
+        """Ends of all cells, evenly spaced in each piece's own variable, rad."""
+        ends = stroke_variable(self.alpha3[self.pieces], self.toggles)
+        inner = [
+            np.linspace(a, b, _CELLS, endpoint=False)
+            for a, b in zip(ends[:-1], ends[1:], strict=True)
+        ]
+        fine = stroke_angle(np.concatenate([*inner, ends[-1:]]), self.toggles)
+        fine[::_CELLS] = self.alpha3[self.pieces]
+        return fine
+
+    @cached_property
+    def _cells(self) -> FloatArray:
+        """Highest power first, (n_cells, 4, 2 n_modes + 2 n_peaks)."""
+        at, cells = self._fine, []
+        for piece, notable in enumerate(self.peak_notable):
+            rows = slice(piece * _CELLS, (piece + 1) * _CELLS + 1)
+            points, matrix = self._polynomial(at[rows])
+            frequencies = interpolate_positive(matrix, self.natural_frequencies[points])
+            others = matrix @ np.hstack([self.damping_ratios, self.peak_frequencies])[points]
+            magnitudes = np.zeros((len(matrix), len(notable)))
+            own = self.peak_magnitudes[points][:, notable]
+            magnitudes[:, notable] = interpolate_positive(matrix, own)
+            values = np.hstack([frequencies, others, magnitudes])
+            cells.append(CubicSpline(at[rows], values).c.swapaxes(0, 1))
+        return np.ascontiguousarray(np.concatenate(cells))
+
+    def _metadata(self) -> dict[str, Any]:
+        return {
+            "format": FORMAT,
+            "mechanism_name": self.mechanism_name,
+            "model_hash": self.model_hash,
+            "package_version": self.package_version,
+            "range_rad": list(self.alpha3_range),
+            "units": UNITS,
+            "peak_error": self.peak_error,
+            "frf_error": None if math.isnan(self.frf_error) else self.frf_error,
+            "toggles_rad": self.toggles and list(self.toggles),
+            "band_hz": list(self.band),
+            "places": [list(place) for place in self.places],
+            "complex_modes": self.complex_modes,
+        }
+
+
+def widened(band: tuple[float, float]) -> tuple[float, float]:
+    """Return a band to which peaks at its ends belong, however they are rounded, Hz."""
+    low, high = band
+    room = 1e-9 * high
+    return low - room, high + room
+
+
+def table_bytes(table: Table) -> bytes:
+    """Return a table as one ``.npz``: an array for each quantity, and JSON metadata."""
+    metadata = json.dumps({**table._metadata(), "checksum": table.checksum}, sort_keys=True)
+    archive = io.BytesIO()
+    arrays = {name: getattr(table, name) for name in UNITS}
+    np.savez_compressed(archive, metadata=np.array(metadata), **arrays)
+    return archive.getvalue()
+
+
+def save_table(table: Table, path: Path) -> None:
+    """Write a table's `table_bytes` to a file, beside and renamed.
+
+    Raises
+    ------
+    TableError
+        If it cannot be written.
+    """
+    write_bytes(path, table_bytes(table), TableError)
+
+
+def load_table(path: Path, mechanism: Mechanism | None = None) -> Table:
+    """Read a table and check it.
+
+    Parameters
+    ----------
+    path : Path
+        Written by `save_table`.
+    mechanism : Mechanism, optional
+        The one in use; a table of any other is refused.
+
+    Raises
+    ------
+    TableError
+        If the file is missing, is not a table, holds pickles, is damaged, or belongs to another
+        mechanism.
+    """
+    table = _read(path)
+    if mechanism is not None and table.model_hash != mechanism.model_hash:
+        raise TableError(
+            f"{path}: was built from another mechanism ({table.mechanism_name}, model "
+            f"{table.model_hash[:12]}) than the one in use ({mechanism.name}, model "
+            f"{mechanism.model_hash[:12]}); build it again with `linkage-vibration build`."
+        )
+    return table
+
+
+def _read(path: Path) -> Table:
+    rebuild = "build one with `linkage-vibration build`."
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            arrays = {name: archive[name] for name in UNITS}
+            metadata = json.loads(str(archive["metadata"]))
+        if metadata["format"] != FORMAT or metadata["units"] != UNITS:
+            raise TableError(f"{path}: is a table of another format; {rebuild}")
+        if arrays["alpha3"].dtype != np.float64:
+            raise TableError(f"{path}: is damaged (its angles are no numbers); {rebuild}")
+        toggles, frf_error = metadata["toggles_rad"], metadata["frf_error"]
+        table = Table(
+            **arrays,
+            peak_error=metadata["peak_error"],
+            frf_error=math.nan if frf_error is None else frf_error,
+            toggles=toggles and (toggles[0], toggles[1]),
+            band=(metadata["band_hz"][0], metadata["band_hz"][1]),
+            places=tuple((point, direction) for point, direction in metadata["places"]),
+            complex_modes=metadata["complex_modes"],
+            model_hash=metadata["model_hash"],
+            mechanism_name=metadata["mechanism_name"],
+            package_version=metadata["package_version"],
+        )
+        if table.checksum != metadata["checksum"]:
+            raise TableError(f"{path}: is damaged (its checksum differs); build the table again.")
+        return table
+    except TableError:
+        raise
+    except OSError as error:
+        raise TableError(f"{path}: cannot be read ({error.strerror or error}); {rebuild}") from None
+    # A damaged archive raises errors of zipfile, zlib, struct, tokenize, json and NumPy.
+    except Exception as error:
+        raise TableError(
+            f"{path}: is damaged or not a table ({type(error).__name__}: {error}); {rebuild}"
+        ) from None

@@ -1,0 +1,347 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Holds bags against limits, for tests of the stack that this package is built into."""
+
+import io
+import tempfile
+import textwrap
+from collections.abc import Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from linkage_vibration.bags.message_columns import Columns, read_columns, topic_types
+from linkage_vibration.bags.streams import open_bags
+from linkage_vibration.drawing.plots import COLOURS, GREY, INK
+from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.messages.topics import (
+    HITCH_POSITION,
+    JOINT_STATES,
+    PREDICTION_TOPIC,
+    RESONANCE_TOPIC,
+)
+from linkage_vibration.prediction.predictor import Status
+from linkage_vibration.prediction.settings import Parameters
+from linkage_vibration.replay.replay import replay
+from linkage_vibration.support.atomic_files import write_bytes
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+FloatArray = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+_AROUND = 5.0  # s before and after a moment that a picture shows
+_LIMIT = "#CC3311"
+
+
+class TestKitError(LinkageVibrationError):
+    """A bag cannot be held against a limit."""
+
+    __test__ = False  # pytest would take it for a test by its name
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """What a bag is held against; None leaves one out.
+
+    Attributes
+    ----------
+    margin : float, optional
+        Least relative distance of any excitation from a natural frequency, 1.
+    statuses : tuple of Status, optional
+        Which ones predictions may have.
+    gap : float, optional
+        Longest time between two predictions, s.
+    latency : float, optional
+        Longest time from when a reading was sent until its prediction was, s; only a log that the
+        node has recorded tells it.
+    """
+
+    margin: float | None = None
+    statuses: tuple[Status, ...] | None = (Status.OK,)
+    gap: float | None = None
+    latency: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Failure:
+    """A limit that was passed.
+
+    Attributes
+    ----------
+    limit : str
+        A field of `Limits`.
+    time : int
+        When it was passed most, or first where there is no most; log time, ns.
+    seconds : float
+        The same since the bag's first prediction, s.
+    count : int
+        How many times it was passed.
+    words : str
+        What happened then.
+    """
+
+    limit: str
+    time: int
+    seconds: float
+    count: int
+    words: str
+
+    def __str__(self) -> str:
+        """Return it in a line."""
+        whole = datetime.fromtimestamp(self.time // 10**9, timezone.utc)
+        utc = f"{whole:%Y-%m-%d %H:%M:%S}.{self.time % 10**9 // 10**6:03} UTC"
+        times = "once" if self.count == 1 else f"{self.count} times"
+        return f"{self.limit}: {self.words} at {self.seconds:.3f} s ({utc}); passed {times}"
+
+
+@dataclass(frozen=True, slots=True)
+class Report:
+    """How a bag stood its limits.
+
+    Attributes
+    ----------
+    bag : Path
+        The bag.
+    predictions : int
+        How many were looked at.
+    failures : tuple of Failure
+        Empty if it passed.
+    picture : Path or None
+        Of the first failure's surroundings.
+    """
+
+    bag: Path
+    predictions: int
+    failures: tuple[Failure, ...]
+    picture: Path | None
+
+    @property
+    def passed(self) -> bool:
+        """Whether no limit was passed."""
+        return not self.failures
+
+    def __str__(self) -> str:
+        """Return it in words."""
+        if self.passed:
+            return f"{self.bag}: {self.predictions} predictions within their limits"
+        lines = [f"{self.bag}: of {self.predictions} predictions", *map(str, self.failures)]
+        if self.picture is not None:
+            lines.append(f"picture: {self.picture}")
+        return "\n  ".join(lines)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Signals:
+    """What limits are about, by columns."""
+
+    time: Integers  # (n,), ns, of predictions
+    crank_angle: FloatArray  # deg
+    status: Integers
+    margin_time: Integers  # (m,), ns, of resonances
+    margin: FloatArray  # 1, NaN where stale
+    excitation: NDArray[np.object_]
+    latency: FloatArray  # (n,), s, NaN where the reading is not in the log
+
+
+def check_bag(
+    bag: Path, limits: Limits, settings: Parameters | None = None, picture: Path | None = None
+) -> Report:
+    """Hold a bag against limits.
+
+    Parameters
+    ----------
+    bag : Path
+        A log that has predictions; or any bag, which is replayed for this.
+    limits : Limits
+        What it is held against.
+    settings : Parameters, optional
+        Replay the bag with these, also where it has predictions.
+    picture : Path, optional
+        The PNG to write where a limit is passed, of the first failure's surroundings.
+
+    Raises
+    ------
+    LinkageVibrationError
+        If the bag cannot be read or replayed, or does not tell what a limit is about.
+    """
+    with ExitStack() as stack:
+        log = bag
+        if settings is not None or PREDICTION_TOPIC not in topic_types(bag):
+            if limits.latency is not None:
+                raise TestKitError(
+                    f"{bag} has no latency, as it is replayed; give a log that the node recorded."
+                )
+            folder = stack.enter_context(tempfile.TemporaryDirectory())
+            log = Path(folder) / "replayed.mcap"
+            replay([bag], log, settings or Parameters())
+        signals = _signals(bag, log, limits)
+    failures = _failures(signals, limits)
+    drawn = picture if failures and picture is not None else None
+    if drawn is not None:
+        _draw(bag, signals, limits, failures[0], drawn)
+    return Report(bag, len(signals.time), tuple(failures), drawn)
+
+
+def _signals(bag: Path, log: Path, limits: Limits) -> _Signals:
+    types = topic_types(log)
+    wanted = {PREDICTION_TOPIC: types[PREDICTION_TOPIC]}
+    if RESONANCE_TOPIC in types:
+        wanted[RESONANCE_TOPIC] = types[RESONANCE_TOPIC]
+    columns = read_columns(log, wanted)
+    predictions: Columns = columns[PREDICTION_TOPIC]
+    if not len(predictions.get("log_time", ())):
+        raise TestKitError(f"{bag} holds no prediction; was the joint ever published?")
+    resonances = columns.get(RESONANCE_TOPIC, {})
+    if limits.margin is not None and not len(resonances.get("log_time", ())):
+        raise TestKitError(
+            f"{bag} tells no margin, as no speed is known; record engine_speed, pto_speed or "
+            "ground_speed too, or give one in the settings."
+        )
+    n = len(predictions["log_time"])
+    return _Signals(
+        predictions["log_time"],
+        np.rad2deg(predictions["crank_angle"]),
+        predictions["status"].astype(np.int64),
+        resonances.get("log_time", np.empty(0, np.int64)),
+        np.abs(resonances.get("relative_margin", np.empty(0))),
+        resonances.get("excitation", np.empty(0, object)),
+        np.full(n, np.nan) if limits.latency is None else _latencies(bag, log, sorted(types)),
+    )
+
+
+def _latencies(bag: Path, log: Path, topics: Sequence[str]) -> FloatArray:
+    """Return for each prediction how long after its reading it was sent, s."""
+    inputs = [topic for topic in topics if topic in (f"/{JOINT_STATES}", f"/{HITCH_POSITION}")]
+    if len(inputs) != 1:
+        raise TestKitError(
+            f"{bag} has {len(inputs)} topics of readings, /joint_states or /hitch_position; the "
+            "latency needs one."
+        )
+    received: list[Integers] = []
+    sent: list[Integers] = []
+    answers: list[tuple[Integers, Integers]] = []
+    with open_bags([log]) as bags:
+        for block in bags.blocks([*inputs, PREDICTION_TOPIC]):
+            reading = block.topics == 0
+            received.append(block.log_times[reading])
+            sent.append(block.publish_times[reading])
+            answers.append((block.log_times[~reading], block.publish_times[~reading]))
+    # The node logs a prediction at the time of its reading.
+    of_reading = dict(zip(*(np.concatenate(x).tolist() for x in (received, sent)), strict=True))
+    log_times, published = (np.concatenate(column) for column in zip(*answers, strict=True))
+    begun = np.array([of_reading.get(time, np.nan) for time in log_times.tolist()])
+    if np.array_equal(log_times, published):
+        raise TestKitError(f"{bag} is a replay, which has no latency; give the node's own log.")
+    return np.asarray(1e-9 * (published - begun))
+
+
+def _failures(signals: _Signals, limits: Limits) -> list[Failure]:
+    """Return the limits that were passed, the first in time first."""
+    found: list[Failure] = []
+
+    def add(limit: str, times: Integers, passed: NDArray[np.bool_], at: int, words: str) -> None:
+        time = int(times[at])
+        seconds = 1e-9 * (time - int(signals.time[0]))
+        found.append(Failure(limit, time, seconds, int(passed.sum()), words))
+
+    if limits.statuses is not None:
+        passed = ~np.isin(signals.status, [int(status) for status in limits.statuses])
+        if passed.any():
+            at = int(passed.argmax())
+            angle, status = signals.crank_angle[at], Status(int(signals.status[at]))
+            words = f"the status is {status.name} at a crank angle of {angle:.2f} deg"
+            add("statuses", signals.time, passed, at, words)
+    if limits.margin is not None:
+        passed = signals.margin < limits.margin
+        if passed.any():
+            at = int(np.nanargmin(signals.margin))
+            words = (
+                f"{signals.excitation[at]} is {100 * signals.margin[at]:.2f} % from a natural "
+                f"frequency, less than {100 * limits.margin:g} %"
+            )
+            add("margin", signals.margin_time, passed, at, words)
+    if limits.gap is not None:
+        gaps = 1e-9 * np.diff(signals.time)
+        passed = gaps > limits.gap
+        if passed.any():
+            at = int(gaps.argmax())
+            words = f"no prediction for {gaps[at]:.3f} s, more than {limits.gap:g} s,"
+            add("gap", signals.time[:-1], passed, at, words)
+    if limits.latency is not None:
+        passed = signals.latency > limits.latency
+        if passed.any():
+            at = int(np.nanargmax(signals.latency))
+            words = (
+                f"a prediction took {1e3 * signals.latency[at]:.2f} ms, more than "
+                f"{1e3 * limits.latency:g} ms,"
+            )
+            add("latency", signals.time, passed, at, words)
+    return sorted(found, key=lambda failure: failure.time)
+
+
+def _draw(bag: Path, signals: _Signals, limits: Limits, failure: Failure, picture: Path) -> None:
+    """Draw what happened about a failure."""
+    try:
+        from matplotlib.figure import Figure
+    except ImportError:
+        raise TestKitError(
+            "Drawing needs matplotlib; `pip install linkage_vibration[plots]`."
+        ) from None
+
+    def shown(times: Integers, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+        seconds = 1e-9 * (times - signals.time[0])
+        near = np.abs(seconds - failure.seconds) <= _AROUND
+        return seconds[near], values[near]
+
+    rows: list[tuple[str, Integers, FloatArray, float | None]] = [
+        ("crank angle [deg]", signals.time, signals.crank_angle, None)
+    ]
+    if np.isfinite(shown(signals.margin_time, signals.margin)[1]).any():
+        margin = None if limits.margin is None else 100.0 * limits.margin
+        rows.append(("margin [%]", signals.margin_time, 100.0 * signals.margin, margin))
+    gaps = 1e-6 * np.diff(signals.time).astype(float)
+    gap = None if limits.gap is None else 1e3 * limits.gap
+    rows.append(("since the last\nprediction [ms]", signals.time[1:], gaps, gap))
+    if limits.latency is not None:
+        latency = 1e3 * limits.latency
+        rows.append(("latency [ms]", signals.time, 1e3 * signals.latency, latency))
+    figure = Figure(figsize=(10, 1.2 + 1.9 * len(rows)), dpi=120, layout="constrained")
+    axes: NDArray[np.object_] = figure.subplots(len(rows), sharex=True, squeeze=False)[:, 0]
+    for ax, (label, times, values, limit) in zip(axes, rows, strict=True):
+        seconds, near = shown(times, values)
+        ax.plot(seconds, near, color=COLOURS[0], linewidth=1.4, marker=".", markersize=2)
+        if limit is not None:
+            ax.axhline(limit, color=_LIMIT, linewidth=1.2, linestyle=(0, (4, 3)))
+            place = {"xycoords": ("axes fraction", "data"), "ha": "right", "va": "bottom"}
+            ax.annotate("limit", (0.995, limit), color=_LIMIT, **place)
+        ax.axvline(failure.seconds, color=INK, linewidth=1.0)
+        if ax is not axes[0]:
+            ax.set_ylim(bottom=0.0)
+        ax.set_ylabel(label)
+        _plain(ax)
+    wrong = limits.statuses is not None and ~np.isin(signals.status, limits.statuses)
+    seconds, bad = shown(signals.time, np.where(wrong, signals.crank_angle, np.nan))
+    axes[0].plot(seconds, bad, ".", color=_LIMIT, markersize=5)
+    axes[-1].set_xlabel("time since the first prediction [s]")
+    last = 1e-9 * (signals.time[-1] - signals.time[0])
+    first = max(failure.seconds - _AROUND, -0.02 * _AROUND)
+    axes[-1].set_xlim(first, max(min(failure.seconds + _AROUND, last), first + 0.1))
+    told = textwrap.fill(f"{bag.name}, {failure}", 120)
+    figure.suptitle(told, x=0.01, horizontalalignment="left", fontsize=10)
+    png = io.BytesIO()
+    figure.savefig(png, format="png")
+    write_bytes(picture, png.getvalue(), TestKitError)
+
+
+def _plain(ax: "Axes") -> None:
+    ax.grid(color="#dddddd", linewidth=0.6)
+    ax.set_axisbelow(True)
+    ax.spines[["top", "right"]].set_visible(False)
+    ax.tick_params(colors=GREY)

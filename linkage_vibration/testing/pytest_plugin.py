@@ -1,0 +1,30 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""A fixture for the tests of those who build this package in: ``check_bag``."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+if TYPE_CHECKING:
+    from linkage_vibration.prediction.settings import Parameters
+    from linkage_vibration.testing.bag_checks import Limits, Report
+
+
+@pytest.fixture
+def check_bag(tmp_path: Path) -> "Callable[..., Report]":
+    """Return what fails the test, with the moment and a picture, if a bag passes a limit."""
+
+    def check(bag: Path, limits: "Limits", settings: "Parameters | None" = None) -> "Report":
+        # Every run of pytest loads this plugin; NumPy is for those that use it.
+        from linkage_vibration.testing import bag_checks
+
+        bag = Path(bag)
+        report = bag_checks.check_bag(bag, limits, settings, tmp_path / f"{bag.stem}.png")
+        if not report.passed:
+            pytest.fail(str(report), pytrace=False)
+        return report
+
+    return check

@@ -1,0 +1,83 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Columns are what decoding message by message gives."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from linkage_vibration.bags.message_columns import LOG_TIME, read_columns, topic_types
+from linkage_vibration.bags.reading import BagError, read_messages
+from linkage_vibration.bags.writing import LogWriter, Topic, offered_qos_profiles
+from linkage_vibration.messages.definitions import message_definition, type_hash
+from linkage_vibration.messages.encoding import encode_resonance
+from linkage_vibration.prediction.excitation import Resonance, ResonanceState
+from linkage_vibration.support.resources import config_file
+
+RESONANCE = "linkage_vibration_interfaces/msg/Resonance"
+QOS = offered_qos_profiles(reliable=True, depth=10)
+
+
+def topic(name: str, definition: str | None = None) -> Topic:
+    """Return a topic of resonances."""
+    return Topic(
+        name, RESONANCE, definition or message_definition(RESONANCE), type_hash(RESONANCE), QOS
+    )
+
+
+def test_strings_of_any_length(tmp_path: Path) -> None:
+    """Names of several lengths, some of the same padded size, come back in their order."""
+    names = ["a", "engine 1.5", "", "abc", "abcd", "pto 2", "ab"] * 50
+    path = tmp_path / "log.mcap"
+    with LogWriter(path, [topic("/r")]) as log:
+        for k, name in enumerate(names):
+            numbers = np.arange(6.0) + k
+            told = Resonance(
+                ResonanceState(k % 3), name, numbers[0], k, *numbers[1:4], -(k % 2), numbers[4], "t"
+            )
+            log.write("/r", encode_resonance(told, k, 7 * k, "frame"[: k % 5]), k, k)
+    found = read_columns(path, topic_types(path))["/r"]
+    messages = [message for _, message in read_messages(path, "/r")]
+    assert found["excitation"].tolist() == names
+    np.testing.assert_array_equal(found[LOG_TIME], np.arange(len(names)))
+    for name in ("state", "mode", "margin", "relative_margin", "approach", "time_to_crossing"):
+        np.testing.assert_array_equal(found[name], [getattr(m, name) for m in messages], name)
+    np.testing.assert_array_equal(found["header.stamp.nanosec"], 7 * np.arange(len(names)))
+    assert found["header.frame_id"].tolist() == [m.header.frame_id for m in messages]
+
+
+def test_numbers_of_the_shipped_drive() -> None:
+    """Plain numbers are read, and topics of other kinds beside them do no harm."""
+    path = config_file("drives/hitch_duty_cycle.mcap")
+    found = read_columns(path, {"/engine_speed": "std_msgs/msg/Float64"})["/engine_speed"]
+    expected = [message.data for _, message in read_messages(path, "/engine_speed")]
+    np.testing.assert_array_equal(found["data"], expected)
+    assert len(expected) == 200
+
+
+def test_empty_topic(tmp_path: Path) -> None:
+    """A topic without messages has empty columns."""
+    with LogWriter(tmp_path / "log.mcap", [topic("/r")]):
+        pass
+    found = read_columns(tmp_path / "log.mcap", {"/r": RESONANCE})["/r"]
+    assert found["margin"].shape == found[LOG_TIME].shape == (0,)
+
+
+@pytest.mark.parametrize("data", [b"\0\1\0\0" + bytes(8), b"\0\1\0\0" + b"\xff" * 90])
+def test_bytes_that_are_no_message(tmp_path: Path, data: bytes) -> None:
+    """What is not what its type says has a sentence with file and topic."""
+    path = tmp_path / "log.mcap"
+    with LogWriter(path, [topic("/r")]) as log:
+        log.write("/r", data, 1, 1)
+    with pytest.raises(BagError, match=rf"log\.mcap: a message of {len(data)} bytes on /r is not"):
+        read_columns(path, {"/r": RESONANCE})
+
+
+def test_fields_that_are_no_columns(tmp_path: Path) -> None:
+    """Texts in sequences are refused by the name of their field."""
+    path = tmp_path / "log.mcap"
+    with LogWriter(path, [topic("/r", "string[] names")]):
+        pass
+    with pytest.raises(BagError, match="field names of .* is no number or text"):
+        read_columns(path, {"/r": RESONANCE})

@@ -1,0 +1,243 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Bags of every kind are read alike, and what cannot be read is told in words."""
+
+import shutil
+import sqlite3
+import sys
+import tracemalloc
+from array import array
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from rclpy.serialization import serialize_message
+from rosbags.rosbag1 import Writer as Writer1
+from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import Writer as Writer2
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from sensor_msgs.msg import JointState
+
+from linkage_vibration.bags.message_types import JOINT_STATE
+from linkage_vibration.bags.reading import (
+    BagError,
+    JointStateRecord,
+    read_joint_states,
+    read_messages,
+)
+from linkage_vibration.messages.definitions import message_definition
+
+PREDICTION = "linkage_vibration_interfaces/msg/VibrationPrediction"
+PLUGINS = {"mcap": StoragePlugin.MCAP, "db3": StoragePlugin.SQLITE3}
+KINDS = ["ros1", "mcap", "db3", "mcap folder", "db3 folder"]
+
+
+def store_of(kind: str) -> Any:
+    """Return the types of ROS 1 or of ROS 2, ours included."""
+    if kind == "ros1":
+        return get_typestore(Stores.ROS1_NOETIC)
+    store = get_typestore(Stores.LATEST)
+    store.register(get_types_from_msg(message_definition(PREDICTION), PREDICTION))
+    return store
+
+
+def joint_state(store: Any, k: int) -> Any:
+    """Return the k-th joint state of a made-up recording."""
+    header = store.types["std_msgs/msg/Header"]
+    stamp = store.types["builtin_interfaces/msg/Time"](sec=100 + k, nanosec=250)
+    sequence = {"seq": k} if "seq" in header.__dataclass_fields__ else {}
+    return store.types[JOINT_STATE](
+        header=header(stamp=stamp, frame_id="base", **sequence),
+        name=["a", "b"] if k % 2 else ["b", "a"],
+        position=np.array([k + 0.5, -1.0]),
+        velocity=np.array([]),
+        effort=np.array([np.nan, 3.0]),
+    )
+
+
+def write_bag(folder: Path, kind: str, topics: dict[str, str], count: int = 5) -> Path:
+    """Write a bag with rosbags and return the path to read it by."""
+    store = store_of(kind)
+    plugin = kind.split()[0]
+    path = folder / ("bag.bag" if kind == "ros1" else "bag")
+    writer: Any = (
+        Writer1(path)
+        if kind == "ros1"
+        else Writer2(path, version=9, storage_plugin=PLUGINS[plugin])
+    )
+    with writer:
+        connections = [
+            (writer.add_connection(topic, type_name, typestore=store), type_name)
+            for topic, type_name in topics.items()
+        ]
+        for k in range(count):
+            for connection, type_name in connections:
+                message: Any = (
+                    joint_state(store, k)
+                    if type_name == JOINT_STATE
+                    else store.types[type_name](data=float(k))
+                )
+                serialize = store.serialize_ros1 if kind == "ros1" else store.serialize_cdr
+                writer.write(connection, 10**9 + k, serialize(message, type_name))
+    return path if kind == "ros1" or kind.endswith("folder") else path / f"bag.{plugin}"
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_joint_states_of_every_kind_of_bag(tmp_path: Path, kind: str) -> None:
+    """The one joint-state topic is found beside another, and each message comes as written."""
+    path = write_bag(tmp_path, kind, {"/joints": JOINT_STATE, "/x": "std_msgs/msg/Float64"})
+    records = list(read_joint_states(path))
+    assert len(records) == 5
+    for k, record in enumerate(records):
+        assert record.log_time == 10**9 + k
+        assert record.stamp == (100 + k) * 10**9 + 250
+        assert (record.frame_id, record.topic) == ("base", "/joints")
+        assert record.name == (("a", "b") if k % 2 else ("b", "a"))
+        np.testing.assert_array_equal(record.position, [k + 0.5, -1.0])
+        assert record.velocity.shape == (0,)
+        np.testing.assert_array_equal(record.effort, [np.nan, 3.0])
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_other_messages_of_every_kind_of_bag(tmp_path: Path, kind: str) -> None:
+    """Any topic can be read, with its log times."""
+    path = write_bag(tmp_path, kind, {"/joints": JOINT_STATE, "/x": "std_msgs/msg/Float64"})
+    found = [(time, message.data) for time, message in read_messages(path, "/x")]
+    assert found == [(10**9 + k, float(k)) for k in range(5)]
+
+
+@pytest.mark.parametrize("plugin", PLUGINS)
+def test_types_come_from_the_file(tmp_path: Path, plugin: str) -> None:
+    """A type that ROS 2 does not ship is decoded as the bag defines it."""
+    store = store_of(plugin)
+    with Writer2(tmp_path / "bag", version=9, storage_plugin=PLUGINS[plugin]) as writer:
+        connection = writer.add_connection("/p", PREDICTION, typestore=store)
+        message = store.types[PREDICTION](
+            header=joint_state(store, 0).header,
+            crank_angle=2.0,
+            status=0,
+            natural_frequencies=np.array([4.0, 95.0, 170.0]),
+            frequency_stddev=np.array([0.0, 0.1, 0.2]),
+            damping_ratios=np.array([0.01, 0.02, 0.03]),
+            frf_peak_frequency=4.0,
+            frf_peak_magnitude=1e-4,
+            interpolation_error=1e-6,
+            table_id="a table",
+        )
+        writer.write(connection, 7, store.serialize_cdr(message, PREDICTION))
+    [(time, found)] = read_messages(tmp_path / "bag" / f"bag.{plugin}", "/p")
+    assert time == 7
+    assert found.header.frame_id == "base"
+    np.testing.assert_array_equal(found.natural_frequencies, [4.0, 95.0, 170.0])
+    assert (found.frf_peak_magnitude, found.table_id) == (1e-4, "a table")
+
+
+def test_db3_of_before_iron(tmp_path: Path) -> None:
+    """Without definitions in the file, joint states are read as ROS 2 has them; others refused."""
+    topics = {"/joints": JOINT_STATE, "/x": "std_msgs/msg/Float64"}
+    path = write_bag(tmp_path, "db3", topics)
+    with sqlite3.connect(path) as database:
+        database.execute("DELETE FROM message_definitions")
+        database.execute("UPDATE topics SET type = 'our_msgs/msg/Own' WHERE name = '/x'")
+    assert len(list(read_joint_states(path))) == 5
+    with pytest.raises(BagError, match="does not define our_msgs/msg/Own of topic /x"):
+        list(read_messages(path, "/x"))
+
+
+@pytest.mark.parametrize("velocity", [[], [5.0, 6.0]])
+def test_bytes_of_rclpy_with_empty_arrays(tmp_path: Path, velocity: list[float]) -> None:
+    """Rclpy leaves bytes behind a message that ends in empty arrays; it is read nevertheless."""
+    message = JointState(name=["a", "b"], position=array("d", [1.0, 2.0]))
+    message.velocity = array("d", velocity)
+    with Writer2(tmp_path / "bag", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        connection = writer.add_connection("/joints", JOINT_STATE, typestore=store_of("mcap"))
+        writer.write(connection, 1, serialize_message(message))
+    [record] = read_joint_states(tmp_path / "bag")
+    np.testing.assert_array_equal(record.position, [1.0, 2.0])
+    np.testing.assert_array_equal(record.velocity, velocity)
+    assert record.effort.size == 0
+
+
+@pytest.mark.parametrize("kind", ["ros1", "mcap", "db3"])
+def test_choice_of_topic(tmp_path: Path, kind: str) -> None:
+    """With two joint-state topics one must be chosen, and the choice is obeyed."""
+    path = write_bag(tmp_path, kind, {"/left": JOINT_STATE, "/right": JOINT_STATE})
+    with pytest.raises(BagError, match="on 2 topics; choose one of /left, /right"):
+        list(read_joint_states(path))
+    assert {record.topic for record in read_joint_states(path, "/right")} == {"/right"}
+
+
+@pytest.mark.parametrize("kind", ["ros1", "mcap", "db3"])
+def test_topics_are_listed(tmp_path: Path, kind: str) -> None:
+    """A bag without joint states, or without the chosen topic, tells what it has."""
+    path = write_bag(tmp_path, kind, {"/x": "std_msgs/msg/Float64"})
+    with pytest.raises(BagError, match=r"no topic of .*JointState; it has /x \(std_msgs/msg/F"):
+        list(read_joint_states(path))
+    with pytest.raises(BagError, match=r"no topic /y; it has /x"):
+        list(read_messages(path, "/y"))
+    with pytest.raises(BagError, match=r"Topic /x of .* holds std_msgs/msg/Float64"):
+        list(read_joint_states(path, "/x"))
+
+
+@pytest.mark.parametrize("kind", ["ros1", "mcap", "db3"])
+def test_truncated_at_any_place(tmp_path: Path, kind: str) -> None:
+    """However early a file ends, the answer is all of its messages or one sentence."""
+    whole = write_bag(tmp_path, kind, {"/joints": JOINT_STATE}, count=300)
+    content = whole.read_bytes()
+    cut = tmp_path / f"cut{whole.suffix}"
+    refused = 0
+    for size in np.linspace(0, len(content) - 1, 40).astype(int):
+        cut.write_bytes(content[:size])
+        records: list[JointStateRecord] = []
+        try:
+            records.extend(read_joint_states(cut))
+            assert len(records) == 300
+        except BagError as error:
+            refused += 1
+            assert str(error).startswith(str(cut))
+            assert "\n" not in str(error)
+    assert refused > 35
+    cut.write_bytes(b"")
+    with pytest.raises(BagError, match="is empty"):
+        list(read_joint_states(cut))
+    cut.write_bytes(content[: len(content) // 2])
+    with pytest.raises(BagError, match=r"was cut short .*`.* re(index|cover)`.* may mend it"):
+        list(read_joint_states(cut))
+
+
+def test_what_is_no_bag(tmp_path: Path) -> None:
+    """Missing paths, other files and plain folders are told apart."""
+    with pytest.raises(BagError, match=r"There is no bag .*nothing\.bag"):
+        list(read_joint_states(tmp_path / "nothing.bag"))
+    (tmp_path / "notes.txt").write_text("hello")
+    with pytest.raises(BagError, match=r"notes\.txt is no bag.*\.bag, \.mcap or \.db3"):
+        list(read_joint_states(tmp_path / "notes.txt"))
+    shutil.copy(tmp_path / "notes.txt", tmp_path / "notes.mcap")
+    with pytest.raises(BagError, match=r"notes\.mcap is no \.mcap file"):
+        list(read_joint_states(tmp_path / "notes.mcap"))
+    with pytest.raises(BagError, match=r"has no metadata\.yaml; give a bag file itself"):
+        list(read_joint_states(tmp_path))
+
+
+def test_missing_rosbags(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without the extra, the error names the command that installs it."""
+    monkeypatch.setitem(sys.modules, "rosbags.rosbag1", None)
+    with pytest.raises(BagError, match=r"pip install linkage_vibration\[bags\]"):
+        list(read_joint_states(tmp_path / "a.bag"))
+
+
+@pytest.mark.parametrize("kind", ["mcap", "db3"])
+def test_memory_does_not_grow_with_the_bag(tmp_path: Path, kind: str) -> None:
+    """Three times as many messages need hardly more memory to stream."""
+    peaks = []
+    for count in (10_000, 30_000):
+        folder = tmp_path / str(count)
+        folder.mkdir()
+        path = write_bag(folder, kind, {"/joints": JOINT_STATE}, count)
+        tracemalloc.start()
+        for _ in read_joint_states(path):
+            pass
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert peaks[1] < 1.3 * peaks[0]

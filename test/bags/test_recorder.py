@@ -1,0 +1,556 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""The recorder: nothing is lost unless it is counted, and whoever writes never waits."""
+
+import os
+import resource
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import mcap.writer
+import pytest
+import yaml
+from mcap.reader import make_reader
+from mcap.stream_reader import StreamReader
+from rosbags.highlevel import AnyReader
+
+from linkage_vibration.bags import recorder as module
+from linkage_vibration.bags.recorder import (
+    PROVENANCE_METADATA,
+    RECORDING_METADATA,
+    Limits,
+    Provenance,
+    Recorder,
+    package_versions,
+)
+from linkage_vibration.bags.recovery import recover
+from linkage_vibration.bags.writing import COMPRESSIONS, Attachment, LogError, Topic
+
+FLOAT = "std_msgs/msg/Float64"
+TOPICS = [Topic(name, FLOAT, "float64 data\n", "", "") for name in ("/a", "/b")]
+PROVENANCE = Provenance(
+    (Attachment("linkage.yaml", "application/yaml", b"name: linkage\n"),), package_versions()
+)
+
+
+def cdr(number: int, size: int = 12) -> bytes:
+    """Return a message that says its number, in so many bytes."""
+    return b"\0\1\0\0" + number.to_bytes(8, "little") + bytes(size - 12)
+
+
+def recorder(
+    folder: Path, limits: Limits = module.UNLIMITED, compression: str = "zstd"
+) -> Recorder:
+    """Return a recorder of two topics."""
+    return Recorder(folder, TOPICS, PROVENANCE, limits, compression)
+
+
+def write(log: Recorder, numbers: range, size: int = 12) -> None:
+    """Write numbered messages to the two topics in turn."""
+    for k in numbers:
+        log.write(TOPICS[k % 2].name, cdr(k, size), k, k)
+
+
+def logs(folder: Path) -> list[Path]:
+    """Return the logs in a folder in the order in which they were begun."""
+    return sorted(folder.glob("*.mcap"), key=lambda path: (path.name[:33], len(path.name), path))
+
+
+def numbers(path: Path) -> list[int]:
+    """Return the numbers of the messages of a complete log."""
+    with path.open("rb") as file:
+        return [
+            int.from_bytes(message.data[4:12], "little")
+            for _, _, message in make_reader(file, validate_crcs=True).iter_messages(
+                log_time_order=False
+            )
+        ]
+
+
+def metadata(path: Path, name: str) -> list[dict[str, str]]:
+    """Return the metadata records of a name."""
+    with path.open("rb") as file:
+        return [m.metadata for m in make_reader(file).iter_metadata() if m.name == name]
+
+
+def wait(condition: Callable[[], object], seconds: float = 10.0) -> None:
+    """Wait until a condition holds."""
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end, "waited in vain"
+        time.sleep(0.005)
+
+
+@pytest.fixture
+def quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Flush, and retry after failures, ten times as often."""
+    monkeypatch.setattr(module, "FLUSH_PERIOD", 0.05)
+    monkeypatch.setattr(module, "RETRY_PERIOD", 0.2)
+
+
+@pytest.mark.parametrize("compression", COMPRESSIONS)
+def test_every_message_arrives_in_order(tmp_path: Path, compression: str) -> None:
+    """What is written, with times that jump and repeat, is in the file; rosbags reads it too."""
+    log = recorder(tmp_path, compression=compression)
+    log.start()
+    times = [(k * 7919) % 1000 for k in range(5000)]
+    for k, at in enumerate(times):
+        log.write("/a", cdr(k), at, at + 1)
+    assert (log.active, log.recording) == (True, True)
+    log.stop()
+    assert (log.active, log.recording, log.error) == (False, False, None)
+    assert (log.written, log.dropped) == (5000, 0)
+    [path] = logs(tmp_path)
+    assert path == log.path
+    assert numbers(path) == list(range(5000))
+    with path.open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    used = {"none": ""}.get(compression, compression)
+    assert {chunk.compression for chunk in summary.chunk_indexes} == {used}
+    with AnyReader([path]) as reader:
+        read = sorted((time, bytes(data)) for _, time, data in reader.messages())
+    assert read == sorted((at, cdr(k)) for k, at in enumerate(times))
+
+
+def test_writing_is_quick(tmp_path: Path) -> None:
+    """At 10 kHz, while the thread compresses and writes, half of all calls take less than 5 us."""
+    log = recorder(tmp_path)
+    log.start()
+    took = []
+    for k in range(5000):
+        before = time.perf_counter()
+        log.write("/a", cdr(k, 500), k, k)
+        took.append(time.perf_counter() - before)
+        time.sleep(1e-4)
+    log.stop()
+    assert log.written == 5000
+    assert sorted(took)[len(took) // 2] < 5e-6
+
+
+def test_disk_that_does_not_answer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Writing goes on, what does not fit is counted, and the file tells the count."""
+    monkeypatch.setattr(module, "QUEUE_MESSAGES", 1000)
+    answers = threading.Event()
+    stuck = threading.Event()
+
+    def fsync(_: int) -> None:
+        stuck.set()
+        answers.wait()
+
+    monkeypatch.setattr(os, "fsync", fsync)
+    log = recorder(tmp_path)
+    log.start()
+    write(log, range(10))
+    assert stuck.wait(5.0)
+    before = time.monotonic()
+    write(log, range(10, 5010))
+    assert time.monotonic() - before < 0.5
+    assert log.dropped == 4000
+    answers.set()
+    wait(lambda: log.written == 1010)
+    write(log, range(5010, 5020))
+    log.stop()
+    assert (log.written, log.dropped, log.error) == (1020, 4000, None)
+    [path] = logs(tmp_path)
+    assert numbers(path) == [*range(1010), *range(5010, 5020)]
+    told = [record["dropped"] for record in metadata(path, RECORDING_METADATA)]
+    assert (told[0], told[-1]) == ("0", "4000")
+
+
+def test_queue_is_bounded_in_bytes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Large messages do not fill the memory."""
+    monkeypatch.setattr(module, "QUEUE_BYTES", 10_000)
+    monkeypatch.setattr(module, "POLL_PERIOD", 0.5)
+    log = recorder(tmp_path)
+    log.start()
+    write(log, range(30), size=1000)
+    log.stop()
+    assert (log.written, log.dropped) == (10, 20)
+
+
+def test_stop_does_not_wait_for_ever(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With a disk that hangs, `stop` returns, and tells how to complete the log."""
+    monkeypatch.setattr(module, "DRAIN_TIME", 0.2)
+    answers, stuck = threading.Event(), threading.Event()
+
+    def fsync(_: int) -> None:
+        stuck.set()
+        answers.wait()
+
+    monkeypatch.setattr(os, "fsync", fsync)
+    log = recorder(tmp_path)
+    log.start()
+    write(log, range(10))
+    assert stuck.wait(5.0)
+    before = time.monotonic()
+    log.stop()
+    assert time.monotonic() - before < 2.0
+    assert "does not answer" in str(log.error)
+    with pytest.raises(LogError, match="recorded already"):
+        log.start()
+    answers.set()
+    wait(lambda: not log.recording)
+
+
+def test_slow_disk_is_given_a_time_to_drain(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What `stop` leaves behind is counted, in the file too, and the file is complete."""
+    monkeypatch.setattr(module, "DRAIN_TIME", 0.3)
+    monkeypatch.setattr(module, "FLUSH_PERIOD", 0.1)
+    monkeypatch.setattr("linkage_vibration.bags.writing.CHUNK_BYTES", 100)
+    flush = mcap.writer.Writer.flush
+
+    def slow(writer: mcap.writer.Writer) -> None:
+        time.sleep(0.05)
+        flush(writer)
+
+    monkeypatch.setattr(mcap.writer.Writer, "flush", slow)
+    log = recorder(tmp_path)
+    log.start()
+    write(log, range(1000), size=50)
+    log.stop()
+    assert 0 < log.written < 200
+    assert log.written + log.dropped == 1000
+    [path] = logs(tmp_path)
+    assert numbers(path) == list(range(log.written))
+    assert metadata(path, RECORDING_METADATA)[-1] == {"dropped": str(log.dropped)}
+
+
+def test_splits_by_size_are_complete_in_themselves(tmp_path: Path) -> None:
+    """No file is larger, none is lost in between, and each tells what made it."""
+    log = recorder(tmp_path, Limits(split_size=300_000), "none")
+    log.start()
+    write(log, range(20_000), size=100)
+    log.stop()
+    assert (log.written, log.dropped, log.error) == (20_000, 0, None)
+    paths = logs(tmp_path)
+    assert len(paths) > 5
+    assert sum((numbers(path) for path in paths), []) == list(range(20_000))
+    assert all(path.stat().st_size <= 300_000 for path in paths)
+    assert all(path.stat().st_size > 150_000 for path in paths[:-1])
+    for path in paths:
+        with path.open("rb") as file:
+            reader = make_reader(file)
+            assert [a.data for a in reader.iter_attachments()] == [b"name: linkage\n"]
+            summary = reader.get_summary()
+        assert summary is not None and summary.statistics is not None
+        assert len(summary.channels) == 2
+        assert metadata(path, PROVENANCE_METADATA) == [package_versions()]
+        told = yaml.safe_load(metadata(path, "rosbag2")[-1]["serialized_metadata"])
+        assert told["message_count"] == summary.statistics.message_count
+        assert told["relative_file_paths"] == [path.name]
+
+
+def test_split_by_duration(tmp_path: Path) -> None:
+    """A file ends after its time, at the next message, and an idle recorder makes no files."""
+    log = recorder(tmp_path, Limits(split_duration=0.2))
+    log.start()
+    write(log, range(3))
+    time.sleep(0.7)
+    assert len(logs(tmp_path)) == 1
+    write(log, range(3, 6))
+    wait(lambda: len(logs(tmp_path)) == 2)
+    log.stop()
+    assert [numbers(path) for path in logs(tmp_path)] == [[0, 1, 2], [3, 4, 5]]
+
+
+def test_disk_limit_ends_the_recording(tmp_path: Path) -> None:
+    """At the limit recording ends with a sentence, the rest is counted, and nothing is deleted."""
+    (tmp_path / "linkage_vibration_20200101-000000.mcap").write_bytes(bytes(100_000))
+    (tmp_path / "other.mcap").write_bytes(bytes(10**6))  # the last in order; not ours, not counted
+    log = recorder(tmp_path, Limits(split_size=200_000, disk_limit=500_000), "none")
+    log.start()
+    write(log, range(20_000), size=100)
+    wait(lambda: not log.active)
+    assert not log.recording
+    assert "reached disk_limit, 500000 bytes; delete some, set delete_oldest" in str(log.error)
+    log.stop()
+    assert log.written + log.dropped == 20_000
+    ours = logs(tmp_path)[:-1]
+    assert 400_000 < sum(path.stat().st_size for path in ours) <= 500_000
+    assert sum((numbers(path) for path in ours[1:]), []) == list(range(log.written))
+    with pytest.raises(LogError, match="reached disk_limit"):
+        log.start()
+
+
+@pytest.mark.usefixtures("quick")
+def test_oldest_are_deleted_if_asked(tmp_path: Path) -> None:
+    """The newest messages are kept, all logs stay within the limit, and others' files stay."""
+    old = tmp_path / "linkage_vibration_20200101-000000.mcap"
+    old.write_bytes(bytes(100_000))
+    (tmp_path / "other.mcap").write_bytes(bytes(10**6))
+    log = recorder(tmp_path, Limits(disk_limit=800_000, delete_oldest=True), "none")
+    log.start()
+    for k in range(0, 20_000, 1000):
+        write(log, range(k, k + 1000), size=100)
+        wait(lambda: log.written == k + 1000)  # noqa: B023
+        ours = logs(tmp_path)[:-1]
+        assert sum(path.stat().st_size for path in ours) <= 800_000
+    log.stop()
+    assert (log.written, log.dropped, log.error) == (20_000, 0, None)
+    assert not old.exists()
+    (tmp_path / "other.mcap").unlink()
+    # A name that was freed may be used again within its second.
+    kept = sorted(sum((numbers(path) for path in logs(tmp_path)), []))
+    assert 2000 < len(kept) < 10_000
+    assert kept == list(range(20_000 - len(kept), 20_000))
+
+
+def test_message_larger_than_a_log_may_be(tmp_path: Path) -> None:
+    """It is counted as dropped and told; what comes after it is recorded."""
+    log = recorder(tmp_path, Limits(split_size=100_000))
+    log.start()
+    log.write("/a", bytes(10**6), 1, 1)
+    write(log, range(5))
+    log.stop()
+    assert (log.written, log.dropped) == (5, 1)
+    assert "1000000 bytes on /a" in str(log.error)
+
+
+def test_topic_that_is_added_later(tmp_path: Path) -> None:
+    """A topic that appears while a file is under way is in it, and in all that follow."""
+    log = recorder(tmp_path)
+    log.start()
+    write(log, range(4))
+    log.add_topic(Topic("/c", FLOAT, "float64 data\n", "", ""))
+    log.write("/c", cdr(4), 4, 4)
+    log.change_provenance(Provenance())
+    log.write("/b", cdr(5), 5, 5)
+    log.stop()
+    with pytest.raises(KeyError):
+        log.start()
+        log.write("/nobody", b"", 0, 0)
+    log.stop()
+    first, second, _ = logs(tmp_path)
+    assert (numbers(first), numbers(second)) == ([0, 1, 2, 3, 4], [5])
+    for path in (first, second):
+        with AnyReader([path]) as reader:
+            assert sorted(c.topic for c in reader.connections) == ["/a", "/b", "/c"]
+
+
+def test_changed_provenance_is_told_by_a_file_of_its_own(tmp_path: Path) -> None:
+    """Messages stand in the file that tells what made them."""
+    log = recorder(tmp_path)
+    log.start()
+    write(log, range(100))
+    log.change_provenance(Provenance((Attachment("other.yaml", "", b"x"),), {"load": "1200 kg"}))
+    write(log, range(100, 200))
+    log.stop()
+    assert [numbers(path) for path in logs(tmp_path)] == [[*range(100)], [*range(100, 200)]]
+    names = []
+    for path in logs(tmp_path):
+        with path.open("rb") as file:
+            names.append([a.name for a in make_reader(file).iter_attachments()])
+    assert names == [["linkage.yaml"], ["other.yaml"]]
+    assert metadata(logs(tmp_path)[1], PROVENANCE_METADATA) == [{"load": "1200 kg"}]
+
+
+def test_stops_and_starts(tmp_path: Path) -> None:
+    """Each start makes a new file and counts anew; what is written in between is ignored."""
+    log = recorder(tmp_path)
+    log.stop()
+    write(log, range(5))
+    for k in range(3):
+        log.start()
+        write(log, range(k))
+        log.stop()
+        log.stop()
+        write(log, range(5))
+        assert (log.written, log.dropped) == (k, 0)
+    assert [numbers(path) for path in logs(tmp_path)] == [[], [0], [0, 1]]
+
+
+@pytest.mark.parametrize(
+    ("limits", "compression", "words"),
+    [
+        (Limits(split_size=1000), "zstd", "split_size is 1000 bytes.*give [0-9]+ or more"),
+        (Limits(disk_limit=1000), "zstd", "reached disk_limit, 1000 bytes"),
+        (Limits(disk_limit=1000, delete_oldest=True), "zstd", "1000 bytes; raise it"),
+        (module.UNLIMITED, "gzip", "one of none, lz4, zstd, not 'gzip'"),
+    ],
+)
+def test_what_cannot_be_begun_is_told_at_once(
+    tmp_path: Path, limits: Limits, compression: str, words: str
+) -> None:
+    """`start` refuses, and leaves no file."""
+    log = recorder(tmp_path, limits, compression)
+    with pytest.raises(LogError, match=words):
+        log.start()
+    assert (log.active, log.recording) == (False, False)
+    assert not logs(tmp_path)
+
+
+@pytest.mark.parametrize(("compression", "wheel"), [("lz4", "lz4"), ("zstd", "zstandard")])
+def test_missing_wheel_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, compression: str, wheel: str
+) -> None:
+    """Where a compression's library is not installed, the error names it."""
+    monkeypatch.setattr(mcap.writer, wheel, None)
+    with pytest.raises(LogError, match=f"pip install {wheel}"):
+        recorder(tmp_path, compression=compression).start()
+
+
+@pytest.mark.usefixtures("quick")
+def test_file_that_cannot_grow(tmp_path: Path) -> None:
+    """The first error is kept, a new file is begun, and what was lost is told in it."""
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    log = recorder(tmp_path, compression="none")
+    try:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, limits[1]))
+        log.start()
+        write(log, range(3000), size=100)
+        wait(lambda: len(logs(tmp_path)) == 2)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    log.stop()
+    first, second = logs(tmp_path)
+    assert f"linkage-vibration recover {first}" in str(log.error)
+    assert log.dropped > 0
+    assert log.written + log.dropped == 3000
+    recover(first, tmp_path / "whole.mcap")
+    saved, later = numbers(tmp_path / "whole.mcap"), numbers(second)
+    # Of the chunk that was cut off, recovery saves what the recorder gave up.
+    assert saved == list(range(len(saved)))
+    assert later == list(range(3000 - len(later), 3000))
+    assert 3000 - log.dropped <= len(saved) + len(later) <= 3000
+    assert metadata(second, RECORDING_METADATA)[0] == {"dropped": str(log.dropped)}
+
+
+@pytest.fixture
+def small_disk(tmp_path: Path) -> Iterator[Path]:
+    """Make a disk of 4 MiB."""
+    folder = tmp_path / "disk"
+    folder.mkdir()
+    mount = ["mount", "-t", "tmpfs", "-o", "size=4m", "tmpfs", str(folder)]
+    try:
+        subprocess.run(mount, check=True, capture_output=True)
+    except (OSError, subprocess.CalledProcessError):
+        pytest.skip("no small disk: mounting a tmpfs is not allowed here")
+    yield folder
+    subprocess.run(["umount", "-l", str(folder)], check=True)
+
+
+@pytest.mark.usefixtures("quick")
+def test_full_disk(small_disk: Path) -> None:
+    """A disk runs full, is told, gets room again, and is recorded to again, without leftovers."""
+    filler = small_disk / "filler"
+    filler.write_bytes(bytes(3 * 2**20))
+    log = recorder(small_disk, compression="none")
+    log.start()
+    write(log, range(10_000), size=200)
+    wait(lambda: log.error)
+    assert "No space left on device" in str(log.error)
+    assert (log.active, log.recording) == (True, False)
+    first = log.path
+    assert first is not None
+    time.sleep(0.5)
+    assert logs(small_disk) == [first]
+    filler.unlink()
+    wait(lambda: log.recording)
+    write(log, range(10_000, 10_100), size=200)
+    log.stop()
+    assert log.written + log.dropped == 10_100
+    assert 0 < log.dropped < 1000
+    _, second = logs(small_disk)
+    assert numbers(second)[-100:] == list(range(10_000, 10_100))
+    with first.open("rb") as file, pytest.raises(Exception):  # noqa: B017
+        list(StreamReader(file).records)
+    saved = recover(first, small_disk / "whole.mcap").saved
+    assert sum(saved.values()) + len(numbers(second)) >= log.written
+
+
+@pytest.mark.usefixtures("quick")
+def test_folder_is_removed_and_comes_back(tmp_path: Path) -> None:
+    """A removed log is told; recording goes on when its folder is there again."""
+    folder = tmp_path / "logs"
+    folder.mkdir()
+    log = recorder(folder)
+    log.start()
+    write(log, range(100))
+    wait(lambda: log.written == 100)
+    shutil.rmtree(folder)
+    write(log, range(100, 200))
+    wait(lambda: log.error)
+    assert "was removed" in str(log.error)
+    assert log.active
+    wait(lambda: not log.recording)
+    write(log, range(200, 300))
+    folder.mkdir()
+    wait(lambda: log.recording)
+    log.stop()
+    assert log.written + log.dropped == 300
+    [path] = logs(folder)
+    kept = numbers(path)
+    assert kept[-100:] == list(range(200, 300))
+
+
+@pytest.fixture
+def ordinary_folder() -> Iterator[Path]:
+    """Make a folder, and run the test as a user whom permissions bind."""
+    folder = Path(tempfile.mkdtemp())
+    root = os.geteuid() == 0
+    if root:
+        os.chown(folder, 65534, -1)
+        os.seteuid(65534)
+    yield folder
+    if root:
+        os.seteuid(0)
+    folder.chmod(0o700)
+    shutil.rmtree(folder)
+
+
+@pytest.mark.usefixtures("quick")
+def test_permission_is_taken_and_given_back(ordinary_folder: Path) -> None:
+    """The file under way goes on; the next one waits until it may be there, and loses nothing."""
+    log = recorder(ordinary_folder)
+    log.start()
+    write(log, range(100))
+    ordinary_folder.chmod(0o500)
+    log.change_provenance(PROVENANCE)
+    write(log, range(100, 200))
+    wait(lambda: log.error)
+    assert "Permission denied" in str(log.error)
+    wait(lambda: not log.recording)
+    write(log, range(200, 300))
+    ordinary_folder.chmod(0o700)
+    wait(lambda: log.recording)
+    log.stop()
+    assert (log.written, log.dropped) == (300, 0)
+    assert [numbers(p) for p in logs(ordinary_folder)] == [[*range(100)], [*range(100, 300)]]
+
+
+def test_killed_process_loses_a_second_at_most(tmp_path: Path) -> None:
+    """After SIGKILL, all that was written a second before is recovered."""
+    script = (
+        "import sys, time\n"
+        "from pathlib import Path\n"
+        "from linkage_vibration.bags.recorder import Provenance, Recorder\n"
+        "from linkage_vibration.bags.writing import Topic\n"
+        "topic = Topic('/a', 'std_msgs/msg/Float64', 'float64 data', '', '')\n"
+        "log = Recorder(Path(sys.argv[1]), [topic], Provenance())\n"
+        "log.start()\n"
+        "while True:\n"
+        "    now = time.time_ns()\n"
+        "    log.write('/a', b'\\0\\1\\0\\0' + now.to_bytes(8, 'little'), now, now)\n"
+        "    time.sleep(0.001)\n"
+    )
+    process = subprocess.Popen([sys.executable, "-c", script, str(tmp_path)])
+    wait(lambda: logs(tmp_path))
+    time.sleep(1.7)
+    killed = time.time_ns()
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    [path] = logs(tmp_path)
+    recover(path, tmp_path / "whole.mcap")
+    times = numbers(tmp_path / "whole.mcap")
+    assert len(times) > 500
+    assert killed - times[-1] < 10**9

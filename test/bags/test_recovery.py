@@ -1,0 +1,414 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Recovery: of a log cut anywhere or spoilt anywhere, all that is whole is saved, and only that."""
+
+import random
+import resource
+import struct
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from mcap.reader import make_reader
+from mcap.writer import CompressionType, IndexType, Writer
+from mcap_ros2.decoder import DecoderFactory
+from rosbags.highlevel import AnyReader
+
+from linkage_vibration.bags.recovery import RECOVERY_METADATA, RecoveryError, recover, summary
+from linkage_vibration.bags.writing import (
+    COMPRESSIONS,
+    Attachment,
+    LogWriter,
+    Topic,
+    offered_qos_profiles,
+)
+from linkage_vibration.cli.main import main
+from linkage_vibration.messages.definitions import message_definition, type_hash
+
+FLOAT = "std_msgs/msg/Float64"
+TOPICS = [
+    Topic(
+        name,
+        FLOAT,
+        message_definition(FLOAT),
+        type_hash(FLOAT),
+        offered_qos_profiles(reliable=True, depth=10),
+    )
+    for name in ("/a", "/b")
+]
+COUNT = 400
+PER_CHUNK = 50
+Message = tuple[str, int, int, int, bytes]
+
+
+def messages() -> list[Message]:
+    """Return what is put into each log: topic, sequence, log time, publish time, CDR."""
+    return [
+        (TOPICS[k % 2].name, k // 2, k * 10, k * 10 + 1, b"\0\1\0\0" + struct.pack("<d", k**0.5))
+        for k in range(COUNT)
+    ]
+
+
+def write(path: Path, compression: str = "zstd", closed: bool = True) -> bytes:
+    """Write a log of several chunks with an attachment, and return its bytes."""
+    attachments = [Attachment("x.bin", "application/x", bytes(range(256)))]
+    log = LogWriter(path, TOPICS, attachments, compression)
+    log.add_metadata("made", {"by": "a test"})
+    for k, (topic, _, log_time, publish_time, data) in enumerate(messages(), 1):
+        log.write(topic, data, log_time, publish_time)
+        if k % PER_CHUNK == 0:
+            log.flush()
+    if closed:
+        log.close()
+        return path.read_bytes()
+    content = path.read_bytes()
+    log.close()
+    return content
+
+
+def read(path: Path) -> list[Message]:
+    """Return the messages of a complete log, every CRC checked."""
+    with path.open("rb") as file:
+        return [
+            (channel.topic, m.sequence, m.log_time, m.publish_time, m.data)
+            for _, channel, m in make_reader(file, validate_crcs=True).iter_messages(
+                log_time_order=False
+            )
+        ]
+
+
+def records(content: bytes) -> list[tuple[int, int]]:
+    """Return the opcode and offset of every record, by walking over the lengths."""
+    found, offset = [], 8
+    while offset < len(content) - 8:
+        opcode, length = struct.unpack_from("<BQ", content, offset)
+        found.append((opcode, offset))
+        offset += 9 + length
+    return found
+
+
+def chunk_ends(content: bytes) -> list[int]:
+    """Return where each chunk ends."""
+    ends = []
+    for opcode, offset in records(content):
+        if opcode == 6:
+            ends.append(offset + 9 + struct.unpack_from("<Q", content, offset + 1)[0])
+    return ends
+
+
+def saved(content: bytes, folder: Path) -> list[Message]:
+    """Return what is recovered of a file with this content."""
+    (folder / "damaged.mcap").write_bytes(content)
+    output = folder / "whole.mcap"
+    output.unlink(missing_ok=True)
+    result = recover(folder / "damaged.mcap", output)
+    found = read(output)
+    assert sum(result.saved.values()) == len(found)
+    for topic, count in result.saved.items():
+        assert count == sum(message[0] == topic for message in found)
+    assert (folder / "damaged.mcap").read_bytes() == content
+    assert [path.name for path in folder.iterdir() if path.name.startswith(".")] == []
+    return found
+
+
+def test_sound_log_is_kept_as_it_is(tmp_path: Path) -> None:
+    """Messages, definitions, attachments, metadata and profile come over, and nothing is lost."""
+    write(tmp_path / "log.mcap")
+    result = recover(tmp_path / "log.mcap", tmp_path / "whole.mcap")
+    assert (result.lost, result.damages) == ({}, ())
+    assert result.saved == {"/a": COUNT // 2, "/b": COUNT // 2}
+    assert read(tmp_path / "whole.mcap") == messages()
+    contents = []
+    for name in ("log.mcap", "whole.mcap"):
+        with (tmp_path / name).open("rb") as file:
+            reader = make_reader(file)
+            found = reader.get_summary()
+            assert found is not None
+            metadata = {m.name: m.metadata for m in reader.iter_metadata()}
+            recovered = metadata.pop(RECOVERY_METADATA, {})
+            rosbag2 = metadata.pop("rosbag2")["serialized_metadata"].replace("whole", "log")
+            attachments = list(reader.iter_attachments())
+            contents.append(
+                (reader.get_header().profile, found.schemas, found.channels, metadata, rosbag2)
+                + (attachments,)
+            )
+    assert contents[0] == contents[1]
+    assert recovered["messages_saved"] == str(COUNT)
+    assert recovered["damages"] == ""
+
+
+@pytest.mark.parametrize("compression", COMPRESSIONS)
+@pytest.mark.parametrize("closed", [True, False])
+def test_cut_at_every_record_boundary(tmp_path: Path, compression: str, closed: bool) -> None:
+    """Cut between any two records, or a byte to either side, a log keeps every whole chunk."""
+    content = write(tmp_path / "log.mcap", compression, closed)
+    ends = chunk_ends(content)
+    assert len(ends) == COUNT // PER_CHUNK
+    first_metadata = next(offset for opcode, offset in records(content) if opcode == 12)
+    for cut in sorted({o + d for _, o in records(content) for d in (-1, 0, 1, 9)} | {len(content)}):
+        if cut < first_metadata:
+            continue  # there is nothing to save before the definitions
+        found = saved(content[:cut], tmp_path)
+        whole = PER_CHUNK * sum(end <= cut for end in ends)
+        assert found == messages()[: len(found)]
+        assert whole <= len(found) <= whole + PER_CHUNK
+
+
+@pytest.mark.parametrize("compression", COMPRESSIONS)
+def test_cut_anywhere(tmp_path: Path, compression: str) -> None:
+    """Cut at any byte, a log gives a prefix of its messages or a clear refusal."""
+    content = write(tmp_path / "log.mcap", compression)
+    ends = chunk_ends(content)
+    draw = random.Random(7)
+    for cut in [*range(0, 40), *(draw.randrange(len(content)) for _ in range(150))]:
+        try:
+            found = saved(content[:cut], tmp_path)
+        except RecoveryError as error:
+            assert cut < ends[0]
+            assert "damaged.mcap" in str(error)
+            continue
+        assert found == messages()[: len(found)]
+        assert len(found) >= PER_CHUNK * sum(end <= cut for end in ends)
+
+
+def test_messages_before_the_cut_of_an_uncompressed_chunk(tmp_path: Path) -> None:
+    """Of a chunk that ends too soon, the messages that are there are kept."""
+    content = write(tmp_path / "log.mcap", "none")
+    ends = chunk_ends(content)
+    each = 9 + 22 + 12
+    found = saved(content[: ends[2] - 10 * each], tmp_path)
+    assert found == messages()[: 3 * PER_CHUNK - 10]
+
+
+@pytest.mark.parametrize("compression", COMPRESSIONS)
+@pytest.mark.parametrize("closed", [True, False])
+def test_spoilt_bytes(tmp_path: Path, compression: str, closed: bool) -> None:
+    """Wherever a byte is wrong, one chunk is lost at most, and no message is wrong."""
+    content = write(tmp_path / "log.mcap", compression, closed)
+    after_definitions = chunk_ends(content)[0]
+    draw = random.Random(11)
+    headers = [offset + d for _, offset in records(content) for d in range(10)]
+    true = set(messages())
+    places = [*draw.sample(headers, 100), *draw.sample(range(len(content)), 200)]
+    for place in places:
+        spoilt = bytearray(content)
+        spoilt[place] ^= 1 << draw.randrange(8)
+        found = saved(bytes(spoilt), tmp_path)
+        # Definitions outside of chunks have no CRC; that of a topic's name may go wrong unseen.
+        if place >= after_definitions or closed:
+            assert set(found) <= true, place
+        assert len(found) >= COUNT - PER_CHUNK, place
+
+
+def test_first_chunk_is_lost(tmp_path: Path) -> None:
+    """Definitions stand outside of chunks too, so that the others can still be read."""
+    content = write(tmp_path / "log.mcap", closed=False)
+    spoilt = bytearray(content)
+    spoilt[chunk_ends(content)[0] - 5] ^= 1
+    (tmp_path / "spoilt.mcap").write_bytes(spoilt)
+    result = recover(tmp_path / "spoilt.mcap", tmp_path / "whole.mcap")
+    assert read(tmp_path / "whole.mcap") == messages()[PER_CHUNK:]
+    assert result.lost == {"/a": PER_CHUNK // 2, "/b": PER_CHUNK // 2}
+    assert "chunk" in result.damages[0]
+
+
+@pytest.mark.parametrize("closed", [True, False])
+def test_stretches_of_noise(tmp_path: Path, closed: bool) -> None:
+    """After kilobytes of noise, or of zeros, reading goes on at the next whole chunk."""
+    content = write(tmp_path / "log.mcap", closed=closed)
+    chunks = [offset for opcode, offset in records(content) if opcode == 6]
+    draw = random.Random(3)
+    for noise in (draw.randbytes(2000), bytes(2000)):
+        start = chunks[2] + 100
+        spoilt = content[:start] + noise + content[start + len(noise) :]
+        touched = [k for k, o in enumerate(chunks) if start - 1000 < o < start + len(noise)]
+        found = saved(spoilt, tmp_path)
+        lost = {*range(2 * PER_CHUNK, (max(touched, default=2) + 1) * PER_CHUNK)}
+        kept = [m for k, m in enumerate(messages()) if k not in lost]
+        assert [m for m in kept if m not in found] == []
+        assert all(m in messages() for m in found)
+
+
+def test_what_was_lost_is_counted(tmp_path: Path) -> None:
+    """By the indexes of an unfinished log, and by the statistics of a finished one."""
+    for closed in (True, False):
+        content = bytearray(write(tmp_path / f"{closed}.mcap", closed=closed))
+        for end in chunk_ends(bytes(content))[1:3]:
+            content[end - 5] ^= 1
+        (tmp_path / "spoilt.mcap").write_bytes(content)
+        result = recover(tmp_path / "spoilt.mcap", tmp_path / f"whole_{closed}.mcap")
+        assert result.saved == {"/a": (COUNT - 2 * PER_CHUNK) // 2, "/b": COUNT // 2 - PER_CHUNK}
+        assert result.lost == {"/a": PER_CHUNK, "/b": PER_CHUNK}
+        assert f"/a: {COUNT // 2 - PER_CHUNK}, and {PER_CHUNK} lost" in summary(result)
+        with (tmp_path / f"whole_{closed}.mcap").open("rb") as file:
+            [told] = [
+                m.metadata for m in make_reader(file).iter_metadata() if m.name == RECOVERY_METADATA
+            ]
+        assert told["messages_known_lost"] == str(2 * PER_CHUNK)
+        assert told["source"] == "spoilt.mcap"
+
+
+def test_recovered_log_opens_everywhere(tmp_path: Path) -> None:
+    """Rosbags and mcap-ros2-support read the recovered log to the numbers that were written."""
+    content = write(tmp_path / "log.mcap", closed=False)
+    (tmp_path / "cut.mcap").write_bytes(content[:-300])
+    recover(tmp_path / "cut.mcap", tmp_path / "whole.mcap")
+    with AnyReader([tmp_path / "whole.mcap"]) as reader:
+        by_rosbags = [
+            (c.topic, time, reader.deserialize(data, c.msgtype).data)
+            for c, time, data in reader.messages()
+        ]
+        assert reader.message_count == len(by_rosbags)
+    with (tmp_path / "whole.mcap").open("rb") as file:
+        by_mcap = [
+            (channel.topic, m.log_time, decoded.data)
+            for _, channel, m, decoded in make_reader(
+                file, decoder_factories=[DecoderFactory()]
+            ).iter_decoded_messages()
+        ]
+    expected = [(t, time, struct.unpack("<d", d[4:])[0]) for t, _, time, _, d in messages()]
+    assert by_rosbags == by_mcap == expected[: len(by_mcap)]
+    assert len(by_mcap) >= COUNT - PER_CHUNK
+
+
+def other_writer(path: Path, chunked: bool) -> bytes:
+    """Write a log as other programs do: large chunks, or none; JSON; no rosbag2 metadata."""
+    with path.open("wb") as file:
+        writer = Writer(
+            file,
+            chunk_size=1024,
+            compression=CompressionType.LZ4,
+            index_types=IndexType.ALL,
+            use_chunking=chunked,
+        )
+        writer.start("mine", "another program")
+        channels = [
+            writer.register_channel(
+                name, "json", writer.register_schema("T", "jsonschema", b"{}"), {"key": "value"}
+            )
+            for name in ("/a", "/b")
+        ]
+        writer.register_channel("/without_schema", "json", 0)
+        for k in range(COUNT):
+            writer.add_message(channels[k % 2], k, b'{"k": %d}' % k, k + 1, k)
+        writer.finish()
+    return path.read_bytes()
+
+
+@pytest.mark.parametrize("chunked", [True, False])
+def test_files_of_other_programs(tmp_path: Path, chunked: bool) -> None:
+    """Profile, encodings and metadata are not ours to change; a hole costs what it covers."""
+    content = other_writer(tmp_path / "log.mcap", chunked)
+    found = saved(content, tmp_path)
+    expected = [(f"/{'ab'[k % 2]}", k, k, k + 1, b'{"k": %d}' % k) for k in range(COUNT)]
+    assert found == expected
+    with (tmp_path / "whole.mcap").open("rb") as file:
+        reader = make_reader(file)
+        assert reader.get_header().profile == "mine"
+        assert {m.name for m in reader.iter_metadata()} == {RECOVERY_METADATA}
+        found_summary = reader.get_summary()
+    assert found_summary is not None
+    assert [c.metadata for c in found_summary.channels.values()] == [{"key": "value"}] * 2 + [{}]
+    middle = [offset for opcode, offset in records(content) if opcode == (6 if chunked else 5)][5]
+    spoilt = content[: middle + 1] + b"\xff" * 8 + content[middle + 9 :]
+    kept = saved(spoilt, tmp_path)
+    assert all(message in expected for message in kept)
+    assert len(kept) >= COUNT - (40 if chunked else 2)
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b"", "is empty"),
+        (b"\x89MCAP0\r\n", "has nothing that can be saved"),
+        (b"precious" * 1000, "has nothing that can be saved; give an MCAP file"),
+    ],
+)
+def test_what_is_no_log_is_refused(tmp_path: Path, content: bytes, words: str) -> None:
+    """Nothing is written where nothing is saved."""
+    (tmp_path / "log.mcap").write_bytes(content)
+    with pytest.raises(RecoveryError, match=words):
+        recover(tmp_path / "log.mcap", tmp_path / "whole.mcap")
+    assert [path.name for path in tmp_path.iterdir()] == ["log.mcap"]
+
+
+def test_places_that_cannot_be_used(tmp_path: Path) -> None:
+    """Input and output are never replaced; missing ones are named."""
+    write(tmp_path / "log.mcap")
+    with pytest.raises(RecoveryError, match="log.mcap exists already"):
+        recover(tmp_path / "log.mcap", tmp_path / "log.mcap")
+    with pytest.raises(RecoveryError, match="none.mcap cannot be read: No such file"):
+        recover(tmp_path / "none.mcap", tmp_path / "whole.mcap")
+    with pytest.raises(RecoveryError, match="nowhere/whole.mcap cannot be written: No such file"):
+        recover(tmp_path / "log.mcap", tmp_path / "nowhere" / "whole.mcap")
+    with pytest.raises(RecoveryError, match="whole.mcap cannot be written: Not a directory"):
+        recover(tmp_path / "log.mcap", tmp_path / "log.mcap" / "whole.mcap")
+    with pytest.raises(RecoveryError, match="cannot be read: Is a directory"):
+        recover(tmp_path, tmp_path / "whole.mcap")
+
+
+def test_output_that_cannot_grow(tmp_path: Path) -> None:
+    """A full disk is told, and no half of a file is left."""
+    write(tmp_path / "log.mcap")
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    try:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (5000, limits[1]))
+        with pytest.raises(RecoveryError, match="whole.mcap cannot be written: File too large"):
+            recover(tmp_path / "log.mcap", tmp_path / "whole.mcap")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert [path.name for path in tmp_path.iterdir()] == ["log.mcap"]
+
+
+def test_memory_is_bounded(tmp_path: Path) -> None:
+    """A file of 200 MB, with a record in it that says it has 2 GB, takes less than 40 MB."""
+    path = tmp_path / "log.mcap"
+    with LogWriter(path, TOPICS, compression="none") as log:
+        for k in range(3000):
+            log.write("/a", b"\0\1\0\0" + bytes(2**16), k, k)
+    content = path.read_bytes()
+    middle = [offset for opcode, offset in records(content) if opcode == 6][1000]
+    with path.open("r+b") as file:
+        file.seek(middle + 1)
+        file.write(struct.pack("<Q", 2**31))
+    script = (
+        "import resource, sys\n"
+        "from pathlib import Path\n"
+        "from linkage_vibration.bags.recovery import recover\n"
+        "before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss\n"
+        "result = recover(Path(sys.argv[1]), Path(sys.argv[2]))\n"
+        "after = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss\n"
+        "print(result.saved['/a'], after - before)\n"
+    )
+    command = [sys.executable, "-c", script, str(path), str(tmp_path / "whole.mcap")]
+    run = subprocess.run(command, check=True, capture_output=True, text=True)
+    count, kibibytes = map(int, run.stdout.split())
+    assert count >= 2999
+    assert kibibytes < 40_000
+
+
+def test_missing_wheel_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where a compression's library is not installed, the error names it."""
+    for compression, wheel in (("lz4", "lz4.frame"), ("zstd", "zstandard")):
+        write(tmp_path / f"{compression}.mcap", compression)
+        with monkeypatch.context() as patch:
+            patch.setitem(sys.modules, wheel, None)
+            with pytest.raises(RecoveryError, match=f"pip install {wheel.split('.')[0]}"):
+                recover(tmp_path / f"{compression}.mcap", tmp_path / "whole.mcap")
+
+
+def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """`linkage-vibration recover` writes beside the log by default and tells what it saved."""
+    content = write(tmp_path / "log.mcap", closed=False)
+    (tmp_path / "cut.mcap").write_bytes(content[:-200])
+    assert main(["recover", str(tmp_path / "cut.mcap")]) == 0
+    told = capsys.readouterr().out
+    assert f"{tmp_path / 'cut_recovered.mcap'}: " in told
+    assert "the end, which is missing" in told
+    assert len(read(tmp_path / "cut_recovered.mcap")) >= COUNT - PER_CHUNK
+    assert main(["recover", str(tmp_path / "cut.mcap")]) == 1
+    assert "cut_recovered.mcap exists already" in capsys.readouterr().err
+    assert main(["recover", str(tmp_path / "none.mcap")]) == 1
+    assert main(["recover", str(tmp_path / "cut.mcap"), "-o", str(tmp_path / "x.mcap")]) == 0
+    assert (tmp_path / "x.mcap").exists()

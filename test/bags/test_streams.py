@@ -1,0 +1,202 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Topics stream out of bags in order of time, whatever the order in the file."""
+
+import random
+import struct
+from pathlib import Path
+
+import pytest
+from mcap.opcode import Opcode
+from mcap.reader import make_reader
+from mcap.writer import CompressionType, IndexType, Writer
+from rosbags.rosbag1 import Writer as Writer1
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
+from rosbags.rosbag2 import Writer as Writer2
+from rosbags.typesys import Stores, get_typestore
+
+from linkage_vibration.bags.reading import BagError
+from linkage_vibration.bags.streams import open_bags
+
+FLOAT64 = "std_msgs/msg/Float64"
+STORE = get_typestore(Stores.LATEST)
+
+Found = list[tuple[int, str, float]]
+
+
+def cdr(value: float) -> bytes:
+    """Return a Float64 in CDR."""
+    return bytes(STORE.serialize_cdr(STORE.types[FLOAT64](data=value), FLOAT64))
+
+
+def write_mcap(
+    path: Path,
+    entries: list[tuple[str, int, float]],
+    compression: CompressionType = CompressionType.ZSTD,
+    chunk: int = 400,
+) -> Path:
+    """Write Float64 of topics, times (ns) and values in this order."""
+    with path.open("wb") as file:
+        writer = Writer(file, chunk_size=chunk, compression=compression)
+        writer.start("ros2", "test")
+        text = STORE.generate_msgdef(FLOAT64, ros_version=2)[0].encode()
+        schema = writer.register_schema(FLOAT64, "ros2msg", text)
+        channels = {
+            topic: writer.register_channel(topic, "cdr", schema, {"offered_qos_profiles": ""})
+            for topic in dict.fromkeys(topic for topic, *_ in entries)
+        }
+        for topic, time, value in entries:
+            writer.add_message(channels[topic], time, cdr(value), max(time - 7, 0))
+        writer.finish()
+    return path
+
+
+def read(paths: list[Path], topics: list[str]) -> Found:
+    """Return time, topic and value of each message."""
+    found: Found = []
+    with open_bags(paths) as bags:
+        for block in bags.blocks(topics):
+            for row in range(len(block)):
+                value = STORE.deserialize_cdr(block.message(row), FLOAT64).data
+                found.append((int(block.log_times[row]), topics[block.topics[row]], value))
+    return found
+
+
+@pytest.mark.parametrize("compression", list(CompressionType))
+def test_order_is_that_of_time(tmp_path: Path, compression: CompressionType) -> None:
+    """Chunks that overlap and messages out of order come by log time, equal times as written."""
+    rng = random.Random(1)
+    entries = [
+        (rng.choice(["/a", "/b", "/other"]), max(0, 10 * k + rng.randrange(-3000, 3000)), float(k))
+        for k in range(20_000)
+    ]
+    path = write_mcap(tmp_path / "bag.mcap", entries, compression)
+    expected = sorted(
+        [(time, topic, value) for topic, time, value in entries if topic != "/other"],
+        key=lambda entry: entry[0],
+    )
+    assert read([path], ["/a", "/b"]) == expected
+
+
+def test_topic_by_topic(tmp_path: Path) -> None:
+    """Topics that were written one after the other are woven together."""
+    entries = [("/a", 2 * k, 1.0) for k in range(9000)] + [
+        ("/b", 2 * k + 1, 2.0) for k in range(9000)
+    ]
+    found = read([write_mcap(tmp_path / "bag.mcap", entries)], ["/a", "/b"])
+    assert [time for time, *_ in found] == list(range(18_000))
+
+
+def test_several_bags_are_one(tmp_path: Path) -> None:
+    """Recordings of one time are woven together, of equal times the first bag's first."""
+    first = write_mcap(tmp_path / "1.mcap", [("/a", 2 * k, 1.0) for k in range(6000)])
+    other = write_mcap(tmp_path / "2.mcap", [("/b", k, 2.0) for k in range(12_000)])
+    found = read([first, other], ["/a", "/b"])
+    expected = [(2 * k, "/a", 1.0) for k in range(6000)] + [(k, "/b", 2.0) for k in range(12_000)]
+    assert found == sorted(expected, key=lambda entry: entry[0])
+    assert read([other, first], ["/a", "/b"])[:2] == [(0, "/b", 2.0), (0, "/a", 1.0)]
+
+
+def test_publish_times_of_mcap(tmp_path: Path) -> None:
+    """MCAP tells when messages were sent, beside when they came."""
+    path = write_mcap(tmp_path / "bag.mcap", [("/a", 100, 1.0), ("/a", 200, 2.0)])
+    with open_bags([path]) as bags:
+        [block] = bags.blocks(["/a"])
+    assert block.publish_times.tolist() == [93, 193]
+
+
+@pytest.mark.parametrize("kind", ["ros1", "db3", "mcap", "compressed messages", "compressed file"])
+def test_every_kind_of_bag(tmp_path: Path, kind: str) -> None:
+    """ROS 1 and ROS 2, compressed or not, give the same messages."""
+    values = [float(k) for k in range(3000)]
+    path = tmp_path / "bag.bag"
+    if kind == "ros1":
+        with Writer1(path) as old:
+            ros1 = get_typestore(Stores.ROS1_NOETIC)
+            connection = old.add_connection("/a", FLOAT64, typestore=ros1)
+            for k, value in enumerate(values):
+                old.write(connection, k, ros1.cdr_to_ros1(cdr(value), FLOAT64))
+    else:
+        plugin = StoragePlugin.SQLITE3 if kind == "db3" else StoragePlugin.MCAP
+        path = tmp_path / "folder.with.dots"
+        writer = Writer2(path, version=9, storage_plugin=plugin)
+        if "compressed" in kind:
+            mode = CompressionMode.FILE if kind.endswith("file") else CompressionMode.MESSAGE
+            writer.set_compression(mode, CompressionFormat.ZSTD)
+        with writer:
+            connection = writer.add_connection("/a", FLOAT64, typestore=STORE)
+            for k, value in enumerate(values):
+                writer.write(connection, k, cdr(value))
+    assert read([path], ["/a"]) == [(k, "/a", value) for k, value in enumerate(values)]
+
+
+def test_mcap_without_index(tmp_path: Path) -> None:
+    """A file without chunks is read all the same."""
+    path = tmp_path / "bag.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file, use_chunking=False)
+        writer.start("ros2", "test")
+        schema = writer.register_schema(FLOAT64, "ros2msg", b"float64 data")
+        channel = writer.register_channel("/a", "cdr", schema, {"offered_qos_profiles": ""})
+        for k in range(10):
+            writer.add_message(channel, k, cdr(k), k)
+        writer.finish()
+    assert read([path], ["/a"]) == [(k, "/a", float(k)) for k in range(10)]
+
+
+def test_damage_names_the_file(tmp_path: Path) -> None:
+    """Of several bags the one that is damaged is told, when its damage is reached."""
+    good = write_mcap(tmp_path / "good.mcap", [("/a", k, 1.0) for k in range(2000)])
+    bad = write_mcap(tmp_path / "bad.mcap", [("/a", k, 1.0) for k in range(2000)])
+    data = bytearray(bad.read_bytes())
+    with bad.open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    data[summary.chunk_indexes[5].chunk_start_offset + 60] ^= 0xFF
+    bad.write_bytes(data)
+    with pytest.raises(BagError, match=r"bad\.mcap is damaged or was cut short .*may mend it"):
+        read([good, bad], ["/a"])
+
+
+@pytest.mark.parametrize("length", [0, 21, 2**16, 2**62])
+@pytest.mark.parametrize("which", [0, 1])
+def test_records_that_lie(tmp_path: Path, length: int, which: int) -> None:
+    """A message that says a length that it cannot have is damage, where no checksum tells it."""
+    path = tmp_path / "bag.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file, compression=CompressionType.NONE, enable_crcs=False)
+        writer.start("ros2", "test")
+        schema = writer.register_schema(FLOAT64, "ros2msg", b"float64 data")
+        channel = writer.register_channel("/a", "cdr", schema, {"offered_qos_profiles": ""})
+        for k in range(2):
+            writer.add_message(channel, k, cdr(k), k)
+        writer.finish()
+    true, told = (struct.pack("<BQ", Opcode.MESSAGE, n) for n in (22 + 12, length))
+    parts = path.read_bytes().split(true)
+    path.write_bytes(
+        parts[0] + (told + parts[1] + true if which == 0 else true + parts[1] + told) + parts[2]
+    )
+    with pytest.raises(BagError, match="is damaged"):
+        read([path], ["/a"])
+
+
+def test_chunk_without_messages(tmp_path: Path) -> None:
+    """A chunk of definitions alone is no damage, and times beyond all calendars are no error."""
+    path = tmp_path / "bag.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file, chunk_size=1, index_types=IndexType.CHUNK)
+        writer.start("ros2", "test")
+        schema = writer.register_schema(FLOAT64, "ros2msg", b"float64 data")
+        channel = writer.register_channel("/a", "cdr", schema, {"offered_qos_profiles": ""})
+        for time in (5, 2**64 - 1):
+            writer.add_message(channel, time, cdr(time), time)
+        writer.finish()
+    assert [time for time, *_ in read([path], ["/a"])] == [5, 2**63 - 1]
+
+
+def test_cut_short(tmp_path: Path) -> None:
+    """A truncated file is refused before anything is read."""
+    path = write_mcap(tmp_path / "bag.mcap", [("/a", k, 1.0) for k in range(2000)])
+    path.write_bytes(path.read_bytes()[:-500])
+    with pytest.raises(BagError, match="cut short"), open_bags([path]):
+        pass

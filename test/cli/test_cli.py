@@ -1,0 +1,103 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""The command line, run as a user runs it."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from linkage_vibration.mechanics.description import Mechanism
+from linkage_vibration.prediction.predictor import Predictor
+from linkage_vibration.readers.mechanism import read_mechanism
+from linkage_vibration.support.resources import config_file
+from linkage_vibration.table.table import load_table
+
+
+def run(*arguments: str, folder: Path) -> "subprocess.CompletedProcess[str]":
+    """Run the command in a folder."""
+    command = [sys.executable, "-m", "linkage_vibration.cli", *arguments]
+    return subprocess.run(
+        command, cwd=folder, capture_output=True, text=True, timeout=60, check=False
+    )
+
+
+def test_build_writes_a_table(tmp_path: Path, printed: Mechanism) -> None:
+    """Build shows its progress, writes a table for the mechanism, and tells its error."""
+    source = str(config_file("three_point_linkage_as_printed.yaml"))
+    done = run("build", source, "--tolerance", "1e-4", "--frf-points", "E1", folder=tmp_path)
+    assert done.returncode == 0
+    table = load_table(tmp_path / "three_point_linkage_as_printed.npz", printed)
+    assert f"{table.interpolation_error.max():.1e}" in done.stdout
+    assert table.table_id in done.stdout
+    assert table.places == (("E1", "x"), ("E1", "z"))
+    assert "angles" in done.stderr
+
+
+def test_predict_prints_what_the_predictor_says(tmp_path: Path) -> None:
+    """One row an angle; an angle out of range says so and sets the exit code."""
+    done = run("predict", "90", "140", "180", folder=tmp_path)
+    assert done.returncode == 0
+    predictor = Predictor(load_table(config_file("tables/three_point_linkage.npz")))
+    first = predictor.predict(90.0 * 3.141592653589793 / 180.0).natural_frequencies[0]
+    assert f"{first:.4f}" in done.stdout.splitlines()[1]
+    outside = run("predict", "200", folder=tmp_path)
+    assert outside.returncode == 1
+    assert "OUT_OF_RANGE" in outside.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("build", "none.yaml"), "none.yaml: cannot be read"),
+        (("build", "--tolerance", "0"), "1e-11"),
+        (("build", "--frf-points", "Q"), "no point Q"),
+        (("build", "-o", "none/table.npz"), "cannot be written"),
+        (("predict", "140", "--table", "none.npz"), "none.npz: cannot be read"),
+        (("plan", "--points", "E1"), "a direction after each point"),
+        (("plan", "--tolerance", "0"), "give one from 1e-9 to 1"),
+        (("sweep", "none.yaml"), "none.yaml: cannot be read"),
+        (("sweep", str(config_file("sweeps/implement.yaml")), "--workers", "0"), "at least one"),
+    ],
+)
+def test_errors_are_one_sentence(tmp_path: Path, arguments: tuple[str, ...], words: str) -> None:
+    """What is wrong is told in one line, without a traceback, with exit code 1."""
+    done = run(*arguments, folder=tmp_path)
+    assert done.returncode == 1
+    assert words in done.stderr
+    assert "Traceback" not in done.stderr
+    assert not list(tmp_path.rglob("*.npz")), os.listdir(tmp_path)
+
+
+def test_sweep_writes_one_file(tmp_path: Path) -> None:
+    """Sweep shows its progress, tells what has no result, and does not build a second time."""
+    source = config_file("four_bar.yaml").read_text().replace("[0.0, 360.0]", "[60.0, 120.0]")
+    (tmp_path / "four_bar.yaml").write_text(source)
+    (tmp_path / "grid.yaml").write_text(
+        "mechanism: four_bar.yaml\n"
+        "parameters: {links.coupler.points.C: [0.2, 0.45]}\n"
+        "angles_deg: {from: 60, to: 120, points: 4}\n"
+        "tolerance: 1.0e-3\n"
+    )
+    done = run("sweep", "grid.yaml", "--workers", "1", folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "2/2" in done.stderr
+    assert "links.coupler.points.C = 0.2: " in done.stderr
+    assert "2 worked out now, 0 kept" in done.stdout
+    again = run("sweep", "grid.yaml", folder=tmp_path)
+    assert "0 worked out now, 2 kept" in again.stdout
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["four_bar.yaml", "grid.nc", "grid.yaml"]
+
+
+def test_plan_chooses_and_measures(tmp_path: Path) -> None:
+    """Plan tells what it chose, what that is worth, and writes the mechanism to go on with."""
+    asked = ("--band-hz", "0", "40", "--points", "E1", "z", "--tolerance", "1e-3")
+    done = run("plan", *asked, "--range-deg", "100", "150", "-o", "planned.yaml", folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "elements a link" in done.stdout
+    assert "measured" in done.stdout
+    planned = read_mechanism(tmp_path / "planned.yaml")
+    assert planned.response.band == (0.0, 40.0)
+    assert planned.links[0].modes < 20

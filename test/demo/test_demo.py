@@ -1,0 +1,211 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""The demo, end to end over DDS in two processes, and what it says when it cannot run."""
+
+import io
+import os
+import re
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
+
+from linkage_vibration.bags.message_types import JOINT_STATE
+from linkage_vibration.bags.reading import BagError, read_joint_states, read_messages
+from linkage_vibration.demo.demo import DemoError, _free_domain, _LiveLine, _node, run_demo
+from linkage_vibration.demo.drive import HITCH_JOINT
+from linkage_vibration.drawing.plots import PREDICTION_TOPIC
+from linkage_vibration.prediction.predictor import Predictor
+from linkage_vibration.support.resources import config_file
+from linkage_vibration.table.table import load_table
+
+SHARED_BAG = Path(__file__).parents[3] / "shared" / "data" / "fake_joint_state.bag"
+
+
+def demo(output: Path, *arguments: str) -> str:
+    """Run the command as a user does, on a domain that it picks, and return what it prints."""
+    environment = {
+        name: value
+        for name, value in os.environ.items()
+        if name not in ("ROS_DOMAIN_ID", "ROS_AUTOMATIC_DISCOVERY_RANGE")
+    }
+    command = [
+        sys.executable,
+        "-m",
+        "linkage_vibration.cli",
+        "demo",
+        "-o",
+        str(output),
+        *arguments,
+    ]
+    result = subprocess.run(
+        command, env=environment, capture_output=True, text=True, timeout=120, check=False
+    )
+    assert result.returncode == 0, result.stdout + result.stderr
+    return result.stdout
+
+
+def written(output: Path, printed: str) -> Path:
+    """Return the log, having checked that it and its picture are where the demo says."""
+    [log], [picture] = output.glob("*.mcap"), output.glob("*.png")
+    assert re.search(r"^log +(.*)$", printed, re.MULTILINE)[1] == str(log)
+    assert re.search(r"^picture +(.*)$", printed, re.MULTILINE)[1] == str(picture)
+    assert picture.read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
+    return log
+
+
+def write_bag(path: Path, count: int) -> Path:
+    """Write a .db3 at 200 Hz whose messages leave arrays empty and do not all hold the joint."""
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    header, stamp = store.types["std_msgs/msg/Header"], store.types["builtin_interfaces/msg/Time"]
+    with Writer(path, version=8, storage_plugin=StoragePlugin.SQLITE3) as writer:
+        connection = writer.add_connection("/joints", JOINT_STATE, typestore=store)
+        for k in range(count):
+            message = store.types[JOINT_STATE](
+                header=header(stamp=stamp(sec=50, nanosec=k * 5_000_000), frame_id=f"frame {k}"),
+                name=["123", "still"] if k % 5 else ["other"],
+                position=np.array(
+                    [np.nan if k == 7 else np.sin(0.05 * k), 1.0][: 2 if k % 5 else 1]
+                ),
+                velocity=np.array([]),
+                effort=np.array([]),
+            )
+            writer.write(connection, k * 5_000_000, store.serialize_cdr(message, JOINT_STATE))
+    return path / f"{path.name}.db3"
+
+
+def test_every_joint_state_is_answered_and_logged(tmp_path: Path) -> None:
+    """The log holds what was played and, for each message, the prediction of the shipped table."""
+    bag = write_bag(tmp_path / "bag", 300)
+    printed = demo(tmp_path / "out", "--bag", str(bag), "--joint", "123")
+    assert re.search(r"^joint states in +240,", printed, re.MULTILINE)
+    assert re.search(r"^predictions out +240$", printed, re.MULTILINE)
+    assert re.search(r"^latency +median \d+\.\d\d ms, 99th percentile", printed, re.MULTILINE)
+    log = written(tmp_path / "out", printed)
+
+    played = [record for record in read_joint_states(bag) if "123" in record.name]
+    logged = list(read_joint_states(log))
+    predictions = [message for _, message in read_messages(log, PREDICTION_TOPIC)]
+    assert len(played) == len(logged) == len(predictions) == 240
+    predictor = Predictor(load_table(config_file("tables/three_point_linkage.npz")))
+    first, last = predictor.table.alpha3_range
+    positions = np.array([record.position[0] for record in played])
+    low, high = np.nanmin(positions), np.nanmax(positions)
+    for record, found, prediction in zip(played, logged, predictions, strict=True):
+        assert (found.stamp, found.frame_id, found.name) == (
+            record.stamp,
+            record.frame_id,
+            record.name,
+        )
+        np.testing.assert_array_equal(found.position, record.position)
+        assert found.velocity.size == found.effort.size == 0
+        stamp = prediction.header.stamp
+        assert stamp.sec * 10**9 + stamp.nanosec == record.stamp
+        assert prediction.header.frame_id == record.frame_id
+        expected = predictor.predict(prediction.crank_angle)
+        assert prediction.status == expected.status
+        np.testing.assert_array_equal(prediction.natural_frequencies, expected.natural_frequencies)
+        np.testing.assert_equal(prediction.frf_peak_magnitude, expected.frf_peak_magnitude)
+    angles = np.array([prediction.crank_angle for prediction in predictions])
+    mapped = first + (last - first) * (positions - low) / (high - low)
+    np.testing.assert_allclose(angles, mapped, atol=1e-8)
+    assert [prediction.status for prediction in predictions].count(0) == 239  # one angle is NaN
+
+    with log.open("rb") as file:
+        reader = make_reader(file, decoder_factories=[DecoderFactory()])
+        decoded = [message for _, channel, _, message in reader.iter_decoded_messages()]
+    assert len(decoded) == 480
+
+
+@pytest.mark.skipif(not SHARED_BAG.is_file(), reason=f"{SHARED_BAG} is not there")
+def test_recording_of_others(tmp_path: Path) -> None:
+    """A ROS 1 bag at 1 kHz with jitter is played, answered and logged without a loss."""
+    printed = demo(tmp_path, "--bag", str(SHARED_BAG), "--joint", "joint_3")
+    assert re.search(r"^joint states in +2725,", printed, re.MULTILINE)
+    assert re.search(r"^predictions out +2725$", printed, re.MULTILINE)
+    predictions = [m for _, m in read_messages(written(tmp_path, printed), PREDICTION_TOPIC)]
+    assert len(predictions) == 2725
+    assert {prediction.status for prediction in predictions} == {0}
+    angles = np.rad2deg([prediction.crank_angle for prediction in predictions])
+    np.testing.assert_allclose((angles.min(), angles.max()), (90, 180), atol=1e-6)
+
+
+@pytest.mark.nightly
+def test_shipped_drive(tmp_path: Path) -> None:
+    """The demo as `make demo` runs it: 2000 joint states over 20 s, none mapped, all answered."""
+    printed = demo(tmp_path)
+    assert re.search(r"^predictions out +2000$", printed, re.MULTILINE)
+    log = written(tmp_path, printed)
+    played = list(read_joint_states(config_file("drives/hitch_duty_cycle.mcap")))
+    predictions = [message for _, message in read_messages(log, PREDICTION_TOPIC)]
+    assert [prediction.crank_angle for prediction in predictions] == [
+        record.position[record.name.index(HITCH_JOINT)] for record in played
+    ]
+
+
+def test_joint_is_asked_for(tmp_path: Path) -> None:
+    """Without a joint, with an unknown one or one at rest, the joints of the bag are listed."""
+    bag = write_bag(tmp_path / "bag", 20)
+    for joint, words in [
+        (None, r"Say which joint of .* to follow; it has 123, other, still"),
+        ("hitch", r"has no joint hitch; it has 123, other, still"),
+        ("still", r"Joint still of .* does not move .* 123, other, still"),
+    ]:
+        with pytest.raises(DemoError, match=words):
+            run_demo(bag, joint, tmp_path / "out")
+    with pytest.raises(DemoError, match=f"has no joint hitch; it has .*{HITCH_JOINT}"):
+        run_demo(None, "hitch", tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_wrong_paths_are_told(tmp_path: Path) -> None:
+    """A missing bag, and a file where the folder should be, are named."""
+    with pytest.raises(BagError, match="There is no bag"):
+        run_demo(tmp_path / "none.bag", "a", tmp_path)
+    (tmp_path / "file").touch()
+    with pytest.raises(DemoError, match="file cannot be a folder to write to"):
+        run_demo(None, None, tmp_path / "file")
+
+
+def test_node_that_does_not_start_says_why(tmp_path: Path) -> None:
+    """What the node said before it ended is part of the error."""
+    words = r"(?s)exit code 1.*[Pp]arameter joint_name"
+    with pytest.raises(DemoError, match=words), _node({"joint_name": ""}, tmp_path) as check:
+        for _ in range(200):
+            check()
+            time.sleep(0.1)
+
+
+def test_live_line_is_written_once_a_second_to_a_file() -> None:
+    """Thousands of predictions make few lines; each tells angle, frequencies and peak."""
+    stream = io.StringIO()
+    live = _LiveLine(stream)
+    prediction = SimpleNamespace(
+        crank_angle=np.deg2rad(132.0),
+        natural_frequencies=[4.25, 97.5, 170.25],
+        frf_peak_frequency=4.24,
+        frf_peak_magnitude=3.1e-5,
+    )
+    for _ in range(1000):
+        live.show(prediction)
+    live.end()
+    assert stream.getvalue().splitlines() == [
+        "crank 132.00 deg |   4.25  97.50 170.25 Hz | peak 3.10e-05 m/N at   4.24 Hz"
+    ]
+
+
+def test_domain_in_use_is_avoided() -> None:
+    """A domain on whose port somebody listens is not chosen."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+        domain = _free_domain()
+        taken.bind(("", 7400 + 250 * domain))
+        assert _free_domain() != domain

@@ -1,0 +1,168 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""The hitch duty cycle and the bag of it that ships."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rosbags.highlevel import AnyReader
+
+from linkage_vibration.bags.reading import read_joint_states
+from linkage_vibration.demo.drive import (
+    ENGINE_SPEED,
+    HITCH_JOINT,
+    PTO_SPEED,
+    DriveError,
+    engine_and_pto_speed,
+    hitch_duty_cycle,
+    write_drive,
+)
+from linkage_vibration.prediction.excitation import (
+    Resonance,
+    ResonanceMonitor,
+    ResonanceState,
+    Source,
+)
+from linkage_vibration.prediction.inputs import JointInput
+from linkage_vibration.prediction.predictor import Predictor
+from linkage_vibration.readers.excitations import read_excitations
+from linkage_vibration.support.resources import DEFAULT_TABLE, config_file
+from linkage_vibration.table.table import load_table
+
+SHIPPED = "drives/hitch_duty_cycle.mcap"
+
+
+def test_duty_cycle_stays_well_within_the_stroke() -> None:
+    """20 s at 100 Hz, between 100 and 170 deg, of a stroke of 90 to 180 deg."""
+    times, alpha3 = hitch_duty_cycle()
+    np.testing.assert_allclose(np.diff(times), 0.01, rtol=1e-9)
+    assert times.size == 2000
+    assert np.deg2rad(100) < alpha3.min() < np.deg2rad(105)
+    assert np.deg2rad(165) < alpha3.max() < np.deg2rad(170)
+
+
+def test_phases_of_the_duty_cycle() -> None:
+    """Working depth, lift and road differ in angle and in what moves the implement."""
+    times, alpha3 = hitch_duty_cycle()
+    degrees = np.rad2deg(alpha3)
+
+    def strongest(phase: slice) -> float:
+        """Return the frequency in Hz at which the angle moves most."""
+        angle = degrees[phase] - degrees[phase].mean()
+        spectrum = np.abs(np.fft.rfft(angle * np.hanning(angle.size)))
+        return float(np.fft.rfftfreq(angle.size, times[1])[spectrum.argmax()])
+
+    work, road = slice(0, 700), slice(1000, 1500)
+    assert abs(degrees[work].mean() - 166) < 1
+    assert abs(degrees[road].mean() - 104) < 1
+    assert strongest(work) < 1.0
+    assert 1.5 < strongest(road) < 2.5
+    noise = np.diff(degrees, n=3) / np.sqrt(20)  # third differences leave little but the noise
+    assert 0.015 < noise[work].std() < 0.03
+
+
+def test_shipped_bag_is_what_the_generator_writes(tmp_path: Path) -> None:
+    """The bag under config holds byte for byte the messages that are generated today."""
+    write_drive(tmp_path / "drive.mcap")
+    contents = []
+    for path in (tmp_path / "drive.mcap", config_file(SHIPPED)):
+        with AnyReader([path]) as reader:
+            contents.append([(c.topic, c.msgtype, t, bytes(d)) for c, t, d in reader.messages()])
+    assert contents[0] == contents[1]
+
+
+def test_bag_holds_the_duty_cycle_among_other_joints() -> None:
+    """The hitch is found by its name alone; its place among the names changes."""
+    times, alpha3 = hitch_duty_cycle()
+    records = list(read_joint_states(config_file(SHIPPED)))
+    places = [record.name.index(HITCH_JOINT) for record in records]
+    assert set(places) == {0, 1, 2}
+    hitch = [record.position[k] for record, k in zip(records, places, strict=True)]
+    np.testing.assert_array_equal(hitch, alpha3)
+    stamps = np.array([record.stamp for record in records])
+    np.testing.assert_array_equal(stamps - stamps[0], np.rint(times * 1e9))
+    velocities = [record.velocity[k] for record, k in zip(records, places, strict=True)]
+    np.testing.assert_allclose(velocities, np.gradient(alpha3, times), rtol=1e-6, atol=1e-9)
+    assert all(np.isnan(record.effort).all() for record in records)
+
+
+def test_existing_bag_is_replaced_whole(tmp_path: Path) -> None:
+    """An older file of the name is replaced, and nothing else is left beside it."""
+    (tmp_path / "drive.mcap").write_text("old")
+    write_drive(tmp_path / "drive.mcap")
+    assert [path.name for path in tmp_path.iterdir()] == ["drive.mcap"]
+    assert sum(1 for _ in read_joint_states(tmp_path / "drive.mcap")) == 2000
+
+
+def test_folder_that_does_not_exist(tmp_path: Path) -> None:
+    """The error names the file and the mend."""
+    with pytest.raises(DriveError, match=r"nowhere/drive\.mcap"):
+        write_drive(tmp_path / "nowhere" / "drive.mcap")
+
+
+def test_engine_and_pto_speed() -> None:
+    """The engine works, idles, and is sped up for the road; the PTO turns while it works alone."""
+    times, engine, pto = engine_and_pto_speed()
+    assert times.size == 200
+    assert ((1900 < engine) & (engine <= 2000)).all(where=times < 7.0)
+    assert engine.min() == 1300
+    assert engine.max() == 2050
+    working = (times < 6.5) | (times > 19.0)
+    rounding = 0.0625 * (1 + 540 / 1950)  # of both
+    np.testing.assert_allclose(pto[working], engine[working] * 540 / 1950, atol=rounding)
+    assert not pto[(times > 7.5) & (times < 17.5)].any()
+
+
+def test_bag_holds_the_speeds() -> None:
+    """Engine and PTO are on topics of their own, in rpm, at 10 Hz."""
+    _, engine, pto = engine_and_pto_speed()
+    speeds: dict[str, list[float]] = {ENGINE_SPEED: [], PTO_SPEED: []}
+    with AnyReader([config_file(SHIPPED)]) as reader:
+        for connection, _, data in reader.messages():
+            if connection.topic in speeds:
+                message = reader.deserialize(data, connection.msgtype)
+                speeds[connection.topic].append(message.data)
+    assert speeds == {ENGINE_SPEED: engine.tolist(), PTO_SPEED: pto.tolist()}
+
+
+def replayed() -> list[tuple[float, Resonance]]:
+    """Assess every joint state of the shipped bag as a node does; times are s from its start."""
+    predictor = Predictor(load_table(config_file(DEFAULT_TABLE)))
+    monitor = ResonanceMonitor(read_excitations(config_file("excitations.yaml")))
+    sources = {ENGINE_SPEED: Source.ENGINE, PTO_SPEED: Source.PTO}
+    joint, resonances = JointInput(HITCH_JOINT), []
+    with AnyReader([config_file(SHIPPED)]) as reader:
+        for connection, time, data in reader.messages():
+            message = reader.deserialize(data, connection.msgtype)
+            if connection.topic in sources:
+                monitor.set_speed(sources[connection.topic], message.data, time)
+            else:
+                reading = joint.reading(message)
+                assert reading is not None
+                prediction = predictor.predict(reading.crank_angle)
+                resonance = monitor.assess(prediction, reading.velocity, time)
+                resonances.append(((time - reader.start_time) * 1e-9, resonance))
+    return resonances
+
+
+def test_drive_crosses_resonances() -> None:
+    """Sped up for the road the engine runs through modes 2 and 1, warned of and foretold."""
+    road = [(time, told) for time, told in replayed() if 11.0 < time < 13.0]
+    assert road[0][1].state is ResonanceState.CLEAR
+    for excitation, mode in (("engine 6", 2), ("engine 3", 1)):
+        pair = [(t, r) for t, r in road if (r.excitation, r.mode) == (excitation, mode)]
+        crossing = next(t for t, r in pair if r.margin > 0.0)
+        for time, told in pair:
+            if told.state is ResonanceState.WARNING and told.margin < 0.0:
+                # Speeds are 0.1 s old at most, and rise ever more slowly towards the second.
+                assert told.approach == 1
+                assert time + told.time_to_crossing == pytest.approx(crossing, abs=0.1)
+        passed = next(r for _, r in pair if r.margin > 0.0)
+        assert passed.state is ResonanceState.WARNING
+        assert (passed.approach, passed.time_to_crossing) == (-1, np.inf)
+
+
+def test_replay_tells_the_same_again() -> None:
+    """Played twice, a bag gives the same resonances to the last bit."""
+    assert replayed() == replayed()

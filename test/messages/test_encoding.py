@@ -1,0 +1,91 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Predictions and resonances as bytes, and in words."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from linkage_vibration.messages.encoding import encode_prediction, encode_resonance, fault
+from linkage_vibration.prediction.excitation import Resonance, ResonanceState
+from linkage_vibration.prediction.predictor import Prediction, Status
+
+TEXT = st.text(st.characters(codec="utf-8", exclude_characters="\0"), max_size=20)
+
+
+@given(
+    frame=TEXT,
+    table=st.text(st.characters(codec="ascii", exclude_characters="\0"), max_size=20),
+    modes=st.integers(1, 6),
+    angle=st.floats(),
+    sec=st.integers(-(2**31), 2**31 - 1),
+)
+def test_bytes_are_what_ros_reads(
+    frame: str, table: str, modes: int, angle: float, sec: int
+) -> None:
+    """A ROS 2 reader gets every field back from our bytes, and its own bytes of them are ours."""
+    from rclpy.serialization import deserialize_message, serialize_message
+
+    from linkage_vibration_interfaces.msg import VibrationPrediction
+
+    numbers = np.linspace(1.0, 2.0, modes)
+    prediction = Prediction(
+        angle, Status.OK, numbers, -numbers, 0.5 * numbers, 2.0 * numbers, 3.0, 4.0, 5e-7, table
+    )
+    encoded = encode_prediction(prediction, sec, 7, frame)
+    message = deserialize_message(encoded, VibrationPrediction)
+    assert (message.header.stamp.sec, message.header.stamp.nanosec) == (sec, 7)
+    assert (message.header.frame_id, message.table_id) == (frame, table)
+    assert message.crank_angle == angle or math.isnan(angle)
+    assert message.natural_frequencies.tolist() == numbers.tolist()
+    assert message.frequency_stddev.tolist() == (2.0 * numbers).tolist()
+    assert message.damping_ratios.tolist() == (-numbers).tolist()
+    assert (message.frf_peak_frequency, message.frf_peak_magnitude) == (3.0, 4.0)
+    own = serialize_message(message)
+    assert len(own) == len(encoded)
+
+
+@given(frame=TEXT, excitation=TEXT, number=st.floats(), mode=st.integers(0, 2**32 - 1))
+def test_resonances_are_what_ros_reads(
+    frame: str, excitation: str, number: float, mode: int
+) -> None:
+    """A ROS 2 reader gets every field of a resonance back from our bytes."""
+    from rclpy.serialization import deserialize_message
+
+    from linkage_vibration_interfaces.msg import Resonance as Message
+
+    state = ResonanceState.WARNING
+    told = Resonance(state, excitation, number, mode, 2.0, 3.0, 4.0, -1, math.inf, "0123456789ab")
+    message = deserialize_message(encode_resonance(told, 5, 7, frame), Message)
+    assert (message.header.stamp.sec, message.header.stamp.nanosec) == (5, 7)
+    assert (message.header.frame_id, message.excitation) == (frame, excitation)
+    assert (message.state, message.mode, message.approach) == (Message.STATE_WARNING, mode, -1)
+    assert message.excitation_frequency == number or math.isnan(number)
+    found = (message.natural_frequency, message.margin, message.relative_margin)
+    assert found == (2.0, 3.0, 4.0)
+    assert (message.time_to_crossing, message.table_id) == (math.inf, "0123456789ab")
+
+
+@pytest.mark.parametrize(
+    ("degrees", "words"),
+    [
+        (85.0, "85 deg is not in the table's 90 to 180 deg"),
+        (480.0, "but 120 deg is: is the joint's zero a turn off?"),
+        (-240.0, "but 120 deg is: is the joint's zero a turn off?"),
+        (math.inf, "not a finite number"),
+    ],
+)
+def test_faults_in_words(degrees: float, words: str) -> None:
+    """What is wrong with an angle is told, and an angle that is off by a turn is recognised."""
+    status = Status.OUT_OF_RANGE if math.isfinite(degrees) else Status.INVALID_ANGLE
+    none = np.full(3, math.nan)
+    nan = math.nan
+    prediction = Prediction(
+        math.radians(degrees), status, none, none, none, none, nan, nan, nan, "table"
+    )
+    told = fault(prediction, (math.pi / 2.0, math.pi))
+    assert words in told
+    assert ("turn off" in told) == ("turn off" in words)

@@ -1,0 +1,182 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""What the paper prints stands beside ours, number by number and figure by figure."""
+
+import builtins
+import csv
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from linkage_vibration.drawing.plots import PlotError
+from linkage_vibration.mechanics.description import Beam, Mechanism
+from linkage_vibration.mechanics.kinematics import Kinematics
+from linkage_vibration.mechanics.model import Solution
+from linkage_vibration.paper import reproduction
+from linkage_vibration.paper.figures import draw_figures, generalised_inertia
+from linkage_vibration.paper.numbers import GEOMETRY, NUMBERS
+from linkage_vibration.paper.reproduction import (
+    CORRECTED,
+    PRINTED,
+    FreedFit,
+    ReproductionError,
+    reproduce,
+    scan_freed_dimensions,
+    sweep,
+    write_numbers,
+)
+
+REFERENCE = Path(__file__).parents[3] / "shared/reference/published_numbers.yaml"
+SWEEPS = tuple[dict[str, list[Solution]], dict[str, dict[str, float]]]
+
+
+def coarse(mechanism: Mechanism) -> Mechanism:
+    """Return a linkage with few elements and modes."""
+    links = []
+    for link in mechanism.links:
+        assert isinstance(link.body, Beam)
+        links.append(replace(link, body=replace(link.body, elements=6), modes=3))
+    return replace(mechanism, links=tuple(links))
+
+
+@pytest.fixture(scope="module")
+def sweeps(mechanism: Mechanism, printed: Mechanism) -> SWEEPS:
+    """Return seven coarse solutions of both geometries, and our numbers."""
+    found = {
+        label: sweep(coarse(one), np.radians(np.linspace(90.0, 180.0, 7)))
+        for label, one in ((CORRECTED, mechanism), (PRINTED, printed))
+    }
+    return {k: v[0] for k, v in found.items()}, {k: v[1] for k, v in found.items()}
+
+
+def flat(value: Any, path: str = "") -> dict[str, float]:
+    """Return the numbers of nested mappings and lists by their joined keys."""
+    if isinstance(value, Mapping):
+        pairs = [(str(key), one) for key, one in value.items()]
+    elif isinstance(value, list):
+        pairs = [(str(i), one) for i, one in enumerate(value)]
+    else:
+        return {path: float(value)} if isinstance(value, int | float) else {}
+    return {k: v for key, one in pairs for k, v in flat(one, f"{path}.{key}".strip(".")).items()}
+
+
+@pytest.mark.skipif(not REFERENCE.exists(), reason=f"{REFERENCE} is not there")
+def test_every_published_number_is_held() -> None:
+    """The numbers in the package are those of the reference, no more and no fewer."""
+    reference = yaml.safe_load(REFERENCE.read_text())
+    reference["reduction"] = {
+        name: {"physical": pair[0], "modal": pair[1]}
+        for name, pair in reference["reduction"].items()
+    }
+    for point in ("P1", "P2", "P3"):
+        reference["geometry"][point] = dict(zip("xz", reference["geometry"][point], strict=True))
+    fixed = reference["natural_frequencies_hz"]["at_140_deg"]
+    for name in fixed:
+        fixed[name] = {str(mode): value for mode, value in enumerate(fixed[name], 1)}
+    assert {number.key: number.value for number in NUMBERS} == flat(reference)
+
+
+def test_table_has_every_number(tmp_path: Path, sweeps: SWEEPS) -> None:
+    """Each printed number has a row, with ours beside it and the relative difference."""
+    write_numbers(tmp_path, sweeps[1])
+    with (tmp_path / "numbers.csv").open() as file:
+        rows = {row["key"]: row for row in csv.DictReader(file)}
+    assert list(rows) == [number.key for number in NUMBERS]
+    for number in NUMBERS:
+        row = rows[number.key]
+        assert float(row["printed"]) == number.value
+        for label in (CORRECTED, PRINTED):
+            if row[label] and number.value:
+                difference = float(row[f"relative difference, {label}"])
+                expected = float(row[label]) / number.value - 1.0
+                assert difference == pytest.approx(expected, rel=1e-5, abs=1e-8)
+            elif not row[label]:
+                assert number.key.startswith(("timing_s.full_fe", "timing_s.speed_up"))
+    text = (tmp_path / "numbers.md").read_text()
+    assert all(number.quantity in text for number in NUMBERS)
+
+
+def test_our_geometry_is_the_printed_one(sweeps: SWEEPS) -> None:
+    """As printed, every dimension is Table 1's; otherwise the upper link alone differs."""
+    for number in GEOMETRY:
+        assert sweeps[1][PRINTED][number.key] == pytest.approx(number.value, rel=1e-12)
+        if number.key != "geometry.P2_E2":
+            assert sweeps[1][CORRECTED][number.key] == pytest.approx(number.value, rel=1e-12)
+    assert sweeps[1][CORRECTED]["geometry.P2_E2"] == 0.520
+
+
+def test_printed_length_contradicts_the_printed_curve(sweeps: SWEEPS) -> None:
+    """With 0.420 m mode 1 rises and falls again; with 0.520 m it rises all the way."""
+    first = {
+        label: [solution.natural_frequencies[0] for solution in solutions]
+        for label, solutions in sweeps[0].items()
+    }
+    assert np.all(np.diff(first[CORRECTED]) > 0.0)
+    assert first[PRINTED][-1] < 0.6 * max(first[PRINTED])
+
+
+def test_generalised_inertia_is_that_of_moving_places(mechanism: Mechanism) -> None:
+    """J is what differences of the implement's place and angle over alpha3 give."""
+    kinematics = Kinematics(mechanism)
+    [body] = mechanism.rigid_bodies
+    step = 1e-5
+    before, after = (kinematics.at(2.0 + sign * step) for sign in (-1, 1))
+    moved = after.place(body.name, body.centre_of_gravity) - before.place(
+        body.name, body.centre_of_gravity
+    )
+    turned = after.angle(body.name) - before.angle(body.name)
+    expected = (body.mass * float(moved @ moved) + body.inertia * turned**2) / (2.0 * step) ** 2
+    assert generalised_inertia(mechanism, kinematics.at(2.0)) == pytest.approx(expected, rel=1e-7)
+
+
+def test_figures_are_written(tmp_path: Path, sweeps: SWEEPS) -> None:
+    """Figures 3 to 9, the evidence and a moving mode are there, and nothing unfinished."""
+    from PIL import Image
+
+    fits = [FreedFit("", math.nan, 0.2, 0.4, 0.3), FreedFit("geometry.P2_E2", 0.5, 0.01, 0.1, 0.1)]
+    draw_figures(tmp_path, sweeps[0], fits)
+    pictures = {path.name: path.stat().st_size for path in tmp_path.iterdir()}
+    assert {name[:4] for name in pictures if name.startswith("fig")} == {
+        f"fig{i}" for i in range(3, 10)
+    }
+    assert {"mast_and_inertia.png", "freed_dimensions.png", "mode_1.gif"} <= pictures.keys()
+    assert len(pictures) == 10
+    with Image.open(tmp_path / "mode_1.gif") as moving:
+        assert getattr(moving, "n_frames", 1) > 10
+
+
+def test_freeing_the_upper_link_fits_better() -> None:
+    """A few steps of least squares meet the printed frequencies better with that length free."""
+    none, upper = scan_freed_dimensions(["geometry.P2_E2"], evaluations=4)
+    assert none.key == "" and math.isnan(none.value)
+    assert upper.cost < 0.5 * none.cost
+    assert upper.value > 0.45
+    assert math.degrees(none.lean) == pytest.approx(90.0 - 72.23, abs=0.01)
+
+
+def test_folder_that_cannot_be_made(tmp_path: Path) -> None:
+    """A file where the folder should be is told before anything is computed."""
+    (tmp_path / "file").touch()
+    with pytest.raises(ReproductionError, match="file.*give a folder"):
+        reproduce(tmp_path / "file")
+
+
+def test_without_matplotlib(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where matplotlib is missing the error says what to install."""
+    real = builtins.__import__
+
+    def without(name: str, *others: Any) -> Any:
+        if name.startswith("matplotlib"):
+            raise ImportError(name)
+        return real(name, *others)
+
+    monkeypatch.setattr(builtins, "__import__", without)
+    with pytest.raises(PlotError, match=r"pip install linkage_vibration\[plots\]"):
+        reproduction.reproduce(tmp_path / "new")
+    assert not (tmp_path / "new").exists()

@@ -1,0 +1,197 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Answers of a node without a node: FRFs, mode shapes, and another implement."""
+
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.mechanics.components import Component
+from linkage_vibration.mechanics.description import Matrices, Mechanism, MechanismError
+from linkage_vibration.mechanics.model import LinkageModel
+from linkage_vibration.prediction.answers import (
+    MAX_FREQUENCIES,
+    Implement,
+    Served,
+    ServingError,
+    answer_frf,
+    answer_mode_shapes,
+    rebuilt,
+    with_implement,
+)
+from linkage_vibration.prediction.predictor import Predictor
+from linkage_vibration.readers.mechanism import read_mechanism
+from linkage_vibration.support.resources import config_file
+from linkage_vibration.table.build import build_table
+from linkage_vibration.table.table import TableError, load_table
+
+DRIVE: dict[str, Any] = {"outputs": [], "inputs": [], "frequencies": np.array([])}
+
+
+@pytest.fixture(scope="module")
+def served(mechanism: Mechanism, mechanism_file: Path) -> Served:
+    """Return what ships."""
+    table = load_table(config_file("tables/three_point_linkage.npz"), mechanism)
+    return Served(Predictor(table), mechanism, mechanism_file.read_text())
+
+
+@pytest.mark.parametrize("alpha3", [1.6, 2.0, 2.6, 3.1])
+def test_table_and_model_agree(served: Served, alpha3: float) -> None:
+    """Each FRF of the table, at the default lines of the band, is within 1e-4 of the exact one."""
+    every = [f"{point}.{direction}" for point in ("E1", "E2", "V1", "V2") for direction in "xz"]
+    asked: dict[str, Any] = {"outputs": every, "inputs": every, "frequencies": np.array([])}
+    told = answer_frf(served, alpha3, exact=False, **asked)
+    exact = answer_frf(served, alpha3, exact=True, **asked)
+    np.testing.assert_array_equal(told.frequencies, np.linspace(0.0, 200.0, 401))
+    np.testing.assert_array_equal(
+        told.frf, served.table.frf(alpha3, told.outputs, told.inputs).frf(told.frequencies)
+    )
+    apart = np.linalg.norm(told.frf - exact.frf, axis=0) / np.linalg.norm(exact.frf, axis=0)
+    assert apart.max() < 1e-4
+
+
+def test_shapes_make_the_frf(served: Served) -> None:
+    """On a resonance the drive point's receptance is shape^2 / (2 i zeta omega^2), nearly."""
+    modes = answer_mode_shapes(served, 2.3)
+    at = modes.places.index(("E1", "z"))
+    omega, zeta = 2.0 * math.pi * modes.natural_frequencies[0], modes.damping_ratios[0]
+    single = modes.shapes[0, at] ** 2 / (2j * zeta * omega**2)
+    line = modes.natural_frequencies[:1]
+    answer = answer_frf(served, 2.3, [], [], line, exact=True)
+    assert answer.outputs == answer.inputs == (("E1", "z"),)
+    assert answer.frf[0, 0, 0] == pytest.approx(single, rel=0.01)
+    place = served.model.kinematics.at(2.3).place("implement", (0.0, 0.0))
+    np.testing.assert_allclose(modes.positions[[at - 1, at]], place, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("changed", "exact", "why"),
+    [
+        ({"outputs": ["E1.z"]}, False, "outputs has places and inputs has none; give both"),
+        ({"inputs": ["E1.z"]}, True, "inputs has places and outputs has none; give both"),
+        ({"outputs": ["E1"], "inputs": ["E1.z"]}, False, r"outputs\[0\] is 'E1'; name one of E1"),
+        ({"outputs": ["E1.z"], "inputs": ["P1.z"]}, True, r"inputs\[0\] is 'P1.z'; name one of V1"),
+        ({"frequencies": np.array([9.0, 201.0])}, False, r"\[1\] is 201 Hz; the table holds from"),
+        ({"frequencies": np.array([math.nan])}, True, r"\[0\] is nan Hz; give finite"),
+        ({"frequencies": np.array([-1.0])}, True, r"\[0\] is -1 Hz; give finite frequencies"),
+        ({"frequencies": np.zeros(MAX_FREQUENCIES + 1)}, True, "too much for one answer"),
+        ({"outputs": ["E1.z"] * 300, "inputs": ["E1.z"]}, False, "too much for one answer"),
+        ({"alpha3": 5.0}, False, "outside the table"),
+        ({"alpha3": 5.0}, True, "cannot close at alpha3"),
+        ({"alpha3": math.inf}, True, "crank_angle is inf; give a finite angle"),
+    ],
+)
+def test_refused_frf(served: Served, changed: dict[str, Any], exact: bool, why: str) -> None:
+    """What cannot be answered is refused with its place and the mend."""
+    with pytest.raises(LinkageVibrationError, match=why):
+        answer_frf(served, **{"alpha3": 2.0, "exact": exact, **DRIVE, **changed})
+
+
+def test_frf_of_a_crank_that_turns_all_the_way() -> None:
+    """A whole turn's table answers on every turn as the model does; too far off it refuses."""
+    path = config_file("four_bar.yaml")
+    mechanism = read_mechanism(path)
+    table = build_table(LinkageModel(mechanism), 1e-2)
+    turning = Served(Predictor(table), mechanism, path.read_text())
+    here = answer_frf(turning, math.radians(10.0), exact=False, **DRIVE)
+    for degrees in (370.0, -350.0, 3610.0):
+        told = answer_frf(turning, math.radians(degrees), exact=False, **DRIVE)
+        np.testing.assert_allclose(told.frf, here.frf, rtol=1e-9)
+    ours = answer_frf(turning, math.radians(370.0), exact=False, **DRIVE).frf
+    exact = answer_frf(turning, math.radians(370.0), exact=True, **DRIVE).frf
+    assert np.linalg.norm(ours - exact) < 2.0 * table.frf_error * np.linalg.norm(exact)
+    with pytest.raises(TableError, match="outside the table"):
+        answer_frf(turning, 1e7, exact=False, **DRIVE)
+
+
+def test_exact_beyond_the_band(served: Served) -> None:
+    """The model answers where the table does not hold."""
+    answer = answer_frf(served, 2.0, [], [], np.array([250.0]), exact=True)
+    assert np.isfinite(answer.frf).all()
+
+
+def test_implement(served: Served, tmp_path: Path) -> None:
+    """The YAML of the changed mechanism is that mechanism, and differs in the implement alone."""
+    implement = Implement("", 1200.0, 333.3, (0.25, 0.8))
+    mechanism, text = with_implement(served.mechanism, served.mechanism_text, implement)
+    (tmp_path / "changed.yaml").write_text(text)
+    assert read_mechanism(tmp_path / "changed.yaml").model_hash == mechanism.model_hash
+    [body] = mechanism.rigid_bodies
+    assert (body.mass, body.inertia, body.centre_of_gravity) == (1200.0, 333.3, (0.25, 0.8))
+    [old] = served.mechanism.rigid_bodies
+    assert replace(mechanism, rigid_bodies=(old,)).model_hash == served.mechanism.model_hash
+    same = Implement("implement", old.mass, old.inertia, ())
+    assert with_implement(mechanism, text, same)[0].rigid_bodies[0].mass == old.mass
+    unmoved, _ = with_implement(served.mechanism, served.mechanism_text, same)
+    assert unmoved.model_hash == served.mechanism.model_hash
+
+
+def test_rebuilt(served: Served, tmp_path: Path) -> None:
+    """A heavier implement's table is as accurate as the old one, between the same points."""
+    heavy, _ = with_implement(
+        served.mechanism, served.mechanism_text, Implement("", 1200.0, 300.0, ())
+    )
+    table = rebuilt(heavy, served.table, tmp_path)
+    assert table.model_hash == heavy.model_hash
+    assert set(table.places) == set(served.table.places)
+    assert table.interpolation_error.max() <= 1e-6
+    assert table.natural_frequencies[0, 0] < 0.9 * served.table.natural_frequencies[0, 0]
+    with pytest.raises(ServingError, match="given up"):
+        rebuilt(heavy, served.table, tmp_path / "missing")
+
+
+@pytest.mark.parametrize(
+    ("implement", "why"),
+    [
+        (Implement("", -1.0, 1.0, ()), r"rigid_bodies.implement.mass: -1 is not greater than zero"),
+        (Implement("", 1.0, 0.0, ()), r"rigid_bodies.implement.inertia: 0 is not greater"),
+        (Implement("", 800.0, 2e9, ()), "radius of gyration"),
+        (Implement("", 1.0, math.inf, ()), "inf is not a finite number"),
+        (Implement("", 1.0, 1.0, (math.nan, 0.0)), r"centre_of_gravity\[0\]: nan is not a finite"),
+        (Implement("", 1.0, 1.0, (1.0,)), "has 1 numbers; give"),
+        (Implement("plough", 1.0, 1.0, ()), "no rigid body 'plough'; name one of: implement"),
+    ],
+)
+def test_refused_implement(served: Served, implement: Implement, why: str) -> None:
+    """What is no implement is refused as it would be in a file."""
+    with pytest.raises((ServingError, MechanismError), match=why):
+        with_implement(served.mechanism, served.mechanism_text, implement)
+
+
+def test_which_rigid_body() -> None:
+    """Without a rigid body there is nothing to change; of two one has to be named."""
+    none, two = (config_file(name) for name in ("four_bar.yaml", "stephenson_six_bar.yaml"))
+    with pytest.raises(ServingError, match="four_bar has no rigid body to change; describe"):
+        with_implement(read_mechanism(none), none.read_text(), Implement("", 1.0, 1.0, ()))
+    mechanism = read_mechanism(two)
+    with pytest.raises(ServingError, match="name one of: rocker, pendulum"):
+        with_implement(mechanism, two.read_text(), Implement("", 1.0, 1.0, ()))
+    changed, _ = with_implement(mechanism, two.read_text(), Implement("pendulum", 3.0, 0.2, ()))
+    assert changed.rigid_bodies[0] == mechanism.rigid_bodies[0]
+    assert changed.rigid_bodies[1].mass == 3.0
+
+
+def test_links_from_files_are_not_read_again(
+    mapping: Any, mechanism: Mechanism, model: LinkageModel
+) -> None:
+    """A link that came from a file keeps what was read, wherever the file is now."""
+    part = next(c for c in model.components if c.name == "upper_link")
+    assert isinstance(part, Component)
+    body = Matrices(part.dofs, part.mass, part.stiffness)
+    mapping["links"]["upper_link"] = {
+        "points": mapping["links"]["upper_link"]["points"],
+        "file": {"kind": "matrices", "path": "gone.mat"},
+    }
+    links = [replace(k, body=body) if k.name == "upper_link" else k for k in mechanism.links]
+    known = replace(mechanism, links=tuple(links))
+    heavy = Implement("", 1200.0, 300.0, ())
+    changed, text = with_implement(known, yaml.safe_dump(mapping, sort_keys=False), heavy)
+    assert [k.body for k in changed.links] == [k.body for k in known.links]
+    assert yaml.safe_load(text)["links"]["upper_link"]["file"]["path"] == "gone.mat"
+    assert changed.rigid_bodies[0].mass == 1200.0

@@ -1,0 +1,166 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""The predictor: numbers inside the range, a status for every other float."""
+
+import math
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from linkage_vibration.mechanics.model import LinkageModel
+from linkage_vibration.prediction.predictor import Predictor, Status
+from linkage_vibration.readers.mechanism import read_mechanism
+from linkage_vibration.support.resources import config_file
+from linkage_vibration.table.build import build_table
+from linkage_vibration.table.table import load_table
+
+
+@pytest.fixture(scope="module")
+def predictor() -> Predictor:
+    """Return a predictor on the shipped table."""
+    return Predictor(load_table(config_file("tables/three_point_linkage.npz")))
+
+
+@given(st.floats(math.pi / 2, math.pi))
+def test_predictions_are_the_models(
+    predictor: Predictor, model: LinkageModel, alpha3: float
+) -> None:
+    """Anywhere in the stroke frequencies come within 5e-7, the peak within 1e-6 of the model."""
+    prediction, exact = predictor.predict(alpha3), model.solve(alpha3)
+    assert prediction.status is Status.OK
+    np.testing.assert_allclose(
+        prediction.natural_frequencies, exact.natural_frequencies[:3], rtol=5e-7
+    )
+    np.testing.assert_allclose(prediction.damping_ratios, exact.damping_ratios[:3], rtol=5e-6)
+    assert prediction.frf_peak_frequency == pytest.approx(
+        exact.peak((0.0, 200.0)).frequency, rel=1e-6
+    )
+    assert prediction.frf_peak_magnitude == pytest.approx(
+        exact.peak((0.0, 200.0)).magnitude, rel=1e-6
+    )
+    assert 0.0 < prediction.interpolation_error < 5e-7
+
+
+@given(st.floats())
+def test_any_float_is_answered(predictor: Predictor, alpha3: float) -> None:
+    """No float raises; numbers come with OK only, and are finite then."""
+    prediction = predictor.predict(alpha3)
+    numbers = [
+        *prediction.natural_frequencies,
+        *prediction.damping_ratios,
+        *prediction.frequency_slopes,
+        *prediction.frequency_stddev,
+        prediction.frf_peak_frequency,
+        prediction.frf_peak_magnitude,
+        prediction.interpolation_error,
+    ]
+    assert len(numbers) == 15
+    good = prediction.status is Status.OK
+    assert good == (math.pi / 2 <= alpha3 <= math.pi)
+    assert all(math.isfinite(number) == good for number in numbers)
+    assert prediction.table_id == predictor.table.table_id
+
+
+def test_the_ends_belong_to_the_range(predictor: Predictor) -> None:
+    """The end points are answered, one bit outside is out of range, and no number is one."""
+    low, high = predictor.table.alpha3_range
+    assert predictor.predict(low).status is Status.OK
+    assert predictor.predict(high).status is Status.OK
+    assert predictor.predict(math.nextafter(low, 0.0)).status is Status.OUT_OF_RANGE
+    assert predictor.predict(math.nextafter(high, 9.0)).status is Status.OUT_OF_RANGE
+    assert predictor.predict(sys.float_info.max).status is Status.OUT_OF_RANGE
+    for invalid in (math.nan, math.inf, -math.inf):
+        assert predictor.predict(invalid).status is Status.INVALID_ANGLE
+
+
+def test_predictions_do_not_share_numbers(predictor: Predictor) -> None:
+    """A later prediction leaves an earlier one as it was."""
+    first = predictor.predict(2.0)
+    before = first.natural_frequencies.copy()
+    predictor.predict(3.0)
+    np.testing.assert_array_equal(first.natural_frequencies, before)
+
+
+@given(st.floats(1.58, 3.13))
+def test_slopes_are_the_models(predictor: Predictor, model: LinkageModel, alpha3: float) -> None:
+    """Slopes are the derivatives of the exact frequencies, to the table's own smoothness."""
+    step = 1e-4
+    before, after = (model.solve(alpha3 + s).natural_frequencies[:3] for s in (-step, step))
+    slopes = predictor.predict(alpha3).frequency_slopes
+    # An error of 5e-7 that waves once between the table's points, some degrees apart.
+    room = 5e-7 * after / math.radians(1.0) * math.pi
+    assert (np.abs((after - before) / (2.0 * step) - slopes) <= room + 1e-3 * np.abs(slopes)).all()
+
+
+@pytest.mark.parametrize("degrees", [95.0, 110.0, 130.0, 150.0, 170.0])
+def test_uncertainty_is_that_of_samples(predictor: Predictor, degrees: float) -> None:
+    """The standard deviation told is that of the frequencies at angles that scatter."""
+    alpha3, stddev = math.radians(degrees), math.radians(0.2)
+    angles = alpha3 + np.random.default_rng(6).normal(scale=stddev, size=40_000)
+    sampled = predictor.table.evaluate(angles)[:, :3].std(axis=0)
+    told = predictor.predict(alpha3, stddev).frequency_stddev
+    # What the first order leaves out, and the scatter of 40,000 samples.
+    bend = np.abs(
+        predictor.predict(alpha3 + stddev).frequency_slopes
+        - predictor.predict(alpha3 - stddev).frequency_slopes
+    ) / (2.0 * stddev)
+    assert (np.abs(sampled - told) <= bend * stddev**2 / math.sqrt(2.0) + 0.02 * told).all()
+    assert (told > 0.0).all()
+
+
+def test_uncertainty_at_an_extremum_is_of_second_order(predictor: Predictor) -> None:
+    """Where a frequency is highest the first order says nothing; what is left is small."""
+    angles = np.linspace(1.6, 3.1, 3001)
+    slopes = predictor.table.evaluate_slopes(angles)
+    turning = np.argwhere(slopes[:-1] * slopes[1:] < 0.0)
+    assert len(turning)
+    row, mode = turning[0]
+    alpha3, stddev = float(angles[row]), math.radians(0.2)
+    scatter = alpha3 + np.random.default_rng(6).normal(scale=stddev, size=40_000)
+    sampled = float(predictor.table.evaluate(scatter)[:, mode].std())
+    bend = abs(slopes[row + 1, mode] - slopes[row, mode]) / (angles[1] - angles[0])
+    assert predictor.predict(alpha3, stddev).frequency_stddev[mode] < 0.5 * sampled
+    assert sampled == pytest.approx(bend * stddev**2 / math.sqrt(2.0), rel=0.3)
+
+
+def test_uncertainty_near_a_toggle() -> None:
+    """There a frequency goes with the root of the distance d: too little by 7/16 (stddev/d)^2."""
+    mechanism = read_mechanism(config_file("three_point_linkage_as_printed.yaml"))
+    toggles = LinkageModel(mechanism).kinematics.toggles
+    assert toggles is not None
+    toggle = toggles[1].alpha3
+    stroke = (mechanism.stroke[0], toggle - math.radians(0.01))
+    predictor = Predictor(build_table(LinkageModel(replace(mechanism, stroke=stroke)), 1e-5))
+    distance = math.radians(0.4)
+    for share in (0.02, 0.2):
+        alpha3, stddev = toggle - distance, share * distance
+        angles = alpha3 + np.random.default_rng(6).normal(scale=stddev, size=200_000)
+        sampled = float(predictor.table.evaluate(angles[angles < stroke[1]])[:, 1].std())
+        prediction = predictor.predict(alpha3, stddev)
+        assert prediction.status is Status.NEAR_TOGGLE
+        missing = sampled / prediction.frequency_stddev[1] - 1.0
+        scatter = 3.0 / math.sqrt(2.0 * angles.size)
+        # What the root itself leaves to higher orders and to the smooth rest is a fifth of it.
+        assert missing == pytest.approx(7.0 / 16.0 * share**2, rel=0.2, abs=scatter)
+
+
+def test_slopes_at_many_angles(predictor: Predictor) -> None:
+    """At many angles at once they are the same to the last bit."""
+    angles = np.random.default_rng(0).uniform(*predictor.table.alpha3_range, 500)
+    alone = [predictor.predict(angle).frequency_slopes for angle in angles.tolist()]
+    np.testing.assert_array_equal(predictor.table.evaluate_slopes(angles), alone)
+
+
+def test_table_of_a_whole_turn_serves_every_turn() -> None:
+    """A crank that turns all the way is where it was a turn ago; too far off, who knows."""
+    table = build_table(LinkageModel(read_mechanism(config_file("four_bar.yaml"))), 1e-2)
+    turning = Predictor(table)
+    for turns in (-3, 1, 1000):
+        here, there = turning.predict(1.0), turning.predict(1.0 + 2.0 * math.pi * turns)
+        assert there.status is Status.OK
+        np.testing.assert_allclose(there.natural_frequencies, here.natural_frequencies, rtol=1e-9)
+    assert turning.predict(1e7).status is Status.OUT_OF_RANGE

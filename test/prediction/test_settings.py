@@ -1,0 +1,140 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Parameters: one list for checking, reading, keeping and the manual."""
+
+import math
+from array import array
+from dataclasses import fields
+from pathlib import Path
+
+import pytest
+import yaml
+
+from linkage_vibration.prediction.inputs import JointInput, PercentInput
+from linkage_vibration.prediction.settings import (
+    ParameterError,
+    Parameters,
+    check_value,
+    parameter_table,
+    parameters_yaml,
+    read_parameters,
+)
+from linkage_vibration.support.resources import (
+    DEFAULT_EXCITATIONS,
+    DEFAULT_MECHANISM,
+    DEFAULT_TABLE,
+    config_file,
+    share_directory,
+)
+
+
+def test_readme_has_the_table() -> None:
+    """The README's table of parameters is the one that the code gives."""
+    assert parameter_table().strip() in (share_directory() / "README.md").read_text()
+
+
+def test_parameter_file_has_every_parameter() -> None:
+    """The file to begin from lists every parameter with its default, in the manual's order."""
+    text = (share_directory() / "config" / "linkage_vibration.params.yaml").read_text()
+    written = yaml.safe_load(text)["/**"]["ros__parameters"]
+    expected = yaml.safe_load(parameters_yaml(Parameters(), "/**"))["/**"]["ros__parameters"]
+    assert written == expected
+    assert list(written) == list(expected)
+
+
+def test_defaults_are_valid() -> None:
+    """Every default passes its own check."""
+    for parameter in fields(Parameters):
+        assert check_value(parameter.name, parameter.default) == parameter.default
+
+
+def test_whole_numbers_may_stand_for_doubles() -> None:
+    """YAML's 2 is taken as 2.0 where a double is wanted, and nothing else is bent."""
+    assert check_value("scale", 2) == 2.0
+    assert isinstance(check_value("scale", 2), float)
+    for name, value in (("scale", True), ("sign", 1.0), ("record", 1), ("joint_name", 5)):
+        with pytest.raises(ParameterError, match=name):
+            check_value(name, value)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("scale", 0.0), ("scale", "fast"), ("offset", math.nan), ("joint_name", ""), ("sign", 0)],
+)
+def test_what_is_not_valid_is_refused_in_words(name: str, value: object) -> None:
+    """The parameter, what it must be, what it is, and an example."""
+    with pytest.raises(ParameterError, match=f"{name} must be .*, not .*; write for example"):
+        check_value(name, value)
+
+
+def test_ranges_hold_at_their_ends() -> None:
+    """A range includes its ends, refuses what is beyond, and NaN."""
+    assert check_value("warning_margin", 0) == 0.0
+    assert check_value("warning_margin", 1.0) == 1.0
+    for value in (-1e-9, 1.0 + 1e-9, math.nan, math.inf):
+        with pytest.raises(ParameterError, match="warning_margin must be 0 to 1"):
+            check_value("warning_margin", value)
+
+
+def test_lists_of_numbers() -> None:
+    """Arrays, lists and whole numbers make a calibration; what holds no numbers does not."""
+    assert check_value("percent_points", array("d", [0.0, 100.0])) == (0.0, 100.0)
+    assert check_value("percent_points", [0, 50, 100]) == (0.0, 50.0, 100.0)
+    for value in ("0 100", ["0", "100"], 5.0, [True, False]):
+        with pytest.raises(ParameterError, match="percent_points"):
+            check_value("percent_points", value)
+
+
+def test_inputs_are_what_was_asked_for() -> None:
+    """The joint's rule or the calibration make angles; one that cannot be used names its keys."""
+    joint = Parameters(sign=-1, scale=0.5, offset=2.0, angle_stddev=0.1).crank_input()
+    assert joint == JointInput("hitch_rockshaft_joint", -1, 0.5, 2.0, 0.1)
+    assert isinstance(Parameters(input="percent").crank_input(), PercentInput)
+    with pytest.raises(ParameterError, match="percent_points, percent_angles: .*point 2"):
+        Parameters(input="percent", percent_angles=(1.0, 1.0)).crank_input()
+
+
+def test_files_that_ship_stand_for_those_not_named() -> None:
+    """Without names the shipped files are meant; a mechanism alone has no table yet."""
+    shipped = Parameters()
+    assert shipped.mechanism_path() == config_file(DEFAULT_MECHANISM)
+    assert shipped.table_path() == config_file(DEFAULT_TABLE)
+    assert shipped.excitation_path() == config_file(DEFAULT_EXCITATIONS)
+    assert shipped.log_path() == Path.cwd()
+    other = Parameters(mechanism_file="~/linkage.yaml")
+    assert (other.mechanism_path(), other.table_path()) == (Path.home() / "linkage.yaml", None)
+    both = Parameters(mechanism_file="linkage.yaml", table_file="table.npz")
+    assert both.table_path() == Path("table.npz").absolute()
+
+
+def test_what_is_written_is_read_again(tmp_path: Path) -> None:
+    """A file of parameters gives the parameters that it was made of."""
+    path = tmp_path / "params.yaml"
+    given = Parameters(sign=-1, scale=1e-3, percent_angles=(3.0, 1.5), hysteresis=1e-10)
+    for name in ("/linkage_vibration", "linkage_vibration", "/**"):
+        path.write_text(parameters_yaml(given, name))
+        assert read_parameters(path) == given
+    assert read_parameters(config_file("linkage_vibration.params.yaml")) == Parameters()
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("/**: {ros__parameters: {sign: 2}}", "sign must be 1 or -1, not 2"),
+        ("/**: {ros__parameters: {hysteresis: 1.5}}", "hysteresis must be 0 to 1, not 1.5"),
+        ("/**: {ros__parameters: {scale: far}}", "scale must be .* not 'far'"),
+        ("/**: {ros__parameters: {scale: 1" + 400 * "0" + "}}", "too large"),
+        ("other_node: {ros__parameters: {}}", "has no parameters for the node"),
+        ("/tractor/linkage_vibration: {ros__parameters: {}}", "has no parameters for the node"),
+        ("", "has no parameters for the node"),
+        ("a: [", "cannot be read as YAML"),
+    ],
+)
+def test_files_that_cannot_be_used(tmp_path: Path, text: str, words: str) -> None:
+    """The file, the parameter and the mend are named."""
+    path = tmp_path / "params.yaml"
+    path.write_text(text)
+    with pytest.raises(ParameterError, match=f"params.yaml.*{words}"):
+        read_parameters(path)
+    with pytest.raises(ParameterError, match="missing.yaml.*No such file"):
+        read_parameters(tmp_path / "missing.yaml")

@@ -1,0 +1,335 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Links of every kind in one linkage: beams, matrices, FRFs, a solid mesh, read from files."""
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from numpy.typing import NDArray
+
+from linkage_vibration.mechanics.components import Component
+from linkage_vibration.mechanics.description import Beam, Mechanism, MechanismError
+from linkage_vibration.mechanics.fbs import component_frf
+from linkage_vibration.mechanics.model import LinkageModel, ModelError
+from linkage_vibration.mechanics.regularisation import RegularisationError
+from linkage_vibration.readers.mechanism import read_mechanism
+from linkage_vibration.table.build import build_table
+
+FREQUENCIES = np.linspace(0.1, 200.0, 2000)  # Hz
+PLACES = [("E1", "z"), ("V1", "x")]
+
+
+def component(model: LinkageModel, name: str) -> Component:
+    """Return a component that has matrices."""
+    found = next(c for c in model.components if c.name == name)
+    assert isinstance(found, Component)
+    return found
+
+
+def write(folder: Path, mapping: Any) -> Path:
+    """Write a mechanism and return its path."""
+    path = folder / "mixed.yaml"
+    path.write_text(yaml.safe_dump(mapping, sort_keys=False))
+    return path
+
+
+def replace_body(mapping: Any, link: str, **file: Any) -> None:
+    """Describe a link by a file instead of as a beam."""
+    keys = mapping["links"][link]
+    for key in ("section", "material", "elements"):
+        keys.pop(key)
+    keys["file"] = file
+
+
+def save_matrices(path: Path, model: LinkageModel, link: str) -> None:
+    """Save one link's matrices, its own damping left to the mechanism's rule."""
+    single = component(model, link)
+    count = next(body.count for body in model.mechanism.links if body.name == link)
+    np.savez(
+        path,
+        mass=single.mass / count,
+        stiffness=single.stiffness / count,
+        dofs=np.array([str(dof) for dof in single.dofs]),
+    )
+
+
+def save_frfs(path: Path, model: LinkageModel, link: str) -> None:
+    """Save the FRFs of one of a link's equal parts, as a measurement of it would give them."""
+    single = component(model, link)
+    count = next(body.count for body in model.mechanism.links if body.name == link)
+    np.savez(
+        path,
+        frequencies=FREQUENCIES,
+        frf=count
+        * component_frf(
+            single.mass, single.stiffness, single.damping, len(single.dofs), FREQUENCIES
+        ),
+        dofs=np.array([str(dof) for dof in single.dofs]),
+    )
+
+
+def test_matrices_from_a_file_are_the_beam_that_they_came_from(
+    mapping: Any, model: LinkageModel, tmp_path: Path
+) -> None:
+    """A link saved as unreduced matrices and read again leaves every result as it was."""
+    full = LinkageModel(model.mechanism, reduced=False)
+    save_matrices(tmp_path / "lower.npz", full, "lower_link")
+    replace_body(mapping, "lower_link", kind="matrices", path="lower.npz")
+    mixed = LinkageModel(read_mechanism(write(tmp_path, mapping)))
+    for alpha3 in (1.7, 2.4, 3.1):
+        ours, before = mixed.solve(alpha3), model.solve(alpha3)
+        np.testing.assert_allclose(
+            ours.natural_frequencies[:6], before.natural_frequencies[:6], rtol=1e-8
+        )
+        np.testing.assert_allclose(ours.damping_ratios[:6], before.damping_ratios[:6], rtol=1e-6)
+    assert mixed.mechanism.model_hash != model.mechanism.model_hash
+
+
+def test_all_four_kinds_in_one_linkage(mapping: Any, model: LinkageModel, tmp_path: Path) -> None:
+    """A beam, matrices, a solid mesh and FRFs couple to what the same links with matrices give."""
+    steel = dict(mapping["links"]["upper_link"]["material"])
+    save_matrices(tmp_path / "lower.npz", model, "lower_link")
+    replace_body(mapping, "lower_link", kind="matrices", path="lower.npz")
+    bar_mesh(tmp_path / "upper.msh", 0.520, 0.06, 0.08)
+    pins = {"P2": "left", "E2": "right"}
+    replace_body(mapping, "upper_link", kind="mesh", path="upper.msh", pins=pins, material=steel)
+    judge = LinkageModel(read_mechanism(write(tmp_path, mapping)))
+    save_frfs(tmp_path / "rod.npz", model, "lift_rod")
+    replace_body(mapping, "lift_rod", kind="frfs", path="rod.npz")
+    mixed = LinkageModel(read_mechanism(write(tmp_path, mapping)))
+    for alpha3 in np.radians([90.0, 140.0, 180.0]):
+        found = mixed.coupled_frf(alpha3, FREQUENCIES, PLACES, PLACES)
+        exact = judge.solve(alpha3).frf(PLACES, PLACES).frf(FREQUENCIES)
+        np.testing.assert_allclose(found, exact, rtol=0, atol=1e-8 * np.abs(exact).max())
+        assert np.linalg.norm(found - exact) < 1e-8 * np.linalg.norm(exact)
+    with pytest.raises(ModelError, match="lift_rod is known by its FRFs alone"):
+        mixed.solve(2.0)
+    with pytest.raises(ModelError, match=r"lift_rod has no FRF at 0\.75 Hz"):
+        mixed.coupled_frf(2.0, np.array([0.75]), PLACES, PLACES)
+
+
+@pytest.mark.parametrize("rule", ["modal_ratio", "loss_factor", "mixed rayleigh"])
+@pytest.mark.parametrize("name", ["three_point_linkage", "stephenson_six_bar"])
+def test_both_couplings_agree_with_any_damping(rule: str, name: str) -> None:
+    """LM-FBS and the primal modal sum agree within 1e-8, proportional damping or not."""
+    from linkage_vibration.support.resources import config_file
+
+    mapping = yaml.safe_load(config_file(f"{name}.yaml").read_text())
+    first = next(iter(mapping["links"].values()))
+    mapping["damping"] = {"ratio": 0.02, "at_hz": [4.0, 180.0]}
+    first["damping"] = {
+        "modal_ratio": {"rule": "modal_ratio", "ratio": 0.03},
+        "loss_factor": {"rule": "loss_factor", "factor": 0.05},
+        "mixed rayleigh": {"ratio": 0.05, "at_hz": [10.0, 300.0]},
+    }[rule]
+    if rule == "loss_factor":
+        mapping["damping"] = {"rule": "loss_factor", "factor": 0.01}
+        for spring in mapping.get("springs", {}).values():
+            spring.pop("damping", None)
+    from linkage_vibration.mechanics.parsing import mechanism_from_mapping
+
+    model = LinkageModel(mechanism_from_mapping(mapping))
+    point = model.mechanism.response.point
+    places = [(point, "z"), (point, "x")]
+    for alpha3 in np.linspace(*model.mechanism.stroke, 3):
+        coupled = model.coupled_frf(alpha3, FREQUENCIES, places, places)
+        modal = model.solve(alpha3).frf(places, places).frf(FREQUENCIES)
+        assert np.linalg.norm(coupled - modal) < 1e-8 * np.linalg.norm(modal)
+
+
+def bar_mesh(path: Path, length: float, width: float, height: float) -> None:
+    """Write a bar of tetrahedra as gmsh 2.2, its two end faces named, where it can be read."""
+    for module in ("meshio", "skfem"):
+        pytest.importorskip(module, reason="solid meshes need the extra fe")
+    nx, ny, nz = 24, 2, 2
+    xs = np.linspace(0.0, length, nx + 1)
+    ys, zs = (
+        np.linspace(-width / 2, width / 2, ny + 1),
+        np.linspace(-height / 2, height / 2, nz + 1),
+    )
+    grid = np.arange((nx + 1) * (ny + 1) * (nz + 1)).reshape(nx + 1, ny + 1, nz + 1) + 1
+    lines = ["$MeshFormat", "2.2 0 8", "$EndMeshFormat", "$PhysicalNames", "3"]
+    lines += ['2 1 "left"', '2 2 "right"', '3 3 "body"', "$EndPhysicalNames", "$Nodes"]
+    lines.append(str(grid.size))
+    lines += [
+        f"{grid[i, j, k]} {x!r} {y!r} {z!r}"
+        for i, x in enumerate(xs.tolist())
+        for j, y in enumerate(ys.tolist())
+        for k, z in enumerate(zs.tolist())
+    ]
+    elements = []
+    for end, tag in ((0, 1), (nx, 2)):
+        face = grid[end]
+        for j in range(ny):
+            for k in range(nz):
+                a, b, c, d = face[j, k], face[j + 1, k], face[j + 1, k + 1], face[j, k + 1]
+                elements += [f"2 2 {tag} {tag} {a} {b} {c}", f"2 2 {tag} {tag} {a} {c} {d}"]
+    corners = [
+        (0, 0, 0),
+        (1, 0, 0),
+        (1, 1, 0),
+        (0, 1, 0),
+        (0, 0, 1),
+        (1, 0, 1),
+        (1, 1, 1),
+        (0, 1, 1),
+    ]
+    split = [(0, 1, 2, 6), (0, 2, 3, 6), (0, 3, 7, 6), (0, 7, 4, 6), (0, 4, 5, 6), (0, 5, 1, 6)]
+    for i in range(nx):
+        for j in range(ny):
+            for k in range(nz):
+                cell = [grid[i + a, j + b, k + c] for a, b, c in corners]
+                elements += [f"4 2 3 3 {' '.join(str(cell[n]) for n in t)}" for t in split]
+    lines += ["$EndNodes", "$Elements", str(len(elements))]
+    lines += [f"{n + 1} {text}" for n, text in enumerate(elements)]
+    path.write_text("\n".join([*lines, "$EndElements"]) + "\n")
+
+
+def test_a_solid_mesh_takes_a_links_place(
+    mapping: Any, mechanism: Mechanism, tmp_path: Path
+) -> None:
+    """The upper link as a coarse solid bar keeps mode 1, and the mechanism's hash is its files'."""
+    link = mapping["links"]["upper_link"]
+    link["section"] = {"shape": "rectangle", "width": 0.06, "height": 0.08}
+    beam = LinkageModel(read_mechanism(write(tmp_path, mapping)))
+    bar_mesh(tmp_path / "upper.msh", 0.520, 0.06, 0.08)
+    steel = dict(link["material"])
+    replace_body(
+        mapping,
+        "upper_link",
+        kind="mesh",
+        path="upper.msh",
+        pins={"P2": "left", "E2": "right"},
+        material=steel,
+    )
+    path = write(tmp_path, mapping)
+    mechanism = read_mechanism(path)
+    assert mechanism.model_hash == read_mechanism(path).model_hash
+    assert not isinstance(mechanism.links[1].body, Beam)
+    solid = LinkageModel(mechanism)
+    for alpha3 in (1.8, 2.6):
+        # Axial stiffness is all that these modes ask of the upper link; rigid end faces stiffen it.
+        np.testing.assert_allclose(
+            solid.solve(alpha3).natural_frequencies[:3],
+            beam.solve(alpha3).natural_frequencies[:3],
+            rtol=0.02,
+        )
+
+
+def test_wrong_files_are_told_with_their_keys(mapping: Any, tmp_path: Path) -> None:
+    """A missing file, an unknown kind and a missing key are named."""
+    replace_body(mapping, "lower_link", kind="matrices", path="none.npz")
+    with pytest.raises(MechanismError, match=r"lower_link\.file: .*none\.npz: there is no such"):
+        read_mechanism(write(tmp_path, mapping))
+    mapping["links"]["lower_link"]["file"] = {"kind": "magic", "path": "a"}
+    with pytest.raises(MechanismError, match=r"links\.lower_link\.file\.kind: .*matrices, frfs"):
+        read_mechanism(write(tmp_path, mapping))
+
+
+def test_a_file_without_a_dof_that_the_linkage_needs(
+    mapping: Any, model: LinkageModel, tmp_path: Path
+) -> None:
+    """The DoF and the link are named."""
+    save_matrices(tmp_path / "lower.npz", model, "lower_link")
+    with np.load(tmp_path / "lower.npz") as archive:
+        arrays: dict[str, NDArray[Any]] = dict(archive)
+    arrays["dofs"][2] = "V2 x"
+    np.savez(tmp_path / "lower.npz", **arrays)
+    replace_body(mapping, "lower_link", kind="matrices", path="lower.npz")
+    mechanism = read_mechanism(write(tmp_path, mapping))
+    with pytest.raises(MechanismError, match=r"links\.lower_link: its body lacks the DoF V1 x"):
+        LinkageModel(mechanism)
+    assert math.isfinite(mechanism.stroke[0])
+
+
+def test_modes_identified_from_frfs_are_the_assemblys(
+    mapping: Any, model: LinkageModel, tmp_path: Path
+) -> None:
+    """With a link known by FRFs, frequencies, damping and shapes come within 0.1 % of `solve`."""
+    save_frfs(tmp_path / "rod.npz", model, "lift_rod")
+    replace_body(mapping, "lift_rod", kind="frfs", path="rod.npz")
+    mixed = LinkageModel(read_mechanism(write(tmp_path, mapping)))
+    for alpha3 in np.radians([90.0, 140.0, 175.0]):
+        found, exact = mixed.identify(alpha3), model.solve(alpha3)
+        assert len(found.natural_frequencies) == 3
+        np.testing.assert_allclose(
+            found.natural_frequencies, exact.natural_frequencies[:3], rtol=1e-3
+        )
+        np.testing.assert_allclose(found.damping_ratios, exact.damping_ratios[:3], rtol=1e-2)
+        shapes = exact.modes.shapes[: len(model.interface), :3]
+        shapes = shapes / np.linalg.norm(shapes, axis=0)
+        assert (np.diag(found.modes.shapes.T @ shapes) ** 2 > 0.999).all()
+        band = model.mechanism.response.band
+        assert found.peak(band).frequency == pytest.approx(exact.peak(band).frequency, rel=1e-3)
+        assert found.peak(band).magnitude == pytest.approx(exact.peak(band).magnitude, rel=1e-2)
+
+
+def test_a_table_from_frfs(mapping: Any, model: LinkageModel, tmp_path: Path) -> None:
+    """A table built from identified modes is that of the assembly within 0.1 %."""
+    save_frfs(tmp_path / "rod.npz", model, "lift_rod")
+    replace_body(mapping, "lift_rod", kind="frfs", path="rod.npz")
+    mixed = LinkageModel(read_mechanism(write(tmp_path, mapping)))
+    found, exact = build_table(mixed, 1e-2), build_table(model, 1e-4)
+    angles = np.linspace(*exact.alpha3_range, 20)
+    found_values, exact_values = found.evaluate(angles), exact.evaluate(angles)
+    np.testing.assert_allclose(found_values[:, :3], exact_values[:, :3], rtol=1e-2)
+    np.testing.assert_allclose(found_values[:, -1], exact_values[:, -1], rtol=2e-2)
+    assert found.places == ()
+
+
+def save_noisy_frfs(
+    path: Path, model: LinkageModel, link: str, share: float, frequencies: NDArray[np.float64]
+) -> None:
+    """Save the FRFs of one of a link's equal parts with relative noise."""
+    single = component(model, link)
+    count = next(body.count for body in model.mechanism.links if body.name == link)
+    n = len(single.dofs)
+    frf = count * component_frf(single.mass, single.stiffness, single.damping, n, frequencies)
+    rng = np.random.default_rng(0)
+    noise = rng.standard_normal(frf.shape) + 1j * rng.standard_normal(frf.shape)
+    frf = frf * (1.0 + share * noise / math.sqrt(2.0))
+    dofs = np.array([str(dof) for dof in single.dofs])
+    np.savez(path, frequencies=frequencies, frf=frf, dofs=dofs)
+
+
+@pytest.mark.parametrize(("link", "share"), [("lift_rod", 0.1), ("lower_link", 0.01)])
+def test_noisy_frfs_from_a_file(
+    mapping: Any, model: LinkageModel, tmp_path: Path, link: str, share: float
+) -> None:
+    """Noise of 10 % in the rod, or 1 % in the lower link, leaves mode 1 within 1 %, and no fourth.
+
+    Its gain is told, and that lines up to 20 Hz show too little of how the link deforms.
+    """
+    save_noisy_frfs(tmp_path / "link.npz", model, link, share, FREQUENCIES)
+    replace_body(mapping, link, kind="frfs", path="link.npz")
+    path = write(tmp_path, mapping)
+    mixed, alpha3 = LinkageModel(read_mechanism(path)), math.radians(140.0)
+    found, exact = mixed.identify(alpha3), model.solve(alpha3)
+    assert len(found.natural_frequencies) == 3
+    assert found.natural_frequencies[0] == pytest.approx(exact.natural_frequencies[0], rel=0.01)
+    assert found.natural_frequencies == pytest.approx(exact.natural_frequencies[:3], rel=0.04)
+    gain = mixed.noise_gain(alpha3, FREQUENCIES, PLACES[:1], PLACES[:1])
+    assert share * np.median(gain) < 0.1
+    save_noisy_frfs(tmp_path / "link.npz", model, link, share, np.linspace(0.1, 20.0, 200))
+    short = LinkageModel(read_mechanism(path))
+    with pytest.raises(ModelError, match=rf"in the FRFs of links\.{link} becomes \d+ % in the"):
+        short.coupled_frf(alpha3, np.linspace(0.1, 20.0, 200), PLACES[:1], PLACES[:1])
+
+
+def test_frfs_of_a_sensor_with_a_wrong_gain(
+    mapping: Any, model: LinkageModel, tmp_path: Path
+) -> None:
+    """The link, the FRF and how far it is off are told."""
+    save_frfs(tmp_path / "lower.npz", model, "lower_link")
+    with np.load(tmp_path / "lower.npz") as archive:
+        arrays: dict[str, NDArray[Any]] = dict(archive)
+    arrays["frf"][:, 5] *= 1.08
+    np.savez(tmp_path / "lower.npz", **arrays)
+    replace_body(mapping, "lower_link", kind="frfs", path="lower.npz")
+    mechanism = read_mechanism(write(tmp_path, mapping))
+    with pytest.raises(RegularisationError, match=r"links\.lower_link: The FRF of .* by 5 % from"):
+        LinkageModel(mechanism)

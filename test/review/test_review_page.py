@@ -1,0 +1,255 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""The page of a log in a browser, used as a person uses it."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from linkage_vibration.cli.main import main
+from linkage_vibration.review.log import Log, read_log
+from linkage_vibration.review.moments import moments
+from linkage_vibration.support.resources import DEFAULT_TABLE, config_file
+from linkage_vibration.table.table import load_table
+
+SHIFT = 8
+
+
+@pytest.fixture(scope="module")
+def log(drive: Path) -> Log:
+    """Return the log that the page is of."""
+    return read_log(drive)
+
+
+@pytest.fixture(scope="module")
+def file(drive: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the page, written by the command."""
+    path = tmp_path_factory.mktemp("review") / "drive.html"
+    assert main(["review", str(drive), "-o", str(path)]) == 0
+    return path
+
+
+@pytest.fixture
+def page(browser: Any, file: Path) -> Iterator[Any]:
+    """Return the browser with the page loaded; nothing may have gone wrong in the end."""
+    browser.problems.clear()
+    browser.resize(1280, 900)
+    browser.open(file)
+    yield browser
+    assert browser.problems == []
+
+
+def view(page: Any) -> list[float]:
+    """Return from and until when the page shows, s."""
+    return list(map(float, page.evaluate("review.view")))
+
+
+def test_command_writes_files(drive: Path, tmp_path: Path, capsys: Any) -> None:
+    """The page is written beside the log unless told otherwise, with a picture and a table."""
+    copy = tmp_path / "copy.mcap"
+    copy.write_bytes(drive.read_bytes())
+    options = ["--png", str(tmp_path / "a.png"), "--csv", str(tmp_path / "a.csv")]
+    assert main(["review", str(copy), *options]) == 0
+    assert capsys.readouterr().out.startswith(f"Written: {tmp_path / 'copy.html'}, ")
+    assert {p.name for p in tmp_path.iterdir()} == {"copy.mcap", "copy.html", "a.png", "a.csv"}
+
+
+def test_page_shows_the_drive(page: Any, log: Log) -> None:
+    """A row each for angle, waterfall, modes, peak and margin; all moments are listed."""
+    rows = page.evaluate("[...document.querySelectorAll('.chart')].map(e => e.id)")
+    told = ["angle", "waterfall", "f1", "f2", "f3", "peak", "margin"]
+    assert [row for row in rows if row != "chart-over-angle"] == [f"chart-{name}" for name in told]
+    found = page.evaluate("document.querySelectorAll('#table-moments tbody tr').length")
+    assert found == len(moments(log)) > 5
+    assert page.evaluate("document.querySelectorAll('.histogram rect').length") > 40
+    assert log.table_id in page.text("#provenance")
+
+
+def test_hover_reads_the_log_s_numbers(page: Any, log: Log) -> None:
+    """Under the mouse stand the numbers of the nearest prediction, as the log holds them."""
+    for share in (0.1, 0.3, 0.8):
+        page.hover(page.place("#chart-f2 .u-over", share))
+        i = page.evaluate("review.cursor")
+        assert log.times[i] == pytest.approx(share * log.times[-1], abs=0.03)
+        for mode in range(3):
+            told = float(page.text(f"#read-f{mode + 1}").split()[0])
+            assert told == pytest.approx(log.natural_frequencies[i, mode], rel=1e-7)
+            exact = page.evaluate(f"review.columns.f{mode + 1}[{i}]")
+            assert exact == log.natural_frequencies[i, mode]
+        told = float(page.text("#read-crank_angle").split()[0])
+        assert told == pytest.approx(np.rad2deg(log.crank_angle[i]), rel=1e-7)
+        assert "±" in page.text("#read-f1")
+
+
+def test_click_keeps_the_cursor(page: Any) -> None:
+    """What was clicked stays under the cursor when the mouse leaves the chart."""
+    page.click(page.place("#chart-peak .u-over", 0.6))
+    kept = page.evaluate("review.cursor")
+    page.hover(page.place("#chart-peak .u-over", 0.2))
+    assert page.evaluate("review.cursor") != kept
+    page.hover(page.place("h1"))
+    assert page.evaluate("review.cursor") == kept
+
+
+def test_drag_zooms_and_pans(page: Any, log: Log) -> None:
+    """A drag shows what it spans, Shift and a drag moves along, a double-click shows it all."""
+    whole = view(page)
+    assert whole == [0.0, log.times[-1]]
+    start, end = page.place("#chart-f1 .u-over", 0.25), page.place("#chart-f1 .u-over", 0.5)
+    page.drag(start, end)
+    np.testing.assert_allclose(view(page), [0.25 * whole[1], 0.5 * whole[1]], atol=0.05)
+    page.drag(end, start, SHIFT)
+    np.testing.assert_allclose(view(page), [0.3125 * whole[1], 0.5625 * whole[1]], atol=0.05)
+    page.click(start, count=2)
+    assert view(page) == whole
+
+
+def test_wheel_and_strip(page: Any, log: Log) -> None:
+    """Ctrl and the wheel zoom about the mouse; the strip's window is drawn and dragged."""
+    at = page.place("#chart-f1 .u-over", 0.5)
+    page.mouse("mouseWheel", at, deltaX=0, deltaY=-200, modifiers=2)
+    page.settle()
+    low, high = view(page)
+    assert high - low < 0.6 * log.times[-1]
+    assert low + high == pytest.approx(log.times[-1], abs=0.1)
+    page.key("0", "0")
+    page.drag(page.place("#overview .u-over", 0.5), page.place("#overview .u-over", 0.75))
+    np.testing.assert_allclose(view(page), 0.01 * 2000 * np.array([0.5, 0.75]), atol=0.1)
+    page.drag(page.place("#overview .u-over", 0.6), page.place("#overview .u-over", 0.35))
+    np.testing.assert_allclose(view(page), 0.01 * 2000 * np.array([0.25, 0.5]), atol=0.1)
+
+
+def test_moments_are_gone_to(page: Any, log: Log) -> None:
+    """A click on a row of the list puts the cursor and the mode there; n and p go on and back."""
+    found = moments(log)
+    page.click(page.place("#table-moments tbody tr:nth-child(4)"))
+    assert page.evaluate("review.cursor") == found[3].nearest
+    assert page.evaluate("review.mode") == found[3].mode
+    low, high = view(page)
+    assert low <= log.times[found[3].nearest] <= high < low + 5.0
+    page.key("n", "n")
+    assert page.evaluate("review.cursor") == found[4].nearest
+    page.key("p", "p")
+    assert page.evaluate("review.cursor") == found[3].nearest
+    assert page.text("#read-excitation") == found[3].excitation
+
+
+def test_keys(page: Any, log: Log) -> None:
+    """Arrows move the cursor, + and - zoom about it, digits choose a mode, m holds it still."""
+    page.click(page.place("#chart-f1 .u-over", 0.5))
+    i = page.evaluate("review.cursor")
+    page.key("ArrowRight", modifiers=SHIFT)
+    assert page.evaluate("review.cursor") == i + 1
+    page.key("ArrowLeft")
+    assert page.evaluate("review.cursor") < i
+    page.key("+", "+")
+    low, high = view(page)
+    assert high - low == pytest.approx(log.times[-1] / 2.0)
+    page.key("-", "-")
+    assert view(page) == [0.0, log.times[-1]]
+    page.key("3", "3")
+    assert page.evaluate("review.mode") == 2
+    assert page.evaluate("document.querySelector('#mode-3').ariaChecked") == "true"
+    page.key("m", "m")
+    assert page.text("#move") == "Let it move"
+    page.key("ArrowRight")
+    assert "Mode 2" in page.text("#spoken")
+
+
+def test_modes_by_keyboard_alone(page: Any) -> None:
+    """The modes are one stop of the Tab key, within which arrows choose."""
+    page.evaluate("document.querySelector('#mode-1').focus()")
+    page.key("ArrowRight")
+    assert page.evaluate("document.activeElement.id") == "mode-2"
+    assert page.evaluate("review.mode") == 1
+
+
+def test_linkage_is_drawn_and_moves(page: Any, log: Log) -> None:
+    """Pins stand where the model has them, the mode moves, and nothing is drawn without numbers."""
+    page.evaluate("document.querySelector('#linkage').scrollIntoView()")
+    lines = "[...document.querySelectorAll('#linkage polyline')].map(e => e.getAttribute('points'))"
+    before = page.evaluate(lines)
+    page.evaluate("new Promise(done => setTimeout(done, 300))")
+    after = page.evaluate(lines)
+    n = len(before) // 2
+    assert before[:n] == after[:n] and before[n:] != after[n:]
+    ends = [line.split()[0] for line in before[:n]]
+    assert "0.0000,0.0000" in ends  # P1, on the ground at the origin
+    page.hover(page.place("#chart-f1 .u-over", 12.25 / log.times[-1]))
+    assert page.text("#linkage-caption") == "No prediction at 185.00°."
+    assert page.text("#read-status") == "out of range" and page.text("#read-f1") == "none"
+
+
+def test_receptance_is_the_table_s(page: Any) -> None:
+    """The waterfall's |H| is the table's to 0.3 %, beside resonances too."""
+    table = load_table(config_file(DEFAULT_TABLE))
+    for degrees, frequency in ((101.3, 3.1), (133.37, 98.0), (165.21, 5.4), (178.0, 150.0)):
+        angle = float(np.deg2rad(degrees))
+        told = page.evaluate(f"review.receptance({angle!r}, {frequency})")
+        frf = table.frf(angle, [("E1", "z")], [("E1", "z")])
+        exact = abs(frf.frf(np.array([frequency]))[0, 0, 0])
+        assert told == pytest.approx(exact, rel=3e-3)
+
+
+def test_waterfall_over_the_angle(page: Any) -> None:
+    """The waterfall turns to the angle and back, and tells |H| under the mouse."""
+    page.click(page.place("#over-angle"))
+    assert page.evaluate("document.querySelector('#chart-waterfall').hidden") is True
+    page.hover(page.place("#chart-over-angle .u-over"))
+    assert page.text("#pointer").endswith("135.00°")
+    page.click(page.place("#over-time"))
+    page.hover(page.place("#chart-waterfall .u-over", 0.5, 0.5))
+    assert page.text("#pointer").startswith("|H| = ")
+    assert page.evaluate("document.querySelector('#chart-waterfall').hidden") is False
+
+
+def test_lines_keep_their_extremes(page: Any, log: Log) -> None:
+    """However far the view, the drawn line reaches the least and the greatest value in it."""
+    page.resize(500, 900)
+    page.evaluate("new Promise(done => setTimeout(done, 100))")
+    told = page.evaluate("review.drawn('f2')")
+    assert len(told) < len(log.stamps)
+    known = [value for value in told if value is not None]
+    assert min(known) == np.nanmin(log.natural_frequencies[:, 1])
+    assert max(known) == np.nanmax(log.natural_frequencies[:, 1])
+    assert None in told
+
+
+def test_phone(page: Any, tmp_path: Path) -> None:
+    """At 380 px nothing is wider than the screen, and a finger on a chart moves the cursor."""
+    page.resize(380, 800, mobile=True)
+    page.evaluate("new Promise(done => setTimeout(done, 100))")
+    assert page.evaluate("document.documentElement.scrollWidth") == 380
+    x, y = page.place("#chart-f1 .u-over", 0.3)
+    page.send("Input.dispatchTouchEvent", type="touchStart", touchPoints=[{"x": x, "y": y}])
+    page.send("Input.dispatchTouchEvent", type="touchEnd", touchPoints=[])
+    page.settle()
+    assert page.evaluate("review.columns.time[review.cursor]") == pytest.approx(0.3 * 20.0, abs=0.3)
+    assert page.text("#brief").count("Hz") == 3
+    page.screenshot(tmp_path / "phone.png", whole=True)
+    assert (tmp_path / "phone.png").stat().st_size > 50_000
+
+
+def test_print(page: Any, tmp_path: Path) -> None:
+    """It prints on a few pages, and is as wide as before afterwards."""
+    width = page.evaluate("document.querySelector('#chart-f1 canvas').clientWidth")
+    page.pdf(tmp_path / "page.pdf")
+    data = (tmp_path / "page.pdf").read_bytes()
+    assert data.startswith(b"%PDF") and 2 <= data.count(b"/Type /Page\n") <= 8
+    page.settle()
+    assert page.evaluate("document.querySelector('#chart-f1 canvas').clientWidth") == width
+
+
+def test_bare_log(browser: Any, write_log: Any, tmp_path: Path) -> None:
+    """A log of one prediction and no provenance has a page without a linkage and a waterfall."""
+    log = write_log(tmp_path / "bare.mcap", [0.0], [2.0], False, False)
+    assert main(["review", str(log)]) == 0
+    browser.problems.clear()
+    browser.open(tmp_path / "bare.html")
+    assert browser.problems == []
+    assert browser.evaluate("document.querySelector('#linkage-section').hidden") is True
+    assert "no resonances" in browser.text("#table-moments")
+    assert "does not hold the table" in browser.text("#provenance")

@@ -1,0 +1,69 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Parameters as ROS 2 gives and sets them."""
+
+from pathlib import Path
+
+import pytest
+import rclpy
+from rclpy.context import Context
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from linkage_vibration.prediction.settings import NODE_NAME, Parameters, read_parameters
+from linkage_vibration.ros.parameter_server import changed, declare_parameters, in_own_types
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "/**: {ros__parameters: {sign: -1, scale: 1e-3, offset: 2, joint_name: arm}}",
+        "/**: {ros__parameters: {joint_name: 1e3_arm, sign: -1}}",
+        "linkage_vibration: {ros__parameters: {percent_points: [0, 50], record: yes}}",
+        "/linkage_vibration: {ros__parameters: {scale: 3.}}\n/**: {ros__parameters: {scale: 2.}}",
+        "/**: {ros__parameters: {scale: 2.}}\n/linkage_vibration: {ros__parameters: {scale: 3.}}",
+        "/*: {ros__parameters: {sign: -1}}\n/**/linkage_vibration: {ros__parameters: {scale: .5}}",
+        "/a/linkage_vibration: {ros__parameters: {sign: -1}}\n/**: {ros__parameters: {scale: 2.}}",
+        "/*/linkage_vibration: {ros__parameters: {sign: -1}}\n/**: {ros__parameters: {scale: 2e0}}",
+        "/**: {ros__parameters: {use_sim_time: false, qos_overrides: {a: 1}, offset: -.5E+1}}",
+    ],
+)
+def test_a_file_means_the_same_to_node_and_replay(
+    environment: dict[str, str], tmp_path: Path, text: str
+) -> None:
+    """What a file gives is what rclpy gives a node that is started with it."""
+    path = tmp_path / "params.yaml"
+    path.write_text(text)
+    context = Context()
+    rclpy.init(args=["--ros-args", "--params-file", str(path)], context=context)
+    node = Node(NODE_NAME, context=context)
+    try:
+        given, faults = declare_parameters(node)
+    finally:
+        node.destroy_node()
+        rclpy.shutdown(context=context)
+    assert not faults
+    assert read_parameters(path) == given != Parameters()
+
+
+def test_what_may_be_set() -> None:
+    """Live parameters at any time, the others while not configured, and none that is not valid."""
+    settings = Parameters()
+    live, other = Parameter("warning_margin", value=0.2), Parameter("log_directory", value="/tmp")
+    found, result = changed(settings, [live], configured=True)
+    assert (found.warning_margin, result.successful) == (0.2, True)
+    found, result = changed(settings, [live, other], configured=True)
+    assert found == settings
+    assert "log_directory is read when the node is configured" in result.reason
+    found, result = changed(settings, [live, other], configured=False)
+    assert (found.log_directory, found.warning_margin) == ("/tmp", 0.2)
+    found, result = changed(settings, [Parameter("use_sim_time", value=True)], configured=True)
+    assert (found, result.successful) == (settings, True)
+
+
+def test_whole_numbers_are_set_as_doubles() -> None:
+    """What ROS would refuse for its type is turned before; what means something else is not."""
+    asked = [Parameter("stale_after", value=2), Parameter("sign", value=-1)]
+    stale_after, sign = in_own_types(asked)
+    assert (stale_after.value, type(stale_after.value)) == (2.0, float)
+    assert (sign.value, type(sign.value)) == (-1, int)

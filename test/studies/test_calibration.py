@@ -1,0 +1,188 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Calibration: known parameters recovered, what data cannot tell said, files kept as they were."""
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from linkage_vibration.mechanics.description import Mechanism
+from linkage_vibration.mechanics.parsing import mechanism_from_mapping
+from linkage_vibration.readers.mechanism import read_mechanism
+from linkage_vibration.studies.calibration import (
+    Calibration,
+    CalibrationError,
+    Parameter,
+    Target,
+    apply,
+    calibrate,
+    natural_frequencies,
+    read_calibration,
+    summary,
+    write_mechanism,
+)
+from linkage_vibration.support.resources import config_file
+
+HEIGHT = "links.lower_link.section.height"
+DIAMETER = "links.lift_rod.section.diameter"
+MASS = "rigid_bodies.implement.mass"
+MODULUS = "links.input_crank.material.youngs_modulus"
+
+
+def calibration(mapping: Any, targets: list[Target], *parameters: Parameter) -> Calibration:
+    """Return a calibration of the default linkage."""
+    text = config_file("three_point_linkage.yaml").read_text()
+    return Calibration(mapping, text, parameters, tuple(targets))
+
+
+def measured(mechanism: Mechanism) -> list[Target]:
+    """Return what the linkage itself would be measured to have, coarsely meshed as in a fit."""
+    asked = [Target(mode, math.radians(a), 1.0, 0.01) for mode in (1, 2, 3) for a in (90, 130, 175)]
+    asked += [Target(3, "lowest", 1.0, 0.01), Target(2, "highest", 1.0, 0.01)]
+    found = natural_frequencies(mechanism, asked, coarse=True)
+    return [
+        Target(target.mode, target.at, float(hz), target.deviation)
+        for target, hz in zip(asked, found, strict=True)
+    ]
+
+
+def test_known_parameters_are_recovered(mapping: Any, mechanism: Mechanism) -> None:
+    """From frequencies of the linkage itself, wrong sections are led back to the right ones."""
+    mapping["links"]["lower_link"]["section"]["height"] = 0.045
+    mapping["links"]["lift_rod"]["section"]["diameter"] = 0.022
+    wrong = calibration(
+        mapping, measured(mechanism), Parameter(HEIGHT, 0.02, 0.1), Parameter(DIAMETER, 0.02, 0.06)
+    )
+    result = calibrate(wrong, starts=1)
+    assert result.values == pytest.approx([0.032, 0.029], rel=1e-4)
+    assert result.undetermined == ()
+    assert result.on_bound == ()
+    assert (np.sqrt(np.diag(result.covariance)) < 0.1).all()
+    told = summary(wrong, result)
+    assert "mode 3 lowest" in told
+    assert f"{HEIGHT:44}{0.032:12.5g}" in told
+
+
+def test_parameters_that_act_as_one_are_told(mapping: Any) -> None:
+    """The crank's width and modulus scale its stiffness alike: light as it is, nothing tells."""
+    crank = mapping["links"]["input_crank"]
+    crank["material"] = dict(crank["material"], density=1e-3)
+    targets = [Target(1, math.radians(a), 3.0, 0.01) for a in (90.0, 135.0, 175.0)]
+    width = "links.input_crank.section.width"
+    both = calibration(
+        mapping, targets, Parameter(width, 0.001, 1.0), Parameter(MODULUS, 1e10, 1e12)
+    )
+    result = calibrate(both, starts=1)
+    assert result.undetermined == ((width, MODULUS),)
+    assert "cannot tell apart: " + width in summary(both, result)
+
+
+def test_bounds_hold_and_are_told(mapping: Any, mechanism: Mechanism) -> None:
+    """A parameter that wants out of its bounds stays on one, and is named."""
+    bounded = calibration(mapping, measured(mechanism), Parameter(HEIGHT, 0.04, 0.1))
+    result = calibrate(bounded, starts=2)
+    assert result.values == pytest.approx([0.04], rel=1e-6)
+    assert result.on_bound == (HEIGHT,)
+    assert "on a bound" in summary(bounded, result)
+
+
+def test_paper_gives_the_default_sections(mechanism: Mechanism) -> None:
+    """The shipped calibration leads to the shipped sections, but for their rounding.
+
+    Straight uniform links come within 10.1 % of all nine printed frequencies.
+    """
+    paper = read_calibration(config_file("calibrations/paper.yaml"))
+    result = calibrate(paper, starts=1)
+    default = [yaml_number(paper.mapping, parameter.path) for parameter in paper.parameters]
+    assert result.values == pytest.approx(default, rel=0.08)
+    wanted = np.array([target.frequency for target in paper.targets])
+    assert np.abs(result.frequencies / wanted - 1.0).max() < 0.101
+    own = natural_frequencies(mechanism, paper.targets)
+    assert np.abs(own / wanted - 1.0).max() < 0.102
+
+
+def yaml_number(mapping: Any, path: str) -> float:
+    """Return a number of a nested mapping."""
+    for key in path.split("."):
+        mapping = mapping[key]
+    return float(mapping)
+
+
+def test_written_mechanism_keeps_its_comments(mapping: Any, tmp_path: Path) -> None:
+    """Only the numbers change; what is read back has them."""
+    some = calibration(
+        mapping,
+        [],
+        Parameter(HEIGHT, 0.02, 0.1),
+        Parameter(MASS, 1.0, 1e4),
+        Parameter("links.lower_link.material.youngs_modulus", 1e9, 1e12),
+    )
+    path = tmp_path / "mine.yaml"
+    write_mechanism(some, [0.0351234, 912.5, 2.05e11], path)
+    before, after = some.text.splitlines(), path.read_text().splitlines()
+    assert len(before) == len(after)
+    assert sum(a != b for a, b in zip(before, after, strict=True)) == 3
+    changed = apply(some, [0.0351234, 912.5, 2.05e11])
+    # The material stands once in the file, with an alias; so it does in the data read from it.
+    assert read_mechanism(path).model_hash == mechanism_from_mapping(changed).model_hash
+    with pytest.raises(CalibrationError, match="cannot be written"):
+        write_mechanism(some, [0.03, 900.0, 2e11], tmp_path / "none" / "mine.yaml")
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("mechanism: none.yaml\nparameters: {}\ntargets: []", "none.yaml: cannot be read"),
+        ("mechanism: m.yaml\nparameters: {links.nothing: [1, 2]}\ntargets: []", "no key 'nothing'"),
+        ("mechanism: m.yaml\nparameters: {name: [1, 2]}\ntargets: []", "not a number"),
+        (f"mechanism: m.yaml\nparameters: {{{MASS}: [2, 1]}}\ntargets: []", "ascend"),
+        (f"mechanism: m.yaml\nparameters: {{{MASS}: [1, 2]}}\ntargets: []", "targets"),
+        (f"mechanism: m.yaml\nparameters: {{{MASS}: [1, 2]}}\ntargets: [{{mode: 1}}]", "missing"),
+        ("mechanism: m.yaml\nparameters: {}\ntargets: [{mode: 1, at_deg: 90, hz: 3}]", "is empty"),
+        ("[]", "mapping"),
+    ],
+)
+def test_wrong_calibrations_are_told(tmp_path: Path, text: str, words: str) -> None:
+    """Each error names the file, the key and the mend."""
+    (tmp_path / "m.yaml").write_text(config_file("three_point_linkage.yaml").read_text())
+    path = tmp_path / "fit.yaml"
+    path.write_text(text)
+    with pytest.raises(CalibrationError, match=words) as raised:
+        read_calibration(path)
+    assert "fit.yaml" in str(raised.value)
+
+
+def test_linkage_that_never_closes_is_told(mapping: Any) -> None:
+    """If no start can be solved, the error says what the last one failed at."""
+    mapping = yaml.safe_load(yaml.safe_dump(mapping))
+    mapping["links"]["lift_rod"]["points"]["V1"] = 0.1
+    target = Target(1, math.radians(100.0), 3.0, 0.01)
+    with pytest.raises(CalibrationError, match="From no start"):
+        calibrate(calibration(mapping, [target], Parameter(HEIGHT, 0.02, 0.1)), starts=2)
+
+
+def test_numbers_with_anchors_and_aliases(mapping: Any, tmp_path: Path) -> None:
+    """A number that carries an anchor keeps it; two parameters that are one number are refused."""
+    text = config_file("three_point_linkage.yaml").read_text()
+    text = text.replace("width: 0.050, height: 0.032", "width: &w 0.050, height: 0.032")
+    text = text.replace("width: 0.020, height: 0.036", "width: *w, height: 0.036")
+    width = "links.lower_link.section.width"
+    one = Calibration(yaml.safe_load(text), text, (Parameter(width, 0.01, 0.1),), ())
+    write_mechanism(one, [0.043], tmp_path / "mine.yaml")
+    assert "width: &w 0.043, height" in (tmp_path / "mine.yaml").read_text()
+    assert read_mechanism(tmp_path / "mine.yaml").name == "three_point_linkage"
+    crank = Parameter("links.input_crank.section.width", 0.01, 0.1)
+    two = Calibration(one.mapping, text, (*one.parameters, crank), ())
+    with pytest.raises(CalibrationError, match="one number"):
+        write_mechanism(two, [0.043, 0.044], tmp_path / "other.yaml")
+
+
+def test_mode_that_the_model_does_not_have(mapping: Any) -> None:
+    """A target beyond the model's modes is told."""
+    far = calibration(mapping, [Target(900, 2.0, 3.0, 0.01)], Parameter(HEIGHT, 0.02, 0.1))
+    with pytest.raises(CalibrationError, match="mode 900"):
+        calibrate(far, starts=1)

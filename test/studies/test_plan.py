@@ -1,0 +1,247 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Plans: each choice meets its tolerance, and the next cheaper one does not."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from linkage_vibration.mechanics.components import link_component
+from linkage_vibration.mechanics.description import Beam, Frfs, Matrices, Mechanism, Rayleigh
+from linkage_vibration.mechanics.model import LinkageModel
+from linkage_vibration.readers.mechanism import read_mechanism
+from linkage_vibration.studies.plan import (
+    ELEMENTS,
+    MODES,
+    Measured,
+    Plan,
+    PlanError,
+    Scene,
+    Truth,
+    measure,
+    plan,
+    planned_frf,
+    planned_mechanism,
+    summary,
+    truths,
+    write_planned,
+)
+from linkage_vibration.support.resources import config_file
+
+PLACES = (("E1", "z"), ("V1", "x"))
+STROKE = (math.radians(90.0), math.radians(180.0))
+LOW = (0.0, 200.0)
+LIVE = 50e-6  # s; a lookup takes some 3 us, a solve 500
+
+
+@dataclass(frozen=True)
+class Job:
+    """A scene, and how a plan for it turns out."""
+
+    plan: Plan
+    against: list[Truth]
+    measured: Measured
+
+    def share(self, **cheaper: object) -> float:
+        """Measured error of the plan with some setting changed, in units of the allowed one."""
+        other = measure(replace(self.plan, **cheaper), self.against)  # type: ignore[arg-type]
+        return other.errors.share(self.plan.scene.allowed)
+
+
+def heavier(mechanism: Mechanism) -> Mechanism:
+    """Return the linkage with half as heavy an implement again."""
+    implement = replace(mechanism.rigid_bodies[0], mass=1200.0, inertia=350.0)
+    return replace(mechanism, rigid_bodies=(implement,))
+
+
+SCENES: dict[str, Callable[[Mechanism], Scene]] = {
+    "up to 40 Hz": lambda m: Scene(m, (0.0, 40.0), PLACES, 8e-8, STROKE),
+    "up to 200 Hz": lambda m: Scene(m, LOW, PLACES, 1e-3, STROKE),
+    "up to 2 kHz": lambda m: Scene(
+        m, (0.0, 2000.0), (("E1", "z"),), 1.5e-2, (math.radians(130.0), math.radians(150.0))
+    ),
+    "one angle": lambda m: Scene(m, LOW, PLACES, 1e-4, (math.radians(140.0),) * 2),
+    "whole stroke, live": lambda m: Scene(m, LOW, PLACES, 2e-4, STROKE, LIVE),
+    "heavier implement": lambda m: Scene(heavier(m), LOW, PLACES, 1e-4, STROKE, LIVE),
+}
+
+
+@pytest.fixture(scope="module", params=SCENES)
+def job(request: pytest.FixtureRequest, mechanism: Mechanism) -> Job:
+    """Return each scene, planned and measured."""
+    chosen = plan(SCENES[request.param](mechanism))
+    against = truths(chosen)
+    return Job(chosen, against, measure(chosen, against))
+
+
+def test_plan_meets_its_tolerance(job: Job) -> None:
+    """Measured at other angles against an unreduced, finer mesh, and as predicted to a tenth."""
+    allowed = job.plan.scene.allowed
+    share = job.measured.errors.share(allowed)
+    assert share <= 1.0
+    assert share == pytest.approx(job.plan.predicted.share(allowed), rel=0.1)
+
+
+def test_fewer_elements_or_modes_do_not(job: Job) -> None:
+    """One step fewer elements, or one step fewer modes, is outside the tolerance."""
+    fewer = ELEMENTS[ELEMENTS.index(job.plan.elements) - 1]
+    assert job.share(elements=fewer) > 1.0
+    fewer = MODES[MODES.index(job.plan.modes) - 1]
+    assert job.share(modes=fewer) > 1.0
+
+
+def test_fewer_terms_or_points_do_not(job: Job) -> None:
+    """Nor do FRFs with less of a residual, or a table with fewer points, if there can be any."""
+    if job.plan.method == "exact":
+        steps = ["none", "static", "every mode"]
+        fewer = steps[: steps.index(job.plan.residual)]
+        assert all(job.share(residual=residual) > 1.0 for residual in fewer)
+        return
+    looser, points = job.plan, job.measured.points
+    while points == job.measured.points:
+        assert looser.table_tolerance is not None
+        looser = replace(looser, table_tolerance=4.0 * looser.table_tolerance)
+        other = measure(looser, job.against)
+        points = other.points
+    assert points < job.measured.points
+    assert other.errors.share(job.plan.scene.allowed) > 1.0
+
+
+def test_what_each_scene_gets(mechanism: Mechanism, job: Job) -> None:
+    """Live scenes get a table, as large as predicted; all others none, and every one is planar."""
+    live = job.plan.scene.seconds_per_prediction is not None
+    assert job.plan.method == ("table" if live else "exact")
+    assert job.measured.points == job.plan.points
+    assert (job.plan.points > 0) == live
+    assert not job.plan.spatial
+    for link in planned_mechanism(job.plan).links:
+        assert isinstance(link.body, Beam)
+        assert (link.body.elements, link.modes) == (job.plan.elements, job.plan.modes)
+    told = summary(job.plan, job.measured)
+    assert f"elements a link: {job.plan.elements}" in told
+    assert f"{job.measured.errors.frequency:.1e}" in told
+
+
+def test_a_wider_band_or_a_tighter_tolerance_costs_more(mechanism: Mechanism) -> None:
+    """40 Hz, 200 Hz, and 200 Hz ten times as exact: more elements and modes each time."""
+    one = (STROKE[0], STROKE[0])
+    plans = [
+        plan(Scene(mechanism, band, PLACES, tolerance, one))
+        for band, tolerance in (((0.0, 40.0), 1e-3), (LOW, 1e-3), (LOW, 1e-4))
+    ]
+    assert [(p.elements, p.modes) for p in plans] == sorted({(p.elements, p.modes) for p in plans})
+    assert plans[0].elements < plans[1].elements < plans[2].elements
+    assert plans[0].modes < plans[1].modes < plans[2].modes
+
+
+def test_nothing_is_computed_that_is_not_asked_for(mechanism: Mechanism) -> None:
+    """Without places there are no FRFs, and with time enough or at one angle there is no table."""
+    scene = Scene(mechanism, LOW, (), 1e-3, STROKE, 60.0)
+    chosen = plan(scene)
+    assert (chosen.method, chosen.points) == ("exact", 0)
+    assert chosen.cost.frfs == 0.0
+    assert chosen.predicted.frf == 0.0
+    live = plan(replace(scene, angles=(STROKE[0], STROKE[0]), seconds_per_prediction=1e-6))
+    assert live.method == "exact"
+
+
+def test_motion_out_of_the_plane_makes_it_spatial(mechanism: Mechanism) -> None:
+    """An FRF along y makes the model spatial, and it meets its tolerance there."""
+    angle = (math.radians(140.0),) * 2
+    chosen = plan(Scene(mechanism, LOW, (("V1", "y"), ("V1", "z")), 1e-3, angle))
+    assert chosen.spatial
+    measured = measure(chosen, truths(chosen))
+    assert 0.0 < measured.errors.share(chosen.scene.allowed) <= 1.0
+
+
+def test_planned_frf_is_that_of_the_plan(mechanism: Mechanism) -> None:
+    """It has the terms of the modes in reach alone, and differs from the whole as predicted."""
+    angle = math.radians(140.0)
+    chosen = plan(Scene(mechanism, LOW, PLACES, 1e-4, (angle, angle)))
+    assert chosen.residual == "static"
+    solution = LinkageModel(planned_mechanism(chosen)).solve(angle)
+    short, whole = planned_frf(chosen, solution), solution.frf(PLACES, PLACES)
+    assert len(short.decay) < len(whole.decay)
+    lines = np.linspace(*LOW, 2001)
+    np.testing.assert_allclose(short.frf(lines[:1]), whole.frf(lines[:1]), rtol=1e-10)
+    apart = np.linalg.norm(short.frf(lines) - whole.frf(lines), axis=0)
+    assert (apart <= chosen.predicted.frf * np.linalg.norm(whole.frf(lines), axis=0)).all()
+
+
+def test_links_known_by_matrices_keep_them(mechanism: Mechanism) -> None:
+    """Their modes are chosen; there is no mesh of theirs to choose."""
+    crank = next(link for link in mechanism.links if link.clamped)
+    part = link_component(
+        replace(crank, count=1), mechanism.damping, mechanism.rotations(crank.name), reduced=False
+    )
+    given = replace(crank, body=Matrices(part.dofs, part.mass, part.stiffness))
+    links = tuple(given if link is crank else link for link in mechanism.links)
+    scene = Scene(replace(mechanism, links=links), LOW, (), 1e-3, (STROKE[0],) * 2)
+    chosen = plan(scene)
+    assert (
+        next(x for x in planned_mechanism(chosen).links if x.name == crank.name).body == given.body
+    )
+    assert measure(chosen, truths(chosen)).errors.share(scene.allowed) <= 1.0
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"band": (200.0, 0.0)}, "two that ascend"),
+        ({"tolerance": 0.0}, "from 1e-9 to 1"),
+        ({"tolerance": 1e-9, "band": (0.0, 2e4), "angles": (2.0, 2.0)}, "give a larger one"),
+        ({"angles": (2.0, 1.0)}, "the smaller one first"),
+        ({"tolerance": 1e-7, "seconds_per_prediction": 1e-6}, "give a tolerance of 2e-07 or more"),
+    ],
+)
+def test_scenes_that_cannot_be(
+    mechanism: Mechanism, changes: dict[str, object], words: str
+) -> None:
+    """What is wrong with a scene is told with its mend."""
+    scene = Scene(mechanism, (0.0, 40.0), PLACES, 1e-3, (2.0, 2.1))
+    with pytest.raises(PlanError, match=words):
+        plan(replace(scene, **changes))  # type: ignore[arg-type]
+
+
+def test_links_that_cannot_be_planned(mechanism: Mechanism) -> None:
+    """A link known by FRFs has nothing to choose, and undamped FRFs have no relative error."""
+    frfs = Frfs((), np.zeros(0), np.zeros((0, 0, 0), dtype=complex))
+    links = (replace(mechanism.links[0], body=frfs), *mechanism.links[1:])
+    scene = Scene(replace(mechanism, links=links), LOW, PLACES, 1e-3, STROKE)
+    with pytest.raises(PlanError, match=r"links\.lower_link is known by its FRFs"):
+        plan(scene)
+    with pytest.raises(PlanError, match="give its links damping"):
+        plan(replace(scene, mechanism=replace(mechanism, damping=Rayleigh(0.0, 0.0))))
+
+
+@pytest.mark.parametrize("name", ["three_point_linkage.yaml", "four_bar.yaml"])
+def test_written_mechanism_is_the_planned_one(tmp_path: Path, name: str) -> None:
+    """Numbers are replaced, or added where the file leaves them out; comments stay."""
+    source = config_file(name)
+    mechanism = read_mechanism(source)
+    low = mechanism.stroke[0]
+    chosen = plan(Scene(mechanism, (1.0, 300.0), (), 1e-2, (low + 0.1, low + 0.5)))
+    target = tmp_path / "planned.yaml"
+    write_planned(chosen, source.read_text(), target)
+    assert read_mechanism(target).model_hash == planned_mechanism(chosen).model_hash
+    before = [line for line in source.read_text().splitlines() if line.startswith("#")]
+    assert [x for x in target.read_text().splitlines() if x.startswith("#")] == before
+
+
+def test_numbers_tied_by_an_alias_are_refused(tmp_path: Path, mechanism: Mechanism) -> None:
+    """One number of the file cannot become two; one that two links share may change."""
+    chosen = plan(Scene(mechanism, LOW, (), 1e-2, (STROKE[0],) * 2))
+    text = config_file("three_point_linkage.yaml").read_text()
+    shared = text.replace("modes: 20 ", "modes: &kept 20 ", 1).replace(
+        "modes: 20\n", "modes: *kept\n"
+    )
+    target = tmp_path / "planned.yaml"
+    write_planned(chosen, shared, target)
+    assert read_mechanism(target).model_hash == planned_mechanism(chosen).model_hash
+    assert chosen.n_modes != chosen.modes
+    with pytest.raises(PlanError, match="one by an alias"):
+        write_planned(chosen, shared.replace("  modes: 3", "  modes: *kept"), target)

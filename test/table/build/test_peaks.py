@@ -1,0 +1,85 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""The highest peak along the stroke: where it jumps, and where maxima come and go."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+pytest.importorskip("matplotlib", reason="benchmark.stability draws")
+
+from benchmark.stability.crossing import STROKE, crossing_crank  # noqa: E402
+from linkage_vibration.mechanics.description import Mechanism, rayleigh_damping  # noqa: E402
+from linkage_vibration.mechanics.model import LinkageModel  # noqa: E402
+from linkage_vibration.readers.mechanism import read_mechanism  # noqa: E402
+from linkage_vibration.support.resources import config_file  # noqa: E402
+from linkage_vibration.table.build import build_table  # noqa: E402
+from linkage_vibration.table.build.peaks import notable  # noqa: E402
+
+
+def test_jump_from_one_mode_to_the_other() -> None:
+    """Right up to the angle of the jump, on both sides, the higher of two maxima is told."""
+    model = LinkageModel(crossing_crank(1.0, 0.8))
+    table = build_table(model)
+    angles = np.linspace(*STROKE, 600)
+    maxima = [model.solve(float(a)).drive_point.local_peaks(np.arange(2)) for a in angles]
+    at, size = np.swapaxes(np.array(maxima), 0, 1)
+    high = size.argmax(axis=1)
+    assert set(high) == {0, 1}
+    # At the very jump either is right to the peak's own error.
+    clear = np.abs(size[:, 0] / size[:, 1] - 1.0) > 2.0 * table.peak_error
+    assert clear.mean() > 0.99
+    rows = np.arange(len(angles))
+    found = table.evaluate(angles)
+    np.testing.assert_allclose(found[clear, -2], at[rows, high][clear], rtol=1e-4)
+    np.testing.assert_allclose(found[:, -1], size.max(axis=1), rtol=1e-4)
+
+
+@pytest.mark.parametrize("tolerance", [2e-4, 1e-6])
+def test_maxima_that_come_and_go(tolerance: float) -> None:
+    """Over a full turn, where maxima merge and vanish, the peak is as good as was asked for."""
+    model = LinkageModel(read_mechanism(config_file("four_bar.yaml")))
+    table = build_table(model, tolerance)
+    angles = np.random.default_rng(1).uniform(*table.alpha3_range, 500)
+    angles = np.concatenate([angles, np.radians([19.5, 26.5])])
+    band = model.mechanism.response.band
+    exact = [model.solve(float(angle)).peak(band) for angle in angles]
+    magnitude = table.evaluate(angles)[:, -1] / [peak.magnitude for peak in exact] - 1.0
+    assert table.peak_error <= 100.0 * tolerance
+    assert np.abs(magnitude).max() <= 100.0 * tolerance
+
+
+def test_sharp_peaks_are_not_missed(mechanism: Mechanism) -> None:
+    """With 0.02 % of damping, where 0.1 Hz lines miss most of it, the table has the peak."""
+    light = replace(mechanism, damping=rayleigh_damping(2e-4, 4.0, 180.0))
+    model = LinkageModel(light)
+    table = build_table(model, 1e-4)
+    lines, seen = np.arange(0.0, 200.05, 0.1), []
+    for angle in np.linspace(*mechanism.stroke, 12)[1:-1]:
+        solution = model.solve(float(angle))
+        exact = solution.peak(mechanism.response.band)
+        seen.append(np.abs(solution.drive_point.frf(lines)).max() / exact.magnitude)
+        assert table.interpolate(float(angle))[2] == pytest.approx(exact.magnitude, rel=1e-2)
+    assert max(seen) < 0.9
+    assert min(seen) < 0.2
+
+
+def test_which_maxima_tell_the_highest() -> None:
+    """Two that swap both count, a low one and one beyond the band do not; the band's end stays."""
+    x, one = np.linspace(-1.0, 1.0, 9), np.ones(9)
+    at = np.column_stack([10.0 * one, 20.0 * one, 30.0 * one, 90.0 * one, 50.0 * one])
+    sizes = np.column_stack([2.0 + x, 2.0 - x, 0.1 * one, 9.0 * one, 0.2 * one])
+    chosen = notable(at, sizes, (0.0, 50.0), 1e-4, strict=True)
+    assert chosen is not None
+    assert chosen.tolist() == [True, True, False, False, False]
+
+
+@pytest.mark.parametrize(("strict", "served"), [(False, True), (True, False)])
+def test_a_maximum_that_is_not_there_all_along(strict: bool, served: bool) -> None:
+    """One that vanishes where it is nearly the highest asks for shorter pieces if they are long."""
+    sizes = np.column_stack([np.ones(5), [0.9, 0.85, 0.5, np.nan, np.nan]])
+    at = np.where(np.isnan(sizes), np.nan, [10.0, 20.0])
+    assert (notable(at, sizes, (0.0, 50.0), 1e-4, strict=strict) is not None) is served
+    sizes[0, 1] = 1.1  # the highest itself
+    assert notable(at, sizes, (0.0, 50.0), 1e-4, strict=strict) is None

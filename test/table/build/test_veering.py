@@ -1,0 +1,70 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Modes that veer or cross: followed at any step, resolved to the tolerance, or refused."""
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+pytest.importorskip("matplotlib", reason="benchmark.stability draws")
+
+from benchmark.stability.crossing import STROKE, crossing_crank, exact_frequencies  # noqa: E402
+from linkage_vibration.mechanics.model import LinkageModel  # noqa: E402
+from linkage_vibration.mechanics.modes import track  # noqa: E402
+from linkage_vibration.readers.mechanism import read_mechanism  # noqa: E402
+from linkage_vibration.support.resources import config_file  # noqa: E402
+from linkage_vibration.table.build import build_table  # noqa: E402
+from linkage_vibration.table.table import TableError  # noqa: E402
+
+AT = 0.8137  # rad, where the crank's modes meet: on no even grid
+
+
+def angles() -> NDArray[np.float64]:
+    """Return angles all over the stroke, and ever denser towards the meeting."""
+    near = AT + np.outer([-1.0, 1.0], np.logspace(-9, -2, 70)).ravel()
+    return np.sort(np.concatenate([np.linspace(*STROKE, 300), near, [AT]]))
+
+
+@pytest.mark.parametrize(
+    ("gap", "tolerance"),
+    [(0.0, 1e-6), (1e-6, 1e-6), (1e-6, 1e-9), (1e-3, 1e-6), (0.1, 1e-6), (1.0, 1e-6)],
+)
+def test_every_gap_is_met_to_the_tolerance(gap: float, tolerance: float) -> None:
+    """From a crossing to a wide veering both frequencies are as good as was asked, and as told."""
+    table = build_table(LinkageModel(crossing_crank(gap, AT)), tolerance)
+    found = np.sort(table.evaluate(angles())[:, :2], axis=1)
+    error = np.abs(found / exact_frequencies(gap, AT, angles()) - 1.0).max()
+    assert error <= tolerance
+    assert error <= 3.0 * table.interpolation_error.max() + 1e-12
+
+
+def test_shape_follows_its_own_mode_across() -> None:
+    """At a crossing each tracked frequency goes on smoothly; at a veering both turn away."""
+    crossing = build_table(LinkageModel(crossing_crank(0.0, AT)))
+    first, second = crossing.natural_frequencies[:, :2].T
+    assert (first[0] < second[0]) and (first[-1] > second[-1])
+    tuned = second if np.ptp(second) < np.ptp(first) else first
+    assert np.ptp(tuned) < 1e-6 * tuned[0]
+    veering = build_table(LinkageModel(crossing_crank(1.0, AT)))
+    assert (veering.natural_frequencies[:, 0] < veering.natural_frequencies[:, 1]).all()
+
+
+def test_gap_that_no_step_resolves_is_refused() -> None:
+    """What would take ever shorter steps is told with the angle and the mend."""
+    with pytest.raises(TableError, match=r"at alpha3 = 46\.62\d* deg .*; give a larger one"):
+        build_table(LinkageModel(crossing_crank(1e-9, AT)), 1e-11)
+
+
+@pytest.mark.parametrize("steps", [360, 45, 9, 4, 1])
+def test_modes_in_and_out_of_the_plane_are_not_swapped(steps: int) -> None:
+    """However long the steps, no tracked mode of the spatial six-bar changes its plane."""
+    model = LinkageModel(read_mechanism(config_file("stephenson_six_bar.yaml")), spatial=True)
+    path = np.linspace(*model.mechanism.stroke, steps + 1)
+    solutions = [model.solve(float(angle)) for angle in path]
+    elastic = np.flatnonzero(~solutions[0].modes.mechanism)[:6]
+    shapes, plane = solutions[0].modes.shapes[:, elastic], solutions[0].in_plane[elastic]
+    assert 0 < plane.sum() < len(plane)
+    for solution in solutions[1:]:
+        order, signs, _ = track(shapes, solution.modes, model.system.mass)
+        shapes = solution.modes.select(order, signs).shapes
+        assert (solution.in_plane[order] == plane).all()

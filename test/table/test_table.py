@@ -1,0 +1,188 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""The table: what it holds, how near it comes, and what it refuses."""
+
+import json
+import math
+import pickle
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from linkage_vibration.mechanics.description import Mechanism
+from linkage_vibration.mechanics.model import LinkageModel
+from linkage_vibration.support.resources import config_file
+from linkage_vibration.table.build import build_table
+from linkage_vibration.table.table import Table, TableError, load_table, save_table, table_bytes
+
+
+@pytest.fixture(scope="module")
+def small(model: LinkageModel) -> Table:
+    """Return a table of few points."""
+    return build_table(model, 1e-3)
+
+
+@pytest.fixture
+def file(small: Table, tmp_path: Path) -> Path:
+    """Return the small table's file."""
+    path = tmp_path / "small.npz"
+    save_table(small, path)
+    return path
+
+
+def test_shipped_table_is_that_of_the_shipped_mechanism(
+    mechanism: Mechanism, model: LinkageModel
+) -> None:
+    """The default table loads for the default mechanism and is what a build gives today."""
+    shipped = load_table(config_file("tables/three_point_linkage.npz"), mechanism)
+    built = build_table(model)
+    for name in ("alpha3", "natural_frequencies", "damping_ratios"):
+        np.testing.assert_allclose(getattr(shipped, name), getattr(built, name), rtol=1e-9)
+    for name in ("peak_frequencies", "peak_magnitudes"):
+        np.testing.assert_allclose(getattr(shipped, name), getattr(built, name), rtol=1e-7)
+    np.testing.assert_allclose(
+        shipped.interpolation_error, built.interpolation_error, rtol=1e-2, atol=1e-9
+    )
+    assert len(table_bytes(shipped)) < 100_000
+
+
+def test_lookup_one_by_one_and_many_at_once(small: Table) -> None:
+    """Both give the same bits, at the ends, at points and between."""
+    rng = np.random.default_rng(5)
+    angles = np.concatenate([small.alpha3, rng.uniform(*small.alpha3_range, 10_000)])
+    every = small.evaluate(angles)
+    for angle, row in zip(angles[:200], every[:200], strict=True):
+        values, frequency, magnitude, _ = small.interpolate(float(angle))
+        assert [*values, frequency, magnitude] == row.tolist()
+
+
+def test_frf_is_the_models(model: LinkageModel, mechanism: Mechanism) -> None:
+    """Between all points of the shipped table, each single FRF is within 1e-4 of the model's."""
+    table = load_table(config_file("tables/three_point_linkage.npz"), mechanism)
+    assert {point for point, _ in table.places} == {"E1", "E2", "V1", "V2"}
+    lines = np.linspace(*table.band, 2001)
+    for alpha3 in (math.pi / 2, 1.8, 2.3, 2.9, math.pi):
+        exact = model.solve(alpha3).frf(table.places, table.places).frf(lines)
+        found = table.frf(alpha3, table.places, table.places).frf(lines)
+        apart = np.linalg.norm(found - exact, axis=0) / np.linalg.norm(exact, axis=0)
+        assert apart.max() < 1e-4
+
+
+def test_frf_of_some_places(small: Table) -> None:
+    """What is asked for comes in the order in which it is asked for."""
+    lines = np.array([5.0, 80.0])
+    full = small.frf(2.0, small.places, small.places).frf(lines)
+    some = small.frf(2.0, [("V1", "x"), ("E1", "z")], [("E2", "x")]).frf(lines)
+    at = [small.places.index(place) for place in (("V1", "x"), ("E1", "z"), ("E2", "x"))]
+    np.testing.assert_array_equal(some, full[:, at[:2]][:, :, at[2:]])
+
+
+def test_frf_that_the_table_does_not_have(small: Table) -> None:
+    """Angles outside the range and unknown places are told, with those that there are."""
+    with pytest.raises(TableError, match=r"no FRF at P1 z; it has these: E1 x, "):
+        small.frf(2.0, [("P1", "z")], [("E1", "z")])
+    with pytest.raises(TableError, match="outside the table"):
+        small.frf(4.0, [("E1", "z")], [("E1", "z")])
+
+
+def test_round_trip(small: Table, file: Path, mechanism: Mechanism) -> None:
+    """What is saved is what is loaded, to the last bit, and the file is small."""
+    loaded = load_table(file, mechanism)
+    assert loaded.table_id == small.table_id
+    assert loaded.checksum == small.checksum
+    np.testing.assert_array_equal(loaded.natural_frequencies, small.natural_frequencies)
+    assert loaded.interpolate(2.0) == small.interpolate(2.0)
+    assert loaded.places == small.places
+    assert [path.name for path in file.parent.iterdir()] == ["small.npz"]
+
+
+def test_metadata_can_be_read_by_others(file: Path) -> None:
+    """The file is a plain .npz with JSON: hash, units, range and version."""
+    with np.load(file, allow_pickle=False) as archive:
+        metadata = json.loads(str(archive["metadata"]))
+        assert archive["natural_frequencies"].shape == (len(archive["alpha3"]), 3)
+    assert metadata["units"]["natural_frequencies"] == "Hz"
+    assert metadata["range_rad"] == pytest.approx([math.pi / 2, math.pi])
+    assert {"model_hash", "package_version", "checksum"} <= metadata.keys()
+
+
+def test_table_of_another_mechanism_is_refused(file: Path, printed: Mechanism) -> None:
+    """A table serves the mechanism that it was built from and no other."""
+    with pytest.raises(TableError, match="built from another mechanism"):
+        load_table(file, printed)
+
+
+def test_damage_in_any_byte_is_refused(model: LinkageModel, tmp_path: Path) -> None:
+    """With any one byte changed the file is refused, or is still the same table."""
+    path = tmp_path / "small.npz"
+    smallest = build_table(model, 0.5)
+    none = np.zeros((len(smallest.alpha3), 0), dtype=complex)
+    bare = replace(
+        smallest,
+        places=(),
+        term_stiffness=none,
+        term_decay=none.real,
+        participations=none[:, :, np.newaxis],
+        far_residues=none[:, :, np.newaxis],
+    )
+    save_table(bare, path)
+    sound = path.read_bytes()
+    refused = 0
+    with path.open("r+b", buffering=0) as file:  # changed in place: making files takes longest
+        for at, byte in enumerate(sound):
+            file.seek(at)
+            file.write(bytes([byte ^ 1 << at % 8]))
+            try:
+                assert load_table(path).checksum == bare.checksum
+            except TableError as error:
+                assert "small.npz" in str(error)
+                refused += 1
+            file.seek(at)
+            file.write(bytes([byte]))
+    assert path.read_bytes() == sound
+    assert refused > 0.7 * len(sound)
+
+
+@pytest.mark.parametrize("length", [0, 1, 100, -1])
+def test_truncation_is_refused(file: Path, length: int) -> None:
+    """A file cut short is refused in words."""
+    file.write_bytes(file.read_bytes()[:length])
+    with pytest.raises(TableError, match="build"):
+        load_table(file)
+
+
+def test_number_changed_on_purpose_is_refused(file: Path) -> None:
+    """A sound .npz with one number changed does not pass the checksum."""
+    with np.load(file) as archive:
+        arrays = dict(archive)
+    arrays["natural_frequencies"][3, 1] += 1e-9
+    with file.open("wb") as out:
+        np.savez_compressed(out, **arrays)
+    with pytest.raises(TableError, match="checksum differs"):
+        load_table(file)
+
+
+def test_pickles_are_refused(tmp_path: Path, file: Path) -> None:
+    """Neither a pickle nor an archive that holds one is ever executed."""
+    plain = tmp_path / "pickle.npz"
+    plain.write_bytes(pickle.dumps({"alpha3": 1}))
+    with pytest.raises(TableError, match="pickle"):
+        load_table(plain)
+    with np.load(file) as archive:
+        arrays = dict(archive)
+    arrays["alpha3"] = np.array([print], dtype=object)
+    inside = tmp_path / "inside.npz"
+    with inside.open("wb") as out:
+        np.savez_compressed(out, **arrays)
+    with pytest.raises(TableError, match="pickle"):
+        load_table(inside)
+
+
+def test_missing_file_and_folder(tmp_path: Path, small: Table) -> None:
+    """Paths that cannot be read or written are told."""
+    with pytest.raises(TableError, match="No such file"):
+        load_table(tmp_path / "none.npz")
+    with pytest.raises(TableError, match="cannot be written"):
+        save_table(small, tmp_path / "none" / "table.npz")

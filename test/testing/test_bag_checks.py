@@ -1,0 +1,164 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Bags are held against limits, and a failure tells the moment and draws it."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+
+from linkage_vibration.bags.chunks import ChunkLog, Messages
+from linkage_vibration.bags.message_types import JOINT_STATE
+from linkage_vibration.bags.reading import read_messages
+from linkage_vibration.messages.topics import (
+    PREDICTION,
+    PREDICTION_TOPIC,
+    RESONANCE_TOPIC,
+    log_topic,
+)
+from linkage_vibration.prediction.predictor import Status
+from linkage_vibration.prediction.settings import Parameters
+from linkage_vibration.replay.replay import replay
+from linkage_vibration.support.resources import config_file
+from linkage_vibration.testing.bag_checks import Limits, TestKitError, check_bag
+
+DRIVE = config_file("drives/hitch_duty_cycle.mcap")
+START = 1_767_225_600 * 10**9  # ns, of the drive: 2026-01-01
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the drive with its predictions."""
+    path = tmp_path_factory.mktemp("log") / "log.mcap"
+    replay([DRIVE], path, Parameters())
+    return path
+
+
+def rewritten(log: Path, path: Path, keep: "np.ndarray", delays: "np.ndarray") -> Path:
+    """Write some of a log's joint states, and predictions that were sent after a delay, s."""
+    with log.open("rb") as file:
+        reader = make_reader(file)
+        states, predictions = (
+            [message for *_, message in reader.iter_messages([topic])]
+            for topic in ("/joint_states", PREDICTION_TOPIC)
+        )
+    topics = [log_topic("/joint_states", JOINT_STATE), log_topic(PREDICTION_TOPIC, PREDICTION)]
+    with ChunkLog(path, topics, [], {}) as out:
+        for k in keep.tolist():
+            row, sent = np.array([k]), np.array([states[k].log_time])
+            for topic, message, after in (
+                (topics[0].name, states[k], 0.0),
+                (topics[1].name, predictions[k], delays[k]),
+            ):
+                data = np.frombuffer(message.data, np.uint8)[np.newaxis]
+                out.write([Messages(topic, data, row, sent, sent + round(1e9 * after))])
+    return path
+
+
+def test_a_drive_within_its_limits(log: Path) -> None:
+    """The drive keeps to its range and its rate, as a bag and as a log."""
+    for bag in (DRIVE, log):
+        report = check_bag(bag, Limits(gap=0.0101))
+        assert (report.passed, report.predictions, report.picture) == (True, 2000, None)
+        assert "2000 predictions within their limits" in str(report)
+
+
+def test_margin_is_that_of_the_resonances(log: Path) -> None:
+    """The moment told is that of the least margin of all resonances in the log."""
+    found = [
+        (abs(message.relative_margin), time, message.excitation)
+        for time, message in read_messages(log, RESONANCE_TOPIC)
+    ]
+    least, time, excitation = min(found)
+    assert check_bag(log, Limits(margin=0.99 * least)).passed
+    [failure] = check_bag(log, Limits(margin=1.01 * least)).failures
+    assert (failure.limit, failure.time) == ("margin", time)
+    assert failure.seconds == pytest.approx(1e-9 * (time - START), abs=1e-9)
+    assert excitation in failure.words
+    passed = sum(margin < 0.05 for margin, *_ in found)
+    assert check_bag(log, Limits(margin=0.05)).failures[0].count == passed > 1
+
+
+def test_statuses_tell_the_first_moment() -> None:
+    """Lifted over the end of the table, the drive fails at the first angle beyond it."""
+    settings = Parameters(sign=-1, offset=4.95)
+    [failure] = check_bag(DRIVE, Limits(), settings).failures
+    position = np.array(
+        [
+            m.position[m.name.index("hitch_rockshaft_joint")]
+            for _, m in read_messages(DRIVE, "/joint_states")
+        ]
+    )
+    beyond = 4.95 - position < np.pi / 2
+    beyond |= 4.95 - position > np.pi
+    assert failure.count == beyond.sum()
+    assert failure.time == START + int(beyond.argmax()) * 10**7
+    assert "OUT_OF_RANGE" in failure.words and "2026-01-01 00:00:" in str(failure)
+    allowed = Limits(statuses=(Status.OK, Status.OUT_OF_RANGE))
+    assert check_bag(DRIVE, allowed, settings).passed
+
+
+def test_gap_and_latency_of_a_recording(log: Path, tmp_path: Path) -> None:
+    """A hole of 0.25 s and an answer that took 30 ms are found where they are."""
+    keep = np.r_[0:500, 524:2000]
+    delays = np.full(2000, 0.002)
+    delays[1200] = 0.03
+    bag = rewritten(log, tmp_path / "recorded.mcap", keep, delays)
+    assert check_bag(bag, Limits(gap=0.26, latency=0.031)).passed
+    gap, latency = check_bag(bag, Limits(gap=0.2, latency=0.02)).failures
+    assert (gap.limit, gap.seconds, gap.count) == ("gap", pytest.approx(4.99), 1)
+    assert "no prediction for 0.250 s" in gap.words
+    assert (latency.limit, latency.seconds, latency.count) == ("latency", pytest.approx(12.0), 1)
+    assert "took 30.00 ms" in latency.words
+
+
+def test_what_a_bag_does_not_tell(log: Path, tmp_path: Path) -> None:
+    """A limit that a bag says nothing about is refused, not passed."""
+    with pytest.raises(TestKitError, match="as it is replayed"):
+        check_bag(DRIVE, Limits(latency=0.1))
+    with pytest.raises(TestKitError, match="is a replay, which has no latency"):
+        check_bag(log, Limits(latency=0.1))
+    bag = rewritten(log, tmp_path / "recorded.mcap", np.arange(10), np.full(2000, 0.002))
+    with pytest.raises(TestKitError, match="tells no margin, as no speed is known"):
+        check_bag(bag, Limits(margin=0.1))
+
+
+def test_picture(log: Path, tmp_path: Path) -> None:
+    """A failure is drawn where that was asked for, and nothing where all is well."""
+    report = check_bag(log, Limits(margin=0.05), picture=tmp_path / "failed.png")
+    assert report.picture == tmp_path / "failed.png"
+    assert report.picture.read_bytes().startswith(b"\x89PNG")
+    assert str(report.picture) in str(report)
+    assert check_bag(log, Limits(), picture=tmp_path / "passed.png").picture is None
+    assert not (tmp_path / "passed.png").exists()
+
+
+def test_plugin(tmp_path: Path) -> None:
+    """In a run of pytest, the fixture fails a test in the report's words, with a picture."""
+    test = tmp_path / "test_drive.py"
+    test.write_text(
+        "from linkage_vibration.support.resources import config_file\n"
+        "from linkage_vibration.testing.bag_checks import Limits\n"
+        "DRIVE = config_file('drives/hitch_duty_cycle.mcap')\n"
+        "def test_good(check_bag):\n"
+        "    check_bag(DRIVE, Limits(gap=0.05))\n"
+        "def test_bad(check_bag):\n"
+        "    check_bag(DRIVE, Limits(margin=0.05))\n"
+    )
+    run = subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", "-p", "linkage_vibration.testing.pytest_plugin"]
+        + ["-p", "no:cacheprovider", f"--basetemp={tmp_path / 'base'}", str(test)],
+        env={**os.environ, "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"},
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+    )
+    assert run.returncode == 1, run.stdout + run.stderr
+    assert "1 failed, 1 passed" in run.stdout
+    assert "from a natural frequency, less than 5 %" in run.stdout
+    [picture] = (tmp_path / "base").rglob("hitch_duty_cycle.png")
+    assert f"picture: {picture}" in run.stdout
