@@ -35,8 +35,8 @@ from linkage_vibration.readers.meshes import mesh_matrices
 from linkage_vibration.studies.calibration import read_calibration
 from linkage_vibration.studies.sweep import read_designs
 from linkage_vibration.support.resources import config_file
-from linkage_vibration.table.build import build_table
 from linkage_vibration.table.table import load_table, table_bytes
+from linkage_vibration.table.tabulation import build_table
 
 FloatArray = NDArray[np.float64]
 Files = dict[str, bytes]

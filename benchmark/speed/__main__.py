@@ -31,8 +31,8 @@ from benchmark.speed.scene import Scene, standard_scene
 from benchmark.speed.timing import pin_threads
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.support.atomic_files import write_text
-from linkage_vibration.table.build import build_table
 from linkage_vibration.table.table import Table
+from linkage_vibration.table.tabulation import build_table
 
 PICTURE = Path(__file__).parents[2] / "docs" / "pictures" / "speed_accuracy.png"
 CSV = RESULTS / "speed.csv"

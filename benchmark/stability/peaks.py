@@ -18,8 +18,8 @@ from linkage_vibration.drawing.plots import COLOURS, GREY, INK
 from linkage_vibration.mechanics.description import rayleigh_damping
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.response import Peak, oscillators
-from linkage_vibration.table.build import build_table
 from linkage_vibration.table.table import Table
+from linkage_vibration.table.tabulation import build_table
 
 FloatArray = NDArray[np.float64]
 
@@ -67,7 +67,7 @@ halved.
 **The band.** {_edges()} Of the two oscillators between 20 and 40 Hz, where none resonates, it is
 told at {none.frequency:g} Hz, {_kind(none)}.
 
-Tests: `test/table/build/test_peaks.py`,
+Tests: `test/table/tabulation/test_peaks.py`,
 `test/mechanics/test_response.py::test_peak_of_one_oscillator`,
 `::test_peak_at_the_edges_of_a_band`, `::test_local_peaks_are_maxima_of_a_dense_grid`.
 

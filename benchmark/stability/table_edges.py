@@ -17,8 +17,8 @@ from linkage_vibration.messages.encoding import fault
 from linkage_vibration.prediction.predictor import Predictor, Status
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.resources import config_file
-from linkage_vibration.table.build import build_table
 from linkage_vibration.table.table import Table, TableError, load_table, save_table
+from linkage_vibration.table.tabulation import build_table
 
 TITLE = "The table's edges, and files that are not what they seem"
 

@@ -18,8 +18,8 @@ from linkage_vibration.mechanics.kinematics import Kinematics, KinematicsError
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.resources import config_file
-from linkage_vibration.table.build import build_table
 from linkage_vibration.table.table import TableError
+from linkage_vibration.table.tabulation import build_table
 
 TITLE = "Toggle: the linkage locks"
 

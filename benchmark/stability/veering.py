@@ -18,8 +18,8 @@ from linkage_vibration.mechanics.modes import track
 from linkage_vibration.mechanics.response import PoleResidue
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.resources import config_file
-from linkage_vibration.table.build import build_table
 from linkage_vibration.table.table import Table, TableError
+from linkage_vibration.table.tabulation import build_table
 
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -66,8 +66,8 @@ only if each shape keeps its sign from angle to angle, which no eigen-solver pro
 
 Our table, from {len(tables["ours"].alpha3)} angles: {_ours(model, tables["ours"]):.0e}.
 
-Tests: `test/table/build/test_veering.py`,
-`test/table/build/test_building.py::test_what_was_asked_for`,
+Tests: `test/table/tabulation/test_veering.py`,
+`test/table/tabulation/test_building.py::test_what_was_asked_for`,
 `test/mechanics/test_modes.py::test_tracking_undoes_order_and_sign`.
 
 ![Two modes that cross or veer, and one FRF between grid points](stability/veering.png)

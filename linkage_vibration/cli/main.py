@@ -198,8 +198,8 @@ def _build(options: argparse.Namespace) -> int:
     from linkage_vibration.mechanics.model import LinkageModel
     from linkage_vibration.readers.mechanism import read_mechanism
     from linkage_vibration.support.resources import DEFAULT_MECHANISM, config_file
-    from linkage_vibration.table.build import build_table
     from linkage_vibration.table.table import save_table
+    from linkage_vibration.table.tabulation import build_table
 
     source = options.mechanism or config_file(DEFAULT_MECHANISM)
     output = options.output or Path(source.name).with_suffix(".npz")
@@ -222,8 +222,8 @@ def _predict(options: argparse.Namespace) -> int:
     from linkage_vibration.prediction.predictor import Predictor, Status
     from linkage_vibration.readers.mechanism import read_mechanism
     from linkage_vibration.support.resources import DEFAULT_MECHANISM, DEFAULT_TABLE, config_file
-    from linkage_vibration.table.build import build_table
     from linkage_vibration.table.table import load_table
+    from linkage_vibration.table.tabulation import build_table
 
     mechanism = read_mechanism(options.mechanism or config_file(DEFAULT_MECHANISM))
     if options.mechanism and not options.table:

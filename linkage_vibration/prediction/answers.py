@@ -18,8 +18,8 @@ from linkage_vibration.mechanics.description import GROUND, Frfs, Matrices, Mech
 from linkage_vibration.mechanics.model import LinkageModel, Place
 from linkage_vibration.mechanics.parsing import Keys, mechanism_from_mapping
 from linkage_vibration.prediction.predictor import Predictor
-from linkage_vibration.table.build import TOLERANCE, build_table
 from linkage_vibration.table.table import Table
+from linkage_vibration.table.tabulation import TOLERANCE, build_table
 
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]

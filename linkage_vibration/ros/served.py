@@ -13,8 +13,8 @@ from linkage_vibration.prediction.answers import Served, place_name
 from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.prediction.settings import Parameters, parameters_yaml
 from linkage_vibration.readers.mechanism import read_mechanism
-from linkage_vibration.table.build import build_table
 from linkage_vibration.table.table import Table, load_table, table_bytes
+from linkage_vibration.table.tabulation import build_table
 from linkage_vibration_interfaces.msg import TableInfo
 
 

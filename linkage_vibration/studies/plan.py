@@ -27,10 +27,10 @@ from linkage_vibration.mechanics.kinematics import Kinematics
 from linkage_vibration.mechanics.model import LinkageModel, Place, Solution
 from linkage_vibration.mechanics.response import N_FAR, PoleResidue, far_poles, in_reach
 from linkage_vibration.support.atomic_files import write_text
-from linkage_vibration.table.build import build_table
-from linkage_vibration.table.build.accuracy import FRF_FLOOR, LOOSER
-from linkage_vibration.table.build.verification import frf_lines, worst_frf_error
 from linkage_vibration.table.table import Table, TableError
+from linkage_vibration.table.tabulation import build_table
+from linkage_vibration.table.tabulation.accuracy import FRF_FLOOR, LOOSER
+from linkage_vibration.table.tabulation.verification import frf_lines, worst_frf_error
 
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]

@@ -38,7 +38,7 @@ from linkage_vibration.readers.mechanism import load_yaml, mechanism_of
 from linkage_vibration.studies.calibration import number_at, split_paths, with_numbers
 from linkage_vibration.support.atomic_files import write_bytes
 from linkage_vibration.support.process_pool import LocalPool
-from linkage_vibration.table.build import TOLERANCE, build_table
+from linkage_vibration.table.tabulation import TOLERANCE, build_table
 
 FloatArray = NDArray[np.float64]
 

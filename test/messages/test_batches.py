@@ -20,8 +20,8 @@ from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.resources import DEFAULT_EXCITATIONS, DEFAULT_TABLE, config_file
-from linkage_vibration.table.build import build_table
 from linkage_vibration.table.table import load_table
+from linkage_vibration.table.tabulation import build_table
 
 SHIPPED = Predictor(load_table(config_file(DEFAULT_TABLE)))
 LOW, HIGH = SHIPPED.table.alpha3_range

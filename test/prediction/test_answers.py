@@ -28,8 +28,8 @@ from linkage_vibration.prediction.answers import (
 from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.resources import config_file
-from linkage_vibration.table.build import build_table
 from linkage_vibration.table.table import TableError, load_table
+from linkage_vibration.table.tabulation import build_table
 
 DRIVE: dict[str, Any] = {"outputs": [], "inputs": [], "frequencies": np.array([])}
 

@@ -15,8 +15,8 @@ from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.prediction.predictor import Predictor, Status
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.resources import config_file
-from linkage_vibration.table.build import build_table
 from linkage_vibration.table.table import load_table
+from linkage_vibration.table.tabulation import build_table
 
 
 @pytest.fixture(scope="module")

@@ -17,7 +17,7 @@ from linkage_vibration.mechanics.fbs import component_frf
 from linkage_vibration.mechanics.model import LinkageModel, ModelError
 from linkage_vibration.mechanics.regularisation import RegularisationError
 from linkage_vibration.readers.mechanism import read_mechanism
-from linkage_vibration.table.build import build_table
+from linkage_vibration.table.tabulation import build_table
 
 FREQUENCIES = np.linspace(0.1, 200.0, 2000)  # Hz
 PLACES = [("E1", "z"), ("V1", "x")]

@@ -35,7 +35,7 @@ from linkage_vibration.studies.sweep import (
 )
 from linkage_vibration.support.process_pool import LocalPool
 from linkage_vibration.support.resources import config_file
-from linkage_vibration.table.build import build_table
+from linkage_vibration.table.tabulation import build_table
 
 LENGTH, HEIGHT = "links.coupler.points.C", "links.rocker.section.height"
 DENSITY = "links.crank.material.density"

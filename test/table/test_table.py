@@ -14,8 +14,8 @@ import pytest
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.support.resources import config_file
-from linkage_vibration.table.build import build_table
 from linkage_vibration.table.table import Table, TableError, load_table, save_table, table_bytes
+from linkage_vibration.table.tabulation import build_table
 
 
 @pytest.fixture(scope="module")

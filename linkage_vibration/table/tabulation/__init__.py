@@ -8,7 +8,7 @@ model and `tracking` for the modes that run through them, until their polynomial
 `assembly` makes the table of the pieces, and `verification` holds it against the model.
 """
 
-from linkage_vibration.table.build.accuracy import TOLERANCE
-from linkage_vibration.table.build.building import build_table
+from linkage_vibration.table.tabulation.accuracy import TOLERANCE
+from linkage_vibration.table.tabulation.building import build_table
 
 __all__ = ["TOLERANCE", "build_table"]

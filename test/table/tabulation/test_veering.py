@@ -13,8 +13,8 @@ from linkage_vibration.mechanics.model import LinkageModel  # noqa: E402
 from linkage_vibration.mechanics.modes import track  # noqa: E402
 from linkage_vibration.readers.mechanism import read_mechanism  # noqa: E402
 from linkage_vibration.support.resources import config_file  # noqa: E402
-from linkage_vibration.table.build import build_table  # noqa: E402
 from linkage_vibration.table.table import TableError  # noqa: E402
+from linkage_vibration.table.tabulation import build_table  # noqa: E402
 
 AT = 0.8137  # rad, where the crank's modes meet: on no even grid
 

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from linkage_vibration.table.build.sampling import Sampler
-from linkage_vibration.table.build.tracking import Tracked
 from linkage_vibration.table.interpolation import interpolation_matrix
+from linkage_vibration.table.tabulation.sampling import Sampler
+from linkage_vibration.table.tabulation.tracking import Tracked
 
 FloatArray = NDArray[np.float64]
 

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from linkage_vibration.mechanics.modes import align, track
 from linkage_vibration.mechanics.response import in_reach
-from linkage_vibration.table.build.peaks import SILENT
-from linkage_vibration.table.build.sampling import Sample, Sampler
 from linkage_vibration.table.table import TableError
+from linkage_vibration.table.tabulation.peaks import SILENT
+from linkage_vibration.table.tabulation.sampling import Sample, Sampler
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]

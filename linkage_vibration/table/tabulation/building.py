@@ -6,18 +6,18 @@ import math
 from collections.abc import Callable, Sequence
 
 from linkage_vibration.mechanics.model import LinkageModel
-from linkage_vibration.table.build.accuracy import TOLERANCE, Accuracy
-from linkage_vibration.table.build.assembly import assemble
-from linkage_vibration.table.build.refinement import (
+from linkage_vibration.table.table import Table, TableError
+from linkage_vibration.table.tabulation.accuracy import TOLERANCE, Accuracy
+from linkage_vibration.table.tabulation.assembly import assemble
+from linkage_vibration.table.tabulation.refinement import (
     Piece,
     first_points,
     more_points,
     refine,
 )
-from linkage_vibration.table.build.sampling import Sampler
-from linkage_vibration.table.build.tracking import Tracker
-from linkage_vibration.table.build.verification import verify
-from linkage_vibration.table.table import Table, TableError
+from linkage_vibration.table.tabulation.sampling import Sampler
+from linkage_vibration.table.tabulation.tracking import Tracker
+from linkage_vibration.table.tabulation.verification import verify
 
 _FINEST, _COARSEST = 1e-11, 1.0  # tolerances: below, rounding decides; above, nothing is promised
 _TOTAL = 3000  # solutions in all, ten times what the hardest of the shipped linkages takes

@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linkage_vibration.mechanics.response import PoleResidue
-from linkage_vibration.table.build.accuracy import Accuracy
-from linkage_vibration.table.build.peaks import apart
-from linkage_vibration.table.build.refinement import Piece
-from linkage_vibration.table.build.sampling import Sample, Sampler
-from linkage_vibration.table.build.tracking import Tracked
 from linkage_vibration.table.table import Table
+from linkage_vibration.table.tabulation.accuracy import Accuracy
+from linkage_vibration.table.tabulation.peaks import apart
+from linkage_vibration.table.tabulation.refinement import Piece
+from linkage_vibration.table.tabulation.sampling import Sample, Sampler
+from linkage_vibration.table.tabulation.tracking import Tracked
 
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]

@@ -14,8 +14,8 @@ from linkage_vibration.mechanics.description import Mechanism, rayleigh_damping 
 from linkage_vibration.mechanics.model import LinkageModel  # noqa: E402
 from linkage_vibration.readers.mechanism import read_mechanism  # noqa: E402
 from linkage_vibration.support.resources import config_file  # noqa: E402
-from linkage_vibration.table.build import build_table  # noqa: E402
-from linkage_vibration.table.build.peaks import notable  # noqa: E402
+from linkage_vibration.table.tabulation import build_table  # noqa: E402
+from linkage_vibration.table.tabulation.peaks import notable  # noqa: E402
 
 
 def test_jump_from_one_mode_to_the_other() -> None:

@@ -14,9 +14,9 @@ from linkage_vibration.mechanics.description import GROUND
 from linkage_vibration.mechanics.model import LinkageModel, Place, Solution
 from linkage_vibration.mechanics.modes import Modes
 from linkage_vibration.mechanics.response import Peak, PoleResidue, in_reach, pole_residue
-from linkage_vibration.table.build.peaks import SILENT, heights
 from linkage_vibration.table.interpolation import stroke_angle, stroke_variable
 from linkage_vibration.table.table import TableError
+from linkage_vibration.table.tabulation.peaks import SILENT, heights
 
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]

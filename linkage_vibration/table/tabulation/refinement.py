@@ -9,15 +9,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from linkage_vibration.table.build.accuracy import Accuracy
-from linkage_vibration.table.build.peaks import apart, heights, notable
-from linkage_vibration.table.build.tracking import Tracked, Tracker, unclear_steps
-from linkage_vibration.table.build.veering import GRID, crossing_gaps, mix_closely
 from linkage_vibration.table.interpolation import (
     interpolate_positive,
     interpolation_matrix,
     leja_points,
 )
+from linkage_vibration.table.tabulation.accuracy import Accuracy
+from linkage_vibration.table.tabulation.peaks import apart, heights, notable
+from linkage_vibration.table.tabulation.tracking import Tracked, Tracker, unclear_steps
+from linkage_vibration.table.tabulation.veering import GRID, crossing_gaps, mix_closely
 
 FloatArray = NDArray[np.float64]
 

@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 
 import linkage_vibration
 from linkage_vibration.mechanics.response import FarPoles, PoleResidue, far_poles
-from linkage_vibration.table.build.accuracy import Accuracy
-from linkage_vibration.table.build.peaks import SILENT, notable
-from linkage_vibration.table.build.refinement import Piece
-from linkage_vibration.table.build.sampling import Sampler, Terms
-from linkage_vibration.table.build.tracking import Tracked
 from linkage_vibration.table.table import Table
+from linkage_vibration.table.tabulation.accuracy import Accuracy
+from linkage_vibration.table.tabulation.peaks import SILENT, notable
+from linkage_vibration.table.tabulation.refinement import Piece
+from linkage_vibration.table.tabulation.sampling import Sampler, Terms
+from linkage_vibration.table.tabulation.tracking import Tracked
 
 ComplexArray = NDArray[np.complex128]
 IntArray = NDArray[np.intp]

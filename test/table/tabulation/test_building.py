@@ -15,8 +15,8 @@ from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.resources import config_file
-from linkage_vibration.table.build import build_table
 from linkage_vibration.table.table import TableError, table_bytes
+from linkage_vibration.table.tabulation import build_table
 
 
 @pytest.mark.parametrize("which", ["mechanism", "printed"])
