@@ -24,8 +24,8 @@ from tqdm import tqdm
 from benchmark.replay import NAMES, RATE, START
 from benchmark.report import machine, publish, table
 from linkage_vibration.bags.message_types import FLOAT64, JOINT_STATE
+from linkage_vibration.playback.replay import replay
 from linkage_vibration.prediction.settings import Parameters
-from linkage_vibration.replay.replay import replay
 
 GIGABYTES = 10.0
 POINT_CLOUD = "sensor_msgs/msg/PointCloud2"

@@ -25,8 +25,8 @@ from tqdm import tqdm
 
 from benchmark.report import machine, publish, table
 from linkage_vibration.bags.message_types import JOINT_STATE
+from linkage_vibration.playback.replay import replay
 from linkage_vibration.prediction.settings import Parameters
-from linkage_vibration.replay.replay import replay
 
 RATE = 1000  # Hz
 SECONDS = 600

@@ -24,7 +24,7 @@ ROOMS = [
     "readers",
     "messages",
     "drawing",
-    "replay",
+    "playback",
     "review",
     "testing",
     "studies",

@@ -393,10 +393,10 @@ def _recover(options: argparse.Namespace) -> int:
 def _replay(options: argparse.Namespace) -> int:
     from tqdm import tqdm
 
+    from linkage_vibration.playback.remapping import remappings
+    from linkage_vibration.playback.replay import replay, summary
+    from linkage_vibration.playback.what_if import AS_IT_IS, WhatIf
     from linkage_vibration.prediction.settings import Parameters, read_parameters, with_values
-    from linkage_vibration.replay.remapping import remappings
-    from linkage_vibration.replay.replay import replay, summary
-    from linkage_vibration.replay.what_if import AS_IT_IS, WhatIf
 
     settings = read_parameters(options.params_file) if options.params_file else Parameters()
     given = {

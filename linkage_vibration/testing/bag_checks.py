@@ -25,9 +25,9 @@ from linkage_vibration.messages.topics import (
     PREDICTION_TOPIC,
     RESONANCE_TOPIC,
 )
+from linkage_vibration.playback.replay import replay
 from linkage_vibration.prediction.predictor import Status
 from linkage_vibration.prediction.settings import Parameters
-from linkage_vibration.replay.replay import replay
 from linkage_vibration.support.atomic_files import write_bytes
 
 if TYPE_CHECKING:

@@ -12,8 +12,8 @@ from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 
+from linkage_vibration.playback.replay import replay
 from linkage_vibration.prediction.settings import Parameters
-from linkage_vibration.replay.replay import replay
 from linkage_vibration.support.resources import config_file
 
 PREDICTION, RESONANCE = "/linkage_vibration/prediction", "/linkage_vibration/resonance"

@@ -20,9 +20,9 @@ from linkage_vibration.messages.topics import (
     RESONANCE_TOPIC,
     log_topic,
 )
+from linkage_vibration.playback.replay import replay
 from linkage_vibration.prediction.predictor import Status
 from linkage_vibration.prediction.settings import Parameters
-from linkage_vibration.replay.replay import replay
 from linkage_vibration.support.resources import config_file
 from linkage_vibration.testing.bag_checks import Limits, TestKitError, check_bag
 

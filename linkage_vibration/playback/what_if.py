@@ -5,10 +5,10 @@
 from dataclasses import dataclass
 
 from linkage_vibration.mechanics.model import LinkageModel
+from linkage_vibration.playback.remapping import ReplayError
 from linkage_vibration.prediction.answers import Implement, with_implement
 from linkage_vibration.prediction.settings import Parameters
 from linkage_vibration.readers.mechanism import load_yaml, read_mechanism
-from linkage_vibration.replay.remapping import ReplayError
 from linkage_vibration.table.table import Table, load_table
 from linkage_vibration.table.tabulation import build_table
 

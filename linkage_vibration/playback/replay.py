@@ -28,14 +28,14 @@ from linkage_vibration.messages.topics import (
     SPEEDS,
     log_topic,
 )
+from linkage_vibration.playback.remapping import ReplayError, choose_topics, told
+from linkage_vibration.playback.what_if import AS_IT_IS, WhatIf, load_model
 from linkage_vibration.prediction.batch import Predictions, predict_many
 from linkage_vibration.prediction.excitation import ResonanceMonitor, Source, ToldSpeed
 from linkage_vibration.prediction.inputs import JointInput, PercentInput, Reading, ReadingError
 from linkage_vibration.prediction.predictor import Predictor, Status
 from linkage_vibration.prediction.settings import NODE_NAME, Parameters, parameters_yaml
 from linkage_vibration.readers.excitations import read_excitations
-from linkage_vibration.replay.remapping import ReplayError, choose_topics, told
-from linkage_vibration.replay.what_if import AS_IT_IS, WhatIf, load_model
 from linkage_vibration.table.table import table_bytes
 
 FloatArray = NDArray[np.float64]

@@ -23,14 +23,14 @@ from linkage_vibration.bags.reading import BagError, read_messages
 from linkage_vibration.cli.main import main
 from linkage_vibration.messages.encoding import encode_prediction, encode_resonance
 from linkage_vibration.messages.topics import log_topic
+from linkage_vibration.playback.remapping import ReplayError, remappings
+from linkage_vibration.playback.replay import replay
+from linkage_vibration.playback.what_if import WhatIf
 from linkage_vibration.prediction.excitation import ResonanceMonitor, Source
 from linkage_vibration.prediction.inputs import JointInput, PercentInput
 from linkage_vibration.prediction.predictor import Predictor, Status
 from linkage_vibration.prediction.settings import Parameters, read_parameters
 from linkage_vibration.readers.excitations import read_excitations
-from linkage_vibration.replay.remapping import ReplayError, remappings
-from linkage_vibration.replay.replay import replay
-from linkage_vibration.replay.what_if import WhatIf
 from linkage_vibration.support.resources import DEFAULT_EXCITATIONS, DEFAULT_TABLE, config_file
 from linkage_vibration.table.table import load_table
 
@@ -339,7 +339,7 @@ GROWTH = """
 import resource, sys
 from pathlib import Path
 from linkage_vibration.prediction.settings import Parameters
-from linkage_vibration.replay.replay import replay
+from linkage_vibration.playback.replay import replay
 done = replay([Path(sys.argv[1])], Path(sys.argv[2]), Parameters())
 print(done.predictions, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024)
 """
