@@ -1,10 +1,27 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""The base of every error that this package raises on purpose."""
+"""The base class of every error that this package raises on purpose."""
+
+from collections.abc import Mapping
+from typing import Any
 
 
 class LinkageVibrationError(Exception):
-    """What went wrong, where, and how to mend it, in one sentence fit to show a person.
+    """The text says in one sentence what is wrong, where, and what to do about it.
 
     Command lines and nodes catch this class and print its text; any other exception is a defect.
+    Every subclass can be pickled, whatever its constructor takes, and so can leave a process pool.
     """
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Return the function that rebuilds this error, and what it needs."""
+        return _restored, (type(self), self.args, self.__dict__)
+
+
+def _restored(
+    kind: type[LinkageVibrationError], args: tuple[object, ...], attributes: Mapping[str, object]
+) -> LinkageVibrationError:
+    """Rebuild a pickled error without its constructor, which may take other arguments."""
+    error = kind.__new__(kind, *args)
+    error.__dict__.update(attributes)
+    return error
