@@ -1,7 +1,66 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Vibration of a linkage mechanism, predicted from the angle of its crank."""
+"""Predict how a linkage vibrates from the angle of its input crank.
 
+The names in `__all__` are the public API; CONTRIBUTING says how it may change. Each name is
+imported when it is first used, so that importing the package is fast.
+"""
+
+from importlib import import_module
 from importlib.metadata import version
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from linkage_vibration.errors import LinkageVibrationError
+    from linkage_vibration.mechanics.description import Mechanism
+    from linkage_vibration.mechanics.model import IdentifiedSolution, LinkageModel, Solution
+    from linkage_vibration.mechanics.response import Peak, PoleResidue
+    from linkage_vibration.playback.replay import Replayed, replay
+    from linkage_vibration.playback.what_if import WhatIf
+    from linkage_vibration.prediction.predictor import Prediction, Predictor, Status
+    from linkage_vibration.prediction.settings import Parameters
+    from linkage_vibration.readers.mechanism import read_mechanism
+    from linkage_vibration.review.log import Log, Resonances, read_log
+    from linkage_vibration.table.table import Table, load_table
+    from linkage_vibration.table.tabulation.building import build_table
+    from linkage_vibration.testing.bag_checks import Failure, Limits, Report, check_bag
+
+_MODULES = {
+    "errors": ["LinkageVibrationError"],
+    "mechanics.description": ["Mechanism"],
+    "mechanics.model": ["IdentifiedSolution", "LinkageModel", "Solution"],
+    "mechanics.response": ["Peak", "PoleResidue"],
+    "playback.replay": ["Replayed", "replay"],
+    "playback.what_if": ["WhatIf"],
+    "prediction.predictor": ["Prediction", "Predictor", "Status"],
+    "prediction.settings": ["Parameters"],
+    "readers.mechanism": ["read_mechanism"],
+    "review.log": ["Log", "Resonances", "read_log"],
+    "table.table": ["Table", "load_table"],
+    "table.tabulation.building": ["build_table"],
+    "testing.bag_checks": ["Failure", "Limits", "Report", "check_bag"],
+}
+_HOMES = {name: f"{__name__}.{module}" for module, names in _MODULES.items() for name in names}
 
 __version__ = version("linkage_vibration")
+# fmt: off
+__all__ = [
+    "Failure", "IdentifiedSolution", "Limits", "LinkageModel", "LinkageVibrationError", "Log",
+    "Mechanism", "Parameters", "Peak", "PoleResidue", "Prediction", "Predictor", "Replayed",
+    "Report", "Resonances", "Solution", "Status", "Table", "WhatIf", "build_table", "check_bag",
+    "load_table", "read_log", "read_mechanism", "replay",
+]
+# fmt: on
+
+
+def __getattr__(name: str) -> object:
+    """Import a name of the public API when it is first used."""
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    globals()[name] = value = getattr(import_module(_HOMES[name]), name)
+    return value
+
+
+def __dir__() -> list[str]:
+    """Return the public API and what every module has."""
+    return sorted({*globals(), *__all__})

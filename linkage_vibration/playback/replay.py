@@ -115,9 +115,9 @@ def summary(done: Replayed) -> str:
 
 
 def replay(
-    inputs: Sequence[Path],
-    output: Path,
-    settings: Parameters,
+    inputs: Sequence[str | Path],
+    output: str | Path,
+    settings: Parameters | None = None,
     remaps: Mapping[str, str] = MappingProxyType({}),
     what_if: WhatIf = AS_IT_IS,
     progress: Callable[[int, int], None] = lambda done, total: None,
@@ -130,11 +130,11 @@ def replay(
 
     Parameters
     ----------
-    inputs : sequence of Path
+    inputs : sequence of str or Path
         Bags that are read as one.
-    output : Path
+    output : str or Path
         The MCAP to write; replaced when it exists.
-    settings : Parameters
+    settings : Parameters, optional
         As the node's; those that concern its logs and pictures are not used.
     remaps : mapping of str to str
         The bags' names of the node's topics, as ``{"joint_states": "/arm/joint_states"}``.
@@ -149,9 +149,11 @@ def replay(
         If a bag cannot be read, does not hold the joint, or leaves open which topic to use; if the
         mechanism or its table cannot be used; if the log cannot be written. Then there is no log.
     """
-    if any(path.exists() and output.exists() and path.samefile(output) for path in inputs):
+    bag_paths, output = [Path(path) for path in inputs], Path(output)
+    settings = settings or Parameters()
+    if any(path.exists() and output.exists() and path.samefile(output) for path in bag_paths):
         raise ReplayError(f"{output} is one of the bags to replay; give another --output.")
-    with open_bags(inputs) as bags:
+    with open_bags(bag_paths) as bags:
         topics = choose_topics(bags, settings, remaps)
         mechanism_text, table = load_model(settings, what_if)
         log_topics = [log_topic(topic.name, topic.type) for topic in topics.values()]
@@ -170,7 +172,7 @@ def replay(
             attachments.append(Attachment("excitations.yaml", "application/yaml", excitations))
         metadata = {
             PROVENANCE_METADATA: package_versions(),
-            REPLAY_METADATA: {"inputs": " ".join(path.name for path in inputs)},
+            REPLAY_METADATA: {"inputs": " ".join(path.name for path in bag_paths)},
         }
         run = _Replay(settings, topics, predictor, monitor)
         total, done = sum(topic.count for topic in topics.values()), 0

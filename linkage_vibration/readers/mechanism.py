@@ -23,17 +23,18 @@ from linkage_vibration.readers.component_files import ComponentFileError
 from linkage_vibration.readers.frfs import read_frfs
 from linkage_vibration.readers.matrices import read_matrices
 from linkage_vibration.readers.meshes import mesh_matrices
+from linkage_vibration.support.resources import DEFAULT_MECHANISM, config_file
 from linkage_vibration.support.yaml_size import refuse_unbounded
 
 
-def read_mechanism(path: Path, *, spatial: bool = False) -> Mechanism:
+def read_mechanism(path: str | Path | None = None, *, spatial: bool = False) -> Mechanism:
     """Read and validate a mechanism.
 
     Parameters
     ----------
-    path : Path
-        YAML file; ``config/three_point_linkage.yaml`` shows every key. Files that it names lie
-        beside it.
+    path : str or Path, optional
+        The YAML file; files that it names lie beside it. Without a path, the three-point linkage
+        that ships with the package is read.
     spatial : bool
         Whether solid meshes have to keep what moves out of the plane.
 
@@ -43,6 +44,7 @@ def read_mechanism(path: Path, *, spatial: bool = False) -> Mechanism:
         If the file cannot be read, is not YAML, or describes no sound mechanism; the text names
         the file, the key and the mend. So it does where a link's file cannot be used.
     """
+    path = config_file(DEFAULT_MECHANISM) if path is None else Path(path)
     return mechanism_of(load_yaml(path)[0], path, spatial=spatial)
 
 

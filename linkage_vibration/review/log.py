@@ -139,12 +139,12 @@ class Log:
         return np.asarray((self.stamps - self.stamps[0]) / 1e9)
 
 
-def read_log(path: Path) -> Log:
+def read_log(path: str | Path) -> Log:
     """Read a log.
 
     Parameters
     ----------
-    path : Path
+    path : str or Path
         An MCAP, as the node or a replay writes it.
 
     Raises
@@ -154,6 +154,7 @@ def read_log(path: Path) -> Log:
     ReviewError
         If it holds no prediction.
     """
+    path = Path(path)
     types = topic_types(path)
     predictions, resonances = _topic(types, PREDICTION), _topic(types, RESONANCE)
     speeds = {

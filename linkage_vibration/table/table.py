@@ -22,6 +22,7 @@ from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.model import Place
 from linkage_vibration.mechanics.response import PoleResidue
 from linkage_vibration.support.atomic_files import write_bytes
+from linkage_vibration.support.resources import DEFAULT_TABLE, config_file
 from linkage_vibration.table.interpolation import (
     interpolate_positive,
     interpolation_matrix,
@@ -402,13 +403,14 @@ def save_table(table: Table, path: Path) -> None:
     write_bytes(path, table_bytes(table), TableError)
 
 
-def load_table(path: Path, mechanism: Mechanism | None = None) -> Table:
+def load_table(path: str | Path | None = None, mechanism: Mechanism | None = None) -> Table:
     """Read a table and check it.
 
     Parameters
     ----------
-    path : Path
-        Written by `save_table`.
+    path : str or Path, optional
+        The file that `save_table` wrote. Without a path, the table of the three-point linkage that
+        ships with the package is read.
     mechanism : Mechanism, optional
         The one in use; a table of any other is refused.
 
@@ -418,6 +420,7 @@ def load_table(path: Path, mechanism: Mechanism | None = None) -> Table:
         If the file is missing, is not a table, holds pickles, is damaged, or belongs to another
         mechanism.
     """
+    path = config_file(DEFAULT_TABLE) if path is None else Path(path)
     table = _read(path)
     if mechanism is not None and table.model_hash != mechanism.model_hash:
         raise TableError(

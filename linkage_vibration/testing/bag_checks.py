@@ -151,19 +151,22 @@ class _Signals:
 
 
 def check_bag(
-    bag: Path, limits: Limits, settings: Parameters | None = None, picture: Path | None = None
+    bag: str | Path,
+    limits: Limits,
+    settings: Parameters | None = None,
+    picture: str | Path | None = None,
 ) -> Report:
     """Hold a bag against limits.
 
     Parameters
     ----------
-    bag : Path
+    bag : str or Path
         A log that has predictions; or any bag, which is replayed for this.
     limits : Limits
         What it is held against.
     settings : Parameters, optional
         Replay the bag with these, also where it has predictions.
-    picture : Path, optional
+    picture : str or Path, optional
         The PNG to write where a limit is passed, of the first failure's surroundings.
 
     Raises
@@ -171,6 +174,7 @@ def check_bag(
     LinkageVibrationError
         If the bag cannot be read or replayed, or does not tell what a limit is about.
     """
+    bag = Path(bag)
     with ExitStack() as stack:
         log = bag
         if settings is not None or PREDICTION_TOPIC not in topic_types(bag):
@@ -180,10 +184,10 @@ def check_bag(
                 )
             folder = stack.enter_context(tempfile.TemporaryDirectory())
             log = Path(folder) / "replayed.mcap"
-            replay([bag], log, settings or Parameters())
+            replay([bag], log, settings)
         signals = _signals(bag, log, limits)
     failures = _failures(signals, limits)
-    drawn = picture if failures and picture is not None else None
+    drawn = Path(picture) if failures and picture is not None else None
     if drawn is not None:
         _draw(bag, signals, limits, failures[0], drawn)
     return Report(bag, len(signals.time), tuple(failures), drawn)

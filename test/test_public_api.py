@@ -1,0 +1,89 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""The public API offers what it promises, and importing the package stays fast."""
+
+import ast
+import inspect
+import math
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import linkage_vibration as lv
+
+CHANGELOG = Path(__file__).parents[1] / "CHANGELOG.rst"
+
+# A change of this list needs a line in the changelog.
+FUNCTIONS = ["build_table", "check_bag", "load_table", "read_log", "read_mechanism", "replay"]
+CLASSES = ["Limits", "LinkageModel", "LinkageVibrationError", "Parameters", "Predictor", "WhatIf"]
+RETURNED = ["Failure", "IdentifiedSolution", "Log", "Mechanism", "Peak", "PoleResidue"]
+RETURNED += ["Prediction", "Replayed", "Report", "Resonances", "Solution", "Status", "Table"]
+
+
+def test_the_list_is_what_was_promised() -> None:
+    """The public names are those of the list above, and `dir` shows them."""
+    assert lv.__all__ == sorted(FUNCTIONS + CLASSES + RETURNED)
+    assert set(lv.__all__) <= set(dir(lv))
+
+
+@pytest.mark.parametrize("name", lv.__all__)
+def test_every_name_is_there_and_documented(name: str) -> None:
+    """Every public name exists, has a docstring, and is mentioned in the changelog."""
+    assert inspect.getdoc(getattr(lv, name))
+    assert f"``{name}``" in CHANGELOG.read_text()
+
+
+def test_an_unknown_name_is_reported() -> None:
+    """A name that the package does not have raises the usual error."""
+    with pytest.raises(AttributeError, match="has no attribute 'predictor'"):
+        lv.predictor  # noqa: B018
+
+
+def test_type_checkers_see_the_same_names() -> None:
+    """The imports that type checkers read name the same modules as the imports at first use."""
+    tree = ast.parse(Path(lv.__file__).read_text())
+    block = next(node for node in tree.body if isinstance(node, ast.If))
+    found = {
+        alias.name: node.module
+        for node in block.body
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+    }
+    assert found == lv._HOMES
+
+
+def test_nothing_slow_is_imported_before_it_is_used() -> None:
+    """Importing the package imports neither NumPy nor SciPy nor anything else that is slow."""
+    slow = {"numpy", "scipy", "yaml", "mcap", "matplotlib", "rclpy", "pytest"}
+    code = f"import sys, linkage_vibration; print(*sorted({slow} & set(sys.modules)))"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert run.stdout.strip() == ""
+
+
+def test_rooms_do_not_replace_functions() -> None:
+    """No room has the name of a public function, which importing the room would replace."""
+    rooms = {path.stem for path in Path(lv.__file__).parent.iterdir()}
+    assert rooms.isdisjoint(lv.__all__)
+
+
+def test_a_first_result_takes_three_lines() -> None:
+    """Import, make the model, solve it: mode 1 at 140 deg."""
+    model = lv.LinkageModel(lv.read_mechanism())
+    solution = model.solve(math.radians(140.0))
+    assert solution.natural_frequencies[0] == pytest.approx(4.18, abs=0.01)
+
+
+def test_paths_may_be_strings(tmp_path: Path) -> None:
+    """Every public function that takes a path takes it as text, too."""
+    drive = str(Path(__file__).parents[1] / "config/drives/hitch_duty_cycle.mcap")
+    predicted = str(tmp_path / "predicted.mcap")
+    done = lv.replay([drive], predicted)
+    assert done.predictions > 1000
+    assert len(lv.read_log(predicted).stamps) == done.predictions
+    assert lv.check_bag(predicted, lv.Limits(gap=1.0)).passed
+    table = Path(__file__).parents[1] / "config/tables/three_point_linkage.npz"
+    assert lv.load_table(str(table)).table_id == lv.load_table().table_id
+    mechanism = Path(__file__).parents[1] / "config/three_point_linkage.yaml"
+    assert lv.read_mechanism(str(mechanism)).name == lv.read_mechanism().name
