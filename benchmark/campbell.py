@@ -15,14 +15,9 @@ from numpy.typing import NDArray
 
 from linkage_vibration.demo.drive import engine_and_pto_speed, hitch_duty_cycle
 from linkage_vibration.drawing.plots import COLOURS, GREY, INK
-from linkage_vibration.prediction.excitation import (
-    Excitation,
-    Resonance,
-    ResonanceMonitor,
-    ResonanceState,
-    Source,
-)
+from linkage_vibration.prediction.excitation import Excitation, Source
 from linkage_vibration.prediction.predictor import Predictor
+from linkage_vibration.prediction.resonance import Resonance, ResonanceMonitor, ResonanceState
 from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.support.resources import DEFAULT_TABLE, config_file
 from linkage_vibration.table.table import Table, load_table

@@ -13,8 +13,7 @@ from scipy.interpolate import CubicSpline
 from benchmark.report import table
 from benchmark.stability.static_limit import linkage
 from linkage_vibration.mechanics.model import LinkageModel
-from linkage_vibration.messages.encoding import fault
-from linkage_vibration.prediction.predictor import Predictor, Status
+from linkage_vibration.prediction.predictor import Predictor, Status, fault
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.resources import config_file
 from linkage_vibration.table.table import Table, TableError, load_table, save_table

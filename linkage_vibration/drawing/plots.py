@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from linkage_vibration.bags.reading import read_messages, topic_names
 from linkage_vibration.errors import LinkageVibrationError
-from linkage_vibration.prediction.excitation import ResonanceState
+from linkage_vibration.prediction.resonance import ResonanceState
 from linkage_vibration.support.atomic_files import write_bytes
 
 if TYPE_CHECKING:

@@ -19,7 +19,7 @@ from linkage_vibration.bags.message_types import FLOAT64
 from linkage_vibration.bags.recorder import PROVENANCE_METADATA, package_versions
 from linkage_vibration.bags.streams import Bags, BagTopic, Block, open_bags
 from linkage_vibration.bags.writing import Attachment
-from linkage_vibration.messages.batches import encode_predictions, encode_resonances
+from linkage_vibration.messages.encoding import encode_predictions, encode_resonances
 from linkage_vibration.messages.topics import (
     PREDICTION,
     PREDICTION_TOPIC,
@@ -31,9 +31,10 @@ from linkage_vibration.messages.topics import (
 from linkage_vibration.playback.remapping import ReplayError, choose_topics, told
 from linkage_vibration.playback.what_if import AS_IT_IS, WhatIf, load_model
 from linkage_vibration.prediction.batch import Predictions, predict_many
-from linkage_vibration.prediction.excitation import ResonanceMonitor, Source, ToldSpeed
+from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.inputs import JointInput, PercentInput, Reading, ReadingError
 from linkage_vibration.prediction.predictor import Predictor, Status
+from linkage_vibration.prediction.resonance import ReportedSpeed, ResonanceMonitor
 from linkage_vibration.prediction.settings import NODE_NAME, Parameters, parameters_yaml
 from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.table.table import table_bytes
@@ -315,7 +316,7 @@ class _Replay:
         order = np.argsort(rows)
         before = np.searchsorted(rows[order], [row for row, _, _ in speeds]).tolist()
         # Until a speed is told there is nothing to assess.
-        first = 0 if self._monitor.speeds_told else min([len(rows), *before])
+        first = 0 if self._monitor.any_speed_reported else min([len(rows), *before])
         asked = order[first:]
         resonances = self._monitor.assess_many(
             np.concatenate([some.natural_frequencies for some in predicted])[asked],
@@ -323,7 +324,7 @@ class _Replay:
             np.concatenate([some.velocity for some in readings])[asked],
             block.log_times[rows[asked]],
             [
-                ToldSpeed(earlier - first, source, value, int(block.log_times[row]))
+                ReportedSpeed(earlier - first, source, value, int(block.log_times[row]))
                 for earlier, (row, source, value) in zip(before, speeds, strict=True)
             ],
         )

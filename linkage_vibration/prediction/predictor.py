@@ -13,6 +13,7 @@ from linkage_vibration.table.table import Table
 
 FloatArray = NDArray[np.float64]
 
+_FARTHEST_ANGLE = 1e6  # deg; beyond, an angle is not off by some turns
 _TURN = 2.0 * math.pi
 _FARTHEST = 1e6  # rad; beyond, the last bits of an angle say too little of where in its turn it is
 
@@ -65,6 +66,34 @@ class Prediction:
     frf_peak_magnitude: float
     interpolation_error: float
     table_id: str
+
+
+def fault(prediction: Prediction, alpha3_range: tuple[float, float]) -> str:
+    """Return why a prediction has no numbers, or doubtful ones, in words; empty where it is sound.
+
+    Parameters
+    ----------
+    prediction : Prediction
+        Of any status.
+    alpha3_range : (float, float)
+        The table's first and last angle, rad.
+    """
+    angle = math.degrees(prediction.crank_angle)
+    if prediction.status is Status.INVALID_ANGLE:
+        return f"crank angle {angle} deg is not a finite number"
+    if prediction.status is Status.OUT_OF_RANGE:
+        first, last = map(math.degrees, alpha3_range)
+        told = f"crank angle {angle:.7g} deg is not in the table's {first:.7g} to {last:.7g} deg"
+        turned = first + (angle - first) % 360.0
+        if turned <= last and abs(angle) < _FARTHEST_ANGLE:
+            told += f", but {turned:.7g} deg is: is the joint's zero a turn off?"
+        return told
+    if prediction.status is Status.NEAR_TOGGLE:
+        return (
+            f"crank angle {angle:.7g} deg is less than 1 deg from a toggle, where a small error of "
+            "the angle is a large one of the configuration"
+        )
+    return ""
 
 
 class Predictor:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from linkage_vibration.prediction.excitation import ResonanceState
+from linkage_vibration.prediction.resonance import ResonanceState
 from linkage_vibration.review.log import Log, durations
 
 FloatArray = NDArray[np.float64]

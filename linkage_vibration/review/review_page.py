@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linkage_vibration.drawing.plots import COLOURS
-from linkage_vibration.prediction.excitation import ResonanceState, Source
+from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.predictor import Status
+from linkage_vibration.prediction.resonance import ResonanceState
 from linkage_vibration.review.html import (
     Page,
     mode_colours,

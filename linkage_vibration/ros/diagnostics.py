@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
-from linkage_vibration.prediction.excitation import Resonance, ResonanceState
+from linkage_vibration.prediction.resonance import Resonance, ResonanceState
 
 LATENCIES = 1_000  # the last ones, of which percentiles are told
 CLOCK_STEP = 0.5  # s between the wall's and the steady clock in a second: somebody has set it

@@ -19,7 +19,7 @@ from std_msgs.msg import String
 from linkage_vibration.bags.recorder import Provenance, Recorder
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.prediction.answers import Served
-from linkage_vibration.prediction.excitation import ResonanceMonitor
+from linkage_vibration.prediction.resonance import ResonanceMonitor
 from linkage_vibration.prediction.settings import NODE_NAME, without_markers
 from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.ros.diagnostics import Health, Log, Statistics, diagnostics, status

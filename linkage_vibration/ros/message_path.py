@@ -16,7 +16,7 @@ from std_msgs.msg import Float64
 
 from linkage_vibration.bags.message_types import FLOAT64, JOINT_STATE
 from linkage_vibration.bags.writing import Topic
-from linkage_vibration.messages.encoding import encode_prediction, encode_resonance, fault
+from linkage_vibration.messages.encoding import encode_prediction, encode_resonance
 from linkage_vibration.messages.topics import (
     HITCH_POSITION,
     JOINT_STATES,
@@ -25,9 +25,10 @@ from linkage_vibration.messages.topics import (
     SPEEDS,
     log_topic,
 )
-from linkage_vibration.prediction.excitation import Resonance, ResonanceMonitor, Source
+from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.inputs import JointInput, PercentInput, Reading, ReadingError
-from linkage_vibration.prediction.predictor import Predictor, Status
+from linkage_vibration.prediction.predictor import Predictor, Status, fault
+from linkage_vibration.prediction.resonance import Resonance, ResonanceMonitor
 from linkage_vibration.prediction.settings import Parameters
 from linkage_vibration.ros.diagnostics import Statistics
 from linkage_vibration.ros.endpoints import Publishers, subscribe
@@ -245,7 +246,7 @@ class Predicting:
         counts.take_reading(began, sec, nanosec, received)
         self._record(*heard)
         self._record(self._prediction_topic, encoded, received, None)
-        if self._monitor.speeds_told:
+        if self._monitor.any_speed_reported:
             self.resonance = self._monitor.assess(prediction, reading.velocity, received)
             encoded = encode_resonance(self.resonance, sec, nanosec, frame)
             self._resonances.publish(encoded)

@@ -20,7 +20,7 @@ from rclpy.task import Future
 
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.description import Mechanism
-from linkage_vibration.messages.encoding import encode_prediction, fault
+from linkage_vibration.messages.encoding import encode_prediction
 from linkage_vibration.prediction.answers import (
     Implement,
     Served,
@@ -30,7 +30,7 @@ from linkage_vibration.prediction.answers import (
     rebuilt,
     with_implement,
 )
-from linkage_vibration.prediction.predictor import Predictor
+from linkage_vibration.prediction.predictor import Predictor, fault
 from linkage_vibration.support.process_pool import LocalPool
 from linkage_vibration.table.table import table_bytes
 from linkage_vibration_interfaces.msg import VibrationPrediction

@@ -12,7 +12,7 @@ from linkage_vibration.bags.reading import BagError, read_messages
 from linkage_vibration.bags.writing import LogWriter, Topic, offered_qos_profiles
 from linkage_vibration.messages.definitions import message_definition, type_hash
 from linkage_vibration.messages.encoding import encode_resonance
-from linkage_vibration.prediction.excitation import Resonance, ResonanceState
+from linkage_vibration.prediction.resonance import Resonance, ResonanceState
 from linkage_vibration.support.resources import config_file
 
 RESONANCE = "linkage_vibration_interfaces/msg/Resonance"

@@ -18,14 +18,10 @@ from linkage_vibration.demo.drive import (
     hitch_duty_cycle,
     write_drive,
 )
-from linkage_vibration.prediction.excitation import (
-    Resonance,
-    ResonanceMonitor,
-    ResonanceState,
-    Source,
-)
+from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.inputs import JointInput
 from linkage_vibration.prediction.predictor import Predictor
+from linkage_vibration.prediction.resonance import Resonance, ResonanceMonitor, ResonanceState
 from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.support.resources import DEFAULT_TABLE, config_file
 from linkage_vibration.table.table import load_table

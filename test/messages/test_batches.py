@@ -12,11 +12,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from linkage_vibration.mechanics.model import LinkageModel
-from linkage_vibration.messages.batches import encode_predictions, encode_resonances
-from linkage_vibration.messages.encoding import encode_prediction, encode_resonance
+from linkage_vibration.messages.encoding import (
+    encode_prediction,
+    encode_predictions,
+    encode_resonance,
+    encode_resonances,
+)
 from linkage_vibration.prediction.batch import predict_many
-from linkage_vibration.prediction.excitation import Excitation, ResonanceMonitor, Source, ToldSpeed
+from linkage_vibration.prediction.excitation import Excitation, Source
 from linkage_vibration.prediction.predictor import Predictor
+from linkage_vibration.prediction.resonance import ReportedSpeed, ResonanceMonitor
 from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.resources import DEFAULT_EXCITATIONS, DEFAULT_TABLE, config_file
@@ -99,7 +104,7 @@ def assert_same_resonances(
         first, value, time = event
         if isinstance(first, Source):
             monitors[0].set_speed(first, value, time)
-            told.append(ToldSpeed(len(asked), first, value, time))
+            told.append(ReportedSpeed(len(asked), first, value, time))
         else:
             asked.append(event)
             resonance = monitors[0].assess(SHIPPED.predict(first), value, time)
@@ -181,7 +186,7 @@ def test_cost_of_resonances() -> None:
     times = np.arange(n) * SECOND // 1000
     predictions = predict_many(SHIPPED, np.linspace(1.6, 3.1, n), np.zeros(n))
     numbers = predictions.natural_frequencies, predictions.frequency_slopes, np.zeros(n), times
-    speeds = [ToldSpeed(i, Source.ENGINE, 1800.0 + i, int(times[i])) for i in range(0, n, 10)]
+    speeds = [ReportedSpeed(i, Source.ENGINE, 1800.0 + i, int(times[i])) for i in range(0, n, 10)]
     monitor, one = ResonanceMonitor(EXCITATIONS), predictions.row(0)
     many = min(timeit.repeat(lambda: monitor.assess_many(*numbers, speeds), number=1, repeat=20))
     single = min(timeit.repeat(lambda: monitor.assess(one, 0.0, SECOND), number=200, repeat=5))

@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from linkage_vibration.messages.encoding import encode_prediction, encode_resonance, fault
-from linkage_vibration.prediction.excitation import Resonance, ResonanceState
-from linkage_vibration.prediction.predictor import Prediction, Status
+from linkage_vibration.messages.encoding import encode_prediction, encode_resonance
+from linkage_vibration.prediction.predictor import Prediction, Status, fault
+from linkage_vibration.prediction.resonance import Resonance, ResonanceState
 
 TEXT = st.text(st.characters(codec="utf-8", exclude_characters="\0"), max_size=20)
 

@@ -26,9 +26,10 @@ from linkage_vibration.messages.topics import log_topic
 from linkage_vibration.playback.remapping import ReplayError, remappings
 from linkage_vibration.playback.replay import replay
 from linkage_vibration.playback.what_if import WhatIf
-from linkage_vibration.prediction.excitation import ResonanceMonitor, Source
+from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.inputs import JointInput, PercentInput
 from linkage_vibration.prediction.predictor import Predictor, Status
+from linkage_vibration.prediction.resonance import ResonanceMonitor
 from linkage_vibration.prediction.settings import Parameters, read_parameters
 from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.support.resources import DEFAULT_EXCITATIONS, DEFAULT_TABLE, config_file
@@ -129,7 +130,7 @@ def test_same_as_one_by_one(tmp_path: Path) -> None:
         statuses.add(prediction.status)
         header = message.header.stamp.sec, message.header.stamp.nanosec, "base"
         predictions.append((time, encode_prediction(prediction, *header)))
-        if monitor.speeds_told:
+        if monitor.any_speed_reported:
             resonance = monitor.assess(prediction, reading.velocity, time)
             resonances.append((time, encode_resonance(resonance, *header)))
     assert {Status.OK, Status.OUT_OF_RANGE} <= statuses

@@ -14,8 +14,9 @@ from linkage_vibration.bags.writing import Attachment, LogWriter, Topic, offered
 from linkage_vibration.demo.drive import engine_and_pto_speed, hitch_duty_cycle
 from linkage_vibration.messages.definitions import message_definition, type_hash
 from linkage_vibration.messages.encoding import encode_prediction, encode_resonance
-from linkage_vibration.prediction.excitation import ResonanceMonitor, Source
+from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.predictor import Predictor
+from linkage_vibration.prediction.resonance import ResonanceMonitor
 from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.support.resources import DEFAULT_MECHANISM, DEFAULT_TABLE, config_file
 from linkage_vibration.table.table import load_table, table_bytes

@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
-from linkage_vibration.prediction.excitation import Resonance, ResonanceState
+from linkage_vibration.prediction.resonance import Resonance, ResonanceState
 from linkage_vibration.ros.diagnostics import (
     LATENCIES,
     Health,

@@ -1,0 +1,382 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Resonances: which excitation is nearest to a natural frequency, and whether they approach."""
+
+import enum
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from linkage_vibration.prediction.excitation import Excitation, Source
+from linkage_vibration.prediction.predictor import Prediction
+
+FloatArray = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+# Between two values that a rate is taken of; of a burst's it would be that of its delivery.
+_SHORTEST = 5e-3  # s
+_LATEST = 2**63 - 1  # ns
+
+
+class ResonanceState(enum.IntEnum):
+    """How near the nearest excitation is; the message's constants."""
+
+    CLEAR = 0
+    WARNING = 1
+    STALE = 2
+
+
+@dataclass(frozen=True, slots=True)
+class Resonance:
+    """The excitation that is nearest to a natural frequency.
+
+    Attributes
+    ----------
+    state : ResonanceState
+        Every number below is NaN (the mode 0) when it is STALE.
+    excitation : str
+        Its name; empty when stale.
+    excitation_frequency : float
+        Hz.
+    mode : int
+        Index of the natural frequency.
+    natural_frequency : float
+        Hz.
+    margin, relative_margin : float
+        Excitation less natural frequency, Hz, and the same over the natural frequency, 1.
+    approach : int
+        1 where they come nearer, -1 where they part, 0 where neither.
+    time_to_crossing : float
+        At the present rates, s; infinite where they do not meet.
+    table_id : str
+        Of the prediction.
+    """
+
+    state: ResonanceState
+    excitation: str
+    excitation_frequency: float
+    mode: int
+    natural_frequency: float
+    margin: float
+    relative_margin: float
+    approach: int
+    time_to_crossing: float
+    table_id: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Resonances:
+    """Resonances by columns; see `Resonance`.
+
+    Attributes
+    ----------
+    state : ndarray of uint8, (n,)
+        Values of `ResonanceState`.
+    excitation : ndarray, (n,)
+        Which of the monitor's excitations; -1 when stale.
+    excitation_frequency : ndarray, (n,)
+        Hz.
+    mode : ndarray, (n,)
+        Index of the natural frequency.
+    natural_frequency, margin, relative_margin : ndarray, (n,)
+        Hz, Hz and 1.
+    approach : ndarray of int8, (n,)
+        1, -1 or 0.
+    time_to_crossing : ndarray, (n,)
+        s.
+    """
+
+    state: NDArray[np.uint8]
+    excitation: Integers
+    excitation_frequency: FloatArray
+    mode: Integers
+    natural_frequency: FloatArray
+    margin: FloatArray
+    relative_margin: FloatArray
+    approach: NDArray[np.int8]
+    time_to_crossing: FloatArray
+
+    def rows(self, which: Integers | slice) -> "Resonances":
+        """Return some of them."""
+        return Resonances(
+            self.state[which],
+            self.excitation[which],
+            self.excitation_frequency[which],
+            self.mode[which],
+            self.natural_frequency[which],
+            self.margin[which],
+            self.relative_margin[which],
+            self.approach[which],
+            self.time_to_crossing[which],
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class ReportedSpeed:
+    """A speed that is told among predictions.
+
+    Attributes
+    ----------
+    before : int
+        How many of the predictions come before it.
+    source : Source
+        Whose speed.
+    value : float
+        rpm or m/s.
+    time : int
+        When it was told, ns.
+    """
+
+    before: int
+    source: Source
+    value: float
+    time: int
+
+
+@dataclass(frozen=True, slots=True)
+class _Speed:
+    """A speed as it was told last."""
+
+    value: float
+    time: int | None  # ns; None where it is fixed
+    rate: float = 0.0  # a second
+    earlier: tuple[float, int] = (0.0, 0)  # value and time (ns) that the next rate goes back to
+
+
+class ResonanceMonitor:
+    """Holds excitations against predictions.
+
+    It has no clock: the same calls give the same answers, live or offline.
+
+    Parameters
+    ----------
+    excitations : sequence of Excitation
+        All that are watched.
+    warning_margin : float
+        Relative margin below which it warns, 1.
+    hysteresis : float
+        By how much the margin has to exceed that until the warning ends, 1. The warning belongs to
+        the nearest pair, whichever that is, so that it does not flicker where two take turns.
+    stale_after : float
+        Age of a speed from which it is not used, s.
+    """
+
+    def __init__(
+        self,
+        excitations: Sequence[Excitation],
+        warning_margin: float = 0.1,
+        hysteresis: float = 0.02,
+        stale_after: float = 1.0,
+    ) -> None:
+        self.excitations = tuple(excitations)
+        self.warning_margin = warning_margin
+        self.hysteresis = hysteresis
+        self.stale_after = stale_after
+        self._speeds: dict[Source, _Speed] = {}
+        self._warning = self._any_speed_reported = False
+
+    def set_speed(self, source: Source, value: float, time: int) -> None:
+        """Take a speed as told at a time; its rate follows from the last two.
+
+        Parameters
+        ----------
+        source : Source
+            Whose speed.
+        value : float
+            rpm or m/s; where it is negative or no finite number, the last one is forgotten too.
+        time : int
+            When it was told, ns. Values that come within 5 ms count as one for the rate, which
+            starts anew when the clock jumps back, or after `stale_after`.
+        """
+        self._any_speed_reported = True
+        if not 0.0 <= value < math.inf:
+            self._speeds.pop(source, None)
+            return
+        last = self._speeds.get(source)
+        rate, earlier = 0.0, (value, time)
+        if last is not None and last.time is not None:
+            before, since = last.earlier
+            apart = 1e-9 * (time - since)
+            if 0.0 <= apart < _SHORTEST:
+                rate, earlier = last.rate, last.earlier
+            elif _SHORTEST <= apart < self.stale_after:
+                rate = (value - before) / apart
+        self._speeds[source] = _Speed(value, time, rate, earlier)
+
+    @property
+    def any_speed_reported(self) -> bool:
+        """Whether any speed has ever been told; without, there is nothing to assess."""
+        return self._any_speed_reported
+
+    def is_fixed(self, source: Source) -> bool:
+        """Whether a speed is one that does not change."""
+        speed = self._speeds.get(source)
+        return speed is not None and speed.time is None
+
+    def set_fixed(self, source: Source, value: float) -> None:
+        """Take a speed (rpm or m/s) as one that does not change."""
+        self._any_speed_reported = True
+        self._speeds[source] = _Speed(value, None)
+
+    def forget(self, source: Source) -> None:
+        """Forget a speed."""
+        self._speeds.pop(source, None)
+
+    def assess(self, prediction: Prediction, velocity: float, time: int) -> Resonance:
+        """Return the excitation that is nearest to a natural frequency.
+
+        Parameters
+        ----------
+        prediction : Prediction
+            Of any status.
+        velocity : float
+            Of the crank, rad/s; where it is NaN, not known, the crank is taken to stand still.
+        time : int
+            When the prediction was made, by the clock that speeds are told by, ns.
+        """
+        fresh = self._fresh(time) if prediction.status.has_numbers else {}
+        naturals = prediction.natural_frequencies.tolist()
+        nearest, best, mode = math.inf, None, 0
+        for excitation in self.excitations:
+            speed = fresh.get(excitation.source)
+            if speed is None or speed.value == 0.0:
+                continue
+            frequency = excitation.ratio * speed.value
+            for i, natural in enumerate(naturals):
+                apart = abs(frequency / natural - 1.0)
+                if apart < nearest:
+                    nearest, best, mode = apart, excitation, i
+        if best is None:
+            self._warning = False
+            nan = math.nan
+            return Resonance(
+                ResonanceState.STALE, "", nan, 0, nan, nan, nan, 0, nan, prediction.table_id
+            )
+        limit = self.warning_margin + (self.hysteresis if self._warning else 0.0)
+        self._warning = nearest < limit
+        speed = fresh[best.source]
+        frequency, natural = best.ratio * speed.value, naturals[mode]
+        margin = frequency - natural
+        turning = 0.0
+        if velocity == velocity:  # it is a number
+            turning = float(prediction.frequency_slopes[mode]) * velocity
+        rate = best.ratio * speed.rate - turning
+        closing = float(-rate if margin > 0.0 else rate)  # Hz/s, by which the distance shrinks
+        return Resonance(
+            state=ResonanceState.WARNING if self._warning else ResonanceState.CLEAR,
+            excitation=best.name,
+            excitation_frequency=frequency,
+            mode=mode,
+            natural_frequency=natural,
+            margin=margin,
+            relative_margin=margin / natural,
+            approach=(closing > 0.0) - (closing < 0.0),
+            time_to_crossing=abs(margin) / closing if closing > 0.0 else math.inf,
+            table_id=prediction.table_id,
+        )
+
+    def assess_many(
+        self,
+        natural_frequencies: FloatArray,
+        frequency_slopes: FloatArray,
+        velocity: FloatArray,
+        time: Integers,
+        speeds: Sequence[ReportedSpeed],
+    ) -> Resonances:
+        """Return what `set_speed` and `assess` give, to the last bit, call by call.
+
+        Parameters
+        ----------
+        natural_frequencies, frequency_slopes : ndarray, (n, n_modes)
+            Of the predictions, Hz and Hz/rad; NaN where one has no numbers.
+        velocity : ndarray, (n,)
+            Of the crank, rad/s; NaN where it is not known.
+        time : ndarray, (n,)
+            When the predictions were made, ns.
+        speeds : sequence of ReportedSpeed
+            In the order in which they are told.
+        """
+        n = len(time)
+        value, rate = self._speeds_at(time, speeds)
+        naturals = np.ascontiguousarray(natural_frequencies.T)
+        nearest = np.full(n, math.inf)
+        best, mode = np.full(n, -1), np.zeros(n, np.int64)
+        with np.errstate(all="ignore"):  # as Python's own numbers
+            for k, excitation in enumerate(self.excitations):
+                frequency = excitation.ratio * value[excitation.source]
+                for i, natural in enumerate(naturals):
+                    apart = np.abs(frequency / natural - 1.0)
+                    nearer = apart < nearest
+                    np.copyto(nearest, apart, where=nearer)
+                    np.copyto(best, k, where=nearer)
+                    np.copyto(mode, i, where=nearer)
+            stale = best < 0
+            warning = self._warnings(nearest, stale)
+            frequency, following = np.full(n, math.nan), np.full(n, math.nan)
+            for k, excitation in enumerate(self.excitations):
+                of_it = best == k
+                source = excitation.source
+                np.multiply(excitation.ratio, value[source], out=frequency, where=of_it)
+                np.multiply(excitation.ratio, rate[source], out=following, where=of_it)
+            rows = np.arange(n)
+            natural = np.where(stale, math.nan, natural_frequencies[rows, mode])
+            margin = frequency - natural
+            turning = frequency_slopes[rows, mode] * velocity
+            change = following - np.where(np.isnan(velocity), 0.0, turning)
+            closing = np.where(margin > 0.0, -change, change)
+            crossing = np.where(closing > 0.0, np.abs(margin) / closing, math.inf)
+            crossing[stale] = math.nan
+            return Resonances(
+                state=np.where(stale, ResonanceState.STALE, warning).astype(np.uint8),
+                excitation=best,
+                excitation_frequency=frequency,
+                mode=mode,
+                natural_frequency=natural,
+                margin=margin,
+                relative_margin=margin / natural,
+                approach=(closing > 0.0).astype(np.int8) - (closing < 0.0),
+                time_to_crossing=crossing,
+            )
+
+    def _speeds_at(
+        self, time: Integers, speeds: Sequence[ReportedSpeed]
+    ) -> tuple[dict[Source, FloatArray], dict[Source, FloatArray]]:
+        """Take speeds; return those at each time, NaN where none excites, and their rates."""
+        told = {source: [(0, self._speeds.get(source))] for source in Source}
+        for one in speeds:
+            self.set_speed(one.source, one.value, one.time)
+            told[one.source].append((one.before, self._speeds.get(one.source)))
+        limit = math.floor(min(1e9 * self.stale_after, _LATEST))
+        values, rates = {}, {}
+        for source, history in told.items():
+            known = [_Speed(math.nan, None) if speed is None else speed for _, speed in history]
+            begins = [before for before, _ in history]
+            valid = np.repeat(np.arange(len(known)), np.diff([*begins, len(time)]))
+            value = np.array([speed.value or math.nan for speed in known])[valid]
+            fixed = np.array([speed.time is None for speed in known])[valid]
+            age = time - np.array([speed.time or 0 for speed in known])[valid]
+            value[~(fixed | ((-limit <= age) & (age <= limit)))] = math.nan
+            values[source], rates[source] = value, np.array([s.rate for s in known])[valid]
+        return values, rates
+
+    def _warnings(self, nearest: FloatArray, stale: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Return where it warns: between both limits, as it did before."""
+        begins = nearest < self.warning_margin
+        ends = stale | ~(nearest < self.warning_margin + self.hysteresis)
+        last = np.maximum.accumulate(np.where(begins | ends, np.arange(len(nearest)), -1))
+        warning = np.where(last < 0, self._warning, begins[last])
+        if len(warning):
+            self._warning = bool(warning[-1])
+        return warning
+
+    def _fresh(self, time: int) -> dict[Source, _Speed]:
+        """Speeds that are neither old nor from a time that the clock has jumped back from."""
+        limit = 1e9 * self.stale_after
+        return {
+            source: speed
+            for source, speed in self._speeds.items()
+            if speed.time is None or -limit <= time - speed.time <= limit
+        }
