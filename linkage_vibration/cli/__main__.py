@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Runs the command with ``python -m linkage_vibration.cli``."""
+"""Run the command with ``python -m linkage_vibration.cli``."""
 
 import sys
 

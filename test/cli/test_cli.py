@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""The command line, run as a user runs it."""
+"""The command line, which the tests run as a user runs it."""
 
 import os
 import subprocess
@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+import linkage_vibration.cli
+from linkage_vibration.cli.main import SUBCOMMANDS
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.readers.mechanism import read_mechanism
@@ -24,8 +26,18 @@ def run(*arguments: str, folder: Path) -> "subprocess.CompletedProcess[str]":
     )
 
 
+def test_subcommands() -> None:
+    """Each module of the room is a subcommand, and the parser is built without NumPy."""
+    folder = Path(linkage_vibration.cli.__file__).parent
+    names = {path.stem for path in folder.glob("*.py")} - {"__init__", "__main__", "main"}
+    assert sorted(SUBCOMMANDS) == sorted(names)
+    code = "import sys; from linkage_vibration.cli.main import argument_parser as a; a(); "
+    code += "sys.exit('numpy' in sys.modules)"
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
 def test_build_writes_a_table(tmp_path: Path, printed: Mechanism) -> None:
-    """Build shows its progress, writes a table for the mechanism, and tells its error."""
+    """Build shows its progress, writes a table for the mechanism, and prints its error."""
     source = str(config_file("three_point_linkage_as_printed.yaml"))
     done = run("build", source, "--tolerance", "1e-4", "--frf-points", "E1", folder=tmp_path)
     assert done.returncode == 0
@@ -37,7 +49,7 @@ def test_build_writes_a_table(tmp_path: Path, printed: Mechanism) -> None:
 
 
 def test_predict_prints_what_the_predictor_says(tmp_path: Path) -> None:
-    """One row an angle; an angle out of range says so and sets the exit code."""
+    """There is one row for each angle; an angle out of range says so and sets the exit code."""
     done = run("predict", "90", "140", "180", folder=tmp_path)
     assert done.returncode == 0
     predictor = Predictor(load_table(config_file("tables/three_point_linkage.npz")))
@@ -63,7 +75,7 @@ def test_predict_prints_what_the_predictor_says(tmp_path: Path) -> None:
     ],
 )
 def test_errors_are_one_sentence(tmp_path: Path, arguments: tuple[str, ...], words: str) -> None:
-    """What is wrong is told in one line, without a traceback, with exit code 1."""
+    """An error is one line without a traceback, and the exit code is 1."""
     done = run(*arguments, folder=tmp_path)
     assert done.returncode == 1
     assert words in done.stderr
@@ -72,7 +84,7 @@ def test_errors_are_one_sentence(tmp_path: Path, arguments: tuple[str, ...], wor
 
 
 def test_sweep_writes_one_file(tmp_path: Path) -> None:
-    """Sweep shows its progress, tells what has no result, and does not build a second time."""
+    """Sweep shows its progress, lists what has no result, and does not build a second time."""
     source = config_file("four_bar.yaml").read_text().replace("[0.0, 360.0]", "[60.0, 120.0]")
     (tmp_path / "four_bar.yaml").write_text(source)
     (tmp_path / "grid.yaml").write_text(
@@ -85,14 +97,14 @@ def test_sweep_writes_one_file(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     assert "2/2" in done.stderr
     assert "links.coupler.points.C = 0.2: " in done.stderr
-    assert "2 worked out now, 0 kept" in done.stdout
+    assert "2 were computed now, 0 were in the file" in done.stdout
     again = run("sweep", "grid.yaml", folder=tmp_path)
-    assert "0 worked out now, 2 kept" in again.stdout
+    assert "0 were computed now, 2 were in the file" in again.stdout
     assert sorted(p.name for p in tmp_path.iterdir()) == ["four_bar.yaml", "grid.nc", "grid.yaml"]
 
 
 def test_plan_chooses_and_measures(tmp_path: Path) -> None:
-    """Plan tells what it chose, what that is worth, and writes the mechanism to go on with."""
+    """Plan prints its choice and the measured errors, and writes the chosen mechanism."""
     asked = ("--band-hz", "0", "40", "--points", "E1", "z", "--tolerance", "1e-3")
     done = run("plan", *asked, "--range-deg", "100", "150", "-o", "planned.yaml", folder=tmp_path)
     assert done.returncode == 0, done.stderr

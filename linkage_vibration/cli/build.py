@@ -1,0 +1,57 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Compute the lookup table of a mechanism."""
+
+import argparse
+import math
+from pathlib import Path
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument(
+        "mechanism", nargs="?", type=Path, help="YAML file (default: the shipped linkage)"
+    )
+    parser.add_argument(
+        "-o", "--output", type=Path, help="table to write (default: MECHANISM with .npz)"
+    )
+    parser.add_argument(
+        "--tolerance",
+        type=float,
+        default=1e-6,
+        help="largest relative error of a natural frequency; for FRFs and their peak it is a "
+        "hundred times as large (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--frf-points",
+        nargs="+",
+        metavar="POINT",
+        help="points between which the table holds FRFs (default: all moving points, if there are "
+        "at most 8)",
+    )
+
+
+def run(options: argparse.Namespace) -> int:
+    """Build the table and print its errors; return the exit code."""
+    from tqdm import tqdm
+
+    from linkage_vibration.mechanics.model import LinkageModel
+    from linkage_vibration.readers.mechanism import read_mechanism
+    from linkage_vibration.support.resources import DEFAULT_MECHANISM, config_file
+    from linkage_vibration.table.table import save_table
+    from linkage_vibration.table.tabulation import build_table
+
+    source = options.mechanism or config_file(DEFAULT_MECHANISM)
+    output = options.output or Path(source.name).with_suffix(".npz")
+    model = LinkageModel(read_mechanism(source))
+    with tqdm(desc=model.mechanism.name, unit=" angles") as bar:
+        table = build_table(model, options.tolerance, options.frf_points, lambda: bar.update(1))
+    save_table(table, output)
+    low, high = (math.degrees(angle) for angle in table.alpha3_range)
+    frfs = f", FRFs {table.frf_error:.1e}" if table.places else "; the table holds no FRFs"
+    print(
+        f"{output}: table {table.table_id}, {len(table.alpha3)} angles from {low:g} to {high:g} "
+        f"deg; largest relative error, measured between the angles: natural frequencies "
+        f"{table.interpolation_error.max():.1e}, FRF peak {table.peak_error:.1e}{frfs}."
+    )
+    return 0

@@ -1,0 +1,46 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Fit parameters of a mechanism to measured natural frequencies."""
+
+import argparse
+from pathlib import Path
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument("calibration", type=Path, help="YAML file of parameters and targets")
+    parser.add_argument(
+        "-o", "--output", type=Path, help="mechanism to write (default: only print the fit)"
+    )
+    parser.add_argument(
+        "--starts",
+        type=int,
+        default=8,
+        help="number of starting points of the search (default: %(default)s)",
+    )
+
+
+def run(options: argparse.Namespace) -> int:
+    """Fit, print the fit, and write the fitted mechanism; return the exit code."""
+    from tqdm import tqdm
+
+    from linkage_vibration.studies.calibration import (
+        calibrate,
+        read_calibration,
+        summary,
+        write_mechanism,
+    )
+
+    calibration = read_calibration(options.calibration)
+    with tqdm(total=max(1, options.starts), unit="start") as bar:
+
+        def show(cost: float) -> None:
+            bar.set_postfix(cost=f"{cost:.4g}")
+            bar.update(1)
+
+        result = calibrate(calibration, max(1, options.starts), show)
+    print(summary(calibration, result))
+    if options.output:
+        write_mechanism(calibration, result.values.tolist(), options.output)
+        print(f"\nWritten: {options.output}")
+    return 0

@@ -1,0 +1,98 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Choose the cheapest model that meets a tolerance, and measure its errors and costs."""
+
+import argparse
+import math
+from pathlib import Path
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument(
+        "mechanism", nargs="?", type=Path, help="YAML file (default: the shipped linkage)"
+    )
+    parser.add_argument(
+        "--band-hz",
+        nargs=2,
+        type=float,
+        metavar=("LOW", "HIGH"),
+        help="frequency band of interest (default: the mechanism's response.band_hz)",
+    )
+    parser.add_argument(
+        "--points",
+        nargs="+",
+        default=[],
+        metavar="POINT DIRECTION",
+        help="places between which FRFs are needed, for example: E1 z V1 x (default: no FRFs)",
+    )
+    parser.add_argument(
+        "--tolerance",
+        type=float,
+        default=1e-4,
+        help="largest relative error of a natural frequency; for FRFs and their peak it is a "
+        "hundred times as large (default: %(default)s)",
+    )
+    where = parser.add_mutually_exclusive_group()
+    where.add_argument("--angle-deg", type=float, help="one crank angle alpha3")
+    where.add_argument(
+        "--range-deg",
+        nargs=2,
+        type=float,
+        metavar=("LOW", "HIGH"),
+        help="range of the crank angle alpha3 (default: the mechanism's stroke)",
+    )
+    parser.add_argument(
+        "--microseconds-per-prediction", type=float, help="longest time that a prediction may take"
+    )
+    parser.add_argument("-o", "--output", type=Path, help="planned mechanism to write")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Plan, print what was chosen and measured; return 1 if the model is too slow or too coarse."""
+    from tqdm import tqdm
+
+    from linkage_vibration.readers.mechanism import load_yaml, read_mechanism
+    from linkage_vibration.studies.plan import (
+        PlanError,
+        Scene,
+        measure,
+        plan,
+        summary,
+        truths,
+        write_planned,
+    )
+    from linkage_vibration.support.resources import DEFAULT_MECHANISM, config_file
+
+    words = options.points
+    if len(words) % 2:
+        raise PlanError("--points takes a direction after each point, as in: E1 z V1 x.")
+    places = tuple(zip(words[::2], words[1::2], strict=True))
+    source = options.mechanism or config_file(DEFAULT_MECHANISM)
+    mechanism = read_mechanism(source, spatial="y" in words[1::2])
+    low, high = options.range_deg or [options.angle_deg, options.angle_deg]
+    limit = options.microseconds_per_prediction
+    scene = Scene(
+        mechanism,
+        tuple(options.band_hz or mechanism.response.band),
+        places,
+        options.tolerance,
+        mechanism.stroke if low is None else (math.radians(low), math.radians(high)),
+        None if limit is None else 1e-6 * limit,
+    )
+    with tqdm(desc=mechanism.name, unit=" solves", delay=2.0) as bar:
+        chosen = plan(scene, lambda: bar.update(1))
+        measured = measure(chosen, truths(chosen, lambda: bar.update(1)))
+    print(summary(chosen, measured))
+    if options.output:
+        write_planned(chosen, load_yaml(source)[1], options.output)
+        print(f"\nWritten: {options.output}")
+        if chosen.table_tolerance is not None:
+            points = " ".join(dict.fromkeys(words[::2]))
+            print(
+                f"To build its table: linkage-vibration build {options.output} "
+                f"--tolerance {chosen.table_tolerance:.3g}"
+                + (f" --frf-points {points}" if points else "")
+            )
+    quick = limit is None or chosen.scene.one_angle or measured.costs.prediction <= 1e-6 * limit
+    return 0 if quick and measured.errors.share(scene.allowed) <= 1.0 else 1

@@ -1,0 +1,29 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Save the readable messages of a log that was cut short or damaged."""
+
+import argparse
+from pathlib import Path
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument("log", type=Path, metavar="LOG", help="MCAP file, which is only read")
+    parser.add_argument(
+        "-o", "--output", type=Path, help="MCAP file to write (default: LOG with _recovered)"
+    )
+
+
+def run(options: argparse.Namespace) -> int:
+    """Recover the log and print what was lost; return the exit code."""
+    from tqdm import tqdm
+
+    from linkage_vibration.bags.recovery import recover, summary
+
+    log: Path = options.log
+    output = options.output or log.with_name(f"{log.stem}_recovered.mcap")
+    size = log.stat().st_size if log.exists() else 0
+    with tqdm(total=size, unit="B", unit_scale=True, delay=2.0) as bar:
+        result = recover(log, output, bar.update)
+    print(summary(result))
+    return 0

@@ -1,0 +1,52 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Build the tables of many designs into one netCDF file."""
+
+import argparse
+import sys
+from pathlib import Path
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument("designs", type=Path, help="YAML file of a mechanism and parameters")
+    parser.add_argument(
+        "-o", "--output", type=Path, help="netCDF file to write (default: DESIGNS with .nc)"
+    )
+    where = parser.add_mutually_exclusive_group()
+    where.add_argument("--workers", type=int, help="processes (default: one for each core)")
+    where.add_argument("--dask", metavar="ADDRESS", help="scheduler of a Dask cluster to use")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Build what is missing in the file; return 1 if another run should try some designs again."""
+    from contextlib import ExitStack
+
+    from tqdm import tqdm
+
+    from linkage_vibration.studies.sweep import dask_executor, read_designs, sweep
+    from linkage_vibration.support.process_pool import LocalPool
+
+    designs = read_designs(options.designs)
+    output = options.output or Path(options.designs.name).with_suffix(".nc")
+    with ExitStack() as stack:
+        if options.dask:
+            executor = stack.enter_context(dask_executor(options.dask))
+        else:
+            executor = stack.enter_context(LocalPool(options.workers))
+        bar = stack.enter_context(tqdm(total=designs.size, unit="design"))
+        result = sweep(designs, output, executor, bar.update)
+    print(
+        f"{output}: {designs.size} designs at {len(designs.alpha3)} angles; {result.built} were "
+        f"computed now, {result.kept} were in the file already."
+    )
+    if result.messages:
+        index, message = next(iter(result.messages.items()))
+        print(
+            f"{len(result.messages)} designs have no result; the first is {designs.name(index)}: "
+            f"{message}",
+            file=sys.stderr,
+        )
+    if result.given_up:
+        print(f"The next run tries {result.given_up} of them again.", file=sys.stderr)
+    return 1 if result.given_up else 0
