@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from linkage_vibration.demo.drive import engine_and_pto_speed, hitch_duty_cycle
-from linkage_vibration.drawing.plots import COLOURS, GREY, INK
+from linkage_vibration.drawing.palette import COLOURS, GREY, INK
 from linkage_vibration.prediction.excitation import Excitation, Source
 from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.prediction.resonance import Resonance, ResonanceMonitor, ResonanceState

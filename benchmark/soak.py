@@ -30,7 +30,7 @@ from std_msgs.msg import Float64
 from tqdm import tqdm
 
 from linkage_vibration.bags.reading import read_messages
-from linkage_vibration.drawing.plots import COLOURS
+from linkage_vibration.drawing.palette import COLOURS
 from linkage_vibration_interfaces.msg import VibrationPrediction
 
 RATE, SPEED_EVERY = 1000, 100  # Hz, and joint states to one engine speed

@@ -20,7 +20,7 @@ from matplotlib.figure import Figure
 from tqdm import tqdm
 
 from benchmark.report import machine, publish, table
-from linkage_vibration.drawing.plots import COLOURS, GREY
+from linkage_vibration.drawing.palette import COLOURS, GREY
 from linkage_vibration.studies.sweep import Designs, read_designs, sweep
 from linkage_vibration.support.process_pool import LocalPool
 from linkage_vibration.support.resources import config_file

@@ -152,7 +152,7 @@ def draw(runs: dict[tuple[str, float], list[Run]], picture: Path) -> None:
     """Draw the distribution of latencies of each node at each rate."""
     from matplotlib.figure import Figure
 
-    from linkage_vibration.drawing.plots import COLOURS, INK
+    from linkage_vibration.drawing.palette import COLOURS, INK
 
     figure = Figure(figsize=(9.6, 4.0), layout="constrained")
     axes = figure.subplots(1, len(SECONDS), sharey=True)

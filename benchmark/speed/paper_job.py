@@ -36,7 +36,7 @@ from benchmark.speed.scene import (
 )
 from benchmark.speed.timing import Spread, pin_threads, seconds, spread, turns
 from benchmark.speed.train import train
-from linkage_vibration.drawing.plots import COLOURS, GREY, INK
+from linkage_vibration.drawing.palette import COLOURS, GREY, INK
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.kinematics import Configuration
 from linkage_vibration.mechanics.model import LinkageModel

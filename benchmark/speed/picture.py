@@ -21,7 +21,7 @@ from benchmark.speed.chart import (
     PACKAGE,
     Point,
 )
-from linkage_vibration.drawing.plots import COLOURS, GREY, INK
+from linkage_vibration.drawing.palette import COLOURS, GREY, INK
 
 BLUE, RED, GREEN, SKY, AMBER = COLOURS
 PURPLE = "#AA4499"

@@ -20,7 +20,7 @@ from benchmark.stability.static_limit import (
     linkage,
     picture_of,
 )
-from linkage_vibration.drawing.plots import COLOURS, GREY, INK
+from linkage_vibration.drawing.palette import COLOURS, GREY, INK
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.components import Component
 from linkage_vibration.mechanics.fbs import component_frf, couple_frfs

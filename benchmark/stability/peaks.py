@@ -14,7 +14,7 @@ from scipy.optimize import brentq
 from benchmark.report import table
 from benchmark.stability.crossing import BAND, STROKE, crossing_crank
 from benchmark.stability.static_limit import linkage, picture_of
-from linkage_vibration.drawing.plots import COLOURS, GREY, INK
+from linkage_vibration.drawing.palette import COLOURS, GREY, INK
 from linkage_vibration.mechanics.description import rayleigh_damping
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.response import Peak, oscillators

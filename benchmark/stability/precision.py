@@ -24,7 +24,7 @@ from benchmark.stability.static_limit import (
     linkage,
     plain_lm_fbs,
 )
-from linkage_vibration.drawing.plots import COLOURS, GREY
+from linkage_vibration.drawing.palette import COLOURS, GREY
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.beams import beam_matrices
 from linkage_vibration.mechanics.coupling import assembled_frf

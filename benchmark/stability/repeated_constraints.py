@@ -18,7 +18,7 @@ from benchmark.stability.static_limit import (
     plain_lm_fbs,
     share,
 )
-from linkage_vibration.drawing.plots import COLOURS, GREY
+from linkage_vibration.drawing.palette import COLOURS, GREY
 from linkage_vibration.mechanics.compatibility import CouplingError, row_space
 from linkage_vibration.mechanics.coupling import couple
 from linkage_vibration.mechanics.fbs import couple_frfs

@@ -21,7 +21,7 @@ from benchmark.stability.static_limit import (
     saddle_point_frf,
     share,
 )
-from linkage_vibration.drawing.plots import COLOURS, GREY
+from linkage_vibration.drawing.palette import COLOURS, GREY
 from linkage_vibration.mechanics.compatibility import CouplingError, Joining
 from linkage_vibration.mechanics.components import Component
 from linkage_vibration.mechanics.coupling import assembled_frf, couple, uncoupled_system

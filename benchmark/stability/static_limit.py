@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
 from benchmark.report import table
-from linkage_vibration.drawing.plots import COLOURS, GREY, INK
+from linkage_vibration.drawing.palette import COLOURS, GREY, INK
 from linkage_vibration.mechanics.compatibility import CouplingError
 from linkage_vibration.mechanics.components import Component
 from linkage_vibration.mechanics.coupling import assembled_frf

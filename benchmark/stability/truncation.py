@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from benchmark.report import table
 from benchmark.stability.static_limit import ALPHA3, PLACES, linkage, picture_of
-from linkage_vibration.drawing.plots import COLOURS, GREY, INK
+from linkage_vibration.drawing.palette import COLOURS, GREY, INK
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.response import PoleResidue
 

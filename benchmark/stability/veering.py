@@ -12,7 +12,7 @@ from scipy.interpolate import CubicSpline
 from benchmark.report import table
 from benchmark.stability.crossing import STROKE, crossing_crank, exact_frequencies
 from benchmark.stability.static_limit import PLACES, linkage, picture_of
-from linkage_vibration.drawing.plots import COLOURS, INK
+from linkage_vibration.drawing.palette import COLOURS, INK
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.modes import track
 from linkage_vibration.mechanics.response import PoleResidue

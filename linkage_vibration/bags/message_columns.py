@@ -75,6 +75,25 @@ def topic_types(path: Path) -> dict[str, str]:
         return dict(sorted((c.topic, c.msgtype) for c in bag.connections))
 
 
+def first_topic(types: Mapping[str, str], type_name: str) -> str:
+    """Return the first topic of a type, or "" if there is no such topic.
+
+    Parameters
+    ----------
+    types : mapping of str to str
+        The topics of a log with their types; see `topic_types`.
+    type_name : str
+        The type, as in "std_msgs/msg/Float64".
+    """
+    return next((topic for topic, found in types.items() if found == type_name), "")
+
+
+def header_stamps(columns: Columns) -> NDArray[np.int64]:
+    """Return the stamps of messages that have a header, ns, (n,)."""
+    seconds, nanoseconds = (columns[f"header.stamp.{unit}"] for unit in ("sec", "nanosec"))
+    return np.asarray(seconds.astype(np.int64) * 10**9 + nanoseconds.astype(np.int64))
+
+
 def _fields(path: Path, types: Mapping[str, str]) -> dict[str, list[_Field]]:
     """Return the fields of each topic, those of nested messages in their places."""
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linkage_vibration.drawing.geometry import curves, largest, mode_curves
-from linkage_vibration.drawing.plots import COLOURS, GREY, INK, PlotError
+from linkage_vibration.drawing.palette import COLOURS, GREY, INK
+from linkage_vibration.drawing.plots import PlotError
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.kinematics import Configuration
 from linkage_vibration.mechanics.model import LinkageModel, Solution

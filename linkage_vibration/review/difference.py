@@ -12,7 +12,8 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from linkage_vibration.drawing.plots import COLOURS
+from linkage_vibration.drawing.intervals import gap_starts
+from linkage_vibration.drawing.palette import COLOURS
 from linkage_vibration.review.html import Page, thinned, write_page
 from linkage_vibration.review.log import Log, ReviewError, read_log
 from linkage_vibration.review.review_page import DEG, STATUSES, clock, provenance_rows
@@ -226,10 +227,7 @@ def difference_page(found: Difference) -> Page:
         key_ = f"{part.lower()}_status"
         columns[key_] = log.status[rows][kept].astype(np.uint8)
         readings.append({"id": key_, "label": f"Status, {part}", "column": key_, "words": STATUSES})
-    steps = np.diff(times[kept])
-    longest = max(0.1, 10.0 * float(np.median(np.diff(times)))) if len(times) > 1 else math.inf
-    whole = len(kept) == len(times)
-    breaks = np.flatnonzero(steps > longest) + 1 if whole else np.empty(0, np.int64)
+    gaps = gap_starts(times) if len(kept) == len(times) else np.empty(0, np.int64)
     content: dict[str, Any] = {
         "charts": charts,
         "overview": {"column": "a_angle", "factor": DEG, "label": "α3"},
@@ -239,9 +237,7 @@ def difference_page(found: Difference) -> Page:
         "summary": _cards(found),
         "histograms": [],
         "provenance": _provenance(found),
-        "shades": [
-            [float(times[kept][i - 1]), float(times[kept][i]), "gap"] for i in breaks.tolist()
-        ],
+        "shades": [[float(times[i]), float(times[i + 1]), "gap"] for i in gaps],
         "stale_after": 1.0,
         "wide": True,
     }
@@ -250,7 +246,7 @@ def difference_page(found: Difference) -> Page:
         subtitle=f"A: {found.a.path.name}; B: {found.b.path.name}. {_matched(found)}",
         columns=columns,
         start_ns=int(found.stamps[0]),
-        breaks=breaks.tolist(),
+        breaks=(gaps + 1).tolist(),
         modes=[],
         content=content,
     )

@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 import linkage_vibration
-from linkage_vibration.drawing.plots import COLOURS
 from linkage_vibration.review.log import ReviewError
 from linkage_vibration.support.atomic_files import write_text
 
@@ -138,11 +137,6 @@ def thinned(
             )
             kept.append(starts + extreme(known.reshape(-1, length), axis=1))
     return np.unique(np.concatenate(kept))
-
-
-def mode_colours(n_modes: int) -> list[str]:
-    """Return a colour for each mode."""
-    return [COLOURS[mode % len(COLOURS)] for mode in range(n_modes)]
 
 
 def _column(values: NDArray[Any]) -> dict[str, Any]:

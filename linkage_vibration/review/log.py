@@ -13,7 +13,15 @@ from mcap.exceptions import McapError
 from mcap.reader import make_reader
 from numpy.typing import NDArray
 
-from linkage_vibration.bags.message_columns import LOG_TIME, Columns, read_columns, topic_types
+from linkage_vibration.bags.message_columns import (
+    LOG_TIME,
+    Columns,
+    first_topic,
+    header_stamps,
+    read_columns,
+    topic_types,
+)
+from linkage_vibration.drawing.intervals import gap_starts
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.messages.topics import PREDICTION, RESONANCE, SPEEDS
@@ -26,9 +34,6 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 PARAMETERS, EXCITATIONS = "parameters.yaml", "excitations.yaml"  # names of attachments
-_GAP = 10.0  # typical steps: what is longer is a gap
-_LEAST_GAP = 0.1  # s
-_STAMP = "header.stamp."
 
 
 class ReviewError(LinkageVibrationError):
@@ -156,7 +161,7 @@ def read_log(path: str | Path) -> Log:
     """
     path = Path(path)
     types = topic_types(path)
-    predictions, resonances = _topic(types, PREDICTION), _topic(types, RESONANCE)
+    predictions, resonances = first_topic(types, PREDICTION), first_topic(types, RESONANCE)
     speeds = {
         topic: source
         for name, source in SPEEDS.items()
@@ -168,7 +173,7 @@ def read_log(path: str | Path) -> Log:
     told = columns[predictions] if predictions else {}
     if not predictions or not len(told["crank_angle"]):
         raise ReviewError(f"{path} holds no prediction; was the joint ever published?")
-    stamps = _stamps(told)
+    stamps = header_stamps(told)
     order = np.argsort(stamps, kind="stable")
     stamps, told = stamps[order], {name: column[order] for name, column in told.items()}
     start = stamps[0] + int(np.median(told[LOG_TIME] - stamps))
@@ -207,23 +212,16 @@ def read_log(path: str | Path) -> Log:
 
 def gaps(log: Log) -> list[tuple[float, float]]:
     """Return where predictions are missing: from and until when, s since the first stamp."""
-    times = log.times
-    steps = np.diff(times)
-    if not len(steps):
-        return []
-    missing = np.flatnonzero(steps > max(_LEAST_GAP, _GAP * float(np.median(steps))))
-    return [(float(times[i]), float(times[i + 1])) for i in missing]
+    times = log.times.tolist()
+    return [(times[i], times[i + 1]) for i in gap_starts(log.times).tolist()]
 
 
 def durations(log: Log) -> FloatArray:
     """Return for how long each prediction held, s, (n,): until the next, or the gap before it."""
-    times = log.times
-    if len(times) < 2:
-        return np.zeros(len(times))
-    steps = np.diff(times)
-    longest = max(_LEAST_GAP, _GAP * float(np.median(steps)))
-    held = np.where(steps > longest, float(np.median(steps)), steps)
-    return np.append(held, 0.0)
+    steps = np.diff(log.times)
+    if len(steps):
+        steps[gap_starts(log.times)] = np.median(steps)
+    return np.append(steps, 0.0)
 
 
 def csv_text(log: Log) -> str:
@@ -262,19 +260,9 @@ def write_csv(log: Log, path: Path) -> None:
     write_text(path, csv_text(log), ReviewError)
 
 
-def _topic(types: Mapping[str, str], kind: str) -> str:
-    """Return the first topic of a type; empty without one."""
-    return next((topic for topic, told in types.items() if told == kind), "")
-
-
-def _stamps(columns: Columns) -> IntArray:
-    seconds = columns[f"{_STAMP}sec"].astype(np.int64)
-    return np.asarray(seconds * 10**9 + columns[f"{_STAMP}nanosec"].astype(np.int64))
-
-
 def _resonances(columns: Columns, stamps: IntArray) -> Resonances | None:
     """Put resonances beside the predictions of the same stamps."""
-    own = _stamps(columns)
+    own = header_stamps(columns)
     if not len(own):
         return None
     order = np.argsort(own, kind="stable")

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from linkage_vibration.drawing.intervals import runs
 from linkage_vibration.prediction.resonance import ResonanceState
 from linkage_vibration.review.log import Log, durations
 
@@ -73,20 +74,14 @@ def moments(log: Log) -> list[Moment]:
         return []
     times = log.times
     warning = found.state == ResonanceState.WARNING
-    same = np.zeros(len(times), dtype=bool)
-    same[1:] = warning[1:] & warning[:-1]
-    same[1:] &= found.excitation[1:] == found.excitation[:-1]
-    same[1:] &= found.mode[1:] == found.mode[:-1]
-    starts = np.flatnonzero(warning & ~same)
-    ends = np.flatnonzero(warning & ~np.append(same[1:], False))
     result = []
-    for start, end in zip(starts.tolist(), ends.tolist(), strict=True):
-        margins = found.relative_margin[start : end + 1]
+    for start, end in runs(warning, found.excitation, found.mode):
+        margins = found.relative_margin[start:end]
         nearest = start + int(np.abs(margins).argmin())
         result.append(
             Moment(
                 float(times[start]),
-                float(times[end]),
+                float(times[end - 1]),
                 nearest,
                 str(found.excitation[nearest]),
                 int(found.mode[nearest]),

@@ -8,13 +8,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from linkage_vibration.drawing.plots import COLOURS
+from linkage_vibration.drawing.intervals import runs
+from linkage_vibration.drawing.palette import (
+    COLOURS,
+    GAP_SHADE,
+    INK,
+    INVALID_SHADE,
+    PEAK,
+    TOGGLE_SHADE,
+    mode_colours,
+)
 from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.predictor import Status
 from linkage_vibration.prediction.resonance import ResonanceState
 from linkage_vibration.review.html import (
     Page,
-    mode_colours,
     packed,
     thinned,
 )
@@ -33,7 +41,7 @@ from linkage_vibration.table.table import Table
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-INK, PEAK, MARGIN = "#222222", "#AA4499", COLOURS[0]
+MARGIN = COLOURS[0]
 DEG = 180.0 / math.pi
 STATUSES = ["OK", "out of range", "angle is no number", "near a toggle"]
 STATES = ["clear", "warning", "not known"]
@@ -80,12 +88,6 @@ def review_page(log: Log) -> Page:
         modes=mode_colours(log.n_modes),
         content=content,
     )
-
-
-def edges_of(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """Return where each run of true values starts, and where it has ended."""
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], flags, [False])).astype(int)))
-    return [(int(start), int(end)) for start, end in edges.reshape(-1, 2)]
 
 
 def _kept(log: Log, shown: list[Moment]) -> IntArray:
@@ -138,9 +140,13 @@ def _charts(log: Log, margin: float | None) -> list[dict[str, Any]]:
     shades = [
         {"label": label, "colour": colour, "fill": True}
         for label, colour, shown in (
-            ("no prediction", "#e4e4e4", bool(gaps(log))),
-            ("angle out of range or no number", "#f9e08b", bool(np.isin(log.status, (1, 2)).any())),
-            ("near a toggle", "#d9e6f2", bool((log.status == Status.NEAR_TOGGLE).any())),
+            ("no prediction", GAP_SHADE, bool(gaps(log))),
+            (
+                "angle out of range or no number",
+                INVALID_SHADE,
+                bool(np.isin(log.status, (1, 2)).any()),
+            ),
+            ("near a toggle", TOGGLE_SHADE, bool((log.status == Status.NEAR_TOGGLE).any())),
         )
         if shown
     ]
@@ -438,7 +444,7 @@ def _shades(log: Log, missing: list[tuple[float, float]]) -> list[list[Any]]:
     )
     shades: list[list[Any]] = [[start, end, "gap"] for start, end in missing]
     for kind, flags in kinds:
-        for start, end in edges_of(flags):
+        for start, end in runs(flags):
             shades.append([float(times[start]), float(times[min(end, len(times) - 1)]), kind])
     return shades
 

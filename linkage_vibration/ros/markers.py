@@ -27,7 +27,7 @@ from linkage_vibration.drawing.geometry import (
     scene,
     size,
 )
-from linkage_vibration.drawing.plots import COLOURS, GREY
+from linkage_vibration.drawing.palette import COLOURS, GREY
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.prediction.answers import Served
 from linkage_vibration.ros.endpoints import publisher

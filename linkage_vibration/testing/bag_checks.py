@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from linkage_vibration.bags.message_columns import Columns, read_columns, topic_types
 from linkage_vibration.bags.streams import open_bags
-from linkage_vibration.drawing.plots import COLOURS, GREY, INK
+from linkage_vibration.drawing.palette import COLOURS, GREY, INK
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.messages.topics import (
     HITCH_POSITION,

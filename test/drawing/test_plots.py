@@ -11,17 +11,18 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from linkage_vibration.bags.reading import BagError, read_messages
+from linkage_vibration.bags.reading import BagError
 from linkage_vibration.bags.writing import LogWriter, Topic, offered_qos_profiles
 from linkage_vibration.demo.drive import hitch_duty_cycle
-from linkage_vibration.drawing.plots import PREDICTION_TOPIC, PlotError, _draw, plot_predictions
+from linkage_vibration.drawing.plots import PlotError, _draw, _read, plot_predictions
 from linkage_vibration.messages.definitions import message_definition, type_hash
 from linkage_vibration.messages.encoding import encode_prediction
+from linkage_vibration.messages.topics import PREDICTION
 from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.support.resources import config_file
 from linkage_vibration.table.table import load_table
 
-PREDICTION = "linkage_vibration_interfaces/msg/VibrationPrediction"
+PREDICTION_TOPIC = "/any_name/prediction"
 
 
 def write_log(path: Path, times: list[float], alpha3: list[float]) -> Path:
@@ -46,7 +47,7 @@ def write_log(path: Path, times: list[float], alpha3: list[float]) -> Path:
 def drawn(log: Path) -> Figure:
     """Return the figure of a log."""
     figure = Figure()
-    _draw(figure, [message for _, message in read_messages(log, PREDICTION_TOPIC)])
+    _draw(figure, *_read(log))
     return figure
 
 
