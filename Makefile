@@ -4,6 +4,7 @@
 #   make demo                        play the drive that ships to the node, over DDS
 #   make demo BAG=FILE JOINT=NAME    play one joint of any bag
 #   make test                        lint, types and tests
+#   make docs                        the documentation, as a site in build/docs
 #   make bench                       comparisons with other codes, into benchmark/results
 #
 # Each sets .venv up first, where that is not done yet. PYTHON names the Python to use.
@@ -13,7 +14,7 @@ PYTHON ?= python3
 export OPENBLAS_NUM_THREADS ?= 1
 in_venv = @. .venv/bin/activate &&
 
-.PHONY: demo test bench setup clean
+.PHONY: demo test docs bench setup clean
 
 demo: setup
 	$(in_venv) linkage-vibration demo $(if $(BAG),--bag "$(BAG)") $(if $(JOINT),--joint "$(JOINT)")
@@ -23,6 +24,10 @@ test: setup
 	$(in_venv) python -m ruff format --check .
 	$(in_venv) python -m mypy
 	$(in_venv) python -m pytest
+
+docs: setup
+	$(in_venv) python -m sphinx -W --keep-going -q -c docs . build/docs
+	@echo "Open build/docs/index.html in a browser."
 
 # The peers have an environment of their own: SDynPy is under the GPL. CalculiX comes from apt.
 bench: setup

@@ -76,6 +76,7 @@ setup(
             "types-tqdm",
             "xarray",
         ],
+        "docs": ["furo", "myst-parser", "numpydoc", "sphinx"],
         # Peers of the benchmarks; CalculiX comes with `apt-get install calculix-ccx`.
         "bench": [
             "dask",

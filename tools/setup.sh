@@ -77,7 +77,7 @@ fi
 
 if [ -z "$rclpy" ]; then
     echo "Installing ROS 2 from PyPI and linkage_vibration into .venv (about a minute, once)"
-    .venv/bin/pip install -qq ./linkage_vibration_interfaces --editable '.[ros,bags,plots,test]' ||
+    .venv/bin/pip install -qq ./linkage_vibration_interfaces --editable '.[ros,bags,plots,test,docs]' ||
         fail "pip could not install everything; why is told above"
 else
     echo "Building linkage_vibration_interfaces for the sourced ROS 2 (${rclpy%/rclpy/*})"
@@ -91,7 +91,7 @@ else
     echo "Installing linkage_vibration into .venv"
     # The NumPy that this ROS 2 was compiled against stays.
     .venv/bin/python -c 'import numpy; print("numpy==" + numpy.__version__)' > .venv/numpy.txt
-    .venv/bin/pip install -qq --constraint .venv/numpy.txt --editable '.[bags,plots,test]' ||
+    .venv/bin/pip install -qq --constraint .venv/numpy.txt --editable '.[bags,plots,test,docs]' ||
         fail "pip could not install everything; why is told above"
 fi
 echo "$sources" > .venv/sources

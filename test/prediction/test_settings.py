@@ -29,8 +29,8 @@ from linkage_vibration.support.resources import (
 
 
 def test_readme_has_the_table() -> None:
-    """The README's table of parameters is the one that the code gives."""
-    assert parameter_table().strip() in (share_directory() / "README.md").read_text()
+    """The table of parameters in docs/node.md is the one that the code gives."""
+    assert parameter_table().strip() in (share_directory() / "docs/node.md").read_text()
 
 
 def test_parameter_file_has_every_parameter() -> None:
