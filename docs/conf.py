@@ -22,7 +22,8 @@ release = linkage_vibration.__version__
 
 extensions = ["myst_parser", "sphinx.ext.autodoc", "numpydoc"]
 root_doc = "docs/index"
-include_patterns = ["docs/**", "benchmark/results/*.md", "CONTRIBUTING.md", "CHANGELOG.rst"]
+include_patterns = ["docs/**", "examples/*.md", "benchmark/results/*.md", "*.rst"]
+include_patterns += ["CONTRIBUTING.md"]
 exclude_patterns = [".*", "build", "install", "log", "**/node_modules"]
 source_suffix = {".md": "markdown", ".rst": "restructuredtext"}
 templates_path = ["templates"]

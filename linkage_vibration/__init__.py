@@ -18,10 +18,10 @@ if TYPE_CHECKING:
     from linkage_vibration.playback.replay import Replayed, replay
     from linkage_vibration.playback.what_if import WhatIf
     from linkage_vibration.prediction.predictor import Prediction, Predictor, Status
-    from linkage_vibration.prediction.settings import Parameters
+    from linkage_vibration.prediction.settings import Parameters, read_parameters
     from linkage_vibration.readers.mechanism import read_mechanism
     from linkage_vibration.review.log import Log, Resonances, read_log
-    from linkage_vibration.table.table import Table, load_table
+    from linkage_vibration.table.table import Table, load_table, save_table
     from linkage_vibration.table.tabulation.building import build_table
     from linkage_vibration.testing.bag_checks import Failure, Limits, Report, check_bag
 
@@ -33,10 +33,10 @@ _MODULES = {
     "playback.replay": ["Replayed", "replay"],
     "playback.what_if": ["WhatIf"],
     "prediction.predictor": ["Prediction", "Predictor", "Status"],
-    "prediction.settings": ["Parameters"],
+    "prediction.settings": ["Parameters", "read_parameters"],
     "readers.mechanism": ["read_mechanism"],
     "review.log": ["Log", "Resonances", "read_log"],
-    "table.table": ["Table", "load_table"],
+    "table.table": ["Table", "load_table", "save_table"],
     "table.tabulation.building": ["build_table"],
     "testing.bag_checks": ["Failure", "Limits", "Report", "check_bag"],
 }
@@ -48,7 +48,7 @@ __all__ = [
     "Failure", "IdentifiedSolution", "Limits", "LinkageModel", "LinkageVibrationError", "Log",
     "Mechanism", "Parameters", "Peak", "PoleResidue", "Prediction", "Predictor", "Replayed",
     "Report", "Resonances", "Solution", "Status", "Table", "WhatIf", "build_table", "check_bag",
-    "load_table", "read_log", "read_mechanism", "replay",
+    "load_table", "read_log", "read_mechanism", "read_parameters", "replay", "save_table",
 ]
 # fmt: on
 

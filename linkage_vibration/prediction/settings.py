@@ -401,7 +401,7 @@ _Loader.add_implicit_resolver(
 )
 
 
-def read_parameters(path: Path) -> Parameters:
+def read_parameters(path: str | Path) -> Parameters:
     """Read a file of parameters as the node does that ``--params-file`` gives it to.
 
     Of sections that mean the node, the later wins; what is no parameter of it is passed over.
@@ -411,6 +411,7 @@ def read_parameters(path: Path) -> Parameters:
     ParameterError
         If it cannot be read, has no section for the node, or has a value that is not valid.
     """
+    path = Path(path)
     try:
         content = yaml.load(path.read_text(encoding="utf-8"), _Loader)
     except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:

@@ -392,15 +392,22 @@ def table_bytes(table: Table) -> bytes:
     return archive.getvalue()
 
 
-def save_table(table: Table, path: Path) -> None:
-    """Write a table's `table_bytes` to a file, beside and renamed.
+def save_table(table: Table, path: str | Path) -> None:
+    """Write a table to a file.
+
+    Parameters
+    ----------
+    table : Table
+        The table.
+    path : str or Path
+        The `.npz` file to write; an existing file is replaced.
 
     Raises
     ------
     TableError
         If it cannot be written.
     """
-    write_bytes(path, table_bytes(table), TableError)
+    write_bytes(Path(path), table_bytes(table), TableError)
 
 
 def load_table(path: str | Path | None = None, mechanism: Mechanism | None = None) -> Table:

@@ -1,0 +1,17 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Where are the resonances of the hitch at a crank angle of 132 deg?"""
+
+import math
+
+import linkage_vibration as lv
+
+model = lv.LinkageModel(lv.read_mechanism())
+solution = model.solve(math.radians(132.0))
+
+modes = zip(solution.natural_frequencies[:3], solution.damping_ratios[:3], strict=True)
+for mode, (frequency, damping) in enumerate(modes, start=1):
+    print(f"mode {mode}: {frequency:7.2f} Hz, damping ratio {100.0 * damping:.2f} %")
+
+peak = solution.peak((0.0, 200.0))
+print(f"The response is highest at {peak.frequency:.2f} Hz: {peak.magnitude:.2e} m/N")

@@ -1,0 +1,21 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Does a recorded drive stay away from resonance? Run this file with pytest."""
+
+from pathlib import Path
+
+import linkage_vibration as lv
+
+DRIVE = Path(__file__).parents[1] / "config" / "drives" / "hitch_duty_cycle.mcap"
+
+
+def test_no_reading_is_missing(check_bag):
+    """Every reading is within the table, and none is more than 50 ms after the one before."""
+    check_bag(DRIVE, lv.Limits(statuses=(lv.Status.OK,), gap=0.05))
+
+
+def test_margin_is_measured():
+    """The engine comes near to mode 2 in this drive, and the report says when."""
+    report = lv.check_bag(DRIVE, lv.Limits(margin=0.01))
+    assert not report.passed
+    assert report.failures[0].limit == "margin"
