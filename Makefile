@@ -5,7 +5,8 @@
 #   make demo BAG=FILE JOINT=NAME    play one joint of any bag
 #   make test                        lint, types and tests
 #   make docs                        the documentation, as a site in build/docs
-#   make bench                       comparisons with other codes, into benchmark/results
+#   make bench                       all benchmarks, into benchmark/results (some hours)
+#   make bench ONLY=latency          one of them
 #
 # Each sets .venv up first, where that is not done yet. PYTHON names the Python to use.
 
@@ -29,16 +30,11 @@ docs: setup
 	$(in_venv) python -m sphinx -W --keep-going -q -c docs . build/docs
 	@echo "Open build/docs/index.html in a browser."
 
-# The peers have an environment of their own: SDynPy is under the GPL. CalculiX comes from apt.
-bench: setup
-	@command -v ccx > /dev/null || { echo "CalculiX is missing; run: apt-get install -y calculix-ccx"; exit 1; }
-	$(in_venv) python -m venv build/bench
-	build/bench/bin/pip install -qq '.[bench]'
-	for name in validation.exudyn_beams validation.solid_fe validation.sdynpy_fbs calibrations \
-		stability speed speed.paper_job sweep fuzz properties campbell latency \
-		rebuild signals crash log_readers replay long_bag \
-		review_page soak; do \
-		build/bench/bin/python -m benchmark.$$name || exit 1; done
+# The benchmarks have an environment of their own, with the codes that they compare this package with.
+# CalculiX, npm and Chromium come from apt; a benchmark that lacks one names it.
+bench:
+	@PYTHON="$(PYTHON)" sh tools/setup.sh build/bench bags,plots,test,fe,uff,dask,bench
+	@. build/bench/bin/activate && python -m benchmark $(ONLY)
 
 setup:
 	@PYTHON="$(PYTHON)" sh tools/setup.sh

@@ -1,10 +1,13 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""The chart of error against time runs, without the peers and in a small setting."""
+"""Every benchmark can be imported, and the chart of error against time runs in a small setting."""
 
 import csv
 import io
 import math
+import shutil
+import subprocess
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -12,12 +15,17 @@ import pytest
 
 pytest.importorskip("matplotlib")
 
+from benchmark.__main__ import STEPS
 from benchmark.speed import assembled, coupled, paper_job
 from benchmark.speed.__main__ import Settings, as_csv, run, tables
 from benchmark.speed.chart import CONFIGURATION, FRFS, INTERPOLATED, LIVE, PACKAGE, Point
 from benchmark.speed.picture import draw
 from benchmark.speed.scene import MECHANISM, Scene, changed, frf_error, off_grid
 from linkage_vibration.readers.mechanism import read_mechanism
+
+ROOT = Path(__file__).resolve().parents[1]
+# Codes that the benchmarks compare this package with, and that its tests do without.
+PEERS = {"gmsh", "pyFBS", "sdynpy"}
 
 
 @pytest.fixture(scope="module")
@@ -93,3 +101,42 @@ def test_a_train_of_any_size_grows() -> None:
     for by_modes, by_frfs in zip(paper_job.shipped(small), paper_job.batched(small), strict=True):
         assert by_frfs.shape == (10, 11)
         assert frf_error(by_frfs, by_modes) < 1e-6
+
+
+BENCHMARKS = sorted(
+    ".".join(path.relative_to(ROOT).with_suffix("").parts)
+    for path in (ROOT / "benchmark").rglob("*.py")
+    if path.stem not in ("__init__", "__main__")
+)
+
+
+@pytest.mark.parametrize("name", BENCHMARKS)
+def test_benchmark_is_imported(name: str) -> None:
+    """Each benchmark is imported; one whose peer is not installed here names it."""
+    try:
+        import_module(name)
+    except ModuleNotFoundError as error:
+        peer = (error.name or "").split(".")[0]
+        assert peer in PEERS, f"{name} needs {peer}, which `make test` should have installed"
+        pytest.skip(f"{name} needs {peer}, which is installed by `make bench` alone")
+
+
+def test_every_step_is_a_benchmark() -> None:
+    """Each step of ``make bench`` is a module or a package that can be run."""
+    for step in STEPS:
+        path = ROOT.joinpath("benchmark", *step.split("."))
+        assert path.with_suffix(".py").is_file() or (path / "__main__.py").is_file(), step
+
+
+@pytest.mark.nightly
+def test_every_benchmark_is_imported_where_make_bench_runs_it(tmp_path: Path) -> None:
+    """The environment of ``make bench``, made from a copy of the checkout, imports them all."""
+    checkout = tmp_path / "checkout"
+    made = shutil.ignore_patterns(".venv", ".git", "__pycache__", "build", "*.egg-info")
+    shutil.copytree(ROOT, checkout, ignore=made)
+    dry = subprocess.run(["make", "-n", "bench"], cwd=checkout, check=True, capture_output=True)
+    (setup,) = (line for line in dry.stdout.decode().splitlines() if "setup.sh build" in line)
+    subprocess.run(setup, shell=True, cwd=checkout, check=True)
+    program = "import importlib, sys; [importlib.import_module(name) for name in sys.argv[1:]]"
+    python = checkout / "build/bench/bin/python"
+    subprocess.run([python, "-c", program, *BENCHMARKS], cwd=checkout, check=True)

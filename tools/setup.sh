@@ -2,12 +2,15 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
 #
-# Make .venv and install everything into it; return at once where that is done already.
-# ROS 2 is the one that is sourced, if one is, else the wheels on PyPI.
+# Usage: setup.sh [ENVIRONMENT [EXTRAS]]
+# Make a virtual environment (.venv) and install the package with extras (bags,plots,test,docs) into it;
+# return at once if that is already done. ROS 2 is the sourced one, or else the wheels on PyPI.
 set -eu
 cd "$(dirname "$0")/.."
 python=${PYTHON:-python3}
-venv=$PWD/.venv
+name=${1:-.venv}
+extras=${2:-bags,plots,test,docs}
+venv=$PWD/$name
 export PIP_DISABLE_PIP_VERSION_CHECK=1
 
 fail() {
@@ -53,22 +56,22 @@ fi
 [ -z "$missing" ] || fail "this machine lacks$missing; run: $(apt $missing)"
 
 # What .venv was made for, and from. The package itself is installed editable: its files are current.
-environment="$venv 3.$minor $base $rclpy"
+environment="$venv 3.$minor $base $rclpy $extras"
 sources=$(find package.xml setup.py tools/setup.sh linkage_vibration_interfaces -type f | sort |
     xargs cksum)
-if [ "$(cat .venv/environment 2> /dev/null)" != "$environment" ]; then
-    rm -rf .venv
-elif [ "$(cat .venv/sources 2> /dev/null)" = "$sources" ]; then
+if [ "$(cat "$venv/environment" 2> /dev/null)" != "$environment" ]; then
+    rm -rf "$venv"
+elif [ "$(cat "$venv/sources" 2> /dev/null)" = "$sources" ]; then
     exit 0
 fi
 
-if [ ! -d .venv ]; then
-    echo "Making .venv with Python 3.$minor"
-    "$python" -m venv ${rclpy:+--system-site-packages} .venv
-    echo "$environment" > .venv/environment
+if [ ! -d "$venv" ]; then
+    echo "Making $name with Python 3.$minor"
+    "$python" -m venv ${rclpy:+--system-site-packages} "$venv"
+    echo "$environment" > "$venv/environment"
     if [ -n "$rclpy" ]; then
         # Overlay .venv on the sourced ROS 2, as its own set-up files do.
-        cat >> .venv/bin/activate << END
+        cat >> "$venv/bin/activate" << END
 export AMENT_PREFIX_PATH="$venv:\$AMENT_PREFIX_PATH"
 export LD_LIBRARY_PATH="$venv/lib:\${LD_LIBRARY_PATH:-}"
 END
@@ -76,22 +79,22 @@ END
 fi
 
 if [ -z "$rclpy" ]; then
-    echo "Installing ROS 2 from PyPI and linkage_vibration into .venv (about a minute, once)"
-    .venv/bin/pip install -qq ./linkage_vibration_interfaces --editable '.[ros,bags,plots,test,docs]' ||
+    echo "Installing ROS 2 from PyPI and linkage_vibration into $name (about a minute, once)"
+    "$venv/bin/pip" install -qq ./linkage_vibration_interfaces --editable ".[ros,$extras]" ||
         fail "pip could not install everything; why is told above"
 else
     echo "Building linkage_vibration_interfaces for the sourced ROS 2 (${rclpy%/rclpy/*})"
-    log=.venv/interfaces.log
+    log=$venv/interfaces.log
     {
         CMAKE_PREFIX_PATH="$AMENT_PREFIX_PATH:${CMAKE_PREFIX_PATH:-}" \
-            cmake -S linkage_vibration_interfaces -B .venv/interfaces -DBUILD_TESTING=OFF \
+            cmake -S linkage_vibration_interfaces -B "$venv/interfaces" -DBUILD_TESTING=OFF \
             -DCMAKE_INSTALL_PREFIX="$venv" -DPython3_EXECUTABLE="$venv/bin/python" &&
-            cmake --build .venv/interfaces --parallel 2 --target install
+            cmake --build "$venv/interfaces" --parallel 2 --target install
     } > "$log" 2>&1 || fail "the build of linkage_vibration_interfaces failed; see $log"
-    echo "Installing linkage_vibration into .venv"
+    echo "Installing linkage_vibration into $name"
     # The NumPy that this ROS 2 was compiled against stays.
-    .venv/bin/python -c 'import numpy; print("numpy==" + numpy.__version__)' > .venv/numpy.txt
-    .venv/bin/pip install -qq --constraint .venv/numpy.txt --editable '.[bags,plots,test,docs]' ||
+    "$venv/bin/python" -c 'import numpy; print("numpy==" + numpy.__version__)' > "$venv/numpy.txt"
+    "$venv/bin/pip" install -qq --constraint "$venv/numpy.txt" --editable ".[$extras]" ||
         fail "pip could not install everything; why is told above"
 fi
-echo "$sources" > .venv/sources
+echo "$sources" > "$venv/sources"
