@@ -32,9 +32,12 @@ def files_below(folder: str) -> set[str]:
 
 
 def test_version_is_the_same_everywhere() -> None:
-    """The root package.xml, the interface package and the installed package agree."""
+    """Both packages and the installed package agree, and ours requires exactly its interfaces."""
+    ours = ElementTree.parse(ROOT / "package.xml")
+    [required] = [e for e in ours.iter("exec_depend") if e.text == INTERFACES.name]
     versions = {
-        ElementTree.parse(ROOT / "package.xml").findtext("version"),
+        ours.findtext("version"),
+        required.get("version_eq"),
         ElementTree.parse(INTERFACES / "package.xml").findtext("version"),
         *re.findall(r'^version = "(.+)"$', (INTERFACES / "pyproject.toml").read_text(), re.M),
         linkage_vibration.__version__,
@@ -105,6 +108,7 @@ def test_wheel_holds_every_file(tmp_path: Path) -> None:
         "data/share/ament_index/resource_index/packages/linkage_vibration",
         f"{SHARE}/package.xml",
         *(f"{SHARE}/{name}" for name in files_below("config") | files_below("launch")),
+        *(f"{SHARE}/{name}" for name in files_below("linkage_vibration_interfaces/msg")),
     }
 
 

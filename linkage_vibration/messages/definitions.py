@@ -1,8 +1,9 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a log must say about a ROS 2 message type, from the files that its package installs.
+"""Definitions and hashes of message types, as a log stores them; needs no rclpy.
 
-Reading ``share/<package>/msg`` needs no rclpy and loads no type support.
+Our own definitions ship with this package. Those of other packages are read from where ROS 2 is
+installed, or else from rosbags.
 """
 
 import json
@@ -12,14 +13,16 @@ import sys
 from pathlib import Path
 
 from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.support.resources import share_directory
 
+OWN_PACKAGE = "linkage_vibration_interfaces"
 SEPARATOR = "=" * 80
 # The first word of a field: `std_msgs/Header`, `Point[4]`, `geometry_msgs/Pose[<=8]`.
 _MESSAGE_TYPE = re.compile(r"(?:(?P<package>[a-z]\w*)/)?(?P<name>[A-Z][A-Za-z0-9]*)(?:\[.*)?")
 
 
 class DefinitionError(LinkageVibrationError):
-    """A message type's definition is not installed where ROS 2 keeps definitions."""
+    """The definition of a message type was not found."""
 
 
 def message_definition(type_name: str) -> str:
@@ -41,18 +44,48 @@ def message_definition(type_name: str) -> str:
     DefinitionError
         If the type, or one that it contains, is not installed.
     """
-    texts = {type_name: _read(type_name)}
+    texts = {type_name: message_text(type_name)}
     waiting = [type_name]
     while waiting:
         name = waiting.pop(0)
         for dependency in _dependencies(texts[name], package=name.split("/")[0]):
             if dependency not in texts:
-                texts[dependency] = _read(dependency)
+                texts[dependency] = message_text(dependency)
                 waiting.append(dependency)
     definition = texts.pop(type_name)
     for dependency, text in texts.items():
         definition += f"\n{SEPARATOR}\nMSG: {dependency.replace('/msg/', '/')}\n{text}"
-    return definition
+    return definition if definition.endswith("\n") else f"{definition}\n"
+
+
+def message_text(type_name: str) -> str:
+    """Return the ``.msg`` text of a message type.
+
+    Raises
+    ------
+    DefinitionError
+        If the type is not installed, and rosbags does not know it either.
+    """
+    package, _, name = type_name.split("/")
+    if package == OWN_PACKAGE:
+        own = share_directory() / OWN_PACKAGE / "msg" / f"{name}.msg"
+        if own.is_file():
+            return own.read_text(encoding="utf-8")
+    installed = _installed(type_name)
+    if installed is not None:
+        return installed.read_text(encoding="utf-8")
+    try:
+        from rosbags.typesys import Stores, get_typestore
+
+        text, _ = get_typestore(Stores.LATEST).generate_msgdef(type_name, ros_version=2)
+    except (ImportError, KeyError):
+        file = f"share/{package}/msg/{name}.msg"
+        raise DefinitionError(
+            f"The definition of {type_name} ({file}) was not found under "
+            f"{', '.join(map(str, _prefixes()))}; install {package}, or source the ROS 2 that has "
+            "it. For a standard type, `pip install rosbags` is enough."
+        ) from None
+    return str(text).split(SEPARATOR)[0].rstrip("\n")
 
 
 def type_hash(type_name: str) -> str:
@@ -66,18 +99,29 @@ def type_hash(type_name: str) -> str:
     Returns
     -------
     str
-        ``RIHS01_`` and 64 hexadecimal digits; empty before ROS 2 Iron, which brought the hashes.
+        ``RIHS01_`` and 64 hexadecimal digits. It is empty where the type is installed by a ROS 2
+        before Iron, which introduced the hashes, or where neither ROS 2 nor rosbags has it.
 
     Raises
     ------
     DefinitionError
-        If the type is not installed.
+        If a type that it contains is not installed.
     """
-    path = _find(type_name).with_suffix(".json")
-    if not path.is_file():
+    installed = _installed(type_name)
+    # Another version of our interface package may be installed.
+    if installed is not None and installed.read_text(encoding="utf-8") == message_text(type_name):
+        path = installed.with_suffix(".json")
+        if not path.is_file():
+            return ""
+        hashes = json.loads(path.read_text(encoding="utf-8"))["type_hashes"]
+        return str(next(h["hash_string"] for h in hashes if h["type_name"] == type_name))
+    try:
+        from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+    except ImportError:
         return ""
-    hashes = json.loads(path.read_text(encoding="utf-8"))["type_hashes"]
-    return str(next(entry["hash_string"] for entry in hashes if entry["type_name"] == type_name))
+    store = get_typestore(Stores.EMPTY)
+    store.register(get_types_from_msg(message_definition(type_name), type_name))
+    return store.hash_rihs01(type_name)
 
 
 def _dependencies(text: str, package: str) -> list[str]:
@@ -90,20 +134,14 @@ def _dependencies(text: str, package: str) -> list[str]:
     return names
 
 
-def _read(type_name: str) -> str:
-    """Return the ``.msg`` text of a message type."""
-    return _find(type_name).read_text(encoding="utf-8")
-
-
-def _find(type_name: str) -> Path:
-    """Return the path of a message type's ``.msg``."""
+def _installed(type_name: str) -> Path | None:
+    """Return the path of the ``.msg`` that a ROS 2 package has installed, if any."""
     package, _, name = type_name.split("/")
-    prefixes = [p for p in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if p]
-    for prefix in [*prefixes, sys.prefix]:
-        path = Path(prefix) / "share" / package / "msg" / f"{name}.msg"
-        if path.is_file():
-            return path
-    raise DefinitionError(
-        f"The definition of {type_name} (share/{package}/msg/{name}.msg) was not found under "
-        f"{', '.join([*prefixes, sys.prefix])}; install {package}, or source the ROS 2 that has it."
-    )
+    paths = (prefix / "share" / package / "msg" / f"{name}.msg" for prefix in _prefixes())
+    return next((path for path in paths if path.is_file()), None)
+
+
+def _prefixes() -> list[Path]:
+    """Return the folders in which ROS 2 packages are installed."""
+    sourced = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
+    return [Path(prefix) for prefix in (*sourced, sys.prefix) if prefix]

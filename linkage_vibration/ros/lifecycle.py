@@ -24,6 +24,7 @@ from linkage_vibration.prediction.settings import NODE_NAME, without_markers
 from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.ros.diagnostics import Health, Log, Statistics, diagnostics, status
 from linkage_vibration.ros.endpoints import publisher, publishers
+from linkage_vibration.ros.interface_check import check_interfaces
 from linkage_vibration.ros.log_control import Recording
 from linkage_vibration.ros.markers import Markers, MarkerSettings
 from linkage_vibration.ros.message_path import Predicting, own_topics
@@ -175,6 +176,7 @@ class LinkageVibrationNode(LifecycleNode):
     def _configure(self) -> None:
         if self._faults:
             raise next(iter(self._faults.values()))
+        check_interfaces()
         settings = self._settings
         settings.crank_input()
         path = settings.excitation_path()

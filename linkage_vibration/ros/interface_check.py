@@ -1,0 +1,78 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Checks that the installed message classes have the fields that this package encodes."""
+
+from operator import attrgetter
+from typing import Any
+
+import numpy as np
+from rclpy.serialization import deserialize_message
+
+import linkage_vibration
+from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.messages.definitions import OWN_PACKAGE
+from linkage_vibration.messages.encoding import encode_prediction, encode_resonance
+from linkage_vibration.messages.fields import message_fields
+from linkage_vibration.messages.topics import PREDICTION, RESONANCE, TABLE_INFO
+from linkage_vibration.prediction.predictor import Prediction, Status
+from linkage_vibration.prediction.resonance import Resonance, ResonanceState
+from linkage_vibration.ros.endpoints import message_class
+
+
+class InterfaceError(LinkageVibrationError):
+    """The installed package of messages has another version than this package."""
+
+
+def check_interfaces() -> None:
+    """Decode one message of each kind with rclpy, and compare it with what was encoded.
+
+    Raises
+    ------
+    InterfaceError
+        If a message class has other fields, or reads other values.
+    """
+    one, two, three, four = np.array([[2.0, 3.0], [4.0, 5.0], [6.0, 7.0], [8.0, 9.0]])
+    prediction = Prediction(
+        1.0, Status.NEAR_TOGGLE, one, two, three, four, 10.0, 11.0, 12.0, "table"
+    )
+    resonance = Resonance(
+        ResonanceState.WARNING, "engine 1", 1.0, 2, 3.0, 4.0, 5.0, -1, 6.0, "table"
+    )
+    _check_names(TABLE_INFO)
+    _check_values(PREDICTION, prediction, encode_prediction(prediction, 1, 2, "frame"))
+    _check_values(RESONANCE, resonance, encode_resonance(resonance, 1, 2, "frame"))
+
+
+def _check_names(type_name: str) -> None:
+    """Refuse a message class whose fields have other names."""
+    expected = list(dict.fromkeys(f.name.split(".")[0] for f in message_fields(type_name)))
+    found = list(message_class(type_name).get_fields_and_field_types())
+    if found != expected:
+        differing = ", ".join(sorted({*found} ^ {*expected})) or "their order"
+        raise _mismatch(type_name, f"has other fields ({differing})")
+
+
+def _check_values(type_name: str, example: object, encoded: bytes) -> None:
+    """Refuse a message class that reads other values than were encoded."""
+    _check_names(type_name)
+    try:
+        decoded = deserialize_message(encoded, message_class(type_name))
+    except RuntimeError as error:
+        raise _mismatch(type_name, f"cannot read our messages ({error})") from None
+    header: dict[str, Any] = {
+        "header.stamp.sec": 1,
+        "header.stamp.nanosec": 2,
+        "header.frame_id": "frame",
+    }
+    for field in message_fields(type_name):
+        expected = header.get(field.name) or getattr(example, field.name)
+        if not np.array_equal(attrgetter(field.name)(decoded), expected):
+            raise _mismatch(type_name, f"reads other values of {field.name}")
+
+
+def _mismatch(type_name: str, difference: str) -> InterfaceError:
+    version = linkage_vibration.__version__
+    return InterfaceError(
+        f"The installed {type_name} {difference}, so {OWN_PACKAGE} has another version than "
+        f"linkage_vibration {version}; install {OWN_PACKAGE} {version}, or rebuild the workspace."
+    )
