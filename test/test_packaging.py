@@ -87,17 +87,44 @@ def test_console_script_is_installed(name: str) -> None:
     assert callable(entry.load())
 
 
-def test_wheel_holds_every_file(tmp_path: Path) -> None:
-    """A wheel has all modules, configurations and launch files, and no tests."""
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a wheel that pip has built from the checkout."""
     pytest.importorskip("pip", reason="pip builds the wheel")
-    source = tmp_path / "source"
+    folder = tmp_path_factory.mktemp("wheel")
+    source = folder / "source"
     made = shutil.ignore_patterns(".*", "__pycache__", "*.egg-info", "build", "install", "log")
     shutil.copytree(ROOT, source, ignore=made)
     subprocess.run(
-        [sys.executable, "-m", "pip", "wheel", "-qq", "--no-deps", "-w", tmp_path, source],
+        [sys.executable, "-m", "pip", "wheel", "-qq", "--no-deps", "-w", folder, source],
         check=True,
     )
-    (wheel,) = tmp_path.glob("*.whl")
+    (built,) = folder.glob("*.whl")
+    return built
+
+
+def test_replay_in_a_fresh_environment(wheel: Path, tmp_path: Path) -> None:
+    """With ``[bags]`` alone, and without ROS 2, bags can be replayed and checked."""
+    subprocess.run([sys.executable, "-m", "venv", tmp_path], check=True)
+    python = tmp_path / "bin" / "python"
+    environment = {k: v for k, v in os.environ.items() if not k.startswith(("AMENT", "PYTHON"))}
+    install = [python, "-m", "pip", "install", "-qq", f"linkage_vibration[bags] @ {wheel.as_uri()}"]
+    subprocess.run(install, check=True, env=environment)
+    code = """
+from pathlib import Path
+from linkage_vibration.support.resources import config_file
+from linkage_vibration.testing.bag_checks import Limits, check_bag
+
+drive = config_file("drives/hitch_duty_cycle.mcap")
+print(check_bag(drive, Limits(margin=0.0)))
+"""
+    check = [python, "-c", code]
+    run = subprocess.run(check, cwd=tmp_path, env=environment, capture_output=True, text=True)
+    assert "predictions within their limits" in run.stdout, run.stderr
+
+
+def test_wheel_holds_every_file(wheel: Path) -> None:
+    """A wheel has all modules, configurations, launch files and messages, and no tests."""
     with zipfile.ZipFile(wheel) as archive:
         names = set(archive.namelist())
     stem = "-".join(wheel.name.split("-")[:2])

@@ -76,16 +76,19 @@ def message_text(type_name: str) -> str:
         return installed.read_text(encoding="utf-8")
     try:
         from rosbags.typesys import Stores, get_typestore
-
-        text, _ = get_typestore(Stores.LATEST).generate_msgdef(type_name, ros_version=2)
-    except (ImportError, KeyError):
+    except ImportError:
+        known = None
+    else:
+        known = get_typestore(Stores.LATEST)
+    if known is None or type_name not in known.types:
         file = f"share/{package}/msg/{name}.msg"
         raise DefinitionError(
             f"The definition of {type_name} ({file}) was not found under "
             f"{', '.join(map(str, _prefixes()))}; install {package}, or source the ROS 2 that has "
             "it. For a standard type, `pip install rosbags` is enough."
-        ) from None
-    return str(text).split(SEPARATOR)[0].rstrip("\n")
+        )
+    text, _ = known.generate_msgdef(type_name, ros_version=2)
+    return text.split(SEPARATOR)[0].rstrip("\n")
 
 
 def type_hash(type_name: str) -> str:

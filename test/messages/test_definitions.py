@@ -43,7 +43,7 @@ def test_definition_names_each_dependency_once() -> None:
 def test_types_of_the_same_package_and_arrays(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Unqualified types, arrays of each kind, constants and comments are told apart."""
+    """Unqualified types, arrays of each kind, constants and comments are recognised."""
     folder = tmp_path / "share" / "made_up" / "msg"
     folder.mkdir(parents=True)
     (folder / "Outer.msg").write_text(
@@ -67,6 +67,20 @@ def test_types_of_the_same_package_and_arrays(
 
 
 def test_missing_type_is_named() -> None:
-    """The error tells which file is missing, where it was sought, and what to do."""
+    """The error names the missing file, the searched folders and the remedy."""
     with pytest.raises(DefinitionError, match=r"no_such_msgs/msg/Thing\.msg.*install no_such_msgs"):
         message_definition("no_such_msgs/msg/Thing")
+
+
+def test_another_installed_version_of_our_messages(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A log describes the messages that this package encodes, whatever version is installed."""
+    kind = "linkage_vibration_interfaces/msg/Resonance"
+    definition, correct = message_definition(kind), type_hash(kind)
+    folder = tmp_path / "share" / "linkage_vibration_interfaces" / "msg"
+    folder.mkdir(parents=True)
+    (folder / "Resonance.msg").write_text("uint8 state\n")
+    (folder / "Resonance.json").write_text('{"type_hashes": []}')
+    monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path))
+    assert (message_definition(kind), type_hash(kind)) == (definition, correct)

@@ -1,0 +1,37 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""The fields of our messages."""
+
+from pathlib import Path
+
+import pytest
+
+from linkage_vibration.messages.fields import Field, message_fields
+from linkage_vibration.messages.topics import PREDICTION, RESONANCE, TABLE_INFO
+from linkage_vibration.support.resources import share_directory
+
+
+@pytest.mark.parametrize("kind", [PREDICTION, RESONANCE, TABLE_INFO])
+def test_fields_are_those_of_the_generated_class(kind: str) -> None:
+    """The fields at the top have the names and order of the class that ROS 2 generates."""
+    from linkage_vibration.ros.endpoints import message_class
+
+    names = dict.fromkeys(field.name.split(".")[0] for field in message_fields(kind))
+    assert list(names) == list(message_class(kind).get_fields_and_field_types())
+
+
+def test_nested_fields_and_sequences() -> None:
+    """A header is flattened, and a sequence is marked."""
+    fields = message_fields(PREDICTION)
+    assert fields[:3] == (
+        Field("header.stamp.sec", "int32", False),
+        Field("header.stamp.nanosec", "uint32", False),
+        Field("header.frame_id", "string", False),
+    )
+    assert Field("natural_frequencies", "float64", True) in fields
+
+
+def test_every_message_has_a_topic_or_a_name() -> None:
+    """No message definition is forgotten."""
+    found = {path.stem for path in Path(share_directory()).glob("*_interfaces/msg/*.msg")}
+    assert found == {kind.split("/")[-1] for kind in (PREDICTION, RESONANCE, TABLE_INFO)}
