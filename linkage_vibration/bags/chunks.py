@@ -33,12 +33,13 @@ from mcap.records import (
     Statistics,
     SummaryOffset,
 )
-from mcap.writer import LIBRARY_IDENTIFIER, MCAP0_MAGIC
+from mcap.writer import LIBRARY_IDENTIFIER
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from linkage_vibration.bags.mcap_records import (
     CHUNK,
+    MAGIC,
     MESSAGE,
     MESSAGE_INDEX,
     MESSAGE_RECORD,
@@ -115,7 +116,7 @@ class ChunkLog:
         self._file = path.open("xb")
         self._pool = ThreadPoolExecutor(1)
         self._under_way: Future[None] | None = None
-        self._file.write(MCAP0_MAGIC)
+        self._file.write(MAGIC)
         self._write(Header("ros2", f"linkage_vibration {LIBRARY_IDENTIFIER}"))
         self._definitions = _definitions(self._topics)
         for definition in self._definitions:
@@ -295,7 +296,7 @@ class ChunkLog:
         footer = struct.pack("<BQQQ", Opcode.FOOTER, 20, start, offsets)
         self._file.write(summary)
         self._write(Footer(start, offsets, zlib.crc32(footer, zlib.crc32(summary))))
-        self._file.write(MCAP0_MAGIC)
+        self._file.write(MAGIC)
 
 
 def _definitions(topics: Sequence[Topic]) -> list[McapRecord]:

@@ -6,6 +6,7 @@ import struct
 
 import numpy as np
 
+MAGIC = b"\x89MCAP0\r\n"  # at the beginning and at the end of a file
 RECORD = struct.Struct("<BQ")  # opcode, length of what follows
 MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time; then the data
 CHUNK = struct.Struct("<QQQII")  # first and last log time, size, CRC, length of compression's name

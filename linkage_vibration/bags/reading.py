@@ -176,18 +176,6 @@ def _joint_state_topic(path: Path) -> str:
     return topics[0]
 
 
-def topic_names(path: Path) -> set[str]:
-    """Return the names of the topics in a bag.
-
-    Raises
-    ------
-    BagError
-        If it cannot be read.
-    """
-    with open_bag(path) as bag:
-        return {connection.topic for connection in bag.connections}
-
-
 def topic_listing(connections: "Sequence[Connection]") -> str:
     """Name the topics of a bag, with their types."""
     topics = sorted({f"{c.topic} ({c.msgtype})" for c in connections})
@@ -197,7 +185,7 @@ def topic_listing(connections: "Sequence[Connection]") -> str:
 @contextmanager
 def open_bag(path: Path) -> "Iterator[Reader1 | Reader2]":
     """Open a bag, and tell any failure of it in words."""
-    with damage_told(path), bag_reader(path) as bag:
+    with bag_errors(path), bag_reader(path) as bag:
         yield bag
 
 
@@ -219,12 +207,24 @@ def bag_reader(path: Path, *, by_chunks: bool = False) -> "Reader1 | Reader2":
     return ChunkReader(path)
 
 
+def mcap_files(path: Path) -> list[Path]:
+    """Return the MCAP files of a bag; none if it has another format or is compressed as a whole."""
+    if path.is_file():
+        return [path] if path.suffix == ".mcap" else []
+    text = (path / "metadata.yaml").read_text(encoding="utf-8")
+    about = yaml.safe_load(text)["rosbag2_bagfile_information"]
+    plain = about.get("compression_mode", "").lower() in ("", "none")
+    if about["storage_identifier"] != "mcap" or not plain:
+        return []
+    return [path / Path(name).name for name in about["relative_file_paths"]]
+
+
 @contextmanager
-def damage_told(path: Path) -> Iterator[None]:
-    """Tell any failure of reading a bag in words, as a `BagError`."""
+def bag_errors(path: Path) -> Iterator[None]:
+    """Turn every failure of reading a bag into a `BagError`."""
     try:
         yield
-    except LinkageVibrationError:
+    except (LinkageVibrationError, ImportError):
         raise
     except OSError as error:
         raise BagError(f"{path} cannot be opened: {error.strerror or error}.") from None
@@ -303,7 +303,7 @@ def _decoder(path: Path, connections: "list[Connection]") -> Callable[[bytes, st
         for excess in (0, 4):
             try:
                 return store.deserialize_cdr(data[: len(data) - excess], type_name)
-            except SerdeError:
+            except (AssertionError, SerdeError):  # rosbags before 0.11.6 asserts
                 continue
         return store.deserialize_cdr(data[:-8], type_name)
 

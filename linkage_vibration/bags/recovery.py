@@ -37,9 +37,9 @@ from mcap.records import (
     Statistics,
     SummaryOffset,
 )
-from mcap.writer import LIBRARY_IDENTIFIER, MCAP0_MAGIC, Writer
+from mcap.writer import LIBRARY_IDENTIFIER, Writer
 
-from linkage_vibration.bags.mcap_records import CHUNK, MESSAGE, MESSAGE_INDEX, RECORD
+from linkage_vibration.bags.mcap_records import CHUNK, MAGIC, MESSAGE, MESSAGE_INDEX, RECORD
 from linkage_vibration.bags.writing import ROSBAG2_METADATA, Topic, rosbag2_metadata
 from linkage_vibration.errors import LinkageVibrationError
 
@@ -50,7 +50,7 @@ LONGEST_RECORD = 2**28
 _DAMAGES_TOLD = 20
 _BLOCK = 2**20  # bytes read at a time
 _INDEX_ENTRY_BYTES = 16
-_FOOTER_BYTES = RECORD.size + 20 + len(MCAP0_MAGIC)
+_FOOTER_BYTES = RECORD.size + 20 + len(MAGIC)
 # An opcode and a length below 4 GiB; a lookahead, as what looks like one may overlap the true one.
 _LIKELY_RECORD = re.compile(rb"(?=[\x01-\x0f].{4}\0{4})", re.DOTALL)
 _RECORDS: dict[int, Any] = {
@@ -254,9 +254,9 @@ class _Rescue:
         if size < _FOOTER_BYTES:
             return
         footer = self._source.read(size - _FOOTER_BYTES, _FOOTER_BYTES)
-        if not footer.endswith(MCAP0_MAGIC):
+        if not footer.endswith(MAGIC):
             return
-        record = _parse(Opcode.FOOTER, footer[RECORD.size : -len(MCAP0_MAGIC)])
+        record = _parse(Opcode.FOOTER, footer[RECORD.size : -len(MAGIC)])
         end = size - _FOOTER_BYTES
         if not isinstance(record, Footer) or not 0 < record.summary_start <= end:
             return
@@ -275,8 +275,8 @@ class _Rescue:
 
     def _records(self) -> Iterator[tuple[int, int, bytes, bool]]:
         """Yield the sound records of the data section: offset, opcode, content, whether cut off."""
-        source, offset = self._source, len(MCAP0_MAGIC)
-        if source.read(0, offset) != MCAP0_MAGIC:
+        source, offset = self._source, len(MAGIC)
+        if source.read(0, offset) != MAGIC:
             self._damages.append("byte 0: the magic number")
             offset = self._resume_at(0)
         while offset < source.size:

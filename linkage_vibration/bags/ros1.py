@@ -8,12 +8,12 @@ most of the time. Damage raises whatever it leads to.
 
 import struct
 from collections.abc import Callable, Iterator
+from typing import Any
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from rosbags.rosbag1 import Reader
-from rosbags.rosbag1.reader import IndexData, RecordType, read_bytes
 
 from linkage_vibration.bags.message_types import FLOAT64, JOINT_STATE
 
@@ -21,6 +21,7 @@ Bytes = NDArray[np.uint8]
 Integers = NDArray[np.int64]
 
 _UINT32 = struct.Struct("<I")
+_MESSAGE = b"\x02"  # the opcode of a message
 _STAMP = 12  # bytes: number and time in ROS 1; encapsulation and time in CDR
 
 
@@ -39,7 +40,7 @@ class ChunkReader(Reader):
             for connection in self.connections
         ]
 
-    def read_index_data(self, pos: int, indexes: dict[int, list[IndexData]]) -> None:
+    def read_index_data(self, pos: int, indexes: Any) -> None:
         """Pass over the index."""
 
     def uncompressed(self, position: int) -> bytes:
@@ -47,7 +48,10 @@ class ChunkReader(Reader):
         assert self.bio is not None
         chunk = self.chunks[position]
         self.bio.seek(chunk.datapos)
-        return chunk.decompressor(read_bytes(self.bio, chunk.datasize))
+        data = self.bio.read(chunk.datasize)
+        if len(data) < chunk.datasize:
+            raise ValueError("the file ends within a chunk")
+        return chunk.decompressor(data)
 
 
 def find_messages(data: bytes) -> tuple[Integers, Integers, Integers, Integers]:
@@ -77,7 +81,7 @@ def find_messages(data: bytes) -> tuple[Integers, Integers, Integers, Integers]:
             headers = sliding_window_view(buffer, length)[heads[left]]
             fields = _fields(headers[0].tobytes())
             shared = np.ones(length, bool)
-            if fields["op"][1] == bytes([RecordType.MSGDATA]):
+            if fields["op"][1] == _MESSAGE:
                 conn, time = fields["conn"][0], fields["time"][0]
                 shared[conn : conn + 4] = shared[time : time + 8] = False
             alike = (headers[:, shared] == headers[0, shared]).all(axis=1)

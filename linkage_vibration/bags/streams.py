@@ -10,25 +10,30 @@ and what overlaps.
 import heapq
 import io
 import itertools
+import zlib
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, BinaryIO, TypeAlias
 
+import lz4.frame
 import numpy as np
+import zstandard
 from mcap.opcode import Opcode
+from mcap.reader import make_reader
+from mcap.records import ChunkIndex
+from mcap.summary import Summary
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from linkage_vibration.bags.mcap_records import CHUNK, MESSAGE, MESSAGE_RECORD, RECORD
-from linkage_vibration.bags.reading import bag_reader, damage_told
+from linkage_vibration.bags.reading import bag_errors, bag_reader, mcap_files
 
 if TYPE_CHECKING:
     from rosbags.interfaces import Connection
     from rosbags.rosbag1 import Reader as Reader1
     from rosbags.rosbag2 import Reader as Reader2
-    from rosbags.rosbag2.storage_mcap import ChunkInfo, McapReader
 
     from linkage_vibration.bags.ros1 import ChunkReader
 
@@ -39,6 +44,11 @@ BLOCK = 4096
 """Messages that are handed out at a time, at least; NumPy's calls cost little beside so many."""
 
 _GATHERED = 1024  # messages that rosbags hands over one by one, until they are a part of a stream
+_DECOMPRESS: dict[str, Callable[[bytes, int], bytes]] = {
+    "": lambda data, size: data,
+    "lz4": lambda data, size: lz4.frame.decompress(data),
+    "zstd": zstandard.decompress,  # needs the size where the writer did not know it in advance
+}
 _LATEST = 2**63 - 1  # ns; MCAP's times are unsigned, but those beyond the year 2262 are no times
 
 
@@ -166,7 +176,7 @@ def open_bags(paths: Sequence[Path]) -> Iterator[Bags]:
     bags: list[Reader1 | Reader2] = []
     with ExitStack() as stack:
         for path in paths:
-            with damage_told(path):
+            with bag_errors(path):
                 bags.append(bag_reader(path, by_chunks=True))
                 stack.enter_context(bags[-1])
         yield Bags(paths, bags)
@@ -226,57 +236,52 @@ def _parts(
     path: Path, bag: "Reader1 | Reader2", number: int, names: Sequence[str]
 ) -> Iterator[_Part]:
     """Yield the parts of a bag in order of their first times."""
-    from rosbags.rosbag2 import Reader as Reader2
-    from rosbags.rosbag2.storage_mcap import McapReader
-
     from linkage_vibration.bags.ros1 import ChunkReader
 
-    with damage_told(path):
+    with bag_errors(path), ExitStack() as stack:
         if isinstance(bag, ChunkReader):
             yield from _ros1_parts(path, bag, number, names)
             return
-        if isinstance(bag, Reader2) and bag.compression_mode is None:
-            storages = getattr(bag.storage, "storages", [bag.storage])
-            if all(isinstance(storage, McapReader) and storage.chunks for storage in storages):
-                yield from _mcap_parts(path, storages, number, names)
-                return
-        yield from _other_parts(bag, number, names)
+        files = [stack.enter_context(file.open("rb")) for file in mcap_files(path)]
+        summaries = [make_reader(file).get_summary() or Summary() for file in files]
+        if files and all(summary.chunk_indexes and summary.channels for summary in summaries):
+            yield from _mcap_parts(path, list(zip(files, summaries, strict=True)), number, names)
+        else:
+            yield from _other_parts(bag, number, names)
 
 
 def _mcap_parts(
-    path: Path, storages: "Sequence[McapReader]", number: int, names: Sequence[str]
+    path: Path, files: Sequence[tuple[BinaryIO, Summary]], number: int, names: Sequence[str]
 ) -> Iterator[_Part]:
-    chunks: list[tuple[McapReader, ChunkInfo, dict[int, int]]] = []
-    for storage in storages:
-        channels = {c.id: names.index(c.topic) for c in storage.connections if c.topic in names}
-        for chunk in storage.chunks:
+    chunks: list[tuple[BinaryIO, ChunkIndex, dict[int, int]]] = []
+    for file, summary in files:
+        found = summary.channels.values()
+        channels = {c.id: names.index(c.topic) for c in found if c.topic in names}
+        for chunk in summary.chunk_indexes:
             # A chunk without message indexes may hold anything.
             if not chunk.message_index_offsets or channels.keys() & chunk.message_index_offsets:
-                chunks.append((storage, chunk, channels))
+                chunks.append((file, chunk, channels))
     in_time = sorted(enumerate(chunks), key=lambda entry: entry[1][1].message_start_time)
-    for place, (storage, chunk, channels) in in_time:
+    for place, (file, chunk, channels) in in_time:
 
         def load(
-            storage: "McapReader" = storage,
-            chunk: "ChunkInfo" = chunk,
-            channels: dict[int, int] = channels,
+            file: BinaryIO = file, chunk: ChunkIndex = chunk, channels: dict[int, int] = channels
         ) -> Block:
-            with damage_told(path):
-                return _chunk_block(_uncompressed(storage, chunk), channels)
+            with bag_errors(path):
+                return _chunk_block(_uncompressed(file, chunk), channels)
 
         yield _Part(min(chunk.message_start_time, _LATEST), (number, place), load)
 
 
-def _uncompressed(storage: "McapReader", chunk: "ChunkInfo") -> bytes:
-    """Return the records of a chunk, checked."""
-    from rosbags.rosbag2.storage_mcap import decompress, read_exact
-
-    file = storage.bio
-    assert file is not None
+def _uncompressed(file: BinaryIO, chunk: ChunkIndex) -> bytes:
+    """Return the records of a chunk after checking their size and checksum."""
     file.seek(chunk.chunk_start_offset + RECORD.size)
-    *_, size, crc, name = CHUNK.unpack(read_exact(file, CHUNK.size))
+    *_, size, crc, name = CHUNK.unpack(file.read(CHUNK.size))
     file.seek(name + 8, io.SEEK_CUR)
-    return decompress(read_exact(file, chunk.compressed_size), chunk.compression, size, crc)
+    data = _DECOMPRESS[chunk.compression](file.read(chunk.compressed_size), size)
+    if len(data) != size or (crc and zlib.crc32(data) != crc):
+        raise ValueError("the size or the checksum of a chunk is wrong")
+    return data
 
 
 def _chunk_block(data: bytes, channels: dict[int, int]) -> Block:
@@ -326,7 +331,7 @@ def _ros1_parts(
     for place, chunk in enumerate(sorted(chunks, key=lambda chunk: chunk.start_time)):
 
         def load(position: int = chunk.pos) -> Block:
-            with damage_told(path):
+            with bag_errors(path):
                 return _ros1_block(bag.uncompressed(position), connections, names, to_cdr)
 
         yield _Part(chunk.start_time, (number, place), load)

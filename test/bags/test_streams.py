@@ -7,6 +7,7 @@ import struct
 from pathlib import Path
 
 import pytest
+import zstandard
 from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, IndexType, Writer
@@ -95,6 +96,21 @@ def test_several_bags_are_one(tmp_path: Path) -> None:
     expected = [(2 * k, "/a", 1.0) for k in range(6000)] + [(k, "/b", 2.0) for k in range(12_000)]
     assert found == sorted(expected, key=lambda entry: entry[0])
     assert read([other, first], ["/a", "/b"])[:2] == [(0, "/b", 2.0), (0, "/a", 1.0)]
+
+
+def test_chunks_that_were_compressed_as_streams(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The `mcap` command and other Go programs do not write how large a chunk of zstd becomes."""
+
+    def compress(data: bytes) -> bytes:
+        stream = zstandard.ZstdCompressor().compressobj()
+        return stream.compress(data) + stream.flush()
+
+    monkeypatch.setattr(zstandard, "compress", compress)
+    path = write_mcap(tmp_path / "bag.mcap", [("/a", k, 1.0) for k in range(100)])
+    assert zstandard.frame_content_size(compress(b"1")) == -1
+    assert read([path], ["/a"]) == [(k, "/a", 1.0) for k in range(100)]
 
 
 def test_publish_times_of_mcap(tmp_path: Path) -> None:
