@@ -26,6 +26,12 @@ MAX_SAMPLES = 400_000
 COVERAGE = 2.0  # standard deviations to each side, of a band of uncertainty
 
 _FOLDER = Path(__file__).parent / "page"
+_SCRIPTS = (
+    *("data", "decimation", "state", "words", "elements", "axes", "shades", "pointer", "charts"),
+    *("receptance", "waterfall", "overlays", "excitations", "angle_chart", "linkage", "readout"),
+    *("modes", "tables", "histograms", "provenance", "rows", "strip", "layout", "controls"),
+    "start",
+)  # the parts of the page's script, each of which may use the parts before it
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +85,7 @@ def page_html(page: Page) -> str:
         # No text of a log may end the script that holds it.
         "data": json.dumps(data, allow_nan=False).replace("<", "\\u003c"),
         "uplot_js": f"/*{_file('uPlot.LICENSE.txt')}*/\n{_file('uPlot.iife.min.js')}",
-        "js": _file("page.js"),
+        "js": _script(),
     }
     parts = _file("page.html").split("{{")
     made = [parts[0]]
@@ -146,6 +152,12 @@ def _column(values: NDArray[Any]) -> dict[str, Any]:
     if values.dtype.kind == "f" and np.isnan(values).all():
         return {"type": packed(values[:1])["type"], "constant": None}
     return packed(values)
+
+
+def _script() -> str:
+    """Return the page's own script: all parts in one function, so that nothing is global."""
+    parts = "\n".join(_file(f"{name}.js") for name in _SCRIPTS)
+    return f'"use strict";\n(() => {{\n{parts}}})();\n'
 
 
 def _file(name: str) -> str:

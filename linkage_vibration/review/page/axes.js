@@ -1,0 +1,48 @@
+// Copyright 2026 The linkage_vibration authors. SPDX-License-Identifier: Apache-2.0
+// The axes of charts: their ranges and labels.
+
+const AXIS = { stroke: INK, font: "12px system-ui, sans-serif", ticks: { stroke: "#9a9a9a", width: 1, size: 5 } };
+const TIMES = [1e-6, 1e-5, 1e-4, 1e-3, .002, .005, .01, .02, .05, .1, .2, .5, 1, 2, 5, 10, 15, 30, 60,
+  120, 300, 600, 900, 1800, 3600, 7200, 18000, 36000];
+
+const timeAxis = (show, grid) => ({
+  ...AXIS, size: show ? 28 : 8, incrs: TIMES, space: 70,
+  grid: { show: grid, stroke: "#e4e4e4", width: 1 },
+  values: (u, splits, axis, space, step) => splits.map(t => show ? clock(t, step) : null),
+  label: show ? `time [${timeUnit}]` : undefined, labelSize: show ? 18 : 0,
+  labelFont: "12px system-ui, sans-serif", labelGap: 0,
+});
+
+const valueAxis = (log, grid) => ({
+  ...AXIS, size: 64, space: log ? 16 : 28, grid: { show: grid, stroke: "#e4e4e4", width: 1 },
+  values: (u, splits) => log ? logLabels(u, splits) : plainLabels(splits),
+});
+
+function plainLabels(splits) {
+  const step = splits.length > 1 ? splits[1] - splits[0] : 1;
+  const size = Math.max(...splits.map(Math.abs));
+  if (size >= 1e6 || (size > 0 && size < 1e-3)) return splits.map(v => v.toExponential(1));
+  const places = clamp(Math.ceil(-Math.log10(step) - 1e-9), 0, 12);
+  return splits.map(v => v.toFixed(places));
+}
+
+function logLabels(u, splits) {
+  const height = u.bbox.height / devicePixelRatio;
+  const decades = Math.log10(u.scales.y.max / u.scales.y.min);
+  const room = height / Math.max(decades, .1);  // px a decade
+  return splits.map(v => {
+    if (v === null) return null;
+    const lead = Math.round(v / 10 ** Math.floor(Math.log10(v) + 1e-9));
+    const told = lead === 1 || (room > 60 && (lead === 2 || lead === 5)) || room > 150;
+    return told ? (v >= 1e-3 && v < 1e5 ? String(Number(v.toPrecision(3))) : v.toExponential(0)) : null;
+  });
+}
+
+function yRange(log) {
+  return (u, low, high) => {
+    if (low === null || !Number.isFinite(low)) return log ? [1e-3, 1] : [0, 1];
+    if (log) return [low / 1.12, high * 1.12];
+    const room = high > low ? (high - low) * .08 : Math.abs(high) * .05 || 1;
+    return [low - room, high + room];
+  };
+}

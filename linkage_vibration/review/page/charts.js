@@ -1,0 +1,78 @@
+// Copyright 2026 The linkage_vibration authors. SPDX-License-Identifier: Apache-2.0
+// Draws one chart for each row over time.
+
+function quantity(series, sign = 0) {
+  const values = columns[series.column], factor = series.factor ?? 1;
+  if (series.minus) {
+    const other = columns[series.minus];
+    return drawable(i => (values[i] - other[i]) * factor);
+  }
+  if (!sign) return drawable(i => values[i] * factor);
+  const spread = columns[series.spread], by = sign * data.coverage;
+  return drawable(i => (values[i] + by * (spread[i] || 0)) * factor);
+}
+
+const dashes = { dashed: [6, 4], dotted: [2, 3] };
+
+function makeChart(spec, holder, isLast) {
+  const box = element("div", { class: "chart", id: `chart-${spec.id}` });
+  const heading = element("h3", {}, spec.title);
+  if (spec.unit) heading.append(element("span", { class: "unit" }, ` [${spec.unit}]`));
+  const key = element("span", { class: "key" });
+  for (const item of spec.key ?? []) key.append(keyItem(item));
+  const head = element("div", { class: "row-head" }, heading, key);
+  const row = element("div", { class: "chart-row" }, head, box);
+  holder.append(row);
+  const quantities = [], series = [{}], bands = [];
+  for (const line of spec.series) {
+    quantities.push(quantity(line));
+    series.push({ stroke: line.colour, width: line.width ?? 1.6, dash: dashes[line.style], points: { show: false }, spanGaps: false });
+    if (line.spread) {
+      quantities.push(quantity(line, 1), quantity(line, -1));
+      const faint = { stroke: `${line.colour}66`, width: .6, points: { show: false } };
+      series.push({ ...faint }, { ...faint });
+      bands.push({ series: [series.length - 2, series.length - 1], fill: `${line.colour}40` });
+    }
+  }
+  const log = Boolean(spec.log);
+  const chart = {
+    spec, box, row, head, quantities,
+    make(width) {
+      this.u?.destroy();
+      this.u = new uPlot({
+        width, height: (spec.height ?? 130) + (isLast ? 44 : 8), series, bands,
+        legend: { show: false }, cursor: { show: false }, padding: [6, 12, 0, 0],
+        scales: { x: { time: false, range: () => view }, y: { distr: log ? 3 : 1, range: spec.range ? () => spec.range : yRange(log) } },
+        axes: [timeAxis(isLast, !spec.paint), valueAxis(log, !spec.paint)],
+        hooks: { drawClear: [u => { spec.paint?.(u); shade(u); }], draw: [u => { guides(u, spec); spec.overlay?.(u); }] },
+      }, this.data(width), box);
+      this.line = element("div", { class: "cursor" });
+      this.u.over.append(this.line);
+      interact(this);
+    },
+    data(width) { return decimated(quantities, view, wantedOver(width)); },
+    near: true,
+    stale: false,
+    update() {
+      if (this.box.hidden) return;
+      this.stale = false;
+      this.u.setData(this.data(this.u.width));
+    },
+    showCursor() {
+      if (this.box.hidden) return;
+      const t = time[cursor], inside = t >= view[0] && t <= view[1];
+      this.line.hidden = !inside;
+      this.line.classList.toggle("kept", cursor === kept);
+      if (inside) this.line.style.left = `${this.u.valToPos(t, "x")}px`;
+    },
+  };
+  charts.push(chart);
+  return chart;
+}
+
+function keyItem({ label, colour, style, fill }) {
+  const line = svg("svg", { width: 22, height: 10, "aria-hidden": "true" });
+  if (fill) line.append(svg("rect", { width: 22, height: 10, fill: colour, stroke: GREY, "stroke-width": .5 }));
+  else line.append(svg("line", { x1: 0, x2: 22, y1: 5, y2: 5, stroke: colour, "stroke-width": 2.4, "stroke-dasharray": (dashes[style] ?? []).join(" ") }));
+  return element("span", {}, line, label);
+}

@@ -1,0 +1,48 @@
+// Copyright 2026 The linkage_vibration authors. SPDX-License-Identifier: Apache-2.0
+// Connects buttons and keys with what they do.
+
+const actions = {
+  all: () => setView(first, last),
+  in: () => zoom(.5, (view[0] + view[1]) / 2),
+  out: () => zoom(2, (view[0] + view[1]) / 2),
+  left: () => pan(-.4),
+  right: () => pan(.4),
+  previous: () => jump(current < 0 ? 0 : current - 1),
+  next: () => jump(current + 1),
+  move() {
+    moving = !moving;
+    showMoving();
+    showCursor();
+  },
+};
+
+function showMoving() {
+  byId("move").textContent = moving ? "Hold it still" : "Let it move";
+  byId("move").setAttribute("aria-pressed", String(moving));
+}
+
+document.querySelectorAll("button[data-do]").forEach(button =>
+  button.addEventListener("click", () => actions[button.dataset.do]()));
+
+document.addEventListener("keydown", event => {
+  if (event.ctrlKey || event.metaKey || event.altKey) return;
+  const inModes = modeButtons.includes(document.activeElement);
+  const step = event.shiftKey ? 0 : (view[1] - view[0]) / 200;
+  const move = by => {
+    const to = step ? nearest(time[cursor] + by * step) : cursor + by;
+    keep(clamp(to === cursor ? cursor + by : to, 0, n - 1));
+  };
+  const about = clamp(time[cursor], view[0], view[1]);
+  const scrolls = event.target.closest?.(".scroll, pre");
+  const keys = {
+    ArrowLeft: () => inModes ? setMode((mode + data.modes.length - 1) % data.modes.length) : move(-1),
+    ArrowRight: () => inModes ? setMode((mode + 1) % data.modes.length) : move(1),
+    "+": () => zoom(.5, about), "=": () => zoom(.5, about), "-": () => zoom(2, about),
+    0: actions.all, n: () => jumps && actions.next(), p: () => jumps && actions.previous(), m: () => linkage && actions.move(),
+  };
+  if (scrolls && event.key.startsWith("Arrow")) return;
+  if (/^[1-9]$/.test(event.key)) setMode(Number(event.key) - 1);
+  else if (Object.hasOwn(keys, event.key)) keys[event.key]();
+  else return;
+  event.preventDefault();
+});

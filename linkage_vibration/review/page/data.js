@@ -1,0 +1,43 @@
+// Copyright 2026 The linkage_vibration authors. SPDX-License-Identifier: Apache-2.0
+// Reads the numbers of the page, and finds samples by their times.
+
+const source = document.getElementById("data");
+const data = JSON.parse(source.textContent);
+source.remove();
+
+const DEG = 180 / Math.PI;
+const byId = id => document.getElementById(id);
+const clamp = (x, low, high) => Math.min(Math.max(x, low), high);
+
+const TYPES = { f8: Float64Array, f4: Float32Array, u1: Uint8Array };
+
+function array({ type, base64 }) {
+  const text = atob(base64), bytes = new Uint8Array(text.length);
+  for (let i = 0; i < bytes.length; i++) bytes[i] = text.charCodeAt(i);
+  return new TYPES[type](bytes.buffer);
+}
+
+const columns = {};
+for (const [name, packed] of Object.entries(data.columns)) {
+  columns[name] = "constant" in packed
+    ? new TYPES[packed.type](data.n).fill(packed.constant ?? NaN) : array(packed);
+}
+data.columns = null;
+const time = columns.time, n = data.n;
+const first = time[0], last = Math.max(time[n - 1], time[0] + 1e-3);
+const breaks = data.breaks;  // indices before which predictions are missing, ascending
+
+/** Index of the first of ascending values that is not less than x. */
+function lowerBound(values, x) {
+  let low = 0, high = values.length;
+  while (low < high) {
+    const middle = (low + high) >> 1;
+    if (values[middle] < x) low = middle + 1; else high = middle;
+  }
+  return low;
+}
+
+function nearest(t) {
+  const i = clamp(lowerBound(time, t), 0, n - 1);
+  return i > 0 && t - time[i - 1] < time[i] - t ? i - 1 : i;
+}

@@ -1,0 +1,77 @@
+// Copyright 2026 The linkage_vibration authors. SPDX-License-Identifier: Apache-2.0
+// Reduces a quantity to what a chart can show, without losing a lowest or a highest value.
+
+const BLOCK = 64;
+
+/** A quantity to draw: its values, and those of blocks, so that a stretch costs little. */
+function drawable(value) {
+  const blocks = Math.ceil(n / BLOCK);
+  const lows = new Float64Array(blocks), highs = new Float64Array(blocks);
+  const plain = (from, to) => {
+    let low = Infinity, high = -Infinity;
+    for (let i = from; i < to; i++) {
+      const v = value(i);
+      if (v < low) low = v;
+      if (v > high) high = v;
+    }
+    return [low, high];
+  };
+  for (let b = 0; b < blocks; b++) {
+    [lows[b], highs[b]] = plain(b * BLOCK, Math.min(n, (b + 1) * BLOCK));
+  }
+  const extremes = (from, to) => {
+    const head = Math.ceil(from / BLOCK), tail = Math.floor(to / BLOCK);
+    if (head >= tail) return plain(from, to);
+    let [low, high] = plain(from, head * BLOCK);
+    for (let b = head; b < tail; b++) {
+      if (lows[b] < low) low = lows[b];
+      if (highs[b] > high) high = highs[b];
+    }
+    const rest = plain(tail * BLOCK, to);
+    return [Math.min(low, rest[0]), Math.max(high, rest[1])];
+  };
+  return { value, extremes };
+}
+
+/** Cut [from, to) into some stretches, none of which spans a gap. */
+function stretches(from, to, wanted) {
+  const step = Math.max(1, (to - from) / wanted), found = [];
+  let next = lowerBound(breaks, from + 1);
+  for (let a = from; a < to;) {
+    let b = Math.min(to, Math.max(a + 1, Math.floor(from + step * (found.length + 1))));
+    if (b <= a) b = a + 1;
+    const gap = next < breaks.length && breaks[next] <= b && breaks[next] < to;
+    if (gap) b = breaks[next++];
+    found.push([a, b, gap]);
+    a = b;
+  }
+  return found;
+}
+
+const finite = v => Number.isFinite(v) ? v : null;
+
+/** uPlot's data of quantities over a view, decimated to the least and greatest of stretches. */
+function decimated(quantities, view, wanted) {
+  const from = Math.max(0, lowerBound(time, view[0]) - 1);
+  const to = Math.min(n, lowerBound(time, view[1]) + 1);
+  const x = [], ys = quantities.map(() => []);
+  for (const [a, b, gap] of stretches(from, to, wanted)) {
+    x.push(time[a]);
+    if (b > a + 1) x.push(time[b - 1]);
+    if (gap) x.push(time[b - 1]);
+    quantities.forEach((quantity, k) => {
+      if (b > a + 1) {
+        const [low, high] = quantity.extremes(a, b).map(finite);
+        // As it goes, so that a line that falls has no teeth.
+        if (quantity.value(a) > quantity.value(b - 1)) ys[k].push(high, low); else ys[k].push(low, high);
+      } else {
+        ys[k].push(finite(quantity.value(a)));
+      }
+      if (gap) ys[k].push(null);
+    });
+  }
+  return [x, ...ys];
+}
+
+/** How many stretches a chart shows: one in two pixels, as lines are wider than one. */
+const wantedOver = width => Math.max(100, (width - 80) / 2);

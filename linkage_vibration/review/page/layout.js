@@ -1,0 +1,37 @@
+// Copyright 2026 The linkage_vibration authors. SPDX-License-Identifier: Apache-2.0
+// Fits the charts to the width of the page, and redraws those that have changed.
+
+// What is out of sight waits until it comes near.
+const watcher = new IntersectionObserver(entries => entries.forEach(entry => {
+  const chart = charts.find(one => one.row === entry.target);
+  chart.near = entry.isIntersecting;
+  if (chart.near && chart.stale) chart.update();
+}), { rootMargin: "150px" });
+charts.forEach(chart => watcher.observe(chart.row));
+
+onView.push(() => {
+  for (const chart of charts) if (chart.near) chart.update(); else chart.stale = true;
+  showWindow();
+});
+onMode.push(() => {
+  for (const chart of charts) if (chart.spec.id === "waterfall" && !chart.box.hidden) chart.u.redraw();
+  if (angleChart && !angleBox.hidden) angleChart.redraw();
+});
+
+let shownWidth = 0;
+function layout(width = 0) {
+  const wide = width || holder.clientWidth;
+  shownWidth = wide;
+  for (const chart of charts) if (!chart.box.hidden) chart.make(wide);
+  if (!angleBox.hidden) makeAngleChart(wide, angleBox);
+  makeStrip(width || overview.clientWidth);
+  requestAnimationFrame(() => { showWindow(); showCursor(); });  // when uPlot knows its places
+}
+
+new ResizeObserver(() => {
+  if (holder.clientWidth && Math.abs(holder.clientWidth - shownWidth) > 1 && !printing) layout();
+}).observe(holder);
+
+let printing = false;
+addEventListener("beforeprint", () => { printing = true; layout(680); });
+addEventListener("afterprint", () => { printing = false; layout(); });

@@ -1,0 +1,85 @@
+// Copyright 2026 The linkage_vibration authors. SPDX-License-Identifier: Apache-2.0
+// Draws the linkage at the cursor, at rest and moving in the chosen mode.
+
+const SWING = .08, SWINGS_PER_SECOND = .5;
+
+const linkage = data.linkage && (() => {
+  const L = data.linkage, angles = array(L.angles), places = array(L.places), shapes = array(L.shapes);
+  const joints = array(L.joints), centres = array(L.centres), ground = array(L.ground);
+  const count = L.lengths.reduce((a, b) => a + b, 0), size = L.size;
+  let left = Infinity, right = -Infinity, low = Infinity, high = -Infinity;
+  for (const points of [places, ground]) {
+    for (let i = 0; i < points.length; i += 2) {
+      left = Math.min(left, points[i]); right = Math.max(right, points[i]);
+      low = Math.min(low, points[i + 1]); high = Math.max(high, points[i + 1]);
+    }
+  }
+  const edge = 1.3 * SWING * size, box = byId("linkage"), width = .009 * size;
+  box.setAttribute("viewBox", [left - edge, -high - edge, right - left + 2 * edge, high - low + 2 * edge].join(" "));
+  const layer = (attributes) => { const g = svg("g", { fill: "none", "stroke-linecap": "round", "stroke-linejoin": "round", ...attributes }); box.append(g); return g; };
+  const still = layer({ stroke: "#b5b5b5", "stroke-width": width });
+  const moved = layer({ "stroke-width": 1.5 * width });
+  const pins = layer({});
+  for (let i = 0; i < ground.length; i += 2) {
+    const [x, y, s] = [ground[i], -ground[i + 1], .022 * size];
+    pins.append(svg("path", { d: `M${x} ${y}l${-s} ${1.7 * s}h${2 * s}z`, fill: GREY }));
+  }
+  const stillLines = L.bodies.map(() => still.appendChild(svg("polyline")));
+  const movedLines = L.bodies.map((name, k) => moved.appendChild(svg("polyline", { stroke: L.rigid[k] ? GREEN : BLUE })));
+  const circles = (n, fill) => Array.from({ length: n }, () => pins.appendChild(svg("circle", { r: .012 * size, fill })));
+  const nJoints = joints.length / 2 / angles.length, nCentres = centres.length / 2 / angles.length;
+  const jointMarks = circles(nJoints, "#e69f00"), centreMarks = circles(nCentres, GREEN);
+  const mix = (values, i, s, stride, k) => (1 - s) * values[i * stride + k] + s * values[(i + 1) * stride + k];
+  function points(i, s, from, to, amplitude) {
+    let text = "";
+    const stride = 2 * count, base = mode * angles.length * stride;
+    for (let p = from; p < to; p++) {
+      let x = mix(places, i, s, stride, 2 * p), y = mix(places, i, s, stride, 2 * p + 1);
+      if (amplitude) {
+        const a = base + i * stride + 2 * p, b = a + stride;
+        x += amplitude * ((1 - s) * shapes[a] + s * shapes[b]);
+        y += amplitude * ((1 - s) * shapes[a + 1] + s * shapes[b + 1]);
+      }
+      text += `${x.toFixed(4)},${(-y).toFixed(4)} `;
+    }
+    return text;
+  }
+  function draw(phase) {
+    const angle = columns.crank_angle[cursor];
+    const place = (angle - angles[0]) / (angles[angles.length - 1] - angles[0]) * (angles.length - 1);
+    const there = place >= 0 && place <= angles.length - 1;
+    box.classList.toggle("empty", !there);
+    for (const group of [still, moved, pins]) group.style.display = there ? "" : "none";
+    if (!there) return;
+    const i = Math.min(Math.floor(place), angles.length - 2), s = place - i;
+    const amplitude = SWING * size * Math.sin(phase);
+    let from = 0;
+    L.lengths.forEach((length, k) => {
+      stillLines[k].setAttribute("points", points(i, s, from, from + length, 0));
+      movedLines[k].setAttribute("points", points(i, s, from, from + length, amplitude));
+      from += length;
+    });
+    const put = (marks, values, count) => marks.forEach((mark, k) => {
+      mark.setAttribute("cx", mix(values, i, s, 2 * count, 2 * k));
+      mark.setAttribute("cy", -mix(values, i, s, 2 * count, 2 * k + 1));
+    });
+    put(jointMarks, joints, nJoints);
+    put(centreMarks, centres, nCentres);
+  }
+  let visible = true;
+  new IntersectionObserver(entries => { visible = entries[0].isIntersecting; }).observe(box);
+  function frame(now) {
+    if (moving && visible) draw(2 * Math.PI * SWINGS_PER_SECOND * now / 1e3);
+    requestAnimationFrame(frame);
+  }
+  requestAnimationFrame(frame);
+  return {
+    show() {
+      if (!moving) draw(Math.PI / 2);
+      const f = columns[`f${mode + 1}`][cursor], angle = columns.crank_angle[cursor];
+      byId("linkage-caption").textContent = Number.isFinite(f)
+        ? `Mode ${mode + 1}, ${digits(f)} Hz, at ${(angle * DEG).toFixed(2)}°; its motion is magnified and slowed down. Grey: at rest.`
+        : `No prediction at ${Number.isFinite(angle) ? `${(angle * DEG).toFixed(2)}°` : "an angle that is no number"}.`;
+    },
+  };
+})();

@@ -1,0 +1,54 @@
+// Copyright 2026 The linkage_vibration authors. SPDX-License-Identifier: Apache-2.0
+// Draws lines and marks over a chart.
+
+/** Whether a line jumps so much from point to point that it would cover what is beneath. */
+function busy(u, points) {
+  let far = 0;
+  for (let i = 1; i < points.length; i++) {
+    const a = points[i - 1][1], b = points[i][1];
+    const both = a > 0 && b > 0;
+    if (both ? Math.abs(u.valToPos(a, "y") - u.valToPos(b, "y")) > 10 : a > 0) far++;
+  }
+  return far > Math.max(20, points.length / 8);
+}
+
+/** Draw lines over a waterfall, dark with a light edge, or the other way round. */
+function stroke(u, points, { colour, edge, width, dash = [] }) {
+  const { ctx, bbox } = u;
+  ctx.save();
+  ctx.beginPath();
+  ctx.rect(bbox.left, bbox.top, bbox.width, bbox.height);
+  ctx.clip();
+  const path = new Path2D();
+  let down = false;
+  // Far out of sight dashes would cost as much as in sight.
+  const top = bbox.top - bbox.height, bottom = bbox.top + 2 * bbox.height;
+  for (const [x, y] of points) {
+    if (x === null || !(y > 0)) { down = false; continue; }
+    const px = u.valToPos(x, "x", true), py = clamp(u.valToPos(y, "y", true), top, bottom);
+    if (down) path.lineTo(px, py); else path.moveTo(px, py);
+    down = true;
+  }
+  ctx.lineJoin = "bevel";
+  ctx.setLineDash(dash.map(d => d * devicePixelRatio));
+  for (const [style, size] of edge ? [[edge, width + 2], [colour, width]] : [[colour, width]]) {
+    ctx.strokeStyle = style;
+    ctx.lineWidth = size * devicePixelRatio;
+    ctx.stroke(path);
+  }
+  ctx.restore();
+}
+
+function mark(u, x, y, current, small = false) {
+  const { ctx, bbox } = u, px = u.valToPos(x, "x", true), py = u.valToPos(y, "y", true);
+  if (px < bbox.left || px > bbox.left + bbox.width || py < bbox.top || py > bbox.top + bbox.height) return;
+  ctx.save();
+  ctx.beginPath();
+  ctx.arc(px, py, (current ? 7 : small ? 2 : 4.5) * devicePixelRatio, 0, 2 * Math.PI);
+  ctx.fillStyle = WARN;
+  ctx.strokeStyle = "#ffffff";
+  ctx.lineWidth = 1.6 * devicePixelRatio;
+  ctx.fill();
+  if (!small || current) ctx.stroke();
+  ctx.restore();
+}

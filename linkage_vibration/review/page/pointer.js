@@ -1,0 +1,57 @@
+// Copyright 2026 The linkage_vibration authors. SPDX-License-Identifier: Apache-2.0
+// Lets mouse, wheel and finger move the cursor and the view of a chart.
+
+/** Hover, click, drag, wheel and touch on a chart. */
+function interact(chart) {
+  const over = chart.u.over;
+  const place = event => event.clientX - over.getBoundingClientRect().left;
+  const at = x => chart.u.posToVal(clamp(x, 0, over.clientWidth), "x");
+  let drag = null;
+  over.addEventListener("pointerdown", event => {
+    if (event.button !== 0) return;
+    over.setPointerCapture(event.pointerId);
+    const kind = event.pointerType === "touch" ? "move" : event.shiftKey ? "pan" : "zoom";
+    drag = { x: place(event), view, kind, far: false };
+    if (kind === "move") setCursor(nearest(at(drag.x)));
+  });
+  over.addEventListener("pointermove", event => {
+    const x = place(event);
+    if (!drag || drag.kind === "move") {
+      setCursor(nearest(at(x)));
+      chart.spec.hover?.(chart.u, event.clientY - over.getBoundingClientRect().top);
+      return;
+    }
+    if (Math.abs(x - drag.x) > 4) drag.far = true;
+    if (!drag.far) return;
+    if (drag.kind === "pan") {
+      const by = (drag.x - x) / over.clientWidth * (drag.view[1] - drag.view[0]);
+      setView(drag.view[0] + by, drag.view[1] + by);
+      return;
+    }
+    if (!drag.box) over.append(drag.box = element("div", { class: "selection" }));
+    const end = clamp(x, 0, over.clientWidth);
+    drag.box.style.left = `${Math.min(drag.x, end)}px`;
+    drag.box.style.width = `${Math.abs(end - drag.x)}px`;
+  });
+  const finish = event => {
+    if (!drag) return;
+    const { x, kind, far, box } = drag;
+    drag = null;
+    box?.remove();
+    if (event.type === "pointercancel") return;
+    if (kind === "move" || !far) keep(nearest(at(place(event))));
+    else if (kind === "zoom") {
+      const ends = [at(x), at(place(event))].sort((a, b) => a - b);
+      setView(...ends);
+    }
+  };
+  over.addEventListener("pointerup", finish);
+  over.addEventListener("pointercancel", finish);
+  over.addEventListener("pointerleave", () => { if (!drag) { setCursor(kept); chart.spec.leave?.(); } });
+  over.addEventListener("dblclick", () => setView(first, last));
+  over.addEventListener("wheel", event => {
+    if (!event.ctrlKey && !event.metaKey) return;  // the page scrolls
+    event.preventDefault();
+    zoom(Math.exp(clamp(event.deltaY, -200, 200) / 250), at(place(event)));
+  }, { passive: false });
+}

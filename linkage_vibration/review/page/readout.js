@@ -1,0 +1,41 @@
+// Copyright 2026 The linkage_vibration authors. SPDX-License-Identifier: Apache-2.0
+// Shows the numbers at the cursor.
+
+const readout = byId("readout").tBodies[0];
+const cells = {};
+function reading(id, label, colour) {
+  const name = element("td", {});
+  if (colour) name.append(element("span", { class: "swatch", style: `background:${colour}` }));
+  name.append(label);
+  readout.append(element("tr", {}, name, cells[id] = element("td", { id: `read-${id}` })));
+}
+
+reading("time", "Time");
+reading("stamp", "Stamp, UTC");
+for (const item of data.readings) reading(item.id, item.label, item.colour);
+
+function told(item, i) {
+  const value = columns[item.column][i] - (item.minus ? columns[item.minus][i] : 0);
+  if (item.words) return item.words[value] ?? String(value);
+  let text = Number.isFinite(value) ? `${digits(value * (item.factor ?? 1), item.digits ?? 6)} ${item.unit ?? ""}` : "none";
+  if (item.spread && Number.isFinite(value)) {
+    const spread = columns[item.spread][i];
+    if (Number.isFinite(spread)) text += ` ± ${digits(data.coverage * spread * (item.factor ?? 1), 2)}`;
+  }
+  return text.trim();
+}
+
+onCursor.push(() => {
+  cells.time.textContent = `${clock(time[cursor], 1e-4)} ${timeUnit}`;
+  cells.stamp.textContent = stamp(cursor);
+  for (const item of data.readings) cells[item.id].textContent = told(item, cursor);
+  byId("brief").textContent = [`${clock(time[cursor], 1e-2)} ${timeUnit}`, ...data.readings
+    .filter(item => data.brief.includes(item.id))
+    .map(item => told({ ...item, digits: 4, spread: undefined }, cursor))].join(" \u00b7 ");
+  for (const chart of charts) chart.showCursor();
+  linkage?.show();
+  if (angleChart && !angleBox.hidden) angleChart.redraw(false);
+});
+
+const spoken = i => `${clock(time[i])} ${timeUnit}: ` +
+  data.readings.map(item => `${item.label} ${told(item, i)}`).join(", ");

@@ -1,0 +1,51 @@
+// Copyright 2026 The linkage_vibration authors. SPDX-License-Identifier: Apache-2.0
+// Marks a chart's background: gaps, invalid angles, toggles, and guide lines.
+
+const fills = { gap: "#e4e4e4", range: "#f9e08b", toggle: "#d9e6f2" };
+
+/** Shade where there is no prediction, or no sound one. */
+function shade(u) {
+  const { ctx, bbox } = u;
+  ctx.save();
+  for (const [start, end, kind] of data.shades) {
+    if (end < view[0] || start > view[1]) continue;
+    const a = clamp(u.valToPos(start, "x", true), bbox.left, bbox.left + bbox.width);
+    const b = clamp(u.valToPos(end, "x", true), bbox.left, bbox.left + bbox.width);
+    const width = Math.max(b - a, devicePixelRatio);
+    ctx.fillStyle = fills[kind];
+    ctx.fillRect(a, bbox.top, width, bbox.height);
+    if (kind === "gap") {
+      ctx.save();
+      ctx.beginPath();
+      ctx.rect(a, bbox.top, width, bbox.height);
+      ctx.clip();
+      ctx.strokeStyle = "#a8a8a8";
+      ctx.beginPath();
+      for (let x = a - bbox.height; x < a + width; x += 9 * devicePixelRatio) {
+        ctx.moveTo(x, bbox.top + bbox.height);
+        ctx.lineTo(x + bbox.height, bbox.top);
+      }
+      ctx.stroke();
+      ctx.restore();
+    }
+  }
+  ctx.restore();
+}
+
+function guides(u, spec) {
+  const { ctx, bbox } = u;
+  ctx.save();
+  ctx.beginPath();
+  ctx.rect(bbox.left, bbox.top, bbox.width, bbox.height);
+  ctx.clip();
+  ctx.strokeStyle = GREY;
+  ctx.setLineDash([5 * devicePixelRatio, 4 * devicePixelRatio]);
+  for (const value of spec.guides ?? []) {
+    const y = u.valToPos(value, "y", true);
+    ctx.beginPath();
+    ctx.moveTo(bbox.left, y);
+    ctx.lineTo(bbox.left + bbox.width, y);
+    ctx.stroke();
+  }
+  ctx.restore();
+}
