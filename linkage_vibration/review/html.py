@@ -51,8 +51,8 @@ class Page:
     modes : sequence of str
         Colours of the modes whose columns are ``f1``, ``f2`` and on.
     content : mapping
-        The rest, in the words of ``page.js``: ``charts``, ``overview``, ``readings``, ``tables``,
-        ``summary``, ``histograms``, ``provenance``, ``shades``, and where they are known
+        The rest, in the words of the scripts in ``page``: ``charts``, ``overview``, ``readings``,
+        ``tables``, ``summary``, ``histograms``, ``provenance``, ``shades``, and where they are known
         ``excitations``, ``frf`` and ``linkage``.
     """
 

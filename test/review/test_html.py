@@ -12,7 +12,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from linkage_vibration.review.html import MAX_SAMPLES, packed, page_html, thinned, write_page
+from linkage_vibration.review.html import (
+    _FOLDER,
+    _SCRIPTS,
+    MAX_SAMPLES,
+    packed,
+    page_html,
+    thinned,
+    write_page,
+)
 from linkage_vibration.review.log import ReviewError, read_log
 from linkage_vibration.review.review_page import review_page
 
@@ -29,6 +37,12 @@ def test_page_needs_nothing_else(drive: Path) -> None:
     assert not re.search(r"""(?:src|href)=["']?(?!data:,)\w""", page.split('id="data"')[0])
     assert "@import" not in page and "fetch(" not in page
     assert "Copyright (c) 2022 Leon Sorokin" in page and "{{" not in page
+
+
+def test_page_holds_every_script() -> None:
+    """Each script in the folder is part of the page once."""
+    own = {path.stem for path in _FOLDER.glob("*.js")} - {"uPlot.iife.min"}
+    assert len(_SCRIPTS) == len(own) and set(_SCRIPTS) == own
 
 
 def test_columns_are_the_log_s(drive: Path) -> None:

@@ -154,7 +154,7 @@ def test_keys(page: Any, log: Log) -> None:
     assert page.evaluate("review.mode") == 2
     assert page.evaluate("document.querySelector('#mode-3').ariaChecked") == "true"
     page.key("m", "m")
-    assert page.text("#move") == "Let it move"
+    assert page.text("#move") == "Start the motion"
     page.key("ArrowRight")
     assert "Mode 2" in page.text("#spoken")
 
@@ -180,7 +180,7 @@ def test_linkage_is_drawn_and_moves(page: Any, log: Log) -> None:
     assert "0.0000,0.0000" in ends  # P1, on the ground at the origin
     page.hover(page.place("#chart-f1 .u-over", 12.25 / log.times[-1]))
     assert page.text("#linkage-caption") == "No prediction at 185.00°."
-    assert page.text("#read-status") == "out of range" and page.text("#read-f1") == "none"
+    assert page.text("#read-status") == "out of range" and page.text("#read-f1") == "no value"
 
 
 def test_receptance_is_the_table_s(page: Any) -> None:

@@ -2,6 +2,7 @@
 // Draws the waterfall over the crank angle.
 
 let angleChart = null;
+/** Draw the chart in a box, with the natural frequencies, the moments and the cursor. */
 function makeAngleChart(width, box) {
   const angles = Array.from(frf.angles, a => a * DEG), count = data.modes.length;
   angleChart?.destroy();
@@ -17,20 +18,10 @@ function makeAngleChart(width, box) {
       }],
       draw: [u => {
         for (let k = 0; k < count; k++) {
-          stroke(u, angles.map((a, i) => [a, frf.frequencies[i * count + k]]), { colour: "#000000", edge: k === mode ? "#ffffff" : "", width: k === mode ? 1.8 : 1, dash: [4, 3] });
+          stroke(u, angles.map((a, i) => [a, frf.frequencies[i * count + k]]), modeLine(k));
         }
         for (const row of moments) mark(u, columns.crank_angle[row.index] * DEG, row.y, row === moments[current], moments.length > 80);
-        const x = u.valToPos(columns.crank_angle[cursor] * DEG, "x", true), { ctx, bbox } = u;
-        if (x >= bbox.left && x <= bbox.left + bbox.width) {
-          ctx.save();
-          ctx.lineWidth = 2 * devicePixelRatio;
-          ctx.strokeStyle = WARN;
-          ctx.beginPath();
-          ctx.moveTo(x, bbox.top);
-          ctx.lineTo(x, bbox.top + bbox.height);
-          ctx.stroke();
-          ctx.restore();
-        }
+        stroke(u, waterfall.range.map(f => [columns.crank_angle[cursor] * DEG, f]), { colour: WARN, width: 2 });
       }],
     },
   }, [angles, angles.map(() => 1)], box);
@@ -41,10 +32,9 @@ function makeAngleChart(width, box) {
   angleChart.over.addEventListener("pointerleave", () => showPointer());
 }
 
+/** Show |H| at an angle, rad, and a frequency, Hz; without them, show nothing. */
 function showPointer(angle, frequency) {
-  const told = byId("pointer");
-  if (!told) return;
   const place = angle === undefined ? NaN : gridPlace(angle);
-  told.textContent = inside(place) && frequency > 0
+  byId("pointer").textContent = inside(place) && frequency > 0
     ? `|H| = ${digits(10 ** logReceptance(place, frequency), 4)} m/N at ${digits(frequency, 4)} Hz, ${(angle * DEG).toFixed(2)}°` : "";
 }

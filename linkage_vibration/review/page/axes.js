@@ -2,9 +2,11 @@
 // The axes of charts: their ranges and labels.
 
 const AXIS = { stroke: INK, font: "12px system-ui, sans-serif", ticks: { stroke: "#9a9a9a", width: 1, size: 5 } };
+/** The steps that a time axis may have, s. */
 const TIMES = [1e-6, 1e-5, 1e-4, 1e-3, .002, .005, .01, .02, .05, .1, .2, .5, 1, 2, 5, 10, 15, 30, 60,
   120, 300, 600, 900, 1800, 3600, 7200, 18000, 36000];
 
+/** The time axis of a chart, with or without labels and a grid. */
 const timeAxis = (show, grid) => ({
   ...AXIS, size: show ? 28 : 8, incrs: TIMES, space: 70,
   grid: { show: grid, stroke: "#e4e4e4", width: 1 },
@@ -13,11 +15,13 @@ const timeAxis = (show, grid) => ({
   labelFont: "12px system-ui, sans-serif", labelGap: 0,
 });
 
+/** The axis of values of a chart, logarithmic or linear. */
 const valueAxis = (log, grid) => ({
   ...AXIS, size: 64, space: log ? 16 : 28, grid: { show: grid, stroke: "#e4e4e4", width: 1 },
   values: (u, splits) => log ? logLabels(u, splits) : plainLabels(splits),
 });
 
+/** The labels of a linear axis, all with the same number of decimals. */
 function plainLabels(splits) {
   const step = splits.length > 1 ? splits[1] - splits[0] : 1;
   const size = Math.max(...splits.map(Math.abs));
@@ -26,18 +30,20 @@ function plainLabels(splits) {
   return splits.map(v => v.toFixed(places));
 }
 
+/** The labels of a logarithmic axis: those of powers of ten, and of more values where there is room. */
 function logLabels(u, splits) {
   const height = u.bbox.height / devicePixelRatio;
   const decades = Math.log10(u.scales.y.max / u.scales.y.min);
-  const room = height / Math.max(decades, .1);  // px a decade
+  const room = height / Math.max(decades, .1);  // pixels per decade
   return splits.map(v => {
     if (v === null) return null;
     const lead = Math.round(v / 10 ** Math.floor(Math.log10(v) + 1e-9));
-    const told = lead === 1 || (room > 60 && (lead === 2 || lead === 5)) || room > 150;
-    return told ? (v >= 1e-3 && v < 1e5 ? String(Number(v.toPrecision(3))) : v.toExponential(0)) : null;
+    const labelled = lead === 1 || (room > 60 && (lead === 2 || lead === 5)) || room > 150;
+    return labelled ? (v >= 1e-3 && v < 1e5 ? String(Number(v.toPrecision(3))) : v.toExponential(0)) : null;
   });
 }
 
+/** What uPlot asks for the range of the values: a little more than they span. */
 function yRange(log) {
   return (u, low, high) => {
     if (low === null || !Number.isFinite(low)) return log ? [1e-3, 1] : [0, 1];

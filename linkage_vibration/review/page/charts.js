@@ -1,6 +1,7 @@
 // Copyright 2026 The linkage_vibration authors. SPDX-License-Identifier: Apache-2.0
 // Draws one chart for each row over time.
 
+/** What a series of the page's data draws; with a sign, an edge of its band of uncertainty. */
 function quantity(series, sign = 0) {
   const values = columns[series.column], factor = series.factor ?? 1;
   if (series.minus) {
@@ -12,14 +13,15 @@ function quantity(series, sign = 0) {
   return drawable(i => (values[i] + by * (spread[i] || 0)) * factor);
 }
 
+/** The dashes of each line style, px. */
 const dashes = { dashed: [6, 4], dotted: [2, 3] };
 
-function makeChart(spec, holder, isLast) {
+/** Add a row with a chart; its time axis has labels only if they are asked for. */
+function makeChart(spec, holder, labelled) {
   const box = element("div", { class: "chart", id: `chart-${spec.id}` });
   const heading = element("h3", {}, spec.title);
   if (spec.unit) heading.append(element("span", { class: "unit" }, ` [${spec.unit}]`));
-  const key = element("span", { class: "key" });
-  for (const item of spec.key ?? []) key.append(keyItem(item));
+  const key = element("span", { class: "key" }, ...(spec.key ?? []).map(keyItem));
   const head = element("div", { class: "row-head" }, heading, key);
   const row = element("div", { class: "chart-row" }, head, box);
   holder.append(row);
@@ -40,10 +42,10 @@ function makeChart(spec, holder, isLast) {
     make(width) {
       this.u?.destroy();
       this.u = new uPlot({
-        width, height: (spec.height ?? 130) + (isLast ? 44 : 8), series, bands,
+        width, height: (spec.height ?? 130) + (labelled ? 44 : 8), series, bands,
         legend: { show: false }, cursor: { show: false }, padding: [6, 12, 0, 0],
         scales: { x: { time: false, range: () => view }, y: { distr: log ? 3 : 1, range: spec.range ? () => spec.range : yRange(log) } },
-        axes: [timeAxis(isLast, !spec.paint), valueAxis(log, !spec.paint)],
+        axes: [timeAxis(labelled, !spec.paint), valueAxis(log, !spec.paint)],
         hooks: { drawClear: [u => { spec.paint?.(u); shade(u); }], draw: [u => { guides(u, spec); spec.overlay?.(u); }] },
       }, this.data(width), box);
       this.line = element("div", { class: "cursor" });
@@ -51,8 +53,8 @@ function makeChart(spec, holder, isLast) {
       interact(this);
     },
     data(width) { return decimated(quantities, view, wantedOver(width)); },
-    near: true,
-    stale: false,
+    near: true,  // whether it is in sight or close to it
+    stale: false,  // whether it has to be redrawn once it is near
     update() {
       if (this.box.hidden) return;
       this.stale = false;
@@ -70,6 +72,7 @@ function makeChart(spec, holder, isLast) {
   return chart;
 }
 
+/** An entry of a legend: a line or a filled box, and its label. */
 function keyItem({ label, colour, style, fill }) {
   const line = svg("svg", { width: 22, height: 10, "aria-hidden": "true" });
   if (fill) line.append(svg("rect", { width: 22, height: 10, fill: colour, stroke: GREY, "stroke-width": .5 }));

@@ -1,6 +1,7 @@
 // Copyright 2026 The linkage_vibration authors. SPDX-License-Identifier: Apache-2.0
 // Connects buttons and keys with what they do.
 
+/** What the buttons of the toolbar do. */
 const actions = {
   all: () => setView(first, last),
   in: () => zoom(.5, (view[0] + view[1]) / 2),
@@ -17,7 +18,7 @@ const actions = {
 };
 
 function showMoving() {
-  byId("move").textContent = moving ? "Hold it still" : "Let it move";
+  byId("move").textContent = moving ? "Stop the motion" : "Start the motion";
   byId("move").setAttribute("aria-pressed", String(moving));
 }
 
@@ -38,7 +39,7 @@ document.addEventListener("keydown", event => {
     ArrowLeft: () => inModes ? setMode((mode + data.modes.length - 1) % data.modes.length) : move(-1),
     ArrowRight: () => inModes ? setMode((mode + 1) % data.modes.length) : move(1),
     "+": () => zoom(.5, about), "=": () => zoom(.5, about), "-": () => zoom(2, about),
-    0: actions.all, n: () => jumps && actions.next(), p: () => jumps && actions.previous(), m: () => linkage && actions.move(),
+    0: actions.all, n: () => stops.length && actions.next(), p: () => stops.length && actions.previous(), m: () => linkage && actions.move(),
   };
   if (scrolls && event.key.startsWith("Arrow")) return;
   if (/^[1-9]$/.test(event.key)) setMode(Number(event.key) - 1);

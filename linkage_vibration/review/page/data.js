@@ -11,6 +11,7 @@ const clamp = (x, low, high) => Math.min(Math.max(x, low), high);
 
 const TYPES = { f8: Float64Array, f4: Float32Array, u1: Uint8Array };
 
+/** A typed array from the form in which the page holds it. */
 function array({ type, base64 }) {
   const text = atob(base64), bytes = new Uint8Array(text.length);
   for (let i = 0; i < bytes.length; i++) bytes[i] = text.charCodeAt(i);
@@ -25,9 +26,9 @@ for (const [name, packed] of Object.entries(data.columns)) {
 data.columns = null;
 const time = columns.time, n = data.n;
 const first = time[0], last = Math.max(time[n - 1], time[0] + 1e-3);
-const breaks = data.breaks;  // indices before which predictions are missing, ascending
+const breaks = data.breaks;  // ascending indices of samples; predictions are missing before each of them
 
-/** Index of the first of ascending values that is not less than x. */
+/** The index of the first value that is not less than x; the values ascend. */
 function lowerBound(values, x) {
   let low = 0, high = values.length;
   while (low < high) {
@@ -37,6 +38,7 @@ function lowerBound(values, x) {
   return low;
 }
 
+/** The index of the sample nearest to a time in s. */
 function nearest(t) {
   const i = clamp(lowerBound(time, t), 0, n - 1);
   return i > 0 && t - time[i - 1] < time[i] - t ? i - 1 : i;

@@ -3,7 +3,7 @@
 
 const BLOCK = 64;
 
-/** A quantity to draw: its values, and those of blocks, so that a stretch costs little. */
+/** A quantity to draw: value(i), and extremes(from, to), which is fast as it uses the extremes of blocks. */
 function drawable(value) {
   const blocks = Math.ceil(n / BLOCK);
   const lows = new Float64Array(blocks), highs = new Float64Array(blocks);
@@ -33,13 +33,12 @@ function drawable(value) {
   return { value, extremes };
 }
 
-/** Cut [from, to) into some stretches, none of which spans a gap. */
+/** Cut the samples [from, to) into about the wanted number of stretches, none of which spans a gap. */
 function stretches(from, to, wanted) {
   const step = Math.max(1, (to - from) / wanted), found = [];
   let next = lowerBound(breaks, from + 1);
   for (let a = from; a < to;) {
     let b = Math.min(to, Math.max(a + 1, Math.floor(from + step * (found.length + 1))));
-    if (b <= a) b = a + 1;
     const gap = next < breaks.length && breaks[next] <= b && breaks[next] < to;
     if (gap) b = breaks[next++];
     found.push([a, b, gap]);
@@ -50,7 +49,7 @@ function stretches(from, to, wanted) {
 
 const finite = v => Number.isFinite(v) ? v : null;
 
-/** uPlot's data of quantities over a view, decimated to the least and greatest of stretches. */
+/** What uPlot draws of quantities in a view: the lowest and the highest value of each stretch. */
 function decimated(quantities, view, wanted) {
   const from = Math.max(0, lowerBound(time, view[0]) - 1);
   const to = Math.min(n, lowerBound(time, view[1]) + 1);
@@ -62,7 +61,7 @@ function decimated(quantities, view, wanted) {
     quantities.forEach((quantity, k) => {
       if (b > a + 1) {
         const [low, high] = quantity.extremes(a, b).map(finite);
-        // As it goes, so that a line that falls has no teeth.
+        // The order follows the line, so that a falling line shows no zigzag.
         if (quantity.value(a) > quantity.value(b - 1)) ys[k].push(high, low); else ys[k].push(low, high);
       } else {
         ys[k].push(finite(quantity.value(a)));
@@ -73,5 +72,5 @@ function decimated(quantities, view, wanted) {
   return [x, ...ys];
 }
 
-/** How many stretches a chart shows: one in two pixels, as lines are wider than one. */
+/** How many stretches a chart shows: one for every two pixels, as lines are wider than one pixel. */
 const wantedOver = width => Math.max(100, (width - 80) / 2);

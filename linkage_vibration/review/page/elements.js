@@ -3,6 +3,7 @@
 
 const INK = "#222222", GREY = "#5f5f5f", WARN = "#d55e00", BLUE = "#0072b2", GREEN = "#009e73";
 
+/** An element of HTML; an attribute that is undefined or false is left out. */
 function element(tag, attributes = {}, ...children) {
   const made = document.createElement(tag);
   for (const [name, value] of Object.entries(attributes)) {
@@ -12,6 +13,7 @@ function element(tag, attributes = {}, ...children) {
   return made;
 }
 
+/** An element of SVG. */
 function svg(tag, attributes = {}, ...children) {
   const made = document.createElementNS("http://www.w3.org/2000/svg", tag);
   for (const [name, value] of Object.entries(attributes)) made.setAttribute(name, value);

@@ -2,9 +2,10 @@
 // Draws excitations and moments of resonance over charts.
 
 const excitations = (data.excitations ?? []).map(one => ({ ...one, times: array(one.times), values: array(one.values) }));
+/** The moments of resonance, as rows of their table. */
 const moments = data.tables.find(table => table.id === "moments")?.rows ?? [];
 
-/** Points of an excitation in view, least and greatest of stretches where they are many. */
+/** The points of an excitation in view; of long stretches only the lowest and the highest value. */
 function excitationPoints({ times, values }, wanted) {
   const from = Math.max(0, lowerBound(times, view[0]) - 1), to = Math.min(times.length, lowerBound(times, view[1]) + 1);
   const step = Math.max(1, Math.floor((to - from) / wanted)), points = [];
@@ -25,8 +26,9 @@ function excitationPoints({ times, values }, wanted) {
   return points;
 }
 
-let pointsInView = [], viewOfPoints = null;  // which several charts draw
+let pointsInView = [], viewOfPoints = null;  // shared by all charts that draw excitations
 
+/** Draw the excitations that are in sight, each with its name. */
 function drawExcitations(u, style) {
   if (viewOfPoints !== view) {
     pointsInView = excitations.map(one => [one, excitationPoints(one, 250)]);
@@ -37,7 +39,7 @@ function drawExcitations(u, style) {
   const drawn = pointsInView.filter(([, points]) => inSight(points) && !busy(u, points));
   for (const [one, points] of drawn) stroke(u, points, { ...style, dash: dashes[one.style] ?? [] });
   for (const [one, points] of drawn) {
-    // At the right end, where there is room between the labels.
+    // The name is at the right end, unless it would cover another name.
     const end = points.findLast(([x, y]) => x !== null && x <= view[1] && y > 0);
     if (!end) continue;
     const y = u.valToPos(end[1], "y", true), high = 14 * devicePixelRatio;
@@ -59,6 +61,7 @@ function drawExcitations(u, style) {
 const onMap = { colour: "#ffffff", edge: "#00000099", width: 1.3 };
 const onPaper = { colour: "#555555", width: 1.1 };
 
+/** Draw the moments of resonance in view, of one mode or of all modes. */
 function drawMoments(u, modeOnly) {
   const shown = moments.filter(row => row.time >= view[0] && row.time <= view[1] &&
     (modeOnly === undefined || row.mode === modeOnly));

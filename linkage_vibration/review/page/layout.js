@@ -1,7 +1,7 @@
 // Copyright 2026 The linkage_vibration authors. SPDX-License-Identifier: Apache-2.0
 // Fits the charts to the width of the page, and redraws those that have changed.
 
-// What is out of sight waits until it comes near.
+// A chart that is out of sight is redrawn only when it comes near.
 const watcher = new IntersectionObserver(entries => entries.forEach(entry => {
   const chart = charts.find(one => one.row === entry.target);
   chart.near = entry.isIntersecting;
@@ -19,13 +19,14 @@ onMode.push(() => {
 });
 
 let shownWidth = 0;
+/** Draw all charts in a width, px, or in that of the page. */
 function layout(width = 0) {
   const wide = width || holder.clientWidth;
   shownWidth = wide;
   for (const chart of charts) if (!chart.box.hidden) chart.make(wide);
   if (!angleBox.hidden) makeAngleChart(wide, angleBox);
   makeStrip(width || overview.clientWidth);
-  requestAnimationFrame(() => { showWindow(); showCursor(); });  // when uPlot knows its places
+  requestAnimationFrame(() => { showWindow(); showCursor(); });  // in the next frame, when uPlot knows its scales
 }
 
 new ResizeObserver(() => {

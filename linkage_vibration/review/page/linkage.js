@@ -1,8 +1,9 @@
 // Copyright 2026 The linkage_vibration authors. SPDX-License-Identifier: Apache-2.0
 // Draws the linkage at the cursor, at rest and moving in the chosen mode.
 
-const SWING = .08, SWINGS_PER_SECOND = .5;
+const SWING = .08, SWINGS_PER_SECOND = .5;  // amplitude as a share of the linkage's size, and rate
 
+/** The picture of the linkage, if the log holds its model; show() updates it. */
 const linkage = data.linkage && (() => {
   const L = data.linkage, angles = array(L.angles), places = array(L.places), shapes = array(L.shapes);
   const joints = array(L.joints), centres = array(L.centres), ground = array(L.ground);
@@ -30,6 +31,7 @@ const linkage = data.linkage && (() => {
   const nJoints = joints.length / 2 / angles.length, nCentres = centres.length / 2 / angles.length;
   const jointMarks = circles(nJoints, "#e69f00"), centreMarks = circles(nCentres, GREEN);
   const mix = (values, i, s, stride, k) => (1 - s) * values[i * stride + k] + s * values[(i + 1) * stride + k];
+  /** Points from..to of all curves between angles i and i + 1, moved by the mode, as SVG has them. */
   function points(i, s, from, to, amplitude) {
     let text = "";
     const stride = 2 * count, base = mode * angles.length * stride;
@@ -44,11 +46,11 @@ const linkage = data.linkage && (() => {
     }
     return text;
   }
+  /** Draw the linkage at the cursor and at a phase of its motion, rad. */
   function draw(phase) {
     const angle = columns.crank_angle[cursor];
     const place = (angle - angles[0]) / (angles[angles.length - 1] - angles[0]) * (angles.length - 1);
     const there = place >= 0 && place <= angles.length - 1;
-    box.classList.toggle("empty", !there);
     for (const group of [still, moved, pins]) group.style.display = there ? "" : "none";
     if (!there) return;
     const i = Math.min(Math.floor(place), angles.length - 2), s = place - i;
@@ -78,8 +80,8 @@ const linkage = data.linkage && (() => {
       if (!moving) draw(Math.PI / 2);
       const f = columns[`f${mode + 1}`][cursor], angle = columns.crank_angle[cursor];
       byId("linkage-caption").textContent = Number.isFinite(f)
-        ? `Mode ${mode + 1}, ${digits(f)} Hz, at ${(angle * DEG).toFixed(2)}°; its motion is magnified and slowed down. Grey: at rest.`
-        : `No prediction at ${Number.isFinite(angle) ? `${(angle * DEG).toFixed(2)}°` : "an angle that is no number"}.`;
+        ? `Mode ${mode + 1}, ${digits(f)} Hz, at ${(angle * DEG).toFixed(2)}°. The motion is magnified and slowed down; grey shows the linkage at rest.`
+        : `No prediction at ${Number.isFinite(angle) ? `${(angle * DEG).toFixed(2)}°` : "an invalid angle"}.`;
     },
   };
 })();

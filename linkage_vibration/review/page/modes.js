@@ -9,6 +9,7 @@ const modeButtons = data.modes.map((colour, k) => {
 });
 byId("modes").hidden = modeButtons.length === 0;
 
+/** Show a mode; modes are counted from 0 here and from 1 on the page. */
 function setMode(k) {
   if (k >= data.modes.length) return;
   const focused = modeButtons.includes(document.activeElement);

@@ -1,7 +1,7 @@
 // Copyright 2026 The linkage_vibration authors. SPDX-License-Identifier: Apache-2.0
 // Draws lines and marks over a chart.
 
-/** Whether a line jumps so much from point to point that it would cover what is beneath. */
+/** Whether a line jumps so often that it would cover what is below it. */
 function busy(u, points) {
   let far = 0;
   for (let i = 1; i < points.length; i++) {
@@ -12,7 +12,7 @@ function busy(u, points) {
   return far > Math.max(20, points.length / 8);
 }
 
-/** Draw lines over a waterfall, dark with a light edge, or the other way round. */
+/** Draw a line through points, which a pair of nulls interrupts; an edge makes it visible on any ground. */
 function stroke(u, points, { colour, edge, width, dash = [] }) {
   const { ctx, bbox } = u;
   ctx.save();
@@ -21,7 +21,7 @@ function stroke(u, points, { colour, edge, width, dash = [] }) {
   ctx.clip();
   const path = new Path2D();
   let down = false;
-  // Far out of sight dashes would cost as much as in sight.
+  // Points far out of sight are clamped, as the browser computes dashes there too.
   const top = bbox.top - bbox.height, bottom = bbox.top + 2 * bbox.height;
   for (const [x, y] of points) {
     if (x === null || !(y > 0)) { down = false; continue; }
@@ -39,6 +39,10 @@ function stroke(u, points, { colour, edge, width, dash = [] }) {
   ctx.restore();
 }
 
+/** The style of a mode's natural frequency; that of the chosen mode is prominent. */
+const modeLine = k => ({ colour: "#000000", edge: k === mode ? "#ffffff" : "", width: k === mode ? 1.8 : 1, dash: [4, 3] });
+
+/** Draw a dot at a moment of resonance; the current one is larger, and one of very many is small. */
 function mark(u, x, y, current, small = false) {
   const { ctx, bbox } = u, px = u.valToPos(x, "x", true), py = u.valToPos(y, "y", true);
   if (px < bbox.left || px > bbox.left + bbox.width || py < bbox.top || py > bbox.top + bbox.height) return;

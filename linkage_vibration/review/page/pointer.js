@@ -1,7 +1,7 @@
 // Copyright 2026 The linkage_vibration authors. SPDX-License-Identifier: Apache-2.0
-// Lets mouse, wheel and finger move the cursor and the view of a chart.
+// Moves the cursor and the view of a chart with a mouse, a wheel or a finger.
 
-/** Hover, click, drag, wheel and touch on a chart. */
+/** Listen to a chart: to hovering, clicks, drags, the wheel and touches. */
 function interact(chart) {
   const over = chart.u.over;
   const place = event => event.clientX - over.getBoundingClientRect().left;
@@ -10,6 +10,7 @@ function interact(chart) {
   over.addEventListener("pointerdown", event => {
     if (event.button !== 0) return;
     over.setPointerCapture(event.pointerId);
+    // A finger moves the cursor; a mouse draws a selection, or moves the view with Shift.
     const kind = event.pointerType === "touch" ? "move" : event.shiftKey ? "pan" : "zoom";
     drag = { x: place(event), view, kind, far: false };
     if (kind === "move") setCursor(nearest(at(drag.x)));
@@ -40,17 +41,14 @@ function interact(chart) {
     box?.remove();
     if (event.type === "pointercancel") return;
     if (kind === "move" || !far) keep(nearest(at(place(event))));
-    else if (kind === "zoom") {
-      const ends = [at(x), at(place(event))].sort((a, b) => a - b);
-      setView(...ends);
-    }
+    else if (kind === "zoom") setView(...[at(x), at(place(event))].sort((a, b) => a - b));
   };
   over.addEventListener("pointerup", finish);
   over.addEventListener("pointercancel", finish);
   over.addEventListener("pointerleave", () => { if (!drag) { setCursor(kept); chart.spec.leave?.(); } });
   over.addEventListener("dblclick", () => setView(first, last));
   over.addEventListener("wheel", event => {
-    if (!event.ctrlKey && !event.metaKey) return;  // the page scrolls
+    if (!event.ctrlKey && !event.metaKey) return;  // the wheel alone scrolls the page
     event.preventDefault();
     zoom(Math.exp(clamp(event.deltaY, -200, 200) / 250), at(place(event)));
   }, { passive: false });

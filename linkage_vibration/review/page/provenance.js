@@ -1,5 +1,5 @@
 // Copyright 2026 The linkage_vibration authors. SPDX-License-Identifier: Apache-2.0
-// Shows the summary above the charts, and what made the log below them.
+// Shows the summary above the charts, and below them what made the log.
 
 byId("subtitle").textContent = data.subtitle;
 for (const { label, value, alert } of data.summary) {

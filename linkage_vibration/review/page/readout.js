@@ -3,21 +3,23 @@
 
 const readout = byId("readout").tBodies[0];
 const cells = {};
-function reading(id, label, colour) {
+/** Add a line to the list of numbers. */
+function addReading(id, label, colour) {
   const name = element("td", {});
   if (colour) name.append(element("span", { class: "swatch", style: `background:${colour}` }));
   name.append(label);
   readout.append(element("tr", {}, name, cells[id] = element("td", { id: `read-${id}` })));
 }
 
-reading("time", "Time");
-reading("stamp", "Stamp, UTC");
-for (const item of data.readings) reading(item.id, item.label, item.colour);
+addReading("time", "Time");
+addReading("stamp", "Stamp, UTC");
+for (const item of data.readings) addReading(item.id, item.label, item.colour);
 
-function told(item, i) {
+/** The text of a reading at a sample: a word, or a number with its unit and its uncertainty. */
+function readingText(item, i) {
   const value = columns[item.column][i] - (item.minus ? columns[item.minus][i] : 0);
   if (item.words) return item.words[value] ?? String(value);
-  let text = Number.isFinite(value) ? `${digits(value * (item.factor ?? 1), item.digits ?? 6)} ${item.unit ?? ""}` : "none";
+  let text = Number.isFinite(value) ? `${digits(value * (item.factor ?? 1), item.digits ?? 6)} ${item.unit ?? ""}` : "no value";
   if (item.spread && Number.isFinite(value)) {
     const spread = columns[item.spread][i];
     if (Number.isFinite(spread)) text += ` ± ${digits(data.coverage * spread * (item.factor ?? 1), 2)}`;
@@ -28,14 +30,15 @@ function told(item, i) {
 onCursor.push(() => {
   cells.time.textContent = `${clock(time[cursor], 1e-4)} ${timeUnit}`;
   cells.stamp.textContent = stamp(cursor);
-  for (const item of data.readings) cells[item.id].textContent = told(item, cursor);
+  for (const item of data.readings) cells[item.id].textContent = readingText(item, cursor);
   byId("brief").textContent = [`${clock(time[cursor], 1e-2)} ${timeUnit}`, ...data.readings
     .filter(item => data.brief.includes(item.id))
-    .map(item => told({ ...item, digits: 4, spread: undefined }, cursor))].join(" \u00b7 ");
+    .map(item => readingText({ ...item, digits: 4, spread: undefined }, cursor))].join(" \u00b7 ");
   for (const chart of charts) chart.showCursor();
   linkage?.show();
   if (angleChart && !angleBox.hidden) angleChart.redraw(false);
 });
 
+/** What a screen reader says of a sample. */
 const spoken = i => `${clock(time[i])} ${timeUnit}: ` +
-  data.readings.map(item => `${item.label} ${told(item, i)}`).join(", ");
+  data.readings.map(item => `${item.label} ${readingText(item, i)}`).join(", ");

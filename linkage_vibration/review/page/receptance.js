@@ -1,13 +1,14 @@
 // Copyright 2026 The linkage_vibration authors. SPDX-License-Identifier: Apache-2.0
 // Computes the receptance at the drive point from the poles and residues of the table.
 
+/** The terms of the receptance on a grid of angles, if the log holds them. */
 const frf = data.frf && {
   ...data.frf, angles: array(data.frf.angles), terms: array(data.frf.terms),
   residual: array(data.frf.residual), frequencies: array(data.frf.frequencies),
 };
-const TERM = 7;  // numbers a term: k, c, residue and rate, complex but for c
+const TERM = 7;  // numbers of a term: k, c, residue and rate; all but c are complex
 
-/** log10 |H|, m/N, at an angle (as a place on the grid) and a frequency in Hz. */
+/** log10 |H|, m/N, at a place on the grid of angles (see gridPlace) and a frequency in Hz. */
 function logReceptance(place, frequency) {
   const i = clamp(Math.floor(place), 0, frf.angles.length - 2), s = place - i, r = 1 - s;
   const w = 2 * Math.PI * frequency, terms = frf.terms, size = frf.n_terms * TERM;
@@ -25,6 +26,7 @@ function logReceptance(place, frequency) {
   return Math.log10(re * re + im * im) / 2;
 }
 
+/** The place of an angle on the grid, as an index with a fraction. */
 const gridPlace = angle =>
   (angle - frf.angles[0]) / (frf.angles[frf.angles.length - 1] - frf.angles[0]) * (frf.angles.length - 1);
 const inside = place => place >= 0 && place <= frf.angles.length - 1;

@@ -3,7 +3,7 @@
 
 document.querySelector("main").classList.toggle("wide", Boolean(data.wide));
 const holder = byId("charts");
-let angleBox = element("div", { class: "chart", hidden: true, id: "chart-over-angle" });
+const angleBox = element("div", { class: "chart", hidden: true, id: "chart-over-angle" });
 const specs = data.charts.slice();
 if (waterfall) {
   specs.splice(1, 0, {
@@ -12,7 +12,7 @@ if (waterfall) {
     overlay(u) {
       data.modes.forEach((_, k) => {
         const [x, y] = decimated([charts.lines[k]], view, wantedOver(u.width)), points = x.map((t, i) => [t, y[i]]);
-        if (!busy(u, points)) stroke(u, points, { colour: "#000000", edge: k === mode ? "#ffffff" : "", width: k === mode ? 1.8 : 1, dash: [4, 3] });
+        if (!busy(u, points)) stroke(u, points, modeLine(k));
       });
       drawExcitations(u, onMap);
       drawMoments(u);
@@ -50,7 +50,7 @@ if (fallChart) {
   const key = element("div", { class: "row-head" },
     element("span", { class: "scale-bar" }, `${digits(10 ** waterfall.low, 2)}`, bar, `${digits(10 ** waterfall.top, 2)} m/N`),
     element("span", { class: "key" }, keyItem({ label: "natural frequencies", colour: "#000000", style: "dashed" }),
-      ...(excitations.length ? [keyItem({ label: "excitations (white; where they are too dense, zoom in)", colour: "#8a8a8a" })] : []),
+      ...(excitations.length ? [keyItem({ label: "excitations (white; zoom in where they are too dense to be shown)", colour: "#8a8a8a" })] : []),
       ...(moments.length ? [element("span", {}, element("span", { style: `color:${WARN}` }, "●"), "moments of resonance")] : [])),
     element("span", { class: "note", id: "pointer" }));
   fallChart.head.append(both);

@@ -1,14 +1,14 @@
 // Copyright 2026 The linkage_vibration authors. SPDX-License-Identifier: Apache-2.0
-// Marks a chart's background: gaps, invalid angles, toggles, and guide lines.
+// Shades gaps, invalid angles and toggles behind a chart, and draws its guide lines.
 
 const fills = { gap: "#e4e4e4", range: "#f9e08b", toggle: "#d9e6f2" };
 
-/** Shade where there is no prediction, or no sound one. */
+/** Shade where predictions are missing, have no numbers, or are near a toggle. */
 function shade(u) {
-  const { ctx, bbox } = u;
+  const { ctx, bbox } = u, { min, max } = u.scales.x;
   ctx.save();
   for (const [start, end, kind] of data.shades) {
-    if (end < view[0] || start > view[1]) continue;
+    if (end < min || start > max) continue;
     const a = clamp(u.valToPos(start, "x", true), bbox.left, bbox.left + bbox.width);
     const b = clamp(u.valToPos(end, "x", true), bbox.left, bbox.left + bbox.width);
     const width = Math.max(b - a, devicePixelRatio);
@@ -32,6 +32,7 @@ function shade(u) {
   ctx.restore();
 }
 
+/** Draw a dashed line at each of the chart's guide values. */
 function guides(u, spec) {
   const { ctx, bbox } = u;
   ctx.save();

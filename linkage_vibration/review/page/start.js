@@ -5,7 +5,7 @@ showMoving();
 layout();
 if (moments.length) kept = cursor = moments.reduce((a, b) => Math.abs(b.margin) < Math.abs(a.margin) ? b : a).index;
 showCursor();
-// For scripts, and for those who look into the page's own numbers.
+// The page's numbers and state, for scripts and for the console of the browser.
 window.review = {
   columns, n,
   get cursor() { return cursor; },

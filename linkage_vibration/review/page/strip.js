@@ -1,23 +1,23 @@
 // Copyright 2026 The linkage_vibration authors. SPDX-License-Identifier: Apache-2.0
 // Draws the strip that shows the whole drive and a window of what is in view.
 
-// the strip that shows the whole drive
-const overview = byId("overview"), strip = { u: null };
-const stripSeries = { ...data.overview };
-const stripQuantity = quantity(stripSeries);
+const overview = byId("overview");
+let strip = null;
+const stripQuantity = quantity(data.overview);
 const frameBox = element("div", { class: "window" });
+/** Draw the strip, and listen to drags of its window, its edges, or a new window. */
 function makeStrip(width) {
-  strip.u?.destroy();
-  strip.u = new uPlot({
+  strip?.destroy();
+  strip = new uPlot({
     width, height: 58, legend: { show: false }, cursor: { show: false }, padding: [4, 12, 4, 0],
     series: [{}, { stroke: GREY, width: 1, points: { show: false } }],
     scales: { x: { time: false, range: () => [first, last] }, y: { range: yRange(false) } },
     axes: [{ show: false }, { ...AXIS, size: 64, values: (u, splits) => splits.map(() => null), grid: { show: false }, ticks: { show: false }, label: data.overview.label, labelSize: 16, labelFont: "11px system-ui, sans-serif" }],
-    hooks: { drawClear: [u => shadeAll(u)] },
+    hooks: { drawClear: [shade] },
   }, decimated([stripQuantity], [first, last], wantedOver(width)), overview);
-  strip.u.over.append(frameBox);
-  strip.u.over.style.cursor = "grab";
-  const over = strip.u.over, at = x => first + clamp(x, 0, over.clientWidth) / over.clientWidth * (last - first);
+  const over = strip.over, at = x => first + clamp(x, 0, over.clientWidth) / over.clientWidth * (last - first);
+  over.append(frameBox);
+  over.style.cursor = "grab";
   let drag = null;
   over.addEventListener("pointerdown", event => {
     over.setPointerCapture(event.pointerId);
@@ -41,15 +41,9 @@ function makeStrip(width) {
   over.addEventListener("dblclick", () => setView(first, last));
 }
 
-function shadeAll(u) {
-  const shown = view;
-  view = [first, last];
-  shade(u);
-  view = shown;
-}
-
+/** Put the window where the view is. */
 function showWindow() {
-  const a = strip.u.valToPos(view[0], "x"), b = strip.u.valToPos(view[1], "x");
+  const a = strip.valToPos(view[0], "x"), b = strip.valToPos(view[1], "x");
   frameBox.style.left = `${a}px`;
   frameBox.style.width = `${Math.max(b - a, 3)}px`;
 }

@@ -1,7 +1,7 @@
 // Copyright 2026 The linkage_vibration authors. SPDX-License-Identifier: Apache-2.0
 // Paints the receptance as a picture: frequency upwards, time or angle to the right.
 
-// Cividis (Nunez, Anderton and Renslow 2018), which reads alike to the colour-blind.
+// Cividis (Nunez, Anderton and Renslow 2018) looks alike with and without colour blindness.
 const CIVIDIS = ["#00224e", "#123570", "#3b496c", "#575d6d", "#707173", "#8a8678", "#a59c74", "#c3b369", "#e1cc55", "#fee838"];
 const LUT = (() => {
   const stops = CIVIDIS.map(c => [1, 3, 5].map(k => parseInt(c.slice(k, k + 2), 16)));
@@ -12,6 +12,7 @@ const LUT = (() => {
   });
 })();
 
+/** The receptance as a picture, computed once; paint draws it into a chart. */
 const waterfall = frf && (() => {
   const lowest = Math.min(...frf.frequencies.filter(Number.isFinite));
   const range = [Math.max(frf.band[0], lowest / 2.5), frf.band[1]];
@@ -29,7 +30,7 @@ const waterfall = frf && (() => {
   const low = Math.max(top - 5, values.reduce((a, b) => Math.min(a, b), top));
   values.forEach((v, i) => { shade[i] = clamp(Math.round(255 * (v - low) / (top - low)), 0, 255); });
   const canvas = document.createElement("canvas");
-  /** Paint columns of pixels, each the greatest of some places on the grid of angles. */
+  /** Paint columns of pixels; places(x) lists the places on the grid whose maximum column x shows. */
   function paint(u, width, places) {
     const { ctx, bbox } = u;
     canvas.width = width;
@@ -58,6 +59,7 @@ const waterfall = frf && (() => {
   return { range, low, top, paint };
 })();
 
+/** Paint the waterfall over time: each column of pixels shows the angles of its interval of time. */
 function paintOverTime(u) {
   const width = Math.max(1, Math.round(u.bbox.width / devicePixelRatio));
   const angle = columns.crank_angle, status = columns.status;

@@ -1,16 +1,17 @@
 // Copyright 2026 The linkage_vibration authors. SPDX-License-Identifier: Apache-2.0
 // Writes numbers and times as text.
 
+/** A number with a count of significant digits. */
 const digits = (v, count = 6) =>
-  !Number.isFinite(v) ? "none"
+  !Number.isFinite(v) ? "no value"
     : v !== 0 && (Math.abs(v) < 1e-3 || Math.abs(v) >= 1e6) ? v.toExponential(count - 1)
       : v.toPrecision(count);
 
-/** A time in words, with decimals enough for a step. */
+/** A time since the first stamp as text, with enough decimals to show a step, both in s. */
 function clock(t, step = 1e-3) {
   const places = step >= 1 ? 0 : Math.min(6, Math.ceil(-Math.log10(step) - 1e-9));
   if (last - first < 120) return t.toFixed(places);
-  // Rounded first, so that no 60 s stand behind the minutes.
+  // The time is rounded first, so that the seconds never read 60.
   const rounded = Number(t.toFixed(places));
   const sign = rounded < 0 ? "-" : "", whole = Math.abs(rounded);
   const hours = Math.floor(whole / 3600), minutes = Math.floor(whole / 60) % 60;
@@ -23,6 +24,6 @@ const timeUnit = last - first < 120 ? "s" : last - first < 3600 ? "min:s" : "h:m
 
 /** The stamp of a sample in UTC, to the millisecond. */
 function stamp(index) {
-  const told = new Date(Number(data.start_ms) + time[index] * 1e3);
-  return Number.isNaN(told.getTime()) ? "" : told.toISOString().replace("T", " ").replace("Z", "");
+  const date = new Date(Number(data.start_ms) + time[index] * 1e3);
+  return Number.isNaN(date.getTime()) ? "" : date.toISOString().replace("T", " ").replace("Z", "");
 }
