@@ -1,10 +1,11 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Makes one HTML page, that needs nothing else, of columns and of what to draw of them."""
+"""Writes columns of numbers, and a description of what to draw of them, as one HTML page."""
 
 import base64
 import html
 import json
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,10 +21,8 @@ from linkage_vibration.support.atomic_files import write_text
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-MAX_SAMPLES = 400_000
-"""Of a page; it has 50 MB then at most, with three modes."""
-
-COVERAGE = 2.0  # standard deviations to each side, of a band of uncertainty
+MAX_SAMPLES = 400_000  # with three modes, a page of so many samples has less than 50 MB
+COVERAGE = 2.0  # standard deviations on each side of a band of uncertainty
 
 _FOLDER = Path(__file__).parent / "page"
 _SCRIPTS = (
@@ -41,19 +40,19 @@ class Page:
     Attributes
     ----------
     title, subtitle : str
-        Its heading.
+        The heading of the page.
     columns : mapping of str to ndarray, (n,)
-        Quantities: float64 or float32, as they are to be kept, or uint8. ``time`` (s) ascends.
+        The quantities, of type float64, float32 or uint8. ``time`` (s) ascends.
     start_ns : int
         Stamp at time 0, ns.
     breaks : sequence of int
-        Samples before which some are missing.
+        Indices of the samples before which samples are missing.
     modes : sequence of str
-        Colours of the modes whose columns are ``f1``, ``f2`` and on.
+        Colours of the modes, whose columns are ``f1``, ``f2`` and so on.
     content : mapping
-        The rest, in the words of the scripts in ``page``: ``charts``, ``overview``, ``readings``,
-        ``tables``, ``summary``, ``histograms``, ``provenance``, ``shades``, and where they are known
-        ``excitations``, ``frf`` and ``linkage``.
+        All that the scripts in ``page`` read besides: ``charts``, ``overview``, ``readings``,
+        ``tables``, ``summary``, ``histograms``, ``provenance``, ``shades``, and where they are
+        known ``excitations``, ``frf`` and ``linkage``.
     """
 
     title: str
@@ -66,7 +65,7 @@ class Page:
 
 
 def page_html(page: Page) -> str:
-    """Return a page as text."""
+    """Return the text of a page, which needs no other file and no network."""
     data = {
         "columns": {name: _column(values) for name, values in page.columns.items()},
         "n": len(page.columns["time"]),
@@ -77,37 +76,39 @@ def page_html(page: Page) -> str:
         "subtitle": page.subtitle,
         **page.content,
     }
-    told = {
+    texts = {
         "title": html.escape(page.title),
         "version": linkage_vibration.__version__,
         "uplot_css": _file("uPlot.min.css"),
         "css": _file("page.css"),
-        # No text of a log may end the script that holds it.
+        # A text of a log must not end the script that contains it.
         "data": json.dumps(data, allow_nan=False).replace("<", "\\u003c"),
         "uplot_js": f"/*{_file('uPlot.LICENSE.txt')}*/\n{_file('uPlot.iife.min.js')}",
         "js": _script(),
     }
-    parts = _file("page.html").split("{{")
-    made = [parts[0]]
-    for part in parts[1:]:
-        name, rest = part.split("}}", 1)
-        made += [told[name], rest]
-    return "".join(made)
+    return re.sub(r"{{(\w+)}}", lambda name: texts[name[1]], _file("page.html"))
 
 
 def write_page(page: Page, path: Path) -> None:
-    """Write a page to a file, beside and renamed.
+    """Write a page to a file.
+
+    Parameters
+    ----------
+    page : Page
+        What the page shows.
+    path : Path
+        The file, which is replaced only when the page is complete.
 
     Raises
     ------
     ReviewError
-        If it cannot be written.
+        If the file cannot be written.
     """
     write_text(path, page_html(page), ReviewError)
 
 
 def packed(values: NDArray[Any]) -> dict[str, Any]:
-    """Return an array as the page's script reads it: little-endian bytes in base64."""
+    """Return an array as the page's script reads it: its little-endian bytes in base64."""
     kind = {"f": f"f{values.dtype.itemsize}", "u": "u1"}[values.dtype.kind]
     data = np.ascontiguousarray(values).astype(f"<{kind}").tobytes()
     return {"type": kind, "base64": base64.b64encode(data).decode()}
@@ -116,16 +117,16 @@ def packed(values: NDArray[Any]) -> dict[str, Any]:
 def thinned(
     quantities: Sequence[FloatArray], edges: IntArray, limit: int = MAX_SAMPLES
 ) -> IntArray:
-    """Return which samples a page keeps.
+    """Return the indices of the samples that a page keeps, (n_kept,).
 
     Parameters
     ----------
     quantities : sequence of ndarray, (n,)
-        The least and the greatest value of each, in every stretch of samples, stay.
-    edges : ndarray of int
-        Samples that stay in any case.
+        The lowest and the highest value of each quantity in every stretch of samples are kept.
+    edges : ndarray of int, (m,)
+        Samples that are kept in any case.
     limit : int
-        How many samples are too many to keep them all.
+        All samples are kept if there are no more than this.
     """
     n = len(quantities[0])
     if n <= limit:
@@ -134,7 +135,7 @@ def thinned(
     starts = np.arange(0, n, length)
     kept = [np.array([0, n - 1]), edges]
     for values in quantities:
-        # Filled up with what is neither the least nor the greatest of the last stretch.
+        # Padding and missing values are never the extreme value of a stretch.
         for unknown, extreme in ((np.inf, np.argmin), (-np.inf, np.argmax)):
             known = np.pad(
                 np.where(np.isnan(values), unknown, values),
@@ -146,7 +147,7 @@ def thinned(
 
 
 def _column(values: NDArray[Any]) -> dict[str, Any]:
-    """Return a column; of one that does not change, one number."""
+    """Return a column as the page's script reads it; one number if the column is constant."""
     if len(values) and (values == values[0]).all():
         return {"type": packed(values[:1])["type"], "constant": float(values[0])}
     if values.dtype.kind == "f" and np.isnan(values).all():
