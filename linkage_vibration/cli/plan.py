@@ -58,8 +58,8 @@ def run(options: argparse.Namespace) -> int:
         Scene,
         measure,
         plan,
+        solve_reference,
         summary,
-        truths,
         write_planned,
     )
     from linkage_vibration.support.resources import DEFAULT_MECHANISM, config_file
@@ -82,7 +82,7 @@ def run(options: argparse.Namespace) -> int:
     )
     with tqdm(desc=mechanism.name, unit=" solves", delay=2.0) as bar:
         chosen = plan(scene, lambda: bar.update(1))
-        measured = measure(chosen, truths(chosen, lambda: bar.update(1)))
+        measured = measure(chosen, solve_reference(chosen, lambda: bar.update(1)))
     print(summary(chosen, measured))
     if options.output:
         write_planned(chosen, load_yaml(source)[1], options.output)

@@ -1,24 +1,24 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Parameters of a mechanism fitted to natural frequencies that were measured or published.
+"""Fits parameters of a mechanism to natural frequencies that were measured or published.
 
-A calibration is a YAML file: ``mechanism`` (a path beside it), ``parameters`` (the path of each in
-the mechanism's description, with its bounds) and ``targets`` (natural frequencies of modes, at an
-angle or as an extreme over the stroke). ``config/calibrations/paper.yaml`` shows every key.
+A calibration is a YAML file with three keys: ``mechanism`` (a path beside the file), ``parameters``
+(the path of each number in the mechanism's description, with its bounds) and ``targets`` (natural
+frequencies of modes, at an angle or as an extreme over the stroke).
+``config/calibrations/paper.yaml`` shows every key.
 
-The fit is least squares of the logarithms of the frequencies in the logarithms of the parameters,
-from several starts within the bounds.
+The fit minimises the squares of the logarithms of the frequency ratios. Its variables are the
+logarithms of the parameters. It begins at several points within the bounds.
 """
 
-import copy
+import itertools
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
@@ -28,15 +28,17 @@ from linkage_vibration.mechanics.kinematics import Kinematics
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.parsing import Keys, mechanism_from_mapping
 from linkage_vibration.readers.mechanism import load_yaml
+from linkage_vibration.studies.yaml_editing import edit_text, number_at, split_paths, with_numbers
 from linkage_vibration.support.atomic_files import write_text
 
 FloatArray = NDArray[np.float64]
 
-COARSE_ELEMENTS, COARSE_MODES = 10, 4  # within the fit; frequencies move by some 1e-5
-STROKE_ANGLES = 13  # at which extremes over the stroke are sought, then refined by a parabola
-UNDETERMINED = 0.5  # standard deviation of a logarithm above which the data do not tell a direction
-CORRELATED = 0.9  # from which a summary names two parameters
-SHARE = 0.3  # of a direction, from which a parameter is named as part of it
+COARSE_ELEMENTS, COARSE_MODES = 10, 4  # within the fit; they change frequencies by about 1e-5
+STROKE_ANGLES = 13  # angles at which an extreme is sought, before a parabola refines it
+UNDETERMINED = 0.5  # standard deviation of a logarithm above which a direction is undetermined
+CORRELATED = 0.9  # correlation above which the summary names two parameters
+SHARE = 0.3  # component of a direction above which a parameter belongs to it
+_STEP = 1e-4  # of the logarithms, in the central differences of the covariance
 
 
 class CalibrationError(LinkageVibrationError):
@@ -45,43 +47,43 @@ class CalibrationError(LinkageVibrationError):
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """A number in the description that may be changed, or several that are the same one."""
+    """A number in the description that may change, or several places that share one number."""
 
-    path: str  # as `split_paths` takes it
-    low: float
+    path: str  # its paths, as `split_paths` takes them
+    low: float  # bounds, SI
     high: float
 
     @property
     def paths(self) -> tuple[str, ...]:
-        """Every place that the number stands at."""
+        """The path of each place that holds the number."""
         return split_paths(self.path)
 
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """A natural frequency that the mechanism shall have."""
+    """A natural frequency that the mechanism is to have."""
 
     mode: int  # from 1, ascending
-    at: float | str  # alpha3 in rad, or "lowest" or "highest" over the stroke
+    at: float | str  # alpha3 in rad; or "lowest" or "highest" over the stroke
     frequency: float  # Hz
     deviation: float  # standard deviation, relative
 
     def __str__(self) -> str:
-        """Return what is asked for, in words."""
+        """Return the mode and where it is taken."""
         where = self.at if isinstance(self.at, str) else f"at {math.degrees(self.at):g} deg"
         return f"mode {self.mode} {where}"
 
 
 @dataclass(frozen=True, slots=True)
 class Calibration:
-    """What to fit to what.
+    """The parameters to fit, and the targets to fit them to.
 
     Attributes
     ----------
     mapping : dict
         The mechanism's description, as read.
     text : str
-        The file that it comes from.
+        The text of the file that the description was read from.
     parameters : tuple of Parameter, (n_parameters,)
     targets : tuple of Target, (n_targets,)
     """
@@ -94,19 +96,19 @@ class Calibration:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CalibrationResult:
-    """What a fit found.
+    """The result of a fit.
 
     Attributes
     ----------
     values : ndarray, (n_parameters,)
         SI, as in the description.
     frequencies : ndarray, (n_targets,)
-        Of the calibrated mechanism, by its full model, Hz.
+        Natural frequencies of the calibrated mechanism, from its full model, Hz.
     covariance : ndarray, (n_parameters, n_parameters)
-        Of the parameters' logarithms, from the targets' deviations; infinite on the diagonal for
-        parameters that the data do not determine, zero for those on a bound.
+        Covariance of the parameters' logarithms, from the targets' deviations. The diagonal is
+        infinite for parameters that the targets do not determine, and zero for those on a bound.
     undetermined : tuple of tuple of str
-        Each a set of parameters that can change together without the targets telling.
+        Sets of parameters that can change together without an effect on the targets.
     on_bound : tuple of str
         Parameters that the fit pushed to a bound.
     """
@@ -123,58 +125,56 @@ def read_calibration(path: Path) -> Calibration:
 
     Raises
     ------
-    CalibrationError, MechanismError
-        Naming the file, the key and the mend.
+    CalibrationError
+        If the file or the description is invalid; the text names the file, the key and the fix.
     """
     try:
         keys = Keys("", load_yaml(path)[0])
-        source = path.parent / keys.text("mechanism")
-        mapping, text = load_yaml(source)
+        mapping, text = load_yaml(path.parent / keys.text("mechanism"))
         parameters = []
         for name in keys["parameters"]:
-            low, high = keys["parameters"].interval(name, positive=True)
-            parameters.append(Parameter(name, low, high))
+            parameters.append(Parameter(name, *keys["parameters"].interval(name, positive=True)))
             for place in parameters[-1].paths:
-                _get(mapping, place)
+                _positive_number(mapping, place)
         targets = tuple(_target(entry) for entry in keys.items("targets"))
         keys.refuse_unknown()
     except MechanismError as error:
         raise CalibrationError(f"{path}: {error}") from None
     if not parameters:
-        raise CalibrationError(f"{path}: parameters: is empty; name one at least.")
+        raise CalibrationError(f"{path}: parameters: is empty; name at least one.")
     return Calibration(mapping, text, tuple(parameters), targets)
 
 
 def calibrate(
     calibration: Calibration,
     starts: int = 8,
-    tried: Callable[[float], object] = lambda cost: None,
+    finished: Callable[[float], object] = lambda cost: None,
 ) -> CalibrationResult:
     """Fit the parameters to the targets.
 
     Parameters
     ----------
     calibration : Calibration
-        What to fit to what.
+        The parameters and the targets.
     starts : int
-        Starting points; the first is the description's own, the others are drawn within the
-        bounds with a fixed seed.
-    tried : callable
+        Number of starting points. The first is the description itself; the others are random
+        points within the bounds, from a fixed seed.
+    finished : callable
         Called after each start with the lowest cost so far: half the sum of squares of the
-        logarithms of the frequency ratios, each over its deviation.
+        logarithms of the frequency ratios, each divided by its deviation.
 
     Raises
     ------
     CalibrationError
-        If the mechanism can be solved from none of the starts.
+        If the mechanism can be solved from none of the starting points.
     """
     low, high = np.log([(p.low, p.high) for p in calibration.parameters]).T
-    own = np.log([_get(calibration.mapping, p.paths[0]) for p in calibration.parameters])
+    own = [_positive_number(calibration.mapping, p.paths[0]) for p in calibration.parameters]
     random = np.random.default_rng(0)
     best, problem = None, ""
     closed: dict[object, Kinematics] = {}
     for start in range(starts):
-        guess = np.clip(own, low, high) if start == 0 else random.uniform(low, high)
+        guess = np.clip(np.log(own), low, high) if start == 0 else random.uniform(low, high)
         try:
             fit = least_squares(
                 lambda logs: _residuals(calibration, logs, closed),
@@ -187,200 +187,116 @@ def calibrate(
             problem = str(error)
         else:
             best = fit if best is None or fit.cost < best.cost else best
-        tried(math.inf if best is None else float(best.cost))
+        finished(math.inf if best is None else float(best.cost))
     if best is None:
-        raise CalibrationError(f"From no start could the mechanism be solved; the last: {problem}")
+        raise CalibrationError(
+            "The mechanism could be solved from no starting point; narrow the bounds or correct "
+            f"the description. The last problem: {problem}"
+        )
     logs = np.clip(best.x, low, high)
     return _result(calibration, logs, (logs - low < 1e-6) | (high - logs < 1e-6))
 
 
 def summary(calibration: Calibration, result: CalibrationResult) -> str:
-    """Tell a fit in words: targets met and missed, parameters, and what the data cannot tell."""
+    """Return tables of the targets and of the parameters, and what the targets leave open.
+
+    Parameters
+    ----------
+    calibration : Calibration
+        The parameters and the targets.
+    result : CalibrationResult
+        Their fit.
+    """
     lines = [f"{'target':24}{'wanted [Hz]':>12}{'found [Hz]':>12}{'difference':>12}"]
     for target, found in zip(calibration.targets, result.frequencies, strict=True):
         share = found / target.frequency - 1.0
         lines.append(f"{target!s:24}{target.frequency:12.4g}{found:12.4g}{share:12.1%}")
     lines += ["", f"{'parameter':44}{'value':>12}{'deviation':>12}"]
+    names = [parameter.path for parameter in calibration.parameters]
     deviations = np.sqrt(np.diag(result.covariance))
-    for parameter, value, deviation in zip(
-        calibration.parameters, result.values, deviations, strict=True
-    ):
-        if parameter.path in result.on_bound:
-            told = "on a bound"
-        else:
-            told = f"{deviation:.1%}" if math.isfinite(deviation) else "not told"
-        lines.append(f"{parameter.path:44}{value:12.5g}{told:>12}")
-    for i, j in zip(*np.triu_indices(len(result.values), 1), strict=True):
+    for name, value, deviation in zip(names, result.values, deviations, strict=True):
+        certainty = f"{deviation:.1%}" if math.isfinite(deviation) else "unknown"
+        certainty = "on a bound" if name in result.on_bound else certainty
+        lines.append(f"{name:44}{value:12.5g}{certainty:>12}")
+    for i, j in zip(*np.triu_indices(len(names), 1), strict=True):
         scale = deviations[i] * deviations[j]
         if 0.0 < scale < math.inf and abs(result.covariance[i, j]) > CORRELATED * scale:
-            names = calibration.parameters[i].path, calibration.parameters[j].path
             share = result.covariance[i, j] / scale
-            lines.append(f"correlation {share:+.2f} of {names[0]} and {names[1]}")
+            lines.append(f"correlation {share:+.2f} of {names[i]} and {names[j]}")
     for together in result.undetermined:
-        lines.append(f"\nThe targets cannot tell, or cannot tell apart: {', '.join(together)}.")
+        lines.append(f"\nThe targets do not determine, or do not separate: {', '.join(together)}.")
     return "\n".join(lines)
 
 
 def apply(calibration: Calibration, values: Sequence[float]) -> dict[str, Any]:
-    """Return the description with other values of the parameters."""
-    return with_numbers(calibration.mapping, _places(calibration, values))
+    """Return the description with other values of the parameters.
+
+    Parameters
+    ----------
+    calibration : Calibration
+        The description and its parameters.
+    values : sequence of float, (n_parameters,)
+        SI, as in the description.
+    """
+    return with_numbers(calibration.mapping, _numbers(calibration, values))
 
 
 def write_mechanism(calibration: Calibration, values: Sequence[float], path: Path) -> None:
-    """Write the calibrated description; its comments and its order stay.
+    """Write the description with other values of the parameters; its comments and order stay.
 
-    Raises
-    ------
-    CalibrationError
-        If the file cannot be written.
+    A `CalibrationError` is raised if the file cannot be written, or if an alias in it makes one
+    number of two parameters.
+
+    Parameters
+    ----------
+    calibration : Calibration
+        The description and its parameters.
+    values : sequence of float, (n_parameters,)
+        SI, as in the description.
+    path : Path
+        The file to write.
     """
-    root = yaml.compose(calibration.text, yaml.SafeLoader)
-    changes = []
-    for path_of, value in _places(calibration, values):
-        node: Any = root
-        for key in path_of.split("."):
-            if isinstance(node, yaml.SequenceNode):
-                node = node.value[int(key)]
-            else:
-                node = next(v for k, v in node.value if k.value == key)
-        # The mark begins at an anchor, where there is one; the number ends the node.
-        end = node.end_mark.index
-        changes.append((end - len(node.value), end, f"{value:.6g}"))
-    changes = list(dict.fromkeys(changes))  # an alias leads to where its anchor stands
-    if len({start for start, _, _ in changes}) < len(changes):
-        raise CalibrationError(
-            "Two parameters are one number, by an alias in the file; name one of them only."
-        )
-    text = calibration.text
-    for start, end, number in sorted(changes, reverse=True):
-        plain = number if "e" not in number or "." in number else number.replace("e", ".0e")
-        text = text[:start] + plain + text[end:]
-    write_text(path, text, CalibrationError)
+    numbers = [
+        (place.split("."), [f"{value:.6g}"]) for place, value in _numbers(calibration, values)
+    ]
+    write_text(path, edit_text(calibration.text, numbers, CalibrationError), CalibrationError)
 
 
-def split_paths(path: str) -> tuple[str, ...]:
-    """Return the paths of a parameter: several, joined by commas, are one number.
-
-    A path is keys joined by dots, with positions in lists from 0.
-    """
-    return tuple(part.strip() for part in path.split(","))
-
-
-def number_at(mapping: Any, path: str) -> float:
-    """Return the number that stands at a path in a description.
-
-    Raises
-    ------
-    MechanismError
-        If there is none.
-    """
-    below = mapping
-    for key in path.split("."):
-        try:
-            below = below[int(key) if isinstance(below, list) else key]
-        except (KeyError, IndexError, ValueError, TypeError):
-            raise MechanismError(
-                f"parameters.{path}", f"the mechanism has no key {key!r} there; check the path."
-            ) from None
-    if isinstance(below, bool) or not isinstance(below, int | float):
-        raise MechanismError(f"parameters.{path}", f"{below!r} is not a number.")
-    return below
-
-
-def with_numbers(mapping: dict[str, Any], numbers: Iterable[tuple[str, float]]) -> dict[str, Any]:
-    """Return a copy of a description with other numbers at paths that it has."""
-    changed = copy.deepcopy(mapping)
-    for path, value in numbers:
-        *keys, last = path.split(".")
-        below: Any = changed
-        for key in keys:
-            below = below[int(key) if isinstance(below, list) else key]
-        below[int(last) if isinstance(below, list) else last] = value
-    return changed
-
-
-def natural_frequencies(
-    mechanism: Mechanism,
-    targets: Sequence[Target],
-    *,
-    coarse: bool = False,
-    closed: dict[object, Kinematics] | None = None,
-) -> FloatArray:
+def natural_frequencies(model: LinkageModel, targets: Sequence[Target]) -> FloatArray:
     """Return the natural frequency that each target asks for, (n_targets,), Hz.
 
     Parameters
     ----------
-    mechanism : Mechanism
+    model : LinkageModel
+        The model to solve.
     targets : sequence of Target
-    coarse : bool
-        Mesh the links just as finely as a fit needs.
-    closed : dict, optional
-        Keeps the kinematics, which take longest, while no point of the linkage changes.
+        The modes, and where each is taken.
 
     Raises
     ------
     CalibrationError
         If a target asks for a mode that the model does not have.
     """
-    if coarse:
-        mechanism = _coarse(mechanism)
-    points = tuple((body.name, body.points) for body in mechanism.bodies)
-    closed = {} if closed is None else closed
-    if (mechanism.ground, points) not in closed:
-        closed.clear()
-        closed[mechanism.ground, points] = Kinematics(mechanism)
-    model = LinkageModel(mechanism, kinematics=closed[mechanism.ground, points])
-    known: dict[float, FloatArray] = {}
-
-    def at(alpha3: float) -> FloatArray:
-        if alpha3 not in known:
-            known[alpha3] = model.solve(alpha3).natural_frequencies
-            highest = max(target.mode for target in targets)
-            if highest > len(known[alpha3]):
-                raise CalibrationError(
-                    f"A target asks for mode {highest}, and the model within a fit has "
-                    f"{len(known[alpha3])}; measure a lower one."
-                )
-        return known[alpha3]
-
-    found = []
-    for target in targets:
-        k = target.mode - 1
-        if isinstance(target.at, str):
-            alphas = np.linspace(*mechanism.stroke, STROKE_ANGLES)
-            curve = np.array([at(float(alpha3))[k] for alpha3 in alphas])
-            found.append(_extreme(alphas, curve, 1.0 if target.at == "highest" else -1.0))
-        else:
-            found.append(float(at(target.at)[k]))
-    return np.array(found)
+    stroke = np.linspace(*model.mechanism.stroke, STROKE_ANGLES).tolist()
+    asked = [stroke if isinstance(target.at, str) else [target.at] for target in targets]
+    angles = dict.fromkeys(itertools.chain(*asked))
+    solved = {alpha3: model.solve(alpha3).natural_frequencies for alpha3 in angles}
+    highest = max(target.mode for target in targets)
+    fewest = min(map(len, solved.values()))
+    if highest > fewest:
+        raise CalibrationError(
+            f"targets: mode {highest} is not among the {fewest} modes of the model that is fitted; "
+            "give a lower mode."
+        )
+    curves = [
+        np.array([solved[alpha3][target.mode - 1] for alpha3 in at])
+        for target, at in zip(targets, asked, strict=True)
+    ]
+    return np.array([_extreme(c, t.at == "lowest") for c, t in zip(curves, targets, strict=True)])
 
 
-def _places(calibration: Calibration, values: Sequence[float]) -> list[tuple[str, float]]:
-    """List every path that a parameter stands at, with its value."""
-    pairs = zip(calibration.parameters, values, strict=True)
-    return [(path, float(value)) for parameter, value in pairs for path in parameter.paths]
-
-
-def _target(keys: Keys) -> Target:
-    at: float | str
-    if "at_deg" in keys:
-        at = math.radians(keys.number("at_deg"))
-    else:
-        at = keys.choice("over_the_stroke", ["lowest", "highest"])
-    frequency = keys.number("hz", positive=True)
-    deviation = keys.number("deviation", positive=True, default=0.01)
-    return Target(keys.integer("mode"), at, frequency, deviation)
-
-
-def _get(mapping: Any, path: str) -> float:
-    value = number_at(mapping, path)
-    if value <= 0:
-        raise MechanismError(f"parameters.{path}", f"{value!r} is not a number above zero.")
-    return float(value)
-
-
-def _coarse(mechanism: Mechanism) -> Mechanism:
-    """Return a mechanism with just as fine a mesh as a fit needs."""
+def coarse(mechanism: Mechanism) -> Mechanism:
+    """Return a mechanism whose beams are meshed no finer than a fit needs."""
     return replace(
         mechanism,
         links=tuple(
@@ -396,53 +312,93 @@ def _coarse(mechanism: Mechanism) -> Mechanism:
     )
 
 
+def _numbers(calibration: Calibration, values: Sequence[float]) -> list[tuple[str, float]]:
+    """List the path of every place that holds a parameter, with its value."""
+    pairs = zip(calibration.parameters, values, strict=True)
+    return [(path, float(value)) for parameter, value in pairs for path in parameter.paths]
+
+
+def _target(keys: Keys) -> Target:
+    at: float | str
+    if "at_deg" in keys:
+        at = math.radians(keys.number("at_deg"))
+    else:
+        at = keys.choice("over_the_stroke", ["lowest", "highest"])
+    frequency = keys.number("hz", positive=True)
+    deviation = keys.number("deviation", positive=True, default=0.01)
+    return Target(keys.integer("mode"), at, frequency, deviation)
+
+
+def _positive_number(mapping: Any, path: str) -> float:
+    value = number_at(mapping, path)
+    if value <= 0:
+        raise MechanismError(
+            f"parameters.{path}", f"{value!r} is not above zero, so it has no logarithm; drop it."
+        )
+    return float(value)
+
+
 def _residuals(
-    calibration: Calibration, logs: FloatArray, closed: dict[object, Kinematics] | None = None
+    calibration: Calibration, logs: FloatArray, closed: dict[object, Kinematics]
 ) -> FloatArray:
-    mechanism = mechanism_from_mapping(apply(calibration, np.exp(logs).tolist()))
-    found = natural_frequencies(mechanism, calibration.targets, coarse=True, closed=closed)
-    wanted = np.array([target.frequency for target in calibration.targets])
-    deviations = np.array([target.deviation for target in calibration.targets])
+    """Return ln(found / wanted) / deviation, (n_targets,).
+
+    ``closed`` keeps the kinematics, which take longest, while no point of the linkage changes.
+    """
+    mechanism = coarse(mechanism_from_mapping(apply(calibration, np.exp(logs).tolist())))
+    geometry = mechanism.ground, tuple((body.name, body.points) for body in mechanism.bodies)
+    if geometry not in closed:
+        closed.clear()
+        closed[geometry] = Kinematics(mechanism)
+    model = LinkageModel(mechanism, kinematics=closed[geometry])
+    found = natural_frequencies(model, calibration.targets)
+    wanted, deviations = np.array([(t.frequency, t.deviation) for t in calibration.targets]).T
     return np.asarray(np.log(found / wanted) / deviations)
 
 
 def _result(
     calibration: Calibration, logs: FloatArray, bound: NDArray[np.bool_]
 ) -> CalibrationResult:
-    step = 1e-4
     columns = []
-    for i in range(len(logs)):
-        ends = [logs + sign * step * np.eye(len(logs))[i] for sign in (-1.0, 1.0)]
-        before, after = (_residuals(calibration, end) for end in ends)
-        columns.append((after - before) / (2.0 * step))
-    jacobian = np.array(columns).T
+    for step in _STEP * np.eye(len(logs)):
+        before, after = (_residuals(calibration, end, {}) for end in (logs - step, logs + step))
+        columns.append((after - before) / (2.0 * _STEP))
+    covariance, undetermined = _covariance(np.array(columns).T, np.flatnonzero(~bound))
     names = [parameter.path for parameter in calibration.parameters]
-    free = np.flatnonzero(~bound)
-    covariance = np.zeros((len(logs), len(logs)))
-    undetermined = []
-    if len(free):
-        values, directions = np.linalg.svd(jacobian[:, free], full_matrices=True)[1:]
-        values = np.pad(values, (0, len(free) - len(values)))
-        told = values > 1.0 / UNDETERMINED
-        inverse = np.where(told, 1.0 / np.where(told, values, 1.0), 0.0)
-        covariance[np.ix_(free, free)] = (directions.T * inverse**2) @ directions
-        for direction in directions[~told]:
-            members = free[np.abs(direction) > SHARE]
-            undetermined.append(tuple(names[i] for i in members))
-            covariance[members, members] = np.inf
     mechanism = mechanism_from_mapping(apply(calibration, np.exp(logs).tolist()))
     return CalibrationResult(
         values=np.exp(logs),
-        frequencies=natural_frequencies(mechanism, calibration.targets),
+        frequencies=natural_frequencies(LinkageModel(mechanism), calibration.targets),
         covariance=covariance,
-        undetermined=tuple(undetermined),
+        undetermined=tuple(tuple(names[i] for i in members) for members in undetermined),
         on_bound=tuple(names[i] for i in np.flatnonzero(bound)),
     )
 
 
-def _extreme(alphas: FloatArray, curve: FloatArray, sign: float) -> float:
-    """Largest (sign 1) or smallest (-1) value of a curve, by a parabola about the extreme point."""
-    top = int((sign * curve).argmax())
+def _covariance(
+    jacobian: FloatArray, free: NDArray[np.intp]
+) -> tuple[FloatArray, list[NDArray[np.intp]]]:
+    """Return the covariance of all parameters, and the sets that the targets do not determine.
+
+    ``jacobian`` is (n_targets, n_parameters); ``free`` lists the parameters that are on no bound.
+    """
+    covariance = np.zeros((jacobian.shape[1], jacobian.shape[1]))
+    if not len(free):
+        return covariance, []
+    values, directions = np.linalg.svd(jacobian[:, free], full_matrices=True)[1:]
+    values = np.pad(values, (0, len(free) - len(values)))
+    determined = values > 1.0 / UNDETERMINED
+    inverse = np.where(determined, 1.0 / np.where(determined, values, 1.0), 0.0)
+    covariance[np.ix_(free, free)] = (directions.T * inverse**2) @ directions
+    undetermined = [free[np.abs(direction) > SHARE] for direction in directions[~determined]]
+    for members in undetermined:
+        covariance[members, members] = np.inf
+    return covariance, undetermined
+
+
+def _extreme(curve: FloatArray, lowest: bool) -> float:
+    """Return the largest or the lowest value of a curve, by a parabola through three points."""
+    top = int(curve.argmin() if lowest else curve.argmax())
     if top in (0, len(curve) - 1):
         return float(curve[top])
     before, here, after = curve[top - 1 : top + 2]

@@ -35,7 +35,7 @@ from linkage_vibration.mechanics.description import Mechanism, MechanismError
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.parsing import Keys
 from linkage_vibration.readers.mechanism import load_yaml, mechanism_of
-from linkage_vibration.studies.calibration import number_at, split_paths, with_numbers
+from linkage_vibration.studies.yaml_editing import number_at, split_paths, with_numbers
 from linkage_vibration.support.atomic_files import write_bytes
 from linkage_vibration.support.process_pool import LocalPool
 from linkage_vibration.table.tabulation import TOLERANCE, build_table

@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Calibration: known parameters recovered, what data cannot tell said, files kept as they were."""
+"""A calibration recovers parameters, reports what stays open, and keeps the layout of files."""
 
 import math
 from pathlib import Path
@@ -11,6 +11,7 @@ import pytest
 import yaml
 
 from linkage_vibration.mechanics.description import Mechanism
+from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.studies.calibration import (
@@ -20,6 +21,7 @@ from linkage_vibration.studies.calibration import (
     Target,
     apply,
     calibrate,
+    coarse,
     natural_frequencies,
     read_calibration,
     summary,
@@ -40,10 +42,10 @@ def calibration(mapping: Any, targets: list[Target], *parameters: Parameter) -> 
 
 
 def measured(mechanism: Mechanism) -> list[Target]:
-    """Return what the linkage itself would be measured to have, coarsely meshed as in a fit."""
+    """Return the frequencies that a measurement of the linkage would give, meshed as in a fit."""
     asked = [Target(mode, math.radians(a), 1.0, 0.01) for mode in (1, 2, 3) for a in (90, 130, 175)]
     asked += [Target(3, "lowest", 1.0, 0.01), Target(2, "highest", 1.0, 0.01)]
-    found = natural_frequencies(mechanism, asked, coarse=True)
+    found = natural_frequencies(LinkageModel(coarse(mechanism)), asked)
     return [
         Target(target.mode, target.at, float(hz), target.deviation)
         for target, hz in zip(asked, found, strict=True)
@@ -51,7 +53,7 @@ def measured(mechanism: Mechanism) -> list[Target]:
 
 
 def test_known_parameters_are_recovered(mapping: Any, mechanism: Mechanism) -> None:
-    """From frequencies of the linkage itself, wrong sections are led back to the right ones."""
+    """Wrong sections are corrected by the natural frequencies of the right ones."""
     mapping["links"]["lower_link"]["section"]["height"] = 0.045
     mapping["links"]["lift_rod"]["section"]["diameter"] = 0.022
     wrong = calibration(
@@ -62,13 +64,13 @@ def test_known_parameters_are_recovered(mapping: Any, mechanism: Mechanism) -> N
     assert result.undetermined == ()
     assert result.on_bound == ()
     assert (np.sqrt(np.diag(result.covariance)) < 0.1).all()
-    told = summary(wrong, result)
-    assert "mode 3 lowest" in told
-    assert f"{HEIGHT:44}{0.032:12.5g}" in told
+    text = summary(wrong, result)
+    assert "mode 3 lowest" in text
+    assert f"{HEIGHT:44}{0.032:12.5g}" in text
 
 
-def test_parameters_that_act_as_one_are_told(mapping: Any) -> None:
-    """The crank's width and modulus scale its stiffness alike: light as it is, nothing tells."""
+def test_parameters_with_the_same_effect_are_reported(mapping: Any) -> None:
+    """The width and the modulus of a massless crank both scale its stiffness alone."""
     crank = mapping["links"]["input_crank"]
     crank["material"] = dict(crank["material"], density=1e-3)
     targets = [Target(1, math.radians(a), 3.0, 0.01) for a in (90.0, 135.0, 175.0)]
@@ -78,11 +80,11 @@ def test_parameters_that_act_as_one_are_told(mapping: Any) -> None:
     )
     result = calibrate(both, starts=1)
     assert result.undetermined == ((width, MODULUS),)
-    assert "cannot tell apart: " + width in summary(both, result)
+    assert "do not separate: " + width in summary(both, result)
 
 
-def test_bounds_hold_and_are_told(mapping: Any, mechanism: Mechanism) -> None:
-    """A parameter that wants out of its bounds stays on one, and is named."""
+def test_bounds_hold_and_are_reported(mapping: Any, mechanism: Mechanism) -> None:
+    """A parameter whose best value is outside its bounds ends on one, and is named."""
     bounded = calibration(mapping, measured(mechanism), Parameter(HEIGHT, 0.04, 0.1))
     result = calibrate(bounded, starts=2)
     assert result.values == pytest.approx([0.04], rel=1e-6)
@@ -91,7 +93,7 @@ def test_bounds_hold_and_are_told(mapping: Any, mechanism: Mechanism) -> None:
 
 
 def test_paper_gives_the_default_sections(mechanism: Mechanism) -> None:
-    """The shipped calibration leads to the shipped sections, but for their rounding.
+    """The shipped calibration gives the shipped sections, except for their rounding.
 
     Straight uniform links come within 10.1 % of all nine printed frequencies.
     """
@@ -101,7 +103,7 @@ def test_paper_gives_the_default_sections(mechanism: Mechanism) -> None:
     assert result.values == pytest.approx(default, rel=0.08)
     wanted = np.array([target.frequency for target in paper.targets])
     assert np.abs(result.frequencies / wanted - 1.0).max() < 0.101
-    own = natural_frequencies(mechanism, paper.targets)
+    own = natural_frequencies(LinkageModel(mechanism), paper.targets)
     assert np.abs(own / wanted - 1.0).max() < 0.102
 
 
@@ -113,8 +115,8 @@ def yaml_number(mapping: Any, path: str) -> float:
 
 
 def test_written_mechanism_keeps_its_comments(mapping: Any, tmp_path: Path) -> None:
-    """Only the numbers change; what is read back has them."""
-    some = calibration(
+    """Only the numbers change, and the file is read back with them."""
+    fit = calibration(
         mapping,
         [],
         Parameter(HEIGHT, 0.02, 0.1),
@@ -122,15 +124,15 @@ def test_written_mechanism_keeps_its_comments(mapping: Any, tmp_path: Path) -> N
         Parameter("links.lower_link.material.youngs_modulus", 1e9, 1e12),
     )
     path = tmp_path / "mine.yaml"
-    write_mechanism(some, [0.0351234, 912.5, 2.05e11], path)
-    before, after = some.text.splitlines(), path.read_text().splitlines()
+    write_mechanism(fit, [0.0351234, 912.5, 2.05e11], path)
+    before, after = fit.text.splitlines(), path.read_text().splitlines()
     assert len(before) == len(after)
     assert sum(a != b for a, b in zip(before, after, strict=True)) == 3
-    changed = apply(some, [0.0351234, 912.5, 2.05e11])
-    # The material stands once in the file, with an alias; so it does in the data read from it.
+    changed = apply(fit, [0.0351234, 912.5, 2.05e11])
+    # An alias makes the links share one material, in the file and in the data read from it.
     assert read_mechanism(path).model_hash == mechanism_from_mapping(changed).model_hash
     with pytest.raises(CalibrationError, match="cannot be written"):
-        write_mechanism(some, [0.03, 900.0, 2e11], tmp_path / "none" / "mine.yaml")
+        write_mechanism(fit, [0.03, 900.0, 2e11], tmp_path / "none" / "mine.yaml")
 
 
 @pytest.mark.parametrize(
@@ -146,8 +148,8 @@ def test_written_mechanism_keeps_its_comments(mapping: Any, tmp_path: Path) -> N
         ("[]", "mapping"),
     ],
 )
-def test_wrong_calibrations_are_told(tmp_path: Path, text: str, words: str) -> None:
-    """Each error names the file, the key and the mend."""
+def test_invalid_calibrations_are_refused(tmp_path: Path, text: str, words: str) -> None:
+    """Each error names the file, the key and the fix."""
     (tmp_path / "m.yaml").write_text(config_file("three_point_linkage.yaml").read_text())
     path = tmp_path / "fit.yaml"
     path.write_text(text)
@@ -156,17 +158,17 @@ def test_wrong_calibrations_are_told(tmp_path: Path, text: str, words: str) -> N
     assert "fit.yaml" in str(raised.value)
 
 
-def test_linkage_that_never_closes_is_told(mapping: Any) -> None:
-    """If no start can be solved, the error says what the last one failed at."""
+def test_linkage_that_never_closes_is_refused(mapping: Any) -> None:
+    """If no starting point can be solved, the error gives the last problem."""
     mapping = yaml.safe_load(yaml.safe_dump(mapping))
     mapping["links"]["lift_rod"]["points"]["V1"] = 0.1
     target = Target(1, math.radians(100.0), 3.0, 0.01)
-    with pytest.raises(CalibrationError, match="From no start"):
+    with pytest.raises(CalibrationError, match="from no starting point"):
         calibrate(calibration(mapping, [target], Parameter(HEIGHT, 0.02, 0.1)), starts=2)
 
 
 def test_numbers_with_anchors_and_aliases(mapping: Any, tmp_path: Path) -> None:
-    """A number that carries an anchor keeps it; two parameters that are one number are refused."""
+    """A number keeps its anchor, and two parameters that are one number are refused."""
     text = config_file("three_point_linkage.yaml").read_text()
     text = text.replace("width: 0.050, height: 0.032", "width: &w 0.050, height: 0.032")
     text = text.replace("width: 0.020, height: 0.036", "width: *w, height: 0.036")
@@ -182,7 +184,7 @@ def test_numbers_with_anchors_and_aliases(mapping: Any, tmp_path: Path) -> None:
 
 
 def test_mode_that_the_model_does_not_have(mapping: Any) -> None:
-    """A target beyond the model's modes is told."""
+    """A target beyond the modes of the model is refused."""
     far = calibration(mapping, [Target(900, 2.0, 3.0, 0.01)], Parameter(HEIGHT, 0.02, 0.1))
     with pytest.raises(CalibrationError, match="mode 900"):
         calibrate(far, starts=1)

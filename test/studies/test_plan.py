@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Plans: each choice meets its tolerance, and the next cheaper one does not."""
+"""A plan meets its tolerance, and the next cheaper settings do not."""
 
 import math
 from collections.abc import Callable
@@ -15,45 +15,44 @@ from linkage_vibration.mechanics.description import Beam, Frfs, Matrices, Mechan
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.studies.plan import (
-    ELEMENTS,
-    MODES,
     Measured,
     Plan,
     PlanError,
     Scene,
-    Truth,
     measure,
     plan,
     planned_frf,
     planned_mechanism,
+    solve_reference,
     summary,
-    truths,
     write_planned,
 )
+from linkage_vibration.studies.plan.choice import ELEMENTS, MODES
+from linkage_vibration.studies.plan.results import Result
 from linkage_vibration.support.resources import config_file
 
 PLACES = (("E1", "z"), ("V1", "x"))
 STROKE = (math.radians(90.0), math.radians(180.0))
 LOW = (0.0, 200.0)
-LIVE = 50e-6  # s; a lookup takes some 3 us, a solve 500
+LIVE = 50e-6  # s; a lookup takes about 3 us, a solve 500 us
 
 
 @dataclass(frozen=True)
 class Job:
-    """A scene, and how a plan for it turns out."""
+    """The plan for a scene, its reference, and its measurement."""
 
     plan: Plan
-    against: list[Truth]
+    against: list[Result]
     measured: Measured
 
     def share(self, **cheaper: object) -> float:
-        """Measured error of the plan with some setting changed, in units of the allowed one."""
+        """Return the measured error with other settings, divided by the allowed one."""
         other = measure(replace(self.plan, **cheaper), self.against)  # type: ignore[arg-type]
         return other.errors.share(self.plan.scene.allowed)
 
 
 def heavier(mechanism: Mechanism) -> Mechanism:
-    """Return the linkage with half as heavy an implement again."""
+    """Return the linkage with an implement that is half as heavy again."""
     implement = replace(mechanism.rigid_bodies[0], mass=1200.0, inertia=350.0)
     return replace(mechanism, rigid_bodies=(implement,))
 
@@ -72,14 +71,14 @@ SCENES: dict[str, Callable[[Mechanism], Scene]] = {
 
 @pytest.fixture(scope="module", params=SCENES)
 def job(request: pytest.FixtureRequest, mechanism: Mechanism) -> Job:
-    """Return each scene, planned and measured."""
+    """Return the plan and the measurement of each scene."""
     chosen = plan(SCENES[request.param](mechanism))
-    against = truths(chosen)
+    against = solve_reference(chosen)
     return Job(chosen, against, measure(chosen, against))
 
 
 def test_plan_meets_its_tolerance(job: Job) -> None:
-    """Measured at other angles against an unreduced, finer mesh, and as predicted to a tenth."""
+    """The error measured against a finer mesh is allowed, and within a tenth of the prediction."""
     allowed = job.plan.scene.allowed
     share = job.measured.errors.share(allowed)
     assert share <= 1.0
@@ -87,7 +86,7 @@ def test_plan_meets_its_tolerance(job: Job) -> None:
 
 
 def test_fewer_elements_or_modes_do_not(job: Job) -> None:
-    """One step fewer elements, or one step fewer modes, is outside the tolerance."""
+    """One step fewer elements, or one step fewer modes, misses the tolerance."""
     fewer = ELEMENTS[ELEMENTS.index(job.plan.elements) - 1]
     assert job.share(elements=fewer) > 1.0
     fewer = MODES[MODES.index(job.plan.modes) - 1]
@@ -95,7 +94,7 @@ def test_fewer_elements_or_modes_do_not(job: Job) -> None:
 
 
 def test_fewer_terms_or_points_do_not(job: Job) -> None:
-    """Nor do FRFs with less of a residual, or a table with fewer points, if there can be any."""
+    """FRFs with a simpler residual, or a table with fewer points, miss the tolerance."""
     if job.plan.method == "exact":
         steps = ["none", "static", "every mode"]
         fewer = steps[: steps.index(job.plan.residual)]
@@ -112,7 +111,7 @@ def test_fewer_terms_or_points_do_not(job: Job) -> None:
 
 
 def test_what_each_scene_gets(mechanism: Mechanism, job: Job) -> None:
-    """Live scenes get a table, as large as predicted; all others none, and every one is planar."""
+    """Only live scenes get a table, as large as predicted; every model is planar."""
     live = job.plan.scene.seconds_per_prediction is not None
     assert job.plan.method == ("table" if live else "exact")
     assert job.measured.points == job.plan.points
@@ -121,13 +120,13 @@ def test_what_each_scene_gets(mechanism: Mechanism, job: Job) -> None:
     for link in planned_mechanism(job.plan).links:
         assert isinstance(link.body, Beam)
         assert (link.body.elements, link.modes) == (job.plan.elements, job.plan.modes)
-    told = summary(job.plan, job.measured)
-    assert f"elements a link: {job.plan.elements}" in told
-    assert f"{job.measured.errors.frequency:.1e}" in told
+    text = summary(job.plan, job.measured)
+    assert f"elements a link: {job.plan.elements}" in text
+    assert f"{job.measured.errors.frequency:.1e}" in text
 
 
 def test_a_wider_band_or_a_tighter_tolerance_costs_more(mechanism: Mechanism) -> None:
-    """40 Hz, 200 Hz, and 200 Hz ten times as exact: more elements and modes each time."""
+    """From 40 Hz to 200 Hz, and to a tenth of the tolerance, elements and modes increase."""
     one = (STROKE[0], STROKE[0])
     plans = [
         plan(Scene(mechanism, band, PLACES, tolerance, one))
@@ -139,7 +138,7 @@ def test_a_wider_band_or_a_tighter_tolerance_costs_more(mechanism: Mechanism) ->
 
 
 def test_nothing_is_computed_that_is_not_asked_for(mechanism: Mechanism) -> None:
-    """Without places there are no FRFs, and with time enough or at one angle there is no table."""
+    """Without places there are no FRFs; with enough time or at one angle there is no table."""
     scene = Scene(mechanism, LOW, (), 1e-3, STROKE, 60.0)
     chosen = plan(scene)
     assert (chosen.method, chosen.points) == ("exact", 0)
@@ -150,16 +149,16 @@ def test_nothing_is_computed_that_is_not_asked_for(mechanism: Mechanism) -> None
 
 
 def test_motion_out_of_the_plane_makes_it_spatial(mechanism: Mechanism) -> None:
-    """An FRF along y makes the model spatial, and it meets its tolerance there."""
+    """An FRF along y makes the model spatial, and the plan meets its tolerance there."""
     angle = (math.radians(140.0),) * 2
     chosen = plan(Scene(mechanism, LOW, (("V1", "y"), ("V1", "z")), 1e-3, angle))
     assert chosen.spatial
-    measured = measure(chosen, truths(chosen))
+    measured = measure(chosen, solve_reference(chosen))
     assert 0.0 < measured.errors.share(chosen.scene.allowed) <= 1.0
 
 
 def test_planned_frf_is_that_of_the_plan(mechanism: Mechanism) -> None:
-    """It has the terms of the modes in reach alone, and differs from the whole as predicted."""
+    """It has only the terms of the modes near the band, and the predicted error."""
     angle = math.radians(140.0)
     chosen = plan(Scene(mechanism, LOW, PLACES, 1e-4, (angle, angle)))
     assert chosen.residual == "static"
@@ -173,7 +172,7 @@ def test_planned_frf_is_that_of_the_plan(mechanism: Mechanism) -> None:
 
 
 def test_links_known_by_matrices_keep_them(mechanism: Mechanism) -> None:
-    """Their modes are chosen; there is no mesh of theirs to choose."""
+    """A plan chooses their modes, but cannot change their mesh."""
     crank = next(link for link in mechanism.links if link.clamped)
     part = link_component(
         replace(crank, count=1), mechanism.damping, mechanism.rotations(crank.name), reduced=False
@@ -185,13 +184,13 @@ def test_links_known_by_matrices_keep_them(mechanism: Mechanism) -> None:
     assert (
         next(x for x in planned_mechanism(chosen).links if x.name == crank.name).body == given.body
     )
-    assert measure(chosen, truths(chosen)).errors.share(scene.allowed) <= 1.0
+    assert measure(chosen, solve_reference(chosen)).errors.share(scene.allowed) <= 1.0
 
 
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"band": (200.0, 0.0)}, "two that ascend"),
+        ({"band": (200.0, 0.0)}, "two frequencies that ascend"),
         ({"tolerance": 0.0}, "from 1e-9 to 1"),
         ({"tolerance": 1e-9, "band": (0.0, 2e4), "angles": (2.0, 2.0)}, "give a larger one"),
         ({"angles": (2.0, 1.0)}, "the smaller one first"),
@@ -201,18 +200,18 @@ def test_links_known_by_matrices_keep_them(mechanism: Mechanism) -> None:
 def test_scenes_that_cannot_be(
     mechanism: Mechanism, changes: dict[str, object], words: str
 ) -> None:
-    """What is wrong with a scene is told with its mend."""
+    """The error says what is wrong with a scene and how to correct it."""
     scene = Scene(mechanism, (0.0, 40.0), PLACES, 1e-3, (2.0, 2.1))
     with pytest.raises(PlanError, match=words):
         plan(replace(scene, **changes))  # type: ignore[arg-type]
 
 
 def test_links_that_cannot_be_planned(mechanism: Mechanism) -> None:
-    """A link known by FRFs has nothing to choose, and undamped FRFs have no relative error."""
+    """A link given by FRFs offers no choice, and undamped FRFs have no relative error."""
     frfs = Frfs((), np.zeros(0), np.zeros((0, 0, 0), dtype=complex))
     links = (replace(mechanism.links[0], body=frfs), *mechanism.links[1:])
     scene = Scene(replace(mechanism, links=links), LOW, PLACES, 1e-3, STROKE)
-    with pytest.raises(PlanError, match=r"links\.lower_link is known by its FRFs"):
+    with pytest.raises(PlanError, match=r"links\.lower_link is given by FRFs"):
         plan(scene)
     with pytest.raises(PlanError, match="give its links damping"):
         plan(replace(scene, mechanism=replace(mechanism, damping=Rayleigh(0.0, 0.0))))
@@ -220,7 +219,7 @@ def test_links_that_cannot_be_planned(mechanism: Mechanism) -> None:
 
 @pytest.mark.parametrize("name", ["three_point_linkage.yaml", "four_bar.yaml"])
 def test_written_mechanism_is_the_planned_one(tmp_path: Path, name: str) -> None:
-    """Numbers are replaced, or added where the file leaves them out; comments stay."""
+    """Numbers are replaced, or added if the file lacks them; comments stay."""
     source = config_file(name)
     mechanism = read_mechanism(source)
     low = mechanism.stroke[0]
@@ -233,7 +232,7 @@ def test_written_mechanism_is_the_planned_one(tmp_path: Path, name: str) -> None
 
 
 def test_numbers_tied_by_an_alias_are_refused(tmp_path: Path, mechanism: Mechanism) -> None:
-    """One number of the file cannot become two; one that two links share may change."""
+    """Two settings that an alias makes one number cannot differ, but can change together."""
     chosen = plan(Scene(mechanism, LOW, (), 1e-2, (STROKE[0],) * 2))
     text = config_file("three_point_linkage.yaml").read_text()
     shared = text.replace("modes: 20 ", "modes: &kept 20 ", 1).replace(
@@ -243,5 +242,5 @@ def test_numbers_tied_by_an_alias_are_refused(tmp_path: Path, mechanism: Mechani
     write_planned(chosen, shared, target)
     assert read_mechanism(target).model_hash == planned_mechanism(chosen).model_hash
     assert chosen.n_modes != chosen.modes
-    with pytest.raises(PlanError, match="one by an alias"):
+    with pytest.raises(PlanError, match="one number in the file"):
         write_planned(chosen, shared.replace("  modes: 3", "  modes: *kept"), target)

@@ -1,0 +1,28 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Chooses the cheapest model that meets a tolerance.
+
+`scene` states the question. `choice` finds the cheapest settings: elements and modes a link, terms
+of an FRF, and a table or a solve for each prediction. `measurement` compares the choice with an
+unreduced, finer model. `report` presents both. `results` holds what a model or a table gives at one
+angle, and `costs` the time that it takes.
+"""
+
+from linkage_vibration.studies.plan.choice import Plan, plan, planned_frf, planned_mechanism
+from linkage_vibration.studies.plan.measurement import Measured, measure, solve_reference
+from linkage_vibration.studies.plan.report import summary, write_planned
+from linkage_vibration.studies.plan.scene import PlanError, Scene
+
+__all__ = [
+    "Measured",
+    "Plan",
+    "PlanError",
+    "Scene",
+    "measure",
+    "plan",
+    "planned_frf",
+    "planned_mechanism",
+    "summary",
+    "solve_reference",
+    "write_planned",
+]

@@ -1,0 +1,437 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Finds the cheapest settings that meet the tolerance of a scene.
+
+Elements a link, modes a link and terms of an FRF are tried from fixed lists. Each trial is compared
+with a finer one at a few angles of the scene, which takes some tens of small solves. The finest
+mesh's own error follows from how quickly its last halvings converge. A table is built to what the
+model leaves of the tolerance.
+"""
+
+import itertools
+import time
+from collections.abc import Callable
+from dataclasses import astuple, dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from linkage_vibration.mechanics.description import Mechanism
+from linkage_vibration.mechanics.kinematics import Kinematics
+from linkage_vibration.mechanics.model import LinkageModel, Solution
+from linkage_vibration.mechanics.response import N_FAR, PoleResidue, in_reach
+from linkage_vibration.studies.plan.costs import Costs, measure_costs
+from linkage_vibration.studies.plan.results import (
+    Residual,
+    Result,
+    result_at,
+    shorten,
+    table_errors,
+    worst_errors,
+)
+from linkage_vibration.studies.plan.scene import Errors, PlanError, Scene, check_scene
+from linkage_vibration.table.table import Table, TableError
+from linkage_vibration.table.tabulation import build_table
+from linkage_vibration.table.tabulation.accuracy import FRF_FLOOR, LOOSER
+
+FloatArray = NDArray[np.float64]
+
+Pair = tuple[int, int]
+"""Elements and modes a link."""
+
+ELEMENTS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256)
+MODES = (0, 1, 2, 3, 5, 8, 12, 20, 40, 80)
+
+_ANGLES = (0.5, 0.0, 1.0, 0.15, 0.85, 0.05, 0.95, 0.25, 0.75, 0.38, 0.62)  # of the range
+_FIRST = 3  # of these angles, at which the reference is chosen
+_CHECKED = 61  # angles at which FRFs and tables are compared with their own model
+_MANY_MODES = 20  # while meshes are compared; both lack the same modes, so the error cancels
+_RESOLVED = 0.05  # error of the reference mesh, in units of the tolerance
+_SETTLED = 0.02  # difference of three steps of modes beyond which no more modes are tried
+_TABLE_ROOM = 0.02  # least part of the tolerance that is left to a table's interpolation
+_TRIES, _TIGHTER = 6, 3.0  # tolerances tried for a table, and the factor between them
+_ABOVE = 1.02  # of the band: modes up to here may enter it between the angles tried
+
+# Measured on linkages of four links and up to a hundred coordinates:
+_ELEMENT_WORK = 14.0  # to build an element, in coordinates of one solve
+_SOLVES = 30  # a table needs about as many, and so does a study of a range by solves
+_FAR_WORK = 16  # to fit far poles, in poles of an FRF
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The cheapest settings that are predicted to meet a scene's tolerance.
+
+    Attributes
+    ----------
+    scene : Scene
+        The question.
+    elements, modes : int
+        Of each link.
+    n_modes : int
+        Natural frequencies that enter the band within the range; at least one.
+    residual : str
+        How FRFs represent the modes above the band.
+    table_tolerance : float or None
+        The tolerance for `build_table`; None if each prediction is solved.
+    points : int
+        Angles in the table; 0 without a table.
+    predicted : Errors
+    cost : Costs
+        Predicted.
+    reasons : tuple of (choice, reason)
+        In words.
+    """
+
+    scene: Scene
+    elements: int
+    modes: int
+    n_modes: int
+    residual: Residual
+    table_tolerance: float | None
+    points: int
+    predicted: Errors
+    cost: Costs
+    reasons: tuple[tuple[str, str], ...]
+
+    @property
+    def spatial(self) -> bool:
+        """Whether the links move out of the plane too."""
+        return self.scene.spatial
+
+    @property
+    def method(self) -> Literal["table", "exact"]:
+        """How a prediction is made."""
+        return "exact" if self.table_tolerance is None else "table"
+
+
+def plan(scene: Scene, solved: Callable[[], object] = lambda: None) -> Plan:
+    """Choose the cheapest settings that meet a scene's tolerance.
+
+    A `PlanError` is raised if the scene is invalid or no setting meets its tolerance, and a
+    `KinematicsError` or a `ModelError` if the linkage cannot be solved there.
+
+    Parameters
+    ----------
+    scene : Scene
+        The question.
+    solved : callable
+        Called after each solve, for a progress bar.
+    """
+    check_scene(scene)
+    trials = _Trials(scene, solved)
+    best = _reference(trials)
+    pair = _cheapest(best, 1.0)
+    solve = measure_costs(scene, trials.model(pair), "none", 0.0).prediction
+    limit = scene.seconds_per_prediction
+    if scene.one_angle:
+        return _plan_of_solves(best, pair, "one angle is solved once")
+    if limit is None:
+        why = f"no time is asked for, and a table takes about {_SOLVES} solves to build"
+        return _plan_of_solves(best, pair, why)
+    if solve <= limit:
+        why = f"a solve takes {1e3 * solve:.2g} ms of the {1e3 * limit:.2g} allowed"
+        return _plan_of_solves(best, pair, why)
+    if scene.spatial:
+        return _plan_of_solves(best, pair, "tables hold nothing along y")
+    return _plan_of_table(best, solve, limit)
+
+
+def planned_mechanism(plan: Plan) -> Mechanism:
+    """Return the mechanism with a plan's settings.
+
+    The plan sets the elements of beams, the modes a link, the response's band and number of modes,
+    and, if the scene has a range, the stroke.
+    """
+    return plan.scene.with_settings(plan.elements, plan.modes, plan.n_modes)
+
+
+def planned_frf(plan: Plan, solution: Solution) -> PoleResidue:
+    """Return the FRFs between the scene's places with no more terms than the plan asks for.
+
+    Parameters
+    ----------
+    plan : Plan
+        Its scene has places.
+    solution : Solution
+        Of a model of the planned mechanism.
+    """
+    places = plan.scene.places
+    return shorten(solution.frf(places, places), plan.residual, plan.scene.band)
+
+
+class _Trials:
+    """Models of a scene by their elements and modes a link; each is solved once at each angle."""
+
+    def __init__(self, scene: Scene, solved: Callable[[], object]) -> None:
+        self.scene = scene
+        self.solved = solved
+        start = time.perf_counter()
+        self.kinematics = Kinematics(scene.with_settings(1, 0, 1))
+        self.kinematics_seconds = time.perf_counter() - start
+        self.angles = scene.angles_at(_ANGLES)
+        self.model_seconds: dict[Pair, float] = {}
+        self._models: dict[Pair, LinkageModel] = {}
+        self._results: dict[tuple[Pair, float], Result] = {}
+
+    def model(self, pair: Pair) -> LinkageModel:
+        if pair not in self._models:
+            mechanism = self.scene.with_settings(*pair, 1)
+            start = time.perf_counter()
+            self._models[pair] = LinkageModel(
+                mechanism, spatial=self.scene.spatial, kinematics=self.kinematics
+            )
+            self.model_seconds[pair] = time.perf_counter() - start
+        return self._models[pair]
+
+    def result(self, pair: Pair, alpha3: float) -> Result:
+        if (pair, alpha3) not in self._results:
+            self._results[pair, alpha3] = result_at(self.scene, self.model(pair), alpha3)
+            self.solved()
+        return self._results[pair, alpha3]
+
+    def results(self, pair: Pair, count: int | None = None) -> list[Result]:
+        return [self.result(pair, alpha3) for alpha3 in self.angles[:count]]
+
+    def errors(self, pair: Pair, exact: list[Result]) -> FloatArray:
+        return worst_errors([self.result(pair, result.alpha3) for result in exact], exact)
+
+    def share(self, errors: FloatArray) -> float:
+        """Return the largest of three errors, each divided by the allowed one."""
+        return float((errors / astuple(self.scene.allowed)).max())
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Reference:
+    """The finest model of some trials, which the others are compared with."""
+
+    trials: _Trials
+    elements: int
+    modes: int
+    mesh_error: FloatArray  # (3,), of its mesh
+    results: list[Result]  # one for each angle
+
+    @property
+    def n_modes(self) -> int:
+        """Natural frequencies that enter the band within the range; at least one."""
+        top = _ABOVE * self.trials.scene.band[1]
+        return max(1, *(int((result.frequencies < top).sum()) for result in self.results))
+
+    def errors(self, pair: Pair) -> FloatArray:
+        """Return the predicted errors of a pair, (3,)."""
+        return self.trials.errors(pair, self.results) + self.mesh_error
+
+    def meets(self, pair: Pair, share: float) -> bool:
+        """Return whether a pair meets a share of the tolerance; stop at an angle where it fails."""
+        return all(
+            self.trials.share(self.trials.errors(pair, [result]) + self.mesh_error) <= share
+            for result in self.results
+        )
+
+
+def _reference(trials: _Trials) -> _Reference:
+    """Choose the finest mesh and the most modes that are needed for the tolerance."""
+    for elements in ELEMENTS:
+        if elements % 4 == 0 and elements // 4 in ELEMENTS:
+            error = _mesh_error(trials, elements)
+            if trials.share(error) <= _RESOLVED:
+                modes = _most_modes(trials, elements)
+                return _Reference(trials, elements, modes, error, trials.results((elements, modes)))
+    raise PlanError(
+        f"No mesh up to {ELEMENTS[-1]} elements a link is fine enough for a tolerance of "
+        f"{trials.scene.tolerance:g} up to {trials.scene.band[1]:g} Hz; give a larger one."
+    )
+
+
+def _mesh_error(trials: _Trials, elements: int) -> FloatArray:
+    """Return the errors of a mesh, (3,), from its last two halvings (Richardson's extrapolation).
+
+    Each halving divides the error by 2^2 (extension, short elements) to 2^4 (bending).
+    """
+    exact = trials.results((elements, _MANY_MODES), _FIRST)
+    quarter, half = (trials.errors((elements // n, _MANY_MODES), exact) for n in (4, 2))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = np.nan_to_num((quarter - half) / half, nan=4.0)
+    return np.asarray(half / (np.clip(ratio, 4.0, 16.0) - 1.0))
+
+
+def _most_modes(trials: _Trials, elements: int) -> int:
+    """Return the modes a link beyond which the results on a mesh hardly change."""
+    for few, more, most in zip(MODES, MODES[1:], MODES[2:], strict=False):
+        exact = trials.results((elements, most), _FIRST)
+        errors = [trials.errors((elements, modes), exact) for modes in (few, more)]
+        if trials.share(np.max(errors, axis=0)) <= _SETTLED:
+            return most
+    return MODES[-1]
+
+
+def _cheapest(best: _Reference, share: float) -> Pair:
+    """Return the pair of the least work that meets a share of the tolerance."""
+    scene, meshes = best.trials.scene, [n for n in ELEMENTS if n <= best.elements]
+    links, solves = len(scene.mechanism.links), 1 if scene.one_angle else _SOLVES
+    interface = len(best.trials.result((best.elements, 0), best.trials.angles[0]).frequencies)
+
+    def work(pair: Pair) -> float:
+        elements, modes = pair
+        return links * elements * _ELEMENT_WORK + solves * (interface + links * modes)
+
+    # Fewer modes never improve a mesh, so a mesh that fails with the most modes needs no trial.
+    meshes = [n for n in meshes if best.meets((n, best.modes), share)]
+    pairs = itertools.product(meshes, [n for n in MODES if n <= best.modes])
+    for pair in sorted(pairs, key=work):
+        if best.meets(pair, share):
+            return pair
+    raise PlanError(
+        f"No mesh up to {ELEMENTS[-1]} elements and no {MODES[-1]} modes a link meet a tolerance "
+        f"of {scene.tolerance:g} up to {scene.band[1]:g} Hz; give a larger one, or a lower band."
+    )
+
+
+def _plan_of_solves(best: _Reference, pair: Pair, why: str) -> Plan:
+    scene, trials = best.trials.scene, best.trials
+    residual, error, reasons = _fewest_terms(best, pair)
+    setup = trials.kinematics_seconds + trials.model_seconds[pair]
+    return Plan(
+        scene,
+        *pair,
+        best.n_modes,
+        residual,
+        None,
+        0,
+        Errors(*(best.errors(pair) + [0.0, 0.0, error]).tolist()),
+        measure_costs(scene, trials.model(pair), residual, setup),
+        (*_reasons(best, pair), *reasons, ("solved at each angle", why)),
+    )
+
+
+def _plan_of_table(best: _Reference, solve: float, limit: float) -> Plan:
+    """Return the plan that looks predictions up in a table.
+
+    ``solve`` is the time of a prediction by a solve and ``limit`` the time allowed for one, s.
+    """
+    scene = best.trials.scene
+    pair = _cheapest(best, 1.0 - _TABLE_ROOM)
+    errors = best.errors(pair)
+    left = np.array(astuple(scene.allowed)) - errors
+    if scene.places and left[2] < FRF_FLOOR:
+        raise PlanError(
+            f"A table's FRFs are accurate to {FRF_FLOOR:g} at best; give a tolerance of "
+            f"{2.0 * FRF_FLOOR / LOOSER:g} or more, no points, or no time per prediction."
+        )
+    table, tolerance, own, build = _fitting_table(best, pair, left)
+    costs = measure_costs(scene, table, "far poles", best.trials.kinematics_seconds + build)
+    points = len(table.alpha3)
+    quick = "" if costs.prediction <= limit else "; nothing is quicker than a table"
+    why = f"a solve takes {1e3 * solve:.2g} ms, more than the {1e3 * limit:.2g} allowed{quick}"
+    return Plan(
+        scene,
+        *pair,
+        best.n_modes,
+        "far poles",
+        tolerance,
+        points,
+        Errors(*(errors + own).tolist()),
+        costs,
+        (
+            *_reasons(best, pair),
+            (f"table of {points} points", why),
+            ("", f"built to {tolerance:.2g}, so that model and table meet it together"),
+        ),
+    )
+
+
+def _fitting_table(
+    best: _Reference, pair: Pair, left: FloatArray
+) -> tuple[Table, float, FloatArray, float]:
+    """Build a model's table whose errors against that model are no larger than those left.
+
+    It returns the table, the tolerance it was built to, its errors (3,), and the time that the
+    model and the table took. The tolerance is what is left, or less if the table proves worse
+    between the points at which it measured itself.
+    """
+    scene = best.trials.scene
+    model = best.trials.model(pair)
+    exact = [result_at(scene, model, alpha3) for alpha3 in scene.spread(_CHECKED)]
+    rooms = [left[0], left[2] / LOOSER] if scene.places else [left[0]]
+    tolerance, safe = float(max(rooms)), float(min(rooms))
+    for _ in range(_TRIES):
+        start = time.perf_counter()
+        table = _table(best, pair, tolerance)
+        seconds = time.perf_counter() - start
+        errors = table_errors(table, exact)
+        if (errors <= left).all():
+            return table, tolerance, errors, seconds
+        tighter = tolerance / _TIGHTER
+        tolerance = max(safe, tighter) if tolerance > safe else tighter
+    raise PlanError(
+        f"A solve takes longer than is allowed, and no table follows {scene.mechanism.name} to "
+        f"a tolerance of {scene.tolerance:g} between its points; give a larger one."
+    )
+
+
+def _table(best: _Reference, pair: Pair, tolerance: float) -> Table:
+    scene, trials = best.trials.scene, best.trials
+    mechanism = scene.with_settings(*pair, best.n_modes)
+    model = LinkageModel(mechanism, kinematics=trials.kinematics)
+    try:
+        table = build_table(model, tolerance, scene.points, trials.solved)
+    except TableError as error:
+        raise PlanError(
+            f"A solve takes longer than is allowed, and no table can be built: {error}"
+        ) from None
+    if scene.places and not table.places:
+        raise PlanError(
+            "A solve takes longer than is allowed, and no table of such a linkage holds FRFs; ask "
+            "for no points, or for no time per prediction."
+        )
+    return table
+
+
+def _fewest_terms(best: _Reference, pair: Pair) -> tuple[Residual, float, list[tuple[str, str]]]:
+    """Return the fewest terms of the FRFs that meet the tolerance, their error, and the reasons.
+
+    They are compared with all terms of the same model, at more angles than the other settings: an
+    FRF may nearly vanish at an angle, and then depends most on the terms that are left out.
+    """
+    scene = best.trials.scene
+    if not scene.places:
+        return "none", 0.0, []
+    model = best.trials.model(pair)
+    results = [result_at(scene, model, alpha3) for alpha3 in scene.spread(_CHECKED)]
+    every = [result.frf.stiffness for result in results if result.frf is not None]
+    near = max(int(in_reach(stiffness, scene.band).sum()) for stiffness in every)
+    total = len(every[0])
+    own = float(best.errors(pair)[2])
+    steps: list[tuple[int, Residual, str]] = [
+        (near, "none", "near modes alone"),
+        (near + 1, "static", "near modes, static residual"),
+        (near + N_FAR + _FAR_WORK, "far poles", "near modes, far poles"),
+        (total, "every mode", "every mode"),
+    ]
+    why = f"{near} of {total} modes are near the band"
+    for _, residual, choice in sorted(steps):
+        short = [result.shortened(residual) for result in results]
+        error = float(worst_errors(short, results)[2])
+        if own + error <= scene.allowed.frf or residual == "every mode":
+            break
+        why = f"{choice}: {(own + error) / scene.allowed.frf:.2g} x the tolerance"
+    return residual, error, [(f"FRFs: {choice}", why)]
+
+
+def _reasons(best: _Reference, pair: Pair) -> list[tuple[str, str]]:
+    elements, modes = pair
+    y = [point for point, direction in best.trials.scene.places if direction == "y"]
+    reasons = [
+        ("spatial", f"{y[0]} y is out of the plane")
+        if y
+        else ("planar", "nothing out of the plane is asked for")
+    ]
+    for count, ladder, name in ((elements, ELEMENTS, "elements"), (modes, MODES, "modes")):
+        why = "the fewest"
+        if count > ladder[0]:
+            fewer = ladder[ladder.index(count) - 1]
+            other = (fewer, modes) if name == "elements" else (elements, fewer)
+            why = f"with {fewer}: {best.trials.share(best.errors(other)):.2g} x the tolerance"
+        reasons.append((f"{name} a link: {count}", why))
+    return reasons

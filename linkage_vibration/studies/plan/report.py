@@ -1,0 +1,84 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Presents a plan: a summary in words, and the mechanism's file with the plan's settings."""
+
+import math
+from dataclasses import astuple
+from pathlib import Path
+
+from linkage_vibration.mechanics.description import Beam
+from linkage_vibration.studies.plan.choice import Plan, planned_mechanism
+from linkage_vibration.studies.plan.costs import FRF_LINES
+from linkage_vibration.studies.plan.measurement import Measured
+from linkage_vibration.studies.plan.scene import PlanError
+from linkage_vibration.studies.yaml_editing import edit_text
+from linkage_vibration.support.atomic_files import write_text
+
+
+def summary(plan: Plan, measured: Measured) -> str:
+    """Return what was chosen and why, and what was predicted, measured and allowed.
+
+    Parameters
+    ----------
+    plan : Plan
+        The choice.
+    measured : Measured
+        Its measurement.
+    """
+    scene = plan.scene
+    low, high = (math.degrees(angle) for angle in scene.angles)
+    where = f"{low:g} deg" if scene.one_angle else f"{low:g} to {high:g} deg"
+    lines = [
+        f"{scene.mechanism.name}: {scene.band[0]:g} to {scene.band[1]:g} Hz, {where}, "
+        f"tolerance {scene.tolerance:g}",
+        "",
+        *(f"{choice:34}{reason}" for choice, reason in plan.reasons),
+        "",
+        f"{'relative error':26}{'predicted':>12}{'measured':>12}{'allowed':>12}",
+    ]
+    errors = zip(*map(astuple, (plan.predicted, measured.errors, scene.allowed)), strict=True)
+    names = ("natural frequencies", "highest peak", "worst FRF")
+    rows = 3 if scene.places else 2
+    for name, values in list(zip(names, errors, strict=True))[:rows]:
+        lines.append(f"{name:26}" + "".join(f"{value:12.1e}" for value in values))
+    lines += ["", f"{'time [ms]':26}{'predicted':>12}{'measured':>12}{'allowed':>12}"]
+    costs = zip(*map(astuple, (plan.cost, measured.costs)), strict=True)
+    names = ("set-up", "a prediction", f"FRFs, {FRF_LINES} lines")
+    limit = scene.seconds_per_prediction
+    for name, seconds in list(zip(names, costs, strict=True))[:rows]:
+        asked = f"{1e3 * limit:12.4g}" if limit is not None and name == "a prediction" else ""
+        lines.append(f"{name:26}" + "".join(f"{1e3 * s:12.4g}" for s in seconds) + asked)
+    if plan.method == "table":
+        lines.append(f"{'points of the table':26}{plan.points:12}{measured.points:12}")
+    return "\n".join(lines)
+
+
+def write_planned(plan: Plan, text: str, path: Path) -> None:
+    """Write a mechanism's file with a plan's settings; its comments and its order stay.
+
+    A `PlanError` is raised if the file cannot be written, or if an alias in it makes one number of
+    two that differ in the plan.
+
+    Parameters
+    ----------
+    plan : Plan
+        The settings.
+    text : str
+        The text of the file that the mechanism was read from.
+    path : Path
+        The file to write.
+    """
+    mechanism = planned_mechanism(plan)
+    numbers: list[tuple[tuple[str, ...], list[float]]] = [
+        (("response", "band_hz"), [*mechanism.response.band]),
+        (("response", "modes"), [mechanism.response.modes]),
+    ]
+    for link in mechanism.links:
+        numbers.append((("links", link.name, "modes"), [link.modes]))
+        if isinstance(link.body, Beam):
+            numbers.append((("links", link.name, "elements"), [link.body.elements]))
+    if not plan.scene.one_angle:
+        stroke = [math.degrees(angle) for angle in mechanism.stroke]
+        numbers.append((("input", "range_deg"), stroke))
+    words = [(keys, [repr(value) for value in values]) for keys, values in numbers]
+    write_text(path, edit_text(text, words, PlanError), PlanError)

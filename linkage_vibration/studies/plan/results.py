@@ -1,0 +1,147 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""The results of a model or a table at one angle, and how far they are from a reference."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from linkage_vibration.mechanics.model import LinkageModel
+from linkage_vibration.mechanics.response import PoleResidue, far_poles, in_reach
+from linkage_vibration.studies.plan.scene import PlanError, Scene
+from linkage_vibration.table.table import Table
+from linkage_vibration.table.tabulation.verification import frf_lines, worst_frf_error
+
+FloatArray = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+Residual = Literal["none", "static", "far poles", "every mode"]
+"""How an FRF represents the modes above the band."""
+
+
+@dataclass(frozen=True, eq=False)
+class Result:
+    """What a model or a table gives at one angle."""
+
+    scene: Scene
+    alpha3: float  # rad
+    frequencies: FloatArray  # Hz, ascending, without rigid-body modes
+    peak: float  # m/N
+    frf: PoleResidue | None  # None without places
+
+    @cached_property
+    def weighted_frf(self) -> tuple[FloatArray, FloatArray, ComplexArray]:
+        """Lines in Hz, (n,), the weights of an L2 norm, (n, 1, 1), and the weighted FRFs there.
+
+        Raises
+        ------
+        PlanError
+            If an FRF is infinite in the band.
+        """
+        assert self.frf is not None
+        lines, weights = frf_lines(self.frf, self.scene.band)
+        frf = self.frf.frf(lines)
+        if not np.isfinite(frf).all():
+            raise PlanError(
+                f"An FRF of {self.scene.mechanism.name} is infinite in the band, because a mode is "
+                "undamped or free to move; give its links damping, begin the band above 0 Hz, or "
+                "ask for no points."
+            )
+        return lines, weights, np.asarray(weights * frf)
+
+    def errors(self, exact: "Result") -> FloatArray:
+        """Return the relative errors from an exact result, (3,), in the order of `Errors`."""
+        low, high = self.scene.band
+        within = exact.frequencies[exact.frequencies <= high]
+        if len(self.frequencies) < len(within):
+            return np.full(3, math.inf)
+        apart = np.abs(self.frequencies[: len(within)] / within - 1.0)[within >= low]
+        peak = abs(self.peak / exact.peak - 1.0) if 0.0 < exact.peak < math.inf else 0.0
+        frf = 0.0
+        if self.frf is not None:
+            lines, weights, wanted = exact.weighted_frf
+            frf = worst_frf_error(weights * self.frf.frf(lines), wanted)
+        return np.array([apart.max(initial=0.0), peak, frf])
+
+    def shortened(self, residual: Residual) -> "Result":
+        """Return the result with fewer terms in its FRFs."""
+        if self.frf is None:
+            return self
+        return replace(self, frf=shorten(self.frf, residual, self.scene.band))
+
+
+def result_at(scene: Scene, source: LinkageModel | Table, alpha3: float) -> Result:
+    """Return the results that a scene asks for, at one angle.
+
+    Parameters
+    ----------
+    scene : Scene
+        The question.
+    source : LinkageModel or Table
+        The model to solve, or the table to interpolate.
+    alpha3 : float
+        rad.
+    """
+    places = scene.places
+    if isinstance(source, Table):
+        values, _, peak, _ = source.interpolate(alpha3)
+        frf = source.frf(alpha3, places, places) if places else None
+        return Result(scene, alpha3, np.sort(values[: source.n_modes]), peak, frf)
+    solution = source.solve(alpha3)
+    frequencies = solution.natural_frequencies[~solution.modes.mechanism]
+    frf = solution.frf(places, places) if places else None
+    return Result(scene, alpha3, frequencies, solution.peak(scene.band).magnitude, frf)
+
+
+def worst_errors(results: Sequence[Result], exact: Sequence[Result]) -> FloatArray:
+    """Return the largest errors over some angles, (3,), in the order of `Errors`.
+
+    Parameters
+    ----------
+    results, exact : sequence of Result, (n_angles,)
+        What is compared, and the references.
+    """
+    return np.asarray(np.max(list(map(Result.errors, results, exact)), axis=0))
+
+
+def table_errors(table: Table, exact: Sequence[Result]) -> FloatArray:
+    """Return the errors of a table, (3,), in the order of `Errors`; its own estimate counts too.
+
+    Parameters
+    ----------
+    table : Table
+        What is compared.
+    exact : sequence of Result, (n_angles,)
+        Results of its model.
+    """
+    errors = worst_errors([result_at(e.scene, table, e.alpha3) for e in exact], exact)
+    return np.maximum(errors, [table.interpolation_error.max(), table.peak_error, 0.0])
+
+
+def shorten(whole: PoleResidue, residual: Residual, band: tuple[float, float]) -> PoleResidue:
+    """Return FRFs with fewer terms for the modes above a band.
+
+    Parameters
+    ----------
+    whole : PoleResidue
+        FRFs with every mode.
+    residual : str
+        How to represent the modes above the band.
+    band : tuple of float
+        Hz.
+    """
+    if residual == "every mode":
+        return whole
+    kept = in_reach(whole.stiffness, band)
+    if residual == "far poles":
+        return whole.condensed(kept, far_poles(whole.stiffness[~kept], whole.decay[~kept], band))
+    static = whole.residual.copy()
+    if residual == "static":
+        static += (whole.residues[:, :, ~kept] / whole.stiffness[~kept]).sum(axis=-1)
+    near = whole.residues[:, :, kept], whole.rates[:, :, kept]
+    return PoleResidue(whole.stiffness[kept], whole.decay[kept], *near, static)

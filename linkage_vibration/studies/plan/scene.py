@@ -1,0 +1,144 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""The question that a plan answers: which results, where, and how accurate."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import astuple, dataclass, replace
+
+import numpy as np
+
+from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.mechanics.description import Beam, Frfs, Mechanism
+from linkage_vibration.mechanics.model import Place
+from linkage_vibration.table.tabulation.accuracy import LOOSER
+
+
+class PlanError(LinkageVibrationError):
+    """A scene is invalid, or no setting meets its tolerance."""
+
+
+@dataclass(frozen=True, slots=True)
+class Errors:
+    """The worst relative errors in a scene."""
+
+    frequency: float  # of the natural frequencies in the band
+    peak: float  # of the highest peak's magnitude
+    frf: float  # of the FRFs between the places, L2 norm over the band; 0 without places
+
+    def share(self, allowed: "Errors") -> float:
+        """Return the largest of the three errors, each divided by the allowed one."""
+        return float((np.array(astuple(self)) / astuple(allowed)).max())
+
+
+@dataclass(frozen=True)
+class Scene:
+    """The results that are needed, and their tolerance.
+
+    Attributes
+    ----------
+    mechanism : Mechanism
+        A plan replaces its elements, modes, band, number of natural frequencies and stroke.
+    band : tuple of float
+        Hz.
+    places : tuple of (point, direction)
+        FRFs are needed between all of these; without places, none are.
+    tolerance : float
+        Relative error allowed for every natural frequency in the band. A hundred times as much is
+        allowed for the highest peak's magnitude (at the mechanism's own drive point) and for each
+        FRF (L2 norm over the band).
+    angles : tuple of float
+        The range of alpha3, rad; for a single angle, twice the same.
+    seconds_per_prediction : float, optional
+        The time in which natural frequencies, damping ratios and the peak are needed.
+    """
+
+    mechanism: Mechanism
+    band: tuple[float, float]
+    places: tuple[Place, ...]
+    tolerance: float
+    angles: tuple[float, float]
+    seconds_per_prediction: float | None = None
+
+    @property
+    def one_angle(self) -> bool:
+        """Whether the range is a single angle."""
+        return self.angles[0] == self.angles[1]
+
+    @property
+    def spatial(self) -> bool:
+        """Whether a result out of the plane of motion is needed."""
+        return any(direction == "y" for _, direction in self.places)
+
+    @property
+    def points(self) -> list[str]:
+        """The points of the places, each once."""
+        return list(dict.fromkeys(point for point, _ in self.places))
+
+    @property
+    def allowed(self) -> Errors:
+        """The errors that meet the tolerance."""
+        return Errors(self.tolerance, LOOSER * self.tolerance, LOOSER * self.tolerance)
+
+    def angles_at(self, fractions: Sequence[float]) -> list[float]:
+        """Return angles at fractions of the range, or the single angle."""
+        low, high = self.angles
+        return [low] if self.one_angle else [low + (high - low) * part for part in fractions]
+
+    def spread(self, count: int) -> list[float]:
+        """Return evenly spaced angles within the range, without its ends, or the single angle."""
+        inner = np.linspace(*self.angles, 2 * count + 1)[1::2]
+        return [self.angles[0]] if self.one_angle else inner.tolist()
+
+    def with_settings(self, elements: int, modes: int, n_modes: int) -> Mechanism:
+        """Return the mechanism with other settings, and with the band and range of the scene.
+
+        Parameters
+        ----------
+        elements : int
+            Elements of each beam.
+        modes : int
+            Fixed-interface modes of each link.
+        n_modes : int
+            Natural frequencies that a prediction reports.
+        """
+        links = (
+            replace(link, modes=modes, body=replace(link.body, elements=elements))
+            if isinstance(link.body, Beam)
+            else replace(link, modes=modes)
+            for link in self.mechanism.links
+        )
+        return replace(
+            self.mechanism,
+            links=tuple(links),
+            stroke=self.mechanism.stroke if self.one_angle else self.angles,
+            response=replace(self.mechanism.response, band=self.band, modes=n_modes),
+        )
+
+
+def check_scene(scene: Scene) -> None:
+    """Refuse an invalid scene.
+
+    Raises
+    ------
+    PlanError
+        Naming the value that is invalid, and how to correct it.
+    """
+    low, high = scene.band
+    if not 0.0 <= low < high < math.inf:
+        raise PlanError(
+            f"The band from {low:g} to {high:g} Hz is invalid; give two frequencies that ascend "
+            "from 0 or above."
+        )
+    if not 1e-9 <= scene.tolerance < 1.0:
+        raise PlanError(
+            f"The tolerance {scene.tolerance:g} is invalid; give a relative error from 1e-9 to 1."
+        )
+    if not scene.angles[0] <= scene.angles[1]:
+        raise PlanError("The range of angles does not ascend; give the smaller one first.")
+    for link in scene.mechanism.links:
+        if isinstance(link.body, Frfs):
+            raise PlanError(
+                f"links.{link.name} is given by FRFs, so its measurement sets the accuracy and a "
+                "plan has nothing to choose; describe the link as a beam or by matrices."
+            )
