@@ -26,6 +26,7 @@ EXTRAS = {
         "ros-rcl-interfaces~=2.3.0",
         "ros-rclpy~=9.1.2",
         "ros-rmw-fastrtps-cpp~=9.3.3",
+        "ros-rosgraph-msgs~=2.3.0",
         "ros-sensor-msgs~=5.5.1",
         "ros-std-msgs~=5.5.1",
         "ros-std-srvs~=5.5.1",

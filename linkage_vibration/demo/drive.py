@@ -12,7 +12,7 @@ import heapq
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,9 +20,6 @@ from numpy.typing import NDArray
 from linkage_vibration.bags.message_types import FLOAT64, JOINT_STATE
 from linkage_vibration.bags.writing import LogWriter, Topic, offered_qos_profiles
 from linkage_vibration.errors import LinkageVibrationError
-
-if TYPE_CHECKING:
-    from rosbags.typesys.store import Typestore
 
 HITCH_JOINT = "hitch_rockshaft_joint"
 JOINTS, ENGINE_SPEED, PTO_SPEED = "/joint_states", "/engine_speed", "/pto_speed"
@@ -164,7 +161,7 @@ def write_drive(path: Path) -> None:
         ) from None
 
 
-def _joint_states(store: "Typestore") -> Iterator[tuple[int, str, bytes]]:
+def _joint_states(store: Any) -> Iterator[tuple[int, str, bytes]]:
     """Yield each time, in ns, and the joint state of that time in CDR."""
     message_type, header_type, stamp_type = (
         store.types[name]
@@ -194,7 +191,7 @@ def _joint_states(store: "Typestore") -> Iterator[tuple[int, str, bytes]]:
         yield time, JOINTS, bytes(store.serialize_cdr(message, JOINT_STATE))
 
 
-def _speeds(store: "Typestore") -> list[Iterator[tuple[int, str, bytes]]]:
+def _speeds(store: Any) -> list[Iterator[tuple[int, str, bytes]]]:
     """Return what yields each time, in ns, and the speed of that time in CDR, for both speeds."""
     message_type = store.types[FLOAT64]
     times, engine, pto = engine_and_pto_speed()
