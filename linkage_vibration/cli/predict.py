@@ -16,20 +16,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Print one row for each angle; return 1 if one of them has no prediction."""
-    from linkage_vibration.mechanics.model import LinkageModel
-    from linkage_vibration.prediction.predictor import Predictor, Status
-    from linkage_vibration.readers.mechanism import read_mechanism
-    from linkage_vibration.support.resources import DEFAULT_MECHANISM, DEFAULT_TABLE, config_file
-    from linkage_vibration.table.table import load_table
-    from linkage_vibration.table.tabulation import build_table
+    from linkage_vibration.prediction.predictor import Status
+    from linkage_vibration.prediction.settings import Parameters
+    from linkage_vibration.readers.served import read_served
 
-    mechanism = read_mechanism(options.mechanism or config_file(DEFAULT_MECHANISM))
-    if options.mechanism and not options.table:
-        table = build_table(LinkageModel(mechanism))
-    else:
-        table = load_table(options.table or config_file(DEFAULT_TABLE), mechanism)
-    predictor = Predictor(table)
-    modes = "".join(f"{f'mode {k + 1} [Hz]':>13}" for k in range(table.n_modes))
+    mechanism, table = str(options.mechanism or ""), str(options.table or "")
+    predictor = read_served(Parameters(mechanism_file=mechanism, table_file=table)).predictor
+    modes = "".join(f"{f'mode {k + 1} [Hz]':>13}" for k in range(predictor.table.n_modes))
     print(f"{'alpha3 [deg]':>12}{modes}{'peak [Hz]':>13}{'peak [m/N]':>13}")
     good = True
     for angle in options.angle_deg:

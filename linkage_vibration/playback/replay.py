@@ -18,8 +18,8 @@ from linkage_vibration.bags.joint_states import JointStateReader
 from linkage_vibration.bags.message_types import FLOAT64
 from linkage_vibration.bags.recorder import PROVENANCE_METADATA, package_versions
 from linkage_vibration.bags.streams import Bags, BagTopic, Block, open_bags
-from linkage_vibration.bags.writing import Attachment
 from linkage_vibration.messages.encoding import encode_predictions, encode_resonances
+from linkage_vibration.messages.provenance import attachments
 from linkage_vibration.messages.topics import (
     PREDICTION,
     PREDICTION_TOPIC,
@@ -29,15 +29,14 @@ from linkage_vibration.messages.topics import (
     log_topic,
 )
 from linkage_vibration.playback.remapping import ReplayError, choose_topics, told
-from linkage_vibration.playback.what_if import AS_IT_IS, WhatIf, load_model
+from linkage_vibration.playback.what_if import AS_DESCRIBED, WhatIf, served_model
 from linkage_vibration.prediction.batch import Predictions, predict_many
 from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.inputs import JointInput, PercentInput, Reading, ReadingError
 from linkage_vibration.prediction.predictor import Predictor, Status
 from linkage_vibration.prediction.resonance import ReportedSpeed, ResonanceMonitor
-from linkage_vibration.prediction.settings import NODE_NAME, Parameters, parameters_yaml
+from linkage_vibration.prediction.settings import NODE_NAME, Parameters
 from linkage_vibration.readers.excitations import read_excitations
-from linkage_vibration.table.table import table_bytes
 
 FloatArray = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -120,7 +119,7 @@ def replay(
     output: str | Path,
     settings: Parameters | None = None,
     remaps: Mapping[str, str] = MappingProxyType({}),
-    what_if: WhatIf = AS_IT_IS,
+    what_if: WhatIf = AS_DESCRIBED,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Replayed:
     """Predict for each reading of the hitch in bags, and write a log.
@@ -156,31 +155,25 @@ def replay(
         raise ReplayError(f"{output} is one of the bags to replay; give another --output.")
     with open_bags(bag_paths) as bags:
         topics = choose_topics(bags, settings, remaps)
-        mechanism_text, table = load_model(settings, what_if)
+        served = served_model(settings, what_if)
         log_topics = [log_topic(topic.name, topic.type) for topic in topics.values()]
         log_topics.append(log_topic(PREDICTION_TOPIC, PREDICTION))
-        predictor, monitor = Predictor(table), _monitor(settings, topics)
-        parameters = parameters_yaml(settings, f"/{NODE_NAME}")
+        monitor = _monitor(settings, topics)
+        excitations = None
         if monitor is not None:
             log_topics.append(log_topic(RESONANCE_TOPIC, RESONANCE))
-        attachments = [
-            Attachment("mechanism.yaml", "application/yaml", mechanism_text.encode()),
-            Attachment(f"{table.table_id}.npz", "application/x-npz", table_bytes(table)),
-            Attachment("parameters.yaml", "application/yaml", parameters.encode()),
-        ]
-        if monitor is not None:
-            excitations = settings.excitation_path().read_bytes()
-            attachments.append(Attachment("excitations.yaml", "application/yaml", excitations))
+            excitations = settings.excitation_path().read_bytes().decode()
+        files = attachments(served, settings, f"/{NODE_NAME}", excitations)
         metadata = {
             PROVENANCE_METADATA: package_versions(),
             REPLAY_METADATA: {"inputs": " ".join(path.name for path in bag_paths)},
         }
-        run = _Replay(settings, topics, predictor, monitor)
+        run = _Replay(settings, topics, served.predictor, monitor)
         total, done = sum(topic.count for topic in topics.values()), 0
         try:
             with tempfile.TemporaryDirectory(dir=output.absolute().parent) as folder:
                 unfinished = Path(folder) / output.name
-                with ChunkLog(unfinished, log_topics, attachments, metadata) as log:
+                with ChunkLog(unfinished, log_topics, files, metadata) as log:
                     for block in bags.blocks([topic.name for topic in topics.values()]):
                         log.write(run.messages(block))
                         done += len(block)

@@ -24,6 +24,7 @@ from linkage_vibration.bags.message_columns import (
 from linkage_vibration.drawing.intervals import gap_starts
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.description import Mechanism
+from linkage_vibration.messages.provenance import EXCITATIONS, PARAMETERS
 from linkage_vibration.messages.topics import PREDICTION, RESONANCE, SPEEDS
 from linkage_vibration.prediction.excitation import Excitation, Source, excitations_from_mapping
 from linkage_vibration.readers.mechanism import read_mechanism
@@ -32,8 +33,6 @@ from linkage_vibration.table.table import Table, TableError, load_table
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
-
-PARAMETERS, EXCITATIONS = "parameters.yaml", "excitations.yaml"  # names of attachments
 
 
 class ReviewError(LinkageVibrationError):

@@ -22,6 +22,7 @@ from linkage_vibration.prediction.answers import Served
 from linkage_vibration.prediction.resonance import ResonanceMonitor
 from linkage_vibration.prediction.settings import NODE_NAME, without_markers
 from linkage_vibration.readers.excitations import read_excitations
+from linkage_vibration.readers.served import read_served
 from linkage_vibration.ros.diagnostics import Health, Log, Statistics, diagnostics, status
 from linkage_vibration.ros.endpoints import publisher, publishers
 from linkage_vibration.ros.interface_check import check_interfaces
@@ -29,7 +30,7 @@ from linkage_vibration.ros.log_control import Recording
 from linkage_vibration.ros.markers import Markers, MarkerSettings
 from linkage_vibration.ros.message_path import Predicting, own_topics
 from linkage_vibration.ros.parameter_server import changed, declare_parameters, in_own_types
-from linkage_vibration.ros.served import load_served, provenance, table_info
+from linkage_vibration.ros.served import provenance, table_info
 from linkage_vibration.ros.services import Services
 from linkage_vibration.ros.throttle import Throttle
 from linkage_vibration_interfaces.msg import TableInfo
@@ -182,7 +183,7 @@ class LinkageVibrationNode(LifecycleNode):
         path = settings.excitation_path()
         excitations = read_excitations(path)
         self._excitations = path.read_text(encoding="utf-8")
-        self._served = served = load_served(settings, self.get_logger().info, self._go_on)
+        self._served = served = read_served(settings, self.get_logger().info, self._go_on)
         statistics, throttle = self._statistics, self._throttle
         topics = own_topics(self)
         recorder = Recorder(

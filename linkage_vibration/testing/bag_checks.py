@@ -5,7 +5,7 @@
 import io
 import tempfile
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
 from datetime import datetime, timezone
@@ -15,16 +15,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from linkage_vibration.bags.message_columns import Columns, read_columns, topic_types
+from linkage_vibration.bags.message_columns import Columns, first_topic, read_columns, topic_types
 from linkage_vibration.bags.streams import open_bags
 from linkage_vibration.drawing.palette import COLOURS, GREY, INK
 from linkage_vibration.errors import LinkageVibrationError
-from linkage_vibration.messages.topics import (
-    HITCH_POSITION,
-    JOINT_STATES,
-    PREDICTION_TOPIC,
-    RESONANCE_TOPIC,
-)
+from linkage_vibration.messages.topics import HITCH_POSITION, JOINT_STATES, PREDICTION, RESONANCE
 from linkage_vibration.playback.replay import replay
 from linkage_vibration.prediction.predictor import Status
 from linkage_vibration.prediction.settings import Parameters
@@ -177,7 +172,7 @@ def check_bag(
     bag = Path(bag)
     with ExitStack() as stack:
         log = bag
-        if settings is not None or PREDICTION_TOPIC not in topic_types(bag):
+        if settings is not None or not first_topic(topic_types(bag), PREDICTION):
             if limits.latency is not None:
                 raise TestKitError(
                     f"{bag} has no latency, as it is replayed; give a log that the node recorded."
@@ -195,14 +190,12 @@ def check_bag(
 
 def _signals(bag: Path, log: Path, limits: Limits) -> _Signals:
     types = topic_types(log)
-    wanted = {PREDICTION_TOPIC: types[PREDICTION_TOPIC]}
-    if RESONANCE_TOPIC in types:
-        wanted[RESONANCE_TOPIC] = types[RESONANCE_TOPIC]
-    columns = read_columns(log, wanted)
-    predictions: Columns = columns[PREDICTION_TOPIC]
+    prediction, resonance = first_topic(types, PREDICTION), first_topic(types, RESONANCE)
+    columns = read_columns(log, {name: types[name] for name in (prediction, resonance) if name})
+    predictions: Columns = columns[prediction]
     if not len(predictions.get("log_time", ())):
         raise TestKitError(f"{bag} holds no prediction; was the joint ever published?")
-    resonances = columns.get(RESONANCE_TOPIC, {})
+    resonances = columns.get(resonance, {})
     if limits.margin is not None and not len(resonances.get("log_time", ())):
         raise TestKitError(
             f"{bag} tells no margin, as no speed is known; record engine_speed, pto_speed or "
@@ -216,23 +209,23 @@ def _signals(bag: Path, log: Path, limits: Limits) -> _Signals:
         resonances.get("log_time", np.empty(0, np.int64)),
         np.abs(resonances.get("relative_margin", np.empty(0))),
         resonances.get("excitation", np.empty(0, object)),
-        np.full(n, np.nan) if limits.latency is None else _latencies(bag, log, sorted(types)),
+        np.full(n, np.nan) if limits.latency is None else _latencies(bag, log, types),
     )
 
 
-def _latencies(bag: Path, log: Path, topics: Sequence[str]) -> FloatArray:
+def _latencies(bag: Path, log: Path, types: Mapping[str, str]) -> FloatArray:
     """Return for each prediction how long after its reading it was sent, s."""
-    inputs = [topic for topic in topics if topic in (f"/{JOINT_STATES}", f"/{HITCH_POSITION}")]
+    inputs = [topic for topic in types if topic in (f"/{JOINT_STATES}", f"/{HITCH_POSITION}")]
     if len(inputs) != 1:
         raise TestKitError(
             f"{bag} has {len(inputs)} topics of readings, /joint_states or /hitch_position; the "
-            "latency needs one."
+            "latency needs exactly one."
         )
     received: list[Integers] = []
     sent: list[Integers] = []
     answers: list[tuple[Integers, Integers]] = []
     with open_bags([log]) as bags:
-        for block in bags.blocks([*inputs, PREDICTION_TOPIC]):
+        for block in bags.blocks([*inputs, first_topic(types, PREDICTION)]):
             reading = block.topics == 0
             received.append(block.log_times[reading])
             sent.append(block.publish_times[reading])

@@ -1,0 +1,36 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""The files that a log attaches, so that its predictions can be reproduced."""
+
+from linkage_vibration.bags.writing import Attachment
+from linkage_vibration.prediction.answers import Served
+from linkage_vibration.prediction.settings import Parameters, parameters_yaml
+from linkage_vibration.table.table import table_bytes
+
+MECHANISM, PARAMETERS = "mechanism.yaml", "parameters.yaml"
+EXCITATIONS = "excitations.yaml"
+
+
+def attachments(
+    served: Served, settings: Parameters, node_name: str, excitations: str | None
+) -> tuple[Attachment, ...]:
+    """Return what made the messages of a log, as files.
+
+    Parameters
+    ----------
+    served : Served
+        The mechanism and its table; the table's file is named by its ``table_id``.
+    settings : Parameters
+        The parameters of the node, or of the replay.
+    node_name : str
+        Name of the node with its namespace.
+    excitations : str, optional
+        YAML of the excitations; None if resonances are not assessed.
+    """
+    texts = {MECHANISM: served.mechanism_text, PARAMETERS: parameters_yaml(settings, node_name)}
+    if excitations is not None:
+        texts[EXCITATIONS] = excitations
+    files = [Attachment(name, "application/yaml", text.encode()) for name, text in texts.items()]
+    table = served.table
+    files.insert(1, Attachment(f"{table.table_id}.npz", "application/x-npz", table_bytes(table)))
+    return tuple(files)
