@@ -7,7 +7,6 @@ The node runs in a process of its own, just as an integrator starts it; this pro
 
 import os
 import signal
-import socket
 import subprocess
 import sys
 import time
@@ -25,6 +24,7 @@ from linkage_vibration.bags.reading import (
     read_joint_states,
     read_messages,
 )
+from linkage_vibration.demo.domain import reserve_domain
 from linkage_vibration.demo.drive import ENGINE_SPEED, HITCH_JOINT, PTO_SPEED
 from linkage_vibration.drawing.plots import plot_predictions
 from linkage_vibration.errors import LinkageVibrationError
@@ -86,7 +86,8 @@ def run_demo(bag: Path | None, joint: str | None, output: Path) -> int:
         ) from None
     parameters |= {"record": True, "log_directory": str(output.resolve())}
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    os.environ.setdefault("ROS_DOMAIN_ID", str(_free_domain()))
+    if "ROS_DOMAIN_ID" not in os.environ:
+        os.environ["ROS_DOMAIN_ID"] = str(reserve_domain())
     if "HOME" not in os.environ:
         # Below it ROS 2 keeps what nodes say; without either nothing starts.
         os.environ.setdefault("ROS_LOG_DIR", str(output.resolve()))
@@ -172,20 +173,6 @@ def _swing(bag: Path, joint: str | None) -> tuple[float, float]:
             f"one of {listing}."
         )
     return float(low), float(high)
-
-
-def _free_domain() -> int:
-    """Return a ROS domain that no participant on this machine uses."""
-    # DDS-RTPS 9.6.2.3: participants of a domain listen on the port 7400 + 250 * domain.
-    for offset in range(100):
-        domain = 1 + (os.getpid() + offset) % 100
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-            try:
-                probe.bind(("", 7400 + 250 * domain))
-            except OSError:
-                continue
-            return domain
-    raise DemoError("ROS domains 1 to 100 are all in use on this machine; set ROS_DOMAIN_ID.")
 
 
 @contextmanager

@@ -30,6 +30,7 @@ PREDICTING_NODE = "linkage_vibration"
 PREDICTIONS_DEPTH = 10_000
 MATCH_TIMEOUT = 30.0  # s
 ANSWER_TIMEOUT = 3.0  # s, after the last prediction
+MAX_UNANSWERED = 500  # joint states; the node's queue holds twice as many
 
 
 class PlayerError(LinkageVibrationError):
@@ -175,6 +176,9 @@ def _play(
         executor.spin_once(max(due - time.monotonic(), 0.0))
         while (wait := due - time.monotonic()) > 0.0:
             executor.spin_once(wait)
+        behind = time.monotonic() + ANSWER_TIMEOUT  # so that a slow machine loses nothing
+        while len(lateness) - received > MAX_UNANSWERED and time.monotonic() < behind:
+            executor.spin_once(0.1)
         while waiting_speeds and waiting_speeds[0].log_time <= record.log_time:
             speed = waiting_speeds.popleft()
             speed_publishers[speed.topic].publish(Float64(data=speed.value))

@@ -39,7 +39,7 @@ def test_duty_cycle_stays_well_within_the_stroke() -> None:
 
 
 def test_phases_of_the_duty_cycle() -> None:
-    """Working depth, lift and road differ in angle and in what moves the implement."""
+    """Working depth, lift and road differ in angle and in frequency."""
     times, alpha3 = hitch_duty_cycle()
     degrees = np.rad2deg(alpha3)
 
@@ -59,7 +59,7 @@ def test_phases_of_the_duty_cycle() -> None:
 
 
 def test_shipped_bag_is_what_the_generator_writes(tmp_path: Path) -> None:
-    """The bag under config holds byte for byte the messages that are generated today."""
+    """The bag under config holds byte for byte the messages that the generator writes today."""
     write_drive(tmp_path / "drive.mcap")
     contents = []
     for path in (tmp_path / "drive.mcap", config_file(SHIPPED)):
@@ -69,7 +69,7 @@ def test_shipped_bag_is_what_the_generator_writes(tmp_path: Path) -> None:
 
 
 def test_bag_holds_the_duty_cycle_among_other_joints() -> None:
-    """The hitch is found by its name alone; its place among the names changes."""
+    """The hitch is found by its name; its place among the names changes."""
     times, alpha3 = hitch_duty_cycle()
     records = list(read_joint_states(config_file(SHIPPED)))
     places = [record.name.index(HITCH_JOINT) for record in records]
@@ -84,7 +84,7 @@ def test_bag_holds_the_duty_cycle_among_other_joints() -> None:
 
 
 def test_existing_bag_is_replaced_whole(tmp_path: Path) -> None:
-    """An older file of the name is replaced, and nothing else is left beside it."""
+    """An older file of the same name is replaced, and no other file remains."""
     (tmp_path / "drive.mcap").write_text("old")
     write_drive(tmp_path / "drive.mcap")
     assert [path.name for path in tmp_path.iterdir()] == ["drive.mcap"]
@@ -92,13 +92,13 @@ def test_existing_bag_is_replaced_whole(tmp_path: Path) -> None:
 
 
 def test_folder_that_does_not_exist(tmp_path: Path) -> None:
-    """The error names the file and the mend."""
+    """The error names the file."""
     with pytest.raises(DriveError, match=r"nowhere/drive\.mcap"):
         write_drive(tmp_path / "nowhere" / "drive.mcap")
 
 
 def test_engine_and_pto_speed() -> None:
-    """The engine works, idles, and is sped up for the road; the PTO turns while it works alone."""
+    """The engine works, idles and speeds up for the road; the PTO turns only during work."""
     times, engine, pto = engine_and_pto_speed()
     assert times.size == 200
     assert ((1900 < engine) & (engine <= 2000)).all(where=times < 7.0)
@@ -111,7 +111,7 @@ def test_engine_and_pto_speed() -> None:
 
 
 def test_bag_holds_the_speeds() -> None:
-    """Engine and PTO are on topics of their own, in rpm, at 10 Hz."""
+    """Engine and PTO have topics of their own, in rpm, at 10 Hz."""
     _, engine, pto = engine_and_pto_speed()
     speeds: dict[str, list[float]] = {ENGINE_SPEED: [], PTO_SPEED: []}
     with AnyReader([config_file(SHIPPED)]) as reader:
@@ -143,22 +143,22 @@ def replayed() -> list[tuple[float, Resonance]]:
 
 
 def test_drive_crosses_resonances() -> None:
-    """Sped up for the road the engine runs through modes 2 and 1, warned of and foretold."""
-    road = [(time, told) for time, told in replayed() if 11.0 < time < 13.0]
+    """On the road the engine passes two modes, which the monitor predicts and warns of."""
+    road = [(time, found) for time, found in replayed() if 11.0 < time < 13.0]
     assert road[0][1].state is ResonanceState.CLEAR
     for excitation, mode in (("engine 6", 2), ("engine 3", 1)):
         pair = [(t, r) for t, r in road if (r.excitation, r.mode) == (excitation, mode)]
         crossing = next(t for t, r in pair if r.margin > 0.0)
-        for time, told in pair:
-            if told.state is ResonanceState.WARNING and told.margin < 0.0:
-                # Speeds are 0.1 s old at most, and rise ever more slowly towards the second.
-                assert told.approach == 1
-                assert time + told.time_to_crossing == pytest.approx(crossing, abs=0.1)
+        for time, found in pair:
+            if found.state is ResonanceState.WARNING and found.margin < 0.0:
+                # Speeds are at most 0.1 s old, and rise more slowly towards the second mode.
+                assert found.approach == 1
+                assert time + found.time_to_crossing == pytest.approx(crossing, abs=0.1)
         passed = next(r for _, r in pair if r.margin > 0.0)
         assert passed.state is ResonanceState.WARNING
         assert (passed.approach, passed.time_to_crossing) == (-1, np.inf)
 
 
-def test_replay_tells_the_same_again() -> None:
+def test_replay_repeats_itself() -> None:
     """Played twice, a bag gives the same resonances to the last bit."""
     assert replayed() == replayed()

@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""The viewer's layout names topics that the node publishes, and fields that they have."""
+"""The viewer's layout names topics of the node and fields of their types."""
 
 import json
 import re
@@ -24,7 +24,7 @@ LAYOUT = json.loads(config_file("foxglove_layout.json").read_text())
 
 
 def panels(layout: Any) -> Iterator[str]:
-    """Return the panels that stand in a layout."""
+    """Return the panels of a layout."""
     if isinstance(layout, str):
         yield layout
     else:
@@ -33,21 +33,21 @@ def panels(layout: Any) -> Iterator[str]:
 
 
 def paths(config: Any) -> Iterator[str]:
-    """Return every topic, with a field or without, that a panel shows."""
+    """Return every topic that a panel shows, with or without a field."""
     yield from (path["value"] for path in config.get("paths", ()))
     yield from config.get("topics", ())
     yield from (config[key] for key in ("topicPath", "topicToRender") if key in config)
 
 
 def test_every_panel_is_shown_once() -> None:
-    """The layout shows the panels that are configured, all of them and no other."""
+    """The layout shows exactly the panels that are configured."""
     assert sorted(panels(LAYOUT["layout"])) == sorted(LAYOUT["configById"])
     kinds = {panel.split("!")[0] for panel in LAYOUT["configById"]}
     assert kinds == {"3D", "Plot", "StateTransitions", "DiagnosticSummary", "RawMessages"}
 
 
 def test_every_topic_and_field_is_there() -> None:
-    """Each path is a topic of the node, and a number (indexed in an array) or text of its type."""
+    """Each path is a topic of the node and a field of its type, with an index for an array."""
     shown = [path for config in LAYOUT["configById"].values() for path in paths(config)]
     for path in shown:
         topic, _, field = path.partition(".")

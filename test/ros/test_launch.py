@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""The launch files: their words here, their actions where launch_ros is installed."""
+"""The launch files: their text, and their actions where launch_ros is installed."""
 
 import ast
 import importlib.util
@@ -18,7 +18,7 @@ XML = share_directory() / "launch" / "linkage_vibration.launch.xml"
 
 
 def overrides() -> dict[str, str]:
-    """Return the parameters that the Python file takes as arguments, with their types' names."""
+    """Return the parameters that are arguments of the Python file, and the names of their types."""
     [table] = [
         node.value
         for node in ast.walk(ast.parse(PYTHON.read_text()))
@@ -44,14 +44,14 @@ def launched() -> Any:
 
 
 def test_arguments_become_parameters_of_the_node() -> None:
-    """Each is a parameter that the node has, of its type, or one that every node has."""
+    """Each argument is a parameter of this node, with its type, or of every node."""
     known = {field.name: type(field.default).__name__ for field in fields(Parameters)}
     known["use_sim_time"] = "bool"
     assert overrides().items() <= known.items()
 
 
 def test_xml_is_the_python_file() -> None:
-    """The XML file includes the Python file, from where it is installed, and adds nothing."""
+    """The XML file only includes the installed Python file."""
     [include] = ElementTree.parse(XML).getroot()
     assert include.tag == "include"
     place = PYTHON.relative_to(share_directory())
@@ -68,7 +68,7 @@ def test_python_file_describes_a_launch() -> None:
     ]
 
 
-def test_what_nobody_gave_is_left_to_the_file() -> None:
+def test_arguments_that_were_not_given() -> None:
     """Where launch_ros is installed: only arguments that were given become parameters."""
     pytest.importorskip("launch_ros", reason="launch_ros comes with a ROS 2 install only")
     from launch import LaunchContext

@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""The node's life: transitions over real DDS, what they cost, and what a manager is told."""
+"""The node's lifecycle: its transitions over real DDS, their costs, and their errors."""
 
 import gc
 import os
@@ -16,26 +16,23 @@ import pytest
 import rclpy
 from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import ChangeState, GetState
-from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.parameter import Parameter
-from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 
 from linkage_vibration.prediction.predictor import Status
 from linkage_vibration.support.resources import config_file
 from linkage_vibration_interfaces.msg import VibrationPrediction
+from test.support.ros_process import JOINT, LIMIT, SENSOR, own_context, until
 
-JOINT = "hitch_rockshaft_joint"
-SENSOR = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
 SUCCESS, FAILURE = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAILURE
 
 
 @pytest.fixture
 def managed(environment: dict[str, str]) -> Iterator[Callable[..., Any]]:
-    """Return what makes a node in this process that waits for a manager."""
+    """Return a function that makes a node in this process, which waits for a manager."""
     from linkage_vibration.ros.lifecycle import LinkageVibrationNode
 
     nodes: list[Any] = []
@@ -56,21 +53,15 @@ def managed(environment: dict[str, str]) -> Iterator[Callable[..., Any]]:
 
 
 @pytest.fixture
-def manager(environment: dict[str, str]) -> Iterator[tuple[Any, SingleThreadedExecutor]]:
-    """Return another node and what spins it."""
-    context = Context()
-    rclpy.init(
-        context=context,
-        domain_id=int(environment["ROS_DOMAIN_ID"]),
-        signal_handler_options=SignalHandlerOptions.NO,
-    )
-    peer = rclpy.create_node("manager", context=context)
-    executor = SingleThreadedExecutor(context=context)
-    executor.add_node(peer)
-    yield peer, executor
-    executor.shutdown()
-    peer.destroy_node()
-    context.try_shutdown()
+def manager(domain: int) -> Iterator[tuple[Any, SingleThreadedExecutor]]:
+    """Return another node and its executor."""
+    with own_context(domain) as context:
+        peer = rclpy.create_node("manager", context=context)
+        executor = SingleThreadedExecutor(context=context)
+        executor.add_node(peer)
+        yield peer, executor
+        executor.shutdown()
+        peer.destroy_node()
 
 
 def open_files() -> int:
@@ -89,8 +80,10 @@ def entities(node: Any) -> dict[str, int]:
     return {kind: len(list(getattr(node, kind))) for kind in kinds}
 
 
-def test_hundred_lives_leave_nothing_behind(managed: Callable[..., Any], tmp_path: Path) -> None:
-    """After every transition 100 times over the node is as it was: entities, files, memory."""
+def test_hundred_lifecycles_leave_nothing_behind(
+    managed: Callable[..., Any], tmp_path: Path
+) -> None:
+    """After 100 lifecycles the node has as many entities, files and bytes as before."""
     node = managed("-p", "record:=true", "-p", f"log_directory:={tmp_path}")
     before = entities(node)
     sizes = []
@@ -109,14 +102,14 @@ def test_hundred_lives_leave_nothing_behind(managed: Callable[..., Any], tmp_pat
             gc.collect()
             sizes.append((open_files(), resident()))
     assert sizes[-1][0] == sizes[1][0]
-    assert sizes[-1][1] - sizes[4][1] < 5 * 2**20  # 50 lives; one table alone has half of that
+    assert sizes[-1][1] - sizes[4][1] < 5 * 2**20  # 50 lifecycles; a table alone has half of that
     assert node.trigger_configure() is SUCCESS
     assert node.trigger_shutdown() is SUCCESS
     assert entities(node) == before
 
 
-def test_configuring_that_fails_can_be_tried_again(managed: Callable[..., Any]) -> None:
-    """The reason is told, nothing is left of the attempt, and a mended parameter is enough."""
+def test_failed_configuration_can_be_repeated(managed: Callable[..., Any]) -> None:
+    """The reason is reported, nothing remains of the attempt, and it succeeds once corrected."""
     node = managed("-p", "mechanism_file:=/none.yaml")
     before = entities(node)
     assert node.trigger_configure() is FAILURE
@@ -130,8 +123,8 @@ def test_configuring_that_fails_can_be_tried_again(managed: Callable[..., Any]) 
     assert "is read when the node is configured" in result.reason
 
 
-def test_wrong_parameters_can_be_mended(managed: Callable[..., Any]) -> None:
-    """What is not valid at start keeps a managed node from being configured, until it is set."""
+def test_invalid_parameters_can_be_corrected(managed: Callable[..., Any]) -> None:
+    """A managed node with invalid parameters cannot be configured until they are set."""
     node = managed("-p", "sign:=3", "-p", "scale:=.nan")
     for name, value in (("sign", -1), ("scale", 2)):
         assert node.trigger_configure() is FAILURE
@@ -142,7 +135,7 @@ def test_wrong_parameters_can_be_mended(managed: Callable[..., Any]) -> None:
 
 
 def test_table_of_another_mechanism_is_refused(managed: Callable[..., Any]) -> None:
-    """The shipped table does not serve the as-printed linkage."""
+    """The shipped table does not belong to the as-printed linkage."""
     mechanism = config_file("three_point_linkage_as_printed.yaml")
     table = config_file("tables/three_point_linkage.npz")
     node = managed("-p", f"mechanism_file:={mechanism}", "-p", f"table_file:={table}")
@@ -150,20 +143,20 @@ def test_table_of_another_mechanism_is_refused(managed: Callable[..., Any]) -> N
     assert "was built from another mechanism" in node.problem
 
 
-def test_defects_are_told(managed: Callable[..., Any], monkeypatch: pytest.MonkeyPatch) -> None:
-    """What nobody has foreseen ends no process: it is told, all is given back, and tried again."""
+def test_defects_are_reported(managed: Callable[..., Any], monkeypatch: pytest.MonkeyPatch) -> None:
+    """An unexpected exception is reported and leaves nothing behind; another try succeeds."""
     node = managed()
     before = entities(node)
-    with monkeypatch.context() as spoilt:
-        spoilt.setattr("linkage_vibration.ros.lifecycle.Services", None)
+    with monkeypatch.context() as patch:
+        patch.setattr("linkage_vibration.ros.lifecycle.Services", None)
         assert node.trigger_configure() is TransitionCallbackReturn.ERROR
     assert "TypeError" in node.problem
     assert entities(node) == before
     assert node.trigger_configure() is SUCCESS
 
 
-def test_activation_that_fails_leaves_it_inactive(managed: Callable[..., Any]) -> None:
-    """A log that cannot begin keeps the node from being active; without it, it goes on."""
+def test_failed_activation_leaves_the_node_inactive(managed: Callable[..., Any]) -> None:
+    """A node whose log cannot be started stays inactive; without a log it can be activated."""
     node = managed("-p", "record:=true", "-p", "log_directory:=/none")
     assert node.trigger_configure() is SUCCESS
     inactive = entities(node)
@@ -189,7 +182,7 @@ def test_activation_that_fails_leaves_it_inactive(managed: Callable[..., Any]) -
 def test_parameters_are_checked_before_they_are_set(
     managed: Callable[..., Any], name: str, value: Any, words: str
 ) -> None:
-    """What is not valid changes nothing; what is, does so at once, whole numbers too."""
+    """An invalid value changes nothing; a valid one applies at once, also if it is an integer."""
     node = managed()
     assert node.trigger_configure() is SUCCESS
     before = node.get_parameter(name).value
@@ -203,7 +196,7 @@ def test_parameters_are_checked_before_they_are_set(
 
 
 def test_descriptors(managed: Callable[..., Any]) -> None:
-    """`ros2 param describe` tells unit, range and meaning."""
+    """`ros2 param describe` shows unit, range and meaning."""
     node = managed()
     margin = node.describe_parameter("warning_margin")
     assert [(r.from_value, r.to_value) for r in margin.floating_point_range] == [(0.0, 1.0)]
@@ -234,21 +227,21 @@ client = node.create_client(PredictVibration, "stormy/predict")
 while True:
     if client.service_is_ready():
         client.call_async(PredictVibration.Request(crank_angles=[2.0]))
-    heard = [
+    subscriptions = [
         node.create_subscription(kind, topic, print, qos)
         for topic, kind in topics.items()
         for qos in (wrong, 10, wrong, 10)
     ]
     time.sleep(0.01)
-    for one in heard:
-        node.destroy_subscription(one)
+    for subscription in subscriptions:
+        node.destroy_subscription(subscription)
 """
 
 
-def test_lives_amid_a_storm(
+def test_transitions_while_peers_come_and_go(
     start: Callable[..., Any], environment: dict[str, str], manager: Any
 ) -> None:
-    """Peers that come and go, of right and wrong QoS, cost it nothing while it changes state.
+    """Peers that come and go, with right and wrong QoS, do not disturb the transitions.
 
     rclpy's events executor can end the process by a segmentation fault when a publisher that has
     QoS events is destroyed at such a time.
@@ -264,7 +257,7 @@ def test_lives_amid_a_storm(
     message = JointState(name=[JOINT], position=array("d", [2.0]))
     peer.create_timer(0.002, lambda: publisher.publish(message))
     try:
-        assert change.wait_for_service(20.0)
+        assert change.wait_for_service(LIMIT)
         for _ in range(8):
             for transition in (
                 Transition.TRANSITION_CONFIGURE,
@@ -274,13 +267,13 @@ def test_lives_amid_a_storm(
             ):
                 request = ChangeState.Request(transition=Transition(id=transition))
                 future = change.call_async(request)
-                executor.spin_until_future_complete(future, 10.0)
-                assert future.done() and future.result().success, process.said
+                executor.spin_until_future_complete(future, LIMIT)
+                assert future.done() and future.result().success, process.printed
                 end = time.monotonic() + 0.1
                 while time.monotonic() < end:
                     executor.spin_once(0.02)
         assert process.stop() == 0
-        assert "Traceback" not in process.said
+        assert "Traceback" not in process.printed
     finally:
         for storm in storms:
             storm.kill()
@@ -288,43 +281,44 @@ def test_lives_amid_a_storm(
 
 
 def test_manager_over_dds(start: Callable[..., Any], manager: Any) -> None:
-    """By its services a manager takes the node through its life, and it predicts while active."""
+    """A manager changes the node's state by its services; the node predicts only while active."""
     process = start(name="managed", autostart=False)
     peer, executor = manager
     change: Any = peer.create_client(ChangeState, "managed/change_state")
     ask: Any = peer.create_client(GetState, "managed/get_state")
-    heard: list[Any] = []
-    peer.create_subscription(VibrationPrediction, "managed/prediction", heard.append, 10)
+    received: list[Any] = []
+    peer.create_subscription(VibrationPrediction, "managed/prediction", received.append, 10)
     publisher = peer.create_publisher(JointState, "joint_states", SENSOR)
 
     def call(client: Any, request: Any) -> Any:
         future = client.call_async(request)
-        executor.spin_until_future_complete(future, 10.0)
+        executor.spin_until_future_complete(future, LIMIT)
         return future.result()
 
     def go(transition: int) -> int:
         assert call(change, ChangeState.Request(transition=Transition(id=transition))).success
         return int(call(ask, GetState.Request()).current_state.id)
 
-    def answered(timeout: float) -> bool:
-        heard.clear()
-        end = time.monotonic() + timeout
-        while not heard and time.monotonic() < end:
-            publisher.publish(JointState(name=[JOINT], position=array("d", [2.0])))
-            executor.spin_once(0.1)
-        return bool(heard)
+    def publish(angle: float) -> None:
+        publisher.publish(JointState(name=[JOINT], position=array("d", [angle])))
+        executor.spin_once(0.1)
 
-    assert change.wait_for_service(20.0)
-    assert ask.wait_for_service(20.0)
+    def answers(angle: float) -> list[Any]:
+        return [message for message in received if message.crank_angle == angle]
+
+    assert change.wait_for_service(LIMIT)
+    assert ask.wait_for_service(LIMIT)
     assert go(Transition.TRANSITION_CONFIGURE) == State.PRIMARY_STATE_INACTIVE
-    assert not answered(1.0)
-    for _ in range(2):
+    for active, inactive in ((2.0, 2.1), (2.2, 2.3)):
+        for _ in range(10):
+            publish(inactive)
         assert go(Transition.TRANSITION_ACTIVATE) == State.PRIMARY_STATE_ACTIVE
-        assert answered(10.0)
-        assert heard[0].status == Status.OK
+        until(lambda a=active: answers(a), "a prediction", lambda a=active: publish(a))
+        assert answers(active)[0].status == Status.OK
         assert go(Transition.TRANSITION_DEACTIVATE) == State.PRIMARY_STATE_INACTIVE
-        executor.spin_once(0.2)
-        assert not answered(0.5)
+        for _ in range(10):
+            publish(inactive)
+        assert not answers(inactive)
     assert go(Transition.TRANSITION_CLEANUP) == State.PRIMARY_STATE_UNCONFIGURED
     wrong = Transition(id=Transition.TRANSITION_ACTIVATE)
     assert not call(change, ChangeState.Request(transition=wrong)).success

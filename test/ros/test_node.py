@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""The node in a process of its own, over real DDS: right numbers, and no crash on any message."""
+"""The node in a process of its own, over real DDS: its numbers, its log, its end."""
 
 import math
 import random
@@ -27,8 +27,7 @@ from linkage_vibration.ros.node import main
 from linkage_vibration.support.resources import config_file
 from linkage_vibration.table.table import load_table
 from linkage_vibration_interfaces.msg import VibrationPrediction
-
-JOINT = "hitch_rockshaft_joint"
+from test.support.ros_process import JOINT, until
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +38,7 @@ def predictor() -> Predictor:
 
 @pytest.fixture(scope="module")
 def node(start: Callable[..., Any]) -> Any:
-    """Return a node that reads the joint as it is."""
+    """Return a node whose crank angle is the joint's position."""
     return start()
 
 
@@ -50,7 +49,7 @@ def peer(node: Any, meet: Callable[[], Any]) -> Any:
 
 
 def same(message: Any, prediction: Any) -> bool:
-    """Whether a message holds just what the predictor says, NaN for NaN."""
+    """Return whether a message holds exactly the numbers of a prediction."""
     pairs = [
         (message.crank_angle, prediction.crank_angle),
         (message.frf_peak_frequency, prediction.frf_peak_frequency),
@@ -67,17 +66,16 @@ def same(message: Any, prediction: Any) -> bool:
 
 
 def test_predictions_are_the_predictors(peer: Any, predictor: Predictor) -> None:
-    """Whatever the order of the names, the prediction is the predictor's, bit for bit."""
+    """The prediction is the predictor's, bit for bit, in whatever order the names are."""
     rng = random.Random(2)
     for _ in range(50):
         angle = rng.uniform(math.pi / 2, math.pi)
         joints = {JOINT: angle, "wheel": 1.0, "steering": 9.0, "pto": math.nan}
         names = rng.sample(sorted(joints), len(joints))
-        stamp = peer.publish(names, [joints[name] for name in names], frame_id="tractor")
-        message = peer.answer(stamp)
+        message = peer.ask(names, [joints[name] for name in names], frame_id="tractor")
         assert same(message, predictor.predict(angle))
         assert message.status == message.STATUS_OK
-        assert (message.header.stamp.sec, message.header.frame_id) == (1_700_000_000, "tractor")
+        assert (message.header.stamp.sec, message.header.frame_id) == (peer.second, "tractor")
 
 
 @pytest.mark.parametrize(
@@ -91,18 +89,18 @@ def test_predictions_are_the_predictors(peer: Any, predictor: Predictor) -> None
         (math.nextafter(math.pi, 4.0), Status.OUT_OF_RANGE),
     ],
 )
-def test_angles_without_a_prediction_get_a_status(
+def test_angles_without_a_prediction_have_a_status(
     peer: Any, node: Any, predictor: Predictor, angle: float, status: Status
 ) -> None:
-    """They are answered by NaN and a status, and a warning tells them."""
-    message = peer.answer(peer.publish([JOINT], [angle]))
+    """The answer is NaN and a status, and a warning names the angle."""
+    message = peer.ask([JOINT], [angle])
     assert message.status == status
     assert same(message, predictor.predict(angle))
     node.wait_for("crank angle")
 
 
-def test_messages_without_a_reading_are_passed_over(peer: Any, node: Any) -> None:
-    """No joint, no names, sizes that differ, a joint named twice: no prediction, no crash."""
+def test_messages_without_a_reading_are_ignored(peer: Any, node: Any) -> None:
+    """Without the joint, with other sizes or with it twice, there is no prediction."""
     silent = [
         peer.publish([], []),
         peer.publish(["other"], [2.0]),
@@ -112,53 +110,52 @@ def test_messages_without_a_reading_are_passed_over(peer: Any, node: Any) -> Non
         peer.publish([JOINT, JOINT], [2.0, 2.1]),
         peer.publish(["", "\t", "naïve"], [1.0, 2.0, 3.0]),
     ]
-    last = peer.publish([JOINT], [2.0])
-    assert peer.answer(last).status == Status.OK
+    assert peer.ask().status == Status.OK
     assert not {p.header.stamp.nanosec for p in peer.predictions} & set(silent)
     node.wait_for("1 names but 0 positions")
 
 
-def test_bytes_that_are_no_joint_state(peer: Any, node: Any) -> None:
-    """Bytes that no serializer made are told, and the node goes on."""
+def test_bytes_that_are_not_a_joint_state(peer: Any, node: Any) -> None:
+    """Bytes that no serializer made are reported, and the node continues."""
     for data in (b"", b"\0\1\0\0", b"\0\1\0\0" + b"\xff" * 60):
         peer.publisher.publish(data)
-    assert peer.answer(peer.publish([JOINT], [2.0])).status == Status.OK
+    assert peer.ask([JOINT], [2.0]).status == Status.OK
     node.wait_for("is not valid CDR")
 
 
-def test_subscriber_of_another_quality_is_told(peer: Any, node: Any) -> None:
-    """One that asks for transient-local predictions gets none; the node says why."""
-    quality = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-    deaf = peer.node.create_subscription(
-        VibrationPrediction, "linkage_vibration/prediction", print, quality
+def test_subscriber_of_another_qos_is_reported(peer: Any, node: Any) -> None:
+    """A subscriber that asks for transient-local predictions gets none; the node says why."""
+    qos = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    subscription = peer.node.create_subscription(
+        VibrationPrediction, "linkage_vibration/prediction", print, qos
     )
     node.wait_for("asks for a QoS that this node does not offer (DURABILITY)")
-    peer.node.destroy_subscription(deaf)
+    peer.node.destroy_subscription(subscription)
 
 
 def test_ten_thousand_joints(peer: Any, predictor: Predictor) -> None:
-    """The joint is found among ten thousand."""
+    """The joint is found among ten thousand joints."""
     names = [f"joint_{i}" for i in range(10_000)]
     names[7_777] = JOINT
-    stamp = peer.publish(names, [2.5] * 10_000)
-    assert same(peer.answer(stamp), predictor.predict(2.5))
+    assert same(peer.ask(names, [2.5] * 10_000), predictor.predict(2.5))
 
 
-def test_joint_that_is_missing_is_told(start: Callable[..., Any], peer: Any) -> None:
-    """A node whose joint never comes says so, and names the joints that do."""
+def test_missing_joint_is_reported(start: Callable[..., Any], peer: Any) -> None:
+    """A node whose joint is missing says so, and names the joints that it receives."""
     lonely = start(name="lonely", joint_name="boom")
     words = "Joint boom has not been on /joint_states for more than 5 s; joints seen there: "
     words += f"{JOINT}, wheel"
-    deadline = time.monotonic() + 25.0
-    while words not in lonely.said and time.monotonic() < deadline:
+
+    def publish() -> None:
         peer.publish([JOINT, "wheel"], [2.0, 1.0])
         time.sleep(0.1)
-    assert words in lonely.said
+
+    until(lambda: words in lonely.printed, words, publish)
     assert lonely.stop() == 0
 
 
 def test_service_answers_many_angles(peer: Any, predictor: Predictor) -> None:
-    """As many predictions as angles, in their order; success tells whether all are good."""
+    """There is a prediction for each angle, in their order; success says whether all are good."""
     angles = [1.6 + 0.001 * i for i in range(1_000)]
     response = peer.call(angles)
     assert response.success
@@ -171,7 +168,7 @@ def test_service_answers_many_angles(peer: Any, predictor: Predictor) -> None:
 
 
 def test_service_names_what_failed(peer: Any) -> None:
-    """One bad angle does not cost the others, and is told; too few and too many are refused."""
+    """The others are answered beside a bad angle; too few and too many angles are refused."""
     response = peer.call([2.0, 5.0, math.nan])
     assert not response.success
     assert "2 of 3" in response.message
@@ -182,10 +179,9 @@ def test_service_names_what_failed(peer: Any) -> None:
 
 
 def test_topic_bytes_are_exact(peer: Any) -> None:
-    """What DDS carries is what a strict decoder reads, and padding to four bytes (RTPS)."""
+    """DDS carries what a strict decoder reads, padded to four bytes (RTPS)."""
     peer.raw.clear()
-    peer.answer(peer.publish([JOINT], [2.2], frame_id="frame"))
-    assert peer.spin(lambda: bool(peer.raw))
+    peer.ask([JOINT], [2.2], frame_id="frame")
     store = typestore()
     name = "linkage_vibration_interfaces/msg/VibrationPrediction"
     message: Any = store.deserialize_cdr(peer.raw[-1], name)
@@ -215,9 +211,9 @@ def test_console_script_is_installed() -> None:
 def test_parameters_turn_positions_into_angles(
     start: Callable[..., Any], meet: Callable[[str], Any], predictor: Predictor
 ) -> None:
-    """Angle = sign * scale * position + offset; a whole number may stand for a double."""
+    """Angle = sign * scale * position + offset; an integer is accepted for a double."""
     turned = start(name="turned", sign=-1, scale=2, offset=3.5)
-    message = (peer := meet("turned")).answer(peer.publish([JOINT], [0.6]))
+    message = meet("turned").ask([JOINT], [0.6])
     assert same(message, predictor.predict(-1 * 2.0 * 0.6 + 3.5))
     assert turned.stop() == 0
 
@@ -231,108 +227,112 @@ def test_parameters_turn_positions_into_angles(
         ({"record": True, "log_directory": "/none"}, "/none"),
     ],
 )
-def test_wrong_parameters_end_it_in_words(
+def test_invalid_parameters_end_the_node(
     start: Callable[..., Any], parameters: dict[str, Any], words: str
 ) -> None:
-    """A node that cannot begin says in one line why, and exits with 1."""
+    """A node that cannot start says why in one line, and exits with 1."""
     failed = start(name="failed", **parameters)
-    assert failed.process.wait(30.0) == 1
-    assert words in failed.said
-    assert "Traceback" not in failed.said
+    until(lambda: failed.process.poll() is not None, "the node's end")
+    assert failed.process.returncode == 1
+    assert words in failed.printed
+    assert "Traceback" not in failed.printed
 
 
 @pytest.mark.parametrize("by", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_signals_end_it_cleanly(start: Callable[..., Any], by: signal.Signals) -> None:
-    """Ctrl-C, SIGTERM and a hang-up give exit code 0 and no complaint, also in a flurry."""
+    """After Ctrl-C, SIGTERM or SIGHUP, even five times, the exit code is 0 without a complaint."""
     ended = start(name=f"ended_{by.name.lower()}")
     ended.wait_for("Predicting for joint")
     for _ in range(5):
         ended.process.send_signal(by)
         time.sleep(0.02)
-    assert ended.process.wait(15.0) == 0
-    assert [line.split()[0] for line in ended.said.splitlines()] == ["[INFO]", "[INFO]"]
-    assert "predictions out" in ended.said
+    assert ended.stop(by) == 0
+    assert [line.split()[0] for line in ended.printed.splitlines()] == ["[INFO]", "[INFO]"]
+    assert "predictions out" in ended.printed
 
 
 def test_signals_at_any_moment(start: Callable[..., Any]) -> None:
-    """Also while it imports, builds its context or loads the table, a signal ends it cleanly."""
+    """A signal also ends the node cleanly while it imports or loads the table."""
     signals = signal.SIGINT, signal.SIGTERM, signal.SIGHUP
     for i in range(6):
         early, by = start(name=f"early_{i}"), signals[i % 3]
-        early.wait_for_handlers()
+        early.wait_for_signal_handlers()
         time.sleep(0.2 * i)
         assert early.stop(by) == 0
-        assert {line.split()[0] for line in early.said.splitlines()} <= {"[INFO]"}
+        assert {line.split()[0] for line in early.printed.splitlines()} <= {"[INFO]"}
 
 
 def test_signals_amid_traffic(start: Callable[..., Any], meet: Callable[[str], Any]) -> None:
-    """A signal that comes while a callback is about to publish does not take its context away."""
+    """A callback that is about to publish keeps its context when a signal comes."""
     for i, by in enumerate((signal.SIGINT, signal.SIGTERM, signal.SIGHUP)):
         busy = start(name=f"busy_{i}")
         peer = meet(f"busy_{i}")
         for count in range(1000):
-            peer.publish([JOINT], [2.0])
+            peer.publish()
             time.sleep(0.0005)
             if count == 700:
                 busy.process.send_signal(by)
-        assert busy.process.wait(15.0) == 0
-        assert {line.split()[0] for line in busy.said.splitlines()} <= {"[INFO]"}, busy.said
+        assert busy.stop(by) == 0
+        assert {line.split()[0] for line in busy.printed.splitlines()} <= {"[INFO]"}, busy.printed
 
 
 def test_executor_of_an_older_ros(start: Callable[..., Any], meet: Callable[[str], Any]) -> None:
-    """Where rclpy has no events executor, all goes on with the single-threaded one."""
+    """Where rclpy has no events executor, the node uses the single-threaded one."""
     older = (
         "import sys, importlib.metadata as metadata; metadata.version = lambda _: '7.1.4';"
         "from linkage_vibration.ros.node import main; sys.exit(main())"
     )
     node = start(name="older", program=["-c", older])
     peer = meet("older")
-    assert peer.answer(peer.publish([JOINT], [2.0])).status == Status.OK
+    assert peer.ask([JOINT], [2.0]).status == Status.OK
     assert peer.call([2.0]).success
     assert node.stop() == 0
-    assert {line.split()[0] for line in node.said.splitlines()} <= {"[INFO]"}
+    assert {line.split()[0] for line in node.printed.splitlines()} <= {"[INFO]"}
 
 
 def test_signal_ends_a_table_under_way(start: Callable[..., Any]) -> None:
-    """A node that is still building its table ends as well."""
+    """A signal also ends a node that is still building its table."""
     builder = start(
         name="builder", mechanism_file=config_file("three_point_linkage_as_printed.yaml")
     )
     builder.wait_for("Building the table")
     assert builder.stop(signal.SIGTERM) == 0
-    assert "Predicting" not in builder.said
-    assert "Traceback" not in builder.said
+    assert "Predicting" not in builder.printed
+    assert "Traceback" not in builder.printed
 
 
-def test_full_disk_costs_the_log_alone(
+def test_full_disk_ends_only_the_log(
     start: Callable[..., Any], meet: Callable[[str], Any], tmp_path: Path
 ) -> None:
-    """Where the log cannot be written any further, the node says so once and goes on predicting."""
+    """When the log cannot be written any more, the node says so once and continues to predict."""
     recorder = start(name="full", record=True, log_directory=tmp_path)
     peer = meet("full")
     size = next(tmp_path.iterdir()).stat().st_size
     resource.prlimit(recorder.process.pid, resource.RLIMIT_FSIZE, (size, size))
     for i in range(30):
-        assert peer.answer(peer.publish([JOINT], [1.6 + 0.01 * i])).status == Status.OK
-        peer.spin(lambda: False, 0.08)
+        assert peer.ask([JOINT], [1.6 + 0.01 * i]).status == Status.OK
+        peer.pause(0.08)
     recorder.wait_for("could not be written any further: File too large")
-    assert peer.answer(peer.publish([JOINT], [2.0])).status == Status.OK
+    assert peer.ask([JOINT], [2.0]).status == Status.OK
     assert recorder.stop() == 0
-    assert recorder.said.count("could not be written") == 1
+    assert recorder.printed.count("could not be written") == 1
 
 
 def test_simulated_time(
     start: Callable[..., Any], meet: Callable[[str], Any], tmp_path: Path
 ) -> None:
-    """Nothing is logged before the simulated clock runs, and its time is the log's time after."""
+    """Nothing is logged before the simulated clock runs; after that the log has its times."""
     recorder = start(name="simulated", record=True, log_directory=tmp_path, use_sim_time=True)
     peer = meet("simulated")
     clock = peer.node.create_publisher(Clock, "/clock", QoSProfile(depth=1))
-    peer.answer(peer.publish([JOINT], [1.7]))
-    assert peer.spin(lambda: clock.get_subscription_count() > 0, 20.0)
-    clock.publish(Clock(clock=Time(sec=42)))
-    time.sleep(0.5)
-    peer.answer(peer.publish([JOINT], [2.2]))
+    peer.ask([JOINT], [1.7])
+
+    def simulated() -> bool:
+        clock.publish(Clock(clock=Time(sec=42)))
+        return bool(peer.call([2.0]).predictions[0].header.stamp.sec == 42)
+
+    until(simulated, "the simulated time")
+    peer.ask([JOINT], [2.2])
     assert recorder.stop() == 0
     [path] = tmp_path.iterdir()
     logged = list(read_messages(path, "/joint_states"))
@@ -342,16 +342,14 @@ def test_simulated_time(
 def test_log_holds_what_was_published(
     start: Callable[..., Any], meet: Callable[[str], Any], tmp_path: Path
 ) -> None:
-    """Every joint state that was used and every prediction, for two independent readers."""
+    """Two independent readers find every joint state that was used and every prediction."""
     began = time.time_ns()
     recorder = start(name="recorder", record=True, log_directory=tmp_path)
     peer = meet("recorder")
     warmed_up = peer.stamp
     for i in range(200):
-        peer.publish(["wheel", JOINT], [1.0, 1.6 + 0.007 * i], velocity=[0.0, 0.7])
         peer.publish(["other"], [0.0])
-        peer.spin(lambda: False, 0.002)
-    assert peer.spin(lambda: len(peer.predictions) == 200)
+        peer.ask(["wheel", JOINT], [1.0, 1.6 + 0.007 * i], velocity=[0.0, 0.7])
     assert recorder.stop() == 0
     [path] = tmp_path.glob("linkage_vibration_*.mcap")
 

@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Parameters as ROS 2 gives and sets them."""
+"""Declaring and setting parameters."""
 
 from pathlib import Path
 
@@ -31,7 +31,7 @@ from linkage_vibration.ros.parameter_server import changed, declare_parameters, 
 def test_a_file_means_the_same_to_node_and_replay(
     environment: dict[str, str], tmp_path: Path, text: str
 ) -> None:
-    """What a file gives is what rclpy gives a node that is started with it."""
+    """Our reader gives the values that rclpy gives a node that is started with the file."""
     path = tmp_path / "params.yaml"
     path.write_text(text)
     context = Context()
@@ -47,7 +47,7 @@ def test_a_file_means_the_same_to_node_and_replay(
 
 
 def test_what_may_be_set() -> None:
-    """Live parameters at any time, the others while not configured, and none that is not valid."""
+    """Live parameters may be set at any time, others only while the node is not configured."""
     settings = Parameters()
     live, other = Parameter("warning_margin", value=0.2), Parameter("log_directory", value="/tmp")
     found, result = changed(settings, [live], configured=True)
@@ -62,7 +62,7 @@ def test_what_may_be_set() -> None:
 
 
 def test_whole_numbers_are_set_as_doubles() -> None:
-    """What ROS would refuse for its type is turned before; what means something else is not."""
+    """An integer for a double is converted; other types are not."""
     asked = [Parameter("stale_after", value=2), Parameter("sign", value=-1)]
     stale_after, sign = in_own_types(asked)
     assert (stale_after.value, type(stale_after.value)) == (2.0, float)

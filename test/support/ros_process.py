@@ -1,0 +1,275 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Node processes, and a peer that exchanges messages with them over DDS.
+
+Every wait ends with an event. Its limit only ends a test that has failed, so it is generous: a
+machine with busy cores is many times slower than an idle one.
+"""
+
+import signal
+import subprocess
+import sys
+import time
+from array import array
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import rclpy
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.serialization import deserialize_message
+from rclpy.signals import SignalHandlerOptions
+from sensor_msgs.msg import JointState
+
+from linkage_vibration_interfaces.msg import VibrationPrediction
+from linkage_vibration_interfaces.srv import PredictVibration
+
+LIMIT = 120.0  # s, of every wait
+JOINT = "hitch_rockshaft_joint"
+SENSOR = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)
+
+
+def until(
+    condition: Callable[[], object], event: str, wait: Callable[[], object] | None = None
+) -> None:
+    """Wait until a condition holds.
+
+    Parameters
+    ----------
+    condition : callable
+        Returns whether it holds.
+    event : str
+        What is awaited, for the message of a failure.
+    wait : callable, optional
+        Called between two looks at the condition; sleeps for a moment by default.
+    """
+    end = time.monotonic() + LIMIT
+    while not condition():
+        assert time.monotonic() < end, f"waited {LIMIT:g} s in vain for {event}"
+        if wait is None:
+            time.sleep(0.02)
+        else:
+            wait()
+
+
+@dataclass
+class RunningNode:
+    """A node in a process of its own.
+
+    Attributes
+    ----------
+    process : subprocess.Popen
+        The process.
+    output : Path
+        The file that holds what the process prints.
+    """
+
+    process: "subprocess.Popen[bytes]"
+    output: Path
+
+    @property
+    def printed(self) -> str:
+        """Everything that the node has printed so far."""
+        return self.output.read_text()
+
+    def wait_for(self, words: str) -> None:
+        """Return when the node has printed these words."""
+        until(lambda: words in self.printed or self.process.poll() is not None, words)
+        assert words in self.printed, self.printed
+
+    def wait_for_signal_handlers(self) -> None:
+        """Return when the node handles signals; before that, Python itself is starting."""
+        status = Path(f"/proc/{self.process.pid}/status")
+
+        def handled() -> int:
+            [mask] = [line for line in status.read_text().splitlines() if "SigCgt" in line]
+            return int(mask.split()[1], 16) >> (signal.SIGTERM - 1) & 1
+
+        until(handled, "the signal handlers")
+
+    def stop(self, by: signal.Signals = signal.SIGINT) -> int:
+        """Send the node a signal, wait for its end, and return its exit code."""
+        if self.process.poll() is None:
+            self.process.send_signal(by)
+        return self.process.wait(LIMIT)
+
+
+def start_node(
+    output: Path,
+    environment: dict[str, str],
+    *arguments: str,
+    name: str = "linkage_vibration",
+    program: Sequence[str] = ("-m", "linkage_vibration.ros.node"),
+    **parameters: Any,
+) -> RunningNode:
+    """Start a node in a process of its own.
+
+    Parameters
+    ----------
+    output : Path
+        The file for what the process prints.
+    environment : dict of str to str
+        The environment of the process.
+    *arguments : str
+        Further ROS arguments.
+    name : str
+        The name of the node.
+    program : sequence of str
+        What Python runs.
+    **parameters : object
+        The parameters of the node.
+    """
+    command = [sys.executable, *program, "--ros-args", "-r", f"__node:={name}", *arguments]
+    for key, value in parameters.items():
+        command += ["-p", f"{key}:={str(value).lower() if value in (True, False) else value}"]
+    with output.open("wb") as file:
+        process = subprocess.Popen(command, env=environment, stdout=file, stderr=subprocess.STDOUT)
+    return RunningNode(process, output)
+
+
+@contextmanager
+def own_context(domain: int) -> Iterator[Context]:
+    """Give an rclpy context on a ROS domain, in which rclpy leaves signals alone."""
+    context = Context()
+    rclpy.init(context=context, domain_id=domain, signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        yield context
+    finally:
+        context.try_shutdown()
+
+
+@dataclass
+class Peer:
+    """Another participant, which publishes joint states, receives predictions and calls services.
+
+    Attributes
+    ----------
+    node, executor : rclpy Node and SingleThreadedExecutor
+        The participant, and the executor that spins it.
+    publisher : rclpy Publisher
+        For joint states.
+    client : rclpy Client
+        Of the service ``~/predict``.
+    predictions : list of VibrationPrediction
+        All predictions received so far.
+    raw : list of bytes
+        The same as bytes.
+    second, stamp : int
+        Seconds of every stamp, which tell the peers apart, and nanoseconds of the last one.
+    """
+
+    node: Any
+    executor: Any
+    publisher: Any
+    client: Any
+    second: int
+    predictions: list[Any] = field(default_factory=list)
+    raw: list[bytes] = field(default_factory=list)
+    stamp: int = 0
+
+    def publish(
+        self,
+        names: Sequence[str] = (JOINT,),
+        positions: Sequence[float] = (2.0,),
+        *,
+        velocity: Sequence[float] = (),
+        frame_id: str = "",
+    ) -> int:
+        """Publish a joint state with a new stamp, and return the stamp's nanoseconds."""
+        self.stamp += 1
+        message = JointState()
+        message.header.stamp.sec = self.second
+        message.header.stamp.nanosec = self.stamp
+        message.header.frame_id = frame_id
+        message.name = list(names)
+        message.position = array("d", positions)
+        message.velocity = array("d", velocity)
+        self.publisher.publish(message)
+        return self.stamp
+
+    def ask(
+        self, names: Sequence[str] = (JOINT,), positions: Sequence[float] = (2.0,), **fields: Any
+    ) -> Any:
+        """Publish a joint state, again if it is lost, and return the prediction that answers it.
+
+        Best-effort messages can be lost, above all while DDS changes to shared memory.
+        """
+        first = self.stamp + 1
+
+        def answers() -> list[Any]:
+            stamps = [(p, p.header.stamp) for p in self.predictions]
+            return [p for p, at in stamps if at.sec == self.second and at.nanosec >= first]
+
+        def publish() -> None:
+            self.publish(names, positions, **fields)
+            self.pause(5.0, answers)
+
+        until(answers, f"a prediction with stamp {first} or later", publish)
+        return answers()[0]
+
+    def on_prediction(self, data: bytes) -> None:
+        """Keep a prediction."""
+        self.raw.append(data)
+        self.predictions.append(deserialize_message(data, VibrationPrediction))
+
+    def pause(self, seconds: float, done: Callable[[], object] = lambda: False) -> None:
+        """Receive messages for some seconds, or until something is done."""
+        end = time.monotonic() + seconds
+        while not done() and (left := end - time.monotonic()) > 0.0:
+            self.executor.spin_once(min(left, 0.05))
+
+    def spin(self, done: Callable[[], object], event: str = "an event") -> None:
+        """Receive messages until something is done."""
+        until(done, event, lambda: self.executor.spin_once(0.05))
+
+    def result(self, future: Any) -> Any:
+        """Return the response to a request."""
+        self.spin(future.done, "a service's response")
+        return future.result()
+
+    def call(self, angles: Sequence[float]) -> Any:
+        """Call the node's prediction service and return its response."""
+        request = PredictVibration.Request(crank_angles=array("d", angles))
+        return self.result(self.client.call_async(request))
+
+
+@contextmanager
+def peer_of(name: str, domain: int, number: int = 0) -> Iterator[Peer]:
+    """Give a peer of the node of a name, once messages pass in both directions.
+
+    Parameters
+    ----------
+    name : str
+        The name of the node.
+    domain : int
+        The ROS domain.
+    number : int
+        The number of the peer, which no other peer on this domain has.
+    """
+    with own_context(domain) as context:
+        node = rclpy.create_node(f"peer_{number}", context=context)
+        executor = SingleThreadedExecutor(context=context)
+        executor.add_node(node)
+        publisher = node.create_publisher(JointState, "joint_states", SENSOR)
+        client = node.create_client(PredictVibration, f"{name}/predict")
+        peer = Peer(node, executor, publisher, client, 1_700_000_000 + number)
+        node.create_subscription(
+            VibrationPrediction, f"{name}/prediction", peer.on_prediction, 1000, raw=True
+        )
+        try:
+            peer.spin(client.service_is_ready, f"the node {name}")
+            until(
+                lambda: peer.predictions, "a prediction", lambda: peer.publish() and peer.pause(0.5)
+            )
+            # Predictions come in the order of the joint states, so no other follows this one.
+            peer.ask()
+            peer.predictions.clear()
+            peer.raw.clear()
+            yield peer
+        finally:
+            executor.shutdown()
+            node.destroy_node()
