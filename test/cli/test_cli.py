@@ -69,7 +69,7 @@ def test_predict_prints_what_the_predictor_says(tmp_path: Path) -> None:
         (("build", "-o", "none/table.npz"), "cannot be written"),
         (("predict", "140", "--table", "none.npz"), "none.npz: cannot be read"),
         (("plan", "--points", "E1"), "a direction after each point"),
-        (("plan", "--tolerance", "0"), "give one from 1e-9 to 1"),
+        (("plan", "--tolerance", "0"), "from 1e-9 to 1"),
         (("sweep", "none.yaml"), "none.yaml: cannot be read"),
         (("sweep", str(config_file("sweeps/implement.yaml")), "--workers", "0"), "at least one"),
     ],
