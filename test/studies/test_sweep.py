@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Sweeps: what the file holds, and that nothing is lost or done twice whatever is killed."""
+"""The file of a sweep, and sweeps that are interrupted: nothing is lost or built twice."""
 
 import math
 import multiprocessing
@@ -24,15 +24,13 @@ from scipy.io import netcdf_file
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
 from linkage_vibration.studies.sweep import (
-    BUILT,
-    GIVEN_UP,
-    NOT_BUILDABLE,
     Designs,
     SweepError,
     dask_executor,
     read_designs,
     sweep,
 )
+from linkage_vibration.studies.sweep.output import BUILT, GIVEN_UP, NOT_BUILDABLE
 from linkage_vibration.support.process_pool import LocalPool
 from linkage_vibration.support.resources import config_file
 from linkage_vibration.table.tabulation import build_table
@@ -42,7 +40,7 @@ DENSITY = "links.crank.material.density"
 
 
 def four_bar() -> Any:
-    """Return a small linkage that is quickly tabulated; its coupler closes it from 0.23 m on."""
+    """Return a small linkage; it is tabulated quickly, and closes if its coupler has 0.23 m."""
     mapping = yaml.safe_load(config_file("four_bar.yaml").read_text())
     mapping["input"]["range_deg"] = [60.0, 120.0]
     for link in mapping["links"].values():
@@ -65,7 +63,7 @@ def designs() -> Designs:
 
 @pytest.fixture
 def space(tmp_path: Path) -> Callable[..., Path]:
-    """Return what writes a sweep of the small linkage, with other keys if asked for."""
+    """Return a function that writes a sweep of the small linkage, with other keys if given."""
 
     def write(**changed: Any) -> Path:
         (tmp_path / "four_bar.yaml").write_text(yaml.safe_dump(four_bar(), sort_keys=False))
@@ -83,14 +81,14 @@ def space(tmp_path: Path) -> Callable[..., Path]:
 
 
 def in_one_go(designs: Designs, output: Path) -> Path:
-    """Return the file that a sweep without any trouble writes."""
+    """Return the file that an uninterrupted sweep writes."""
     with ThreadPoolExecutor(1) as executor:
         sweep(designs, output, executor)
     return output
 
 
 def assert_same_file(found: Path, expected: Path) -> None:
-    """Two sweeps hold the same; numbers built twice to rounding, which memory's layout changes."""
+    """Assert that two files hold the same, up to rounding, which the layout of memory changes."""
     with netcdf_file(found, mmap=False) as one, netcdf_file(expected, mmap=False) as other:
         assert one._attributes == other._attributes
         assert one.dimensions == other.dimensions
@@ -106,13 +104,13 @@ def assert_same_file(found: Path, expected: Path) -> None:
 
 
 def parts(output: Path) -> list[str]:
-    """Return the names of the finished designs that stand beside an output."""
+    """Return the names of the finished designs beside an output."""
     found = (path.name for path in Path(f"{output}.parts").iterdir())
     return sorted(name for name in found if name[0] != "." and name != "lock")
 
 
 def test_shipped_sweep_is_read() -> None:
-    """Values are lists or evenly spaced; angles are turned into radians; whole numbers stay so."""
+    """Values are lists or evenly spaced, and angles are turned into radians."""
     shipped = read_designs(config_file("sweeps/implement.yaml"))
     assert shipped.shape == (4, 3, 3, 2)
     assert shipped.size == 72
@@ -123,7 +121,7 @@ def test_shipped_sweep_is_read() -> None:
 
 
 def test_file_holds_what_the_tables_say(tmp_path: Path) -> None:
-    """Each design's curves are its table's, in its place; one that cannot be built tells why."""
+    """Each design has its table's curves in its place, or a message why it has none."""
     designs = grid([0.20, 0.45, 0.46], [0.02, 0.03])
     output = tmp_path / "out.nc"
     with ThreadPoolExecutor(1) as executor:
@@ -140,8 +138,8 @@ def test_file_holds_what_the_tables_say(tmp_path: Path) -> None:
         assert variables["status"][:].tolist() == [[NOT_BUILDABLE] * 2, [BUILT] * 2, [BUILT] * 2]
         assert np.isnan(curves[0]).all()
         assert not np.isnan(curves[1:]).any()
-        told = variables["message"][0, 1].tobytes().rstrip(b"\0").decode()
-        assert told == result.messages[1]
+        message = variables["message"][0, 1].tobytes().rstrip(b"\0").decode()
+        assert message == result.messages[1]
         assert variables[LENGTH][:].tolist() == [0.20, 0.45, 0.46]
 
         mapping = four_bar()
@@ -151,7 +149,7 @@ def test_file_holds_what_the_tables_say(tmp_path: Path) -> None:
         table = build_table(LinkageModel(mechanism), 1e-3)
         expected = table.evaluate(designs.alpha3)
         place = (2, 1)
-        # Built twice, equal to rounding alone: how memory is aligned changes the last bits.
+        # Two builds agree to rounding only, because the alignment of memory changes the last bits.
         same = partial(np.testing.assert_allclose, rtol=1e-11, atol=0.0)
         same(curves[place], expected[:, :3])
         same(variables["damping_ratios"][place], expected[:, 3:6])
@@ -162,7 +160,7 @@ def test_file_holds_what_the_tables_say(tmp_path: Path) -> None:
 
 
 def test_xarray_opens_the_file(tmp_path: Path, designs: Designs) -> None:
-    """The file opens by itself: coordinates, units and text are there."""
+    """Xarray opens the file with its coordinates, units and text."""
     xarray = pytest.importorskip("xarray", reason="xarray is not installed")
     in_one_go(designs, tmp_path / "out.nc")
     with xarray.open_dataset(tmp_path / "out.nc") as data:
@@ -174,8 +172,8 @@ def test_xarray_opens_the_file(tmp_path: Path, designs: Designs) -> None:
         assert len(data.natural_frequencies.to_dataframe()) == 6 * 7 * 3
 
 
-def test_sweep_goes_on_where_it_stopped(tmp_path: Path, designs: Designs) -> None:
-    """What was finished is kept, what was damaged is built again, and the file is the same."""
+def test_sweep_continues_where_it_stopped(tmp_path: Path, designs: Designs) -> None:
+    """Finished designs are kept, damaged ones are rebuilt, and the file is the same."""
     whole = in_one_go(designs, tmp_path / "whole.nc")
     output = tmp_path / "out.nc"
     counted: list[int] = []
@@ -206,7 +204,7 @@ def test_sweep_goes_on_where_it_stopped(tmp_path: Path, designs: Designs) -> Non
 
 
 def test_finished_sweep_is_not_done_again(tmp_path: Path, designs: Designs) -> None:
-    """Once its file stands nothing is built, even if parts were left; another sweep replaces it."""
+    """A complete file is kept, even if parts were left; another sweep replaces it."""
     output = tmp_path / "out.nc"
     whole = in_one_go(designs, output).read_bytes()
     Path(f"{output}.parts").mkdir()
@@ -234,7 +232,7 @@ def test_equal_designs_are_built_once(tmp_path: Path) -> None:
 
 
 def test_whole_run_may_be_killed(tmp_path: Path, space: Callable[..., Path]) -> None:
-    """After kill -9 of the run no process stays behind, and the next run builds the rest only."""
+    """After kill -9 no process stays behind, and the next run builds only the rest."""
     heights = {"from": 0.02, "to": 0.04, "points": 10}
     path, output = space(parameters={HEIGHT: heights}), tmp_path / "out.nc"
     script = tmp_path / "run.py"
@@ -269,12 +267,12 @@ def wait_for(what: Callable[[], bool], seconds: float = 20.0) -> None:
     """Wait until something holds, and fail if it does not."""
     end = time.monotonic() + seconds
     while not what():
-        assert time.monotonic() < end, "waited in vain"
+        assert time.monotonic() < end, f"it did not happen within {seconds:g} s"
         time.sleep(0.01)
 
 
 def test_killed_worker_costs_nothing(tmp_path: Path, designs: Designs) -> None:
-    """With the local pool, a worker killed on the way is replaced; all is built and stored once."""
+    """The local pool replaces a killed worker; every design is built and stored once."""
     output = tmp_path / "out.nc"
     stored: list[int] = []
     killed: list[int] = []
@@ -300,7 +298,7 @@ class DeadlyPool(LocalPool):
     submitted = 0
 
     def submit(self, fn: Any, /, *args: Any, **kwargs: Any) -> Future[Any]:
-        """Submit, but for the second time what kills."""
+        """Submit a call; the second one kills its process instead."""
         self.submitted += 1
         if self.submitted == 2:
             return super().submit(os._exit, 3)
@@ -308,7 +306,7 @@ class DeadlyPool(LocalPool):
 
 
 def test_design_that_kills_is_given_up(tmp_path: Path) -> None:
-    """A design whose process always dies is given up and told; the next run tries it again."""
+    """A design whose process always dies is given up and reported; the next run tries again."""
     designs, output = grid([0.45], [0.020, 0.022, 0.024]), tmp_path / "out.nc"
     with DeadlyPool(1) as pool:
         result = sweep(designs, output, pool)
@@ -323,8 +321,8 @@ def test_design_that_kills_is_given_up(tmp_path: Path) -> None:
     assert_same_file(output, in_one_go(designs, tmp_path / "whole.nc"))
 
 
-def test_executor_that_ends_is_told(tmp_path: Path, designs: Designs) -> None:
-    """A pool that breaks or is shut ends the sweep in a sentence; what is finished is kept."""
+def test_executor_that_ends_is_reported(tmp_path: Path, designs: Designs) -> None:
+    """A broken or closed pool ends the sweep with an error; finished designs are kept."""
     output = tmp_path / "out.nc"
     with ThreadPoolExecutor(1) as closed:
         pass
@@ -342,7 +340,7 @@ def test_executor_that_ends_is_told(tmp_path: Path, designs: Designs) -> None:
 
 
 def test_two_runs_do_not_mix(tmp_path: Path, designs: Designs) -> None:
-    """A second run on the same output is refused while the first is at work."""
+    """A second run on the same output is refused while the first one runs."""
     output = tmp_path / "out.nc"
     refused: list[str] = []
 
@@ -357,13 +355,13 @@ def test_two_runs_do_not_mix(tmp_path: Path, designs: Designs) -> None:
 
 
 def test_output_that_cannot_be_written(tmp_path: Path, designs: Designs) -> None:
-    """A folder that is not there is told before anything is built."""
+    """A missing folder is reported before anything is built."""
     with ThreadPoolExecutor(1) as executor, pytest.raises(SweepError, match="cannot be written"):
         sweep(designs, tmp_path / "none" / "out.nc", executor)
 
 
 def test_dask_cluster_loses_a_worker(tmp_path: Path) -> None:
-    """On a real Dask cluster, one worker killed on the way: nothing lost, nothing twice."""
+    """If a worker of a real Dask cluster is killed, nothing is lost or stored twice."""
     distributed = pytest.importorskip("distributed", reason="dask and distributed are missing")
     designs = grid([0.44, 0.45], np.linspace(0.02, 0.03, 6).tolist())
     output, log = tmp_path / "out.nc", tmp_path / "log"
@@ -372,7 +370,7 @@ def test_dask_cluster_loses_a_worker(tmp_path: Path) -> None:
     killed: list[int] = []
 
     class Counted(ThreadPoolExecutor):
-        """Hands on to Dask, and has each build leave a file that names design and process."""
+        """Submits to Dask; each build leaves a file that names its design and its process."""
 
         def submit(self, fn: Any, /, *args: Any, **kwargs: Any) -> Future[Any]:
             def counted(mechanism: Any, *rest: Any) -> Any:
@@ -393,7 +391,7 @@ def test_dask_cluster_loses_a_worker(tmp_path: Path) -> None:
     def kill(finished: int) -> None:
         stored.append(len(parts(output)))
         if len(stored) == 5:
-            time.sleep(0.2)  # until the scheduler knows that these are not needed any more
+            time.sleep(0.2)  # until the scheduler knows that these are no longer needed
             busy = [int(path.name.split(".")[1]) for path in log.iterdir()]
             before.update(name.split(".")[0] for name in parts(output))
             killed.append(busy[-1])
@@ -432,9 +430,9 @@ def test_dask_cluster_loses_a_worker(tmp_path: Path) -> None:
         ({"parameters": [1]}, "parameters: .* is not a mapping"),
         ({"parameters": {"links.none.count": [1]}}, "links.none.count: .* no key 'none'"),
         ({"parameters": {"name": [1]}}, "'four_bar' is not a number"),
-        ({"parameters": {HEIGHT: []}}, "rocker.section.height: .* is no list of values"),
-        ({"parameters": {HEIGHT: 0.02}}, "is no list of values"),
-        ({"parameters": {HEIGHT: [0.02, 0.02]}}, "stands twice"),
+        ({"parameters": {HEIGHT: []}}, "rocker.section.height: .* is not a list of values"),
+        ({"parameters": {HEIGHT: 0.02}}, "is not a list of values"),
+        ({"parameters": {HEIGHT: [0.02, 0.02]}}, "is listed twice"),
         ({"parameters": {HEIGHT: [0.02, math.inf]}}, "height.1: inf is not a finite"),
         ({"parameters": {HEIGHT: [0.02, "3 cm"]}}, "height.1: .*is text"),
         ({"parameters": {HEIGHT: {"from": 1, "to": 2}}}, "height.points: .*missing"),
@@ -443,22 +441,22 @@ def test_dask_cluster_loses_a_worker(tmp_path: Path) -> None:
             {"parameters": {HEIGHT: {"from": 1, "to": 2, "points": 3, "by": 1}}},
             "height.by: .*known",
         ),
-        ({"parameters": {"response.modes": [2, 3]}}, "as many modes"),
+        ({"parameters": {"response.modes": [2, 3]}}, "same number of modes"),
         ({"angles_deg": {"from": 0, "to": 120, "points": 7}}, "leaves the stroke"),
         ({"angles_deg": {"from": math.nan, "to": 120, "points": 7}}, "angles_deg.from: .*finite"),
         ({"tolerance": 0}, "tolerance: 0 is not greater"),
         ({"more": 1}, "more: this key is not known"),
     ],
 )
-def test_wrong_sweeps_are_told(space: Callable[..., Path], changed: Any, words: str) -> None:
-    """Each error names the file, the key and the mend."""
+def test_invalid_sweeps_are_refused(space: Callable[..., Path], changed: Any, words: str) -> None:
+    """Each error names the file, the key and the fix."""
     with pytest.raises(SweepError, match=words) as raised:
         read_designs(space(**changed))
     assert "space.yaml" in str(raised.value)
 
 
 def test_two_parameters_that_are_one_number(space: Callable[..., Path], tmp_path: Path) -> None:
-    """An alias makes one number of two; several paths of one parameter may lead to it."""
+    """Two parameters that an alias makes one number are refused; two paths of one are not."""
     rocker = "links.rocker.material.density"
     path = space(parameters={DENSITY: [7800.0, 7900.0], rocker: [7800.0, 8000.0]})
     assert read_designs(path).shape == (2, 2)
@@ -476,22 +474,22 @@ def test_two_parameters_that_are_one_number(space: Callable[..., Path], tmp_path
 
 
 def test_whole_numbers_and_signs(space: Callable[..., Path]) -> None:
-    """Counts of links and negative coordinates are swept too."""
+    """Whole numbers and negative coordinates can be parameters."""
     mapping = {"links.rocker.modes": [1, 2], "ground.D.1": [-0.02, 0.0]}
     designs = read_designs(space(parameters=mapping))
     assert designs.mechanism(2).links[2].modes == 2
     assert dict(designs.mechanism(2).ground)["D"] == (0.5, -0.02)
 
 
-def test_scheduler_that_is_none() -> None:
-    """An address at which no scheduler can be is told."""
+def test_missing_scheduler() -> None:
+    """An address without a scheduler is reported."""
     pytest.importorskip("distributed", reason="dask and distributed are missing")
     with pytest.raises(SweepError, match="no Dask scheduler"), dask_executor("nowhere://1"):
         pass
 
 
 def test_links_from_files_are_swept(space: Callable[..., Path], tmp_path: Path) -> None:
-    """A link known by its matrices, in a file beside the mechanism, goes with every design."""
+    """Every design has the link whose matrices are in a file beside the mechanism."""
     path = space(parameters={HEIGHT: [0.02, 0.03]})
     beams = read_designs(path)
     components = LinkageModel(beams.mechanism(0)).components

@@ -1,0 +1,251 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Builds the tables of a grid of designs, in any executor, and continues after an interruption.
+
+Each finished design is kept as a part, in a folder beside the output, until all are finished.
+"""
+
+import fcntl
+import hashlib
+import itertools
+import json
+import shutil
+from collections.abc import Callable, Generator, Iterator
+from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future
+from contextlib import closing, contextmanager, nullcontext
+from dataclasses import dataclass
+from pathlib import Path
+from queue import SimpleQueue
+
+import numpy as np
+from numpy.typing import NDArray
+
+from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.mechanics.description import Mechanism
+from linkage_vibration.mechanics.model import LinkageModel
+from linkage_vibration.studies.sweep.designs import Designs, SweepError
+from linkage_vibration.studies.sweep.output import (
+    BUILT,
+    GIVEN_UP,
+    NOT_BUILDABLE,
+    Outcome,
+    earlier_messages,
+    netcdf,
+)
+from linkage_vibration.support.atomic_files import write_bytes
+from linkage_vibration.support.process_pool import LocalPool
+from linkage_vibration.table.tabulation import build_table
+
+FloatArray = NDArray[np.float64]
+
+IN_FLIGHT = 4096  # designs submitted to an executor at a time: enough for a large cluster
+
+
+@dataclass(frozen=True, slots=True)
+class SweepResult:
+    """The counts and the messages of a run of a sweep."""
+
+    built: int  # different designs that this run built or tried to build
+    kept: int  # designs that an earlier run had finished
+    messages: dict[int, str]  # why a design has no result, by its index in the grid
+    given_up: int  # designs that the next run tries again
+
+
+def sweep(
+    designs: Designs,
+    output: Path,
+    executor: Executor | None = None,
+    progress: Callable[[int], object] = lambda finished: None,
+) -> SweepResult:
+    """Build every design's table and write them, at common angles, to one netCDF file.
+
+    Finished designs are kept in the folder ``OUTPUT.parts`` until the file is written; after an
+    interruption, the next run builds only what is missing there. A `SweepError` is raised if a file
+    cannot be written, if another run uses this output, or if the executor ends.
+
+    Parameters
+    ----------
+    designs : Designs
+        The designs to build.
+    output : Path
+        The file to write, as ``docs/sweep.md`` describes it; a file of another sweep is replaced.
+    executor : Executor, optional
+        Where to build, such as a Dask client's ``get_executor()``; it stays open. By default, a
+        `LocalPool`.
+    progress : callable
+        Called with the number of designs that have been finished since the last call.
+    """
+    hashes, outcomes = _model_hashes(designs)
+    parts = output.with_name(f"{output.name}.parts")
+    with _claimed(parts):
+        messages = earlier_messages(output, designs.digest(*hashes))
+        if messages is not None:
+            progress(designs.size)
+            shutil.rmtree(parts)
+            return SweepResult(0, designs.size, messages, 0)
+        progress(len(outcomes))
+        same: dict[str, list[int]] = {}  # equal designs share the part of this name
+        settings = designs.digest()[:16]
+        for index, model_hash in enumerate(hashes):
+            if model_hash:
+                same.setdefault(f"{model_hash}.{settings}", []).append(index)
+        kept = {part: _load(parts / part, len(designs.alpha3)) for part in same}
+        for part, outcome in kept.items():
+            if outcome is not None:
+                outcomes.update(dict.fromkeys(same[part], outcome))
+                progress(len(same[part]))
+        missing = [part for part, outcome in kept.items() if outcome is None]
+        tasks = ((part, designs.mechanism(same[part][0])) for part in missing)
+        with (
+            LocalPool() if executor is None else nullcontext(executor) as pool,
+            closing(_build_all(designs, tasks, pool)) as built,
+        ):
+            for part, outcome in built:
+                if outcome.status != GIVEN_UP:
+                    write_bytes(parts / part, _packed(outcome), SweepError)
+                outcomes.update(dict.fromkeys(same[part], outcome))
+                progress(len(same[part]))
+        ordered = [outcomes[index] for index in range(designs.size)]
+        write_bytes(output, netcdf(designs, hashes, ordered), SweepError)
+        messages = {i: outcome.message for i, outcome in enumerate(ordered) if outcome.message}
+        given_up = sum(outcome.status == GIVEN_UP for outcome in ordered)
+        if not given_up:
+            shutil.rmtree(parts)
+    return SweepResult(len(missing), len(same) - len(missing), messages, given_up)
+
+
+@contextmanager
+def dask_executor(address: str) -> Iterator[Executor]:
+    """Connect to a Dask cluster, for the duration of the context.
+
+    The address is the scheduler's, such as ``tcp://host:8786``. The workers need this package.
+
+    Raises
+    ------
+    SweepError
+        If Dask is not installed, or no scheduler answers.
+    """
+    try:
+        from distributed import Client
+    except ImportError:
+        raise SweepError("Dask is missing; `pip install linkage_vibration[dask]`.") from None
+    try:
+        client = Client(address, timeout=10)
+    except (OSError, ValueError) as problem:
+        raise SweepError(
+            f"{address}: no Dask scheduler answers there ({problem}); give a running scheduler's "
+            "address, such as tcp://host:8786."
+        ) from None
+    with client:
+        yield client.get_executor()
+
+
+def _model_hashes(designs: Designs) -> tuple[list[str], dict[int, Outcome]]:
+    """Return every design's hash, and the outcome of those that describe no mechanism."""
+    hashes, outcomes = [""] * designs.size, {}
+    for index in range(designs.size):
+        try:
+            hashes[index] = designs.mechanism(index).model_hash
+        except LinkageVibrationError as error:
+            outcomes[index] = Outcome(NOT_BUILDABLE, str(error))
+    return hashes, outcomes
+
+
+def _build(mechanism: Mechanism, alpha3: FloatArray, tolerance: float) -> Outcome:
+    """Build a design's table and evaluate it; this runs in a worker."""
+    try:
+        table = build_table(LinkageModel(mechanism), tolerance, points=())
+    except LinkageVibrationError as error:
+        return Outcome(NOT_BUILDABLE, str(error))
+    low, high = table.alpha3_range
+    inside = (alpha3 >= low) & (alpha3 <= high)
+    values = np.full((len(alpha3), 2 * table.n_modes + 2), np.nan)
+    values[inside] = table.evaluate(alpha3[inside])
+    return Outcome(BUILT, "", values, float(np.max(table.interpolation_error)))
+
+
+def _build_all(
+    designs: Designs, tasks: Iterator[tuple[str, Mechanism]], executor: Executor
+) -> Generator[tuple[str, Outcome]]:
+    """Build designs on an executor, and yield each outcome as soon as it is there."""
+    running: dict[Future[Outcome], str] = {}
+    done: SimpleQueue[Future[Outcome]] = SimpleQueue()
+    try:
+        while True:
+            for part, mechanism in itertools.islice(tasks, IN_FLIGHT - len(running)):
+                try:
+                    future = executor.submit(_build, mechanism, designs.alpha3, designs.tolerance)
+                except RuntimeError as problem:  # the executor was shut down
+                    raise BrokenExecutor(str(problem)) from None
+                running[future] = part
+                future.add_done_callback(done.put)
+            if not running:
+                return
+            future = done.get()
+            part, outcome = running.pop(future), _outcome(future)
+            del future  # a cluster rebuilds the results of a dead worker that are still referenced
+            yield part, outcome
+    except (BrokenExecutor, CancelledError) as problem:
+        raise SweepError(
+            f"The executor has ended ({type(problem).__name__}: {problem}). Finished designs are "
+            "kept: run the sweep again to continue. (A script that starts processes needs "
+            '`if __name__ == "__main__":`.)'
+        ) from None
+    finally:
+        for future in running:
+            future.cancel()
+
+
+def _outcome(future: Future[Outcome]) -> Outcome:
+    """Return the outcome of a design; an exception of its worker ends this design alone."""
+    try:
+        return future.result()
+    except (BrokenExecutor, CancelledError):
+        raise
+    except LinkageVibrationError as problem:
+        return Outcome(GIVEN_UP, str(problem))
+    except Exception as problem:
+        return Outcome(GIVEN_UP, f"{type(problem).__name__}: {problem}")
+
+
+@contextmanager
+def _claimed(folder: Path) -> Iterator[None]:
+    """Make a folder and lock it against other runs; the lock ends with the process."""
+    try:
+        folder.mkdir(exist_ok=True)
+        lock = (folder / "lock").open("w")
+    except OSError as problem:
+        raise SweepError(
+            f"{folder}: cannot be written ({problem.strerror}); choose another output."
+        ) from None
+    with lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as problem:
+            raise SweepError(
+                f"{folder}: is in use by another run ({problem.strerror}); let it finish, or "
+                "choose another output."
+            ) from None
+        yield
+
+
+def _packed(outcome: Outcome) -> bytes:
+    """Return the content of a part: a checksum, a line of JSON and the values."""
+    head = [outcome.status, outcome.message, outcome.interpolation_error]
+    values = b"" if outcome.values is None else outcome.values.astype("<f8").tobytes()
+    content = json.dumps(head).encode() + b"\n" + values
+    return hashlib.sha256(content).digest() + content
+
+
+def _load(path: Path, n_angles: int) -> Outcome | None:
+    """Read a part; return None if it is missing or damaged."""
+    try:
+        data = path.read_bytes()
+    except OSError:
+        return None
+    if hashlib.sha256(data[32:]).digest() != data[:32]:
+        return None
+    head, _, numbers = data[32:].partition(b"\n")
+    status, message, error = json.loads(head)
+    values = np.frombuffer(numbers, "<f8").reshape(n_angles, -1) if numbers else None
+    return Outcome(status, message, values, error)

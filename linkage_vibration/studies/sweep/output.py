@@ -1,0 +1,152 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""The netCDF file of a sweep."""
+
+import io
+import json
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.io import netcdf_file
+
+import linkage_vibration
+from linkage_vibration.studies.sweep.designs import Designs
+from linkage_vibration.studies.yaml_editing import split_paths
+
+FloatArray = NDArray[np.float64]
+
+BUILT, NOT_BUILDABLE, GIVEN_UP = 0, 1, 2
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Outcome:
+    """The result of a design, or the reason why it has none.
+
+    ``values`` are those of `Table.evaluate`, (n_angles, 2 n_modes + 2), NaN outside the stroke.
+    """
+
+    status: int  # BUILT, NOT_BUILDABLE or GIVEN_UP
+    message: str = ""  # why there is no result
+    values: FloatArray | None = None  # None unless it was built
+    interpolation_error: float = math.nan  # the worst of the table
+
+
+def earlier_messages(output: Path, digest: str) -> dict[int, str] | None:
+    """Return why designs have no result, by their index, if a file holds the same sweep complete.
+
+    Parameters
+    ----------
+    output : Path
+        The file, which may be missing.
+    digest : str
+        Digest of the sweep.
+
+    Returns
+    -------
+    dict of int to str, or None
+        None if the file holds another sweep, is damaged, or holds designs that were given up.
+    """
+    try:
+        with netcdf_file(output, mmap=False) as file:
+            same = getattr(file, "digest", b"") == digest.encode()
+            if not same or (file.variables["status"][:] == GIVEN_UP).any():
+                return None
+            text = file.variables["message"][:]
+    except (OSError, TypeError, ValueError, KeyError):
+        return None
+    messages = text.reshape(-1, text.shape[-1]).view(f"S{text.shape[-1]}")[:, 0]
+    return {i: message.decode() for i, message in enumerate(messages) if message}
+
+
+def netcdf(designs: Designs, hashes: Sequence[str], outcomes: Sequence[Outcome]) -> bytes:
+    """Return the content of a sweep's file; the same designs give the same bytes.
+
+    Parameters
+    ----------
+    designs : Designs
+        The grid.
+    hashes : sequence of str, (n_designs,)
+        Of the designs' models; empty for a design that describes no mechanism.
+    outcomes : sequence of Outcome, (n_designs,)
+        The results.
+    """
+    content = io.BytesIO()
+    file = netcdf_file(content, "w", version=2)
+    file.title = "Natural frequencies and FRF peaks over a grid of designs"
+    file.source = f"linkage_vibration {linkage_vibration.__version__}"
+    file.mechanism = json.dumps(designs.mapping, default=str)
+    file.digest = designs.digest(*hashes)
+    file.tolerance = designs.tolerance
+    n_modes = designs.mapping["response"]["modes"]
+    for path, numbers in zip(designs.paths, designs.values, strict=True):
+        _add(file, path, (path,), np.array(numbers, dtype=float), units=_units(path))
+    angle = "angle of the input crank"
+    _add(file, "alpha3", ("alpha3",), designs.alpha3, units="rad", long_name=angle)
+    modes = np.arange(1, n_modes + 1, dtype=np.int32)
+    numbering = "as numbered, then tracked, in each table"
+    _add(file, "mode", ("mode",), modes, long_name=numbering)
+    _add_results(file, designs, outcomes, n_modes)
+    _add_text(file, designs, "message", [o.message for o in outcomes], "why there is no result")
+    _add_text(file, designs, "model_hash", hashes, "of the design")
+    file.flush()
+    return content.getvalue()
+
+
+def _add_results(file: Any, designs: Designs, outcomes: Sequence[Outcome], n_modes: int) -> None:
+    values = np.full((len(outcomes), len(designs.alpha3), 2 * n_modes + 2), np.nan)
+    for own, outcome in zip(values, outcomes, strict=True):
+        if outcome.values is not None:
+            own[:] = outcome.values
+    errors = np.array([outcome.interpolation_error for outcome in outcomes])
+    status = np.array([outcome.status for outcome in outcomes], dtype=np.int8)
+    curves, angle = ("alpha3", "mode"), ("alpha3",)
+    worst = {"units": "1", "long_name": "worst, of the table"}
+    flags = {
+        "flag_values": np.array([BUILT, NOT_BUILDABLE, GIVEN_UP], dtype=np.int8),
+        "flag_meanings": "built not_buildable given_up",
+    }
+    columns: list[tuple[str, tuple[str, ...], NDArray[Any], dict[str, Any]]] = [
+        ("natural_frequencies", curves, values[:, :, :n_modes], {"units": "Hz"}),
+        ("damping_ratios", curves, values[:, :, n_modes:-2], {"units": "1"}),
+        ("frf_peak_frequency", angle, values[:, :, -2], {"units": "Hz"}),
+        ("frf_peak_magnitude", angle, values[:, :, -1], {"units": "m/N"}),
+        ("interpolation_error", (), errors, worst),
+        ("status", (), status, flags),
+    ]
+    for name, dims, array, attributes in columns:
+        shaped = array.reshape(designs.shape + array.shape[1:])
+        _add(file, name, designs.paths + dims, shaped, **attributes)
+
+
+def _add_text(file: Any, designs: Designs, name: str, texts: Iterable[str], meaning: str) -> None:
+    rows = [text.encode() for text in texts]
+    length = max(1, *map(len, rows))
+    letters = np.array(rows, dtype=f"S{length}").view("S1").reshape(*designs.shape, length)
+    dims = (*designs.paths, f"{name}_length")
+    _add(file, name, dims, letters, long_name=meaning, _Encoding="utf-8")
+
+
+def _add(
+    file: Any, name: str, dims: tuple[str, ...], array: NDArray[Any], **attributes: Any
+) -> None:
+    """Add a variable, and its dimensions if the file lacks them."""
+    for dim, length in zip(dims, array.shape, strict=True):
+        if dim not in file.dimensions:
+            file.createDimension(dim, length)
+    variable = file.createVariable(name, array.dtype.newbyteorder(">"), dims)
+    variable[:] = array
+    for attribute, value in attributes.items():
+        setattr(variable, attribute, value)
+
+
+def _units(path: str) -> str:
+    """Return the unit of a parameter, which its path implies."""
+    keys = split_paths(path)[0].split(".")
+    if any(key.endswith("_deg") for key in keys):
+        return "degree"
+    return "Hz" if any(key.endswith("_hz") for key in keys) else "SI"
