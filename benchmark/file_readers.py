@@ -25,7 +25,9 @@ from scipy import sparse
 
 from linkage_vibration.bags.message_types import JOINT_STATE
 from linkage_vibration.bags.reading import read_joint_states
-from linkage_vibration.mechanics.description import Frfs, Material, Matrices
+from linkage_vibration.mechanics.bodies.frfs import Frfs
+from linkage_vibration.mechanics.bodies.matrices import Matrices
+from linkage_vibration.mechanics.description import Material
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.readers.frfs import read_frfs

@@ -11,7 +11,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from linkage_vibration.mechanics.description import Beam, Mechanism
+from linkage_vibration.mechanics.bodies.beam import Beam
+from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.kinematics import Configuration, Kinematics
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.response import pole_residue

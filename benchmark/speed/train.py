@@ -4,16 +4,15 @@
 
 import math
 
+from linkage_vibration.mechanics.bodies.beam import Beam, Segment
 from linkage_vibration.mechanics.description import (
-    Beam,
     Link,
     Material,
     Mechanism,
     Response,
-    Segment,
     rayleigh_damping,
 )
-from linkage_vibration.mechanics.sections import rectangle
+from linkage_vibration.mechanics.sections.rectangle import rectangle
 
 _CRANK, _COUPLER, _ROCKER, _PITCH = 0.10, 0.50, 0.25, 0.50  # m
 _STEEL = Material(210e9, 7800.0, 0.3)

@@ -11,9 +11,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from linkage_vibration.mechanics.bodies.matrices import Matrices
 from linkage_vibration.mechanics.description import (
     Link,
-    Matrices,
     Mechanism,
     Response,
     Spring,

@@ -26,13 +26,14 @@ from benchmark.stability.static_limit import (
 )
 from linkage_vibration.drawing.palette import COLOURS, GREY
 from linkage_vibration.errors import LinkageVibrationError
-from linkage_vibration.mechanics.beams import beam_matrices
+from linkage_vibration.mechanics.bodies.beam import Beam, Segment, beam_matrices
 from linkage_vibration.mechanics.coupling import assembled_frf
-from linkage_vibration.mechanics.description import Beam, Material, Mechanism, Section, Segment
+from linkage_vibration.mechanics.description import Material, Mechanism, Section
 from linkage_vibration.mechanics.kinematics import Kinematics
 from linkage_vibration.mechanics.model import LinkageModel, Solution
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
-from linkage_vibration.mechanics.sections import rectangle, tube
+from linkage_vibration.mechanics.sections.rectangle import rectangle
+from linkage_vibration.mechanics.sections.tube import tube
 from linkage_vibration.readers.frfs import read_frfs
 from linkage_vibration.readers.matrices import read_matrices
 from linkage_vibration.support.resources import config_file

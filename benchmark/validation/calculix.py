@@ -20,7 +20,8 @@ import meshio
 import numpy as np
 from numpy.typing import NDArray
 
-from linkage_vibration.mechanics.description import Beam, Link, Mechanism, RigidBody
+from linkage_vibration.mechanics.bodies.beam import Beam
+from linkage_vibration.mechanics.description import Link, Mechanism, RigidBody
 from linkage_vibration.mechanics.kinematics import Configuration
 
 FloatArray = NDArray[np.float64]

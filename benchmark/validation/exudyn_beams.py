@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 from benchmark.report import machine, publish, table
-from linkage_vibration.mechanics.description import GROUND, Beam, Link, Mechanism, RigidBody, Spring
+from linkage_vibration.mechanics.bodies.beam import Beam
+from linkage_vibration.mechanics.description import GROUND, Link, Mechanism, RigidBody, Spring
 from linkage_vibration.mechanics.kinematics import Configuration
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.readers.mechanism import read_mechanism

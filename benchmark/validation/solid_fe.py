@@ -21,7 +21,8 @@ from tqdm import tqdm
 from benchmark.report import machine, publish, table
 from benchmark.validation.calculix import calculix_frequencies, read_mesh
 from benchmark.validation.solids import write_mesh
-from linkage_vibration.mechanics.description import Beam, Link, Mechanism
+from linkage_vibration.mechanics.bodies.beam import Beam
+from linkage_vibration.mechanics.description import Link, Mechanism
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.readers.meshes import mesh_matrices

@@ -11,7 +11,8 @@ from pathlib import Path
 
 import gmsh
 
-from linkage_vibration.mechanics.description import Beam, Link
+from linkage_vibration.mechanics.bodies.beam import Beam
+from linkage_vibration.mechanics.description import Link
 
 EYE = 0.75  # its radius over the height of the bar
 BORE = 0.5  # its radius over that of the eye

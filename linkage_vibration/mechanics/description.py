@@ -2,26 +2,27 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a mechanism is made of, as frozen data.
 
-Points that carry the same name on two bodies are joined by a pin there; a name that stands on the
-ground as well is pinned to the ground. Nothing else has to be said about the topology.
+Points of the same name on two bodies are joined by a pin; a point whose name is also one of the
+ground's is pinned to the ground. This defines the whole topology.
 """
 
 import dataclasses
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import eigh
 
 from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.mechanics.components import CENTRE_OF_GRAVITY, Component, FrfComponent
 from linkage_vibration.mechanics.dofs import InterfaceDof
 
 FloatArray = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 GROUND = "ground"
 
@@ -79,71 +80,26 @@ class Section:
 
 
 @dataclass(frozen=True, slots=True)
-class Segment:
-    """A stretch of a beam with one section."""
-
-    end: float  # m along the axis; it begins where the one before it ends, the first at the start
-    section: Section
-
-
-@dataclass(frozen=True, slots=True)
-class Beam:
-    """An elastic body made of beam elements along a straight axis."""
-
-    material: Material
-    segments: tuple[Segment, ...]
-    elements: int
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Matrices:
-    """An elastic body known by its matrices.
-
-    Attributes
-    ----------
-    dofs : tuple of InterfaceDof, (n_dofs,)
-        The first rows and columns; all others are inner coordinates of any kind.
-    mass, stiffness : ndarray, (n, n)
-        SI.
-    damping : ndarray, (n, n), or None
-        Viscous; None leaves it to the damping rule.
-    digest : str
-        Names what the matrices were computed from, where they were: their last bits may differ
-        from machine to machine, and with them the model's hash. Empty: their bytes name them.
-    """
-
-    dofs: tuple[InterfaceDof, ...]
-    mass: FloatArray
-    stiffness: FloatArray
-    damping: FloatArray | None = None
-    digest: str = ""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Frfs:
-    """An elastic body known by its frequency response functions alone, measured or computed.
-
-    Attributes
-    ----------
-    dofs : tuple of InterfaceDof, (n_dofs,)
-        Rows (responses) and columns (forces).
-    frequencies : ndarray, (n_freq,)
-        Hz, ascending.
-    frf : ndarray, (n_freq, n_dofs, n_dofs)
-        Receptances of the free body in its own axes; m/N between displacements.
-    """
-
-    dofs: tuple[InterfaceDof, ...]
-    frequencies: FloatArray
-    frf: ComplexArray
-
-
-@dataclass(frozen=True, slots=True)
 class Rayleigh:
     """C = a M + b K; the same a and b for all components leaves the modes real."""
 
     mass_coefficient: float  # a, 1/s
     stiffness_coefficient: float  # b, s
+
+    @property
+    def loss_factor(self) -> float:
+        """There is no structural damping."""
+        return 0.0
+
+    def viscous(self, mass: FloatArray, stiffness: FloatArray) -> FloatArray:
+        """Return the viscous damping matrix of a component.
+
+        Parameters
+        ----------
+        mass, stiffness : ndarray, (n, n)
+            The free component's, SI.
+        """
+        return self.mass_coefficient * mass + self.stiffness_coefficient * stiffness
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,6 +108,26 @@ class ModalRatio:
 
     ratio: float  # 1
 
+    @property
+    def loss_factor(self) -> float:
+        """There is no structural damping."""
+        return 0.0
+
+    def viscous(self, mass: FloatArray, stiffness: FloatArray) -> FloatArray:
+        """Return C = sum over r of 2 zeta w_r M phi_r phi_r^T M, which damps no rigid motion.
+
+        Parameters
+        ----------
+        mass, stiffness : ndarray, (n, n)
+            The free component's, SI; w_r and phi_r are its modes.
+        """
+        values, shapes = eigh(stiffness, mass)
+        momenta = mass @ shapes
+        floor = values.max(initial=0.0) * 1e-13  # rigid motions, apart from rounding
+        omega = np.sqrt(np.where(values > floor, values, 0.0))
+        damped = (momenta * (2.0 * self.ratio * omega)) @ momenta.T
+        return np.asarray((damped + damped.T) / 2.0)
+
 
 @dataclass(frozen=True, slots=True)
 class LossFactor:
@@ -159,8 +135,51 @@ class LossFactor:
 
     factor: float  # eta, 1
 
+    @property
+    def loss_factor(self) -> float:
+        """The eta of the stiffness, 1."""
+        return self.factor
+
+    def viscous(self, mass: FloatArray, stiffness: FloatArray) -> FloatArray:
+        """Return zeros, as there is no viscous damping.
+
+        Parameters
+        ----------
+        mass, stiffness : ndarray, (n, n)
+            The free component's, SI.
+        """
+        return np.zeros_like(mass)
+
 
 Damping = Rayleigh | ModalRatio | LossFactor
+
+
+class Body(Protocol):
+    """What an elastic link is made of; each kind of body is one file in ``bodies/``."""
+
+    @property
+    def elements(self) -> int | None:
+        """How many elements its mesh has; None if it has no mesh that could be changed."""
+
+    def with_elements(self, elements: int) -> "Body":
+        """Return the body with another number of elements; itself if it has no mesh."""
+
+    def component(
+        self, link: "Link", mechanism: "Mechanism", *, spatial: bool, reduced: bool
+    ) -> Component | FrfComponent:
+        """Put the body on its interface DoFs.
+
+        Parameters
+        ----------
+        link : Link
+            The link that is made of it.
+        mechanism : Mechanism
+            Its mechanism, for the damping rule and the rotations that joints hold.
+        spatial : bool
+            Keep the displacement out of the plane as well.
+        reduced : bool
+            False keeps every DoF of the body instead of ``link.modes`` fixed-interface modes.
+        """
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,12 +188,33 @@ class Link:
 
     name: str
     points: tuple[tuple[str, Point], ...]  # name and local x, z in m
-    body: Beam | Matrices | Frfs
+    body: Body
     count: int  # equal links side by side, which move as one
     modes: int  # fixed-interface modes kept
     clamped: str | None  # a ground point at which the ground holds the link's rotation too
     masses: tuple[tuple[str, float], ...]  # point masses: name of the point and kg
     damping: Damping | None  # its own rule, or None for the mechanism's
+
+    def positions(self, wanted: Sequence[InterfaceDof], have: Sequence[InterfaceDof]) -> list[int]:
+        """Return where wanted DoFs are among those that the link's body has.
+
+        Parameters
+        ----------
+        wanted, have : sequence of InterfaceDof
+            The DoFs that the linkage needs, and those of the body.
+
+        Raises
+        ------
+        MechanismError
+            If the body lacks one of them.
+        """
+        for dof in wanted:
+            if dof not in have:
+                raise MechanismError(
+                    f"links.{self.name}",
+                    f"its body lacks the DoF {dof}; it has {', '.join(map(str, have))}.",
+                )
+        return [have.index(dof) for dof in wanted]
 
 
 @dataclass(frozen=True, slots=True)
@@ -186,6 +226,17 @@ class RigidBody:
     centre_of_gravity: Point  # m, in the body's own axes
     mass: float  # kg
     inertia: float  # kg m2, about the centre of gravity
+
+    def component(self, rule: Damping) -> Component:
+        """Put the body on the three DoFs of its centre of gravity, along the global axes.
+
+        The mass matrix is the same in all axes, so the global axes serve as the body's own. The
+        body does not move out of the plane: a spatial model holds it there.
+        """
+        dofs = tuple(InterfaceDof(CENTRE_OF_GRAVITY, axis) for axis in ("x", "z", "theta"))
+        mass, stiffness = np.diag([self.mass, self.mass, self.inertia]), np.zeros((3, 3))
+        viscous = rule.viscous(mass, stiffness)
+        return Component(self.name, dofs, mass, stiffness, viscous, 0.0, None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -269,8 +320,28 @@ class Mechanism:
             pins += [(point, first, other) for other in others]
         return tuple(pins)
 
+    def interface_dofs(self, link: Link, *, spatial: bool) -> tuple[InterfaceDof, ...]:
+        """Return the DoFs at which a link is joined, point by point.
+
+        Parameters
+        ----------
+        link : Link
+            One of the links, or a variant of it.
+        spatial : bool
+            Keep the displacement out of the plane as well.
+        """
+        rotations = self.rotations(link.name)
+        return tuple(
+            InterfaceDof(point, direction)
+            for point, _ in link.points
+            for direction in ("x", "y", "z", "theta")
+            if direction in ("x", "z")
+            or (direction == "y" and spatial)
+            or (direction == "theta" and point in rotations)
+        )
+
     def rotations(self, link: str) -> frozenset[str]:
-        """Return the points at which a link's rotation is held or sprung, and so has to be kept."""
+        """Return the points at which a link's rotation is held or sprung, and must be kept."""
         found = {
             spring.points[0]
             for spring in self.springs
@@ -278,6 +349,21 @@ class Mechanism:
         }
         found.update(other.clamped for other in self.links if other.name == link and other.clamped)
         return frozenset(found)
+
+    def components(
+        self, *, spatial: bool = False, reduced: bool = True
+    ) -> tuple[Component | FrfComponent, ...]:
+        """Make the component of every body, in the order of `bodies`.
+
+        Parameters
+        ----------
+        spatial, reduced : bool
+            As `Body.component` takes them.
+        """
+        links = [
+            link.body.component(link, self, spatial=spatial, reduced=reduced) for link in self.links
+        ]
+        return (*links, *(body.component(self.damping) for body in self.rigid_bodies))
 
 
 def rayleigh_damping(ratio: float, low: float, high: float) -> Rayleigh:
@@ -306,7 +392,7 @@ def rayleigh_damping(ratio: float, low: float, high: float) -> Rayleigh:
 
 def _hashable(value: Any) -> Any:
     """Turn data into what JSON can write, floats to 12 digits and arrays by their digest."""
-    if isinstance(value, Matrices) and value.digest:
+    if getattr(value, "digest", ""):  # a body whose own numbers may differ in their last bits
         return ["matrices", [str(dof) for dof in value.dofs], value.digest]
     if dataclasses.is_dataclass(value):
         fields = {f.name: _hashable(getattr(value, f.name)) for f in dataclasses.fields(value)}

@@ -12,12 +12,7 @@ from numpy.typing import NDArray
 
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.compatibility import InterfaceMap, Joining
-from linkage_vibration.mechanics.components import (
-    Component,
-    FrfComponent,
-    link_component,
-    rigid_component,
-)
+from linkage_vibration.mechanics.components import Component, FrfComponent
 from linkage_vibration.mechanics.coupling import (
     CoupledSystem,
     UncoupledSystem,
@@ -90,19 +85,7 @@ class LinkageModel:
     ) -> None:
         self.mechanism = mechanism
         self.kinematics = kinematics or Kinematics(mechanism)
-        self.components: tuple[Component | FrfComponent, ...] = (
-            *(
-                link_component(
-                    link,
-                    mechanism.damping,
-                    mechanism.rotations(link.name),
-                    spatial=spatial,
-                    reduced=reduced,
-                )
-                for link in mechanism.links
-            ),
-            *(rigid_component(body, mechanism.damping) for body in mechanism.rigid_bodies),
-        )
+        self.components = mechanism.components(spatial=spatial, reduced=reduced)
         self.interface = InterfaceMap(mechanism, self.components, spatial=spatial)
 
     @cached_property

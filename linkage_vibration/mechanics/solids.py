@@ -34,7 +34,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import LinearOperator, eigsh, splu
 from scipy.spatial import cKDTree
 
-from linkage_vibration.mechanics.description import Matrices
+from linkage_vibration.mechanics.bodies.matrices import Matrices
 from linkage_vibration.mechanics.dofs import InterfaceDof
 from linkage_vibration.mechanics.reduction import Reduction, ReductionError
 

@@ -15,10 +15,11 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.mechanics.bodies.beam import Beam
 from linkage_vibration.mechanics.compatibility import InterfaceMap
-from linkage_vibration.mechanics.components import Component, link_component, rigid_component
+from linkage_vibration.mechanics.components import Component
 from linkage_vibration.mechanics.coupling import couple, uncoupled_system
-from linkage_vibration.mechanics.description import Beam, Mechanism, MechanismError
+from linkage_vibration.mechanics.description import Mechanism, MechanismError
 from linkage_vibration.mechanics.kinematics import Configuration, Kinematics
 from linkage_vibration.mechanics.model import LinkageModel, Solution
 from linkage_vibration.mechanics.modes import solve_modes
@@ -411,12 +412,7 @@ def scan_freed_dimensions(
 
 def _first_three(mechanism: Mechanism, configurations: Sequence[Configuration]) -> FloatArray:
     """Return natural frequencies in Hz, (n, 3), without closing the loops anew."""
-    components = [
-        link_component(link, mechanism.damping, mechanism.rotations(link.name))
-        for link in mechanism.links
-    ]
-    known = [component for component in components if isinstance(component, Component)]
-    known += [rigid_component(body, mechanism.damping) for body in mechanism.rigid_bodies]
+    known = [found for found in mechanism.components() if isinstance(found, Component)]
     system = uncoupled_system(known)
     interface = InterfaceMap(mechanism, known, spatial=False)
     found = [solve_modes(couple(system, interface.join(at)))[0].omega[:3] for at in configurations]

@@ -14,9 +14,10 @@ import yaml
 from numpy.typing import NDArray
 
 from linkage_vibration.errors import LinkageVibrationError
-from linkage_vibration.mechanics.description import GROUND, Frfs, Matrices, Mechanism, Point
+from linkage_vibration.mechanics.description import GROUND, Body, Mechanism, Point
+from linkage_vibration.mechanics.keys import Keys
 from linkage_vibration.mechanics.model import LinkageModel, Place
-from linkage_vibration.mechanics.parsing import Keys, mechanism_from_mapping
+from linkage_vibration.mechanics.parsing import mechanism_from_mapping
 from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.table.table import Table
 from linkage_vibration.table.tabulation import TOLERANCE, build_table
@@ -307,11 +308,9 @@ def _mechanism(mapping: dict[str, Any], known: Mechanism) -> Mechanism:
         for name, link in mapping["links"].items()
     }
 
-    def body(keys: Keys, points: dict[str, Point]) -> Matrices | Frfs:
+    def body(keys: Keys, points: dict[str, Point]) -> Body:
         keys["file"].refuse_unknown()
-        found = bodies[keys.path]
-        assert isinstance(found, Matrices | Frfs)
-        return found
+        return bodies[keys.path]
 
     return mechanism_from_mapping({**mapping, "links": links}, body)
 

@@ -27,7 +27,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from linkage_vibration.mechanics.description import Frfs
+from linkage_vibration.mechanics.bodies.frfs import Frfs
 from linkage_vibration.mechanics.dofs import InterfaceDof
 from linkage_vibration.readers.component_files import (
     ComponentFileError,

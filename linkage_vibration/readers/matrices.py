@@ -32,7 +32,7 @@ from scipy.linalg import cho_factor, cho_solve, eigvalsh
 from scipy.linalg.lapack import dpotrf
 from scipy.sparse.linalg import splu
 
-from linkage_vibration.mechanics.description import Matrices
+from linkage_vibration.mechanics.bodies.matrices import Matrices
 from linkage_vibration.mechanics.dofs import InterfaceDof
 from linkage_vibration.mechanics.reduction import ReductionError
 from linkage_vibration.mechanics.solids import sparse_craig_bampton

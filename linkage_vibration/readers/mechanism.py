@@ -11,14 +11,10 @@ from typing import Any
 
 import yaml
 
-from linkage_vibration.mechanics.description import (
-    Frfs,
-    Matrices,
-    Mechanism,
-    MechanismError,
-    Point,
-)
-from linkage_vibration.mechanics.parsing import Keys, mechanism_from_mapping, read_material
+from linkage_vibration.mechanics.description import Body, Mechanism, MechanismError, Point
+from linkage_vibration.mechanics.keys import Keys
+from linkage_vibration.mechanics.material import read_material
+from linkage_vibration.mechanics.parsing import mechanism_from_mapping
 from linkage_vibration.readers.component_files import ComponentFileError
 from linkage_vibration.readers.frfs import read_frfs
 from linkage_vibration.readers.matrices import read_matrices
@@ -80,9 +76,11 @@ def load_yaml(path: Path) -> tuple[Any, str]:
 def mechanism_of(mapping: Any, path: Path, *, spatial: bool = False) -> Mechanism:
     """Validate what was read from a YAML file, or made of it; as `read_mechanism`."""
 
-    def read(keys: Keys, points: dict[str, Point]) -> Matrices | Frfs:
+    def read(keys: Keys, points: dict[str, Point]) -> Body:
+        file = keys["file"]
         try:
-            return _read_body(keys, points, path.parent, spatial)
+            reader = _FILES[file.choice("kind", _FILES)]
+            return reader(keys, points, path.parent / file.text("path"), spatial)
         except ComponentFileError as error:
             raise MechanismError(f"{keys.path}.file", str(error)) from None
 
@@ -96,19 +94,18 @@ def mechanism_of(mapping: Any, path: Path, *, spatial: bool = False) -> Mechanis
         ) from None
 
 
-def _read_body(
-    keys: Keys, points: dict[str, Point], folder: Path, spatial: bool
-) -> Matrices | Frfs:
-    """Read a link's ``file``: matrices, FRFs or a solid mesh."""
+def _matrices(keys: Keys, points: dict[str, Point], path: Path, spatial: bool) -> Body:
+    return read_matrices(path, modes=keys.integer("modes", default=20), spatial=spatial)
+
+
+def _frfs(keys: Keys, points: dict[str, Point], path: Path, spatial: bool) -> Body:
     file = keys["file"]
-    kind = file.choice("kind", ["matrices", "frfs", "mesh"])
-    path = folder / file.text("path")
-    modes = keys.integer("modes", default=20)
-    if kind == "matrices":
-        return read_matrices(path, modes=modes, spatial=spatial)
-    if kind == "frfs":
-        nodes = {file["nodes"].integer(point): point for point in file.names("nodes")}
-        return read_frfs(path, nodes=nodes)
+    nodes = {file["nodes"].integer(point): point for point in file.names("nodes")}
+    return read_frfs(path, nodes=nodes)
+
+
+def _mesh(keys: Keys, points: dict[str, Point], path: Path, spatial: bool) -> Body:
+    file, modes = keys["file"], keys.integer("modes", default=20)
     material = read_material(file["material"])
     pins = {point: file["pins"].text(point) for point in file["pins"]}
     rotations = sorted(points)  # those that nobody holds are left free later
@@ -118,6 +115,14 @@ def _read_body(
     origin = [pins, points, asdict(material), modes, spatial, path.read_bytes().hex()]
     digest = hashlib.sha256(json.dumps(origin, sort_keys=True).encode()).hexdigest()
     return replace(matrices, digest=digest)
+
+
+_FILES = {
+    "matrices": _matrices,
+    "frfs": _frfs,
+    "mesh": _mesh,
+}
+"""What reads the body of a link from a file, by the ``kind`` of the file."""
 
 
 class _StrictLoader(yaml.SafeLoader):

@@ -19,7 +19,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from linkage_vibration.mechanics.description import Material, Matrices
+from linkage_vibration.mechanics.bodies.matrices import Matrices
+from linkage_vibration.mechanics.description import Material
 from linkage_vibration.mechanics.reduction import ReductionError
 from linkage_vibration.mechanics.solids import Pin, solid_matrices
 from linkage_vibration.readers.component_files import ComponentFileError, check_file, damaged

@@ -23,10 +23,11 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from linkage_vibration.errors import LinkageVibrationError
-from linkage_vibration.mechanics.description import Beam, Mechanism, MechanismError
+from linkage_vibration.mechanics.description import Mechanism, MechanismError
+from linkage_vibration.mechanics.keys import Keys
 from linkage_vibration.mechanics.kinematics import Kinematics
 from linkage_vibration.mechanics.model import LinkageModel
-from linkage_vibration.mechanics.parsing import Keys, mechanism_from_mapping
+from linkage_vibration.mechanics.parsing import mechanism_from_mapping
 from linkage_vibration.readers.mechanism import load_yaml
 from linkage_vibration.studies.yaml_editing import edit_text, number_at, split_paths, with_numbers
 from linkage_vibration.support.atomic_files import write_text
@@ -302,10 +303,10 @@ def coarse(mechanism: Mechanism) -> Mechanism:
         links=tuple(
             replace(
                 link,
-                body=replace(link.body, elements=min(link.body.elements, COARSE_ELEMENTS)),
+                body=link.body.with_elements(min(link.body.elements, COARSE_ELEMENTS)),
                 modes=min(link.modes, COARSE_MODES),
             )
-            if isinstance(link.body, Beam)
+            if link.body.elements is not None
             else link
             for link in mechanism.links
         ),

@@ -15,17 +15,11 @@ from scipy.linalg import eigh, expm
 from scipy.optimize import brentq
 from scipy.sparse.csgraph import connected_components
 
-from linkage_vibration.mechanics.beams import BeamMatrices, beam_matrices
-from linkage_vibration.mechanics.description import (
-    Beam,
-    Material,
-    MechanismError,
-    Point,
-    Section,
-    Segment,
-)
+from linkage_vibration.mechanics.bodies.beam import Beam, BeamMatrices, Segment, beam_matrices
+from linkage_vibration.mechanics.description import Material, MechanismError, Point, Section
 from linkage_vibration.mechanics.dofs import InterfaceDof
-from linkage_vibration.mechanics.sections import rectangle, tube
+from linkage_vibration.mechanics.sections.rectangle import rectangle
+from linkage_vibration.mechanics.sections.tube import tube
 
 FloatArray = NDArray[np.float64]
 Points = Sequence[tuple[str, Point]]

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from linkage_vibration.mechanics.bodies.beam import Beam
 from linkage_vibration.mechanics.coupling import CouplingError
 from linkage_vibration.mechanics.description import (
-    Beam,
     Damping,
     Link,
     LossFactor,

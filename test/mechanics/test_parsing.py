@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from linkage_vibration.mechanics.bodies.beam import Beam
 from linkage_vibration.mechanics.description import Mechanism, MechanismError
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
 
@@ -73,6 +74,20 @@ def remove(*path: str) -> Callable[[Any], None]:
     return spoil
 
 
+def i_section(web: float = 0.005, flange: float = 0.006) -> dict[str, Any]:
+    """Return the keys of an I-section."""
+    sizes = {"height": 0.1, "width": 0.05, "web_thickness": web, "flange_thickness": flange}
+    return {"shape": "i_section", **sizes}
+
+
+def test_i_section_is_read(mapping: Any) -> None:
+    """A link takes the keys of an I-section."""
+    mapping["links"]["upper_link"]["section"] = i_section()
+    body = next(x.body for x in mechanism_from_mapping(mapping).links if x.name == "upper_link")
+    assert isinstance(body, Beam)
+    assert body.segments[0].section.area == pytest.approx(2 * 0.05 * 0.006 + 0.088 * 0.005)
+
+
 @pytest.mark.parametrize(
     ("spoil", "path", "words"),
     [
@@ -95,6 +110,9 @@ def remove(*path: str) -> Callable[[Any], None]:
         (change("links", "input_crank", "clamped", to="V2"), "input_crank.clamped", "P3"),
         (change("links", "lift_rod", "section", "shape", to="hexagon"), "shape", "rectangle"),
         (change("links", "lift_rod", "section", "diameter", to=0), "diameter", "zero"),
+        (change("links", "lift_rod", "section", to=i_section(web=0.05)), "web_thickness", "below"),
+        (change("links", "lift_rod", "section", to=i_section(flange=0.06)), "flange", "below"),
+        (change("links", "lift_rod", "section", to=i_section(web=0.0)), "web_thickness", "zero"),
         (change("links", "upper_link", "section", "inner_diameter", to=0.1), "inner", "fit"),
         (change("links", "lift_rod", "material", "poisson_ratio", to=0.7), "poisson", "0.5"),
         (
@@ -132,7 +150,7 @@ def test_wrong_descriptions_are_told(
 def test_misspelt_key_is_suggested(mapping: Any) -> None:
     """A key that is missing because it is misspelt is pointed at."""
     mapping["respons"] = mapping.pop("response")
-    with pytest.raises(MechanismError, match="response: .*respons stands there"):
+    with pytest.raises(MechanismError, match="response: .*respons is there"):
         mechanism_from_mapping(mapping)
 
 
@@ -183,14 +201,14 @@ def material(key: str, value: float) -> Callable[[Any], None]:
         (enlarge(1e3, 1.0), "ground", "523.417 m apart; lengths are in m"),
         (enlarge(1e3, 1e3), "links.lower_link", "810 m long .*millimetres"),
         (enlarge(50.0, 50.0), "links.lower_link", "40.5 m long .*millimetres"),
-        (enlarge(1.0, 1e3), "links.lower_link.section", "32 m deep and 0.81 m long is no beam"),
+        (enlarge(1.0, 1e3), "links.lower_link.section", "32 m deep and 0.81 m long is not a beam"),
         (material("youngs_modulus", 210.0), "material.youngs_modulus", "write it in Pa"),
         (material("youngs_modulus", 210e3), "material.youngs_modulus", "write it in Pa"),
         (material("youngs_modulus", 2.1e20), "material.youngs_modulus", "rigid_bodies"),
         (material("density", 7.8), "material.density", "write it in kg/m3"),
-        (implement(mass=0.8), "rigid_bodies.implement.inertia", "15.8 m, .* write kg and kg m2"),
-        (implement(inertia=2e8), "rigid_bodies.implement.inertia", "500 m, .* write kg and kg m2"),
-        (change("links", "input_crank", "section", "height", to=0.21), "section", "no beam"),
+        (implement(mass=0.8), "rigid_bodies.implement.inertia", "15.8 m .* write kg and kg m2"),
+        (implement(inertia=2e8), "rigid_bodies.implement.inertia", "500 m .* write kg and kg m2"),
+        (change("links", "input_crank", "section", "height", to=0.21), "section", "not a beam"),
     ],
 )
 def test_units_are_told(mapping: Any, spoil: Callable[[Any], None], path: str, words: str) -> None:

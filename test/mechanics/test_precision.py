@@ -22,14 +22,10 @@ from benchmark.stability.precision import (  # noqa: E402
     with_frfs_from_file,
 )
 from benchmark.stability.static_limit import component_frfs  # noqa: E402
-from linkage_vibration.mechanics.beams import beam_matrices  # noqa: E402
+from linkage_vibration.mechanics.bodies.beam import Beam, beam_matrices  # noqa: E402
+from linkage_vibration.mechanics.bodies.matrices import Matrices  # noqa: E402
 from linkage_vibration.mechanics.coupling import assembled_frf  # noqa: E402
-from linkage_vibration.mechanics.description import (  # noqa: E402
-    Beam,
-    Matrices,
-    Mechanism,
-    MechanismError,
-)
+from linkage_vibration.mechanics.description import Mechanism, MechanismError  # noqa: E402
 from linkage_vibration.mechanics.model import LinkageModel  # noqa: E402
 from linkage_vibration.readers.component_files import ComponentFileError  # noqa: E402
 from linkage_vibration.readers.matrices import read_matrices  # noqa: E402

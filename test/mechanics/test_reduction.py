@@ -7,10 +7,10 @@ import pytest
 from numpy.typing import NDArray
 from scipy.linalg import eigh
 
-from linkage_vibration.mechanics.beams import beam_matrices
-from linkage_vibration.mechanics.description import Beam, Material, Segment
+from linkage_vibration.mechanics.bodies.beam import Beam, Segment, beam_matrices
+from linkage_vibration.mechanics.description import Material
 from linkage_vibration.mechanics.reduction import ReductionError, craig_bampton
-from linkage_vibration.mechanics.sections import rectangle
+from linkage_vibration.mechanics.sections.rectangle import rectangle
 
 FloatArray = NDArray[np.float64]
 

@@ -3,11 +3,17 @@
 """Sections against tables, limits and an independent series."""
 
 import math
+from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pytest
+import skfem
+from skfem.helpers import dot, grad
 
-from linkage_vibration.mechanics.sections import rectangle, tube
+from linkage_vibration.mechanics.sections.i_section import i_section
+from linkage_vibration.mechanics.sections.rectangle import rectangle
+from linkage_vibration.mechanics.sections.tube import tube
 
 
 @pytest.mark.parametrize(
@@ -63,3 +69,83 @@ def test_thin_tube() -> None:
     assert section.area == pytest.approx(2 * math.pi * radius * wall)
     assert section.torsion_constant == pytest.approx(2 * math.pi * radius**3 * wall, rel=1e-6)
     assert section.shear_coefficient == pytest.approx(2.6 / 4.9)
+
+
+@pytest.mark.parametrize("poisson_ratio", [0.0, 0.3])
+def test_i_section_with_a_web_as_wide_as_its_flanges(poisson_ratio: float) -> None:
+    """It is a full rectangle in the plane, and has its area and second moments out of it."""
+    found = i_section(0.09, 0.04, 0.04, 0.02, poisson_ratio)
+    full = rectangle(0.04, 0.09, poisson_ratio)
+    for name in ("area", "second_moment", "shear_coefficient", "second_moment_out"):
+        assert getattr(found, name) == pytest.approx(getattr(full, name), rel=1e-12)
+
+
+def test_i_section_with_thin_walls() -> None:
+    """Its shear coefficient approaches that of Cowper's thin-walled formula, with nu = 0."""
+    height, width, web, flange = 1.0, 0.6, 1e-4, 2e-4
+    m, n = 2.0 * width * flange / (height * web), width / height
+    below = 12.0 + 72.0 * m + 150.0 * m**2 + 90.0 * m**3 + 30.0 * n**2 * (m + m**2)
+    found = i_section(height + flange, width, web, flange, 0.0)
+    expected = 10.0 * (1.0 + 3.0 * m) ** 2 / below
+    assert found.shear_coefficient == pytest.approx(expected, rel=2e-3)
+    assert found.area == pytest.approx(2.0 * width * flange + height * web, rel=1e-3)
+    strips = (2.0 * width * flange**3 + height * web**3) / 3.0
+    assert found.torsion_constant == pytest.approx(strips, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("height", "width", "web", "flange"),
+    [(0.1, 0.055, 0.0041, 0.0057), (0.2, 0.1, 0.0056, 0.0085), (0.1, 0.1, 0.006, 0.01)],
+)
+def test_i_section_against_elasticity(
+    height: float, width: float, web: float, flange: float
+) -> None:
+    """The section of rolled profiles, by finite elements of Saint-Venant's flexure and torsion."""
+    found = i_section(height, width, web, flange, 0.3)
+    area, second, second_out, shear, torsion = elastic_section(height, width, web, flange, 0.3)
+    assert found.area == pytest.approx(area, rel=1e-9)
+    assert found.second_moment == pytest.approx(second, rel=1e-9)
+    assert found.second_moment_out == pytest.approx(second_out, rel=1e-9)
+    assert 1.0 <= found.shear_coefficient / shear <= 1.07
+    assert 0.97 <= found.torsion_constant / torsion <= 1.0
+
+
+def elastic_section(
+    height: float, width: float, web: float, flange: float, nu: float
+) -> tuple[float, float, float, float, float]:
+    """Return area, second moments in and out of the plane, Cowper's coefficient, and J.
+
+    The coefficient is 2 (1 + nu) I / (nu (I' - I) / 2 - A / I integral of x (chi + x y^2)) with
+    the flexure function chi of Saint-Venant's cantilever (Cowper 1966, eq. 26).
+    """
+
+    def cuts(*places: float) -> list[float]:
+        spans = [np.linspace(a, b, 4 if b - a < 0.02 else 12) for a, b in pairwise(places)]
+        return np.unique(np.round(np.concatenate(spans), 12)).tolist()
+
+    x = cuts(-height / 2, flange - height / 2, 0.0, height / 2 - flange, height / 2)
+    y = cuts(-width / 2, -web / 2, 0.0, web / 2, width / 2)
+    mesh = skfem.MeshQuad.init_tensor(np.array(x), np.array(y))
+    middle = mesh.p[:, mesh.t].mean(axis=1)
+    inside = (np.abs(middle[0]) > height / 2 - flange) | (np.abs(middle[1]) < web / 2)
+    mesh = mesh.restrict(np.flatnonzero(inside))
+    inner, edge = (kind(mesh, skfem.ElementQuad2()) for kind in (skfem.Basis, skfem.FacetBasis))
+    laplace = skfem.BilinearForm(lambda u, v, _: dot(grad(u), grad(v))).assemble(inner)
+
+    def harmonic(slope: Any) -> Any:
+        load = skfem.LinearForm(lambda v, w: slope(*w.x, *w.n) * v).assemble(edge)
+        return skfem.solve(*skfem.condense(laplace, load, D=np.array([0])))
+
+    def integral(term: Any, chi: Any) -> float:
+        form = skfem.Functional(lambda w: term(*w.x, w["chi"]))
+        return float(form.assemble(inner, chi=inner.interpolate(chi)))
+
+    chi = harmonic(
+        lambda x, y, nx, ny: -nx * (nu * x**2 / 2 + (1 - nu / 2) * y**2) - ny * (2 + nu) * x * y
+    )
+    area = integral(lambda x, y, c: 0.0 * x + 1.0, chi)
+    second, out = (integral(lambda x, y, c, i=i: (x, y)[i] ** 2, chi) for i in (0, 1))
+    bent = integral(lambda x, y, c: x * (c + x * y**2), chi)
+    shear = 2.0 * (1.0 + nu) * second / (nu / 2.0 * (out - second) - area / second * bent)
+    warping = harmonic(lambda x, y, nx, ny: y * nx - x * ny)
+    return area, second, out, shear, second + out - float(warping @ laplace @ warping)

@@ -15,7 +15,8 @@ import pytest
 import yaml
 
 from linkage_vibration.drawing.plots import PlotError
-from linkage_vibration.mechanics.description import Beam, Mechanism
+from linkage_vibration.mechanics.bodies.beam import Beam
+from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.kinematics import Kinematics
 from linkage_vibration.mechanics.model import Solution
 from linkage_vibration.paper import reproduction

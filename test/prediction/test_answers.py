@@ -12,8 +12,9 @@ import pytest
 import yaml
 
 from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.mechanics.bodies.matrices import Matrices
 from linkage_vibration.mechanics.components import Component
-from linkage_vibration.mechanics.description import Matrices, Mechanism, MechanismError
+from linkage_vibration.mechanics.description import Mechanism, MechanismError
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.prediction.answers import (
     MAX_FREQUENCIES,

@@ -11,8 +11,9 @@ import pytest
 import yaml
 from numpy.typing import NDArray
 
+from linkage_vibration.mechanics.bodies.beam import Beam
 from linkage_vibration.mechanics.components import Component
-from linkage_vibration.mechanics.description import Beam, Mechanism, MechanismError
+from linkage_vibration.mechanics.description import Mechanism, MechanismError
 from linkage_vibration.mechanics.fbs import component_frf
 from linkage_vibration.mechanics.model import LinkageModel, ModelError
 from linkage_vibration.mechanics.regularisation import RegularisationError

@@ -207,7 +207,10 @@ def test_set_implement(bench: Bench, tmp_path: Path) -> None:
         ({"mass": math.nan, "inertia": 1.0}, "rigid_bodies.implement.mass: nan is not a finite"),
         ({"mass": 9.0, "inertia": 9.0, "rigid_body": "plough"}, "no rigid body 'plough'; name one"),
         ({"mass": 9.0, "inertia": 9.0, "centre_of_gravity": array("d", [1.0])}, "has 1 numbers"),
-        ({"mass": 1e10, "inertia": 1e9}, "rigid_bodies.implement.mass: 1e+10 kg leaves no digits"),
+        (
+            {"mass": 1e10, "inertia": 1e9},
+            "mass: beside 1e+10 kg the links lose their digits",
+        ),
     ],
 )
 def test_refused_implement(bench: Bench, fields: dict[str, Any], why: str) -> None:

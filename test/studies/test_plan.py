@@ -10,8 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from linkage_vibration.mechanics.components import link_component
-from linkage_vibration.mechanics.description import Beam, Frfs, Matrices, Mechanism, Rayleigh
+from linkage_vibration.mechanics.bodies.beam import Beam
+from linkage_vibration.mechanics.bodies.frfs import Frfs
+from linkage_vibration.mechanics.bodies.matrices import Matrices
+from linkage_vibration.mechanics.components import Component
+from linkage_vibration.mechanics.description import Mechanism, Rayleigh
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.studies.plan import (
@@ -174,9 +177,9 @@ def test_planned_frf_is_that_of_the_plan(mechanism: Mechanism) -> None:
 def test_links_known_by_matrices_keep_them(mechanism: Mechanism) -> None:
     """A plan chooses their modes, but cannot change their mesh."""
     crank = next(link for link in mechanism.links if link.clamped)
-    part = link_component(
-        replace(crank, count=1), mechanism.damping, mechanism.rotations(crank.name), reduced=False
-    )
+    one = replace(crank, count=1)
+    part = one.body.component(one, mechanism, spatial=False, reduced=False)
+    assert isinstance(part, Component)
     given = replace(crank, body=Matrices(part.dofs, part.mass, part.stiffness))
     links = tuple(given if link is crank else link for link in mechanism.links)
     scene = Scene(replace(mechanism, links=links), LOW, (), 1e-3, (STROKE[0],) * 2)

@@ -6,7 +6,6 @@ import math
 from dataclasses import astuple
 from pathlib import Path
 
-from linkage_vibration.mechanics.description import Beam
 from linkage_vibration.studies.plan.choice import Plan, planned_mechanism
 from linkage_vibration.studies.plan.costs import FRF_LINES
 from linkage_vibration.studies.plan.measurement import Measured
@@ -75,7 +74,7 @@ def write_planned(plan: Plan, text: str, path: Path) -> None:
     ]
     for link in mechanism.links:
         numbers.append((("links", link.name, "modes"), [link.modes]))
-        if isinstance(link.body, Beam):
+        if link.body.elements is not None:
             numbers.append((("links", link.name, "elements"), [link.body.elements]))
     if not plan.scene.one_angle:
         stroke = [math.degrees(angle) for angle in mechanism.stroke]

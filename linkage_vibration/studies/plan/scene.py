@@ -9,7 +9,8 @@ from dataclasses import astuple, dataclass, replace
 import numpy as np
 
 from linkage_vibration.errors import LinkageVibrationError
-from linkage_vibration.mechanics.description import Beam, Frfs, Mechanism
+from linkage_vibration.mechanics.bodies.frfs import Frfs
+from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.model import Place
 from linkage_vibration.table.tabulation.accuracy import LOOSER
 
@@ -103,9 +104,7 @@ class Scene:
             Natural frequencies that a prediction reports.
         """
         links = (
-            replace(link, modes=modes, body=replace(link.body, elements=elements))
-            if isinstance(link.body, Beam)
-            else replace(link, modes=modes)
+            replace(link, modes=modes, body=link.body.with_elements(elements))
             for link in self.mechanism.links
         )
         return replace(

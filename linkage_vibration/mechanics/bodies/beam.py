@@ -1,35 +1,89 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Straight links as chains of Timoshenko beam elements, in the plane of motion or in space.
-
-The bending element is the two-node one whose cubic field solves the static equations (Przemieniecki
-1968), with the consistent mass of that field, rotary inertia included (Friedman and Kosmatka 1993).
-Statics are exact for loads at nodes, whatever the mesh. Natural frequencies are approached from
-above, as h^4 in the length h of the elements while these are slender, and as h^2 when they get as
-short as they are deep.
-
-A node moves by u, w and v along the local x, z and y axes and turns by theta from x towards z; in
-space also by chi from x towards y and by psi from y towards z. Bending in the plane (w, theta) and
-out of it (v, chi) is one element with other numbers, and so are extension (u) and torsion (psi).
-"""
+"""Straight links as chains of Timoshenko beam elements, in the plane of motion or in space."""
 
 import math
 from collections.abc import Collection, Sequence
-from dataclasses import astuple, dataclass
+from dataclasses import astuple, dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import hilbert
 
-from linkage_vibration.mechanics.description import Beam, Material, MechanismError, Point, Section
+from linkage_vibration.mechanics.bodies.matrices import Matrices, component_of
+from linkage_vibration.mechanics.components import Component, Drawing
+from linkage_vibration.mechanics.description import (
+    Link,
+    Material,
+    Mechanism,
+    MechanismError,
+    Point,
+    Section,
+)
 from linkage_vibration.mechanics.dofs import InterfaceDof
+from linkage_vibration.mechanics.keys import Keys
+from linkage_vibration.mechanics.material import read_material
+from linkage_vibration.mechanics.sections import SHAPES
+from linkage_vibration.mechanics.timoshenko import CHI, PSI, THETA, U, V, W, element_matrices
 
 FloatArray = NDArray[np.float64]
 
-_U, _W, _THETA, _V, _CHI, _PSI = range(6)  # order in a node; the first three are the plane's
-_COORDINATE = {"x": _U, "y": _V, "z": _W, "theta": _THETA}
+_COORDINATE = {"x": U, "y": V, "z": W, "theta": THETA}
 _SAME_PLACE = 1e-9  # of the beam's length: what lies closer together is one place
+# No link comes near this limit; numbers in millimetres or tonnes go beyond it.
+_HEAVIEST = 1e6  # kg
+
+
+@dataclass(frozen=True, slots=True)
+class Segment:
+    """A stretch of a beam with one section."""
+
+    end: float  # m along the axis; it begins at the end of the one before, the first at the start
+    section: Section
+
+
+@dataclass(frozen=True, slots=True)
+class Beam:
+    """An elastic body made of beam elements along a straight axis."""
+
+    material: Material
+    segments: tuple[Segment, ...]
+    elements: int
+
+    def with_elements(self, elements: int) -> "Beam":
+        """Return the beam with another number of elements."""
+        return replace(self, elements=elements)
+
+    def component(
+        self, link: Link, mechanism: Mechanism, *, spatial: bool, reduced: bool
+    ) -> Component:
+        """Put the beam on its interface DoFs.
+
+        Parameters
+        ----------
+        link, mechanism, spatial, reduced
+            As `description.Body.component` takes them.
+
+        Raises
+        ------
+        MechanismError
+            If the beam does not fit the points of the link.
+        """
+        try:
+            found = beam_matrices(
+                self,
+                link.points,
+                rotations=mechanism.rotations(link.name),
+                masses=link.masses,
+                clamped=link.clamped,
+                spatial=spatial,
+            )
+        except MechanismError as error:
+            raise MechanismError(f"links.{link.name}.{error.path}", error.problem) from None
+        body = Matrices(found.dofs, found.mass, found.stiffness)
+        places = np.column_stack([found.nodes, np.zeros(len(found.nodes))])
+        drawing = Drawing(places, found.displacement)
+        return component_of(link, mechanism, body, drawing, spatial=spatial, reduced=reduced)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,6 +107,74 @@ class BeamMatrices:
     dofs: tuple[InterfaceDof, ...]
     nodes: FloatArray
     displacement: FloatArray
+
+
+def read(keys: Keys, places: dict[str, Point]) -> Beam:
+    """Read a beam from the keys of a link.
+
+    Parameters
+    ----------
+    keys : Keys
+        With ``material``, ``section`` or ``sections``, and ``elements``.
+    places : dict of str to (x, z)
+        The points of the link, m.
+
+    Raises
+    ------
+    MechanismError
+        If a key is missing or invalid, or the link is too short, deep or heavy for a beam.
+    """
+    material = read_material(keys["material"])
+    poisson = material.poisson_ratio
+    end = max(x for x, _ in places.values())
+    if "sections" not in keys:
+        segments: tuple[Segment, ...] = (Segment(end, _section(keys["section"], poisson)),)
+    else:
+        steps = keys.items("sections")
+        segments = tuple(
+            Segment(step.number("until", default=end), _section(step, poisson)) for step in steps
+        )
+        for step, before, after in zip(steps[1:], segments, segments[1:], strict=False):
+            if after.end <= before.end:
+                raise step.error(
+                    "until",
+                    f"{after.end:g} m is not beyond the end of the section before it, at "
+                    f"{before.end:g} m; list the sections along the link.",
+                )
+        if segments[-1].end < end:
+            raise MechanismError(
+                steps[-1].path,
+                f"the last section ends before the last point ({end:g} m); extend it.",
+            )
+    begin = min(0.0, *(x for x, _ in places.values()))
+    _check_proportions(keys, segments, begin, material.density)
+    return Beam(material, segments, keys.integer("elements", default=24))
+
+
+def _check_proportions(
+    keys: Keys, segments: tuple[Segment, ...], begin: float, density: float
+) -> None:
+    """Refuse a link too deep for a beam, or with its section and length in different units."""
+    length = segments[-1].end - begin
+    depth = min(math.sqrt(12.0 * s.section.second_moment / s.section.area) for s in segments)
+    if depth > length:
+        raise keys.error(
+            "sections" if "sections" in keys else "section",
+            f"a bar {depth:g} m deep and {length:g} m long is not a beam; if both are in m, "
+            "describe it under rigid_bodies, or by matrices.",
+        )
+    starts = (begin, *(segment.end for segment in segments))
+    volume = sum(s.section.area * (s.end - a) for a, s in zip(starts, segments, strict=False))
+    if volume * density > _HEAVIEST:
+        raise MechanismError(
+            keys.path,
+            f"it is {length:g} m long and weighs {volume * density:.3g} kg, as no link does; write "
+            "lengths in m (millimetres divided by 1000), areas in m2 and densities in kg/m3.",
+        )
+
+
+def _section(keys: Keys, poisson_ratio: float) -> Section:
+    return SHAPES[keys.choice("shape", SHAPES)](keys, poisson_ratio)
 
 
 def beam_matrices(
@@ -100,8 +222,7 @@ def beam_matrices(
 
     Examples
     --------
-    >>> from linkage_vibration.mechanics.description import Segment
-    >>> from linkage_vibration.mechanics.sections import rectangle
+    >>> from linkage_vibration.mechanics.sections.rectangle import rectangle
     >>> steel = Material(210e9, 7800.0, 0.3)
     >>> beam = Beam(steel, (Segment(0.5, rectangle(0.02, 0.04, 0.3)),), elements=4)
     >>> found = beam_matrices(beam, [("A", (0.0, 0.0)), ("B", (0.5, 0.03))], rotations={"A"})
@@ -120,7 +241,7 @@ def beam_matrices(
     start = _first_coordinates(points, nodes, size)
     mass, stiffness = _chain(nodes, sections, beam.material, spatial)
     displacement = np.zeros((len(nodes), 3, len(mass)))
-    for axis, coordinate in enumerate((_U, _V, _W)):
+    for axis, coordinate in enumerate((U, V, W)):
         if coordinate < size:
             displacement[:, axis, coordinate::size] = np.eye(len(nodes))
 
@@ -131,7 +252,7 @@ def beam_matrices(
             matrix[other] += factor * matrix[old]
         displacement[:, :, other] += factor * displacement[:, :, old]
     for name, value in masses:
-        at = [start[name] + coordinate for coordinate in (_U, _W, _V) if coordinate < size]
+        at = [start[name] + coordinate for coordinate in (U, W, V) if coordinate < size]
         mass[at, at] += value
 
     rows = {
@@ -146,68 +267,6 @@ def beam_matrices(
     return BeamMatrices(
         mass[block], stiffness[block], tuple(rows), nodes, displacement[:, :, order]
     )
-
-
-def element_matrices(
-    length: float, section: Section, material: Material, *, spatial: bool = False
-) -> tuple[FloatArray, FloatArray]:
-    """Return mass and stiffness of one element, (6, 6), or (12, 12) in space, SI.
-
-    Coordinates are u, w, theta (v, chi, psi) of the first node, then of the second.
-    """
-    youngs, shear, density = material.youngs_modulus, material.shear_modulus, material.density
-    size = 6 if spatial else 3
-    mass, stiffness = np.zeros((2 * size, 2 * size)), np.zeros((2 * size, 2 * size))
-
-    def add(coordinates: list[int], element: tuple[FloatArray, FloatArray]) -> None:
-        at = np.ix_(*[[*coordinates, *(size + i for i in coordinates)]] * 2)
-        mass[at], stiffness[at] = element
-
-    def bending(second_moment: float, coefficient: float) -> tuple[FloatArray, FloatArray]:
-        return _bending_element(
-            length,
-            youngs * second_moment,
-            coefficient * shear * section.area,
-            density * section.area,
-            density * second_moment,
-        )
-
-    add([_U], _bar_element(length, youngs * section.area, density * section.area))
-    add([_W, _THETA], bending(section.second_moment, section.shear_coefficient))
-    if spatial:
-        add([_V, _CHI], bending(section.second_moment_out, section.shear_coefficient_out))
-        polar = section.second_moment + section.second_moment_out
-        add([_PSI], _bar_element(length, shear * section.torsion_constant, density * polar))
-    return mass, stiffness
-
-
-def _bar_element(length: float, rigidity: float, inertia: float) -> tuple[FloatArray, FloatArray]:
-    """Extension by E A and rho A, or torsion by G J and rho times the polar second moment."""
-    mass = inertia * length / 6.0 * np.array([[2.0, 1.0], [1.0, 2.0]])
-    return mass, rigidity / length * np.array([[1.0, -1.0], [-1.0, 1.0]])
-
-
-def _bending_element(
-    length: float, rigidity: float, shear_rigidity: float, line_mass: float, rotary: float
-) -> tuple[FloatArray, FloatArray]:
-    """Bending by E I, kappa G A, rho A and rho I, on w and theta = dw/dx of both nodes.
-
-    With s = x / L the static field is w = a0 + a1 s + a2 s^2 + a3 s^3 and
-    theta = (a1 + phi a3 / 2 + 2 a2 s + 3 a3 s^2) / L, where phi = 12 E I / (kappa G A L^2) is shear
-    over bending flexibility. The values at s = 0 and 1 give the coefficients. Integrals of
-    s^i s^j over the element are the entries of a Hilbert matrix.
-    """
-    phi = 12.0 * rigidity / (shear_rigidity * length**2)
-    # Bending by equal and opposite end moments, and by end forces.
-    even, odd = np.array([0.0, -length, 0.0, length]), np.array([2.0, length, -2.0, length])
-    a3 = odd / (1.0 + phi)
-    a2 = (even - 3.0 * a3) / 2.0
-    theta_start = np.array([0.0, length, 0.0, 0.0])
-    w = np.array([[1.0, 0.0, 0.0, 0.0], theta_start - phi / 2.0 * a3, a2, a3])
-    theta = np.array([theta_start, 2.0 * a2, 3.0 * a3]) / length
-    mass = length * (line_mass * w.T @ hilbert(4) @ w + rotary * theta.T @ hilbert(3) @ theta)
-    pure, sheared = np.outer(even, even), 3.0 / (1.0 + phi) * np.outer(odd, odd)
-    return (mass + mass.T) / 2.0, rigidity / length**3 * (pure + sheared)
 
 
 def _chain(
@@ -274,20 +333,20 @@ def _arms(
     spatial: bool,
 ) -> tuple[list[tuple[int, int, float]], list[int]]:
     """Return changes of coordinates, old = new + factor * other, and coordinates to hold."""
-    arms = [(start[name] + _U, start[name] + _THETA, z) for name, (_, z) in points]
+    arms = [(start[name] + U, start[name] + THETA, z) for name, (_, z) in points]
     if not spatial:
         return arms, []
-    arms += [(start[name] + _V, start[name] + _PSI, z) for name, (_, z) in points]
-    held = [] if clamped is None else [start[clamped] + _CHI]
+    arms += [(start[name] + V, start[name] + PSI, z) for name, (_, z) in points]
+    held = [] if clamped is None else [start[clamped] + CHI]
     if all(z == 0.0 for _, (_, z) in points):
-        return arms, [*held, *range(_PSI, n, 6)]
+        return arms, [*held, *range(PSI, n, 6)]
     if clamped is not None:
-        return arms, [*held, start[clamped] + _PSI]
+        return arms, [*held, start[clamped] + PSI]
     slope = _common_slope([place for _, place in points])
     if slope is None:
         return arms, []
     first = start[points[0][0]]  # does not turn about the line: psi + slope chi = 0
-    return [*arms, (first + _PSI, first + _CHI, -slope)], [first + _PSI]
+    return [*arms, (first + PSI, first + CHI, -slope)], [first + PSI]
 
 
 def _common_slope(places: Sequence[Point]) -> float | None:

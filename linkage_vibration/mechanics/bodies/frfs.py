@@ -1,0 +1,82 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Links known by their frequency response functions alone."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from linkage_vibration.mechanics.components import FrfComponent
+from linkage_vibration.mechanics.description import Link, Mechanism, MechanismError
+from linkage_vibration.mechanics.dofs import InterfaceDof
+from linkage_vibration.mechanics.regularisation import (
+    RegularisationError,
+    noise_level,
+    regularise,
+    rigid_motions,
+)
+
+FloatArray = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Frfs:
+    """An elastic body known by its frequency response functions alone, measured or computed.
+
+    Attributes
+    ----------
+    dofs : tuple of InterfaceDof, (n_dofs,)
+        Rows (responses) and columns (forces).
+    frequencies : ndarray, (n_freq,)
+        Hz, ascending.
+    frf : ndarray, (n_freq, n_dofs, n_dofs)
+        Receptances of the free body in its own axes; m/N between displacements.
+    """
+
+    dofs: tuple[InterfaceDof, ...]
+    frequencies: FloatArray
+    frf: ComplexArray
+
+    @property
+    def elements(self) -> None:
+        """There is no mesh that could be changed."""
+
+    def with_elements(self, elements: int) -> "Frfs":
+        """Return the body itself."""
+        return self
+
+    def component(
+        self, link: Link, mechanism: Mechanism, *, spatial: bool, reduced: bool
+    ) -> FrfComponent:
+        """Put the body on its interface DoFs.
+
+        Parameters
+        ----------
+        link, mechanism, spatial, reduced
+            As `description.Body.component` takes them.
+
+        Raises
+        ------
+        MechanismError
+            If the FRFs lack a DoF, or the link has point masses.
+        RegularisationError
+            If the FRFs contradict one another.
+        """
+        wanted = mechanism.interface_dofs(link, spatial=spatial)
+        order = link.positions(wanted, self.dofs)
+        if link.masses:
+            raise MechanismError(
+                f"links.{link.name}.masses",
+                "a link known by its FRFs takes no point masses; remove them, or measure the link "
+                "with them.",
+            )
+        moving = self.frequencies > 0.0
+        frequencies = self.frequencies[moving]
+        frf = self.frf[moving][:, order][:, :, order] / link.count
+        try:
+            measured = regularise(wanted, frequencies, frf, rigid_motions(wanted, link.points))
+        except RegularisationError as error:
+            raise RegularisationError(f"links.{link.name}: {error}") from None
+        return FrfComponent(link.name, wanted, frequencies, measured, noise_level(frequencies, frf))

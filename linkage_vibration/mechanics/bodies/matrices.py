@@ -1,0 +1,138 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Links known by their matrices, as a finite element program exports them."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from linkage_vibration.mechanics.components import Component, Drawing
+from linkage_vibration.mechanics.description import Link, Mechanism, MechanismError
+from linkage_vibration.mechanics.dofs import InterfaceDof
+from linkage_vibration.mechanics.reduction import ReductionError, craig_bampton
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Matrices:
+    """An elastic body known by its matrices.
+
+    Attributes
+    ----------
+    dofs : tuple of InterfaceDof, (n_dofs,)
+        The first rows and columns; all others are inner coordinates of any kind.
+    mass, stiffness : ndarray, (n, n)
+        SI.
+    damping : ndarray, (n, n), or None
+        Viscous damping; None leaves it to the damping rule.
+    digest : str
+        Digest of what the matrices were computed from, where they were computed: their last bits
+        may differ from machine to machine, and the model's hash with them. If it is empty, the
+        bytes of the matrices enter the hash.
+    """
+
+    dofs: tuple[InterfaceDof, ...]
+    mass: FloatArray
+    stiffness: FloatArray
+    damping: FloatArray | None = None
+    digest: str = ""
+
+    @property
+    def elements(self) -> None:
+        """There is no mesh that could be changed."""
+
+    def with_elements(self, elements: int) -> "Matrices":
+        """Return the body itself."""
+        return self
+
+    def component(
+        self, link: Link, mechanism: Mechanism, *, spatial: bool, reduced: bool
+    ) -> Component:
+        """Put the body on its interface DoFs.
+
+        Parameters
+        ----------
+        link, mechanism, spatial, reduced
+            As `description.Body.component` takes them.
+
+        Raises
+        ------
+        MechanismError
+            If the matrices are not in double precision, or lack a DoF.
+        ReductionError
+            If the body has too few points to be held by them.
+        """
+        if self.mass.dtype != np.float64 or self.stiffness.dtype != np.float64:
+            raise MechanismError(
+                f"links.{link.name}",
+                f"its matrices are {self.mass.dtype} and {self.stiffness.dtype}, not float64; "
+                "single precision does not hold a stiffness and its effects: export them in "
+                "double precision.",
+            )
+        mass = self.mass.copy()
+        for point, value in link.masses:
+            for direction in ("x", "y", "z") if spatial else ("x", "z"):
+                at = link.positions((InterfaceDof(point, direction),), self.dofs)[0]
+                mass[at, at] += value
+        body = Matrices(self.dofs, mass, self.stiffness, self.damping)
+        return component_of(link, mechanism, body, spatial=spatial, reduced=reduced)
+
+
+def component_of(
+    link: Link,
+    mechanism: Mechanism,
+    body: Matrices,
+    drawing: Drawing | None = None,
+    *,
+    spatial: bool,
+    reduced: bool,
+) -> Component:
+    """Order the coordinates of a body, reduce them, and damp what is left.
+
+    Parameters
+    ----------
+    link, mechanism, spatial, reduced
+        As `description.Body.component` takes them.
+    body : Matrices
+        One of the equal bodies of the link.
+    drawing : Drawing, optional
+        How its coordinates move the points by which it is drawn.
+
+    Raises
+    ------
+    MechanismError
+        If the body lacks a DoF that the linkage needs.
+    ReductionError
+        If the body has too few points to be held by them.
+    """
+    wanted = mechanism.interface_dofs(link, spatial=spatial)
+    first = link.positions(wanted, body.dofs)
+    # A planar model holds the body out of the plane; rotations that nobody holds are free.
+    held = {i for i, dof in enumerate(body.dofs) if dof.direction == "y" and not spatial}
+    order = first + [i for i in range(len(body.mass)) if i not in held.union(first)]
+    block = np.ix_(order, order)
+    mass, stiffness = body.mass[block], body.stiffness[block]
+    viscous = None if body.damping is None else body.damping[block]
+    motion = None if drawing is None else drawing.displacement[:, :, order]
+    if reduced:
+        try:
+            reduction = craig_bampton(mass, stiffness, len(wanted), link.modes)
+        except ReductionError as error:
+            raise ReductionError(f"links.{link.name}: {error}") from None
+        mass, stiffness, t = reduction.mass, reduction.stiffness, reduction.transformation
+        viscous = None if viscous is None else t.T @ viscous @ t
+        motion = None if motion is None else motion @ t
+    rule = link.damping or mechanism.damping
+    if viscous is None:
+        viscous = rule.viscous(mass, stiffness)
+    return Component(
+        name=link.name,
+        dofs=wanted,
+        mass=link.count * mass,
+        stiffness=link.count * stiffness,
+        damping=link.count * viscous,
+        loss_factor=rule.loss_factor,
+        drawing=None if drawing is None or motion is None else Drawing(drawing.places, motion),
+    )

@@ -1,0 +1,239 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Reads a mapping key by key; the first invalid key raises an error that names its path."""
+
+import difflib
+import math
+from collections.abc import Collection, Iterator, Mapping
+from typing import Any
+
+from linkage_vibration.mechanics.description import MechanismError, Point
+
+_LARGEST = 1e30  # SI; powers of what is larger overflow
+
+
+class Keys:
+    """A mapping with its path. It remembers which keys were read.
+
+    Every method that reads a key raises `MechanismError` if the key is missing or invalid.
+
+    Parameters
+    ----------
+    path : str
+        Where in the description the mapping is, such as ``links.crank``; empty for the whole.
+    value : Any
+        The mapping.
+
+    Raises
+    ------
+    MechanismError
+        If it is not a mapping whose keys are text.
+    """
+
+    def __init__(self, path: str, value: Any) -> None:
+        where = path or "(top)"
+        if not isinstance(value, Mapping):
+            raise MechanismError(where, f"{value!r} is not a mapping of keys to values.")
+        for key in value:
+            if not isinstance(key, str):
+                raise MechanismError(where, f"the key {key!r} is not text; put it in quotes.")
+        self.path = path
+        self._value = value
+        self._children: dict[str, Keys] = {}
+        self._lists: dict[str, list[Keys]] = {}
+        self._read: set[str] = set()
+
+    def __iter__(self) -> Iterator[str]:
+        """Return the keys, in their order."""
+        return iter(self._value)
+
+    def __contains__(self, key: str) -> bool:
+        """Return whether a key exists."""
+        return key in self._value
+
+    def __getitem__(self, key: str) -> "Keys":
+        """Return the mapping of a key."""
+        if key not in self._children:
+            self._children[key] = Keys(self._at(key), self._get(key))
+        return self._children[key]
+
+    def error(self, key: str, problem: str) -> MechanismError:
+        """Return the error that a key is invalid, to be raised.
+
+        Parameters
+        ----------
+        key, problem : str
+            The key, and what is wrong with it and what to do about it.
+        """
+        return MechanismError(self._at(key), problem)
+
+    def names(self, key: str) -> list[str]:
+        """Return the keys of the mapping of a key, which is optional."""
+        return list(self[key]) if key in self else []
+
+    def items(self, key: str) -> "list[Keys]":
+        """Return the mappings in the list of a key."""
+        value = self._get(key)
+        if not isinstance(value, list) or not value:
+            raise self.error(key, f"{value!r} is not a list of mappings.")
+        if key not in self._lists:
+            self._lists[key] = [Keys(f"{self._at(key)}[{i}]", v) for i, v in enumerate(value)]
+        return self._lists[key]
+
+    def is_mapping(self, key: str) -> bool:
+        """Return whether the value of a key is a mapping."""
+        return isinstance(self._value.get(key), Mapping)
+
+    def member(self, key: str, allowed: Collection[str]) -> str:
+        """Return a key that must be one of those allowed.
+
+        Parameters
+        ----------
+        key : str
+            The key.
+        allowed : collection of str
+            The keys that may occur here.
+        """
+        if key not in allowed:
+            raise self.error(key, f"{key!r} is not one of: {', '.join(allowed)}.")
+        return key
+
+    def number(self, key: str, *, positive: bool = False, default: float | None = None) -> float:
+        """Return a finite number.
+
+        Parameters
+        ----------
+        key : str
+            The key.
+        positive : bool
+            Refuse 0 and less.
+        default : float, optional
+            The number if the key is missing.
+        """
+        if default is not None and key not in self:
+            return default
+        value = self._finite(key, self._get(key))
+        if positive and value <= 0.0:
+            raise self.error(key, f"{value:g} is not greater than zero.")
+        return value
+
+    def integer(self, key: str, *, default: int | None = None, least: int = 1) -> int:
+        """Return a whole number up to 10000.
+
+        Parameters
+        ----------
+        key : str
+            The key.
+        default : int, optional
+            The number if the key is missing.
+        least : int
+            The smallest number allowed.
+        """
+        value = default if default is not None and key not in self else self._get(key)
+        if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= 10_000:
+            raise self.error(key, f"{value!r} is not a whole number from {least} to 10000.")
+        return value
+
+    def text(self, key: str) -> str:
+        """Return text that is not empty."""
+        value = self._get(key)
+        if not isinstance(value, str) or not value:
+            raise self.error(key, f"{value!r} is not text.")
+        return value
+
+    def words(self, key: str) -> tuple[str, ...]:
+        """Return a list of texts."""
+        value = self._get(key)
+        if not isinstance(value, list) or not all(isinstance(item, str) for item in value):
+            raise self.error(key, f"{value!r} is not a list of names.")
+        return tuple(value)
+
+    def choice(self, key: str, allowed: Collection[str], *, default: str | None = None) -> str:
+        """Return one of the texts allowed.
+
+        Parameters
+        ----------
+        key : str
+            The key.
+        allowed : collection of str
+            The texts allowed.
+        default : str, optional
+            The text if the key is missing.
+        """
+        value = default if default is not None and key not in self else self._get(key)
+        if not isinstance(value, str) or value not in allowed:
+            raise self.error(key, f"{value!r} is not one of: {', '.join(allowed)}.")
+        return value
+
+    def place(self, key: str) -> Point:
+        """Return a place on a link: a number along its axis, or [x, z] beside it."""
+        if isinstance(self._value.get(key), list | tuple):
+            return self.point(key)
+        return (self.number(key), 0.0)
+
+    def point(self, key: str) -> Point:
+        """Return a pair of coordinates."""
+        return self._pair(key, "a point [x, z] in m")
+
+    def interval(self, key: str, *, positive: bool = False) -> tuple[float, float]:
+        """Return an ascending pair of numbers.
+
+        Parameters
+        ----------
+        key : str
+            The key.
+        positive : bool
+            Refuse 0 and less.
+        """
+        low, high = self._pair(key, "an interval [from, to]")
+        if high <= low or (positive and low <= 0.0):
+            above = " and both are greater than zero" if positive else ""
+            raise self.error(key, f"[{low:g}, {high:g}] does not ascend{above}; give [from, to].")
+        return low, high
+
+    def refuse_unknown(self) -> None:
+        """Refuse keys that nothing has read: a misspelt key must not be ignored silently."""
+        for child in (*self._children.values(), *(c for few in self._lists.values() for c in few)):
+            child.refuse_unknown()
+        for key in self._value:
+            if key not in self._read:
+                near = difflib.get_close_matches(key, self._read, 1)
+                advice = f"did you mean {near[0]}?" if near else "remove it."
+                raise self.error(key, f"this key is not known here; {advice}")
+
+    def _at(self, key: str) -> str:
+        return f"{self.path}.{key}" if self.path else key
+
+    def _get(self, key: str) -> Any:
+        self._read.add(key)
+        if key not in self._value:
+            near = difflib.get_close_matches(key, self._value, 1)
+            hint = f" ({near[0]} is there: is it misspelt?)" if {*near} - self._read else ""
+            raise self.error(key, f"this key is missing; add it{hint}.")
+        return self._value[key]
+
+    def _pair(self, key: str, what: str) -> tuple[float, float]:
+        value = self._get(key)
+        if not isinstance(value, list | tuple) or len(value) != 2:
+            raise self.error(key, f"{value!r} is not {what}.")
+        first, second = (self._finite(f"{key}[{i}]", v) for i, v in enumerate(value))
+        return first, second
+
+    def _finite(self, key: str, value: Any) -> float:
+        if isinstance(value, str):
+            raise self.error(
+                key, f"{value!r} is text, not a number; YAML needs 2.1e+11, not 2.1e11 or 21e10."
+            )
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise self.error(key, f"{value!r} is not a number.")
+        try:
+            number = float(value)
+        except OverflowError:
+            number = math.inf
+        if not math.isfinite(number):
+            raise self.error(key, f"{value!r} is not a finite number.")
+        if abs(number) > _LARGEST:
+            raise self.error(
+                key, f"{number:g} is larger than any number of a mechanism; check its unit."
+            )
+        return number

@@ -1,0 +1,43 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Reads materials, and refuses those whose numbers suggest another unit."""
+
+from linkage_vibration.mechanics.description import Material
+from linkage_vibration.mechanics.keys import Keys
+
+_SOFTEST = 1e6  # Pa, rubber; metals in N/mm2 are below
+_STIFFEST = 1e18  # Pa; beside what is stiffer, rounding moves the first mode by more than 1e-5
+_STIFF, _FLIMSY = 1e9, (0.5, 25.0)  # Pa, and kg/m3 that no solid so stiff has; in g/cm3 all have
+
+
+def read_material(keys: Keys) -> Material:
+    """Read an isotropic material.
+
+    Raises
+    ------
+    MechanismError
+        If a key is missing or invalid, or its unit is unlikely.
+    """
+    poisson = keys.number("poisson_ratio")
+    if not -1.0 < poisson < 0.5:
+        raise keys.error("poisson_ratio", f"{poisson:g} is not between -1 and 0.5; steel has 0.3.")
+    modulus = keys.number("youngs_modulus", positive=True)
+    if modulus < _SOFTEST:
+        raise keys.error(
+            "youngs_modulus",
+            f"{modulus:g} Pa is softer than rubber; write it in Pa (steel: 210.0e+9).",
+        )
+    if modulus > _STIFFEST:
+        raise keys.error(
+            "youngs_modulus",
+            f"{modulus:g} Pa is so stiff that the other links lose their digits; describe what is "
+            "rigid under rigid_bodies.",
+        )
+    density = keys.number("density", positive=True)
+    if modulus > _STIFF and _FLIMSY[0] < density < _FLIMSY[1]:
+        raise keys.error(
+            "density",
+            f"no solid of {modulus:g} Pa weighs {density:g} kg/m3; write it in kg/m3 (steel: "
+            "7800.0; 0.001 for a link without mass).",
+        )
+    return Material(modulus, density, poisson)

@@ -1,0 +1,79 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""I-sections: two equal flanges across the plane of motion and a web in it, without fillets."""
+
+from linkage_vibration.mechanics.description import Section
+from linkage_vibration.mechanics.keys import Keys
+from linkage_vibration.mechanics.sections.rectangle import rectangle
+
+
+def i_section(
+    height: float, width: float, web: float, flange: float, poisson_ratio: float
+) -> Section:
+    """Return an I-section.
+
+    The shear coefficient in the plane follows from the energy of the shear flow (Jourawski's
+    formula in the web, linear flow along the flanges), times the effect that Poisson's ratio has
+    on a rectangle (Cowper, J. Appl. Mech. 33, 1966, 335-340). It is exact for a web as wide as the
+    flanges. Rolled profiles are within 7 % of the elastic solution, where Cowper's thin-walled
+    formula is 4 to 9 % too low. Out of the plane the flanges alone carry the shear, and the torsion
+    constant is the sum over the flanges and the web: both are a few percent too low.
+
+    Parameters
+    ----------
+    height, width : float
+        Over all in the plane of motion, and of the flanges across it, m.
+    web, flange : float
+        Thicknesses, m.
+    poisson_ratio : float
+        Of the material, 1.
+
+    Examples
+    --------
+    An IPE 100 has 83 mm of clear web, and 10.0 cm2 of area without its fillets:
+
+    >>> round(i_section(0.1, 0.055, 0.0041, 0.0057, 0.3).area * 1e4, 1)
+    9.9
+    """
+    one = rectangle(width, flange, poisson_ratio)
+    top, inner = height / 2.0, height / 2.0 - flange
+    area = 2.0 * (one.area + inner * web)
+    second_moment = (width * height**3 - (width - web) * (2.0 * inner) ** 3) / 12.0
+    # Integrals of (first moment of area)^2 / thickness over the web, the depth of the flanges, and
+    # their outstands.
+    outer = one.area * (height - flange) / 2.0
+    flow = (
+        outer**2 * inner + 2.0 / 3.0 * outer * web * inner**3 + 2.0 / 15.0 * web**2 * inner**5
+    ) * (2.0 / web)
+    flow += width * flange**3 * (2.0 / 3.0 * top**2 - top * flange / 2.0 + flange**2 / 10.0)
+    flow += flange * (height - flange) ** 2 * (width - web) ** 3 / 24.0
+    poisson = one.shear_coefficient / (5.0 / 6.0)
+    return Section(
+        area=area,
+        second_moment=second_moment,
+        shear_coefficient=poisson * second_moment**2 / (area * flow),
+        second_moment_out=(flange * width**3 + inner * web**3) / 6.0,
+        shear_coefficient_out=one.shear_coefficient * 2.0 * one.area / area,
+        torsion_constant=2.0 * one.torsion_constant + (height - flange) * web**3 / 3.0,
+    )
+
+
+def read(keys: Keys, poisson_ratio: float) -> Section:
+    """Read an I-section.
+
+    Parameters
+    ----------
+    keys : Keys
+        With ``height``, ``width``, ``web_thickness`` and ``flange_thickness``.
+    poisson_ratio : float
+        Of the material, 1.
+    """
+    height, width = keys.number("height", positive=True), keys.number("width", positive=True)
+    web, flange = (keys.number(f"{part}_thickness", positive=True) for part in ("web", "flange"))
+    if web >= width:
+        raise keys.error("web_thickness", f"{web:g} m is not below the width of {width:g} m.")
+    if 2.0 * flange >= height:
+        raise keys.error(
+            "flange_thickness", f"twice {flange:g} m is not below the height of {height:g} m."
+        )
+    return i_section(height, width, web, flange, poisson_ratio)

@@ -1,0 +1,68 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Round tubes and round bars."""
+
+import math
+
+from linkage_vibration.mechanics.description import Section
+from linkage_vibration.mechanics.keys import Keys
+
+
+def tube(outer: float, inner: float, poisson_ratio: float) -> Section:
+    """Return a round tube, or a full bar if the inner diameter is 0.
+
+    The shear coefficient is Cowper's (J. Appl. Mech. 33, 1966, 335-340). The torsion constant is
+    the polar second moment of area, exactly.
+
+    Parameters
+    ----------
+    outer, inner : float
+        Diameters, m.
+    poisson_ratio : float
+        Of the material, 1.
+
+    Examples
+    --------
+    >>> bar = tube(0.02, 0.0, 0.3)
+    >>> bar.torsion_constant == 2.0 * bar.second_moment
+    True
+    """
+    area = math.pi * (outer**2 - inner**2) / 4.0
+    second_moment = math.pi * (outer**4 - inner**4) / 64.0
+    nu, m2 = poisson_ratio, (inner / outer) ** 2
+    shear = 6.0 * (1 + nu) * (1 + m2) ** 2 / ((7 + 6 * nu) * (1 + m2) ** 2 + (20 + 12 * nu) * m2)
+    return Section(area, second_moment, shear, second_moment, shear, 2.0 * second_moment)
+
+
+def read(keys: Keys, poisson_ratio: float) -> Section:
+    """Read a tube.
+
+    Parameters
+    ----------
+    keys : Keys
+        With ``outer_diameter`` and ``inner_diameter``.
+    poisson_ratio : float
+        Of the material, 1.
+    """
+    outer = keys.number("outer_diameter", positive=True)
+    inner = keys.number("inner_diameter", positive=True)
+    if inner >= outer:
+        raise keys.error(
+            "inner_diameter",
+            f"{inner:g} m does not fit into the outer diameter of {outer:g} m; exchange or "
+            "correct them.",
+        )
+    return tube(outer, inner, poisson_ratio)
+
+
+def read_round(keys: Keys, poisson_ratio: float) -> Section:
+    """Read a round bar.
+
+    Parameters
+    ----------
+    keys : Keys
+        With ``diameter``.
+    poisson_ratio : float
+        Of the material, 1.
+    """
+    return tube(keys.number("diameter", positive=True), 0.0, poisson_ratio)

@@ -1,0 +1,97 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Timoshenko beam elements, in the plane of motion or in space.
+
+The bending element is the two-node one whose cubic field solves the static equations (Przemieniecki
+1968), with the consistent mass of that field, rotary inertia included (Friedman and Kosmatka 1993).
+Statics are exact for loads at nodes, whatever the mesh. Natural frequencies are approached from
+above, as h^4 in the length h of the elements while these are slender, and as h^2 when they get as
+short as they are deep.
+
+A node moves by u, w and v along the local x, z and y axes and turns by theta from x towards z; in
+space also by chi from x towards y and by psi from y towards z. Bending in the plane (w, theta) and
+out of it (v, chi) is one element with other numbers, and so are extension (u) and torsion (psi).
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import hilbert
+
+from linkage_vibration.mechanics.description import Material, Section
+
+FloatArray = NDArray[np.float64]
+
+U, W, THETA, V, CHI, PSI = range(6)
+"""Order of the coordinates of a node; the first three are those of the plane."""
+
+
+def element_matrices(
+    length: float, section: Section, material: Material, *, spatial: bool = False
+) -> tuple[FloatArray, FloatArray]:
+    """Return mass and stiffness of one element, (6, 6), or (12, 12) in space, SI.
+
+    Parameters
+    ----------
+    length : float
+        Distance of its two nodes, m.
+    section : Section
+        Its cross-section.
+    material : Material
+        Its material.
+    spatial : bool
+        Whether the element moves out of the plane of motion too. Coordinates are u, w, theta (and
+        v, chi, psi) of the first node, then of the second.
+    """
+    youngs, shear, density = material.youngs_modulus, material.shear_modulus, material.density
+    size = 6 if spatial else 3
+    mass, stiffness = np.zeros((2 * size, 2 * size)), np.zeros((2 * size, 2 * size))
+
+    def add(coordinates: list[int], element: tuple[FloatArray, FloatArray]) -> None:
+        at = np.ix_(*[[*coordinates, *(size + i for i in coordinates)]] * 2)
+        mass[at], stiffness[at] = element
+
+    def bending(second_moment: float, coefficient: float) -> tuple[FloatArray, FloatArray]:
+        return _bending_element(
+            length,
+            youngs * second_moment,
+            coefficient * shear * section.area,
+            density * section.area,
+            density * second_moment,
+        )
+
+    add([U], _bar_element(length, youngs * section.area, density * section.area))
+    add([W, THETA], bending(section.second_moment, section.shear_coefficient))
+    if spatial:
+        add([V, CHI], bending(section.second_moment_out, section.shear_coefficient_out))
+        polar = section.second_moment + section.second_moment_out
+        add([PSI], _bar_element(length, shear * section.torsion_constant, density * polar))
+    return mass, stiffness
+
+
+def _bar_element(length: float, rigidity: float, inertia: float) -> tuple[FloatArray, FloatArray]:
+    """Extension by E A and rho A, or torsion by G J and rho times the polar second moment."""
+    mass = inertia * length / 6.0 * np.array([[2.0, 1.0], [1.0, 2.0]])
+    return mass, rigidity / length * np.array([[1.0, -1.0], [-1.0, 1.0]])
+
+
+def _bending_element(
+    length: float, rigidity: float, shear_rigidity: float, line_mass: float, rotary: float
+) -> tuple[FloatArray, FloatArray]:
+    """Bending by E I, kappa G A, rho A and rho I, on w and theta = dw/dx of both nodes.
+
+    With s = x / L the static field is w = a0 + a1 s + a2 s^2 + a3 s^3 and
+    theta = (a1 + phi a3 / 2 + 2 a2 s + 3 a3 s^2) / L, where phi = 12 E I / (kappa G A L^2) is shear
+    over bending flexibility. The values at s = 0 and 1 give the coefficients. Integrals of
+    s^i s^j over the element are the entries of a Hilbert matrix.
+    """
+    phi = 12.0 * rigidity / (shear_rigidity * length**2)
+    # Bending by equal and opposite end moments, and by end forces.
+    even, odd = np.array([0.0, -length, 0.0, length]), np.array([2.0, length, -2.0, length])
+    a3 = odd / (1.0 + phi)
+    a2 = (even - 3.0 * a3) / 2.0
+    theta_start = np.array([0.0, length, 0.0, 0.0])
+    w = np.array([[1.0, 0.0, 0.0, 0.0], theta_start - phi / 2.0 * a3, a2, a3])
+    theta = np.array([theta_start, 2.0 * a2, 3.0 * a3]) / length
+    mass = length * (line_mass * w.T @ hilbert(4) @ w + rotary * theta.T @ hilbert(3) @ theta)
+    pure, sheared = np.outer(even, even), 3.0 / (1.0 + phi) * np.outer(odd, odd)
+    return (mass + mass.T) / 2.0, rigidity / length**3 * (pure + sheared)
