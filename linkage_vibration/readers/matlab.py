@@ -83,6 +83,8 @@ def read_matlab(path: Path) -> dict[str, Any]:
         unpacked = 0
         for element in _elements(content[_HEADER:], order):
             if element.kind == _COMPRESSED:
+                tag = zlib.decompressobj().decompress(element.data, 8)
+                check_size(path, unpacked + struct.unpack(f"{order}II", tag)[1])
                 data = zlib.decompressobj().decompress(element.data, MAX_BYTES + 1 - unpacked)
                 unpacked += len(data)
                 check_size(path, unpacked)

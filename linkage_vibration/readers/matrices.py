@@ -21,6 +21,7 @@ plane of motion is taken as a plane of symmetry.
 """
 
 import math
+import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -198,42 +199,53 @@ def _read_mtx(path: Path) -> tuple[dict[str, Any], list[object]]:
 
 
 def _read_matrix_market(path: Path) -> Any:
-    """Read a real matrix; `scipy.io.mmread` can crash on a damaged one."""
-    lines = _text(path).splitlines()
-    kind = lines[0].lower().split() if lines else []
-    if len(kind) != 5 or kind[:2] != ["%%matrixmarket", "matrix"]:
-        raise ComponentFileError(path, "does not begin as a Matrix Market file, %%MatrixMarket.")
-    layout, field, symmetry = kind[2:]
+    """Read a real matrix; `scipy.io.mmread` is faster, but a damaged file can crash it."""
+    check_file(path)
+    try:
+        with path.open(encoding="utf-8") as file:
+            layout, symmetry = _market_kind(path, file.readline())
+            lines = (line for line in file if line.strip() and not line.startswith("%"))
+            size = [int(number) for number in next(lines, "").split()]
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # of no entries at all, which is a zero matrix
+                values = np.loadtxt(file, comments="%", ndmin=2)
+        if layout == "array":
+            return _filled(size, values.ravel(), symmetry)
+        rows, columns, count = size
+        if max(rows, columns) > MAX_ROWS:
+            raise ComponentFileError(
+                path, f"has {rows} rows and {columns} columns; reduce it to {MAX_ROWS} or fewer."
+            )
+        entries = values.reshape(count, 3)
+        whole = np.rint(entries[:, :2])
+        if not (np.array_equal(entries[:, :2], whole) and (np.abs(whole) <= MAX_ROWS).all()):
+            raise ValueError("an index is not a whole number, or is too large")
+        places = entries[:, :2].astype(np.int64).T - 1
+        matrix = sparse.coo_array((entries[:, 2], tuple(places)), shape=(rows, columns)).tocsc()
+        if symmetry == "symmetric":
+            matrix = matrix + matrix.T - sparse.diags(matrix.diagonal())
+        return sparse.csc_array(matrix)
+    except (OSError, ValueError, OverflowError) as error:
+        raise damaged(path, error) from None
+
+
+def _market_kind(path: Path, line: str) -> tuple[str, str]:
+    """Return the layout and the symmetry that the first line of a file states."""
+    words = line.lower().split()
+    if len(words) != 5 or words[:2] != ["%%matrixmarket", "matrix"]:
+        raise ComponentFileError(
+            path, "does not begin with %%MatrixMarket; give a Matrix Market file."
+        )
+    layout, field, symmetry = words[2:]
     if (
         layout not in ("coordinate", "array")
         or field not in ("real", "integer", "double")
         or symmetry not in ("general", "symmetric")
     ):
         raise ComponentFileError(
-            path, f"is {' '.join(kind[2:])}; it has to be real, general or symmetric."
+            path, f"is {' '.join(words[2:])}; write it as real, general or symmetric."
         )
-    body = [line for line in lines[1:] if line.strip() and not line.startswith("%")]
-    try:
-        size = [int(number) for number in body[0].split()] if body else []
-        values = np.array(" ".join(body[1:]).split(), dtype=np.float64)
-        if layout == "array":
-            return _filled(size, values, symmetry)
-        rows, columns, count = size
-        if max(rows, columns) > MAX_ROWS:
-            raise ComponentFileError(
-                path, f"is {rows} by {columns}; {MAX_ROWS} rows are allowed at most."
-            )
-        entries = values.reshape(count, 3)
-        whole = np.rint(entries[:, :2])
-        if not (np.array_equal(entries[:, :2], whole) and (np.abs(whole) <= MAX_ROWS).all()):
-            raise ValueError("an index is no whole number, or too large")
-        places = entries[:, :2].astype(np.int64).T - 1
-        matrix = sparse.coo_array((entries[:, 2], tuple(places)), shape=(rows, columns)).tocsc()
-        if symmetry == "symmetric":
-            matrix = matrix + matrix.T - sparse.diags(matrix.diagonal())
-        return sparse.csc_array(matrix)
-    except (ValueError, OverflowError) as error:
-        raise damaged(path, error) from None
+    return layout, symmetry
 
 
 def _filled(size: list[int], values: FloatArray, symmetry: str) -> FloatArray:
