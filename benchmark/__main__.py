@@ -23,6 +23,7 @@ STEPS = (
     "rebuild",
     "signals",
     "crash",
+    "libraries",
     "log_readers",
     "replay",
     "long_bag",

@@ -1,0 +1,308 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Compare our own readers and writers with libraries that do the same.
+
+Ours and the library's take turns in one process, so that other processes slow both down alike.
+Times are medians of five rounds with the least and the greatest; memory is the peak of a process
+that runs one of them once, above what it had before.
+"""
+
+import contextlib
+import multiprocessing
+import re
+import resource
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import scipy.io
+from mcap.reader import make_reader
+from mcap.records import Message
+from mcap.stream_reader import StreamReader
+from mcap.writer import CompressionType, Writer
+from mcap_ros2.decoder import DecoderFactory
+from rosbags.rosbag1 import Reader as Reader1
+from rosbags.rosbag2 import Reader as Reader2
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from scipy import sparse
+from tqdm import tqdm
+
+from benchmark.file_readers import all_readers
+from benchmark.fuzz import spoilt, write
+from benchmark.replay import write_mcap, write_ros1
+from benchmark.report import machine, publish, table
+from linkage_vibration.bags.chunks import ChunkLog, Messages
+from linkage_vibration.bags.joint_states import JointStateReader
+from linkage_vibration.bags.message_columns import read_columns
+from linkage_vibration.bags.message_types import JOINT_STATE
+from linkage_vibration.bags.recovery import recover
+from linkage_vibration.bags.streams import open_bags
+from linkage_vibration.bags.writing import Topic
+from linkage_vibration.messages.definitions import message_definition
+from linkage_vibration.messages.encoding import encode_predictions
+from linkage_vibration.prediction.batch import Predictions
+from linkage_vibration.readers.matlab import read_matlab
+
+SECONDS = 30  # of joint states at 1 kHz
+ROUNDS = 5
+DAMAGED = 500  # MATLAB files
+MEMORY = 4 * 2**30  # bytes of address space of a process that reads damaged files
+PREDICTION = "linkage_vibration_interfaces/msg/VibrationPrediction"
+TOPIC = "/joint_states"
+
+Measured = Callable[[Path], int]
+
+
+def _read_ours(path: Path) -> int:
+    with open_bags([path]) as bags:
+        return sum(len(block) for block in bags.blocks([TOPIC]))
+
+
+def _read_by_rosbags(path: Path) -> int:
+    with Reader2(path) as bag:
+        return sum(1 for _ in bag.messages())
+
+
+def _read_by_mcap(path: Path) -> int:
+    with path.open("rb") as file:
+        return sum(1 for _ in make_reader(file, validate_crcs=True).iter_messages())
+
+
+def _decode_ours(path: Path) -> int:
+    reader = JointStateReader()
+    with open_bags([path]) as bags:
+        return sum(
+            states.position.shape[1]
+            for block in bags.blocks([TOPIC])
+            for states in reader.read(block, np.arange(len(block)))
+        )
+
+
+def _decode_by_rosbags(path: Path) -> int:
+    store = get_typestore(Stores.LATEST)
+    with Reader2(path) as bag:
+        found: Iterator[Any] = (
+            store.deserialize_cdr(data, JOINT_STATE) for *_, data in bag.messages()
+        )
+        return sum(len(message.position) > 0 for message in found)
+
+
+def _decode_by_mcap(path: Path) -> int:
+    with path.open("rb") as file:
+        reader = make_reader(file, validate_crcs=True, decoder_factories=[DecoderFactory()])
+        return sum(len(found[3].position) > 0 for found in reader.iter_decoded_messages())
+
+
+def _ros1_by_rosbags(path: Path) -> int:
+    store = get_typestore(Stores.LATEST)
+    with Reader1(path) as bag:
+        return sum(len(store.ros1_to_cdr(data, c.msgtype)) > 0 for c, _, data in bag.messages())
+
+
+def _write_ours(path: Path) -> int:
+    rows, times = np.load(path), np.arange(len(np.load(path, mmap_mode="r"))) * 10**6
+    output = path.with_suffix(".mcap")
+    output.unlink(missing_ok=True)
+    topic = Topic(TOPIC, PREDICTION, message_definition(PREDICTION), "", "")
+    with ChunkLog(output, [topic], (), {}) as log:
+        for k in range(0, len(rows), 4096):
+            at = times[k : k + 4096]
+            log.write([Messages(TOPIC, rows[k : k + 4096], at, at, at)])
+    return len(rows)
+
+
+def _write_by_mcap(path: Path) -> int:
+    rows = np.load(path)
+    with path.with_suffix(".other").open("wb") as file:
+        writer = Writer(file, compression=CompressionType.ZSTD)
+        writer.start("ros2", "benchmark")
+        channel = writer.register_channel(TOPIC, "cdr", writer.register_schema("a", "ros2msg", b""))
+        for k, row in enumerate(rows):
+            writer.add_message(channel, k * 10**6, row.tobytes(), k * 10**6)
+        writer.finish()  # type: ignore[no-untyped-call]
+    return len(rows)
+
+
+def _columns_ours(path: Path) -> int:
+    return len(read_columns(path, {TOPIC: PREDICTION})[TOPIC]["crank_angle"])
+
+
+def _columns_by_rosbags(path: Path) -> int:
+    store = get_typestore(Stores.EMPTY)
+    store.register(get_types_from_msg(message_definition(PREDICTION), PREDICTION))
+    with Reader2(path) as bag:
+        found = [vars(store.deserialize_cdr(data, PREDICTION)) for *_, data in bag.messages()]
+    return len({name: np.array([row[name] for row in found]) for name in found[0]}["crank_angle"])
+
+
+def _recover_ours(path: Path) -> int:
+    path.with_suffix(".whole").unlink(missing_ok=True)
+    return sum(recover(path, path.with_suffix(".whole")).saved.values())
+
+
+def _recover_by_mcap(path: Path) -> int:
+    count = 0
+    with path.open("rb") as file, path.with_suffix(".copy").open("wb") as output:
+        writer = Writer(output)
+        writer.start()
+        channel = writer.register_channel(TOPIC, "cdr", writer.register_schema("a", "ros2msg", b""))
+        with contextlib.suppress(Exception):
+            for record in StreamReader(file, validate_crcs=True).records:
+                if isinstance(record, Message):
+                    writer.add_message(channel, record.log_time, record.data, record.publish_time)
+                    count += 1
+        writer.finish()  # type: ignore[no-untyped-call]
+    return count
+
+
+def _matlab_ours(path: Path) -> int:
+    return int(read_matlab(path)["stiffness"].nnz)
+
+
+def _matlab_by_scipy(path: Path) -> int:
+    return int(scipy.io.loadmat(path)["stiffness"].nnz)
+
+
+def _turns(functions: Sequence[Measured], path: Path) -> list[list[float]]:
+    took: list[list[float]] = [[] for _ in functions]
+    counts = {function(path) for function in functions}
+    assert len(counts) == 1, counts
+    for _ in range(ROUNDS):
+        for function, times in zip(functions, took, strict=True):
+            begin = time.perf_counter()
+            function(path)
+            times.append(1e6 * (time.perf_counter() - begin) / max(counts))
+    return took
+
+
+def _peak(function: Measured, path: Path) -> float:
+    def mebibytes(name: str) -> float:
+        [found] = re.findall(rf"{name}:\s*(\d+) kB", Path("/proc/self/status").read_text())
+        return int(found) / 1024.0
+
+    Path("/proc/self/clear_refs").write_text("5")  # forget the peak
+    before = mebibytes("VmRSS")
+    function(path)
+    return mebibytes("VmHWM") - before
+
+
+def _apart(function: Callable[..., Any], *arguments: Any) -> Any:
+    with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
+        return pool.submit(function, *arguments).result()
+
+
+def compared(path: Path, functions: Mapping[str, Measured]) -> str:
+    """Return a table of functions that do the same with a file; the first one is ours."""
+    took = np.array(_apart(_turns, list(functions.values()), path))
+    rows = []
+    for (name, function), times in zip(functions.items(), took, strict=True):
+        rows.append(
+            [name]
+            + [
+                f"{np.median(values):.2f} ({values.min():.2f} to {values.max():.2f})"
+                for values in (times, times / took[0])
+            ]
+            + [f"{_apart(_peak, function, path):.0f}"]
+        )
+    return table(["", "us each", "time, ours = 1", "peak memory [MiB]"], rows)
+
+
+def recovered(folder: Path, path: Path) -> str:
+    """Return a table of how many messages are saved of a log that is damaged in one place."""
+    content, rows = path.read_bytes(), []
+    half = len(content) // 2
+    for name, start, new in (
+        ("none", 0, b""),
+        ("one bit in the middle", half, bytes([content[half] ^ 1])),
+        ("4 KiB of zeros in the middle", half, bytes(4096)),
+        ("64 bytes of zeros at the beginning", 0, bytes(64)),
+    ):
+        spoiled = folder / "damaged.mcap"
+        spoiled.write_bytes(content[:start] + new + content[start + len(new) :])
+        rows.append([name, f"{_recover_ours(spoiled)}", f"{_recover_by_mcap(spoiled)}"])
+    spoiled.write_bytes(content[:half])
+    rows.append(
+        ["second half cut off", f"{_recover_ours(spoiled)}", f"{_recover_by_mcap(spoiled)}"]
+    )
+    return table(["damage", "saved by ours", "saved by mcap"], rows)
+
+
+def _outcome(read: Callable[[Path], Any], path: Path) -> str:
+    resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
+    try:
+        for part in read(path).values():
+            np.sum(part.toarray() if sparse.issparse(part) else np.size(part))
+    except MemoryError:
+        return "out of memory"
+    except Exception:
+        return "refused"
+    return "read"
+
+
+def damaged_matlab(folder: Path) -> str:
+    """Return a table of what becomes of damaged MATLAB files."""
+    [reader] = [reader for reader in all_readers() if "MATLAB" in reader.name]
+    tallies: dict[str, Counter[str]] = {"ours": Counter(), "scipy.io.loadmat": Counter()}
+    for (name, tally), read in zip(tallies.items(), (read_matlab, scipy.io.loadmat), strict=True):
+        pool = ProcessPoolExecutor(1, multiprocessing.get_context("spawn"))
+        for number in tqdm(range(DAMAGED), desc=name):
+            main, files = spoilt(reader, number)
+            write(folder, files)
+            try:
+                tally[pool.submit(_outcome, read, folder / main).result()] += 1
+            except BrokenProcessPool:
+                tally["crashed"] += 1
+                pool = ProcessPoolExecutor(1, multiprocessing.get_context("spawn"))
+        pool.shutdown()
+    kinds = ["read", "refused", "out of memory", "crashed"]
+    rows = [[name, *(f"{tally[kind]}" for kind in kinds)] for name, tally in tallies.items()]
+    return table(["", *kinds], rows)
+
+
+def _parts(folder: Path) -> Iterator[str]:
+    bag = write_mcap(folder / "bag.mcap", SECONDS)
+    yield f"{SECONDS * 1000:,} joint states of three joints at 1 kHz in MCAP with zstd, read:"
+    yield compared(bag, {"ours": _read_ours, "rosbags": _read_by_rosbags, "mcap": _read_by_mcap})
+    yield "The same, read and decoded:"
+    decoders = {"ours": _decode_ours, "rosbags": _decode_by_rosbags}
+    yield compared(bag, {**decoders, "mcap, mcap-ros2-support": _decode_by_mcap})
+    yield "The same in a ROS 1 bag, read and converted to CDR:"
+    ros1 = write_ros1(folder / "bag.bag", SECONDS)
+    yield compared(ros1, {"ours": _read_ours, "rosbags": _ros1_by_rosbags})
+    n = 20_000
+    slow = 1.0 + np.sin(0.5e-3 * np.arange(n))[:, np.newaxis] * np.arange(1, 7)
+    peak = slow[:, 0], slow[:, 1], slow[:, 2]
+    modes = slow, slow, slow, slow
+    found = Predictions(slow[:, 0], np.ones(n, np.uint8), *modes, *peak, "0" * 64)
+    stamps = np.arange(n, dtype=np.int32), np.arange(n, dtype=np.uint32)
+    np.save(folder / "rows.npy", encode_predictions(found, *stamps, "base_link"))
+    yield f"{n:,} predictions of 6 modes, written to MCAP with zstd:"
+    yield compared(folder / "rows.npy", {"ours": _write_ours, "mcap": _write_by_mcap})
+    yield "The same, read into columns:"
+    yield compared(folder / "rows.mcap", {"ours": _columns_ours, "rosbags": _columns_by_rosbags})
+    yield "The joint states recovered from the MCAP file, undamaged:"
+    yield compared(bag, {"ours": _recover_ours, "mcap": _recover_by_mcap})
+    yield "Messages saved of that file after damage:"
+    yield recovered(folder, bag)
+    upper = sparse.spdiags(np.random.default_rng(0).random((41, n)), range(0, 287, 7), n, n)
+    stiffness = sparse.csc_matrix(upper + upper.T)
+    scipy.io.savemat(folder / "large.mat", {"stiffness": stiffness}, do_compression=True)
+    yield f"A sparse matrix of {n:,} rows and {stiffness.nnz:,} entries in a MATLAB file, read:"
+    yield compared(
+        folder / "large.mat", {"ours": _matlab_ours, "scipy.io.loadmat": _matlab_by_scipy}
+    )
+    yield f"{DAMAGED} small damaged MATLAB files, read in a process of 4 GiB:"
+    yield damaged_matlab(folder)
+
+
+if __name__ == "__main__":
+    with tempfile.TemporaryDirectory() as place:
+        results = [__doc__.split("\n", 2)[2].strip(), *_parts(Path(place))]
+    libraries = ("mcap", "mcap-ros2-support", "rosbags", "zstandard")
+    publish("libraries", "Our own code and libraries", results, machine(*libraries))
