@@ -1,0 +1,216 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Every code block of the documentation runs where its page is installed as the page says."""
+
+import os
+import re
+import shlex
+import shutil
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from linkage_vibration.demo.domain import reserve_domain
+from linkage_vibration.mechanics.parsing import mechanism_from_mapping
+from linkage_vibration.prediction.excitation import excitations_from_mapping
+from test.support.environments import make_environment
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGES = [Path("README.md"), Path("CONTRIBUTING.md"), Path("examples/README.md")]
+PAGES += sorted(path.relative_to(ROOT) for path in (ROOT / "docs").glob("*.md"))
+LANGUAGES = {"console", "python", "yaml", "text", "{eval-rst}", "{toctree}"}
+NODE = "linkage_vibration_node"
+
+# How the lines begin that do not run here, and why.
+NOT_RUN = {
+    "pip install": "this is how the environment was made",
+    "apt-get": "the test does not change the machine",
+    "colcon": "the ROS 2 wheels do not contain it",
+    "ros2": "the ROS 2 wheels do not contain it",
+    "make bench": "a benchmark takes minutes or hours",
+    "make demo": "test/demo plays it",
+    "make docs": "test_the_site_can_be_built builds it",
+    "make test": "it runs this test",
+    "pytest": "it runs these tests",
+    "pre-commit": "make test runs the same checks",
+    "bloom": "releases are made by hand",
+    "catkin": "releases are made by hand",
+    "git": "releases are made by hand",
+    "python -m": "releases are made by hand",
+}
+# Pages with commands that take longer than everything else together.
+SLOW = {"docs/calibration.md", "docs/reproduction.md", "docs/sweep.md"}
+
+
+@dataclass(frozen=True)
+class Block:
+    """A code block: its language, its text, and the line on which it begins."""
+
+    language: str
+    text: str
+    line: int
+
+
+def blocks_of(page: Path) -> list[Block]:
+    """Return the code blocks of a page."""
+    text = (ROOT / page).read_text()
+    found = re.finditer(r"^```(\S*)\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
+    return [Block(m[1], m[2], text.count("\n", 0, m.start()) + 1) for m in found]
+
+
+def commands_of(page: Path) -> list[str]:
+    """Return the command lines of a page, without comments and with continued lines joined."""
+    text = "".join(block.text for block in blocks_of(page) if block.language == "console")
+    lines = text.replace("\\\n", " ").splitlines()
+    return [line.partition("    #")[0].strip() for line in lines if line.strip()]
+
+
+def installed_by(page: Path) -> frozenset[str]:
+    """Return what the `pip install` lines of a page install."""
+    found = {"linkage_vibration"}
+    for line in re.findall(r"pip install ([^`\n]*)", (ROOT / page).read_text()):
+        for word in shlex.split(line):
+            if not word.startswith("-") and "'" not in word:
+                ours = re.fullmatch(r"\.(\[.*\])?", word)
+                found.add(f"linkage_vibration{ours[1] or ''}" if ours else word.removeprefix("./"))
+    if any("def test_" in block.text for block in blocks_of(page)):
+        found.add("pytest")
+    return frozenset(found)
+
+
+@pytest.fixture(scope="module")
+def environment_of(
+    tmp_path_factory: pytest.TempPathFactory,
+) -> Callable[[Path], dict[str, str]]:
+    """Return a function that makes the environment of a page, or returns one that is the same."""
+    folder = tmp_path_factory.mktemp("wheel")
+    unwanted = shutil.ignore_patterns(".*", "__pycache__", "*.egg-info", "build", "install", "log")
+    shutil.copytree(ROOT, folder / "source", ignore=unwanted)
+    command = [sys.executable, "-m", "pip", "wheel", "-qq", "--no-deps", "-w", folder]
+    subprocess.run([*command, folder / "source"], check=True)
+    (wheel,) = folder.glob("*.whl")
+    made: dict[frozenset[str], dict[str, str]] = {}
+
+    def environment(page: Path) -> dict[str, str]:
+        requirements = installed_by(page)
+        if requirements not in made:
+            place = tmp_path_factory.mktemp("environment")
+            try:
+                made[requirements] = make_environment(place, wheel, requirements)
+            except LookupError as error:
+                pytest.skip(str(error))
+            made[requirements]["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+            made[requirements]["ROS_DOMAIN_ID"] = str(reserve_domain())
+        return made[requirements]
+
+    return environment
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """Return a folder with the files that the pages mention."""
+    drive = ROOT / "config" / "drives" / "hitch_duty_cycle.mcap"
+    (tmp_path / "config").symlink_to(ROOT / "config")
+    (tmp_path / "examples").symlink_to(ROOT / "examples")
+    (tmp_path / "bags").mkdir()
+    for name in ("drive.mcap", "bags/headland.mcap"):
+        shutil.copy(drive, tmp_path / name)
+    cut = drive.read_bytes()[: drive.stat().st_size // 2]
+    (tmp_path / "linkage_vibration_20260712-141503.mcap").write_bytes(cut)
+    shutil.copy(ROOT / "config" / "three_point_linkage.yaml", tmp_path / "my_linkage.yaml")
+    return tmp_path
+
+
+def run(command: list[Any], folder: Path, environment: dict[str, str]) -> None:
+    """Run a command of a page; fail with all that it printed."""
+    done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True)
+    assert done.returncode == 0, f"{command}\n{done.stdout}{done.stderr}"
+
+
+@contextmanager
+def running_node(folder: Path, environment: dict[str, str]) -> Iterator[None]:
+    """Keep the node running; it has to end with exit code 0."""
+    process = subprocess.Popen([NODE], cwd=folder, env=environment)
+    try:
+        yield
+    finally:
+        process.send_signal(signal.SIGINT)
+        assert process.wait(60.0) == 0
+
+
+def pages(*, slow: bool) -> list[Any]:
+    """Return the pages that have something to run, as parameters."""
+    marks = [pytest.mark.nightly] if slow else []
+    chosen = [page for page in PAGES if (str(page) in SLOW) == slow and blocks_of(page)]
+    return [pytest.param(page, id=str(page), marks=marks) for page in chosen]
+
+
+@pytest.mark.parametrize("page", [*pages(slow=False), *pages(slow=True)])
+def test_blocks_run(
+    page: Path, environment_of: Callable[[Path], dict[str, str]], folder: Path
+) -> None:
+    """The commands of a page run in their order, then its doctests, then its scripts."""
+    environment = environment_of(page)
+    python = Path(environment["VIRTUAL_ENV"]) / "bin" / "python"
+    with ExitStack() as stack:
+        for line in commands_of(page):
+            if line == NODE:
+                stack.enter_context(running_node(folder, environment))
+            elif not line.startswith(tuple(NOT_RUN)):
+                run(shlex.split(line), folder, environment)
+        run([python, "-m", "doctest", ROOT / page], folder, environment)
+        plain = [b.text for b in blocks_of(page) if b.language == "python" and ">>>" not in b.text]
+        tests = [text for text in plain if "def test_" in text]
+        if tests:
+            (folder / "test_page.py").write_text("".join(tests))
+            run([python, "-m", "pytest", "-q", "test_page.py"], folder, environment)
+        if len(plain) > len(tests):
+            (folder / "page.py").write_text("".join(t for t in plain if t not in tests))
+            run([python, "page.py"], folder, environment)
+
+
+def read_link(block: dict[str, Any]) -> None:
+    """Read a mechanism with the links of a block."""
+    mechanism = yaml.safe_load((ROOT / "config" / "four_bar.yaml").read_text())
+    mechanism["links"].update(block["links"])
+    mechanism_from_mapping(mechanism)
+
+
+@pytest.mark.parametrize(
+    ("page", "read"),
+    [("docs/excitation.md", excitations_from_mapping), ("docs/mechanisms.md", read_link)],
+)
+def test_yaml_is_accepted(page: str, read: Callable[[Any], object]) -> None:
+    """The reader of the file that a block shows accepts it."""
+    for block in blocks_of(Path(page)):
+        if block.language == "yaml":
+            read(yaml.safe_load(block.text))
+
+
+def test_every_block_is_tested() -> None:
+    """Each block has a language, and YAML stands only on the pages of the test above."""
+    for page in PAGES:
+        for block in blocks_of(page):
+            where = f"{page}:{block.line}"
+            assert block.language in LANGUAGES, where
+            if block.language == "yaml":
+                assert page.name in {"excitation.md", "mechanisms.md"}, where
+
+
+def test_the_site_can_be_built(tmp_path: Path) -> None:
+    """Sphinx builds the site without a warning: every link leads to a page."""
+    pytest.importorskip("sphinx", reason="the extra docs is not installed")
+    command = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "-c", "docs", "."]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    run([*command, tmp_path], ROOT, environment)
+    assert (tmp_path / "docs" / "commands" / "replay.html").is_file()
+    text = (tmp_path / "docs" / "api.html").read_text()
+    assert 'id="linkage_vibration.read_mechanism"' in text
