@@ -20,10 +20,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Print a summary and write the page; return the exit code."""
-    from linkage_vibration.review.difference import compare, summary, write_difference
+    from linkage_vibration.review.difference import compare, difference_page, summary
+    from linkage_vibration.review.html import write_page
 
     found = compare(*options.logs)
     print(summary(found))
-    write_difference(found, options.output)
+    write_page(difference_page(found), options.output)
     print(f"\nWritten: {options.output}")
     return 0

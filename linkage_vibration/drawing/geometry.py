@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a linkage looks like: curves and points in the plane, for any way of drawing them."""
+"""Computes the points and curves that show a linkage and its modes in the plane."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -15,10 +15,10 @@ from linkage_vibration.mechanics.model import LinkageModel, Solution
 
 FloatArray = NDArray[np.float64]
 
-_ON = 1e-6  # of an axis' length: a point that is nearer to a node than that stands on it
+_ON = 1e-6  # of the length of an axis; a point that is nearer to a node lies on the axis
 
 Curves = dict[str, FloatArray]
-"""Points of each body's curve, (n, 2), along x and z."""
+"""The points of each body's curve, (n, 2), along x and z."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -28,9 +28,9 @@ class Scene:
     Attributes
     ----------
     bodies : dict of str to ndarray, (n, 2)
-        Curves, m; a rigid body's is closed by its centre of gravity.
+        Curves of the bodies, m; see `curves`.
     joints, ground, centres : ndarray, (n, 2)
-        Pins that move, pins on the ground, and the rigid bodies' centres of gravity, m.
+        Positions of moving pins, of pins on the ground, and of the centres of gravity, m.
     """
 
     bodies: Curves
@@ -40,33 +40,41 @@ class Scene:
 
 
 def scene(model: LinkageModel, configuration: Configuration) -> Scene:
-    """Return what a linkage looks like in a configuration."""
+    """Return the curves and points that show a linkage in a configuration.
+
+    Parameters
+    ----------
+    model : LinkageModel
+        The linkage.
+    configuration : Configuration
+        The positions of its bodies.
+    """
     mechanism = model.mechanism
     ground = dict(mechanism.ground)
     pins = {point: body for point, _, body in mechanism.joints if point not in ground}
-    return Scene(
-        curves(model, configuration),
-        _rows(
-            [
-                configuration.place(body, mechanism.local_points(body)[point])
-                for point, body in pins.items()
-            ]
-        ),
-        _rows([np.array(place) for place in ground.values()]),
-        _rows(
-            [
-                configuration.place(body.name, body.centre_of_gravity)
-                for body in mechanism.rigid_bodies
-            ]
-        ),
-    )
+    joints = [
+        configuration.place(body, mechanism.local_points(body)[point])
+        for point, body in pins.items()
+    ]
+    centres = [
+        configuration.place(body.name, body.centre_of_gravity) for body in mechanism.rigid_bodies
+    ]
+    bodies = curves(model, configuration)
+    return Scene(bodies, _rows(joints), _rows(list(ground.values())), _rows(centres))
 
 
 def curves(model: LinkageModel, configuration: Configuration) -> Curves:
     """Return the curve of each body, m.
 
-    That is a link's axis, from which it goes out and back to points beside it; of a rigid body its
-    points and its centre of gravity, closed.
+    The curve of a link is its axis, with a detour to each point beside the axis. The curve of a
+    rigid body is closed and connects its points and its centre of gravity.
+
+    Parameters
+    ----------
+    model : LinkageModel
+        The linkage.
+    configuration : Configuration
+        The positions of its bodies.
     """
     found = {}
     for component in model.components:
@@ -87,7 +95,15 @@ def curves(model: LinkageModel, configuration: Configuration) -> Curves:
 
 
 def mode_curves(solution: Solution, mode: int) -> Curves:
-    """Return how a mass-normalised mode moves the points of `curves`, 1/sqrt(kg)."""
+    """Return the displacements of the points of `curves` in a mass-normalised mode, 1/sqrt(kg).
+
+    Parameters
+    ----------
+    solution : Solution
+        The modes of a linkage in a configuration.
+    mode : int
+        Index of the mode, counted from 0.
+    """
     model, shape = solution.model, solution.modes.shapes[:, mode]
     found = {name: moved[:, ::2] for name, (_, moved) in solution.link_shapes(mode).items()}
     for component in model.components:
@@ -100,7 +116,7 @@ def mode_curves(solution: Solution, mode: int) -> Curves:
                 moved = np.insert(moved, node + 1, [aside, moved[node]], axis=0)
             found[name] = moved
     for rigid in model.mechanism.rigid_bodies:
-        # Its own coordinates are its centre's displacements along the global axes and its turn.
+        # The first two coordinates of a rigid body are its centre's displacements in global axes.
         centre = shape[model.system.rows[rigid.name]][:2]
         own = found[rigid.name]
         found[rigid.name] = np.vstack([own, centre, own[:1]])
@@ -108,9 +124,9 @@ def mode_curves(solution: Solution, mode: int) -> Curves:
 
 
 def _beside(axis: FloatArray, points: Mapping[str, Point]) -> list[tuple[int, str]]:
-    """Return the points that are not on an axis, each with its nearest node, the last node first.
+    """Return the points beside an axis, each with the index of its nearest node, in falling order.
 
-    From the last on, what is put behind a node leaves those before it where they are.
+    The order allows to insert points after each node without changing the indices before it.
     """
     found = []
     for name, point in points.items():
@@ -121,30 +137,36 @@ def _beside(axis: FloatArray, points: Mapping[str, Point]) -> list[tuple[int, st
 
 
 def nearest_mode(solution: Solution, frequency: float) -> int:
-    """Return the mode whose natural frequency is nearest to one in Hz.
+    """Return the index of the mode whose natural frequency is nearest to a frequency.
 
-    Given a prediction's, that is the mode that the table tracks, also where modes have crossed.
+    Parameters
+    ----------
+    solution : Solution
+        The modes of a linkage in a configuration.
+    frequency : float
+        Hz. The frequency of a prediction gives the mode that the table tracks, also where modes
+        have crossed.
     """
     return int(np.abs(solution.natural_frequencies - frequency).argmin())
 
 
 def largest(displacements: Curves) -> float:
-    """Return how far the point that moves most moves."""
+    """Return the largest displacement of a point, in the unit of the displacements."""
     return max(float(np.linalg.norm(moved, axis=1).max()) for moved in displacements.values())
 
 
 def corners(curves: Curves) -> tuple[FloatArray, FloatArray]:
-    """Return the lower and the upper corner of the box about all curves, (2,) each, m."""
+    """Return the lower and the upper corner of the box around all curves, (2,) each, m."""
     every = np.vstack(list(curves.values()))
     return every.min(axis=0), every.max(axis=0)
 
 
 def size(curves: Curves) -> float:
-    """Return the diagonal of that box, m."""
+    """Return the diagonal of the box around all curves, m."""
     low, high = corners(curves)
     return float(np.linalg.norm(high - low))
 
 
-def _rows(places: Sequence[FloatArray]) -> FloatArray:
-    """Return places as rows, (n, 2), of which there may be none."""
+def _rows(places: Sequence[Point | FloatArray]) -> FloatArray:
+    """Return a possibly empty list of positions as an array, (n, 2)."""
     return np.array(places, dtype=float).reshape(-1, 2)

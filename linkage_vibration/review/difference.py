@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""How two logs of the same drive differ, whether the drive or the model made it so."""
+"""Compares two logs of the same drive, which two models or two versions may have made."""
 
 import math
 from collections.abc import Iterator
@@ -13,29 +13,29 @@ import yaml
 from numpy.typing import NDArray
 
 from linkage_vibration.drawing.intervals import gap_starts
-from linkage_vibration.drawing.palette import COLOURS
-from linkage_vibration.review.html import Page, thinned, write_page
+from linkage_vibration.drawing.palette import COLOURS, INK
+from linkage_vibration.review.html import Page, thinned
 from linkage_vibration.review.log import Log, ReviewError, read_log
-from linkage_vibration.review.review_page import DEG, STATUSES, clock, provenance_rows
+from linkage_vibration.review.review_page import DEG, STATUSES, Items, clock, provenance_rows
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-_A, _B = COLOURS[0], COLOURS[1]
+_A, _B = COLOURS[:2]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Quantity:
-    """A quantity in both logs, at the stamps that they share.
+    """A quantity in two logs A and B, at the stamps that both logs have.
 
     Attributes
     ----------
     key, name, unit : str
-        For the page, for people, and of ``factor`` times the values.
+        Its key in the page, its name for people, and the unit in which it is shown.
     factor : float
-        From the logs' unit to that.
+        Shown value over value in the log.
     a, b : ndarray, (n,)
-        Values, in the logs' unit.
+        Values in the logs.
     """
 
     key: str
@@ -47,56 +47,60 @@ class Quantity:
 
     @property
     def compared(self) -> int:
-        """At how many stamps both have a number."""
+        """Number of stamps at which both logs have a number."""
         return int(np.isfinite(self.b - self.a).sum())
 
     @property
     def one_sided(self) -> int:
-        """At how many stamps one has a number and the other has none."""
+        """Number of stamps at which only one log has a number."""
         return int((np.isfinite(self.a) != np.isfinite(self.b)).sum())
 
     @property
     def farthest(self) -> int | None:
-        """Where they are farthest apart; None where nothing can be compared."""
-        apart = np.abs(self.b - self.a)
-        return int(np.nanargmax(apart)) if np.isfinite(apart).any() else None
+        """Index of the largest difference; None if nothing can be compared."""
+        return int(np.nanargmax(np.abs(self.b - self.a))) if self.compared else None
 
     @property
     def largest(self) -> float:
-        """B less A there, in the logs' unit; NaN where nothing can be compared."""
+        """B less A where they differ most, in the unit of the logs, or NaN."""
         at = self.farthest
         return math.nan if at is None else float(self.b[at] - self.a[at])
 
     @property
     def largest_relative(self) -> float:
-        """The largest of abs(B - A) / abs(A), 1; NaN where nothing can be compared."""
+        """The largest of abs(B - A) / abs(A), or NaN."""
         known = np.isfinite(self.b - self.a) & (self.a != 0.0)
         relative = np.abs(self.b - self.a)[known] / np.abs(self.a[known])
         return float(relative.max()) if len(relative) else math.nan
 
     @property
     def rms(self) -> float:
-        """Root mean square of B less A, in the logs' unit; NaN where nothing can be compared."""
+        """Root mean square of B less A, in the unit of the logs, or NaN."""
         known = np.isfinite(self.b - self.a)
         return float(np.sqrt(np.mean((self.b - self.a)[known] ** 2))) if known.any() else math.nan
+
+    @property
+    def differs(self) -> bool:
+        """Whether the logs have different numbers."""
+        return abs(self.largest) > 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Difference:
-    """Two logs, matched by their stamps.
+    """Two logs A and B, whose predictions are matched by their stamps.
 
     Attributes
     ----------
     a, b : Log
         The logs.
     stamps : ndarray of int, (n,)
-        Those that both have, ns.
+        The stamps that both logs have, ns.
     rows_a, rows_b : ndarray of int, (n,)
-        Which predictions of each have them.
+        The indices of the predictions with these stamps in each log.
     quantities : tuple of Quantity
-        All that both have.
+        The quantities that both logs have.
     status_changes : int
-        At how many stamps the statuses differ.
+        Number of stamps at which the statuses differ.
     """
 
     a: Log
@@ -109,17 +113,24 @@ class Difference:
 
     @property
     def times(self) -> FloatArray:
-        """Seconds since the first stamp that both have, (n,)."""
+        """Seconds since the first stamp that both logs have, (n,)."""
         return np.asarray((self.stamps - self.stamps[0]) / 1e9)
 
 
 def compare(path_a: Path, path_b: Path) -> Difference:
     """Compare two logs of the same drive.
 
+    Parameters
+    ----------
+    path_a, path_b : Path
+        MCAP files, as the node or a replay writes them.
+
     Raises
     ------
-    LinkageVibrationError
-        If one cannot be read or holds no prediction, or if they have no stamp in common.
+    BagError
+        If a log cannot be read.
+    ReviewError
+        If a log holds no prediction, or if the logs have no stamp in common.
     """
     a, b = read_log(path_a), read_log(path_b)
     stamps, rows_a, rows_b = np.intersect1d(a.stamps, b.stamps, return_indices=True)
@@ -128,60 +139,26 @@ def compare(path_a: Path, path_b: Path) -> Difference:
             f"{path_a} and {path_b} have no stamp in common; give two logs of the same drive, such "
             "as two replays of one bag."
         )
-    quantities = [
-        Quantity(
-            "angle",
-            "crank angle",
-            "deg",
-            DEG,
-            _finite(a.crank_angle[rows_a]),
-            _finite(b.crank_angle[rows_b]),
-        )
-    ]
-    for mode in range(min(a.n_modes, b.n_modes)):
-        of_mode = [x.natural_frequencies[rows, mode] for x, rows in ((a, rows_a), (b, rows_b))]
-        quantities.append(Quantity(f"f{mode + 1}", f"mode {mode + 1}", "Hz", 1.0, *of_mode))
-    for key, name, unit in (
-        ("peak_frequency", "FRF peak's frequency", "Hz"),
-        ("peak_magnitude", "FRF peak", "m/N"),
-    ):
-        quantities.append(
-            Quantity(key, name, unit, 1.0, getattr(a, key)[rows_a], getattr(b, key)[rows_b])
-        )
-    if a.resonances is not None and b.resonances is not None:
-        margins = a.resonances.relative_margin[rows_a], b.resonances.relative_margin[rows_b]
-        quantities.append(Quantity("margin", "margin to resonance", "%", 100.0, *margins))
+    values_a, values_b = _quantities(a, rows_a), _quantities(b, rows_b)
+    pairs = [(key, values_a[key], values_b[key][-1]) for key in values_a if key in values_b]
     changes = int((a.status[rows_a] != b.status[rows_b]).sum())
-    return Difference(a, b, stamps, rows_a, rows_b, tuple(quantities), changes)
+    quantities = tuple(Quantity(key, *first, second) for key, first, second in pairs)
+    return Difference(a, b, stamps, rows_a, rows_b, quantities, changes)
 
 
 def summary(found: Difference) -> str:
-    """Return a difference in words and numbers, for a terminal."""
+    """Return a difference as a text for a terminal."""
     lines = [
         f"A: {found.a.path}, table {found.a.table_id}",
         f"B: {found.b.path}, table {found.b.table_id}",
         _matched(found),
-        f"{'B - A':<24}{'largest':>14}{'at [s]':>12}{'relative':>12}{'rms':>14}  unit",
+        f"{'B - A':<26}{'largest':>14}{'at [s]':>12}{'relative':>12}{'rms':>14}  unit",
     ]
-    for row in _rows(found):
-        name, largest, at, relative, rms, unit = row
-        lines.append(f"{name:<24}{largest:>14}{at:>12}{relative:>12}{rms:>14}  {unit}")
-    for name in ("mechanism_text", "parameters_text"):
-        changed = _changes(getattr(found.a, name), getattr(found.b, name))
-        if changed:
-            lines += ["", f"{name.split('_')[0]}, A -> B:", *(f"  {line}" for line in changed)]
+    for name, largest, at, relative, rms, unit in _rows(found):
+        lines.append(f"{name:<26}{largest:>14}{at:>12}{relative:>12}{rms:>14}  {unit}")
+    for name, changed in _changed_files(found).items():
+        lines += ["", f"{name}, A -> B:", *(f"  {line}" for line in changed)]
     return "\n".join(lines)
-
-
-def write_difference(found: Difference, path: Path) -> None:
-    """Write a page of a difference.
-
-    Raises
-    ------
-    ReviewError
-        If it cannot be written.
-    """
-    write_page(difference_page(found), path)
 
 
 def difference_page(found: Difference) -> Page:
@@ -191,43 +168,18 @@ def difference_page(found: Difference) -> Page:
         np.array([q.farthest or 0 for q in found.quantities], dtype=np.int64),
     )
     times = found.times
-    columns: dict[str, NDArray[Any]] = {"time": times[kept]}
-    charts: list[dict[str, Any]] = []
-    readings: list[dict[str, Any]] = []
-    for q in found.quantities:
-        columns[f"a_{q.key}"], columns[f"b_{q.key}"] = q.a[kept], q.b[kept]
-        both = [
-            {"column": f"a_{q.key}", "factor": q.factor, "colour": _A, "width": 2.4},
-            {"column": f"b_{q.key}", "factor": q.factor, "colour": _B, "style": "dashed"},
-        ]
-        less = {"column": f"b_{q.key}", "minus": f"a_{q.key}", "factor": q.factor}
-        title = q.name[0].upper() + q.name[1:]
-        key = [{"label": "A", "colour": _A}, {"label": "B", "colour": _B, "style": "dashed"}]
-        chart = {"id": q.key, "title": title, "unit": q.unit, "series": both, "key": key}
-        charts.append(chart | {"log": q.unit == "m/N"})
-        charts.append(
-            {
-                "id": f"d_{q.key}",
-                "title": f"{title}, B \N{MINUS SIGN} A",
-                "unit": q.unit,
-                "series": [{**less, "colour": "#222222"}],
-                "guides": [0.0],
-                "height": 90,
-            }
-        )
-        for part, column in (("A", f"a_{q.key}"), ("B", f"b_{q.key}")):
-            readings.append(
-                {"id": column, "label": f"{title}, {part}", "column": column, "unit": q.unit}
-                | {"factor": q.factor, "digits": 8, "colour": _A if part == "A" else _B}
-            )
-        readings.append(
-            {"id": f"d_{q.key}", "label": "B \N{MINUS SIGN} A", "unit": q.unit, "digits": 4, **less}
-        )
-    for part, log, rows in (("A", found.a, found.rows_a), ("B", found.b, found.rows_b)):
-        key_ = f"{part.lower()}_status"
-        columns[key_] = log.status[rows][kept].astype(np.uint8)
-        readings.append({"id": key_, "label": f"Status, {part}", "column": key_, "words": STATUSES})
     gaps = gap_starts(times) if len(kept) == len(times) else np.empty(0, np.int64)
+    columns: dict[str, NDArray[Any]] = {"time": times[kept]}
+    charts: Items = []
+    readings: Items = []
+    for q in found.quantities:
+        columns |= {f"a_{q.key}": q.a[kept], f"b_{q.key}": q.b[kept]}
+        charts += _charts(q)
+        readings += _readings(q)
+    for part, log, rows in (("A", found.a, found.rows_a), ("B", found.b, found.rows_b)):
+        key = f"{part.lower()}_status"
+        columns[key] = log.status[rows][kept].astype(np.uint8)
+        readings.append({"id": key, "label": f"Status, {part}", "column": key, "words": STATUSES})
     content: dict[str, Any] = {
         "charts": charts,
         "overview": {"column": "a_angle", "factor": DEG, "label": "α3"},
@@ -252,91 +204,138 @@ def difference_page(found: Difference) -> Page:
     )
 
 
-def _finite(values: FloatArray) -> FloatArray:
-    return np.where(np.isfinite(values), values, np.nan)
+def _quantities(log: Log, rows: IntArray) -> dict[str, tuple[str, str, float, FloatArray]]:
+    """Return the name, the unit, the factor and the values of each quantity of a log."""
+    angles = np.where(np.isfinite(log.crank_angle), log.crank_angle, np.nan)
+    found = {"angle": ("crank angle", "deg", DEG, angles[rows])}
+    for mode, values in enumerate(log.natural_frequencies[rows].T):
+        found[f"f{mode + 1}"] = (f"mode {mode + 1}", "Hz", 1.0, values)
+    frequencies, magnitudes = log.peak_frequency[rows], log.peak_magnitude[rows]
+    found["peak_frequency"] = ("frequency of the FRF peak", "Hz", 1.0, frequencies)
+    found["peak_magnitude"] = ("FRF peak", "m/N", 1.0, magnitudes)
+    if log.resonances is not None:
+        margins = log.resonances.relative_margin[rows]
+        found["margin"] = ("margin to resonance", "%", 100.0, margins)
+    return found
+
+
+def _charts(q: Quantity) -> Items:
+    """Return the chart of both logs, and the chart of their difference."""
+    title = q.name[0].upper() + q.name[1:]
+    both = [
+        {"column": f"a_{q.key}", "factor": q.factor, "colour": _A, "width": 2.4},
+        {"column": f"b_{q.key}", "factor": q.factor, "colour": _B, "style": "dashed"},
+    ]
+    key = [{"label": "A", "colour": _A}, {"label": "B", "colour": _B, "style": "dashed"}]
+    chart = {"id": q.key, "title": title, "unit": q.unit, "series": both, "key": key}
+    less = {"column": f"b_{q.key}", "minus": f"a_{q.key}", "factor": q.factor, "colour": INK}
+    small = {"id": f"d_{q.key}", "title": f"{title}, B \N{MINUS SIGN} A", "unit": q.unit}
+    return [
+        chart | {"log": q.unit == "m/N"},
+        small | {"series": [less], "guides": [0.0], "height": 90},
+    ]
+
+
+def _readings(q: Quantity) -> Items:
+    """Return the numbers of both logs at the cursor, and their difference."""
+    title = q.name[0].upper() + q.name[1:]
+    readings: Items = []
+    for part, colour in (("A", _A), ("B", _B)):
+        column = f"{part.lower()}_{q.key}"
+        reading = {"id": column, "label": f"{title}, {part}", "column": column, "unit": q.unit}
+        readings.append(reading | {"factor": q.factor, "digits": 8, "colour": colour})
+    less = {"column": f"b_{q.key}", "minus": f"a_{q.key}", "factor": q.factor}
+    own = {"id": f"d_{q.key}", "label": "B \N{MINUS SIGN} A", "unit": q.unit, "digits": 4}
+    return [*readings, own | less]
 
 
 def _matched(found: Difference) -> str:
     n = len(found.stamps)
-    alone_a, alone_b = len(found.a.stamps) - n, len(found.b.stamps) - n
-    told = f"{n} predictions have the same stamps, {alone_a} are in A alone, {alone_b} in B alone"
-    return f"{told}; {found.status_changes} differ in status."
+    only_a, only_b = len(found.a.stamps) - n, len(found.b.stamps) - n
+    return (
+        f"{n} predictions have the same stamps, {only_a} are only in A, {only_b} are only in B; "
+        f"{found.status_changes} differ in status."
+    )
 
 
 def _rows(found: Difference) -> list[list[str]]:
-    rows = []
+    """Return name, largest difference, its time and relative size, rms and unit, as texts."""
     times = found.times
-    for q in found.quantities:
-        at = q.farthest
-        rows.append(
-            [
-                q.name,
-                f"{q.factor * q.largest:.6g}",
-                "" if at is None or q.largest == 0.0 else clock(float(times[at]), float(times[-1])),
-                "" if q.unit == "%" else f"{q.largest_relative:.3g}",
-                f"{q.factor * q.rms:.6g}",
-                q.unit + (f"; {q.one_sided} in one alone" if q.one_sided else ""),
-            ]
-        )
-    return rows
+    return [
+        [
+            q.name,
+            f"{q.factor * q.largest:.6g}",
+            clock(float(times[q.farthest]), float(times[-1])) if q.differs else "",
+            "" if q.unit == "%" else f"{q.largest_relative:.3g}",
+            f"{q.factor * q.rms:.6g}",
+            q.unit + (f"; {q.one_sided} in one log only" if q.one_sided else ""),
+        ]
+        for q in found.quantities
+    ]
 
 
 def _table(found: Difference, kept: IntArray) -> dict[str, Any]:
-    rows: list[dict[str, Any]] = []
+    rows: Items = []
     for q, cells in zip(found.quantities, _rows(found), strict=True):
-        at = q.farthest
         row: dict[str, Any] = {"cells": [f"{q.name} [{cells[-1]}]", *cells[1:-1]]}
-        if at is not None and q.largest != 0.0:
-            index = int(np.searchsorted(kept, at))
-            row |= {"time": float(found.times[at]), "index": index, "length": 0.0}
+        if q.differs and q.farthest is not None:
+            index = int(np.searchsorted(kept, q.farthest))
+            row |= {"time": float(found.times[q.farthest]), "index": index, "length": 0.0}
         rows.append(row)
     return {
         "id": "differences",
         "title": "Differences, B \N{MINUS SIGN} A",
-        "note": "Choose one to go where it is largest.",
+        "note": "Choose a row to go to its largest difference.",
         "head": ["quantity", "largest", "at", "relative to A", "rms"],
         "rows": rows,
     }
 
 
-def _cards(found: Difference) -> list[dict[str, Any]]:
+def _cards(found: Difference) -> Items:
     cards = []
     for q in found.quantities:
-        moved = q.largest not in (0.0,) and not math.isnan(q.largest)
-        value = f"{q.factor * q.largest:+.4g} {q.unit}" if moved else "the same"
-        if not q.compared:
-            value = "cannot be compared"
-        cards.append({"label": f"Largest, {q.name}", "value": value, "alert": moved})
+        equal = "none" if q.compared else "cannot be compared"
+        value = f"{q.factor * q.largest:+.4g} {q.unit}" if q.differs else equal
+        texts = {"label": f"Largest difference, {q.name}", "value": value}
+        cards.append(texts | {"alert": q.differs})
     return cards
 
 
 def _provenance(found: Difference) -> dict[str, Any]:
-    a, b = ({key: told for key, told in provenance_rows(log)} for log in (found.a, found.b))
+    a, b = ({key: text for key, text in provenance_rows(log)} for log in (found.a, found.b))
     rows = [["", "A", "B"]]
     rows += [[key, a.get(key, ""), b.get(key, "")] for key in dict.fromkeys([*a, *b])]
-    files = []
-    for title, name in (("Mechanism", "mechanism_text"), ("Parameters", "parameters_text")):
-        changed = _changes(getattr(found.a, name), getattr(found.b, name))
-        if changed:
-            files.append({"name": f"{title}: what differs, A -> B", "text": "\n".join(changed)})
-    return {"title": "What made them", "rows": rows, "files": files}
+    files = [
+        {"name": f"{name.capitalize()}: changed values, A -> B", "text": "\n".join(changed)}
+        for name, changed in _changed_files(found).items()
+    ]
+    return {"title": "What made the logs", "rows": rows, "files": files}
+
+
+def _changed_files(found: Difference) -> dict[str, list[str]]:
+    """Return the changed values of the mechanism and of the parameters; none if none changed."""
+    changes = {
+        "mechanism": _changes(found.a.mechanism_text, found.b.mechanism_text),
+        "parameters": _changes(found.a.parameters_text, found.b.parameters_text),
+    }
+    return {name: changed for name, changed in changes.items() if changed}
 
 
 def _changes(a: str, b: str) -> list[str]:
     """Return the values that differ between two YAML texts, by the paths of their keys."""
-    known_a, known_b = (dict(_values(yaml.safe_load(text), "")) for text in (a, b))
+    values_a, values_b = (dict(_values(yaml.safe_load(text), "")) for text in (a, b))
     return [
-        f"{path}: {known_a.get(path, 'none')} -> {known_b.get(path, 'none')}"
-        for path in dict.fromkeys([*known_a, *known_b])
-        if known_a.get(path) != known_b.get(path)
+        f"{path}: {values_a.get(path, 'absent')} -> {values_b.get(path, 'absent')}"
+        for path in dict.fromkeys([*values_a, *values_b])
+        if values_a.get(path) != values_b.get(path)
     ]
 
 
-def _values(found: Any, path: str) -> Iterator[tuple[str, Any]]:
+def _values(content: Any, path: str) -> Iterator[tuple[str, Any]]:
     """Yield each value in nested mappings and lists, with the path of its keys."""
-    if isinstance(found, dict | list):
-        pairs = found.items() if isinstance(found, dict) else enumerate(found)
+    if isinstance(content, dict | list):
+        pairs = content.items() if isinstance(content, dict) else enumerate(content)
         for key, value in pairs:
             yield from _values(value, f"{path}.{key}" if path else str(key))
     else:
-        yield path, found
+        yield path, content

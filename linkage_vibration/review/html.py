@@ -52,7 +52,7 @@ class Page:
     content : mapping
         All that the scripts in ``page`` read besides: ``charts``, ``overview``, ``readings``,
         ``tables``, ``summary``, ``histograms``, ``provenance``, ``shades``, and where they are
-        known ``excitations``, ``frf`` and ``linkage``.
+        known ``excitations``, ``frf`` and ``linkage``. Arrays in it are packed.
     """
 
     title: str
@@ -82,7 +82,7 @@ def page_html(page: Page) -> str:
         "uplot_css": _file("uPlot.min.css"),
         "css": _file("page.css"),
         # A text of a log must not end the script that contains it.
-        "data": json.dumps(data, allow_nan=False).replace("<", "\\u003c"),
+        "data": json.dumps(data, allow_nan=False, default=packed).replace("<", "\\u003c"),
         "uplot_js": f"/*{_file('uPlot.LICENSE.txt')}*/\n{_file('uPlot.iife.min.js')}",
         "js": _script(),
     }

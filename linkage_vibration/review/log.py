@@ -1,11 +1,12 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a log tells of a drive: predictions with what belongs to them, and what made them."""
+"""Reads a log: its predictions, its resonances and speeds, and what made them."""
 
 import tempfile
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import yaml
@@ -27,6 +28,7 @@ from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.messages.provenance import EXCITATIONS, PARAMETERS
 from linkage_vibration.messages.topics import PREDICTION, RESONANCE, SPEEDS
 from linkage_vibration.prediction.excitation import Excitation, Source, excitations_from_mapping
+from linkage_vibration.prediction.resonance import ResonanceState
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.atomic_files import write_text
 from linkage_vibration.table.table import Table, TableError, load_table
@@ -36,23 +38,26 @@ IntArray = NDArray[np.int64]
 
 
 class ReviewError(LinkageVibrationError):
-    """A log cannot be reviewed, or two cannot be compared."""
+    """A log cannot be reviewed, or two logs cannot be compared."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Resonances:
-    """The nearest excitation at each prediction; NaN, 0 and "" where the log has none.
+    """The nearest excitation at each prediction, as columns of the message's fields.
+
+    Where the log has no resonance for a prediction, its state is stale, and its other fields are
+    NaN, 0 or "".
 
     Attributes
     ----------
     state, mode, approach : ndarray of int, (n,)
-        As in the message; a prediction without a resonance is stale.
+        The message's constants, and the index of the mode, counted from 0.
     excitation : ndarray of str, (n,)
-        Names.
+        Name of the excitation.
     excitation_frequency, natural_frequency, margin : ndarray, (n,)
         Hz.
     relative_margin : ndarray, (n,)
-        1.
+        Margin over natural frequency, 1.
     time_to_crossing : ndarray, (n,)
         s.
     """
@@ -70,7 +75,7 @@ class Resonances:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Log:
-    """A log of predictions, in order of their stamps.
+    """A log of predictions, in the order of their stamps, and what made them.
 
     Attributes
     ----------
@@ -79,34 +84,34 @@ class Log:
     stamps : ndarray of int, (n,)
         ns.
     status : ndarray of int, (n,)
-        As in the message.
+        The message's constants.
     crank_angle : ndarray, (n,)
         rad.
-    natural_frequencies, frequency_stddev, damping_ratios : ndarray, (n, n_modes)
-        Hz, Hz (NaN where the log is older than they are) and 1.
+    natural_frequencies, damping_ratios : ndarray, (n, n_modes)
+        Hz and 1.
+    frequency_stddev : ndarray, (n, n_modes)
+        Hz; NaN in logs that are older than this field.
     peak_frequency, peak_magnitude : ndarray, (n,)
-        Of the FRF, Hz and m/N.
+        The peak of the FRF, Hz and m/N.
     interpolation_error : ndarray, (n,)
-        1.
+        Estimated relative error of the worst natural frequency, 1.
     resonances : Resonances or None
-        None where the log has none at all.
+        None if the log holds no resonance.
     speeds : dict of Source to (times, values)
-        Speeds on topics: s since the first stamp, and rpm or m/s. As they have no stamps, they
-        stand where they were received, less the predictions' own delay.
+        Speeds on topics: s since the first stamp, and rpm or m/s. Speeds have no stamps; their
+        times are those of their receipt, less the median delay of the predictions.
     excitations : tuple of Excitation
-        All that were watched; empty where the log does not tell.
+        All excitations that were monitored; empty if the log does not describe them.
     table : Table or None
-        That made the predictions, if the log holds it.
+        The table that made the predictions, if the log holds it.
     table_id : str
-        Its name.
+        The name of that table.
     mechanism : Mechanism or None
-        That the table was built from, if the log holds it.
-    mechanism_text : str
-        The same as YAML; empty without.
+        The mechanism that the table was built from, if the log holds it.
     parameters : dict of str
-        Of what made the log.
-    parameters_text : str
-        The same as YAML; empty without.
+        The parameters of the node or the replay that made the log.
+    mechanism_text, parameters_text : str
+        The same as YAML; empty if the log does not hold them.
     metadata : dict of str to dict of str to str
         The log's metadata records by their names.
     """
@@ -134,7 +139,7 @@ class Log:
 
     @property
     def n_modes(self) -> int:
-        """How many modes are predicted."""
+        """Number of modes."""
         return int(self.natural_frequencies.shape[1])
 
     @property
@@ -143,56 +148,53 @@ class Log:
         return np.asarray((self.stamps - self.stamps[0]) / 1e9)
 
 
-def read_log(path: str | Path) -> Log:
+def read_log(path: Path) -> Log:
     """Read a log.
 
     Parameters
     ----------
-    path : str or Path
-        An MCAP, as the node or a replay writes it.
+    path : Path
+        An MCAP file, as the node or a replay writes it.
 
     Raises
     ------
     BagError
-        If it cannot be read.
+        If the file cannot be read.
     ReviewError
-        If it holds no prediction.
+        If it holds no prediction, or if it is damaged.
     """
-    path = Path(path)
     types = topic_types(path)
-    predictions, resonances = first_topic(types, PREDICTION), first_topic(types, RESONANCE)
+    topics = [first_topic(types, kind) for kind in (PREDICTION, RESONANCE)]
     speeds = {
         topic: source
         for name, source in SPEEDS.items()
         for topic, kind in types.items()
         if topic.endswith(f"/{name}") and kind == "std_msgs/msg/Float64"
     }
-    wanted = [predictions, resonances, *speeds]
-    columns = read_columns(path, {topic: types[topic] for topic in wanted if topic})
-    told = columns[predictions] if predictions else {}
-    if not predictions or not len(told["crank_angle"]):
+    columns = read_columns(path, {topic: types[topic] for topic in [*topics, *speeds] if topic})
+    predictions, resonances = (columns.get(topic, {}) for topic in topics)
+    if not len(predictions.get("status", ())):
         raise ReviewError(f"{path} holds no prediction; was the joint ever published?")
-    stamps = header_stamps(told)
-    order = np.argsort(stamps, kind="stable")
-    stamps, told = stamps[order], {name: column[order] for name, column in told.items()}
-    start = stamps[0] + int(np.median(told[LOG_TIME] - stamps))
-    n_modes = told["natural_frequencies"].shape[1]
-    table_id = str(told["table_id"][-1])
+    order = np.argsort(header_stamps(predictions), kind="stable")
+    predictions = {name: column[order] for name, column in predictions.items()}
+    stamps, frequencies = header_stamps(predictions), predictions["natural_frequencies"]
+    start = stamps[0] + int(np.median(predictions[LOG_TIME] - stamps))
+    table_id = str(predictions["table_id"][-1])
     attachments, metadata = _read_provenance(path)
     table, mechanism, mechanism_text = _read_model(attachments, table_id)
     parameters_text = attachments.get(PARAMETERS, b"").decode(errors="replace")
     return Log(
         path=path,
         stamps=stamps,
-        status=told["status"].astype(np.int64),
-        crank_angle=told["crank_angle"],
-        natural_frequencies=told["natural_frequencies"],
-        frequency_stddev=told.get("frequency_stddev", np.full((len(stamps), n_modes), np.nan)),
-        damping_ratios=told["damping_ratios"],
-        peak_frequency=told["frf_peak_frequency"],
-        peak_magnitude=told["frf_peak_magnitude"],
-        interpolation_error=told["interpolation_error"],
-        resonances=_resonances(columns[resonances], stamps) if resonances else None,
+        status=predictions["status"].astype(np.int64),
+        crank_angle=predictions["crank_angle"],
+        natural_frequencies=frequencies,
+        frequency_stddev=predictions.get("frequency_stddev", np.full(frequencies.shape, np.nan)),
+        damping_ratios=predictions["damping_ratios"],
+        peak_frequency=predictions["frf_peak_frequency"],
+        peak_magnitude=predictions["frf_peak_magnitude"],
+        interpolation_error=predictions["interpolation_error"],
+        resonances=_resonances(resonances, stamps),
         speeds={
             source: ((columns[topic][LOG_TIME] - start) / 1e9, columns[topic]["data"])
             for topic, source in speeds.items()
@@ -210,21 +212,34 @@ def read_log(path: str | Path) -> Log:
 
 
 def gaps(log: Log) -> list[tuple[float, float]]:
-    """Return where predictions are missing: from and until when, s since the first stamp."""
+    """Return the start and the end of each gap between predictions, s since the first stamp."""
     times = log.times.tolist()
     return [(times[i], times[i + 1]) for i in gap_starts(log.times).tolist()]
 
 
 def durations(log: Log) -> FloatArray:
-    """Return for how long each prediction held, s, (n,): until the next, or the gap before it."""
+    """Return how long each prediction was the latest, s, (n,); a gap counts as a median step."""
     steps = np.diff(log.times)
     if len(steps):
         steps[gap_starts(log.times)] = np.median(steps)
     return np.append(steps, 0.0)
 
 
-def csv_text(log: Log) -> str:
-    """Return every prediction of a log as a line of CSV, in SI units and radians, NaN as "nan"."""
+def write_csv(log: Log, path: Path) -> None:
+    """Write a log as CSV: one line for each prediction, in SI units and radians.
+
+    Parameters
+    ----------
+    log : Log
+        The log.
+    path : Path
+        The file, which is replaced only when the table is complete.
+
+    Raises
+    ------
+    ReviewError
+        If the file cannot be written.
+    """
     names = ["stamp_ns", "status", "crank_angle_rad"]
     columns: list[NDArray[np.generic]] = [log.stamps, log.status, log.crank_angle]
     for name, values in (
@@ -242,55 +257,33 @@ def csv_text(log: Log) -> str:
         columns += [r.state, r.excitation, r.excitation_frequency, r.mode + 1]
         names += ["margin_hz", "relative_margin", "approach", "time_to_crossing_s"]
         columns += [r.margin, r.relative_margin, r.approach, r.time_to_crossing]
-    lines = [",".join(names)]
-    # str of a Python float is the shortest text that gives the same float again.
-    lines += [",".join(map(str, row)) for row in zip(*(c.tolist() for c in columns), strict=True)]
-    return "\n".join(lines) + "\n"
-
-
-def write_csv(log: Log, path: Path) -> None:
-    """Write `csv_text` to a file, beside and renamed.
-
-    Raises
-    ------
-    ReviewError
-        If it cannot be written.
-    """
-    write_text(path, csv_text(log), ReviewError)
+    # str() of a Python float is the shortest text from which the same float is read.
+    rows = [names, *(map(str, row) for row in zip(*(c.tolist() for c in columns), strict=True))]
+    write_text(path, "".join(",".join(row) + "\n" for row in rows), ReviewError)
 
 
 def _resonances(columns: Columns, stamps: IntArray) -> Resonances | None:
-    """Put resonances beside the predictions of the same stamps."""
-    own = header_stamps(columns)
-    if not len(own):
+    """Return the resonances that have the stamps of the predictions; None if there are none."""
+    if not len(columns.get("state", ())):
         return None
+    own = header_stamps(columns)
     order = np.argsort(own, kind="stable")
-    own = own[order]
-    at = np.minimum(np.searchsorted(own, stamps), len(own) - 1)
-    found = own[at] == stamps
+    at = np.minimum(np.searchsorted(own[order], stamps), len(own) - 1)
     rows = order[at]
-
-    def numbers(name: str) -> FloatArray:
-        return np.where(found, columns[name][rows], np.nan)
-
-    def whole(name: str, missing: int = 0) -> IntArray:
-        return np.where(found, columns[name][rows].astype(np.int64), missing)
-
-    return Resonances(
-        state=whole("state", missing=2),
-        excitation=np.where(found, columns["excitation"][rows], ""),
-        excitation_frequency=numbers("excitation_frequency"),
-        mode=whole("mode"),
-        natural_frequency=numbers("natural_frequency"),
-        margin=numbers("margin"),
-        relative_margin=numbers("relative_margin"),
-        approach=whole("approach"),
-        time_to_crossing=numbers("time_to_crossing"),
-    )
+    found = own[rows] == stamps
+    missing: dict[str, Any] = {"f": np.nan, "U": "", "i": 0}
+    values: dict[str, Any] = {}
+    for field in fields(Resonances):
+        column = columns[field.name][rows]
+        if column.dtype.kind in "iu":
+            column = column.astype(np.int64)
+        other = ResonanceState.STALE if field.name == "state" else missing[column.dtype.kind]
+        values[field.name] = np.where(found, column, other)
+    return Resonances(**values)
 
 
 def _read_provenance(path: Path) -> tuple[dict[str, bytes], dict[str, dict[str, str]]]:
-    """Return a log's attachments and its metadata records, by their names."""
+    """Return the attachments and the metadata records of a log by their names."""
     try:
         with path.open("rb") as file:
             reader = make_reader(file)
@@ -298,7 +291,7 @@ def _read_provenance(path: Path) -> tuple[dict[str, bytes], dict[str, dict[str, 
             metadata = {m.name: dict(m.metadata) for m in reader.iter_metadata()}
     except (McapError, OSError, ValueError) as error:
         raise ReviewError(
-            f"{path} is damaged ({error}); mend it with `linkage-vibration recover`."
+            f"{path} is damaged ({error}); repair it with `linkage-vibration recover`."
         ) from None
     return attachments, metadata
 
@@ -306,10 +299,10 @@ def _read_provenance(path: Path) -> tuple[dict[str, bytes], dict[str, dict[str, 
 def _read_model(
     attachments: Mapping[str, bytes], table_id: str
 ) -> tuple[Table | None, Mechanism | None, str]:
-    """Return the table and the mechanism among attachments; None where they are not there."""
+    """Return the table, the mechanism and its text among attachments; None and "" if absent."""
     table, mechanism, text = None, None, ""
     with tempfile.TemporaryDirectory() as folder:
-        # All of them, as a mechanism may name files beside it.
+        # All attachments are written, as a mechanism may refer to files beside it.
         paths = {name: Path(folder) / Path(name).name for name in attachments}
         for name, data in attachments.items():
             paths[name].write_bytes(data)
@@ -317,13 +310,13 @@ def _read_model(
             try:
                 table = load_table(paths[f"{table_id}.npz"])
             except TableError:
-                pass  # a table of an older format; the page does without
+                pass  # The table has an older format; the page does without it.
         for name, path in paths.items():
             if name.endswith((".yaml", ".yml")) and name not in (PARAMETERS, EXCITATIONS):
                 try:
                     found = read_mechanism(path)
                 except LinkageVibrationError:
-                    continue  # another file, or links that come from files that are not there
+                    continue  # This is another file, or its links refer to missing files.
                 if table is None or found.model_hash == table.model_hash:
                     mechanism, text = found, attachments[name].decode()
     return table, mechanism, text
@@ -335,11 +328,11 @@ def _excitations(attachments: Mapping[str, bytes]) -> tuple[Excitation, ...]:
     try:
         return excitations_from_mapping(yaml.safe_load(attachments[EXCITATIONS]), EXCITATIONS)
     except (yaml.YAMLError, LinkageVibrationError):
-        return ()  # of another version, that described them otherwise
+        return ()  # Another version of the package described them differently.
 
 
 def _parameters(text: str) -> dict[str, object]:
-    """Return a node's parameters, whatever the node's name."""
+    """Return the parameters in a ROS parameter file, whatever the name of the node is."""
     try:
         found = yaml.safe_load(text)
     except yaml.YAMLError:

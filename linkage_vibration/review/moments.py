@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Moments of resonance, and the shares of time that a drive spent where."""
+"""Finds the moments of resonance in a log, and the shares of time at angles and margins."""
 
 from dataclasses import dataclass
 
@@ -12,32 +12,37 @@ from linkage_vibration.prediction.resonance import ResonanceState
 from linkage_vibration.review.log import Log, durations
 
 FloatArray = NDArray[np.float64]
+Shares = tuple[FloatArray, FloatArray]
+"""The edges of bins, (n_bins + 1,), and the share of the time in each bin, (n_bins,).
+
+The sum of the shares is 1 if every prediction has a number.
+"""
 
 MAX_MOMENTS = 1000
 _ANGLE_BINS, _MARGIN_BINS = 45, 25
-_MARGIN_TOP = 0.5  # relative; whatever is larger goes into the last bin
+_MARGIN_TOP = 0.5  # relative; the last bin also holds all larger margins
 
 
 @dataclass(frozen=True, slots=True)
 class Moment:
-    """An excitation near a natural frequency, from when the warning began until it ended.
+    """One warning: a period in which an excitation was near a natural frequency.
 
     Attributes
     ----------
     start, end : float
         s since the first stamp.
     nearest : int
-        Index of the prediction at which they were nearest.
+        Index of the prediction with the smallest margin; the numbers below are those at it.
     excitation : str
-        Its name.
+        Name of the excitation.
     mode : int
-        Index of the natural frequency.
+        Index of the natural frequency, counted from 0.
     excitation_frequency, natural_frequency : float
-        There, Hz.
+        Hz.
     relative_margin : float
-        There, 1.
+        Excitation frequency less natural frequency, over natural frequency, 1.
     crossed : bool
-        Whether one passed the other.
+        Whether the excitation frequency crossed the natural frequency.
     """
 
     start: float
@@ -51,24 +56,8 @@ class Moment:
     crossed: bool
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Shares:
-    """For which share of the time a quantity was where.
-
-    Attributes
-    ----------
-    edges : ndarray, (n_bins + 1,)
-        rad, or 1.
-    shares : ndarray, (n_bins,)
-        Of the time of all predictions; they add up to 1 less the share without a number.
-    """
-
-    edges: FloatArray
-    shares: FloatArray
-
-
 def moments(log: Log) -> list[Moment]:
-    """Return each stretch of warnings about the same excitation and mode, in order of time."""
+    """Return each run of warnings about the same excitation and mode, in order of time."""
     found = log.resonances
     if found is None:
         return []
@@ -95,13 +84,13 @@ def moments(log: Log) -> list[Moment]:
 
 
 def worst(found: list[Moment]) -> list[Moment]:
-    """Return at most `MAX_MOMENTS` of them, those with the smallest margins, in order of time."""
+    """Return the `MAX_MOMENTS` moments with the smallest margins, in order of time."""
     kept = sorted(found, key=lambda moment: abs(moment.relative_margin))[:MAX_MOMENTS]
     return sorted(kept, key=lambda moment: moment.start)
 
 
 def angle_shares(log: Log) -> Shares:
-    """Return the time shares over the crank angle, rad, within the range that has numbers."""
+    """Return the shares of time over the crank angle, rad, of predictions that have numbers."""
     angles = np.where(np.isfinite(log.natural_frequencies[:, 0]), log.crank_angle, np.nan)
     if log.table is not None:
         low, high = log.table.alpha3_range
@@ -112,7 +101,7 @@ def angle_shares(log: Log) -> Shares:
 
 
 def margin_shares(log: Log) -> Shares | None:
-    """Return the time shares over the distance to the nearest excitation, relative."""
+    """Return the shares of time over the relative margin of the nearest excitation."""
     if log.resonances is None:
         return None
     margins = np.minimum(np.abs(log.resonances.relative_margin), _MARGIN_TOP * (1.0 - 1e-12))
@@ -124,4 +113,4 @@ def _shares(log: Log, values: FloatArray, edges: FloatArray) -> Shares:
     total = float(held.sum()) or 1.0
     known = np.isfinite(values)
     counts, _ = np.histogram(values[known], edges, weights=held[known])
-    return Shares(edges, counts / total)
+    return edges, counts / total

@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""A log as a page to look into."""
+"""Describes the page of one log: its charts, readings, tables and texts."""
 
 import math
 from typing import Any
@@ -21,32 +21,29 @@ from linkage_vibration.drawing.palette import (
 from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.predictor import Status
 from linkage_vibration.prediction.resonance import ResonanceState
-from linkage_vibration.review.html import (
-    Page,
-    packed,
-    thinned,
-)
+from linkage_vibration.review.html import Page, thinned
 from linkage_vibration.review.log import Log, durations, gaps
-from linkage_vibration.review.model_grid import Drawing, FrfTerms, drawing, frf_terms
+from linkage_vibration.review.model_grid import linkage_grid, receptance_grid
 from linkage_vibration.review.moments import (
     MAX_MOMENTS,
     Moment,
+    Shares,
     angle_shares,
     margin_shares,
     moments,
     worst,
 )
-from linkage_vibration.table.table import Table
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
+Items = list[dict[str, Any]]  # as the scripts of the page read them
 
-MARGIN = COLOURS[0]
 DEG = 180.0 / math.pi
-STATUSES = ["OK", "out of range", "angle is no number", "near a toggle"]
-STATES = ["clear", "warning", "not known"]
+STATUSES = ["OK", "out of range", "invalid angle", "near a toggle"]
+STATES = ["clear", "warning", "unknown"]
 _STYLES = {Source.ENGINE: "solid", Source.PTO: "dashed", Source.GROUND: "dotted"}
-_STALE_AFTER = 1.0  # s, where the log does not tell
+_INVALID = (Status.OUT_OF_RANGE, Status.INVALID_ANGLE)
+_STALE_AFTER = 1.0  # s, if the log does not hold this parameter
 
 
 def review_page(log: Log) -> Page:
@@ -54,11 +51,7 @@ def review_page(log: Log) -> Page:
     found = moments(log)
     shown = worst(found)
     rows = _kept(log, shown)
-    place = {int(row): i for i, row in enumerate(rows)}
     missing = gaps(log)
-    begins = np.searchsorted(log.times[rows], [end for _, end in missing])
-    terms = frf_terms(log.mechanism, log.table) if log.mechanism and log.table else None
-    drawn = drawing(log.mechanism, log.table) if log.mechanism and log.table else None
     limit = log.parameters.get("warning_margin")
     margin = float(limit) if isinstance(limit, int | float) else None
     content: dict[str, Any] = {
@@ -66,7 +59,7 @@ def review_page(log: Log) -> Page:
         "overview": {"column": "crank_angle", "factor": DEG, "label": "α3"},
         "readings": _readings(log),
         "brief": ["crank_angle", *(f"f{mode + 1}" for mode in range(log.n_modes))],
-        "tables": [_moments_table(log, found, shown, place)],
+        "tables": [_moments_table(log, found, shown, rows)],
         "summary": _summary(log, found, missing),
         "histograms": _histograms(log, margin),
         "provenance": _provenance(log, len(rows)),
@@ -74,31 +67,77 @@ def review_page(log: Log) -> Page:
         "excitations": _excitations(log, rows),
         "stale_after": _number(log, "stale_after", _STALE_AFTER),
     }
-    if terms is not None and log.table is not None:
-        content["frf"] = _frf(terms, log.table)
-    if drawn is not None:
-        content["linkage"] = _linkage(drawn)
+    if log.mechanism and log.table:
+        grids = {
+            "frf": receptance_grid(log.mechanism, log.table),
+            "linkage": linkage_grid(log.mechanism, log.table),
+        }
+        content |= {key: grid for key, grid in grids.items() if grid}
     name = log.table.mechanism_name.replace("_", " ") if log.table else "the linkage"
     return Page(
         title=f"Vibration review: {name}",
         subtitle=f"{log.path.name}: {len(log.stamps):,} predictions of table {log.table_id}",
         columns=_columns(log, rows),
         start_ns=int(log.stamps[0]),
-        breaks=[int(i) for i in begins],
+        breaks=np.searchsorted(log.times[rows], [end for _, end in missing]).tolist(),
         modes=mode_colours(log.n_modes),
         content=content,
     )
 
 
+def provenance_rows(log: Log) -> list[list[str]]:
+    """Return what made a log, as pairs of a label and a text."""
+    rows = [["Log", log.path.name], ["Table", log.table_id]]
+    if log.table is not None:
+        table = log.table
+        low, high = (DEG * angle for angle in table.alpha3_range)
+        errors = (
+            f"natural frequencies {table.interpolation_error.max():.1e}, FRF peak "
+            f"{table.peak_error:.1e}, FRFs {table.frf_error:.1e}; measured against the model"
+        )
+        rows += [
+            ["Mechanism", f"{table.mechanism_name}, model {table.model_hash[:12]}"],
+            ["Range of angles", f"{low:g} to {high:g} deg"],
+            ["Frequency band", f"{table.band[0]:g} to {table.band[1]:g} Hz"],
+            ["Relative error of the table", errors],
+            ["Table built by", f"linkage_vibration {table.package_version}"],
+        ]
+    else:
+        rows.append(["Model", "the log does not hold the table that made it"])
+    for name, record in log.metadata.items():
+        if name != "rosbag2" and record:
+            text = ", ".join(f"{key} {value}" for key, value in record.items())
+            rows.append([f"Record {name}", text])
+    return rows
+
+
+def clock(time: float, whole: float) -> str:
+    """Return a time as the axes of the page show it: in s, or with minutes and hours.
+
+    Parameters
+    ----------
+    time : float
+        s since the first stamp.
+    whole : float
+        Duration of the log, s, which decides on the form.
+    """
+    if whole < 120.0:
+        return f"{time:.2f}"
+    minutes, seconds = divmod(round(time, 1), 60.0)
+    if whole < 3600.0:
+        return f"{int(minutes)}:{seconds:04.1f}"
+    return f"{int(minutes) // 60}:{int(minutes) % 60:02}:{seconds:04.1f}"
+
+
 def _kept(log: Log, shown: list[Moment]) -> IntArray:
-    """Return which predictions the page holds."""
+    """Return the indices of the predictions that the page holds."""
     quantities = [log.crank_angle, *log.natural_frequencies.T, log.peak_magnitude]
     changes = [np.flatnonzero(np.diff(log.status)), [moment.nearest for moment in shown]]
-    changes += [np.searchsorted(log.times, [a for a, _ in gaps(log)])]
+    changes += [np.searchsorted(log.times, [start for start, _ in gaps(log)])]
     if log.resonances is not None:
         quantities.append(log.resonances.relative_margin)
         changes.append(np.flatnonzero(np.diff(log.resonances.state)))
-    edges = np.concatenate([np.asarray(some, dtype=np.int64) for some in changes])
+    edges = np.concatenate([np.asarray(rows, dtype=np.int64) for rows in changes])
     return thinned(quantities, np.union1d(edges, np.minimum(edges + 1, len(log.stamps) - 1)))
 
 
@@ -126,7 +165,7 @@ def _columns(log: Log, rows: IntArray) -> dict[str, NDArray[Any]]:
 
 
 def _excitation_names(log: Log) -> list[str]:
-    """Return the names that resonances have, in alphabetical order; the first may be empty."""
+    """Return the names in the resonances, in alphabetical order; the first may be empty."""
     assert log.resonances is not None
     return [str(name) for name in np.unique(log.resonances.excitation)]
 
@@ -135,140 +174,88 @@ def _has_spread(log: Log) -> bool:
     return bool(np.nanmax(log.frequency_stddev, initial=0.0) > 0.0)
 
 
-def _charts(log: Log, margin: float | None) -> list[dict[str, Any]]:
-    spread = _has_spread(log)
+def _charts(log: Log, margin: float | None) -> Items:
     shades = [
         {"label": label, "colour": colour, "fill": True}
         for label, colour, shown in (
             ("no prediction", GAP_SHADE, bool(gaps(log))),
-            (
-                "angle out of range or no number",
-                INVALID_SHADE,
-                bool(np.isin(log.status, (1, 2)).any()),
-            ),
-            ("near a toggle", TOGGLE_SHADE, bool((log.status == Status.NEAR_TOGGLE).any())),
+            ("angle out of range or invalid", INVALID_SHADE, np.isin(log.status, _INVALID).any()),
+            ("near a toggle", TOGGLE_SHADE, (log.status == Status.NEAR_TOGGLE).any()),
         )
         if shown
     ]
-    charts: list[dict[str, Any]] = [
-        {
-            "id": "angle",
-            "title": "Crank angle α3",
-            "unit": "deg",
-            "series": [{"column": "crank_angle", "factor": DEG, "colour": INK}],
-            "key": shades,
-        }
-    ]
+
+    def chart(name: str, title: str, unit: str, **more: Any) -> dict[str, Any]:
+        return {"id": name, "title": title, "unit": unit, **more}
+
+    angle = {"column": "crank_angle", "factor": DEG, "colour": INK}
+    charts = [chart("angle", "Crank angle α3", "deg", series=[angle], key=shades)]
     for mode, colour in enumerate(mode_colours(log.n_modes)):
-        line: dict[str, Any] = {"column": f"f{mode + 1}", "colour": colour, "width": 2}
-        key: list[dict[str, Any]] = []
-        if spread:
+        name, title = f"f{mode + 1}", f"Natural frequency of mode {mode + 1}"
+        line: dict[str, Any] = {"column": name, "colour": colour, "width": 2}
+        key: Items = []
+        if _has_spread(log):
             line["spread"] = f"s{mode + 1}"
             key.append({"label": "± 2 standard deviations", "colour": f"{colour}40", "fill": True})
-        key += [{"label": "excitations", "colour": "#555555"}]
-        charts.append(
-            {
-                "id": f"f{mode + 1}",
-                "title": f"Natural frequency of mode {mode + 1}",
-                "unit": "Hz",
-                "mode": mode,
-                "series": [line],
-                "key": key,
-            }
-        )
-    charts.append(
-        {
-            "id": "peak",
-            "title": "FRF peak",
-            "unit": "m/N",
-            "log": True,
-            "series": [{"column": "peak_magnitude", "colour": PEAK, "width": 1.8}],
-        }
-    )
+        key.append({"label": "excitations", "colour": "#555555"})
+        charts.append(chart(name, title, "Hz", mode=mode, series=[line], key=key))
+    peak = {"column": "peak_magnitude", "colour": PEAK, "width": 1.8}
+    charts.append(chart("peak", "FRF peak", "m/N", log=True, series=[peak]))
     if log.resonances is not None:
+        title = "Margin of the nearest excitation to its natural frequency"
+        series = [{"column": "margin", "factor": 100.0, "colour": COLOURS[0]}]
         guides = [] if margin is None else [100.0 * margin, 0.0, -100.0 * margin]
-        charts.append(
-            {
-                "id": "margin",
-                "title": "Nearest excitation, from its natural frequency",
-                "unit": "%",
-                "series": [{"column": "margin", "factor": 100.0, "colour": MARGIN}],
-                "guides": guides,
-                "key": [{"label": "warning", "colour": "#5f5f5f", "style": "dashed"}]
-                if guides
-                else [],
-            }
-        )
+        key = [{"label": "warning", "colour": "#5f5f5f", "style": "dashed"}] if guides else []
+        charts.append(chart("margin", title, "%", series=series, guides=guides, key=key))
     return charts
 
 
-def _readings(log: Log) -> list[dict[str, Any]]:
-    spread = _has_spread(log)
-    readings: list[dict[str, Any]] = [
-        {
-            "id": "crank_angle",
-            "label": "Crank angle α3",
-            "column": "crank_angle",
-            "factor": DEG,
-            "unit": "deg",
-            "digits": 8,
-        },
-        {"id": "status", "label": "Status", "column": "status", "words": STATUSES},
+def _readings(log: Log) -> Items:
+    def reading(name: str, label: str, **more: Any) -> dict[str, Any]:
+        return {"id": name, "label": label, **more}
+
+    angle = {"column": "crank_angle", "factor": DEG, "unit": "deg", "digits": 8}
+    readings = [
+        reading("crank_angle", "Crank angle α3", **angle),
+        reading("status", "Status", column="status", words=STATUSES),
     ]
     for mode, colour in enumerate(mode_colours(log.n_modes)):
-        reading: dict[str, Any] = {
-            "id": f"f{mode + 1}",
-            "label": f"Mode {mode + 1}",
-            "colour": colour,
-            "column": f"f{mode + 1}",
-            "unit": "Hz",
-            "digits": 8,
-        }
-        if spread:
-            reading["spread"] = f"s{mode + 1}"
-        readings.append(reading)
+        name, spread = f"f{mode + 1}", {"spread": f"s{mode + 1}"} if _has_spread(log) else {}
+        line = {"colour": colour, "column": name, "unit": "Hz", "digits": 8, **spread}
+        readings.append(reading(name, f"Mode {mode + 1}", **line))
     readings += [
-        {"id": "peak", "label": "FRF peak", "column": "peak_magnitude", "unit": "m/N"},
-        {"id": "peak_f", "label": "FRF peak at", "column": "peak_frequency", "unit": "Hz"},
-        {"id": "error", "label": "Table's error", "column": "interpolation_error", "digits": 2},
+        reading("peak", "FRF peak", column="peak_magnitude", unit="m/N"),
+        reading("peak_f", "Frequency of the FRF peak", column="peak_frequency", unit="Hz"),
+        reading("error", "Error of the table", column="interpolation_error", digits=2),
     ]
-    if log.resonances is not None:
-        names = [name or "none" for name in _excitation_names(log)]
-        readings += [
-            {"id": "state", "label": "Resonance", "column": "state", "words": STATES},
-            {
-                "id": "excitation",
-                "label": "Nearest excitation",
-                "column": "excitation",
-                "words": names,
-            },
-            {"id": "exc_f", "label": "Its frequency", "column": "excitation_frequency"}
-            | {"unit": "Hz"},
-            {
-                "id": "near_mode",
-                "label": "Nearest mode",
-                "column": "resonance_mode",
-                "digits": 1,
-            },
-            {"id": "margin", "label": "Margin", "column": "margin", "factor": 100.0}
-            | {"unit": "%", "digits": 4},
-        ]
-    return readings
+    if log.resonances is None:
+        return readings
+    names = [name or "none" for name in _excitation_names(log)]
+    return [
+        *readings,
+        reading("state", "Resonance", column="state", words=STATES),
+        reading("excitation", "Nearest excitation", column="excitation", words=names),
+        reading("exc_f", "Excitation frequency", column="excitation_frequency", unit="Hz"),
+        reading("near_mode", "Nearest mode", column="resonance_mode", digits=1),
+        reading("margin", "Margin", column="margin", factor=100.0, unit="%", digits=4),
+    ]
 
 
 def _moments_table(
-    log: Log, found: list[Moment], shown: list[Moment], place: dict[int, int]
+    log: Log, found: list[Moment], shown: list[Moment], rows: IntArray
 ) -> dict[str, Any]:
     if log.resonances is None:
-        note = "The log holds no resonances: no speed of engine, PTO or ground was known."
+        note = "The log holds no resonances, as no speed of engine, PTO or ground was known."
     elif not found:
         note = "No excitation came near a natural frequency."
     else:
-        note = "An excitation near a natural frequency, at its nearest. Choose one to go there."
+        note = "Each row is a warning at its smallest margin. Choose a row to go there."
         if len(found) > len(shown):
-            note += f" The {MAX_MOMENTS} nearest of {len(found)}."
+            note += f" Of {len(found)} warnings, the {MAX_MOMENTS} with the smallest margins."
+    if any(m.crossed for m in shown):
+        note += " × marks a crossing."
     times = log.times
-    rows = [
+    lines = [
         {
             "cells": [
                 clock(float(times[m.nearest]), float(times[-1])),
@@ -280,177 +267,95 @@ def _moments_table(
             ],
             "time": float(times[m.nearest]),
             "length": m.end - m.start,
-            "index": place[m.nearest],
+            "index": int(np.searchsorted(rows, m.nearest)),
             "mode": m.mode,
             "y": m.natural_frequency,
             "margin": m.relative_margin,
         }
         for m in shown
     ]
-    if any(m.crossed for m in shown):
-        note += " × marks those that passed each other."
-    head = ["time", "excitation", "mode", "at Hz", "margin %", "for s"]
+    head = ["time", "excitation", "mode", "Hz", "margin %", "duration s"]
     title = f"Moments of resonance ({len(found)})"
-    return {"id": "moments", "title": title, "note": note, "head": head, "rows": rows}
+    return {"id": "moments", "title": title, "note": note, "head": head, "rows": lines}
 
 
-def clock(time: float, whole: float) -> str:
-    """Return a time as the page's axes tell it: s, or with minutes and hours in long logs."""
-    if whole < 120.0:
-        return f"{time:.2f}"
-    minutes, seconds = divmod(round(time, 1), 60.0)
-    if whole < 3600.0:
-        return f"{int(minutes)}:{seconds:04.1f}"
-    return f"{int(minutes) // 60}:{int(minutes) % 60:02}:{seconds:04.1f}"
+def _summary(log: Log, found: list[Moment], missing: list[tuple[float, float]]) -> Items:
+    items: Items = []
 
+    def add(label: str, value: str, **alert: bool) -> None:
+        items.append({"label": label, "value": value, **alert})
 
-def _summary(
-    log: Log, found: list[Moment], missing: list[tuple[float, float]]
-) -> list[dict[str, Any]]:
     held = durations(log)
-    total = float(held.sum()) or 1.0
-    sound = np.isfinite(log.natural_frequencies[:, 0])
-    faulty = int((log.status != Status.OK).sum())
-    items: list[dict[str, Any]] = [
-        {"label": "Drive", "value": f"{_span(log.times[-1])}, {len(log.stamps):,} predictions"}
-    ]
-    if sound.any():
-        angles = log.crank_angle[sound] * DEG
-        items.append(
-            {"label": "Crank angle", "value": f"{angles.min():.1f} to {angles.max():.1f} deg"}
-        )
-        for mode in range(log.n_modes):
-            some = log.natural_frequencies[sound, mode]
-            items.append(
-                {"label": f"Mode {mode + 1}", "value": f"{some.min():.2f} to {some.max():.2f} Hz"}
-            )
+    add("Drive", f"{_span(log.times[-1])}, {len(log.stamps):,} predictions")
+    known = np.isfinite(log.natural_frequencies[:, 0])
+    if known.any():
+        angles = log.crank_angle[known] * DEG
+        add("Crank angle", f"{angles.min():.1f} to {angles.max():.1f} deg")
+        for mode, values in enumerate(log.natural_frequencies[known].T):
+            add(f"Mode {mode + 1}", f"{values.min():.2f} to {values.max():.2f} Hz")
         peak = int(np.nanargmax(log.peak_magnitude))
-        items.append(
-            {
-                "label": "Highest FRF peak",
-                "value": f"{log.peak_magnitude[peak]:.3g} m/N at {log.peak_frequency[peak]:.2f} Hz",
-            }
-        )
+        height, frequency = log.peak_magnitude[peak], log.peak_frequency[peak]
+        add("Highest FRF peak", f"{height:.3g} m/N at {frequency:.2f} Hz")
     if log.resonances is not None:
         warning = float(held[log.resonances.state == ResonanceState.WARNING].sum())
-        items.append(
-            {
-                "label": "Resonance warnings",
-                "value": f"{len(found)}, {100.0 * warning / total:.1f} % of the time",
-                "alert": bool(found),
-            }
-        )
-    items += [
-        {
-            "label": "Predictions not OK",
-            "value": f"{faulty:,}" if faulty else "none",
-            "alert": faulty > 0,
-        },
-        {
-            "label": "Gaps",
-            "value": f"{len(missing)}, {_span(sum(b - a for a, b in missing))} in all"
-            if missing
-            else "none",
-            "alert": bool(missing),
-        },
-    ]
+        share = 100.0 * warning / (float(held.sum()) or 1.0)
+        add("Resonance warnings", f"{len(found)}, {share:.1f} % of the time", alert=bool(found))
+    faulty = int((log.status != Status.OK).sum())
+    add("Predictions not OK", f"{faulty:,}" if faulty else "none", alert=faulty > 0)
+    length = f"{len(missing)}, {_span(sum(end - start for start, end in missing))} in total"
+    add("Gaps", length if missing else "none", alert=bool(missing))
     return items
 
 
 def _span(seconds: float) -> str:
-    """Return a length of time in the unit that people would choose."""
+    """Return a duration in s, min or h."""
     if seconds < 120.0:
         return f"{seconds:.1f} s"
     return f"{seconds / 60.0:.1f} min" if seconds < 3600.0 else f"{seconds / 3600.0:.2f} h"
 
 
-def _histograms(log: Log, margin: float | None) -> list[dict[str, Any]]:
-    angles, margins = angle_shares(log), margin_shares(log)
-    found: list[dict[str, Any]] = [
-        {
-            "title": "Time over the crank angle",
-            "unit": "crank angle [deg]",
-            "edges": (angles.edges * DEG).tolist(),
-            "shares": angles.shares.tolist(),
-            "limit": None,
-        }
-    ]
+def _histograms(log: Log, margin: float | None) -> Items:
+    def histogram(name: str, unit: str, shares: Shares, scale: float) -> dict[str, Any]:
+        edges, heights = shares[0] * scale, shares[1]
+        texts = {"title": f"Share of time over the {name}", "unit": unit}
+        return {**texts, "edges": edges.tolist(), "shares": heights.tolist(), "limit": None}
+
+    found = [histogram("crank angle", "crank angle [deg]", angle_shares(log), DEG)]
+    margins = margin_shares(log)
     if margins is not None:
-        note = "The last bar holds all that is larger."
-        if margin is not None:
-            note += f" Orange: below the warning margin of {100.0 * margin:g} %."
-        found.append(
-            {
-                "title": "Time over the margin to the nearest resonance",
-                "unit": "margin [%]",
-                "edges": (100.0 * margins.edges).tolist(),
-                "shares": margins.shares.tolist(),
-                "limit": None if margin is None else 100.0 * margin,
-                "note": note,
-            }
-        )
+        note = "The last bar includes all larger margins."
+        limit = None if margin is None else 100.0 * margin
+        if limit is not None:
+            note += f" Bars below the warning margin of {limit:g} % are orange."
+        name = "margin to the nearest resonance"
+        bars = histogram(name, "margin [%]", margins, 100.0)
+        found.append(bars | {"limit": limit, "note": note})
     return found
 
 
-def provenance_rows(log: Log) -> list[list[str]]:
-    """Return what made a log, in words."""
-    rows = [["Log", log.path.name], ["Table", log.table_id]]
-    if log.table is not None:
-        table = log.table
-        low, high = (DEG * angle for angle in table.alpha3_range)
-        rows += [
-            ["Mechanism", f"{table.mechanism_name}, model {table.model_hash[:12]}"],
-            ["Range of angles", f"{low:g} to {high:g} deg"],
-            ["Band of frequencies", f"{table.band[0]:g} to {table.band[1]:g} Hz"],
-            [
-                "Table's relative error",
-                f"natural frequencies {table.interpolation_error.max():.1e}, FRF peak "
-                f"{table.peak_error:.1e}, FRFs {table.frf_error:.1e}; measured against the model",
-            ],
-            ["Table built by", f"linkage_vibration {table.package_version}"],
-        ]
-    else:
-        rows.append(["Model", "the log does not hold the table that made it"])
-    for name, record in log.metadata.items():
-        if name != "rosbag2" and record:
-            told = ", ".join(f"{key} {value}" for key, value in record.items())
-            rows.append([f"Record {name}", told])
-    return rows
-
-
 def _provenance(log: Log, n_kept: int) -> dict[str, Any]:
-    rows = provenance_rows(log)
     n = len(log.stamps)
-    told = f"all {n:,} predictions" if n_kept == n else f"{n_kept:,} of {n:,} predictions"
+    text = f"all {n:,} predictions"
     if n_kept < n:
-        told += ", with the extremes of every stretch"
-    rows.append(["This page holds", f"{told}; angles and frequencies as they are in the log"])
-    files = [
-        {"name": name, "text": text}
-        for name, text in (
-            ("Parameters", log.parameters_text),
-            ("Mechanism", log.mechanism_text),
-        )
-        if text
-    ]
+        text = f"{n_kept:,} of {n:,} predictions, with the extremes of every stretch"
+    exact = "times, angles and natural frequencies are exact"
+    rows = [*provenance_rows(log), ["This page holds", f"{text}; {exact}"]]
+    texts = {"Parameters": log.parameters_text, "Mechanism": log.mechanism_text}
+    files = [{"name": name, "text": text} for name, text in texts.items() if text]
     return {"title": "What made this log", "rows": rows, "files": files}
 
 
 def _shades(log: Log, missing: list[tuple[float, float]]) -> list[list[Any]]:
-    times = log.times
-    kinds = (
-        ("range", np.isin(log.status, (Status.OUT_OF_RANGE, Status.INVALID_ANGLE))),
-        ("toggle", log.status == Status.NEAR_TOGGLE),
-    )
+    times = log.times.tolist()
     shades: list[list[Any]] = [[start, end, "gap"] for start, end in missing]
-    for kind, flags in kinds:
-        for start, end in runs(flags):
-            shades.append([float(times[start]), float(times[min(end, len(times) - 1)]), kind])
+    for kind, statuses in (("range", _INVALID), ("toggle", (Status.NEAR_TOGGLE,))):
+        for start, end in runs(np.isin(log.status, statuses)):
+            shades.append([times[start], times[min(end, len(times) - 1)], kind])
     return shades
 
 
-def _excitations(log: Log, rows: IntArray) -> list[dict[str, Any]]:
-    """Return each excitation over time; of those that the log does not describe, where nearest."""
+def _excitations(log: Log, rows: IntArray) -> Items:
+    """Return each excitation over time; only while it was nearest if the log lacks its file."""
     found = []
     speeds = dict(log.speeds)
     for source in Source:
@@ -465,45 +370,16 @@ def _excitations(log: Log, rows: IntArray) -> list[dict[str, Any]]:
     if log.excitations or log.resonances is None:
         return found
     nearest, times = log.resonances.excitation[rows], log.times[rows]
-    for name in _excitation_names(log):
+    for name in filter(None, _excitation_names(log)):
         own = nearest == name
-        if name:
-            near = own | np.append(False, own[:-1])  # one behind each run, to end its line
-            values = np.where(own, log.resonances.excitation_frequency[rows], np.nan)
-            found.append(_line(name, "solid", times[near], values[near]))
+        near = own | np.append(False, own[:-1])  # The sample after each run ends its line.
+        values = np.where(own, log.resonances.excitation_frequency[rows], np.nan)
+        found.append(_line(name, "solid", times[near], values[near]))
     return found
 
 
 def _line(name: str, style: str, times: FloatArray, values: FloatArray) -> dict[str, Any]:
-    told = {"times": packed(times), "values": packed(values.astype(np.float32))}
-    return {"name": name, "style": style, **told}
-
-
-def _frf(terms: FrfTerms, table: Table) -> dict[str, Any]:
-    frequencies = table.evaluate(terms.angles)[:, : table.n_modes]
-    return {
-        "place": terms.place,
-        "band": list(terms.band),
-        "n_terms": terms.terms.shape[1],
-        "angles": packed(terms.angles),
-        "terms": packed(terms.terms),
-        "residual": packed(terms.residual),
-        "frequencies": packed(frequencies),
-    }
-
-
-def _linkage(drawn: Drawing) -> dict[str, Any]:
-    return {
-        "bodies": list(drawn.bodies),
-        "rigid": list(drawn.rigid),
-        "lengths": list(drawn.lengths),
-        "size": drawn.size,
-        "angles": packed(drawn.angles),
-        **{
-            name: packed(getattr(drawn, name).astype(np.float32))
-            for name in ("places", "shapes", "joints", "centres", "ground")
-        },
-    }
+    return {"name": name, "style": style, "times": times, "values": values.astype(np.float32)}
 
 
 def _number(log: Log, name: str, default: float) -> float:

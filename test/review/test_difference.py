@@ -54,7 +54,9 @@ def test_known_difference(write_log: Any, tmp_path: Path) -> None:
     assert angle.largest_relative == pytest.approx(np.deg2rad(1.0) / alpha3[40])
     assert (angle.compared, angle.one_sided, found.status_changes) == (89, 1, 1)
     told = summary(found)
-    assert "90 predictions have the same stamps, 10 are in A alone, 0 in B alone; 1" in told
+    assert (
+        "90 predictions have the same stamps, 10 are only in A, 0 are only in B; 1 differ" in told
+    )
 
 
 def test_what_made_them_is_told(heavier: tuple[Path, Path]) -> None:
