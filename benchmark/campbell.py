@@ -49,7 +49,7 @@ def over_the_stroke(ax: Axes, table: Table) -> None:
     for mode, colour in enumerate(COLOURS[: table.n_modes]):
         ax.plot(np.degrees(alpha3), frequencies[:, mode], color=colour, lw=2.0)
         place = (92.0, frequencies[0, mode] + 4.0)
-        ax.annotate(f"mode {mode}", place, color=colour, fontsize=9)
+        ax.annotate(f"mode {mode + 1}", place, color=colour, fontsize=9)
     first, last = np.degrees(table.alpha3_range)
     ax.set(
         title="Natural frequencies over the stroke",
@@ -96,7 +96,7 @@ def over_the_drive(ax: Axes, predictor: Predictor, excitations: Sequence[Excitat
     across = ax.get_xaxis_transform()
     ax.fill_between(times, 0, 1, where=warned, transform=across, color=SHADE, lw=0, label="warning")
     for mode, colour in enumerate(COLOURS[: predictor.table.n_modes]):
-        ax.plot(times, frequencies[:, mode], color=colour, lw=2.0, label=f"mode {mode}")
+        ax.plot(times, frequencies[:, mode], color=colour, lw=2.0, label=f"mode {mode + 1}")
     told, engine, pto = engine_and_pto_speed()
     speeds = {Source.ENGINE: engine, Source.PTO: pto}
     nearest = {resonance.excitation for resonance in resonances}

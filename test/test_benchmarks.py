@@ -19,8 +19,10 @@ from benchmark.__main__ import STEPS
 from benchmark.speed import assembled, coupled, paper_job
 from benchmark.speed.__main__ import Settings, as_csv, run, tables
 from benchmark.speed.chart import CONFIGURATION, FRFS, INTERPOLATED, LIVE, PACKAGE, Point
+from benchmark.speed.live_picture import draw_live
 from benchmark.speed.picture import draw
 from benchmark.speed.scene import MECHANISM, Scene, changed, frf_error, off_grid
+from benchmark.speed.timing import Spread
 from linkage_vibration.readers.mechanism import read_mechanism
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -78,7 +80,9 @@ def test_results_are_written(points: list[Point], tmp_path: Path) -> None:
     assert len(rows) == len(points) + 1
     assert any(PACKAGE in part for part in tables(points))
     draw(points, tmp_path / "chart.png")
-    assert (tmp_path / "chart.png").read_bytes().startswith(b"\x89PNG")
+    draw_live(points, Spread(1.5e-6, 1.4e-6, 1.6e-6), tmp_path / "live.png")
+    for name in ("chart.png", "live.png"):
+        assert (tmp_path / name).read_bytes().startswith(b"\x89PNG")
 
 
 def test_ways_of_the_paper_job_agree() -> None:

@@ -26,15 +26,16 @@ from benchmark.speed.chart import (
     measure_live,
     measure_package,
 )
+from benchmark.speed.live_picture import draw_live
 from benchmark.speed.picture import draw
 from benchmark.speed.scene import Scene, standard_scene
-from benchmark.speed.timing import pin_threads
+from benchmark.speed.timing import Spread, pin_threads, seconds, spread
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.support.atomic_files import write_text
 from linkage_vibration.table.table import Table
 from linkage_vibration.table.tabulation import build_table
 
-PICTURE = Path(__file__).parents[2] / "docs" / "pictures" / "speed_accuracy.png"
+PICTURES = Path(__file__).parents[2] / "docs" / "pictures"
 CSV = RESULTS / "speed.csv"
 _SHOWN = "46 points"  # of the tables, in the page's list of predictions
 
@@ -114,6 +115,12 @@ def run(
     points += measure_package(scene, built, unit, settings.rounds)
     progress(0.05)
     return points
+
+
+def seconds_of_a_lookup(scene: Scene, rounds: int) -> Spread:
+    """Return the processor time of one lookup in the package's table, s."""
+    lookup = cycling(build_table(scene.model()).interpolate, scene.live_angles)
+    return spread([seconds(lookup, at_least=5e-3) for _ in range(rounds)])
 
 
 def as_csv(points: Sequence[Point]) -> str:
@@ -201,7 +208,9 @@ def main() -> None:
     with tqdm(total=1.0, bar_format="{percentage:3.0f}% |{bar}| {elapsed}") as bar:
         points = run(scene, settings, progress=bar.update)
     write_text(CSV, as_csv(points), LinkageVibrationError)
-    draw(points, PICTURE)
+    lookup = seconds_of_a_lookup(scene, settings.rounds)
+    draw(points, PICTURES / "speed_accuracy.png")
+    draw_live(points, lookup, PICTURES / "live_prediction.png")
     publish(
         "speed",
         "Error against time",
@@ -211,8 +220,8 @@ def main() -> None:
             f"{scene.fine} elements a link, unreduced: of the worst of modes 1 to 3, and of FRFs "
             f"in the L2 norm of all eleven, each at the worst of {len(scene.angles)} angles (of "
             f"{len(scene.live_angles)} for predictions). Costs count lookups of the package's "
-            f"table, timed in the same round; medians of {settings.rounds} rounds in which the "
-            f"methods take turns, after a warm-up (`{CSV.name}` has the quartiles). Times are of "
+            f"table (here {1e6 * lookup.median:.2g} us), timed in the same round; medians of "
+            f"{settings.rounds} rounds in which the methods take turns, after a warm-up (`{CSV.name}` has the quartiles). Times are of "
             "the processor. A configuration includes its kinematics and B; reduced links, their "
             "FRFs, meshes and tables are made before.",
             *tables(points),

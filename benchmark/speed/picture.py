@@ -49,6 +49,15 @@ STYLES = {
     "piecewise Chebyshev": (SKY, "s"),
     "Chebyshev": (PURPLE, "P"),
 }
+_SIZE = 12  # of text, in points: as large as the text of the page that shows the picture
+_ERRORS = (
+    "relative error of the worst of modes 1 to 3",
+    "relative L2 error, worst configuration",
+    "relative error of the worst of modes 1 to 3",
+    "relative error of the worst of modes 1 to 3",
+    "relative error of frequency or magnitude",
+    "relative L2 error, worst angle",
+)
 _LABELLED = {
     assembled.FAMILY,
     coupled.ALL_MODES,
@@ -69,33 +78,28 @@ TITLES = {
 
 def draw(points: Sequence[Point], path: Path) -> None:
     """Write the chart as a PNG."""
-    figure = Figure(figsize=(15.0, 10.6), layout="constrained")
-    panels = figure.subplots(2, 3)
+    figure = Figure(figsize=(8.0, 38.0), layout="constrained")
+    panels = figure.subplots(6, 1)
     for axes, (part, title) in zip(panels.flat, TITLES.items(), strict=True):
         own = [p for p in points if p.part == part and math.isfinite(p.error)]
         _draw_panel(axes, own, part)
-        axes.set_title(title, fontsize=11, color=INK, loc="left")
-    for axes in panels[0]:
-        axes.set_xlabel("cost, in lookups of the package's table", fontsize=9)
-    for axes in panels[1]:
-        axes.set_xlabel("points of the table, each a solution of the model", fontsize=9)
-    panels[0][0].set_ylabel("relative error of the worst of modes 1 to 3", fontsize=9)
-    panels[0][1].set_ylabel("relative L2 error, worst configuration", fontsize=9)
-    panels[0][2].set_ylabel("relative error of the worst of modes 1 to 3", fontsize=9)
-    panels[1][0].set_ylabel("relative error of the worst of modes 1 to 3", fontsize=9)
-    panels[1][1].set_ylabel("relative error of frequency or magnitude", fontsize=9)
-    panels[1][2].set_ylabel("relative L2 error, worst angle", fontsize=9)
+        axes.set_title(title, fontsize=14, color=INK, loc="left")
+    for axes, label in zip(panels, _ERRORS, strict=True):
+        axes.set_ylabel(label, fontsize=_SIZE)
+    for axes in panels[:3]:
+        axes.set_xlabel("cost, in lookups of the package's table", fontsize=_SIZE)
+    for axes in panels[3:]:
+        axes.set_xlabel("points of the table, each a solution of the model", fontsize=_SIZE)
     figure.supxlabel(
-        "Top: error against the same linkage with 96 elements a link, unreduced; the grey line "
-        "joins what nothing beats in both. Numbers are modes or elements a link; bars are "
-        "quartiles.\n"
-        "Bottom: error against the model that is tabulated; dashed: points chosen where the error "
-        "is large.",
-        fontsize=9,
+        "Panels 1 to 3 compare with the same linkage with 96 elements a link, unreduced.\n"
+        "The grey line joins the methods that no other beats in both error and cost. Numbers are\n"
+        "modes or elements a link, and bars are quartiles. Panels 4 to 6 compare with the model\n"
+        "that is tabulated; dashed lines have their points where the error is largest.",
+        fontsize=_SIZE,
         color=GREY,
     )
     image = io.BytesIO()
-    figure.savefig(image, format="png", dpi=96)
+    figure.savefig(image, format="png", dpi=100)
     draft = path.with_suffix(".part")
     draft.write_bytes(image.getvalue())
     draft.replace(path)
@@ -137,7 +141,7 @@ def _draw_panel(axes: Axes, points: Sequence[Point], part: str) -> None:
                 textcoords="offset points",
                 xytext=(-8, -14),
                 ha="right",
-                fontsize=7.5,
+                fontsize=_SIZE,
                 color=colour,
             )
         if family in _LABELLED:
@@ -147,27 +151,21 @@ def _draw_panel(axes: Axes, points: Sequence[Point], part: str) -> None:
                     (p.cost.median, max(p.error, 1e-16)),
                     textcoords="offset points",
                     xytext=(5, 4),
-                    fontsize=7,
+                    fontsize=10,
                     color=colour,
                 )
     axes.grid(True, color="#dddddd", linewidth=0.5)
-    axes.tick_params(labelsize=8)
+    axes.tick_params(labelsize=_SIZE)
     for side in ("top", "right"):
         axes.spines[side].set_visible(False)
-    if part in INTERPOLATED:
-        axes.set_ylim(bottom=axes.get_ylim()[0] / 20.0)  # room for the legend
-        axes.legend(fontsize=7.5, loc="lower left", frameon=False)
-    elif part == LIVE:
-        axes.legend(fontsize=7.5, loc="center", bbox_to_anchor=(0.5, 0.6), frameon=False)
-    else:
-        axes.legend(
-            fontsize=7.2,
-            loc="upper center",
-            bbox_to_anchor=(0.45, -0.14),
-            frameon=False,
-            ncols=2,
-            columnspacing=0.8,
-        )
+    axes.legend(
+        fontsize=_SIZE,
+        loc="upper center",
+        bbox_to_anchor=(0.45, -0.14),
+        frameon=False,
+        ncols=2,
+        columnspacing=0.8,
+    )
 
 
 def _draw_front(axes: Axes, points: Sequence[Point]) -> None:
