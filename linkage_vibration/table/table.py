@@ -10,12 +10,12 @@ from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.description import Mechanism
@@ -23,6 +23,7 @@ from linkage_vibration.mechanics.model import Place
 from linkage_vibration.mechanics.response import PoleResidue
 from linkage_vibration.support.atomic_files import write_bytes
 from linkage_vibration.support.resources import DEFAULT_TABLE, config_file
+from linkage_vibration.table.cells import Cells
 from linkage_vibration.table.interpolation import (
     interpolate_positive,
     interpolation_matrix,
@@ -190,16 +191,14 @@ class Table:
         error : float
             Relative error of the worst natural frequency in this piece.
         """
-        breaks, cells, n, n_peaks, low, high = self._lookup
-        i = bisect_right(breaks, alpha3) - 1
-        t = alpha3 - breaks[i]
-        # On so few numbers plain floats are three times as fast as arrays.
-        values = [((c3 * t + c2) * t + c1) * t + c0 for c3, c2, c1, c0 in cells[i]]
+        n, n_peaks, low, high = self._layout
+        values = self._lookup.values(alpha3)
         frequency = magnitude = -1.0
         for at, size in zip(values[n : n + n_peaks], values[n + n_peaks :], strict=True):
             if size > magnitude and low <= at <= high:
                 frequency, magnitude = at, size
-        return values[:n], frequency, magnitude, self._errors[i]
+        starts, errors = self._errors
+        return values[:n], frequency, magnitude, errors[bisect_right(starts, alpha3) - 1]
 
     def evaluate(self, alpha3: FloatArray) -> FloatArray:
         """Evaluate what a prediction tells at many angles at once.
@@ -215,43 +214,25 @@ class Table:
             Natural frequencies (Hz), damping ratios (1), frequency (Hz) and magnitude (m/N) of the
             highest peak; the same bits as `interpolate` gives.
         """
-        starts, _, n, n_peaks, low, high = self._lookup
-        breaks, cells = np.array(starts), self._cells
+        n, n_peaks, low, high = self._layout
         result = np.empty((len(alpha3), n + 2))
         for start in range(0, len(alpha3), _CHUNK):
-            some = np.asarray(alpha3[start : start + _CHUNK], dtype=float)
-            i = np.maximum(np.searchsorted(breaks, some, side="right") - 1, 0)
-            t = (some - breaks[i])[:, np.newaxis]
-            cell = cells[i]
-            values = ((cell[:, 0] * t + cell[:, 1]) * t + cell[:, 2]) * t + cell[:, 3]
+            chunk = np.asarray(alpha3[start : start + _CHUNK], dtype=float)
+            values = self._lookup.many_values(chunk)
             at, size = values[:, n : n + n_peaks], values[:, n + n_peaks :]
             best = np.where((low <= at) & (at <= high), size, -1.0).argmax(axis=1)[:, np.newaxis]
-            rows = slice(start, start + len(some))
+            rows = slice(start, start + len(chunk))
             result[rows, :n] = values[:, :n]
             result[rows, n:] = np.hstack([np.take_along_axis(x, best, 1) for x in (at, size)])
         return result
 
     def frequency_slopes(self, alpha3: float) -> list[float]:
-        """Return how fast the natural frequencies change with the angle, n_modes, Hz/rad.
-
-        Parameters
-        ----------
-        alpha3 : float
-            rad, within the range.
-        """
-        breaks, cells, n, *_ = self._lookup
-        i = bisect_right(breaks, alpha3) - 1
-        t = alpha3 - breaks[i]
-        some = cells[i][: n // 2]
-        return [(3.0 * c3 * t + 2.0 * c2) * t + c1 for c3, c2, c1, _ in some]
+        """Return d(natural frequency)/d(alpha3) at an angle within the range, n_modes, Hz/rad."""
+        return self._lookup.slopes(alpha3)[: self.n_modes]
 
     def evaluate_slopes(self, alpha3: FloatArray) -> FloatArray:
-        """Return the same at many angles, (n, n_modes), Hz/rad, to the last bit."""
-        breaks = np.array(self._breaks)
-        i = np.maximum(np.searchsorted(breaks, alpha3, side="right") - 1, 0)
-        t = (alpha3 - breaks[i])[:, np.newaxis]
-        cell = self._cells[i][:, :, : self.n_modes]
-        return np.asarray((3.0 * cell[:, 0] * t + 2.0 * cell[:, 1]) * t + cell[:, 2])
+        """Return the same at many angles, (n, n_modes), equal to the last bit."""
+        return self._lookup.many_slopes(alpha3)[:, : self.n_modes]
 
     def frf(self, alpha3: float, outputs: Sequence[Place], inputs: Sequence[Place]) -> PoleResidue:
         """Return receptances between some of the places at an angle, valid within the band.
@@ -312,52 +293,35 @@ class Table:
         return points, interpolation_matrix(own, stroke_variable(alpha3, self.toggles))
 
     @cached_property
-    def _lookup(
-        self,
-    ) -> tuple[list[float], list[list[list[float]]], int, int, float, float]:
-        """What `interpolate` needs, at hand: cells and where they begin, sizes and the band."""
-        breaks = self._breaks
-        low, high = widened(self.band)
-        n = 2 * self.n_modes
-        cells = self._cells.swapaxes(1, 2).tolist()
-        return breaks, cells, n, self.peak_frequencies.shape[1], low, high
+    def _layout(self) -> tuple[int, int, float, float]:
+        """How many values come before those of the peaks, how many peaks, and the band (Hz)."""
+        return 2 * self.n_modes, self.peak_frequencies.shape[1], *widened(self.band)
 
     @cached_property
-    def _errors(self) -> list[float]:
-        return [float(error) for error in np.repeat(self.interpolation_error, _CELLS)]
+    def _errors(self) -> tuple[list[float], list[float]]:
+        """Where the pieces begin, rad, and their errors."""
+        return self.alpha3[self.pieces[:-1]].tolist(), self.interpolation_error.tolist()
 
     @cached_property
-    def _breaks(self) -> list[float]:
-        """Where the cells begin, rad."""
-        return [float(angle) for angle in self._fine[:-1]]
+    def _lookup(self) -> Cells:
+        """What looks up values: the polynomials of each piece, resampled."""
+        pieces = []
+        for piece, bounds in enumerate(pairwise(self.alpha3[self.pieces].tolist())):
+            first, last = stroke_variable(np.array(bounds), self.toggles)
+            at = stroke_angle(np.linspace(first, last, _CELLS + 1), self.toggles)
+            at[[0, -1]] = bounds
+            pieces.append((at, self._resampled(at, self.peak_notable[piece])))
+        return Cells(pieces)
 
-    @cached_property
-    def _fine(self) -> FloatArray:
-        """Ends of all cells, evenly spaced in each piece's own variable, rad."""
-        ends = stroke_variable(self.alpha3[self.pieces], self.toggles)
-        inner = [
-            np.linspace(a, b, _CELLS, endpoint=False)
-            for a, b in zip(ends[:-1], ends[1:], strict=True)
-        ]
-        fine = stroke_angle(np.concatenate([*inner, ends[-1:]]), self.toggles)
-        fine[::_CELLS] = self.alpha3[self.pieces]
-        return fine
-
-    @cached_property
-    def _cells(self) -> FloatArray:
-        """Highest power first, (n_cells, 4, 2 n_modes + 2 n_peaks)."""
-        at, cells = self._fine, []
-        for piece, notable in enumerate(self.peak_notable):
-            rows = slice(piece * _CELLS, (piece + 1) * _CELLS + 1)
-            points, matrix = self._polynomial(at[rows])
-            frequencies = interpolate_positive(matrix, self.natural_frequencies[points])
-            others = matrix @ np.hstack([self.damping_ratios, self.peak_frequencies])[points]
-            magnitudes = np.zeros((len(matrix), len(notable)))
-            own = self.peak_magnitudes[points][:, notable]
-            magnitudes[:, notable] = interpolate_positive(matrix, own)
-            values = np.hstack([frequencies, others, magnitudes])
-            cells.append(CubicSpline(at[rows], values).c.swapaxes(0, 1))
-        return np.ascontiguousarray(np.concatenate(cells))
+    def _resampled(self, at: FloatArray, notable: NDArray[np.bool_]) -> FloatArray:
+        """Evaluate the polynomials of a piece, (n, 2 n_modes + 2 n_peaks), at its angles, (n,)."""
+        points, matrix = self._polynomial(at)
+        frequencies = interpolate_positive(matrix, self.natural_frequencies[points])
+        others = matrix @ np.hstack([self.damping_ratios, self.peak_frequencies])[points]
+        magnitudes = np.zeros((len(matrix), len(notable)))
+        own = self.peak_magnitudes[points][:, notable]
+        magnitudes[:, notable] = interpolate_positive(matrix, own)
+        return np.hstack([frequencies, others, magnitudes])
 
     def _metadata(self) -> dict[str, Any]:
         return {
