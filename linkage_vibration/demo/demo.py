@@ -1,8 +1,8 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""The whole path once: a drive goes to the node over DDS, its predictions come back and are drawn.
+"""Plays a drive to the node over DDS, shows its predictions, and draws its log.
 
-The node runs in a process of its own, just as an integrator starts it; this process plays.
+The node runs in a process of its own, as an integrator starts it.
 """
 
 import os
@@ -32,44 +32,43 @@ from linkage_vibration.support.resources import DEFAULT_TABLE, config_file
 from linkage_vibration.table.table import load_table
 
 DRIVE = "drives/hitch_duty_cycle.mcap"
-# A swing is mapped onto the table's range less this at each end, lest rounding leaves the range.
+# The table's range is shortened by this at each end, so that rounding does not leave it.
 MARGIN = 1e-9  # rad
 STOP_TIMEOUT = 10.0  # s
 NODE_MODULE = "linkage_vibration.ros.node"
-# Both stand beside the log. The node's words would tear the live line.
+# Both files are beside the log. The node's messages would break the live line on the terminal.
 NODE_PARAMETERS, NODE_OUTPUT = "node_parameters.yaml", "node_output.txt"
 
 
 class DemoError(LinkageVibrationError):
-    """The demo cannot run, or its node fails."""
+    """The demo cannot run, or its node has failed."""
 
 
 def run_demo(bag: Path | None, joint: str | None, output: Path) -> int:
     """Play a drive to the node, print what it predicts, and draw its log.
 
     Unless the user has set them, the variables ``ROS_AUTOMATIC_DISCOVERY_RANGE`` and
-    ``ROS_DOMAIN_ID`` are set for this process and the node's, so that they hear only each other.
+    ``ROS_DOMAIN_ID`` are set for this process and the node, so that they find only each other.
 
     Parameters
     ----------
-    bag : Path, optional
-        What to play; the hitch duty cycle that ships with the package when left out. The joint's
-        swing in any other bag is mapped onto the table's range by the node's scale and offset.
-    joint : str, optional
-        The joint to follow; may be left out for the drive that ships.
+    bag : Path or None
+        The bag to play; None for the shipped drive. In any other bag the joint's range of motion
+        is mapped onto the table's range.
+    joint : str or None
+        The joint to follow; may be None for the shipped drive.
     output : Path
-        The folder for the log and the picture, made where it is missing.
+        The folder for the log and the picture; it is created if it is missing.
 
     Returns
     -------
     int
-        0 if each joint state was answered by one prediction and the node ended well, 1 if not.
+        0 if each joint state was answered by one prediction, 1 if not.
 
     Raises
     ------
-    LinkageVibrationError
-        If ROS 2, the bag, its joint, the table or the folder is not as it must be, or if the node
-        does not start.
+    DemoError
+        If ROS 2, the joint or the folder cannot be used, or if the node fails.
     """
     parameters: dict[str, object] = {"joint_name": HITCH_JOINT}
     if bag is not None or joint is not None:
@@ -82,27 +81,27 @@ def run_demo(bag: Path | None, joint: str | None, output: Path) -> int:
         output.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise DemoError(
-            f"{output} cannot be a folder to write to: {error.strerror}; give another one."
+            f"{output} cannot be used as a folder: {error.strerror}; give another one with -o."
         ) from None
     parameters |= {"record": True, "log_directory": str(output.resolve())}
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     if "ROS_DOMAIN_ID" not in os.environ:
         os.environ["ROS_DOMAIN_ID"] = str(reserve_domain())
     if "HOME" not in os.environ:
-        # Below it ROS 2 keeps what nodes say; without either nothing starts.
+        # ROS 2 writes its logs below one of them, and does not start without both.
         os.environ.setdefault("ROS_LOG_DIR", str(output.resolve()))
     try:
         from linkage_vibration.ros.player import SpeedRecord, play
     except ImportError as error:
         raise DemoError(
-            f"ROS 2 cannot be imported ({error}); source one, or "
+            f"ROS 2 cannot be imported ({error}); source an installation, or "
             "`pip install linkage_vibration[ros] ./linkage_vibration_interfaces`."
         ) from None
 
     drive = bag or config_file(DRIVE)
     followed = joint or HITCH_JOINT
     records = (record for record in read_joint_states(drive) if _has_position(record, followed))
-    speeds = [SpeedRecord(*told) for told in ([] if bag else _speeds(drive))]
+    speeds = [SpeedRecord(*speed) for speed in ([] if bag else _speeds(drive))]
     logs_before = set(output.glob("*.mcap"))
     print(f"Playing {followed} of {drive} to the node on ROS domain {os.environ['ROS_DOMAIN_ID']}.")
     live = _LiveLine(sys.stdout)
@@ -126,21 +125,21 @@ def run_demo(bag: Path | None, joint: str | None, output: Path) -> int:
         return 0
     print(
         f"Of {playback.sent} joint states {playback.latencies.size} were answered, by "
-        f"{playback.received} predictions: the machine is too busy, or another node is on this ROS "
-        f"domain; {output / NODE_OUTPUT} may tell more. Run again.",
+        f"{playback.received} predictions. The machine is too busy, or another node is on this ROS "
+        f"domain; see {output / NODE_OUTPUT}, and run the demo again.",
         file=sys.stderr,
     )
     return 1
 
 
 def _speeds(drive: Path) -> list[tuple[str, int, float]]:
-    """Return topic, log time (ns) and value of each speed in the drive that ships, in order."""
+    """Return topic, log time (ns) and value of each speed in the shipped drive, in time order."""
     found = [
         (topic, log_time, message.data)
         for topic in (ENGINE_SPEED, PTO_SPEED)
         for log_time, message in read_messages(drive, topic)
     ]
-    return sorted(found, key=lambda told: told[1])
+    return sorted(found, key=lambda speed: speed[1])
 
 
 def _percentiles(seconds: NDArray[np.float64]) -> str:
@@ -153,38 +152,38 @@ def _has_position(record: JointStateRecord, joint: str) -> bool:
 
 
 def _swing(bag: Path, joint: str | None) -> tuple[float, float]:
-    """Return the least and the greatest position of a joint in a bag."""
+    """Return the smallest and the largest position of a joint in a bag."""
     joints: set[str] = set()
     low, high = np.inf, -np.inf
     for record in read_joint_states(bag):
         joints.update(record.name)
         if joint is not None and _has_position(record, joint):
             position = record.position[record.name.index(joint)]
-            # fmin and fmax pass over NaN, with which broadcasters fill what they do not know.
+            # fmin and fmax ignore NaN, which broadcasters send for unknown positions.
             low, high = np.fmin(low, position), np.fmax(high, position)
     listing = ", ".join(sorted(joints)) or "no joint at all"
     if joint is None:
-        raise DemoError(f"Say which joint of {bag} to follow; it has {listing}.")
+        raise DemoError(f"Name the joint of {bag} to follow with --joint; it has {listing}.")
     if joint not in joints:
         raise DemoError(f"{bag} has no joint {joint}; it has {listing}.")
     if not (np.isfinite(low) and np.isfinite(high) and low < high):
         raise DemoError(
             f"Joint {joint} of {bag} does not move between two finite positions; choose another "
-            f"one of {listing}."
+            f"joint of {listing}."
         )
     return float(low), float(high)
 
 
 @contextmanager
 def _node(parameters: dict[str, object], folder: Path) -> Iterator[Callable[[], None]]:
-    """Run the node with these parameters; yield what raises once it has ended by itself."""
-    settings, said = folder / NODE_PARAMETERS, folder / NODE_OUTPUT
+    """Run the node; yield a function that raises an error if the node has ended by itself."""
+    settings, printed = folder / NODE_PARAMETERS, folder / NODE_OUTPUT
     try:
         settings.write_text(yaml.safe_dump({"/**": {"ros__parameters": parameters}}), "utf-8")
-        sink = said.open("wb")
+        sink = printed.open("wb")
     except OSError as error:
         raise DemoError(
-            f"{folder} cannot be written to: {error.strerror}; give another folder."
+            f"{folder} cannot be written to: {error.strerror}; give another folder with -o."
         ) from None
     with sink:
         process = subprocess.Popen(
@@ -197,8 +196,8 @@ def _node(parameters: dict[str, object], folder: Path) -> Iterator[Callable[[], 
     def check() -> None:
         if process.poll() is not None:
             raise DemoError(
-                f"The node ended with exit code {process.returncode}; what it said last "
-                f"({said}) should tell the mend:\n{_tail(said)}"
+                f"The node ended with exit code {process.returncode}; fix what its last messages "
+                f"({printed}) name:\n{_tail(printed)}"
             )
 
     try:
@@ -219,13 +218,7 @@ def _tail(file: Path) -> str:
 
 
 class _LiveLine:
-    """One line about the newest prediction: rewritten in place on a terminal, else once a second.
-
-    Parameters
-    ----------
-    stream : text stream
-        Where to write it.
-    """
+    """Shows the newest prediction: in one line of a terminal, or in a file line once a second."""
 
     def __init__(self, stream: TextIO) -> None:
         self._stream = stream
@@ -233,7 +226,7 @@ class _LiveLine:
         self._due = 0.0
 
     def show(self, prediction: Any) -> None:
-        """Write the line, if it is time to."""
+        """Write the line, if its time has come."""
         now = time.monotonic()
         if now < self._due:
             return
@@ -242,13 +235,13 @@ class _LiveLine:
         self._stream.flush()
 
     def end(self) -> None:
-        """Leave the line as it stands."""
+        """End the line."""
         if self._in_place and self._due:
             self._stream.write("\n")
 
 
 def _line(prediction: Any) -> str:
-    """Return a prediction in words, always as wide, and narrower than 80 columns for 3 modes."""
+    """Return a line of constant width, less than 80 columns for 3 modes."""
     frequencies = "".join(f"{frequency:7.2f}" for frequency in prediction.natural_frequencies)
     return (
         f"crank {np.rad2deg(prediction.crank_angle):6.2f} deg |{frequencies} Hz | peak "

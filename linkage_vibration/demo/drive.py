@@ -1,11 +1,11 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""The drive that ships with the package: a hitch duty cycle, as a bag.
+"""Generates the shipped drive: a bag of a hitch duty cycle.
 
-A tractor ploughs, lifts its implement at the headland, drives a stretch of road, lowers it and
-ploughs on. The lower links' far ends are lowest at alpha3 = 180 deg (0.32 m below their pivots) and
-highest at 90 deg (0.29 m above them), so working depth is near the upper end of the range. The PTO
-drives the implement while it works.
+A tractor ploughs, lifts its implement at the headland, drives on a road, lowers the implement and
+ploughs again. The far ends of the lower links are lowest at alpha3 = 180 deg (0.32 m below their
+pivots) and highest at 90 deg (0.29 m above them), so the working depth is near the upper end of the
+range. The PTO drives the implement while it works.
 """
 
 import heapq
@@ -18,8 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linkage_vibration.bags.message_types import FLOAT64, JOINT_STATE
-from linkage_vibration.bags.writing import LogWriter, Topic, offered_qos_profiles
+from linkage_vibration.bags.writing import LogWriter
 from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.messages.topics import log_topic
 
 HITCH_JOINT = "hitch_rockshaft_joint"
 JOINTS, ENGINE_SPEED, PTO_SPEED = "/joint_states", "/engine_speed", "/pto_speed"
@@ -28,7 +29,7 @@ SPEED_RATE = 10  # Hz, of engine and PTO speeds
 START = 1_767_225_600  # s, 2026-01-01 00:00 UTC
 
 WORKING, RAISED = np.deg2rad([166.0, 104.0])
-LIFT = (7.5, 10.0)  # s, from and until
+LIFT = (7.5, 10.0)  # s, start and end
 LOWERING = (15.0, 18.0)  # s
 DURATION = 20.0  # s
 ENCODER_STEP = 2 * np.pi / 2**14  # rad, a rotary encoder of 14 bits
@@ -43,20 +44,20 @@ class DriveError(LinkageVibrationError):
 
 
 def hitch_duty_cycle() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the crank angle of a hitch over its duty cycle, as a noisy encoder reads it.
+    """Return the crank angle of a hitch over its duty cycle, as a noisy encoder measures it.
 
-    Depth control chases the soil's draft below 1 Hz by a few degrees. Lifting and lowering are
-    minimum-jerk moves. On the road the implement bounces on the tyres at about 2 Hz, most strongly
-    when it has just been lifted. The noise is seeded: the drive is the same each time.
+    Depth control moves the hitch by a few degrees below 1 Hz. Lifting and lowering are minimum-jerk
+    moves. On the road the tractor bounces on its tyres at about 2 Hz, most strongly just after the
+    lift. The noise has a fixed seed, so the drive is the same each time.
 
     Returns
     -------
     times : ndarray, (n_times,), s
         0 to 20 s at 100 Hz.
     alpha3 : ndarray, (n_times,), rad
-        The crank's angle, between 101 and 169 deg.
+        The crank angle, between 101 and 169 deg.
     """
-    # RandomState, because only the old generators' streams are promised never to change.
+    # NumPy promises only for RandomState that its numbers never change.
     random = np.random.RandomState(seed=3)
     times = np.arange(round(DURATION * RATE)) / RATE
     lifted = _move(times, *LIFT) - _move(times, *LOWERING)
@@ -76,16 +77,16 @@ def hitch_duty_cycle() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 def engine_and_pto_speed() -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Return the speeds of engine and PTO over the duty cycle.
 
-    The engine works at 2000 rpm, where the draft pulls it down by up to 80 rpm; it idles along at
-    the headland, is sped up for the road, and drops to idle again before the implement is lowered.
-    The PTO is geared to it, and let go while the implement is up.
+    The engine works at 2000 rpm, which the draft reduces by up to 80 rpm. It idles at the headland,
+    speeds up for the road, and idles again before the implement is lowered. The PTO turns at a
+    fixed ratio to it, and is disengaged while the implement is up.
 
     Returns
     -------
     times : ndarray, (n_times,), s
         0 to 20 s at 10 Hz.
     engine, pto : ndarray, (n_times,), rpm
-        In the bus's steps of 0.125 rpm.
+        In the steps of the bus, 0.125 rpm.
     """
     random = np.random.RandomState(seed=4)
     times = np.arange(round(DURATION * SPEED_RATE)) / SPEED_RATE
@@ -107,18 +108,10 @@ def engine_and_pto_speed() -> tuple[NDArray[np.float64], NDArray[np.float64], ND
 
 
 def write_drive(path: Path) -> None:
-    """Write the hitch duty cycle as an MCAP.
+    """Write the hitch duty cycle as an MCAP file, which replaces an existing one.
 
-    ``sensor_msgs/JointState`` is on ``/joint_states``, ``std_msgs/Float64`` in rpm on
-    ``/engine_speed`` and ``/pto_speed``.
-
-    As with a real joint_state_broadcaster, other joints stand beside the hitch, the order of names
-    is not fixed, and efforts, which nothing measures, are NaN. ``config/drives`` holds the result.
-
-    Parameters
-    ----------
-    path : Path
-        The file to write; replaced when it exists.
+    As with a real joint_state_broadcaster, there are other joints beside the hitch, the order of
+    names changes, and efforts, which nothing measures, are NaN. ``config/drives`` holds the result.
 
     Raises
     ------
@@ -133,13 +126,7 @@ def write_drive(path: Path) -> None:
         ) from None
     store = get_typestore(Stores.ROS2_HUMBLE)
     topics = [
-        Topic(
-            name=name,
-            type=message_type,
-            definition=store.generate_msgdef(message_type, ros_version=2)[0],
-            type_hash=store.hash_rihs01(message_type),
-            offered_qos_profiles=offered_qos_profiles(reliable=True, depth=10),
-        )
+        log_topic(name, message_type)
         for name, message_type in (
             (JOINTS, JOINT_STATE),
             (ENGINE_SPEED, FLOAT64),
@@ -162,7 +149,7 @@ def write_drive(path: Path) -> None:
 
 
 def _joint_states(store: Any) -> Iterator[tuple[int, str, bytes]]:
-    """Yield each time, in ns, and the joint state of that time in CDR."""
+    """Yield the time (ns), topic and CDR of each joint state."""
     message_type, header_type, stamp_type = (
         store.types[name]
         for name in (JOINT_STATE, "std_msgs/msg/Header", "builtin_interfaces/msg/Time")
@@ -192,16 +179,16 @@ def _joint_states(store: Any) -> Iterator[tuple[int, str, bytes]]:
 
 
 def _speeds(store: Any) -> list[Iterator[tuple[int, str, bytes]]]:
-    """Return what yields each time, in ns, and the speed of that time in CDR, for both speeds."""
+    """Return an iterator over time (ns), topic and CDR for each of both speeds."""
     message_type = store.types[FLOAT64]
     times, engine, pto = engine_and_pto_speed()
 
-    def told(topic: str, speeds: NDArray[np.float64]) -> Iterator[tuple[int, str, bytes]]:
+    def encoded(topic: str, speeds: NDArray[np.float64]) -> Iterator[tuple[int, str, bytes]]:
         for k, speed in enumerate(speeds.tolist()):
             time = START * 10**9 + k * (10**9 // SPEED_RATE)
             yield time, topic, bytes(store.serialize_cdr(message_type(data=speed), FLOAT64))
 
-    return [told(ENGINE_SPEED, engine), told(PTO_SPEED, pto)]
+    return [encoded(ENGINE_SPEED, engine), encoded(PTO_SPEED, pto)]
 
 
 def _move(times: NDArray[np.float64], start: float, end: float) -> NDArray[np.float64]:
@@ -214,7 +201,7 @@ def _move(times: NDArray[np.float64], start: float, end: float) -> NDArray[np.fl
 def _sum_of_sines(
     times: NDArray[np.float64], frequencies: NDArray[np.float64], random: np.random.RandomState
 ) -> NDArray[np.float64]:
-    """Return a noise of unit variance that has just these frequencies, in Hz."""
+    """Return noise of unit variance that consists of these frequencies, Hz."""
     phases = random.uniform(0, 2 * np.pi, frequencies.size)
     waves = np.sin(2 * np.pi * np.outer(times, frequencies) + phases)
     noise: NDArray[np.float64] = waves.sum(axis=1) * np.sqrt(2 / frequencies.size)

@@ -1,3 +1,3 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""The node; the one place that imports rclpy."""
+"""The ROS 2 node; only this room imports rclpy."""

@@ -1,18 +1,19 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""How the node fares, in the words and numbers of ``/diagnostics``."""
+"""The status that the node publishes on ``/diagnostics``."""
 
 import math
 from collections import Counter, deque
 from dataclasses import dataclass, field
 
 import numpy as np
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
+from linkage_vibration.bags.recorder import Recorder
 from linkage_vibration.prediction.resonance import Resonance, ResonanceState
 
-LATENCIES = 1_000  # the last ones, of which percentiles are told
-CLOCK_STEP = 0.5  # s between the wall's and the steady clock in a second: somebody has set it
+LATENCIES = 1_000  # the percentiles are those of this many latest latencies
+CLOCK_STEP = 0.5  # s; the wall clock was set if it differs by more from the steady clock
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,7 +25,7 @@ class Second:
     rate : float
         Predictions a second, Hz.
     without_numbers : float
-        Share of them.
+        Share of predictions without numbers, 0 to 1.
     clock_jumps, qos_mismatches : int
         As in `Statistics`.
     """
@@ -37,24 +38,24 @@ class Second:
 
 @dataclass
 class Statistics:
-    """What a node counts; memory is bounded however long it runs.
+    """What the node counts; the memory is bounded however long it runs.
 
     Attributes
     ----------
     received, predicted, without_numbers : int
-        Messages that came, predictions that went, and those of them that had no numbers.
+        Messages received, predictions published, and predictions without numbers.
     stamps_back : int
-        Readings whose stamp was earlier than that of the one before.
+        Readings with an earlier stamp than the reading before.
     clock_jumps : int
-        How often the clock was set, or a bag began anew.
+        How often the clock was set, or a looping bag jumped back.
     qos_mismatches : Counter of str
-        For each topic, how many subscribers asked for a QoS that is not offered.
+        Number of subscribers whose QoS does not match, for each topic.
     latencies : deque of float
-        From a message's arrival in the node to its prediction being handed to DDS, s.
+        Times from the arrival of a message to the publication of its prediction, s.
     last_reading : float
-        When the last reading came, by the steady clock, s; NaN before the first.
+        When the last reading arrived, by the steady clock, s; NaN before the first.
     stamp_age : float
-        How long before its arrival the last reading was stamped, s; below 0 from the future.
+        Age of the last reading's stamp at its arrival, s; negative for a stamp in the future.
     """
 
     received: int = 0
@@ -67,7 +68,7 @@ class Statistics:
     last_reading: float = math.nan
     stamp_age: float = math.nan
     _last_stamp: int = -(2**63)  # ns
-    _before: tuple[float, int, int, int, int] | None = None  # time and counts a second ago
+    _before: tuple[float, int, int, int, int] | None = None  # time and counts at the last status
     _wall: float | None = None
 
     def take_reading(self, now: float, sec: int, nanosec: int, received: int) -> None:
@@ -76,11 +77,11 @@ class Statistics:
         Parameters
         ----------
         now : float
-            By the steady clock, s.
+            Time by the steady clock, s.
         sec, nanosec : int
-            Its stamp.
+            Stamp of the reading.
         received : int
-            When it came by the clock that stamps are told by, ns.
+            When the reading arrived, by the node's clock, ns.
         """
         stamp = 1_000_000_000 * sec + nanosec
         if stamp < self._last_stamp:
@@ -90,14 +91,20 @@ class Statistics:
         self.last_reading = now
 
     def watch_wall_clock(self, wall: float, steady: float) -> None:
-        """Count a step of the wall's clock since the last call; both times in s."""
+        """Count a jump if the wall clock was set since the last call.
+
+        Parameters
+        ----------
+        wall, steady : float
+            Times by the two clocks, s.
+        """
         ahead = wall - steady
         if self._wall is not None and abs(ahead - self._wall) > CLOCK_STEP:
             self.clock_jumps += 1
         self._wall = ahead
 
     def since_last_time(self, now: float) -> Second:
-        """Return what happened since the last call, which was a while ago (s)."""
+        """Return what happened since the last call; ``now`` is by the steady clock, s."""
         mismatches = sum(self.qos_mismatches.values())
         counts = self.predicted, self.without_numbers, self.clock_jumps, mismatches
         then, *before = self._before or (now - 1.0, *counts)
@@ -110,38 +117,27 @@ class Statistics:
 
 
 @dataclass(frozen=True, slots=True)
-class Log:
-    """State of the recorder; see `Recorder`."""
-
-    recording: bool
-    path: str
-    written: int
-    dropped: int
-    error: str
-
-
-@dataclass(frozen=True, slots=True)
 class Health:
-    """What one status tells.
+    """What a status reports beside the statistics.
 
     Attributes
     ----------
     state : str
-        Of the lifecycle.
+        State of the lifecycle.
     problem : str
-        Why the node could not be configured; empty otherwise.
+        Why the node could not be configured or activated; empty if it could.
     reading : str
-        Names what is read, such as "joint hitch on /joint_states".
+        Name of the input, such as "joint hitch on /joint_states".
     age, stale_after : float
-        Of the last reading, and from which that is too old, s.
+        Age of the last reading, and the age from which it is too old, s.
     second : Second
-        What happened since the status before.
+        What happened since the last status.
     resonance : Resonance or None
-        The last one.
-    log : Log or None
-        None while there is no recorder.
+        The last resonance.
+    recorder : Recorder or None
+        None while the node is not configured.
     table_id, interpolation_error : str, float
-        Of the table.
+        Name of the table and its error.
     """
 
     state: str
@@ -151,54 +147,75 @@ class Health:
     stale_after: float
     second: Second
     resonance: Resonance | None
-    log: Log | None
+    recorder: Recorder | None
     table_id: str
     interpolation_error: float
 
 
 def judge(health: Health, statistics: Statistics) -> tuple[bytes, str]:
-    """Return the level of a status and a sentence; of several troubles the gravest."""
+    """Return the level of a status, and a sentence about the most serious problem.
+
+    Parameters
+    ----------
+    health : Health
+        The state of the node.
+    statistics : Statistics
+        Its counts.
+    """
     if health.problem:
         return DiagnosticStatus.ERROR, health.problem
     if health.state != "active":
         return DiagnosticStatus.OK, f"The node is {health.state}."
-    log, second, near = health.log, health.second, health.resonance
-    if log is not None and log.error:
-        return DiagnosticStatus.ERROR, log.error
-    if not health.age <= health.stale_after:  # NaN is no age
-        told = "never" if math.isnan(health.age) else f"not for {health.age:.1f} s"
-        return DiagnosticStatus.STALE, f"There was {told} a reading of {health.reading}."
+    log = health.recorder
+    if log is not None and log.error is not None:
+        return DiagnosticStatus.ERROR, str(log.error)
+    if not health.age <= health.stale_after:  # the age is NaN before the first reading
+        since = "" if math.isnan(health.age) else f" for {health.age:.1f} s"
+        return DiagnosticStatus.STALE, f"The node has not received {health.reading}{since}."
+    warning = _warning(health, statistics)
+    if warning:
+        return DiagnosticStatus.WARN, warning
+    return DiagnosticStatus.OK, f"Predicting at {health.second.rate:.0f} Hz."
+
+
+def _warning(health: Health, statistics: Statistics) -> str:
+    """Return a sentence about the most serious reason for a warning, or an empty one."""
+    log, second, near = health.recorder, health.second, health.resonance
     if second.without_numbers > 0.0:
         share = 100.0 * second.without_numbers
-        return (
-            DiagnosticStatus.WARN,
-            f"{share:.0f} % of the crank angles have no prediction; see the node's warnings.",
-        )
+        return f"{share:.0f} % of the crank angles have no prediction; see the node's warnings."
     if log is not None and log.dropped:
-        return DiagnosticStatus.WARN, f"{log.dropped} messages are not in the log."
+        return f"{log.dropped} messages are missing in the log."
     if second.qos_mismatches:
         topics = ", ".join(sorted(statistics.qos_mismatches))
-        return DiagnosticStatus.WARN, f"A subscriber's QoS does not match that of {topics}."
+        return f"A subscriber's QoS does not match that of {topics}."
     if second.clock_jumps:
-        return DiagnosticStatus.WARN, "The clock has jumped."
+        return "The clock has jumped."
     if near is not None and near.state is ResonanceState.WARNING:
         return (
-            DiagnosticStatus.WARN,
             f"{near.excitation} ({near.excitation_frequency:.1f} Hz) is within "
             f"{100.0 * abs(near.relative_margin):.1f} % of mode {near.mode + 1} "
-            f"({near.natural_frequency:.1f} Hz).",
+            f"({near.natural_frequency:.1f} Hz)."
         )
-    return DiagnosticStatus.OK, f"Predicting at {second.rate:.0f} Hz."
+    return ""
 
 
 def status(name: str, hardware_id: str, health: Health, statistics: Statistics) -> DiagnosticStatus:
-    """Return the status with every number."""
+    """Return the status with all its values.
+
+    Parameters
+    ----------
+    name, hardware_id : str
+        Names of the status and of the mechanism.
+    health : Health
+        The state of the node.
+    statistics : Statistics
+        Its counts.
+    """
     level, message = judge(health, statistics)
-    median, high = (
-        1e3 * np.percentile(statistics.latencies, [50.0, 99.0])
-        if statistics.latencies
-        else (math.nan, math.nan)
-    )
+    latencies, log = 1e3 * np.array(statistics.latencies or math.nan), health.recorder
+    median, high = np.percentile(latencies, [50.0, 99.0])
+    mismatches = sorted(statistics.qos_mismatches.items())
     values = {
         "state": health.state,
         "input age [s]": f"{health.age:.3f}",
@@ -211,22 +228,19 @@ def status(name: str, hardware_id: str, health: Health, statistics: Statistics) 
         "predictions": str(statistics.predicted),
         "stamps that went back": str(statistics.stamps_back),
         "clock jumps": str(statistics.clock_jumps),
-        "QoS mismatches": ", ".join(
-            f"{topic} {count}" for topic, count in sorted(statistics.qos_mismatches.items())
-        )
-        or "0",
+        "QoS mismatches": ", ".join(f"{topic} {count}" for topic, count in mismatches) or "0",
         "table id": health.table_id,
         "table error": f"{health.interpolation_error:.1e}",
     }
     if health.resonance is not None:
         values["resonance"] = health.resonance.state.name.lower()
         values["margin [%]"] = f"{100.0 * health.resonance.relative_margin:.1f}"
-    if health.log is not None:
-        values["recording"] = str(health.log.recording).lower()
-        values["log"] = health.log.path
-        values["log messages written"] = str(health.log.written)
-        values["log messages dropped"] = str(health.log.dropped)
-        values["log error"] = health.log.error
+    if log is not None:
+        values["recording"] = str(log.recording).lower()
+        values["log"] = str(log.path or "")
+        values["log messages written"] = str(log.written)
+        values["log messages dropped"] = str(log.dropped)
+        values["log error"] = str(log.error or "")
     return DiagnosticStatus(
         level=level,
         name=name,
@@ -234,10 +248,3 @@ def status(name: str, hardware_id: str, health: Health, statistics: Statistics) 
         hardware_id=hardware_id,
         values=[KeyValue(key=key, value=value) for key, value in values.items()],
     )
-
-
-def diagnostics(stamp: object, told: DiagnosticStatus) -> DiagnosticArray:
-    """Return the message of one status."""
-    message = DiagnosticArray(status=[told])
-    message.header.stamp = stamp
-    return message

@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""How the node's topics are published and heard."""
+"""Publishers and subscriptions with the node's QoS."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -30,11 +30,10 @@ from linkage_vibration_interfaces.msg import Resonance, VibrationPrediction
 
 @dataclass(frozen=True, slots=True)
 class Publishers:
-    """What live predictions go out by; there as long as the node, whatever its state.
+    """The publishers of live predictions, which exist as long as the node in whatever state.
 
-    In rclpy 9.1 a publisher or subscription that has QoS events must not be destroyed while the
-    events executor is at work: an event that comes meanwhile ends the process. All others of the
-    node are without.
+    In rclpy 9.1 a publisher or subscription with QoS events must not be destroyed while the events
+    executor works, because an event at that moment ends the process. Only these have QoS events.
     """
 
     predictions: Any
@@ -42,33 +41,52 @@ class Publishers:
 
 
 def publishers(node: Node, statistics: Statistics, throttle: Throttle) -> Publishers:
-    """Return reliable publishers that tell of subscribers whose QoS they cannot serve."""
+    """Return reliable publishers that report subscribers whose QoS does not match.
 
-    def advertised(kind: Any, name: str) -> Any:
+    Parameters
+    ----------
+    node : Node
+        The node that publishes.
+    statistics : Statistics
+        Counts these subscribers.
+    throttle : Throttle
+        Warns of them.
+    """
+
+    def advertise(kind: Any, name: str) -> Any:
         topic = node.resolve_topic_name(name)
 
-        def deaf(event: QoSOfferedIncompatibleQoSInfo) -> None:
+        def on_mismatch(event: QoSOfferedIncompatibleQoSInfo) -> None:
             statistics.qos_mismatches[topic] += event.total_count_change
             throttle.warn(
                 f"subscriber of {topic}",
                 f"A subscriber of {topic} asks for a QoS that this "
-                f"node does not offer ({qos_policy_name_from_kind(event.last_policy_kind)}); it "
-                "receives nothing. Subscribe volatile, reliable or best effort.",
+                f"node does not offer ({qos_policy_name_from_kind(event.last_policy_kind)}), so it "
+                "receives nothing. Subscribe volatile, and reliable or best effort.",
             )
 
-        events = PublisherEventCallbacks(incompatible_qos=deaf)
+        events = PublisherEventCallbacks(incompatible_qos=on_mismatch)
         qos = _qos(ReliabilityPolicy.RELIABLE)
         return node.create_publisher(kind, name, qos, event_callbacks=events)
 
     return Publishers(
-        advertised(VibrationPrediction, "~/prediction"), advertised(Resonance, "~/resonance")
+        advertise(VibrationPrediction, "~/prediction"), advertise(Resonance, "~/resonance")
     )
 
 
 def publisher(node: Node, kind: Any, name: str, *, latched: bool = False) -> Any:
-    """Return a reliable publisher of one message, which may be destroyed at any time.
+    """Return a reliable publisher that may be destroyed at any time.
 
-    A latched one keeps the message for those who subscribe later.
+    Parameters
+    ----------
+    node : Node
+        The node that publishes.
+    kind : type
+        Class of the messages.
+    name : str
+        Name of the topic.
+    latched : bool
+        Whether later subscribers receive the last message.
     """
     qos = _qos(ReliabilityPolicy.RELIABLE)
     qos.depth = 1
@@ -78,18 +96,27 @@ def publisher(node: Node, kind: Any, name: str, *, latched: bool = False) -> Any
     return node.create_publisher(kind, name, qos, event_callbacks=events)
 
 
-def subscribe(node: Node, kind: Any, topic: str, heard: Callable[..., None]) -> Any:
-    """Return a subscription that hands out a message's bytes and its `MessageInfo`.
+def subscribe(node: Node, kind: Any, topic: str, on_message: Callable[..., None]) -> Any:
+    """Return a subscription, which matches publishers of every QoS and waits for no lost message.
 
-    Best effort and volatile hears publishers of every QoS, and never waits for a lost message.
+    Parameters
+    ----------
+    node : Node
+        The node that subscribes.
+    kind : type
+        Class of the messages.
+    topic : str
+        Name of the topic.
+    on_message : callable
+        Called with the bytes of a message and its `MessageInfo`.
     """
 
-    @wraps(heard)
+    @wraps(on_message)
     def call(*args: Any) -> None:
-        # The events executor (rclpy 9.1) hands both over as one.
-        heard(*(args if len(args) == 2 else args[0]))
+        # The events executor (rclpy 9.1) passes both in one tuple.
+        on_message(*(args if len(args) == 2 else args[0]))
 
-    # rclpy's type hints do not know that `raw` hands out bytes.
+    # The type hints of rclpy do not know that `raw` passes bytes.
     return node.create_subscription(
         kind,
         topic,
@@ -113,7 +140,7 @@ def message_class(type_name: str) -> Any:
 
 
 def _qos(reliability: ReliabilityPolicy) -> QoSProfile:
-    """Return a profile of its own: rclpy's overrides change the shared ones in place."""
+    """Return a new profile, because the overrides of rclpy change shared profiles in place."""
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST,
         depth=QUEUE_DEPTH,

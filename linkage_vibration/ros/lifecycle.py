@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""The lifecycle node: what it has in each state, and what it tells of itself."""
+"""The lifecycle node: what it does in each state, and its diagnostics."""
 
 import math
 import time
@@ -16,22 +16,23 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 from rclpy.parameter import Parameter
 from std_msgs.msg import String
 
-from linkage_vibration.bags.recorder import Provenance, Recorder
+from linkage_vibration.bags.recorder import Provenance, Recorder, package_versions
 from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.messages.provenance import attachments
 from linkage_vibration.prediction.answers import Served
 from linkage_vibration.prediction.resonance import ResonanceMonitor
 from linkage_vibration.prediction.settings import NODE_NAME, without_markers
 from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.readers.served import read_served
-from linkage_vibration.ros.diagnostics import Health, Log, Statistics, diagnostics, status
+from linkage_vibration.ros.diagnostics import Health, Statistics, status
 from linkage_vibration.ros.endpoints import publisher, publishers
 from linkage_vibration.ros.interface_check import check_interfaces
 from linkage_vibration.ros.log_control import Recording
 from linkage_vibration.ros.markers import Markers, MarkerSettings
 from linkage_vibration.ros.message_path import Predicting, own_topics
 from linkage_vibration.ros.parameter_server import changed, declare_parameters, in_own_types
-from linkage_vibration.ros.served import provenance, table_info
 from linkage_vibration.ros.services import Services
+from linkage_vibration.ros.table_info import table_info
 from linkage_vibration.ros.throttle import Throttle
 from linkage_vibration_interfaces.msg import TableInfo
 
@@ -39,22 +40,23 @@ from linkage_vibration_interfaces.msg import TableInfo
 class LinkageVibrationNode(LifecycleNode):
     """Predicts how a linkage vibrates from each reading of its crank angle.
 
-    Configured, it has its table and offers its services; active, it listens and predicts.
+    While it is configured, it has its table and offers its services; while it is active, it
+    subscribes and predicts.
 
     Parameters
     ----------
     stop_asked : callable
-        Whether a signal came, which what takes long looks for.
+        Returns whether a signal has arrived; long operations call it.
 
     Attributes
     ----------
     problem : str
-        Why it could not be configured or activated; empty where it could.
+        Why the node could not be configured or activated; empty if it could.
 
     Raises
     ------
     LinkageVibrationError
-        If it is to start by itself and a parameter is not valid.
+        If the node starts by itself and a parameter is invalid.
     """
 
     def __init__(self, stop_asked: Callable[[], bool] = lambda: False) -> None:
@@ -65,7 +67,7 @@ class LinkageVibrationNode(LifecycleNode):
         self._statistics = Statistics()
         self._throttle = Throttle(self.get_logger())
         self._outputs = publishers(self, self._statistics, self._throttle)
-        # What it has while it is configured.
+        # These exist while the node is configured.
         self._served: Served | None = None
         self._excitations = ""
         self._predicting: Predicting | None = None
@@ -81,77 +83,77 @@ class LinkageVibrationNode(LifecycleNode):
         self.add_on_set_parameters_callback(self._may_set)
         self.add_post_set_parameters_callback(self._apply)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
-        # Simulated time may stand still; a log must be watched, and told of, nevertheless.
+        # Simulated time may stop, but the log must be watched and reported all the same.
         self.create_timer(1.0, self._on_second, clock=Clock(clock_type=ClockType.STEADY_TIME))
         back = JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1))
         self._jumps = self.get_clock().create_jump_callback(back, post_callback=self._on_jump)
 
-    # Life
-
     def start(self) -> None:
-        """Configure and activate, as a lifecycle manager would.
+        """Configure and activate the node, as a lifecycle manager does.
 
         Raises
         ------
         LinkageVibrationError
-            If that cannot be done.
+            If it cannot be configured or activated.
         ExternalShutdownException
-            If a signal came.
+            If a signal has arrived.
         """
         for step in (self.trigger_configure, self.trigger_activate):
             done = step()
-            self._go_on()
+            self._check_signals()
             if done is not TransitionCallbackReturn.SUCCESS:
                 raise LinkageVibrationError(self.problem)
 
     @property
     def autostart(self) -> bool:
-        """Whether it is to start by itself."""
+        """Whether the node starts by itself."""
         return self._settings.autostart
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Load or build the table, and offer the services."""
+        """Read or build the table, and offer the services."""
         return self._become("inactive", self._configure, self._clean_up)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Listen, predict, and record where that is asked for."""
+        """Subscribe, predict, and record if the parameter record is set."""
         return self._become("active", self._activate, self._deactivate)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Listen no more, and complete the log."""
+        """Unsubscribe, and complete the log."""
         return self._become("inactive", self._deactivate)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Give back the table, the services and all that is published."""
+        """Release the table, the services and the publishers."""
         return self._become("unconfigured", self._clean_up)
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """End whatever is going on."""
+        """End everything."""
         self._deactivate()
         return self._become("finalized", self._clean_up)
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Begin anew after what nobody has foreseen; `problem` keeps what that was."""
+        """Return to the first state after an unexpected error, which `problem` keeps."""
         self._deactivate()
         self._clean_up()
         self._state = "unconfigured"
         return TransitionCallbackReturn.SUCCESS
 
     def close(self) -> None:
-        """End the node, complete its log, and tell what was done."""
+        """End the node, complete its log, and log a summary."""
         recording, counts = self._recording, self._statistics
         self._deactivate()
         self._clean_up()
         logger = self.get_logger()
-        logger.info(f"{counts.received} readings in, {counts.predicted} predictions out.")
+        logger.info(
+            f"{counts.received} messages received, {counts.predicted} predictions published."
+        )
         if recording is not None:
-            recording.tell_end()
+            recording.report_end()
         self.destroy_node()
 
     def _become(
         self, state: str, do: Callable[[], None], undo: Callable[[], None] = lambda: None
     ) -> TransitionCallbackReturn:
-        """Go over to a state; where that fails, tell why and stay."""
+        """Change to a state; if that fails, undo it and report why."""
         try:
             do()
         except LinkageVibrationError as error:
@@ -170,7 +172,7 @@ class LinkageVibrationNode(LifecycleNode):
         self.problem, self._state = "", state
         return TransitionCallbackReturn.SUCCESS
 
-    def _go_on(self) -> None:
+    def _check_signals(self) -> None:
         if self._stop_asked():
             raise ExternalShutdownException
 
@@ -183,7 +185,7 @@ class LinkageVibrationNode(LifecycleNode):
         path = settings.excitation_path()
         excitations = read_excitations(path)
         self._excitations = path.read_text(encoding="utf-8")
-        self._served = served = read_served(settings, self.get_logger().info, self._go_on)
+        self._served = served = read_served(settings, self.get_logger().info, self._check_signals)
         statistics, throttle = self._statistics, self._throttle
         topics = own_topics(self)
         recorder = Recorder(
@@ -217,22 +219,22 @@ class LinkageVibrationNode(LifecycleNode):
             publisher(self, kind, name, latched=True)
             for kind, name in ((TableInfo, "~/table_info"), (String, "~/mechanism"))
         ]
-        self._tell_model(served)
+        self._publish_model(served)
 
     def _activate(self) -> None:
         assert self._predicting is not None and self._recording is not None
         self._recording.activate(begin=self._settings.record)
-        self._predicting.listen()
+        self._predicting.subscribe()
         served = self._serving()
         first, last = map(math.degrees, served.table.alpha3_range)
         self.get_logger().info(
-            f"Predicting for {self._predicting.what}, crank angles {first:g} to {last:g} deg, "
-            f"table {served.table.table_id} of {served.mechanism.name}."
+            f"Predicting for {self._predicting.input_name}, crank angles {first:g} to {last:g} "
+            f"deg, table {served.table.table_id} of {served.mechanism.name}."
         )
 
     def _deactivate(self) -> None:
         if self._predicting is not None:
-            self._predicting.rest()
+            self._predicting.unsubscribe()
         if self._recording is not None:
             self._recording.deactivate()
 
@@ -245,32 +247,31 @@ class LinkageVibrationNode(LifecycleNode):
         self._latched = []
         self._offered = self._markers = self._predicting = self._recording = self._served = None
 
-    # What it serves
-
     def _serving(self) -> Served:
         if self._served is None:
-            # The events executor hands over what came before its service was destroyed.
-            raise LinkageVibrationError("The node is not configured any more; configure it first.")
+            # The events executor passes requests that arrived before a service was destroyed.
+            raise LinkageVibrationError("The node is not configured; configure it first.")
         return self._served
 
     def _swap(self, served: Served) -> None:
-        """Serve another table from now on."""
+        """Use another table from now on."""
         assert self._predicting is not None and self._recording is not None
         self._served, self._predicting.predictor = served, served.predictor
         self._recording.recorder.change_provenance(self._provenance(served))
-        self._tell_model(served)
+        self._publish_model(served)
         self.get_logger().info(f"Predicting from table {served.table.table_id} from now on.")
 
-    def _tell_model(self, served: Served) -> None:
+    def _publish_model(self, served: Served) -> None:
         info, mechanism = self._latched
         info.publish(table_info(served.table, self.get_clock().now().to_msg()))
         mechanism.publish(String(data=served.mechanism_text))
 
     def _provenance(self, served: Served) -> Provenance:
+        """Return what a log keeps of the model and the parameters behind its messages."""
         name = self.get_fully_qualified_name()
-        return provenance(served, self._settings, self._excitations, name)
-
-    # What is set
+        files = attachments(served, self._settings, name, self._excitations)
+        facts = {"table_id": served.table.table_id, "mechanism": served.mechanism.name}
+        return Provenance(files, {**package_versions(), **facts})
 
     def _may_set(self, asked: "list[Parameter[Any]]") -> Any:
         return changed(self._settings, asked, configured=self._served is not None)[1]
@@ -291,22 +292,22 @@ class LinkageVibrationNode(LifecycleNode):
         settings = self._settings
         return MarkerSettings(settings.marker_mode, settings.marker_rate, settings.marker_frame)
 
-    # What it tells of itself
-
     def _on_second(self) -> None:
         now, counts = time.monotonic(), self._statistics
         counts.watch_wall_clock(time.time(), now)
         if self._recording is not None:
             self._recording.watch()
         if self._predicting is not None:
-            self._predicting.tell_missing(now)
-        told = status(
+            self._predicting.report_missing(now)
+        own = status(
             f"{self.get_fully_qualified_name()}: predictions",
             "" if self._served is None else self._served.mechanism.name,
             self._health(now),
             counts,
         )
-        self._diagnostics.publish(diagnostics(self.get_clock().now().to_msg(), told))
+        message = DiagnosticArray(status=[own])
+        message.header.stamp = self.get_clock().now().to_msg()
+        self._diagnostics.publish(message)
 
     def _health(self, now: float) -> Health:
         counts, served, predicting = self._statistics, self._served, self._predicting
@@ -314,12 +315,12 @@ class LinkageVibrationNode(LifecycleNode):
         return Health(
             state=self._state,
             problem=self.problem,
-            reading="" if predicting is None else predicting.what,
+            reading="" if predicting is None else predicting.input_name,
             age=now - counts.last_reading,
             stale_after=self._settings.stale_after,
             second=counts.since_last_time(now),
             resonance=None if predicting is None else predicting.resonance,
-            log=None if self._recording is None else log_state(self._recording.recorder),
+            recorder=None if self._recording is None else self._recording.recorder,
             table_id="" if table is None else table.table_id,
             interpolation_error=math.nan
             if table is None
@@ -328,10 +329,3 @@ class LinkageVibrationNode(LifecycleNode):
 
     def _on_jump(self, _: Any) -> None:
         self._statistics.clock_jumps += 1
-
-
-def log_state(recorder: Recorder) -> Log:
-    """Return what a status tells of a recorder."""
-    error = "" if recorder.error is None else str(recorder.error)
-    path = str(recorder.path or "")
-    return Log(recorder.recording, path, recorder.written, recorder.dropped, error)

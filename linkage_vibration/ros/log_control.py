@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Logs what the node hears and says, from its start or when it is asked to."""
+"""Records the node's messages, from its activation or from a request."""
 
 import time
 from functools import partial
@@ -20,25 +20,20 @@ from linkage_vibration.ros.throttle import Throttle
 
 
 class Recording:
-    """Offers ``~/start_recording`` and ``~/stop_recording``, and hears topics to be logged beside.
+    """Offers ``~/start_recording`` and ``~/stop_recording``, and subscribes to extra topics.
 
     Parameters
     ----------
     node : Node
-        To offer them on.
+        The node that offers the services.
     recorder : Recorder
-        Not begun yet.
+        A recorder that is not started yet, which is the attribute `recorder`.
     own_topics : set of str
-        What `write` is called for.
+        The topics for which `write` is called.
     extra_topics : set of str
-        Others to be logged, as soon as their types are known.
+        Further topics to record, as soon as their types are known.
     throttle : Throttle
-        Warns of those that cannot be.
-
-    Attributes
-    ----------
-    recorder : Recorder
-        The same.
+        Warns of topics that cannot be recorded.
     """
 
     def __init__(
@@ -52,84 +47,92 @@ class Recording:
         self.recorder = recorder
         self._node, self._throttle = node, throttle
         self._extra_topics = extra_topics - own_topics
-        self._heard: dict[str, Any] = {}
-        self._active = self._error_told = False
+        self._subscriptions: dict[str, Any] = {}
+        self._active = self._error_reported = False
         self._services = [
             node.create_service(Trigger, "~/start_recording", self._on_start),
             node.create_service(Trigger, "~/stop_recording", self._on_stop),
         ]
 
     def activate(self, *, begin: bool) -> None:
-        """Allow recording, and begin it where that is asked for.
+        """Allow recording, and start it if ``begin`` is true.
 
         Raises
         ------
         LogError
-            If it cannot begin.
+            If it cannot start.
         """
         if begin:
             self._start()
         self._active = True
 
     def deactivate(self) -> None:
-        """Complete the log, if any, and allow none."""
+        """Complete the log, if there is one, and allow no other."""
         self._active = False
-        for subscription in self._heard.values():
+        for subscription in self._subscriptions.values():
             self._node.destroy_subscription(subscription)
-        self._heard.clear()
+        self._subscriptions.clear()
         self.recorder.stop()
 
     def close(self) -> None:
-        """Take the services back."""
+        """Destroy the services."""
         for service in self._services:
             self._node.destroy_service(service)
 
     def write(self, topic: str, data: bytes, received: int, info: MessageInfo | None) -> None:
-        """Log a message that came, or one of ours (which has no info) as it is handed to DDS.
+        """Record a message.
 
         Parameters
         ----------
+        topic : str
+            Its topic.
+        data : bytes
+            Its CDR.
         received : int
-            When it came, or that came which it answers, ns.
+            When it, or the message that it answers, was received, ns.
+        info : MessageInfo or None
+            None for a message of this node.
         """
-        # A simulated clock reads zero until it runs; such times would spoil the log.
+        # A simulated clock is at zero until it runs; such times would make the log useless.
         if self.recorder.active and received > 0:
             sent = info["source_timestamp"] if info is not None else time.time_ns()
             self.recorder.write(topic, data, received, sent or received)
 
     def watch(self) -> None:
-        """Hear those topics whose type has become known, and tell of a failure; once a second."""
-        if self._active and self._extra_topics - self._heard.keys():
+        """Subscribe to topics whose type is known by now, and report a failure; once a second."""
+        if self._active and self._extra_topics - self._subscriptions.keys():
             for topic, types in self._node.get_topic_names_and_types():
-                if topic in self._extra_topics and topic not in self._heard:
-                    self._hear(topic, types[0])
+                if topic in self._extra_topics and topic not in self._subscriptions:
+                    self._subscribe(topic, types[0])
         error = self.recorder.error
-        if error is not None and not self._error_told:
-            self._error_told = True
-            self._node.get_logger().error(f"{error} Predictions go on.")
+        if error is not None and not self._error_reported:
+            self._error_reported = True
+            self._node.get_logger().error(f"{error} The node continues to predict.")
 
-    def tell_end(self) -> None:
-        """Tell where the log is, and of a failure that was not told yet."""
+    def report_end(self) -> None:
+        """Log where the recorded file is, and a failure that was not reported yet."""
         logger = self._node.get_logger()
-        if self.recorder.error is not None and not self._error_told:
-            logger.error(f"{self.recorder.error} Predictions went on.")
+        if self.recorder.error is not None and not self._error_reported:
+            logger.error(f"{self.recorder.error} The node continued to predict.")
         if self.recorder.path is not None:
             logger.info(f"Log: {self.recorder.path}")
 
-    def _hear(self, topic: str, type_name: str) -> None:
+    def _subscribe(self, topic: str, type_name: str) -> None:
         try:
             kind = message_class(type_name)
             self.recorder.add_topic(log_topic(topic, type_name))
         except (LinkageVibrationError, ImportError, AttributeError) as error:
-            self._throttle.warn(topic, f"{topic} cannot be logged: {error}")
+            self._throttle.warn(topic, f"{topic} cannot be recorded: {error}")
             return
-        self._heard[topic] = subscribe(self._node, kind, topic, partial(self._on_message, topic))
+        self._subscriptions[topic] = subscribe(
+            self._node, kind, topic, partial(self._on_message, topic)
+        )
 
     def _on_message(self, topic: str, data: bytes, info: MessageInfo) -> None:
         self.write(topic, data, self._node.get_clock().now().nanoseconds, info)
 
     def _start(self) -> Path | None:
-        self._error_told = False
+        self._error_reported = False
         self.recorder.start()
         self._node.get_logger().info(f"Recording to {self.recorder.path}")
         return self.recorder.path
@@ -148,7 +151,7 @@ class Recording:
 
     def _on_stop(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         if not self.recorder.active:
-            response.message = "Nothing is being recorded."
+            response.message = "Nothing is being recorded; call start_recording first."
             return response
         self.recorder.stop()
         response.success, response.message = True, str(self.recorder.path)

@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Draws the linkage for 3D viewers: as it stands, and how a mode moves it."""
+"""Draws the linkage for 3D viewers, at its crank angle and moved by a mode."""
 
 import math
 import time
@@ -31,15 +31,15 @@ from linkage_vibration.drawing.palette import COLOURS, GREY
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.prediction.answers import Served
 from linkage_vibration.ros.endpoints import publisher
+from linkage_vibration.ros.throttle import WARN_PERIOD
 
 FloatArray = NDArray[np.float64]
 
-SWING = 0.08  # of the linkage's size, how far the point that moves most is drawn from its place
-SWINGS_PER_SECOND = 0.5  # slow enough to be followed
-_LINE, _PIN = 0.012, 0.03  # of the size: widths of lines, diameters of joints
-WARN_PERIOD = 5.0  # s
-_PICTURES = 3.0  # after which a picture that is not renewed goes
-_UNSEEN_PERIOD = 1.0  # s, between two looks whether somebody subscribes now
+SWING = 0.08  # largest drawn movement of a mode, as a fraction of the linkage's size
+SWINGS_PER_SECOND = 0.5  # slow enough for the eye
+_LINE, _PIN = 0.012, 0.03  # widths of lines and diameters of joints, as fractions of the size
+_PICTURES = 3.0  # a picture disappears if so many periods bring no new one
+_UNSEEN_PERIOD = 1.0  # s, between two checks for a subscriber
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,11 +49,11 @@ class MarkerSettings:
     Attributes
     ----------
     mode : int
-        Index into a prediction's natural frequencies; -1 for none.
+        Index of the mode, from 0; -1 for no mode.
     rate : float
-        Pictures a second, Hz; above 0.
+        Pictures a second, Hz; greater than 0.
     frame : str
-        Frame of the mechanism: x forward, z up.
+        Coordinate frame of the mechanism: x forward, z up.
     """
 
     mode: int
@@ -62,44 +62,44 @@ class MarkerSettings:
 
 
 class Markers:
-    """Publishes ``~/markers`` while somebody subscribes to them.
+    """Publishes ``~/markers`` while they have a subscriber.
 
-    Links, rigid bodies, pins and the ground are true to scale; the mode is drawn about them,
-    magnified and slowed down. A thread draws, so that live predictions do not wait for it.
+    Links, rigid bodies, pins and the ground are true to scale; the mode is magnified and slowed
+    down. A thread draws, so that live predictions do not wait for it.
 
     Parameters
     ----------
     node : Node
-        To publish on.
+        The node that publishes.
     served : callable
-        Returns what is served now.
+        Returns the current mechanism and table.
     settings : MarkerSettings
-        To begin with.
+        What to draw; `configure` changes it.
     """
 
     def __init__(self, node: Node, served: Callable[[], Served], settings: MarkerSettings) -> None:
         self._node, self._served, self._settings = node, served, settings
         self._angle = math.nan
-        self._before: FloatArray | None = None  # the mode as it was drawn last, for its sign
+        self._before: FloatArray | None = None  # the mode in the last picture, for its sign
         self._thread = ThreadPoolExecutor(1, "linkage_vibration_markers")
         self._drawing: Future[None] | None = None
         self._publisher = publisher(node, MarkerArray, "~/markers")
-        # Simulated time may stand still while somebody looks on.
+        # Simulated time may stop while somebody watches.
         self._timer = node.create_timer(
             _UNSEEN_PERIOD, self._on_timer, clock=Clock(clock_type=ClockType.STEADY_TIME)
         )
 
     def configure(self, settings: MarkerSettings) -> None:
-        """Draw otherwise from now on."""
+        """Draw with other settings from now on."""
         self._settings = settings
 
     def update(self, crank_angle: float) -> None:
-        """Take the crank angle (rad) that is drawn from now on."""
+        """Draw this crank angle (rad) from now on."""
         self._angle = crank_angle
 
     def close(self) -> None:
-        """Take the timer and the publisher back."""
-        self._angle = math.nan  # the timer may come once more
+        """Destroy the timer and the publisher."""
+        self._angle = math.nan  # the timer may call once more
         self._node.destroy_timer(self._timer)
         self._thread.shutdown(cancel_futures=True)
         self._node.destroy_publisher(self._publisher)
@@ -108,7 +108,7 @@ class Markers:
         if not math.isfinite(self._angle):
             return
         seen = self._publisher.get_subscription_count() > 0
-        # Waking ten times a second for nobody costs as much as ten predictions.
+        # Ten calls a second without a subscriber would cost as much as ten predictions.
         period = round(1e9 / self._settings.rate) if seen else round(1e9 * _UNSEEN_PERIOD)
         if self._timer.timer_period_ns != period:
             self._timer.timer_period_ns = period
@@ -127,10 +127,10 @@ class Markers:
                 marker.lifetime = lifetime
             self._publisher.publish(MarkerArray(markers=markers))
         except LinkageVibrationError:
-            pass  # where the linkage cannot be, there is nothing to draw; predictions tell why
+            pass  # at an angle that the linkage cannot reach; the prediction reports it
         except Exception as error:
             self._node.get_logger().error(
-                f"Drawing has failed ({type(error).__name__}: {error}).",
+                f"Drawing has failed ({type(error).__name__}: {error}); please report this.",
                 throttle_duration_sec=WARN_PERIOD,
             )
 
@@ -155,7 +155,7 @@ class Markers:
         return markers
 
     def _mode(self, served: Served, angle: float, mode: int, bodies: Curves) -> list[Marker]:
-        """Draw a mode at this moment of its swing, if there is such a mode here."""
+        """Return the markers of a mode at this moment, if the prediction has such a mode."""
         prediction = served.predictor.predict(angle)
         if not prediction.status.has_numbers or mode >= len(prediction.natural_frequencies):
             return []
@@ -163,7 +163,7 @@ class Markers:
         solution = served.model.solve(angle)
         moved = mode_curves(solution, nearest_mode(solution, frequency))
         shape = np.vstack(list(moved.values()))
-        # A shape has no sign of its own: it takes that of the picture before.
+        # The sign of a mode shape is arbitrary, so it follows the last picture.
         sign, before = 1.0, self._before
         if before is not None and before.shape == shape.shape and (before * shape).sum() < 0.0:
             sign = -1.0
@@ -187,7 +187,7 @@ class Markers:
 
 
 def _marker(name: str, number: int, kind: int, colour: str, width: float, at: FloatArray) -> Marker:
-    """Return a marker of one name and number, which replaces the one before."""
+    """Return a marker, which replaces the marker of the same name and number."""
     marker = Marker(ns=name, id=number, type=kind, action=Marker.ADD)
     marker.scale.x = marker.scale.y = marker.scale.z = width
     marker.color = ColorRGBA(

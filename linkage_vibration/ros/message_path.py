@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""The way of a message through the node: reading, prediction, resonance, and all of it logged."""
+"""The path of a message through the node: reading, prediction, resonance, log."""
 
 import math
 import time
@@ -34,14 +34,14 @@ from linkage_vibration.ros.diagnostics import Statistics
 from linkage_vibration.ros.endpoints import Publishers, subscribe
 from linkage_vibration.ros.throttle import Throttle
 
-MISSING_AFTER = 5.0  # s without the joint, before it is said to be missing
-MAX_NAMES_TOLD = 20
+MISSING_AFTER = 5.0  # s without the joint, before a warning says that it is missing
+MAX_NAMES = 20  # of other joints, in that warning
 
-_Heard = tuple[str, bytes, int, MessageInfo]  # topic, bytes, time of receipt (ns), origin
+_Message = tuple[str, bytes, int, MessageInfo]  # topic, bytes, time of receipt (ns), origin
 
 
 def own_topics(node: Node) -> list[Topic]:
-    """Return all topics that `Predicting` hears or publishes on a node, as a log knows them."""
+    """Return all topics that `Predicting` receives or publishes, as a log describes them."""
     types = {
         JOINT_STATES: JOINT_STATE,
         HITCH_POSITION: FLOAT64,
@@ -55,36 +55,34 @@ def own_topics(node: Node) -> list[Topic]:
 class Predicting:
     """Answers each reading of the crank angle with a prediction on ``~/prediction``.
 
-    Once a speed was told, the resonance follows on ``~/resonance``.
+    Once a speed is known, the resonance follows on ``~/resonance``.
 
     Parameters
     ----------
     node : Node
-        To hear on.
+        The node that subscribes.
     publishers : Publishers
-        To publish on.
+        The publishers of both topics.
     settings : Parameters
-        To begin with.
+        The parameters at the start; `apply` changes them.
     predictor : Predictor
-        On the table.
+        Looks up the table. The attribute `predictor` may be replaced between two messages.
     monitor : ResonanceMonitor
-        Of the excitations.
+        Compares the excitations with the natural frequencies.
     record : callable
-        Called with topic, bytes, time of receipt (ns) and `MessageInfo` or None of all that is
-        heard, used or published.
+        Called with topic, bytes, time of receipt (ns) and `MessageInfo` (None for own messages)
+        of every message that is used or published.
     show : callable
         Called with each crank angle that has a prediction, rad.
     statistics : Statistics
-        Counts on.
+        Counts the messages.
     throttle : Throttle
-        Warns of what cannot be answered.
+        Warns of messages that cannot be answered.
 
     Attributes
     ----------
-    predictor : Predictor
-        The same; may be replaced between two messages.
     resonance : Resonance or None
-        The last one.
+        The last resonance.
     """
 
     def __init__(
@@ -117,14 +115,14 @@ class Predicting:
         self.apply(settings)
 
     @property
-    def what(self) -> str:
-        """What is read, in words."""
+    def input_name(self) -> str:
+        """The input, as messages name it."""
         if isinstance(self._input, JointInput):
             return f"joint {self._input.joint_name} on {self._joint_topic}"
         return f"hitch position on {self._percent_topic}"
 
     def apply(self, settings: Parameters) -> None:
-        """Follow other parameters from now on."""
+        """Use other parameters from now on."""
         monitor, other_input = self._monitor, settings.input != self._settings.input
         self._settings, self._input = settings, settings.crank_input()
         monitor.warning_margin = settings.warning_margin
@@ -137,11 +135,11 @@ class Predicting:
             elif monitor.is_fixed(source):
                 monitor.forget(source)
         if other_input and self._subscriptions:
-            self.rest()
-            self.listen()
+            self.unsubscribe()
+            self.subscribe()
 
-    def listen(self) -> None:
-        """Answer what comes from now on."""
+    def subscribe(self) -> None:
+        """Answer messages from now on."""
         self._began = time.monotonic()
         self._statistics.last_reading = math.nan
         hitch = (
@@ -149,41 +147,41 @@ class Predicting:
             if isinstance(self._input, JointInput)
             else (Float64, self._percent_topic, self._on_percent)
         )
-        # Of what is there at once the single-threaded executor takes the first subscription's:
-        # speeds, that the reading is held against the newest ones. The events executor takes all
-        # in the order in which it came.
+        # Of messages that wait, the single-threaded executor takes those of the first subscription
+        # first. Speeds come first, so that a reading is compared with the newest speeds. The
+        # events executor takes all messages in the order of their arrival.
         self._subscriptions = [
             subscribe(self._node, Float64, topic, partial(self._on_speed, source, topic))
             for source, topic in self._speed_topics.items()
         ]
         self._subscriptions.append(subscribe(self._node, *hitch))
 
-    def rest(self) -> None:
-        """Answer nothing from now on."""
+    def unsubscribe(self) -> None:
+        """Answer no more messages."""
         for subscription in self._subscriptions:
             self._node.destroy_subscription(subscription)
         self._subscriptions = []
         self._other_joints.clear()
         self.resonance = None
 
-    def tell_missing(self, now: float) -> None:
-        """Warn when the joint has not come for long, and name those that have."""
+    def report_missing(self, now: float) -> None:
+        """Warn if the joint is missing at a time (steady clock, s), and name the joints seen."""
         last = self._statistics.last_reading
         quiet = now - (self._began if math.isnan(last) else last)
         if quiet > MISSING_AFTER and isinstance(self._input, JointInput) and self._subscriptions:
-            names = ", ".join(sorted(self._other_joints)[:MAX_NAMES_TOLD]) or "none"
+            names = ", ".join(sorted(self._other_joints)[:MAX_NAMES]) or "none"
             self._throttle.warn(
                 "missing",
                 f"Joint {self._input.joint_name} has not been on {self._joint_topic} for more than "
-                f"{MISSING_AFTER:g} s; joints seen there: {names}. Set joint_name to one of them, "
-                "or remap the topic.",
+                f"{MISSING_AFTER:g} s; joints seen there: {names}. Set the parameter joint_name to "
+                "one of them, or remap the topic.",
             )
 
     def _on_joint_state(self, data: bytes, info: MessageInfo) -> None:
         began, received = time.monotonic(), self._node.get_clock().now().nanoseconds
         self._statistics.received += 1
         if not isinstance(self._input, JointInput):
-            return  # heard before the input was changed
+            return  # it arrived before the input was changed
         try:
             message = deserialize_message(data, JointState)
             reading = self._input.reading(message)
@@ -196,14 +194,15 @@ class Predicting:
             )
             return
         if reading is None:
-            # Several nodes may share the topic; `tell_missing` tells when none has the joint.
-            if len(self._other_joints) < MAX_NAMES_TOLD:
-                self._other_joints.update(message.name[:MAX_NAMES_TOLD])
+            # Several nodes may share the topic; `report_missing` warns if none sends the joint.
+            if len(self._other_joints) < MAX_NAMES:
+                self._other_joints.update(message.name[:MAX_NAMES])
             return
         if self._other_joints:
             self._other_joints.clear()
-        header, heard = message.header, (self._joint_topic, data, received, info)
-        self._answer(reading, header.stamp.sec, header.stamp.nanosec, header.frame_id, heard, began)
+        header, source = message.header, (self._joint_topic, data, received, info)
+        stamp = header.stamp
+        self._answer(reading, stamp.sec, stamp.nanosec, header.frame_id, source, began)
 
     def _on_percent(self, data: bytes, info: MessageInfo) -> None:
         began, received = time.monotonic(), self._node.get_clock().now().nanoseconds
@@ -213,8 +212,8 @@ class Predicting:
         percent = self._float(data)
         if percent is not None:
             sec, nanosec = divmod(received, 10**9)
-            heard = self._percent_topic, data, received, info
-            self._answer(self._input.reading(percent), sec, nanosec, "", heard, began)
+            source = self._percent_topic, data, received, info
+            self._answer(self._input.reading(percent), sec, nanosec, "", source, began)
 
     def _on_speed(self, source: Source, topic: str, data: bytes, info: MessageInfo) -> None:
         received = self._node.get_clock().now().nanoseconds
@@ -234,17 +233,17 @@ class Predicting:
             return None
 
     def _answer(
-        self, reading: Reading, sec: int, nanosec: int, frame: str, heard: _Heard, began: float
+        self, reading: Reading, sec: int, nanosec: int, frame: str, source: _Message, began: float
     ) -> None:
-        """Predict and publish; then count and record, what came before what it led to."""
-        counts, received = self._statistics, heard[2]
+        """Predict and publish; then count, and record the message before its prediction."""
+        counts, received = self._statistics, source[2]
         prediction = self.predictor.predict(reading.crank_angle, reading.stddev)
         encoded = encode_prediction(prediction, sec, nanosec, frame)
         self._predictions.publish(encoded)
         counts.latencies.append(time.monotonic() - began)
         counts.predicted += 1
         counts.take_reading(began, sec, nanosec, received)
-        self._record(*heard)
+        self._record(*source)
         self._record(self._prediction_topic, encoded, received, None)
         if self._monitor.any_speed_reported:
             self.resonance = self._monitor.assess(prediction, reading.velocity, received)
@@ -256,5 +255,5 @@ class Predicting:
         else:
             counts.without_numbers += 1
         if prediction.status is not Status.OK:
-            told = fault(prediction, self.predictor.table.alpha3_range)
-            self._throttle.warn(prediction.status.name, f"{self.what}: {told}.")
+            problem = fault(prediction, self.predictor.table.alpha3_range)
+            self._throttle.warn(prediction.status.name, f"{self.input_name}: {problem}.")

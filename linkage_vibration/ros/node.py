@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""The node's process, which ends well by whatever signal it is told to."""
+"""The node's process, which ends cleanly by SIGINT, SIGTERM and SIGHUP."""
 
 import os
 import signal
@@ -13,39 +13,38 @@ STOP_SIGNALS = (signal.SIGHUP, signal.SIGINT, signal.SIGTERM)
 
 def main(args: list[str] | None = None) -> int:
     """Run the node until SIGINT, SIGTERM or SIGHUP, and return the exit code."""
-    # ROS 2 from wheels lies in the Python environment and leaves this unset; a sourced one sets it.
+    # A sourced ROS 2 sets this; the wheels, which are in the Python environment, do not.
     os.environ.setdefault("AMENT_PREFIX_PATH", sys.prefix)
-    stop_asked = _heed_signals()
-    # It takes a second to import ROS 2 and SciPy, in which signals are heeded already.
+    stop_asked = _handle_signals()
+    # The import of ROS 2 and SciPy takes a second, in which signals are handled already.
     from linkage_vibration.ros.spinning import run
 
     try:
         return run(args, stop_asked)
     finally:
-        # As it ends, Python takes its handlers back; a late signal would kill.
+        # Python restores its own handlers as it ends; a late signal would then kill the process.
         for number in STOP_SIGNALS:
             signal.signal(number, signal.SIG_IGN)
 
 
-def _heed_signals() -> Callable[[], bool]:
-    """Let signals end nothing midway; return what tells whether one came.
+def _handle_signals() -> Callable[[], bool]:
+    """Only note that a signal has arrived; return a function that says whether one has.
 
-    Nothing else may act on them: Python's KeyboardInterrupt could strike in the middle of a write
-    to the log, and a second signal could kill a process that is ending well. Handlers rather than
-    masks, as a signal to the process goes to any thread that does not block it, and libraries begin
-    theirs as they are imported.
+    Python's KeyboardInterrupt could interrupt a write to the log, and a second signal could kill a
+    process that is ending. Signal masks do not help, because a signal to the process goes to any
+    thread that does not block it, and libraries start threads while they are imported.
     """
-    came = False
+    arrived = False
 
     def note(_: int, __: FrameType | None) -> None:
-        nonlocal came
-        came = True
+        nonlocal arrived
+        arrived = True
 
     for number in STOP_SIGNALS:
-        # Whoever started it (nohup) may want it to outlive its terminal.
+        # A node that nohup started keeps running after its terminal has closed.
         if number != signal.SIGHUP or signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, note)
-    return lambda: came
+    return lambda: arrived
 
 
 if __name__ == "__main__":

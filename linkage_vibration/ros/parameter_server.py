@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""The node's parameters as ROS 2 declares, describes and sets them."""
+"""Declares, describes and sets the node's parameters in ROS 2."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import fields
@@ -30,15 +30,15 @@ def declare_parameters(node: Node) -> tuple[Parameters, dict[str, ParameterError
     Returns
     -------
     settings : Parameters
-        What it was given, with the defaults of those that are not valid.
+        The given values, and the default values of invalid parameters.
     faults : dict of str to ParameterError
-        What is wrong with these, by name.
+        The errors of invalid parameters, by name.
     """
     values: dict[str, Any] = {}
     faults: dict[str, ParameterError] = {}
     for parameter in fields(Parameters):
         name = parameter.name
-        # Declared first with any type, so that rclpy does not refuse an int before it is looked at.
+        # It is first declared with any type, because rclpy refuses an integer for a double.
         anything = ParameterDescriptor(dynamic_typing=True)
         given = node.declare_parameter(name, parameter.default, anything).value
         node.undeclare_parameter(name)
@@ -51,7 +51,7 @@ def declare_parameters(node: Node) -> tuple[Parameters, dict[str, ParameterError
 
 
 def _descriptor(parameter: Any) -> ParameterDescriptor:
-    """Return what `ros2 param describe` tells."""
+    """Return what `ros2 param describe` shows."""
     words = parameter.metadata
     unit, between = words["unit"], words["between"]
     fixed = parameter.name == "autostart"
@@ -73,7 +73,7 @@ def _descriptor(parameter: Any) -> ParameterDescriptor:
 
 
 def in_own_types(asked: "list[Parameter[Any]]") -> "list[Parameter[Any]]":
-    """Return parameters that are to be set, whole numbers as doubles where these are wanted."""
+    """Return parameters that are to be set, with integers for doubles converted."""
     kinds = {parameter.name: type(parameter.default) for parameter in fields(Parameters)}
     return [
         Parameter(p.name, value=own_type(kinds[p.name], p.value)) if p.name in kinds else p
@@ -84,29 +84,32 @@ def in_own_types(asked: "list[Parameter[Any]]") -> "list[Parameter[Any]]":
 def changed(
     settings: Parameters, asked: "Iterable[Parameter[Any]]", *, configured: bool
 ) -> tuple[Parameters, SetParametersResult]:
-    """Return the parameters as they would be, and whether they may be set so.
+    """Return the parameters after a change, and whether the change is allowed.
 
     Parameters
     ----------
     settings : Parameters
-        As they are.
+        The current parameters.
     asked : iterable of rclpy.parameter.Parameter
-        Some of them, as they are to be, and others that are none of ours.
+        New values, possibly also of parameters that every node has.
     configured : bool
-        Whether the node is, so that only live ones may be set.
+        Whether the node is configured, so that only live parameters may be set.
     """
     known = {parameter.name: parameter.metadata for parameter in fields(Parameters)}
     values: Mapping[str, Any] = {p.name: p.value for p in asked if p.name in known}
+    reason = ""
     try:
-        for name in values:
-            if configured and not known[name]["live"]:
-                raise ParameterError(
-                    f"Parameter {name} is read when the node is configured; clean it up first "
-                    "(`ros2 lifecycle set`), or give it at start."
-                )
         found = with_values(settings, values)
         if configured:
             found.crank_input()
     except ParameterError as error:
-        return settings, SetParametersResult(successful=False, reason=str(error))
+        reason = str(error)
+    for name in values:
+        if configured and not known[name]["live"]:
+            reason = (
+                f"Parameter {name} is read when the node is configured; clean the node up first "
+                "(`ros2 lifecycle set`), or give the parameter at the start."
+            )
+    if reason:
+        return settings, SetParametersResult(successful=False, reason=reason)
     return found, SetParametersResult(successful=True)

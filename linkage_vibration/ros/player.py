@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Plays a recorded drive to a running node over DDS, and gathers what it answers."""
+"""Plays a recorded drive to a running node over DDS, and collects its predictions."""
 
 import time
 from array import array
@@ -26,7 +26,7 @@ from linkage_vibration_interfaces.msg import VibrationPrediction
 from linkage_vibration_interfaces.srv import PredictVibration
 
 PREDICTING_NODE = "linkage_vibration"
-# Enough for the predictions of 10 s at 1 kHz, should this process be kept from reading them.
+# 10 s of predictions at 1 kHz, in case this process cannot read them for a while.
 PREDICTIONS_DEPTH = 10_000
 MATCH_TIMEOUT = 30.0  # s
 ANSWER_TIMEOUT = 3.0  # s, after the last prediction
@@ -39,16 +39,16 @@ class PlayerError(LinkageVibrationError):
 
 @dataclass(frozen=True, slots=True)
 class SpeedRecord:
-    """A speed of the tractor, as it was recorded.
+    """A recorded speed of the tractor.
 
     Attributes
     ----------
     topic : str
-        Such as ``/engine_speed``.
+        Name of the topic, such as ``/engine_speed``.
     log_time : int
-        ns.
+        Time in the recording, ns.
     value : float
-        rpm, or m/s.
+        The speed, rpm or m/s.
     """
 
     topic: str
@@ -58,19 +58,19 @@ class SpeedRecord:
 
 @dataclass(frozen=True, slots=True)
 class Playback:
-    """What came of playing a recording.
+    """The result of playing a recording.
 
     Attributes
     ----------
     sent : int
         Joint states published.
     received : int
-        Predictions that came back.
-    latencies : ndarray, (n_matched,)
-        From just before a joint state is published to when the prediction with its stamp arrives,
-        both in this process and on the monotonic clock, s.
-    lateness : ndarray, (sent,)
-        How long after its recorded time each joint state was published, s.
+        Predictions received.
+    latencies : ndarray, (n_matched,), s
+        Times from publishing a joint state to receiving the prediction with its stamp, both in
+        this process and by the monotonic clock.
+    lateness : ndarray, (sent,), s
+        Times from when a joint state was due to when it was published.
     """
 
     sent: int
@@ -87,26 +87,26 @@ def play(
 ) -> Playback:
     """Publish joint states and speeds at their recorded times, and wait until all are answered.
 
-    Stamps are published as they were recorded, however old: the node copies them into its
-    predictions, which tells which prediction answers which joint state.
+    The recorded stamps are kept. The node copies them into its predictions, so they show which
+    prediction answers which joint state.
 
     Parameters
     ----------
     records : iterable of JointStateRecord
-        In the order of their log times.
+        The joint states in the order of their log times.
     speeds : sequence of SpeedRecord
-        In that order too; each goes out before the joint state that follows it.
+        The speeds in the same order.
     on_prediction : callable
         Called with every prediction that arrives.
     check : callable
-        Called again and again; raises when going on has become pointless.
+        Called repeatedly; raises an exception to stop.
 
     Raises
     ------
     PlayerError
-        If the node is not there, or does not answer its service, within 30 s.
+        If the node does not answer its service within 30 s.
     """
-    # The caller keeps its own Ctrl-C; rclpy would turn it into a silent end of spinning.
+    # rclpy would turn Ctrl-C into a silent end of spinning, so the caller handles it.
     context = Context()
     rclpy.init(context=context, signal_handler_options=SignalHandlerOptions.NO)
     try:
@@ -172,7 +172,7 @@ def _play(
         check()
         first_log_time = record.log_time if first_log_time is None else first_log_time
         due = start + (record.log_time - first_log_time) / 1e9
-        # Spins at least once, so that predictions are fetched even when publishing is behind.
+        # It spins at least once, so that predictions are read even if publishing is late.
         executor.spin_once(max(due - time.monotonic(), 0.0))
         while (wait := due - time.monotonic()) > 0.0:
             executor.spin_once(wait)
@@ -200,11 +200,11 @@ def _wait_for_match(
     subscription_count: Callable[[], int],
     check: Callable[[], None],
 ) -> None:
-    """Return when the node will hear what is published from now on.
+    """Return when the node receives what is published from now on.
 
-    That this side has found the node does not mean that the node has found this side. DDS tells
-    of endpoints in the order of their making, so when a client made last gets an answer, the node
-    knows the publisher and the subscription made before it.
+    That this side has found the node does not mean that the node has found this side. DDS
+    announces endpoints in the order of their creation. So when a client gets an answer, the node
+    knows the publisher and the subscription, which were created before the client.
     """
     client: Any = node.create_client(PredictVibration, f"{PREDICTING_NODE}/predict")
     deadline = time.monotonic() + MATCH_TIMEOUT
@@ -212,14 +212,14 @@ def _wait_for_match(
         check()
         executor.spin_once(0.05)
         if client.service_is_ready() and subscription_count() > 0:
-            # Asked again each second: an answer is lost while the node has not found the client.
+            # Answers are lost until the node has found the client, so it asks again each second.
             answer = client.call_async(PredictVibration.Request())
             executor.spin_until_future_complete(answer, 1.0)
             if answer.done():
                 return
     raise PlayerError(
         f"Node /{PREDICTING_NODE} did not answer within {MATCH_TIMEOUT:g} s; check that nothing "
-        "blocks UDP on this machine, and ROS_DOMAIN_ID and ROS_AUTOMATIC_DISCOVERY_RANGE."
+        "blocks UDP on this machine, and check ROS_DOMAIN_ID and ROS_AUTOMATIC_DISCOVERY_RANGE."
     )
 
 
@@ -228,7 +228,7 @@ def _message(record: JointStateRecord) -> JointState:
     message.header.stamp.sec, message.header.stamp.nanosec = divmod(record.stamp, 10**9)
     message.header.frame_id = record.frame_id
     message.name = list(record.name)
-    # An array is taken as it is; rclpy would look at every element of a list.
+    # rclpy checks every element of a list, but not of an array.
     message.position = array("d", record.position)
     message.velocity = array("d", record.velocity)
     message.effort = array("d", record.effort)

@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""The node's services: predictions, FRFs, mode shapes, the table, and another implement."""
+"""The node's services: predictions, FRFs, mode shapes, the table, and a change of implement."""
 
 import tempfile
 from array import array
@@ -45,41 +45,41 @@ from linkage_vibration_interfaces.srv import (
 P = ParamSpec("P")
 T = TypeVar("T")
 
-# Live predictions wait while a request is answered. This many take less than a tenth of a second:
-# joint states at 1 kHz fit the queue meanwhile.
+# Live predictions wait while a request is answered. So many angles take less than 0.1 s, and the
+# queue of joint states holds 1 s at 1 kHz.
 MAX_REQUEST = 1_000
-# Requests that wait for a thread; each costs the executor a microsecond whenever it wakes.
+# Largest number of waiting requests; each costs the executor a microsecond when it wakes.
 MAX_WAITING = 16
 
 
 class ServiceError(LinkageVibrationError):
-    """A request comes at a wrong time."""
+    """A request comes at the wrong time."""
 
 
 class Services:
-    """Answers requests beside the live predictions, which wait for none that takes long.
+    """Answers requests without delaying the live predictions.
 
-    What has to be solved is solved in a thread, and another table is built in a process; meanwhile
-    the callback is a coroutine that waits, in a callback group that lets others in.
+    Models are solved in a thread, and tables are built in a process. Meanwhile the callback, a
+    coroutine in a reentrant callback group, waits.
 
     Parameters
     ----------
     node : Node
-        To offer them on.
+        The node that offers the services.
     served : callable
-        Returns what is served now.
+        Returns the current mechanism and table.
     swap : callable
-        Called by the executor with what is served from then on.
+        Called in the executor's thread with a new mechanism and table.
     """
 
     def __init__(
         self, node: Node, served: Callable[[], Served], swap: Callable[[Served], None]
     ) -> None:
         self._node, self._served, self._swap = node, served, swap
-        # One builds at most; the other is there for what is quick.
+        # At most one of them builds a table; the other is free for short requests.
         self._threads = ThreadPoolExecutor(2, "linkage_vibration_services")
         self._waiting = 0
-        self._wanted: Path | None = None  # there as long as a table is being built
+        self._wanted: Path | None = None  # a folder; its removal stops the building of a table
         group = ReentrantCallbackGroup()
         self._services = [
             node.create_service(PredictVibration, "~/predict", self._predict),
@@ -94,17 +94,17 @@ class Services:
         ]
 
     def close(self) -> None:
-        """Give up what is being built, answer who waits, and take the services back.
+        """Stop building, answer the waiting requests, and destroy the services.
 
-        To be called in the executor's thread, or when that has ended. It may take as long as a
-        process takes to start, or the model to be solved once.
+        This is called in the executor's thread, or after that has ended. It may take as long as
+        the start of a process or one solution of the model.
         """
         if self._wanted is not None:
             with suppress(FileNotFoundError):
                 self._wanted.rmdir()
         self._threads.shutdown(cancel_futures=True)
         if self._waiting and self._node.executor is not None:
-            # Who waits is answered before, if the executor goes on.
+            # If the executor continues, it first answers the waiting requests.
             self._node.executor.create_task(self._destroy)
         else:
             self._destroy()
@@ -129,7 +129,7 @@ class Services:
             return response
         predictions = [predictor.predict(angle) for angle in angles]
         sec, nanosec = self._node.get_clock().now().seconds_nanoseconds()
-        # By way of the bytes, so that the service and the topic cannot tell different things.
+        # The bytes of the topic, decoded, so that the service and the topic cannot differ.
         response.predictions = [
             deserialize_message(encode_prediction(p, sec, nanosec, ""), VibrationPrediction)
             for p in predictions
@@ -193,7 +193,7 @@ class Services:
             served = self._served()
             data = await self._away(table_bytes, served.table)
         except LinkageVibrationError as error:
-            self._node.get_logger().warning(f"The table was not handed out: {error}")
+            self._node.get_logger().warning(f"The table was not sent: {error}")
             return response
         response.table_id = served.table.table_id
         response.table = array("B", data)
@@ -212,7 +212,7 @@ class Services:
         try:
             await self._replace(self._served(), implement)
         except LinkageVibrationError as error:
-            response.message = f"The table stays: {error}"
+            response.message = f"The table is unchanged: {error}"
         else:
             response.success = True
         with suppress(LinkageVibrationError):
@@ -220,10 +220,10 @@ class Services:
         return response
 
     async def _replace(self, served: Served, implement: Implement) -> None:
-        """Build the table of another implement, and have it serve."""
+        """Build the table for another implement, and use it."""
         if self._wanted is not None:
             raise ServiceError(
-                "The table of another implement is being built; ask again when it serves."
+                "The table of another implement is being built; ask again when it is in use."
             )
         changed = with_implement(served.mechanism, served.mechanism_text, implement)
         with tempfile.TemporaryDirectory(prefix="linkage_vibration_") as folder:
@@ -234,20 +234,20 @@ class Services:
                 self._wanted = None
 
     async def _away(self, work: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
-        """Call a function in a thread, and wait for it without holding up the executor.
+        """Call a function in a thread, and wait for it while the executor continues.
 
         Raises
         ------
         LinkageVibrationError
-            What the function raises, whatever that is: no request ends the node.
+            Whatever the function raises, so that no request ends the node.
         """
         if self._waiting >= MAX_WAITING:
-            raise ServiceError(f"{self._waiting} requests wait already; ask again later.")
+            raise ServiceError(f"{self._waiting} requests are waiting already; ask again later.")
         ready: Future[None] = Future()
 
         def done(_: object) -> None:
             ready.set_result(None)
-            # An executor looks at what waits when it wakes; that it has ended meanwhile is no harm.
+            # A sleeping executor does not see the result. It may also have ended by now.
             with suppress(InvalidHandle):
                 if self._node.executor is not None:
                     self._node.executor.wake()
@@ -261,7 +261,7 @@ class Services:
         except LinkageVibrationError:
             raise
         except CancelledError:
-            raise ServiceError("The node ends, or is being configured anew.") from None
+            raise ServiceError("The node is ending or being cleaned up.") from None
         except Exception as error:
             self._node.get_logger().error(f"A request failed: {type(error).__name__}: {error}")
             raise ServiceError(
@@ -272,9 +272,9 @@ class Services:
 
 
 def _rebuild(mechanism: Mechanism, text: str, served: Served, wanted: Path) -> Served:
-    """Build the table of a changed mechanism in a process, which leaves the cores' time alone.
+    """Build the table of a changed mechanism in a process.
 
-    In a thread it would take the interpreter from the live predictions again and again.
+    A thread would block the interpreter, and so the live predictions, again and again.
     """
     with LocalPool(1) as pool:
         table = pool.submit(rebuilt, mechanism, served.table, wanted).result()
@@ -282,5 +282,5 @@ def _rebuild(mechanism: Mechanism, text: str, served: Served, wanted: Path) -> S
 
 
 def _doubles(values: NDArray[np.float64]) -> "array[float]":
-    """Return numbers row by row, as messages take them without a look at each."""
+    """Return numbers row by row in an array, which messages accept without checking each."""
     return array("d", np.ascontiguousarray(values, dtype=float).tobytes())

@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""From the command line to the exit code."""
+"""Spins the node until a signal arrives, and returns its exit code."""
 
 from collections.abc import Callable
 from contextlib import suppress
@@ -17,20 +17,20 @@ from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.prediction.settings import NODE_NAME
 from linkage_vibration.ros.lifecycle import LinkageVibrationNode
 
-EVENTS_SINCE = (9, 1, 2)  # of rclpy; before, its events executor awaits no service
-WATCH_PERIOD = 0.2  # s, between two looks whether a signal came
+EVENTS_SINCE = (9, 1, 2)  # of rclpy; earlier events executors do not wait for asynchronous services
+WATCH_PERIOD = 0.2  # s, between two checks for a signal
 
 
 def run(args: list[str] | None, stop_asked: Callable[[], bool]) -> int:
-    """Run the node until a signal comes, and return the exit code.
+    """Run the node until a signal arrives, and return the exit code.
 
     Parameters
     ----------
     args : list of str, optional
-        The command line.
+        Arguments of the command; those of the process by default.
     stop_asked : callable
-        Whether a signal came. rclpy hears none: it would take the context away from a callback that
-        is about to publish.
+        Returns whether a signal has arrived. rclpy does not handle signals here, because it would
+        end the context while a callback is about to publish.
     """
     try:
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
@@ -58,19 +58,19 @@ def _spin(stop_asked: Callable[[], bool]) -> None:
         node.executor = executor
         try:
             while rclpy.ok() and not stop_asked():
-                with suppress(InvalidHandle):  # of what was destroyed as something came for it
+                with suppress(InvalidHandle):  # a message arrived as its subscription was destroyed
                     executor.spin_once(WATCH_PERIOD)
         finally:
-            executor.shutdown()  # before what it looks after is destroyed
+            executor.shutdown()  # before the node's entities are destroyed
     finally:
         node.close()
 
 
 def _executor() -> Executor:
-    """Return the executor that answers soonest (`python -m benchmark.latency`).
+    """Return the executor with the lowest latency (`python -m benchmark.latency`).
 
-    The single-threaded one looks at all the services whenever anything comes, and the
-    multi-threaded one delays and loses messages under load.
+    The single-threaded executor checks all services for each message, and the multi-threaded
+    executor delays and loses messages under load.
     """
     try:
         found = tuple(int(part) for part in version("rclpy").split(".")[:3])

@@ -1,27 +1,35 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Warnings that do not flood."""
+"""Warnings that are not repeated too often."""
 
 import time
 
 from rclpy.impl.rcutils_logger import RcutilsLogger
 
-WARN_PERIOD = 5.0  # s, between warnings about the same thing
+WARN_PERIOD = 5.0  # s, between two warnings about the same subject
 
 
 class Throttle:
-    """Warns, but not again about the same thing within WARN_PERIOD.
+    """Logs warnings, at most one in WARN_PERIOD about each subject.
 
-    rclpy's own throttle takes longer to keep silent than a whole prediction takes.
+    The throttle of rclpy takes longer to suppress a message than a whole prediction takes.
     """
 
     def __init__(self, logger: RcutilsLogger) -> None:
         self._logger = logger
         self._next: dict[str, float] = {}
 
-    def warn(self, about: str, text: str) -> None:
-        """Warn of something; ``about`` tells what is the same thing."""
+    def warn(self, subject: str, text: str) -> None:
+        """Log a warning, unless there was one about the same subject just before.
+
+        Parameters
+        ----------
+        subject : str
+            Identifies warnings that replace each other.
+        text : str
+            The warning.
+        """
         now = time.monotonic()
-        if now >= self._next.get(about, 0.0):
-            self._next[about] = now + WARN_PERIOD
+        if now >= self._next.get(subject, 0.0):
+            self._next[subject] = now + WARN_PERIOD
             self._logger.warning(text)

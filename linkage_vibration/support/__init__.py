@@ -1,3 +1,3 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Helpers that know nothing about linkages: files, processes and where the package's data lie."""
+"""Helpers that know nothing about linkages: files, processes and the package's data."""

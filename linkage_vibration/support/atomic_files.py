@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Writing files so that nobody ever finds half of one."""
+"""Writes files so that no reader ever finds half of one."""
 
 import os
 from pathlib import Path
@@ -9,16 +9,16 @@ from linkage_vibration.errors import LinkageVibrationError
 
 
 def write_bytes(path: Path, data: bytes, error: type[LinkageVibrationError]) -> None:
-    """Write a file beside its place and rename it.
+    """Write a temporary file in the same folder and rename it.
 
     Parameters
     ----------
     path : Path
-        Where it is to be; replaced when it exists.
+        The file to write; it is replaced if it exists.
     data : bytes
         Its content.
     error : type
-        What to raise if it cannot be written.
+        The exception to raise if it cannot be written.
     """
     beside = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
@@ -32,5 +32,15 @@ def write_bytes(path: Path, data: bytes, error: type[LinkageVibrationError]) -> 
 
 
 def write_text(path: Path, text: str, error: type[LinkageVibrationError]) -> None:
-    """Write text in UTF-8 beside its place and rename it; as `write_bytes`."""
+    """Write a text file in UTF-8, as `write_bytes` does.
+
+    Parameters
+    ----------
+    path : Path
+        The file to write; it is replaced if it exists.
+    text : str
+        Its content.
+    error : type
+        The exception to raise if it cannot be written.
+    """
     write_bytes(path, text.encode(), error)

@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""A pool of processes on this machine that outlives the death of any of them."""
+"""A pool of processes on this machine that survives the death of any of them."""
 
 import multiprocessing
 import os
@@ -18,31 +18,35 @@ from linkage_vibration.errors import LinkageVibrationError
 P = ParamSpec("P")
 T = TypeVar("T")
 
-TRIES = 3  # of a task whose process dies
+TRIES = 3  # how often a task is tried if its process dies
 
 
 class ProcessError(LinkageVibrationError):
-    """A task killed its process, or there is none to run it."""
+    """A task killed its process, or the pool has no processes."""
 
 
 class LocalPool(Executor):
-    """Processes on this machine, each with one BLAS thread; one that dies is begun anew.
+    """Processes on this machine, each with one BLAS thread; a process that dies is replaced.
 
-    A `ProcessPoolExecutor` breaks as a whole when one of its processes dies, and does not tell at
-    which task. Here every process is a pool of its own: a death costs one task one try, and leaves
-    the others alone.
+    A `ProcessPoolExecutor` breaks as a whole when one of its processes dies, and does not say which
+    task it was. Here every process is a pool of its own, so a death affects one task only.
 
     Parameters
     ----------
     workers : int, optional
-        How many processes; one for each core that this process may use unless given.
+        Number of processes; by default one for each core that this process may use.
+
+    Raises
+    ------
+    ProcessError
+        If the number is less than 1.
     """
 
     def __init__(self, workers: int | None = None) -> None:
         if workers is None:
             workers = len(os.sched_getaffinity(0))
         if workers < 1:
-            raise ProcessError(f"{workers} workers do nothing; ask for at least one.")
+            raise ProcessError(f"{workers} workers cannot do anything; ask for at least one.")
         self._threads = ThreadPoolExecutor(workers)
         self._idle: SimpleQueue[ProcessPoolExecutor | None] = SimpleQueue()
         for _ in range(workers):
@@ -50,15 +54,30 @@ class LocalPool(Executor):
         self._starting = threading.Lock()
 
     def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
-        """Call a function in one of the processes.
+        """Call a function in one of the processes, and return the future of its result.
 
-        The future raises `ProcessError` if the process died each time, `BrokenExecutor` if none can
-        be started.
+        The future raises `ProcessError` if the process died each time, and `BrokenExecutor` if no
+        process can be started.
+
+        Parameters
+        ----------
+        fn : callable
+            The function, which must be picklable like its arguments and its result.
+        *args, **kwargs : object
+            Its arguments.
         """
         return self._threads.submit(self._call, fn, *args, **kwargs)
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """End the processes once their tasks are done."""
+        """End the processes when their tasks are done.
+
+        Parameters
+        ----------
+        wait : bool
+            Whether to return only after that.
+        cancel_futures : bool
+            Whether to cancel the tasks that have not started.
+        """
         self._threads.shutdown(wait, cancel_futures=cancel_futures)
         while not self._idle.empty():
             pool = self._idle.get()
@@ -66,7 +85,7 @@ class LocalPool(Executor):
                 pool.shutdown(wait)
 
     def _call(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> T:
-        pool = self._idle.get()  # there are as many as there are threads
+        pool = self._idle.get()  # there is one for each thread
         try:
             for _ in range(TRIES):
                 pool = pool or self._start()
@@ -76,7 +95,7 @@ class LocalPool(Executor):
                     pool.shutdown()
                     pool = None
             raise ProcessError(
-                f"Its process died {TRIES} times; if memory ran out, use fewer workers."
+                f"The task's process died {TRIES} times; if memory ran out, use fewer workers."
             )
         finally:
             self._idle.put(pool)
@@ -84,13 +103,13 @@ class LocalPool(Executor):
     def _start(self) -> ProcessPoolExecutor:
         pool = ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), _begin_process)
         with self._starting, _one_blas_thread():
-            first = pool.submit(os.getpid)  # starts the process, which takes the environment over
+            first = pool.submit(os.getpid)  # starts the process, which copies the environment
         first.result()
         return pool
 
 
 def _begin_process() -> None:
-    """Leave Ctrl-C to the parent, and end with it however it ends."""
+    """Ignore Ctrl-C, which the parent handles, and end when the parent ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
@@ -104,7 +123,7 @@ def _end_with_parent() -> None:
 
 @contextmanager
 def _one_blas_thread() -> Iterator[None]:
-    """Set the environment for processes that begin meanwhile."""
+    """Limit BLAS to one thread in processes that start within this context."""
     name = "OPENBLAS_NUM_THREADS"
     before = os.environ.get(name)
     os.environ[name] = "1"

@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Where the files that ship with the package lie, however it was installed."""
+"""Finds the files that ship with the package, however it was installed."""
 
 import os
 import sys
@@ -10,26 +10,26 @@ from linkage_vibration.errors import LinkageVibrationError
 
 PACKAGE = "linkage_vibration"
 
-# Below config, what is used where nothing else is asked for.
+# The default files, below config.
 DEFAULT_MECHANISM = "three_point_linkage.yaml"
 DEFAULT_TABLE = "tables/three_point_linkage.npz"
 DEFAULT_EXCITATIONS = "excitations.yaml"
 
 
 class ResourceError(LinkageVibrationError):
-    """A file that ships with the package is not where an installation puts it."""
+    """A file that ships with the package is not installed."""
 
 
 def share_directory() -> Path:
     """Return the folder that holds ``config`` and ``launch``.
 
-    A checkout wins over what is installed, so that an editable install sees its own files; then
-    come the prefixes of a sourced ROS 2 in their order, then the Python environment.
+    A checkout comes first, so that an editable install uses its own files; then come the prefixes
+    of a sourced ROS 2 in their order, and then the Python environment.
 
     Raises
     ------
     ResourceError
-        If none of them holds a ``config`` folder of this package.
+        If none of them has a ``config`` folder of this package.
     """
     checkout = Path(__file__).resolve().parents[2]
     if (checkout / "package.xml").is_file():

@@ -1,32 +1,32 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""A bound on what YAML may unfold to: aliases of aliases let a page hold more than memory."""
+"""Refuses YAML whose aliases expand to more data than fits into memory."""
 
 import math
 
 import yaml
 
-_ALWAYS = 10_000  # values
+_ALWAYS = 10_000  # values that any text may hold
 
 
 def refuse_unbounded(root: yaml.Node) -> None:
-    """Refuse a text whose aliases repeat more values than the text has characters.
+    """Refuse a text that holds more values, with its aliases expanded, than characters.
 
     Raises
     ------
-    yaml.MarkedYAMLError
-        If they do, or if a value holds itself.
+    MarkedYAMLError
+        If it does, or if a value contains itself.
     """
     limit = max(_ALWAYS, root.end_mark.index)
     if _unfolded(root, {}) > limit:
         raise yaml.MarkedYAMLError(
-            problem=f"with its aliases (*) written out it holds more than {limit} values",
+            problem=f"with its aliases (*) expanded it holds more than {limit} values",
             problem_mark=root.start_mark,
         )
 
 
 def _unfolded(node: yaml.Node, known: dict[yaml.Node, float]) -> float:
-    """Count the values below a node, as often as aliases repeat them; infinite within itself."""
+    """Count the values below a node with aliases expanded; infinite if it contains itself."""
     if node not in known:
         known[node] = math.inf
         below = node.value if isinstance(node, yaml.CollectionNode) else []

@@ -155,7 +155,7 @@ def test_joint_must_be_named(tmp_path: Path) -> None:
     """Without a joint, or with one that is unknown or at rest, the error lists the joints."""
     bag = write_bag(tmp_path / "bag", 20)
     for joint, words in [
-        (None, r"Say which joint of .* to follow; it has 123, other, still"),
+        (None, r"Name the joint of .* to follow with --joint; it has 123, other, still"),
         ("hitch", r"has no joint hitch; it has 123, other, still"),
         ("still", r"Joint still of .* does not move .* 123, other, still"),
     ]:
@@ -171,7 +171,7 @@ def test_wrong_paths_are_named(tmp_path: Path) -> None:
     with pytest.raises(BagError, match="There is no bag"):
         run_demo(tmp_path / "none.bag", "a", tmp_path)
     (tmp_path / "file").touch()
-    with pytest.raises(DemoError, match="file cannot be a folder to write to"):
+    with pytest.raises(DemoError, match="file cannot be used as a folder"):
         run_demo(None, None, tmp_path / "file")
 
 

@@ -7,6 +7,8 @@ import re
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -16,7 +18,6 @@ from linkage_vibration.prediction.resonance import Resonance, ResonanceState
 from linkage_vibration.ros.diagnostics import (
     LATENCIES,
     Health,
-    Log,
     Second,
     Statistics,
     judge,
@@ -33,7 +34,14 @@ OK, WARN, ERROR, STALE = (
 NEAR = Resonance(
     ResonanceState.WARNING, "engine 3", 94.0, 1, 95.0, -1.0, -1.0 / 95.0, 1, 2.0, "a table"
 )
-LOG = Log(recording=True, path="/logs/a.mcap", written=10, dropped=0, error="")
+
+
+def recorder(**changes: Any) -> Any:
+    """Return a recorder as far as a status reads it."""
+    state = {"recording": True, "path": Path("/logs/a.mcap"), "written": 10}
+    return SimpleNamespace(**{**state, "dropped": 0, "error": None, **changes})
+
+
 QUIET = Second(rate=100.0, without_numbers=0.0, clock_jumps=0, qos_mismatches=0)
 SOUND = Health(
     state="active",
@@ -43,7 +51,7 @@ SOUND = Health(
     stale_after=1.0,
     second=QUIET,
     resonance=replace(NEAR, state=ResonanceState.CLEAR),
-    log=LOG,
+    recorder=recorder(),
     table_id="a table",
     interpolation_error=4.6e-7,
 )
@@ -55,15 +63,15 @@ SOUND = Health(
         ({}, OK, "Predicting at 100 Hz"),
         ({"state": "inactive"}, OK, "The node is inactive"),
         ({"problem": "/none.yaml: cannot be read"}, ERROR, "/none.yaml"),
-        ({"age": 2.5}, STALE, "not for 2.5 s a reading of joint hitch on /joint_states"),
-        ({"age": math.nan}, STALE, "never a reading"),
+        ({"age": 2.5}, STALE, "not received joint hitch on /joint_states for 2.5 s"),
+        ({"age": math.nan}, STALE, "has not received joint hitch on /joint_states."),
         ({"second": replace(QUIET, without_numbers=0.25)}, WARN, "25 % of the crank angles"),
         ({"second": replace(QUIET, clock_jumps=1)}, WARN, "clock has jumped"),
         ({"second": replace(QUIET, qos_mismatches=1)}, WARN, "that of /prediction"),
-        ({"log": replace(LOG, dropped=3)}, WARN, "3 messages are not in the log"),
-        ({"log": replace(LOG, error="disk full")}, ERROR, "disk full"),
+        ({"recorder": recorder(dropped=3)}, WARN, "3 messages are missing in the log"),
+        ({"recorder": recorder(error="disk full")}, ERROR, "disk full"),
         ({"resonance": NEAR}, WARN, r"engine 3 \(94.0 Hz\) is within 1.1 % of mode 2 \(95.0 Hz\)"),
-        ({"age": 2.5, "log": replace(LOG, error="disk full")}, ERROR, "disk full"),
+        ({"age": 2.5, "recorder": recorder(error="disk full")}, ERROR, "disk full"),
         ({"resonance": NEAR, "second": replace(QUIET, without_numbers=0.5)}, WARN, "50 %"),
     ],
 )

@@ -248,7 +248,7 @@ def test_signals_end_it_cleanly(start: Callable[..., Any], by: signal.Signals) -
         time.sleep(0.02)
     assert ended.stop(by) == 0
     assert [line.split()[0] for line in ended.printed.splitlines()] == ["[INFO]", "[INFO]"]
-    assert "predictions out" in ended.printed
+    assert "predictions published" in ended.printed
 
 
 def test_signals_at_any_moment(start: Callable[..., Any]) -> None:
@@ -359,7 +359,7 @@ def test_log_holds_what_was_published(
         summary = reader.get_summary()
         assert summary is not None
         assert {a.name for a in reader.iter_attachments()} >= {
-            "three_point_linkage.yaml",
+            "mechanism.yaml",
             "excitations.yaml",
             "parameters.yaml",
         }

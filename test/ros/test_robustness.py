@@ -314,7 +314,10 @@ def test_recording_on_demand(
     peer.node.create_subscription(DiagnosticArray, "/diagnostics", diagnostics.append, 10)
     peer.spin(lambda: note.get_subscription_count() > 0)
     refused = call(stop_client)
-    assert (refused.success, refused.message) == (False, "Nothing is being recorded.")
+    assert (refused.success, refused.message) == (
+        False,
+        "Nothing is being recorded; call start_recording first.",
+    )
     logs = []
     for i in range(2):
         begun = call(start_client)

@@ -176,7 +176,7 @@ def test_set_implement(bench: Bench, tmp_path: Path) -> None:
     for _ in range(2):  # the second request is refused as well
         second = bench.call("set_implement", mass=900.0, inertia=200.0)
         assert not second.success
-        assert second.message.endswith("is being built; ask again when it serves.")
+        assert second.message.endswith("is being built; ask again when it is in use.")
     tables = []
     while not future.done():
         answer = bench.call("predict", crank_angles=array("d", [2.3]))
@@ -217,7 +217,7 @@ def test_refused_implement(bench: Bench, fields: dict[str, Any], why: str) -> No
     """An invalid implement is refused with the reason; the old table stays."""
     answer = bench.call("set_implement", **fields)
     assert not answer.success
-    assert answer.message.startswith("The table stays: ")
+    assert answer.message.startswith("The table is unchanged: ")
     assert why in answer.message
     assert answer.table_id == bench.served[0].table.table_id
     assert len(bench.served) == 1
@@ -312,7 +312,7 @@ def test_close_while_building(bench: Bench) -> None:
     answer = bench.wait(future)
     assert closed.done()
     assert not answer.success
-    assert answer.message == "The table stays: Its building was given up."
+    assert answer.message.startswith("The table is unchanged: ")
     assert not multiprocessing.active_children()
     assert len(bench.served) == 1
 
