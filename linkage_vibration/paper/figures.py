@@ -6,7 +6,7 @@ import io
 import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,7 @@ from linkage_vibration.drawing.plots import PlotError
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.kinematics import Configuration
 from linkage_vibration.mechanics.model import LinkageModel, Solution
+from linkage_vibration.paper.freed_dimensions import FreedFit
 from linkage_vibration.paper.numbers import GEOMETRY, OVER_THE_SWEEP, SUBSTRUCTURING
 from linkage_vibration.support.atomic_files import write_bytes
 
@@ -26,39 +27,16 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 Sweeps = Mapping[str, Sequence[Solution]]
-"""Solutions over the stroke by the name of the geometry, the one to believe first."""
+"""Solutions over the stroke by the name of the geometry; the most plausible one comes first."""
 
 _COLOURS = (*COLOURS[:3], COLOURS[4])
 _BODIES = ("lower_link", "upper_link", "lift_rod", "implement")
 _ANGLES_DEG = (90.0, 140.0, 180.0)
 _LINES: FloatArray = np.linspace(0.5, 200.0, 1996)  # Hz
-_SWING = 0.16  # m, how far the point that moves most is drawn from its place
+_SWING = 0.16  # m, the largest displacement that is drawn
 _FRAMES = 24
-_UPRIGHT = math.radians(10.0)  # within which a hitch that is built well keeps the mast
-
-
-class Fit(Protocol):
-    """A fit with one dimension of Table 1 freed."""
-
-    @property
-    def key(self) -> str:
-        """Key of the dimension's printed number; empty where none is freed."""
-
-    @property
-    def value(self) -> float:
-        """What the fit made of it."""
-
-    @property
-    def cost(self) -> float:
-        """Half the sum of squared logarithms."""
-
-    @property
-    def worst(self) -> float:
-        """Largest relative difference."""
-
-    @property
-    def lean(self) -> float:
-        """How far the mast gets from upright, rad."""
+_UPRIGHT = math.radians(10.0)  # a well-built hitch keeps its mast this near to the vertical
+_MOVING = ("V1", "V2", "E1", "E2")
 
 
 def require_matplotlib() -> None:
@@ -80,26 +58,21 @@ def require_matplotlib() -> None:
 def draw_figures(
     output: Path,
     sweeps: Sweeps,
-    fits: Sequence[Fit],
+    fits: Sequence[FreedFit],
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> None:
-    """Write all figures into a folder.
+    """Write all figures into a folder; a `PlotError` is raised if one cannot be written.
 
     Parameters
     ----------
     output : Path
-        Folder; figures in it are replaced.
+        The folder; figures in it are replaced.
     sweeps : mapping of str to sequence of Solution
         See `Sweeps`; of two geometries of the three-point linkage.
-    fits : sequence of Fit
+    fits : sequence of FreedFit
         For the chart of freed dimensions.
     progress : callable
-        Called with the figures done and all of them.
-
-    Raises
-    ------
-    PlotError
-        If a figure cannot be written.
+        Called with the number of figures done, and of all figures.
     """
     label = next(iter(sweeps))
     model = sweeps[label][0].model
@@ -128,7 +101,14 @@ def draw_figures(
 def generalised_inertia(mechanism: Mechanism, configuration: Configuration) -> float:
     """Return J = sum of m v^2 + I theta'^2 of the rigid bodies, kg m2, rates per rad of alpha3.
 
-    It is the mass that the input feels: the lower it is, the higher the first natural frequency.
+    It is the inertia at the input: the lower it is, the higher the first natural frequency.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+        Its rigid bodies are summed over.
+    configuration : Configuration
+        Their rates.
     """
     return sum(
         body.mass * float(np.sum(configuration.place_rate(body.name, body.centre_of_gravity) ** 2))
@@ -160,25 +140,29 @@ def _stroke_axis(ax: "Axes") -> None:
     ax.set_xticks(range(90, 181, 15))
 
 
-def _draw_bodies(
-    ax: "Axes", solution: Solution, mode: int, scale: float, *, nodes: bool = True, **style: object
-) -> None:
-    """Draw every body, moved by a mode times a scale, and the points that move."""
+def _draw_bodies(ax: "Axes", solution: Solution, mode: int, scale: float, **style: Any) -> None:
+    """Draw every body, moved by a mode times a scale."""
     moved = mode_curves(solution, mode)
     for body, places in curves(solution.model, solution.configuration).items():
-        x, z = (places + scale * moved[body]).T
-        ax.plot(x, z, **style)  # type: ignore[arg-type]
-    if not nodes:
-        return
-    moved_points = solution.participation([(p, d) for p in ("V1", "V2", "E1", "E2") for d in "xz"])
-    shift = scale * moved_points[:, mode].reshape(-1, 2)
+        ax.plot(*(places + scale * moved[body]).T, **style)
+
+
+def _draw_mode(
+    ax: "Axes", solution: Solution, mode: int, scales: Mapping[str, float], linewidth: float
+) -> None:
+    """Draw the linkage at rest, and moved by a mode times a scale for each colour."""
+    _draw_bodies(ax, solution, mode, 0.0, color=GREY, linestyle="--", linewidth=1)
     points = _points(solution)
-    at = np.array([points[p] for p in ("V1", "V2", "E1", "E2")]) + shift
-    ax.plot(*at.T, "o", markersize=4.5, color=str(style["color"]), zorder=5)
+    shapes = solution.participation([(point, d) for point in _MOVING for d in "xz"])[:, mode]
+    for colour, scale in scales.items():
+        _draw_bodies(ax, solution, mode, scale, color=colour, linewidth=linewidth)
+        at = np.array([points[point] for point in _MOVING]) + scale * shapes.reshape(-1, 2)
+        ax.plot(*at.T, "o", markersize=4.5, color=colour, zorder=5)
+    _frame(ax, solution)
 
 
 def _points(solution: Solution) -> dict[str, FloatArray]:
-    """Return where the named points are, and the centre of gravity M."""
+    """Return the places of the named points and of the centre of gravity M."""
     mechanism, configuration = solution.model.mechanism, solution.configuration
     points = {
         point: configuration.place(body.name, local)
@@ -187,42 +171,36 @@ def _points(solution: Solution) -> dict[str, FloatArray]:
     }
     rigid = mechanism.rigid_bodies[0]
     points["M"] = configuration.place(rigid.name, rigid.centre_of_gravity)
-    return points
+    return points | {point: np.array(place) for point, place in mechanism.ground}
 
 
-_LABEL_AT = {
-    "P1": (-4, -14),
-    "P2": (-17, -3),
-    "P3": (7, 2),
-    "V1": (4, -13),
-    "V2": (-4, 8),
-    "E1": (-8, -15),
-    "E2": (-14, 7),
-    "M": (-4, 9),
+_NAMES = {  # at these offsets from their points, in points of text
+    **{"P1": (-4, -14), "P2": (-17, -3), "P3": (7, 2), "V1": (4, -13)},
+    **{"V2": (-4, 8), "E1": (-8, -15), "E2": (-14, 7), "M": (-4, 9)},
 }
 
 
-def _scene(ax: "Axes", solution: Solution, *, named: bool = True) -> None:
-    """Draw the ground pins and the names of points; set the frame that all configurations share."""
-    points = _points(solution)
-    for point, place in solution.model.mechanism.ground:
+def _frame(ax: "Axes", solution: Solution) -> None:
+    """Draw the ground pins, and set the frame that all configurations share."""
+    for _, place in solution.model.mechanism.ground:
         ax.plot(*place, marker="^", markersize=8, color=INK, zorder=6)
-        points[point] = np.array(place)
-    for point, at in points.items() if named else ():
-        ax.annotate(
-            point,
-            (float(at[0]), float(at[1])),
-            xytext=_LABEL_AT[point],
-            textcoords="offset points",
-            fontsize=8,
-            color=INK,
-            zorder=7,
-        )
     ax.set_aspect("equal")
     ax.set_xlim(-2.1, 0.2)
     ax.set_ylim(-0.75, 0.95)
     ax.set_xlabel("x [m]")
     _tidy(ax)
+
+
+def _label(
+    ax: "Axes", text: str, at: tuple[float, float], offset: tuple[int, int], **style: Any
+) -> None:
+    """Write text beside a place, at an offset in points of text."""
+    ax.annotate(text, at, xytext=offset, textcoords="offset points", **style)
+
+
+def _legend(figure: "Figure", ax: "Axes", columns: int) -> None:
+    handles = ax.get_legend_handles_labels()
+    figure.legend(*handles, loc="outside lower center", ncols=columns, frameon=False)
 
 
 def _configurations(solutions: Sequence[Solution], label: str) -> "Figure":
@@ -242,14 +220,15 @@ def _configurations(solutions: Sequence[Solution], label: str) -> "Figure":
                 linewidth=1.5 if body == "implement" else 3,
                 label=body.replace("_", " "),
             )
-        _scene(ax, solution)
-        at = np.array([_points(solution)[p] for p in ("V1", "V2", "E1", "E2", "M")])
+        points = _points(solution)
+        for name, (x, z) in points.items():
+            _label(ax, name, (float(x), float(z)), _NAMES[name], fontsize=8, color=INK, zorder=7)
+        _frame(ax, solution)
+        at = np.array([points[name] for name in (*_MOVING, "M")])
         ax.plot(*at.T, "o", markersize=4.5, color=INK, zorder=5)
         ax.set_title(f"$α_3$ = {angle:g} deg", fontsize=10)
     axes[0].set_ylabel("z [m]")
-    figure.legend(
-        *axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=5, frameon=False
-    )
+    _legend(figure, axes[0], 5)
     return figure
 
 
@@ -261,15 +240,8 @@ def _link_angles(solutions: Sequence[Solution], label: str) -> "Figure":
     for body, name, colour in zip(_BODIES, names, _COLOURS, strict=True):
         angles = np.degrees([s.configuration.angle(body) for s in solutions])
         ax.plot(alpha3, angles, color=colour, linewidth=2)
-        ax.annotate(
-            f"${name}$, {body.replace('_', ' ')}",
-            (alpha3[-1], angles[-1]),
-            xytext=(6, 0),
-            textcoords="offset points",
-            verticalalignment="center",
-            color=colour,
-            annotation_clip=False,
-        )
+        text, at = f"${name}$, {body.replace('_', ' ')}", (alpha3[-1], angles[-1])
+        _label(ax, text, at, (6, 0), va="center", color=colour, annotation_clip=False)
     _stroke_axis(ax)
     ax.set_xlabel("crank angle $α_3$ [deg]")
     ax.set_ylabel("angle from x towards z [deg]")
@@ -336,9 +308,7 @@ def _natural_frequencies(sweeps: Sweeps) -> "Figure":
         _stroke_axis(ax)
         ax.set_ylabel(f"mode {row + 1} [Hz]")
     axes[2].set_xlabel("crank angle $α_3$ [deg]")
-    figure.legend(
-        *axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=3, frameon=False
-    )
+    _legend(figure, axes[0], 3)
     return figure
 
 
@@ -351,10 +321,7 @@ def _mode_shapes(solutions: Sequence[Solution], mode: int, label: str) -> "Figur
     axes = figure.subplots(1, 3, sharey=True)
     for ax, solution, angle in zip(axes, solutions, _ANGLES_DEG, strict=True):
         scale = _scale(solution, mode)
-        _draw_bodies(ax, solution, mode, 0.0, nodes=False, color=GREY, linestyle="--", linewidth=1)
-        for sign, colour in ((1.0, _COLOURS[0]), (-1.0, _COLOURS[1])):
-            _draw_bodies(ax, solution, mode, sign * scale, color=colour, linewidth=1.8)
-        _scene(ax, solution, named=False)
+        _draw_mode(ax, solution, mode, {_COLOURS[0]: scale, _COLOURS[1]: -scale}, 1.8)
         frequency = solution.natural_frequencies[mode]
         ax.set_title(f"$α_3$ = {angle:g} deg: {frequency:.1f} Hz", fontsize=10)
     axes[0].set_ylabel("z [m]")
@@ -362,7 +329,7 @@ def _mode_shapes(solutions: Sequence[Solution], mode: int, label: str) -> "Figur
 
 
 def _scale(solution: Solution, mode: int) -> float:
-    """Return what makes the largest displacement drawn `_SWING`; E1 goes up first."""
+    """Return the scale of a mode at which its largest displacement is `_SWING`, with E1 upwards."""
     up = float(solution.participation([("E1", "z")])[0, mode])
     return math.copysign(_SWING / largest(mode_curves(solution, mode)), up)
 
@@ -393,13 +360,11 @@ def _mast_and_inertia(sweeps: Sweeps) -> "Figure":
     inertia.set_xlabel("crank angle $α_3$ [deg]")
     for ax in (mast, inertia):
         _stroke_axis(ax)
-    figure.legend(
-        *mast.get_legend_handles_labels(), loc="outside lower center", ncols=2, frameon=False
-    )
+    _legend(figure, mast, 2)
     return figure
 
 
-def _freed_dimensions(fits: Sequence[Fit]) -> "Figure":
+def _freed_dimensions(fits: Sequence[FreedFit]) -> "Figure":
     figure = _figure(
         "The printed frequencies with one dimension of Table 1 freed at a time",
         "fitted with all sections; degrees: how far the mast leans, orange: up to 10 deg",
@@ -420,14 +385,9 @@ def _freed_dimensions(fits: Sequence[Fit]) -> "Figure":
     colours = [_COLOURS[1] if fit.lean < _UPRIGHT else GREY for fit in ordered]
     ax.barh(names, [fit.cost for fit in ordered], color=colours, height=0.7)
     for row, fit in enumerate(ordered):
-        ax.annotate(
-            f"{fit.cost:.3f}  within {100 * fit.worst:.0f} %, {math.degrees(fit.lean):.0f} deg",
-            (fit.cost, row),
-            xytext=(4, 0),
-            textcoords="offset points",
-            verticalalignment="center",
-            fontsize=8,
-        )
+        lean = f"{math.degrees(fit.lean):.0f} deg"
+        text = f"{fit.cost:.3f}  within {100 * fit.worst:.0f} %, {lean}"
+        _label(ax, text, (fit.cost, row), (4, 0), va="center", fontsize=8)
     _tidy(ax)
     ax.grid(visible=False, axis="y")
     ax.tick_params(axis="y", labelsize=7.5, length=0)
@@ -452,9 +412,7 @@ def _animate(path: Path, solution: Solution, mode: int, label: str) -> None:
         )
         figure.set_dpi(80)
         ax = figure.subplots()
-        _draw_bodies(ax, solution, mode, 0.0, nodes=False, color=GREY, linestyle="--", linewidth=1)
-        _draw_bodies(ax, solution, mode, float(share) * scale, color=_COLOURS[0], linewidth=2)
-        _scene(ax, solution, named=False)
+        _draw_mode(ax, solution, mode, {_COLOURS[0]: float(share) * scale}, 2)
         ax.set_ylabel("z [m]")
         canvas = FigureCanvasAgg(figure)
         canvas.draw()  # type: ignore[no-untyped-call]

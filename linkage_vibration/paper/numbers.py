@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Every number that the paper prints, with the place where it stands.
+"""Every number that the paper prints, with its place in the paper.
 
 G. Brunetti, W. D'Ambrogio, A. Fregolent, "Configuration-Dependent Substructuring as a Tool to
 Predict the Vibrational Response of Mechanisms", Machines 2022, 10(12), 1146. It prints neither
@@ -9,32 +9,21 @@ cross-sections nor damping.
 
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
 SOURCE = "Brunetti, D'Ambrogio, Fregolent, Machines 2022, 10(12), 1146"
 
 
 @dataclass(frozen=True, slots=True)
 class Number:
-    """One printed number.
+    """One printed number."""
 
-    Attributes
-    ----------
-    key : str
-        Names it; ours carry the same.
-    quantity : str
-        What it tells, in words.
-    value : float
-        As printed.
-    unit : str
-        Of the value; empty for counts and ratios.
-    source : str
-        Table or section of the paper.
-    """
-
-    key: str
+    key: str  # our number has the same key
     quantity: str
-    value: float
-    unit: str
-    source: str
+    value: float  # as printed
+    unit: str  # empty for counts and ratios
+    source: str  # table or section of the paper
 
 
 def _frequencies(key: str, quantity: str, values: tuple[float, float, float]) -> tuple[Number, ...]:
@@ -51,27 +40,34 @@ def _dofs(key: str, name: str, physical: int, modal: int) -> tuple[Number, Numbe
     )
 
 
-GEOMETRY = (
-    Number("geometry.P1.x", "P1, x", 0.000, "m", "Table 1"),
-    Number("geometry.P1.z", "P1, z", 0.000, "m", "Table 1"),
-    Number("geometry.P2.x", "P2, x", -0.334, "m", "Table 1"),
-    Number("geometry.P2.z", "P2, z", 0.403, "m", "Table 1"),
-    Number("geometry.P3.x", "P3, x", -0.064, "m", "Table 1"),
-    Number("geometry.P3.z", "P3, z", 0.385, "m", "Table 1"),
-    Number("geometry.P3_V2", "P3 to V2, input crank", 0.203, "m", "Table 1"),
-    Number("geometry.V2_V1", "V2 to V1, lift rod", 0.534, "m", "Table 1"),
-    Number("geometry.P1_E1", "P1 to E1, lower link", 0.810, "m", "Table 1"),
-    Number("geometry.P1_V1", "P1 to V1", 0.366, "m", "Table 1"),
-    Number("geometry.P2_E2", "P2 to E2, upper link", 0.420, "m", "Table 1"),
-    Number("geometry.E1_E2", "E1 to E2, mast of the implement", 0.438, "m", "Table 1"),
-    Number("geometry.E1_M", "E1 to M", 1.020, "m", "Table 1"),
-    Number("geometry.E2_M", "E2 to M", 1.095, "m", "Table 1"),
-    Number("geometry.implement_mass", "mass of the implement", 800.0, "kg", "Table 1"),
-    Number("geometry.implement_inertia", "its inertia about M", 200.0, "kg m2", "Table 1"),
-    Number("geometry.youngs_modulus", "Young's modulus", 210.0e9, "Pa", "Table 1"),
-    Number("geometry.density", "density", 7800.0, "kg/m3", "Table 1"),
-    Number("geometry.poisson_ratio", "Poisson's ratio", 0.3, "", "Table 1"),
+_IMPLEMENT, _MATERIAL = "rigid_bodies.implement", "links.lower_link.material"
+# Each number of Table 1, with its place in the description of a linkage.
+_TABLE_1 = (
+    ("P1.x", "P1, x", 0.000, "m", "ground.P1.0"),
+    ("P1.z", "P1, z", 0.000, "m", "ground.P1.1"),
+    ("P2.x", "P2, x", -0.334, "m", "ground.P2.0"),
+    ("P2.z", "P2, z", 0.403, "m", "ground.P2.1"),
+    ("P3.x", "P3, x", -0.064, "m", "ground.P3.0"),
+    ("P3.z", "P3, z", 0.385, "m", "ground.P3.1"),
+    ("P3_V2", "P3 to V2, input crank", 0.203, "m", "links.input_crank.points.V2"),
+    ("V2_V1", "V2 to V1, lift rod", 0.534, "m", "links.lift_rod.points.V1"),
+    ("P1_E1", "P1 to E1, lower link", 0.810, "m", "links.lower_link.points.E1"),
+    ("P1_V1", "P1 to V1", 0.366, "m", "links.lower_link.points.V1"),
+    ("P2_E2", "P2 to E2, upper link", 0.420, "m", "links.upper_link.points.E2"),
+    ("E1_E2", "E1 to E2, mast of the implement", 0.438, "m", f"{_IMPLEMENT}.points.E2.0"),
+    ("E1_M", "E1 to M", 1.020, "m", f"{_IMPLEMENT}.centre_of_gravity.E1"),
+    ("E2_M", "E2 to M", 1.095, "m", f"{_IMPLEMENT}.centre_of_gravity.E2"),
+    ("implement_mass", "mass of the implement", 800.0, "kg", f"{_IMPLEMENT}.mass"),
+    ("implement_inertia", "its inertia about M", 200.0, "kg m2", f"{_IMPLEMENT}.inertia"),
+    ("youngs_modulus", "Young's modulus", 210.0e9, "Pa", f"{_MATERIAL}.youngs_modulus"),
+    ("density", "density", 7800.0, "kg/m3", f"{_MATERIAL}.density"),
+    ("poisson_ratio", "Poisson's ratio", 0.3, "", f"{_MATERIAL}.poisson_ratio"),
 )
+GEOMETRY = tuple(
+    Number(f"geometry.{key}", quantity, value, unit, "Table 1")
+    for key, quantity, value, unit, _ in _TABLE_1
+)
+PLACES = {f"geometry.{key}": place for key, *_, place in _TABLE_1}
 
 REDUCTION = (
     *_dofs("lower_links", "lower link", 9, 20),
@@ -115,3 +111,19 @@ TIMING = (
 NUMBERS = (*GEOMETRY, *REDUCTION, *SWEEP, *FULL_FE, *SUBSTRUCTURING, *OVER_THE_SWEEP, *TIMING)
 FITTED = (*SUBSTRUCTURING, *OVER_THE_SWEEP)
 """The nine natural frequencies that a choice of sections has to meet."""
+
+
+def frequencies(over: NDArray[np.float64], at_140: NDArray[np.float64]) -> dict[str, float]:
+    """Return natural frequencies in Hz under the keys of the printed ones.
+
+    Parameters
+    ----------
+    over : ndarray, (n, 3)
+        Modes 1 to 3 from 90 to 180 deg.
+    at_140 : ndarray, (>= 3,)
+        At 140 deg.
+    """
+    ends = [*over[[0, -1], 0], *over[[0, -1], 1], over[:, 2].min(), over[:, 2].max()]
+    numbers = (*FULL_FE, *SUBSTRUCTURING, *OVER_THE_SWEEP)
+    pairs = zip(numbers, [*at_140[:3], *at_140[:3], *ends], strict=True)
+    return {number.key: float(value) for number, value in pairs}

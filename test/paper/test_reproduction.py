@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the paper prints stands beside ours, number by number and figure by figure."""
+"""The numbers and figures of the paper beside ours."""
 
 import builtins
 import csv
@@ -21,17 +21,20 @@ from linkage_vibration.mechanics.kinematics import Kinematics
 from linkage_vibration.mechanics.model import Solution
 from linkage_vibration.paper import reproduction
 from linkage_vibration.paper.figures import draw_figures, generalised_inertia
+from linkage_vibration.paper.freed_dimensions import FreedFit, scan_freed_dimensions
 from linkage_vibration.paper.numbers import GEOMETRY, NUMBERS
 from linkage_vibration.paper.reproduction import (
     CORRECTED,
+    FILES,
     PRINTED,
-    FreedFit,
     ReproductionError,
+    geometry,
     reproduce,
-    scan_freed_dimensions,
     sweep,
     write_numbers,
 )
+from linkage_vibration.readers.mechanism import load_yaml
+from linkage_vibration.support.resources import config_file
 
 REFERENCE = Path(__file__).parents[3] / "shared/reference/published_numbers.yaml"
 SWEEPS = tuple[dict[str, list[Solution]], dict[str, dict[str, float]]]
@@ -49,11 +52,11 @@ def coarse(mechanism: Mechanism) -> Mechanism:
 @pytest.fixture(scope="module")
 def sweeps(mechanism: Mechanism, printed: Mechanism) -> SWEEPS:
     """Return seven coarse solutions of both geometries, and our numbers."""
-    found = {
-        label: sweep(coarse(one), np.radians(np.linspace(90.0, 180.0, 7)))
-        for label, one in ((CORRECTED, mechanism), (PRINTED, printed))
-    }
-    return {k: v[0] for k, v in found.items()}, {k: v[1] for k, v in found.items()}
+    solutions, numbers = {}, {}
+    for label, one in ((CORRECTED, mechanism), (PRINTED, printed)):
+        solutions[label], found = sweep(coarse(one), np.radians(np.linspace(90.0, 180.0, 7)))
+        numbers[label] = {**geometry(load_yaml(config_file(FILES[label]))[0]), **found}
+    return solutions, numbers
 
 
 def flat(value: Any, path: str = "") -> dict[str, float]:
@@ -67,9 +70,9 @@ def flat(value: Any, path: str = "") -> dict[str, float]:
     return {k: v for key, one in pairs for k, v in flat(one, f"{path}.{key}".strip(".")).items()}
 
 
-@pytest.mark.skipif(not REFERENCE.exists(), reason=f"{REFERENCE} is not there")
+@pytest.mark.skipif(not REFERENCE.exists(), reason=f"{REFERENCE} is missing")
 def test_every_published_number_is_held() -> None:
-    """The numbers in the package are those of the reference, no more and no fewer."""
+    """The package has exactly the numbers of the reference."""
     reference = yaml.safe_load(REFERENCE.read_text())
     reference["reduction"] = {
         name: {"physical": pair[0], "modal": pair[1]}
@@ -84,7 +87,7 @@ def test_every_published_number_is_held() -> None:
 
 
 def test_table_has_every_number(tmp_path: Path, sweeps: SWEEPS) -> None:
-    """Each printed number has a row, with ours beside it and the relative difference."""
+    """Each printed number has a row with our number and the relative difference."""
     write_numbers(tmp_path, sweeps[1])
     with (tmp_path / "numbers.csv").open() as file:
         rows = {row["key"]: row for row in csv.DictReader(file)}
@@ -104,7 +107,7 @@ def test_table_has_every_number(tmp_path: Path, sweeps: SWEEPS) -> None:
 
 
 def test_our_geometry_is_the_printed_one(sweeps: SWEEPS) -> None:
-    """As printed, every dimension is Table 1's; otherwise the upper link alone differs."""
+    """The printed geometry has every dimension of Table 1; the other differs in one only."""
     for number in GEOMETRY:
         assert sweeps[1][PRINTED][number.key] == pytest.approx(number.value, rel=1e-12)
         if number.key != "geometry.P2_E2":
@@ -113,7 +116,7 @@ def test_our_geometry_is_the_printed_one(sweeps: SWEEPS) -> None:
 
 
 def test_printed_length_contradicts_the_printed_curve(sweeps: SWEEPS) -> None:
-    """With 0.420 m mode 1 rises and falls again; with 0.520 m it rises all the way."""
+    """With 0.420 m mode 1 rises and falls again; with 0.520 m it rises over the whole stroke."""
     first = {
         label: [solution.natural_frequencies[0] for solution in solutions]
         for label, solutions in sweeps[0].items()
@@ -123,7 +126,7 @@ def test_printed_length_contradicts_the_printed_curve(sweeps: SWEEPS) -> None:
 
 
 def test_generalised_inertia_is_that_of_moving_places(mechanism: Mechanism) -> None:
-    """J is what differences of the implement's place and angle over alpha3 give."""
+    """J agrees with finite differences of the implement's place and angle over alpha3."""
     kinematics = Kinematics(mechanism)
     [body] = mechanism.rigid_bodies
     step = 1e-5
@@ -137,7 +140,7 @@ def test_generalised_inertia_is_that_of_moving_places(mechanism: Mechanism) -> N
 
 
 def test_figures_are_written(tmp_path: Path, sweeps: SWEEPS) -> None:
-    """Figures 3 to 9, the evidence and a moving mode are there, and nothing unfinished."""
+    """Figures 3 to 9, the evidence and a moving mode are written, and no temporary file."""
     from PIL import Image
 
     fits = [FreedFit("", math.nan, 0.2, 0.4, 0.3), FreedFit("geometry.P2_E2", 0.5, 0.01, 0.1, 0.1)]
@@ -153,7 +156,7 @@ def test_figures_are_written(tmp_path: Path, sweeps: SWEEPS) -> None:
 
 
 def test_freeing_the_upper_link_fits_better() -> None:
-    """A few steps of least squares meet the printed frequencies better with that length free."""
+    """With its length free, a few steps of least squares meet the frequencies better."""
     none, upper = scan_freed_dimensions(["geometry.P2_E2"], evaluations=4)
     assert none.key == "" and math.isnan(none.value)
     assert upper.cost < 0.5 * none.cost
@@ -162,14 +165,14 @@ def test_freeing_the_upper_link_fits_better() -> None:
 
 
 def test_folder_that_cannot_be_made(tmp_path: Path) -> None:
-    """A file where the folder should be is told before anything is computed."""
+    """A file in the place of the folder is reported before anything is computed."""
     (tmp_path / "file").touch()
     with pytest.raises(ReproductionError, match="file.*give a folder"):
         reproduce(tmp_path / "file")
 
 
 def test_without_matplotlib(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Where matplotlib is missing the error says what to install."""
+    """Without matplotlib, the error says what to install."""
     real = builtins.__import__
 
     def without(name: str, *others: Any) -> Any:

@@ -1,0 +1,209 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Fits the printed frequencies with one dimension of Table 1 freed, to find a misprint.
+
+Each fit also chooses the area and the radius of gyration of each link, of the lower link in two
+sections, and the rotational spring at P3 that holds the crank. Their bounds are wide, so that a
+frequency that is missed even so cannot be the fault of the sections.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from linkage_vibration.mechanics.coupling import couple
+from linkage_vibration.mechanics.description import Mechanism, MechanismError
+from linkage_vibration.mechanics.kinematics import Configuration, Kinematics
+from linkage_vibration.mechanics.model import LinkageModel
+from linkage_vibration.mechanics.modes import solve_modes
+from linkage_vibration.mechanics.parsing import mechanism_from_mapping
+from linkage_vibration.paper.numbers import FITTED, GEOMETRY, PLACES, frequencies
+from linkage_vibration.readers.mechanism import load_yaml
+from linkage_vibration.studies.yaml_editing import number_at, with_numbers
+from linkage_vibration.support.resources import config_file
+
+FloatArray = NDArray[np.float64]
+Closed = dict[float, tuple[Kinematics, list[Configuration]]]
+"""Kinematics and configurations by the value of the freed dimension, because they take longest."""
+
+FREED = tuple(number.key for number in GEOMETRY[2:16])
+PRINTED_FILE = "three_point_linkage_as_printed.yaml"
+
+_AREA = (4e-4, 100e-4)  # m2
+_GYRATION = (6e-3, 60e-3)  # m
+_SPRING = (1e4, 1e9)  # N m/rad
+_SECTIONS = ("lower_link", "lower_link_end", "upper_link", "input_crank", "lift_rod")
+_LOW, _HIGH = (
+    np.log([*[area, gyration] * len(_SECTIONS), spring])
+    for area, gyration, spring in zip(_AREA, _GYRATION, _SPRING, strict=True)
+)
+_STARTS = [
+    np.log([*[area, gyration] * len(_SECTIONS), 1e7])
+    for area, gyration in ((16e-4, 12e-3), (30e-4, 25e-3))
+]
+_ANGLES = np.radians([90.0, 110.0, 125.0, 140.0, 155.0, 168.0, 180.0])
+_REACH = 0.3  # by which a dimension is freed, of its length; a coordinate, of half a metre
+_SHARES: FloatArray = np.linspace(-0.9, 0.9, 7)  # of that reach, where it is held at first
+
+
+@dataclass(frozen=True, slots=True)
+class FreedFit:
+    """How well straight beams meet the nine printed frequencies with one dimension freed."""
+
+    key: str  # of the number of Table 1 that was fitted too; empty if none was
+    value: float  # its fitted value; NaN if none was fitted
+    cost: float  # half the sum of the squared logarithms of the ratios to the printed frequencies
+    worst: float  # the largest relative difference from them
+    lean: float  # largest angle between the implement's mast and the vertical over the stroke, rad
+
+
+def scan_freed_dimensions(
+    keys: Sequence[str] = FREED,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+    *,
+    evaluations: int = 10,
+) -> list[FreedFit]:
+    """Fit the sections and one dimension of Table 1 at a time to the nine printed frequencies.
+
+    A misprinted dimension is one that, freed alone, lets the frequencies be met.
+
+    Parameters
+    ----------
+    keys : sequence of str
+        Keys of the printed numbers to free.
+    progress : callable
+        Called with the number of fits done, and of all fits.
+    evaluations : int
+        Steps of least squares while the dimension is held; twice as many once it is free.
+
+    Returns
+    -------
+    list of FreedFit, (1 + n_keys,)
+        The first one has no dimension freed.
+    """
+    described = load_yaml(config_file(PRINTED_FILE))[0]
+    total = 1 + len(keys)
+    progress(0, total)
+    fits = [_best_fit(described, "", _STARTS, (_LOW, _HIGH), evaluations)]
+    for key in keys:
+        progress(len(fits), total)
+        fits.append(_free(described, key, evaluations))
+    progress(total, total)
+    return fits
+
+
+def _free(described: Any, key: str, evaluations: int) -> FreedFit:
+    """Fit one dimension: first hold it at several values, then free it from the best two.
+
+    The valley is not convex, so that a fit from the printed value alone may miss the best one.
+    """
+    at = number_at(described, PLACES[key])
+    reach = _REACH * (0.5 if key.endswith((".x", ".z")) else abs(at))
+    held = [
+        np.append(_fit_held(described, key, start, float(value), evaluations), value)
+        for value in at + reach * _SHARES
+        for start in _STARTS
+    ]
+    held.sort(key=lambda x: _fit(described, key, x).cost)
+    bounds = np.append(_LOW, at - reach), np.append(_HIGH, at + reach)
+    return _best_fit(described, key, held[:2], bounds, evaluations)
+
+
+def _fit_held(
+    described: Any, key: str, start: FloatArray, value: float, evaluations: int
+) -> FloatArray:
+    """Fit the sections alone, which leaves the loops closed as they are."""
+    closed: Closed = {}
+    return np.asarray(
+        least_squares(
+            lambda sections: _residuals(np.append(sections, value), described, key, closed),
+            start,
+            bounds=(_LOW, _HIGH),
+            max_nfev=evaluations,
+        ).x
+    )
+
+
+def _best_fit(
+    described: Any,
+    key: str,
+    starts: Sequence[FloatArray],
+    bounds: tuple[FloatArray, FloatArray],
+    evaluations: int,
+) -> FreedFit:
+    fits = [
+        least_squares(
+            _residuals, x, bounds=bounds, max_nfev=2 * evaluations, args=(described, key, {})
+        )
+        for x in starts
+    ]
+    return min((_fit(described, key, fit.x) for fit in fits), key=lambda fit: fit.cost)
+
+
+def _fit(described: Any, key: str, x: FloatArray) -> FreedFit:
+    closed: Closed = {}
+    off = _residuals(x, described, key, closed)
+    lean = max(
+        (
+            abs(at.angle("implement") - math.pi / 2.0)
+            for _, configurations in closed.values()
+            for at in configurations
+        ),
+        default=math.nan,  # the loops do not close
+    )
+    cost, worst = float(off @ off) / 2.0, float(np.abs(np.expm1(off)).max())
+    return FreedFit(key, float(x[-1]) if key else math.nan, cost, worst, lean)
+
+
+def _residuals(x: FloatArray, described: Any, key: str, closed: Closed) -> FloatArray:
+    """Return ln(ours / printed) of the nine frequencies; ones if the loops do not close."""
+    value = float(x[-1]) if key else 0.0
+    try:
+        mechanism = _straight_beams(described, key, x)
+        if value not in closed:
+            kinematics = Kinematics(mechanism)
+            closed[value] = kinematics, [kinematics.at(float(alpha3)) for alpha3 in _ANGLES]
+        f = _first_three(mechanism, *closed[value])
+    except MechanismError:
+        return np.ones(len(FITTED))
+    ours = frequencies(f, f[3])
+    return np.log([ours[number.key] / number.value for number in FITTED])
+
+
+def _first_three(
+    mechanism: Mechanism, kinematics: Kinematics, configurations: Sequence[Configuration]
+) -> FloatArray:
+    """Return natural frequencies in Hz, (n, 3), without closing the loops again."""
+    model = LinkageModel(mechanism, kinematics=kinematics)
+    joined = (couple(model.system, model.interface.join(at)) for at in configurations)
+    return np.array([solve_modes(system)[0].omega[:3] for system in joined]) / (2.0 * math.pi)
+
+
+def _straight_beams(described: Any, key: str, x: FloatArray) -> Mechanism:
+    """Return a coarse linkage with other sections, a sprung crank, and one dimension freed.
+
+    ``x`` holds the logarithms of the sections' properties and of the spring's stiffness, and the
+    value of the freed dimension, if there is one.
+    """
+    mapping = with_numbers(described, [(PLACES[key], float(x[-1]))] if key else [])
+    values = np.exp(x[: 2 * len(_SECTIONS) + 1])
+    sections = {
+        name: {"shape": "general", "area": float(a), "second_moment": float(a * r**2)}
+        for name, a, r in zip(_SECTIONS, values[0:-1:2], values[1:-1:2], strict=True)
+    }
+    for name, link in mapping["links"].items():
+        link.update(section=sections[name], elements=8, modes=3)
+    del mapping["links"]["input_crank"]["clamped"]
+    mapping["springs"] = {"rockshaft": {"joint": "P3", "stiffness": float(values[-1])}}
+    lower = mapping["links"]["lower_link"]
+    del lower["section"]
+    lower["sections"] = [
+        {"until": lower["points"]["V1"], **sections["lower_link"]},
+        {"until": lower["points"]["E1"], **sections["lower_link_end"]},
+    ]
+    return mechanism_from_mapping(mapping)
