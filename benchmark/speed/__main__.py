@@ -221,8 +221,8 @@ def main() -> None:
             f"in the L2 norm of all eleven, each at the worst of {len(scene.angles)} angles (of "
             f"{len(scene.live_angles)} for predictions). Costs count lookups of the package's "
             f"table (here {1e6 * lookup.median:.2g} us), timed in the same round; medians of "
-            f"{settings.rounds} rounds in which the methods take turns, after a warm-up (`{CSV.name}` has the quartiles). Times are of "
-            "the processor. A configuration includes its kinematics and B; reduced links, their "
+            f"{settings.rounds} rounds in which the methods take turns, after a warm-up "
+            f"(`{CSV.name}` has the quartiles). Times are of the processor. A configuration includes its kinematics and B; reduced links, their "
             "FRFs, meshes and tables are made before.",
             *tables(points),
         ],
