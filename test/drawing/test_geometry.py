@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a linkage looks like: in place, true to scale, and moved as the mode moves it."""
+"""The curves of a linkage have the right positions, lengths and displacements."""
 
 import math
 
@@ -22,7 +22,7 @@ from linkage_vibration.support.resources import config_file
 
 @pytest.mark.parametrize("name", ["three_point_linkage", "four_bar", "stephenson_six_bar"])
 def test_curves_meet_in_the_joints(name: str) -> None:
-    """At any angle a joint lies on the curve of each body that it joins, and links keep length."""
+    """At any angle, joints lie on the curves of both bodies, and links keep their lengths."""
     model = LinkageModel(read_mechanism(config_file(f"{name}.yaml")))
     mechanism = model.mechanism
     low, high = mechanism.stroke
@@ -47,7 +47,7 @@ def test_curves_meet_in_the_joints(name: str) -> None:
 
 
 def test_mode_is_the_solutions(model: LinkageModel) -> None:
-    """Points move by the solution's participations, and the rigid body without changing shape."""
+    """Points move by the participations of the solution, and rigid bodies keep their shape."""
     solution = model.solve(2.2)
     places, moved = curves(model, solution.configuration), mode_curves(solution, 1)
     shown = moved["implement"][:2].ravel()  # E1 and E2
@@ -63,7 +63,7 @@ def test_mode_is_the_solutions(model: LinkageModel) -> None:
 
 
 def test_a_point_beside_the_axis_moves_with_the_mode() -> None:
-    """The curve goes out to it and back, and there it moves by the solution's participations."""
+    """The curve makes a detour to a point beside the axis, which moves with the mode."""
     model = LinkageModel(read_mechanism(config_file("stephenson_six_bar.yaml")))
     solution = model.solve(1.5)
     for mode in range(3):
@@ -77,7 +77,7 @@ def test_a_point_beside_the_axis_moves_with_the_mode() -> None:
 
 
 def test_nearest_mode_and_size(model: LinkageModel) -> None:
-    """A mode is found by its frequency; the size is that of the box about all that is drawn."""
+    """A mode is found by its frequency; the size is the diagonal of the box around all curves."""
     solution = model.solve(2.2)
     for mode in range(4):
         assert nearest_mode(solution, solution.natural_frequencies[mode] + 1e-3) == mode

@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""The picture of a log shows what the log holds."""
+"""The picture of a log shows the predictions in the log."""
 
 import math
 import struct
@@ -52,7 +52,7 @@ def drawn(log: Path) -> Figure:
 
 
 def legend(figure: Figure) -> list[str]:
-    """Return the words of a figure's legend."""
+    """Return the texts of a figure's legend."""
     return [text.get_text() for text in figure.legends[0].get_texts()]
 
 
@@ -83,7 +83,7 @@ def test_lines_are_the_predictions(tmp_path: Path) -> None:
 
 
 def test_what_is_missing_or_invalid_shows(tmp_path: Path) -> None:
-    """Lines break and the background is shaded where predictions are not OK or not there."""
+    """Lines break and the background is shaded where predictions are invalid or missing."""
     times = [0.01 * k for k in range(100)] + [3 + 0.01 * k for k in range(100)]
     alpha3 = [2.0] * 40 + [math.radians(190)] * 20 + [2.0] * 90 + [math.nan] + [2.0] * 49
     figure = drawn(write_log(tmp_path / "log.mcap", times, alpha3))
@@ -98,13 +98,13 @@ def test_what_is_missing_or_invalid_shows(tmp_path: Path) -> None:
     frequencies = figure.axes[1].get_lines()[0].get_ydata()
     np.testing.assert_array_equal(
         np.flatnonzero(np.isnan(frequencies)),
-        [*range(40, 60), 100, 151],  # the break at 100 stands between two predictions
+        [*range(40, 60), 100, 151],  # index 100 is the break between two predictions
     )
 
 
 @pytest.mark.parametrize("count", [1, 2, 500])
 def test_picture_is_a_png(tmp_path: Path, count: int) -> None:
-    """A PNG of a size fit for a manual is written, from the shortest log on, and nothing else."""
+    """A PNG of the documented size is written, even for a single prediction, and nothing else."""
     log = write_log(tmp_path / "log.mcap", [0.01 * k for k in range(count)], [2.0] * count)
     plot_predictions(log, tmp_path / "log.png")
     content = (tmp_path / "log.png").read_bytes()
@@ -113,10 +113,10 @@ def test_picture_is_a_png(tmp_path: Path, count: int) -> None:
     assert sorted(path.name for path in tmp_path.iterdir()) == ["log.mcap", "log.png"]
 
 
-def test_errors_name_the_place_and_the_mend(
+def test_errors_name_the_place_and_the_remedy(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """No prediction, no log, no folder and no matplotlib each have their sentence."""
+    """A missing prediction, log, folder or matplotlib is reported."""
     empty = write_log(tmp_path / "empty.mcap", [], [])
     with pytest.raises(PlotError, match=r"empty\.mcap holds no prediction"):
         plot_predictions(empty, tmp_path / "a.png")

@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""A log of a drive with every fault, and a headless Chromium to look at its page with."""
+"""A log of a drive with every kind of fault, and a headless Chromium that shows its page."""
 
 import struct
 from collections.abc import Callable, Iterator, Sequence
@@ -38,7 +38,7 @@ WriteLog = Callable[..., Path]
 
 @pytest.fixture(scope="session")
 def write_log() -> WriteLog:
-    """Return what writes predictions, resonances and speeds (10 Hz) as the node does."""
+    """Return a function that writes predictions, resonances and speeds (10 Hz) as the node does."""
 
     def write(
         path: Path,
@@ -64,13 +64,13 @@ def write_log() -> WriteLog:
         }
         attachments = [Attachment(name, "application/yaml", data) for name, data in files.items()]
         predictions, resonances, *_ = TOPICS
-        told = list(zip(*engine_and_pto_speed(), strict=True)) if speeds else []
+        speeds_left = list(zip(*engine_and_pto_speed(), strict=True)) if speeds else []
         path.unlink(missing_ok=True)
         with LogWriter(path, topics, attachments if provenance else ()) as log:
             for time_, angle in zip(times, alpha3, strict=True):
                 stamp = START + round(1e9 * time_)
-                while told and told[0][0] <= time_:
-                    at, engine, pto = told.pop(0)
+                while speeds_left and speeds_left[0][0] <= time_:
+                    at, engine, pto = speeds_left.pop(0)
                     received = START + round(1e9 * at)
                     for source, speed in ((Source.ENGINE, engine), (Source.PTO, pto)):
                         monitor.set_speed(source, float(speed), received)
@@ -89,7 +89,7 @@ def write_log() -> WriteLog:
 
 @pytest.fixture(scope="session")
 def drive(write_log: WriteLog, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a log of 20 s: a gap from 5 to 6 s, out of range from 12 to 12.5 s, NaN at 3 s."""
+    """Return a log of 20 s with a gap (5 to 6 s), NaN (3 s) and invalid angles (12 to 12.5 s)."""
     times, alpha3 = hitch_duty_cycle()
     alpha3[(times >= 12.0) & (times < 12.5)] = np.deg2rad(185.0)
     alpha3[300] = np.nan
@@ -100,8 +100,8 @@ def drive(write_log: WriteLog, tmp_path_factory: pytest.TempPathFactory) -> Path
 
 @pytest.fixture(scope="session")
 def browser() -> Iterator[Browser]:
-    """Return the browser, which all tests share."""
+    """Return the browser that all tests share."""
     if not CHROMIUM:
-        pytest.skip(f"none of {', '.join(NAMES)} is on this machine; apt-get install chromium")
+        pytest.skip(f"This machine has none of {', '.join(NAMES)}; run apt-get install chromium.")
     with Browser() as found:
         yield found

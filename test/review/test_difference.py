@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Two logs of one drive and what differs between them."""
+"""The difference between two logs of one drive."""
 
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,7 @@ from linkage_vibration.support.resources import config_file
 
 @pytest.fixture(scope="module")
 def heavier(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
-    """Return logs of the shipped drive with the linkage as it is, and with 1200 kg behind it."""
+    """Return logs of the shipped drive with the shipped linkage and with a 1200 kg implement."""
     folder = tmp_path_factory.mktemp("heavier")
     bag = config_file("drives/hitch_duty_cycle.mcap")
     replay([bag], folder / "a.mcap", Parameters())
@@ -29,7 +29,7 @@ def heavier(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
 
 
 def test_same_log_differs_in_nothing(drive: Path) -> None:
-    """A log held against itself gives zeros, and as many comparisons as it has numbers."""
+    """A log compared with itself gives zeros, and every number of it is compared."""
     found = compare(drive, drive)
     assert [q.largest for q in found.quantities] == [0.0] * len(found.quantities)
     assert [q.rms for q in found.quantities] == [0.0] * len(found.quantities)
@@ -38,7 +38,7 @@ def test_same_log_differs_in_nothing(drive: Path) -> None:
 
 
 def test_known_difference(write_log: Any, tmp_path: Path) -> None:
-    """One angle that is changed by 1 deg is told, with its place and its root mean square."""
+    """An angle that is changed by 1 deg is reported with its time and its root mean square."""
     times, alpha3 = hitch_duty_cycle()
     a = write_log(tmp_path / "a.mcap", times[:100], alpha3[:100], False)
     changed = alpha3[:100].copy()
@@ -53,21 +53,21 @@ def test_known_difference(write_log: Any, tmp_path: Path) -> None:
     assert np.rad2deg(angle.rms) == pytest.approx(np.sqrt(1.0 / 89.0))
     assert angle.largest_relative == pytest.approx(np.deg2rad(1.0) / alpha3[40])
     assert (angle.compared, angle.one_sided, found.status_changes) == (89, 1, 1)
-    told = summary(found)
+    shown = summary(found)
     assert (
-        "90 predictions have the same stamps, 10 are only in A, 0 are only in B; 1 differ" in told
+        "90 predictions have the same stamps, 10 are only in A, 0 are only in B; 1 differ" in shown
     )
 
 
-def test_what_made_them_is_told(heavier: tuple[Path, Path]) -> None:
-    """Of two mechanisms the values that differ are told, and no comment or spelling."""
-    told = summary(compare(*heavier))
-    changed = told.split("mechanism, A -> B:\n")[1]
+def test_changed_values_are_reported(heavier: tuple[Path, Path]) -> None:
+    """The summary lists the values that differ between two mechanisms, and no comments."""
+    shown = summary(compare(*heavier))
+    changed = shown.split("mechanism, A -> B:\n")[1]
     assert changed.strip() == "rigid_bodies.implement.mass: 800.0 -> 1200.0"
 
 
 def test_no_stamp_in_common(write_log: Any, tmp_path: Path) -> None:
-    """Logs of two drives have their sentence."""
+    """Logs of two different drives are refused."""
     a = write_log(tmp_path / "a.mcap", [0.0, 0.01], [2.0, 2.0], False)
     b = write_log(tmp_path / "b.mcap", [5.0, 5.01], [2.0, 2.0], False)
     with pytest.raises(ReviewError, match="no stamp in common"):
@@ -77,7 +77,7 @@ def test_no_stamp_in_common(write_log: Any, tmp_path: Path) -> None:
 def test_page_of_a_difference(
     browser: Any, heavier: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The page reads both numbers and their difference, and goes to where it is largest."""
+    """The page shows both numbers and their difference, and goes to the largest one."""
     page = tmp_path / "diff.html"
     assert main(["diff", *map(str, heavier), "-o", str(page)]) == 0
     assert "rigid_bodies.implement.mass" in capsys.readouterr().out
@@ -89,7 +89,9 @@ def test_page_of_a_difference(
     browser.click(browser.place("#table-differences tbody tr:nth-child(3)"))
     at = browser.evaluate("review.cursor")
     assert at == mode_2.farthest
-    told = [float(browser.text(f"#read-{part}_f2").split()[0]) for part in "abd"]
-    np.testing.assert_allclose(told[:2], [mode_2.a[at], mode_2.b[at]], rtol=1e-7)
-    assert told[2] == pytest.approx(mode_2.largest, rel=1e-3)
+    shown = [float(browser.text(f"#read-{part}_f2").split()[0]) for part in "abd"]
+    np.testing.assert_allclose(shown[:2], [mode_2.a[at], mode_2.b[at]], rtol=1e-7)
+    assert shown[2] == pytest.approx(mode_2.largest, rel=1e-3)
+    browser.key("p", "p")  # The row before has no difference, so that there is nowhere to go.
+    assert browser.text("#jump-label") == "1 of 6"
     assert browser.problems == []

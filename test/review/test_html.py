@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""The page's file: self-contained, bounded, and safe from what a log says."""
+"""The page is one file, its size is bounded, and no text of a log can become a script."""
 
 import base64
 import json
@@ -26,13 +26,13 @@ from linkage_vibration.review.review_page import review_page
 
 
 def held(page: str) -> Any:
-    """Return the data that a page holds."""
+    """Return the data in a page."""
     [data] = re.findall(r'<script type="application/json" id="data">(.*?)</script>', page, re.S)
     return json.loads(data)
 
 
 def test_page_needs_nothing_else(drive: Path) -> None:
-    """No script, style or picture comes from elsewhere, and uPlot's licence goes along."""
+    """No script, style or picture comes from elsewhere, and the page contains uPlot's licence."""
     page = page_html(review_page(read_log(drive)))
     assert not re.search(r"""(?:src|href)=["']?(?!data:,)\w""", page.split('id="data"')[0])
     assert "@import" not in page and "fetch(" not in page
@@ -46,7 +46,7 @@ def test_page_holds_every_script() -> None:
 
 
 def test_columns_are_the_log_s(drive: Path) -> None:
-    """Times, angles and frequencies are in the page to the last bit, the rest as float32."""
+    """Times, angles and frequencies are in the page exactly, and the rest as float32."""
     log = read_log(drive)
     data = held(page_html(review_page(log)))
     types = {"f8": "<f8", "f4": "<f4", "u1": "u1"}
@@ -59,8 +59,8 @@ def test_columns_are_the_log_s(drive: Path) -> None:
         ("status", log.status),
     ):
         column = data["columns"][name]
-        told = np.frombuffer(base64.b64decode(column["base64"]), types[column["type"]])
-        np.testing.assert_array_equal(told, expected, name)
+        shown = np.frombuffer(base64.b64decode(column["base64"]), types[column["type"]])
+        np.testing.assert_array_equal(shown, expected, name)
     assert data["n"] == len(log.stamps)
     [gap] = [shade for shade in data["shades"] if shade[2] == "gap"]
     assert gap[:2] == [5.0, 6.0]
@@ -69,7 +69,7 @@ def test_columns_are_the_log_s(drive: Path) -> None:
 
 
 def test_text_of_a_log_stays_text(drive: Path) -> None:
-    """Names and parameters that look like HTML end no script and make no element."""
+    """Names and parameters that look like HTML neither end a script nor make an element."""
     log = replace(read_log(drive), parameters_text="</script><b>", path=Path("<i>.mcap"))
     page = page_html(review_page(log))
     assert "</script><b>" not in page and "<i>.mcap" not in page
@@ -77,7 +77,7 @@ def test_text_of_a_log_stays_text(drive: Path) -> None:
 
 
 def test_long_logs_are_thinned_to_their_extremes() -> None:
-    """Each quantity keeps its least and greatest value of every stretch, and what must stay."""
+    """The lowest and the highest value of every stretch are kept, and all given samples."""
     random = np.random.default_rng(1)
     a, b = random.normal(size=(2, 10_007))
     a[500:900] = np.nan
@@ -86,16 +86,16 @@ def test_long_logs_are_thinned_to_their_extremes() -> None:
     length = -(-10_007 // 250)
     for values in (a, b):
         for start in range(0, 10_007, length):
-            some, own = values[start : start + length], kept[(kept >= start)]
+            stretch, own = values[start : start + length], kept[(kept >= start)]
             own = own[own < start + length]
-            if np.isfinite(some).any():
-                assert np.nanmin(some) == np.nanmin(values[own])
-                assert np.nanmax(some) == np.nanmax(values[own])
+            if np.isfinite(stretch).any():
+                assert np.nanmin(stretch) == np.nanmin(values[own])
+                assert np.nanmax(stretch) == np.nanmax(values[own])
     np.testing.assert_array_equal(thinned([a], np.array([], int), limit=10_007), np.arange(10_007))
 
 
 def test_size_is_bounded() -> None:
-    """At the most samples, a page with three modes has 50 MB."""
+    """A page with three modes and the largest number of samples has less than 50 MB."""
     doubles, singles, bytes_ = 5, 3 + 2 + 1 + 2, 4  # columns of each kind
     sample = 8 * doubles + 4 * singles + bytes_
     assert MAX_SAMPLES * sample * 4 / 3 < 50e6
@@ -103,15 +103,15 @@ def test_size_is_bounded() -> None:
 
 @pytest.mark.parametrize("kind", ["f8", "f4", "u1"])
 def test_packed(kind: str) -> None:
-    """Arrays are packed little-endian, as every browser's machine has them."""
+    """Arrays are packed as little-endian numbers, which the page's script expects."""
     values = np.arange(5).astype(f">{kind}" if kind != "u1" else kind)
     found = packed(values)
     assert found["type"] == kind
-    told = np.frombuffer(base64.b64decode(found["base64"]), f"<{kind}")
-    np.testing.assert_array_equal(told, np.arange(5))
+    shown = np.frombuffer(base64.b64decode(found["base64"]), f"<{kind}")
+    np.testing.assert_array_equal(shown, np.arange(5))
 
 
 def test_page_that_cannot_be_written(drive: Path, tmp_path: Path) -> None:
-    """A folder that is not there has its sentence."""
+    """A missing folder is reported."""
     with pytest.raises(ReviewError, match=r"a\.html: cannot be written"):
         write_page(review_page(read_log(drive)), tmp_path / "nowhere" / "a.html")

@@ -1,9 +1,10 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""What is read of a log is what the log holds."""
+"""A log is read as it was written."""
 
 import csv
 import math
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -11,8 +12,11 @@ import numpy as np
 import pytest
 
 from linkage_vibration.bags.reading import read_messages
+from linkage_vibration.messages.fields import message_fields
+from linkage_vibration.messages.topics import RESONANCE
 from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.review.log import (
+    Resonances,
     ReviewError,
     durations,
     gaps,
@@ -24,10 +28,10 @@ from linkage_vibration.table.table import load_table
 
 
 def test_every_number_is_the_message_s(drive: Path) -> None:
-    """Predictions and resonances equal those that rosbags decodes one by one, to the last bit."""
+    """Predictions and resonances are exactly those that rosbags decodes one by one."""
     log = read_log(drive)
     messages = [message for _, message in read_messages(drive, "/linkage_vibration/prediction")]
-    for name, told in (
+    for name, shown in (
         ("crank_angle", log.crank_angle),
         ("status", log.status),
         ("natural_frequencies", log.natural_frequencies),
@@ -37,7 +41,7 @@ def test_every_number_is_the_message_s(drive: Path) -> None:
         ("frf_peak_magnitude", log.peak_magnitude),
         ("interpolation_error", log.interpolation_error),
     ):
-        np.testing.assert_array_equal(told, [getattr(m, name) for m in messages], name)
+        np.testing.assert_array_equal(shown, [getattr(m, name) for m in messages], name)
     stamps = [m.header.stamp.sec * 10**9 + m.header.stamp.nanosec for m in messages]
     np.testing.assert_array_equal(log.stamps, stamps)
     assert log.resonances is not None
@@ -47,8 +51,15 @@ def test_every_number_is_the_message_s(drive: Path) -> None:
         np.testing.assert_array_equal(getattr(log.resonances, name), expected, name)
 
 
+def test_resonances_are_the_message_s_fields() -> None:
+    """Every field of a resonance message is a column, except its header and its table."""
+    names = [field.name for field in message_fields(RESONANCE)]
+    expected = {name for name in names if not name.startswith("header.")} - {"table_id"}
+    assert {field.name for field in fields(Resonances)} == expected
+
+
 def test_provenance_is_found(drive: Path) -> None:
-    """Table, mechanism, excitations and parameters come out of the log, and speeds in its time."""
+    """Table, mechanism, excitations, parameters and speeds are read from the log."""
     log = read_log(drive)
     table = load_table(config_file(DEFAULT_TABLE))
     assert log.table is not None and log.table.table_id == table.table_id == log.table_id
@@ -62,7 +73,7 @@ def test_provenance_is_found(drive: Path) -> None:
 
 
 def test_gap_and_durations(drive: Path) -> None:
-    """The second without predictions is a gap, and no prediction counts for longer than a step."""
+    """The second without predictions is a gap, which no prediction's duration includes."""
     log = read_log(drive)
     [(start, end)] = gaps(log)
     assert (start, end) == (5.0, 6.0)
@@ -72,7 +83,7 @@ def test_gap_and_durations(drive: Path) -> None:
 
 
 def test_csv_gives_the_same_floats_again(drive: Path, tmp_path: Path) -> None:
-    """Each number of the table reads back as the float that the log holds."""
+    """Each number in the CSV file is read as the same float as in the log."""
     log = read_log(drive)
     write_csv(log, tmp_path / "drive.csv")
     with (tmp_path / "drive.csv").open(newline="") as file:
@@ -89,7 +100,7 @@ def test_csv_gives_the_same_floats_again(drive: Path, tmp_path: Path) -> None:
 
 
 def test_bare_log(write_log: Any, tmp_path: Path) -> None:
-    """A log without speeds and attachments is read; what it does not tell is none."""
+    """A log without speeds and attachments is read; what it lacks is None or empty."""
     log = read_log(write_log(tmp_path / "bare.mcap", [0.0, 0.1], [2.0, math.nan], False, False))
     assert log.resonances is None and log.table is None and log.mechanism is None
     assert log.excitations == () and log.speeds == {} and log.parameters == {}
@@ -97,6 +108,6 @@ def test_bare_log(write_log: Any, tmp_path: Path) -> None:
 
 
 def test_no_prediction(write_log: Any, tmp_path: Path) -> None:
-    """A log without a prediction has its sentence."""
+    """A log without a prediction is refused."""
     with pytest.raises(ReviewError, match=r"empty\.mcap holds no prediction"):
         read_log(write_log(tmp_path / "empty.mcap", [], []))

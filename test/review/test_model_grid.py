@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a page interpolates between angles is the model's."""
+"""What the page interpolates between angles agrees with the model."""
 
 from dataclasses import replace
 from typing import Any
@@ -20,14 +20,14 @@ Grid = dict[str, Any]
 
 @pytest.fixture(scope="module")
 def drawn(mechanism: Mechanism) -> Grid:
-    """Return the drawing of the shipped linkage."""
+    """Return the grid of the shipped linkage."""
     found = linkage_grid(mechanism, load_table(config_file(DEFAULT_TABLE)))
     assert found is not None
     return found
 
 
 def test_places_between_angles(drawn: Grid, model: LinkageModel) -> None:
-    """Halfway between two angles of the grid the mean of their places is the linkage's place."""
+    """Halfway between two angles of the grid, the mean of the positions is exact to 0.1 mm."""
     for i in (0, 40, 89):
         halfway = drawn["angles"][i : i + 2].mean()
         exact = np.vstack(list(curves(model, model.kinematics.at(halfway)).values()))
@@ -35,7 +35,7 @@ def test_places_between_angles(drawn: Grid, model: LinkageModel) -> None:
 
 
 def test_shapes_do_not_flip(drawn: Grid) -> None:
-    """From angle to angle a mode keeps its sign and nearly its shape; its largest motion is 1."""
+    """The sign of a shape never changes from angle to angle, and its largest displacement is 1."""
     np.testing.assert_allclose(np.linalg.norm(drawn["shapes"], axis=3).max(axis=2), 1.0, rtol=1e-6)
     before, after = drawn["shapes"][:, :-1], drawn["shapes"][:, 1:]
     sizes = np.linalg.norm(before, axis=(2, 3)) * np.linalg.norm(after, axis=(2, 3))
@@ -43,7 +43,7 @@ def test_shapes_do_not_flip(drawn: Grid) -> None:
 
 
 def test_terms_between_angles(mechanism: Mechanism) -> None:
-    """The receptance of mixed terms is the table's to 1e-3 halfway between the grid's angles."""
+    """Halfway between two angles of the grid, interpolated terms give |H| within 1e-3."""
     table = load_table(config_file(DEFAULT_TABLE))
     found = receptance_grid(mechanism, table)
     assert found is not None and found["place"] == "E1 z"
@@ -59,6 +59,6 @@ def test_terms_between_angles(mechanism: Mechanism) -> None:
 
 
 def test_no_frf_no_waterfall(mechanism: Mechanism) -> None:
-    """A table without the drive point has no terms to give."""
+    """A table without the drive point gives no receptance."""
     table = load_table(config_file(DEFAULT_TABLE))
     assert receptance_grid(mechanism, replace(table, places=table.places[2:])) is None

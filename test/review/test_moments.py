@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Moments of resonance and time shares of drives whose answers are known."""
+"""Moments of resonance and shares of time, for drives whose results are known."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -15,7 +15,7 @@ from linkage_vibration.review.moments import angle_shares, margin_shares, moment
 def with_resonances(
     log: Log, state: list[int], excitation: list[str], mode: list[int], margin: list[float]
 ) -> Log:
-    """Return the first predictions of a log with other resonances."""
+    """Return the first predictions of a log with the given resonances."""
     n = len(state)
     none = np.full(n, np.nan)
     frequency = log.natural_frequencies[np.arange(n), mode]
@@ -38,7 +38,7 @@ def with_resonances(
 
 
 def test_moments_are_the_stretches_of_warnings(drive: Path) -> None:
-    """A stretch ends where the warning does, and where excitation or mode change."""
+    """A moment ends with its warning, and where the excitation or the mode changes."""
     log = with_resonances(
         read_log(drive),
         [0, 1, 1, 1, 1, 0, 1, 2],
@@ -47,8 +47,8 @@ def test_moments_are_the_stretches_of_warnings(drive: Path) -> None:
         [0.3, 0.05, -0.01, 0.04, 0.03, 0.2, 0.02, np.nan],
     )
     found = moments(log)
-    told = [(m.excitation, m.mode, m.nearest, m.crossed) for m in found]
-    assert told == [("a", 0, 2, True), ("b", 0, 3, False), ("b", 1, 4, False), ("b", 1, 6, False)]
+    shown = [(m.excitation, m.mode, m.nearest, m.crossed) for m in found]
+    assert shown == [("a", 0, 2, True), ("b", 0, 3, False), ("b", 1, 4, False), ("b", 1, 6, False)]
     assert [(m.start, m.end) for m in found][:2] == [(0.01, 0.02), (0.03, 0.03)]
     assert found[0].excitation_frequency == pytest.approx(0.99 * found[0].natural_frequency)
 
@@ -56,7 +56,7 @@ def test_moments_are_the_stretches_of_warnings(drive: Path) -> None:
 def test_worst_are_the_nearest_in_order_of_time(
     drive: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Of too many moments those with the least margins stay."""
+    """The moments with the smallest margins are kept, in order of time."""
     monkeypatch.setattr("linkage_vibration.review.moments.MAX_MOMENTS", 2)
     state, excitation = [1, 0, 1, 0, 1], ["a"] * 5
     margin = [0.01, 0.5, 0.09, 0.5, -0.02]
@@ -65,7 +65,7 @@ def test_worst_are_the_nearest_in_order_of_time(
 
 
 def test_shares_add_up_to_the_time_with_numbers(drive: Path) -> None:
-    """Shares over angle and margin leave out just what has no prediction, and gaps do not count."""
+    """The shares exclude exactly the time of predictions without numbers, and the gaps."""
     log = read_log(drive)
     sound = np.isfinite(log.natural_frequencies[:-1, 0]).mean()
     margins = margin_shares(log)
@@ -75,7 +75,7 @@ def test_shares_add_up_to_the_time_with_numbers(drive: Path) -> None:
 
 
 def test_shares_of_a_known_drive(drive: Path) -> None:
-    """Half of the time at each of two margins fills two bars by half."""
+    """Two margins that each last for half of the time give two bars of one half."""
     log = with_resonances(
         read_log(drive), [1] * 101, ["a"] * 101, [0] * 101, [0.01, -0.21] * 50 + [0.01]
     )

@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""The page of a log in a browser, used as a person uses it."""
+"""The page of a log works in a browser with mouse, keys and touch."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -20,7 +20,7 @@ SHIFT = 8
 
 @pytest.fixture(scope="module")
 def log(drive: Path) -> Log:
-    """Return the log that the page is of."""
+    """Return the log that the page shows."""
     return read_log(drive)
 
 
@@ -34,7 +34,7 @@ def file(drive: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def page(browser: Any, file: Path) -> Iterator[Any]:
-    """Return the browser with the page loaded; nothing may have gone wrong in the end."""
+    """Return the browser with the page loaded, and check for errors after the test."""
     browser.problems.clear()
     browser.resize(1280, 900)
     browser.open(file)
@@ -43,12 +43,12 @@ def page(browser: Any, file: Path) -> Iterator[Any]:
 
 
 def view(page: Any) -> list[float]:
-    """Return from and until when the page shows, s."""
+    """Return the start and the end of the page's view, s."""
     return list(map(float, page.evaluate("review.view")))
 
 
 def test_command_writes_files(drive: Path, tmp_path: Path, capsys: Any) -> None:
-    """The page is written beside the log unless told otherwise, with a picture and a table."""
+    """The page is written beside the log by default, with a picture and a table."""
     copy = tmp_path / "copy.mcap"
     copy.write_bytes(drive.read_bytes())
     options = ["--png", str(tmp_path / "a.png"), "--csv", str(tmp_path / "a.csv")]
@@ -58,10 +58,10 @@ def test_command_writes_files(drive: Path, tmp_path: Path, capsys: Any) -> None:
 
 
 def test_page_shows_the_drive(page: Any, log: Log) -> None:
-    """A row each for angle, waterfall, modes, peak and margin; all moments are listed."""
+    """The page has a row for each quantity, and lists all moments."""
     rows = page.evaluate("[...document.querySelectorAll('.chart')].map(e => e.id)")
-    told = ["angle", "waterfall", "f1", "f2", "f3", "peak", "margin"]
-    assert [row for row in rows if row != "chart-over-angle"] == [f"chart-{name}" for name in told]
+    shown = ["angle", "waterfall", "f1", "f2", "f3", "peak", "margin"]
+    assert [row for row in rows if row != "chart-over-angle"] == [f"chart-{name}" for name in shown]
     found = page.evaluate("document.querySelectorAll('#table-moments tbody tr').length")
     assert found == len(moments(log)) > 5
     assert page.evaluate("document.querySelectorAll('.histogram rect').length") > 40
@@ -69,23 +69,23 @@ def test_page_shows_the_drive(page: Any, log: Log) -> None:
 
 
 def test_hover_reads_the_log_s_numbers(page: Any, log: Log) -> None:
-    """Under the mouse stand the numbers of the nearest prediction, as the log holds them."""
+    """The page shows the numbers of the prediction nearest to the mouse, as in the log."""
     for share in (0.1, 0.3, 0.8):
         page.hover(page.place("#chart-f2 .u-over", share))
         i = page.evaluate("review.cursor")
         assert log.times[i] == pytest.approx(share * log.times[-1], abs=0.03)
         for mode in range(3):
-            told = float(page.text(f"#read-f{mode + 1}").split()[0])
-            assert told == pytest.approx(log.natural_frequencies[i, mode], rel=1e-7)
+            shown = float(page.text(f"#read-f{mode + 1}").split()[0])
+            assert shown == pytest.approx(log.natural_frequencies[i, mode], rel=1e-7)
             exact = page.evaluate(f"review.columns.f{mode + 1}[{i}]")
             assert exact == log.natural_frequencies[i, mode]
-        told = float(page.text("#read-crank_angle").split()[0])
-        assert told == pytest.approx(np.rad2deg(log.crank_angle[i]), rel=1e-7)
+        shown = float(page.text("#read-crank_angle").split()[0])
+        assert shown == pytest.approx(np.rad2deg(log.crank_angle[i]), rel=1e-7)
         assert "±" in page.text("#read-f1")
 
 
 def test_click_keeps_the_cursor(page: Any) -> None:
-    """What was clicked stays under the cursor when the mouse leaves the chart."""
+    """The cursor returns to the clicked sample when the mouse leaves the chart."""
     page.click(page.place("#chart-peak .u-over", 0.6))
     kept = page.evaluate("review.cursor")
     page.hover(page.place("#chart-peak .u-over", 0.2))
@@ -95,7 +95,7 @@ def test_click_keeps_the_cursor(page: Any) -> None:
 
 
 def test_drag_zooms_and_pans(page: Any, log: Log) -> None:
-    """A drag shows what it spans, Shift and a drag moves along, a double-click shows it all."""
+    """A drag zooms in, a drag with Shift moves the view, and a double-click shows everything."""
     whole = view(page)
     assert whole == [0.0, log.times[-1]]
     start, end = page.place("#chart-f1 .u-over", 0.25), page.place("#chart-f1 .u-over", 0.5)
@@ -108,7 +108,7 @@ def test_drag_zooms_and_pans(page: Any, log: Log) -> None:
 
 
 def test_wheel_and_strip(page: Any, log: Log) -> None:
-    """Ctrl and the wheel zoom about the mouse; the strip's window is drawn and dragged."""
+    """Ctrl and the wheel zoom about the mouse; the window in the strip is drawn and dragged."""
     at = page.place("#chart-f1 .u-over", 0.5)
     page.mouse("mouseWheel", at, deltaX=0, deltaY=-200, modifiers=2)
     page.settle()
@@ -122,8 +122,8 @@ def test_wheel_and_strip(page: Any, log: Log) -> None:
     np.testing.assert_allclose(view(page), 0.01 * 2000 * np.array([0.25, 0.5]), atol=0.1)
 
 
-def test_moments_are_gone_to(page: Any, log: Log) -> None:
-    """A click on a row of the list puts the cursor and the mode there; n and p go on and back."""
+def test_moments_are_shown_on_demand(page: Any, log: Log) -> None:
+    """A click on a row of the list sets cursor and mode; n and p go to the rows beside it."""
     found = moments(log)
     page.click(page.place("#table-moments tbody tr:nth-child(4)"))
     assert page.evaluate("review.cursor") == found[3].nearest
@@ -138,7 +138,7 @@ def test_moments_are_gone_to(page: Any, log: Log) -> None:
 
 
 def test_keys(page: Any, log: Log) -> None:
-    """Arrows move the cursor, + and - zoom about it, digits choose a mode, m holds it still."""
+    """Arrows move the cursor, + and - zoom about it, digits choose a mode, m stops the motion."""
     page.click(page.place("#chart-f1 .u-over", 0.5))
     i = page.evaluate("review.cursor")
     page.key("ArrowRight", modifiers=SHIFT)
@@ -160,7 +160,7 @@ def test_keys(page: Any, log: Log) -> None:
 
 
 def test_modes_by_keyboard_alone(page: Any) -> None:
-    """The modes are one stop of the Tab key, within which arrows choose."""
+    """The modes are one stop of the Tab key, and arrow keys choose among them."""
     page.evaluate("document.querySelector('#mode-1').focus()")
     page.key("ArrowRight")
     assert page.evaluate("document.activeElement.id") == "mode-2"
@@ -168,7 +168,7 @@ def test_modes_by_keyboard_alone(page: Any) -> None:
 
 
 def test_linkage_is_drawn_and_moves(page: Any, log: Log) -> None:
-    """Pins stand where the model has them, the mode moves, and nothing is drawn without numbers."""
+    """The linkage is at its position, moves in the mode, and is hidden without a prediction."""
     page.evaluate("document.querySelector('#linkage').scrollIntoView()")
     lines = "[...document.querySelectorAll('#linkage polyline')].map(e => e.getAttribute('points'))"
     before = page.evaluate(lines)
@@ -184,18 +184,18 @@ def test_linkage_is_drawn_and_moves(page: Any, log: Log) -> None:
 
 
 def test_receptance_is_the_table_s(page: Any) -> None:
-    """The waterfall's |H| is the table's to 0.3 %, beside resonances too."""
+    """|H| in the waterfall is within 0.3 % of the table, also beside resonances."""
     table = load_table(config_file(DEFAULT_TABLE))
     for degrees, frequency in ((101.3, 3.1), (133.37, 98.0), (165.21, 5.4), (178.0, 150.0)):
         angle = float(np.deg2rad(degrees))
-        told = page.evaluate(f"review.receptance({angle!r}, {frequency})")
+        shown = page.evaluate(f"review.receptance({angle!r}, {frequency})")
         frf = table.frf(angle, [("E1", "z")], [("E1", "z")])
         exact = abs(frf.frf(np.array([frequency]))[0, 0, 0])
-        assert told == pytest.approx(exact, rel=3e-3)
+        assert shown == pytest.approx(exact, rel=3e-3)
 
 
 def test_waterfall_over_the_angle(page: Any) -> None:
-    """The waterfall turns to the angle and back, and tells |H| under the mouse."""
+    """The waterfall is shown over angle or time, with |H| under the mouse."""
     page.click(page.place("#over-angle"))
     assert page.evaluate("document.querySelector('#chart-waterfall').hidden") is True
     page.hover(page.place("#chart-over-angle .u-over"))
@@ -207,19 +207,19 @@ def test_waterfall_over_the_angle(page: Any) -> None:
 
 
 def test_lines_keep_their_extremes(page: Any, log: Log) -> None:
-    """However far the view, the drawn line reaches the least and the greatest value in it."""
+    """The drawn line reaches the lowest and the highest value, also when it is decimated."""
     page.resize(500, 900)
     page.evaluate("new Promise(done => setTimeout(done, 100))")
-    told = page.evaluate("review.drawn('f2')")
-    assert len(told) < len(log.stamps)
-    known = [value for value in told if value is not None]
+    shown = page.evaluate("review.drawn('f2')")
+    assert len(shown) < len(log.stamps)
+    known = [value for value in shown if value is not None]
     assert min(known) == np.nanmin(log.natural_frequencies[:, 1])
     assert max(known) == np.nanmax(log.natural_frequencies[:, 1])
-    assert None in told
+    assert None in shown
 
 
 def test_phone(page: Any, tmp_path: Path) -> None:
-    """At 380 px nothing is wider than the screen, and a finger on a chart moves the cursor."""
+    """At 380 px, nothing is wider than the screen, and a finger on a chart moves the cursor."""
     page.resize(380, 800, mobile=True)
     page.evaluate("new Promise(done => setTimeout(done, 100))")
     assert page.evaluate("document.documentElement.scrollWidth") == 380
@@ -234,7 +234,7 @@ def test_phone(page: Any, tmp_path: Path) -> None:
 
 
 def test_print(page: Any, tmp_path: Path) -> None:
-    """It prints on a few pages, and is as wide as before afterwards."""
+    """The page prints on a few sheets, and has its former width afterwards."""
     width = page.evaluate("document.querySelector('#chart-f1 canvas').clientWidth")
     page.pdf(tmp_path / "page.pdf")
     data = (tmp_path / "page.pdf").read_bytes()
@@ -244,7 +244,7 @@ def test_print(page: Any, tmp_path: Path) -> None:
 
 
 def test_bare_log(browser: Any, write_log: Any, tmp_path: Path) -> None:
-    """A log of one prediction and no provenance has a page without a linkage and a waterfall."""
+    """A log without provenance gives a page without linkage and waterfall."""
     log = write_log(tmp_path / "bare.mcap", [0.0], [2.0], False, False)
     assert main(["review", str(log)]) == 0
     browser.problems.clear()
