@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Start the node: parameters from a file, and those that change from run to run as arguments."""
+"""Starts the node with parameters from a file and, where given, from arguments."""
 
 from launch import LaunchContext, LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction
@@ -9,19 +9,19 @@ from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
 
-# Parameters that may be given beside params_file, with their types; one that is empty is its.
+# Arguments that replace parameters of params_file, with their types. Empty ones replace nothing.
 OVERRIDES = {
-    "autostart": (bool, "Configure and activate at start; if false, a lifecycle manager does"),
-    "input": (str, "Where the crank angle comes from: joint_state or percent"),
+    "autostart": (bool, "Configure and activate at the start; else a lifecycle manager does it"),
+    "input": (str, "Source of the crank angle: joint_state or percent"),
     "joint_name": (str, "Joint whose position turns the input crank"),
-    "record": (bool, "Whether to log in MCAP from the start"),
+    "record": (bool, "Whether to record in MCAP from the start"),
     "log_directory": (str, "Folder for the logs"),
-    "use_sim_time": (bool, "Whether to take time from /clock, as when a bag is played"),
+    "use_sim_time": (bool, "Whether to use the time of /clock, for example of a played bag"),
 }
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Return what is launched."""
+    """Return the arguments and the node."""
     shipped = PathJoinSubstitution(
         [FindPackageShare("linkage_vibration"), "config", "linkage_vibration.params.yaml"]
     )
@@ -38,7 +38,7 @@ def generate_launch_description() -> LaunchDescription:
             DeclareLaunchArgument(
                 "log_level",
                 default_value="info",
-                description="What the node prints at least: debug, info, warn, error or fatal.",
+                description="Lowest printed level of messages: debug, info, warn, error or fatal.",
             ),
             *(
                 DeclareLaunchArgument(
@@ -52,7 +52,7 @@ def generate_launch_description() -> LaunchDescription:
 
 
 def given(context: LaunchContext) -> dict[str, ParameterValue]:
-    """Return those parameters that were given as arguments."""
+    """Return the parameters that were given as arguments."""
     return {
         name: ParameterValue(LaunchConfiguration(name), value_type=kind)
         for name, (kind, _) in OVERRIDES.items()
@@ -61,7 +61,7 @@ def given(context: LaunchContext) -> dict[str, ParameterValue]:
 
 
 def node(context: LaunchContext) -> list[Node]:
-    """Return the node; of its parameters, the later ones win."""
+    """Return the node; arguments come after the file, so they take precedence."""
     return [
         Node(
             package="linkage_vibration",

@@ -155,19 +155,22 @@ def setup_on(tmp_path: Path, tools: set[str], **environment: str) -> subprocess.
 
 
 @pytest.mark.parametrize(
-    ("environment", "mend"),
+    ("environment", "words"),
     [
-        ({}, r"lacks .*g\+\+; run: .*apt-get install -y .*g\+\+"),
-        ({"PYTHON": "python3"}, r"no python3; run: .*apt-get install -y g\+\+ python3"),
-        ({"AMENT_PREFIX_PATH": "/nowhere"}, r"no rclpy of it; run: make PYTHON=/usr/bin/python3"),
+        ({}, r"are missing: .*g\+\+; run: .*apt-get install -y .*g\+\+"),
+        ({"PYTHON": "python3"}, r"python3 was not found; run: .*apt-get install -y g\+\+ python3"),
+        (
+            {"AMENT_PREFIX_PATH": "/nowhere"},
+            r"cannot import its rclpy; run: make PYTHON=/usr/bin/python3",
+        ),
     ],
 )
 def test_setup_names_what_the_machine_lacks(
-    tmp_path: Path, environment: dict[str, str], mend: str
+    tmp_path: Path, environment: dict[str, str], words: str
 ) -> None:
     """Without a compiler, a Python or the sourced rclpy, one line tells what to run."""
     run = setup_on(tmp_path, {"dirname", "id"}, **environment)
     assert run.returncode == 1
     assert run.stdout == ""
     (line,) = run.stderr.splitlines()
-    assert re.search(mend, line), line
+    assert re.search(words, line), line

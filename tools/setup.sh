@@ -23,9 +23,9 @@ apt() {
     echo "${sudo}apt-get update && ${sudo}apt-get install -y $*"
 }
 
-# What the machine has. One start of Python tells all that it knows.
+# Look at the machine; Python starts only once for all its facts.
 command -v "$python" > /dev/null ||
-    fail "there is no $python; run: $(apt g++ python3 python3-venv python3-dev)"
+    fail "$python was not found; run: $(apt g++ python3 python3-venv python3-dev)"
 facts=$("$python" - 2> /dev/null << 'END'
 import importlib.util, os, platform, sys, sysconfig
 rclpy = importlib.util.find_spec("rclpy") if os.environ.get("AMENT_PREFIX_PATH") else None
@@ -36,7 +36,7 @@ print("pip=%d" % (importlib.util.find_spec("ensurepip") is not None))
 print("headers=%d" % os.path.exists(os.path.join(sysconfig.get_path("include"), "Python.h")))
 print("rclpy='%s'" % (rclpy.origin if rclpy else ""))
 END
-) || fail "$python is no working Python 3; name another one: make PYTHON=python3.12"
+) || fail "$python does not work as Python 3; name another one: make PYTHON=python3.12"
 eval "$facts"
 
 [ "$minor" -ge 10 ] ||
@@ -48,14 +48,15 @@ command -v ${CXX:-c++} > /dev/null || missing="$missing g++"
 if [ -n "${AMENT_PREFIX_PATH:-}" ]; then
     command -v cmake > /dev/null || missing="$missing cmake"
     [ -n "$rclpy" ] ||
-        fail "a ROS 2 is sourced, but $python has no rclpy of it; run: make PYTHON=/usr/bin/python3"
+        fail "a ROS 2 is sourced, but $python cannot import its rclpy; run: make PYTHON=/usr/bin/python3"
 elif [ "$machine" != x86_64 ] || [ "$minor" -gt 13 ]; then
-    fail "ROS 2 wheels exist for Python 3.10 to 3.13 on x86_64, this is 3.$minor on $machine;" \
+    fail "ROS 2 wheels exist for Python 3.10 to 3.13 on x86_64, but this is 3.$minor on $machine;" \
         "source a ROS 2 first, or name another Python: make PYTHON=python3.12"
 fi
-[ -z "$missing" ] || fail "this machine lacks$missing; run: $(apt $missing)"
+[ -z "$missing" ] || fail "packages are missing:$missing; run: $(apt $missing)"
 
-# What .venv was made for, and from. The package itself is installed editable: its files are current.
+# Compare with what .venv was created for and from. The package itself is installed editable, so its
+# files are always current.
 environment="$venv 3.$minor $base $rclpy $extras"
 sources=$(find package.xml setup.py tools/setup.sh linkage_vibration_interfaces -type f | sort |
     xargs cksum)
@@ -70,7 +71,7 @@ if [ ! -d "$venv" ]; then
     "$python" -m venv ${rclpy:+--system-site-packages} "$venv"
     echo "$environment" > "$venv/environment"
     if [ -n "$rclpy" ]; then
-        # Overlay .venv on the sourced ROS 2, as its own set-up files do.
+        # Put .venv on top of the sourced ROS 2, as its own set-up files do.
         cat >> "$venv/bin/activate" << END
 export AMENT_PREFIX_PATH="$venv:\$AMENT_PREFIX_PATH"
 export LD_LIBRARY_PATH="$venv/lib:\${LD_LIBRARY_PATH:-}"
@@ -79,9 +80,9 @@ END
 fi
 
 if [ -z "$rclpy" ]; then
-    echo "Installing ROS 2 from PyPI and linkage_vibration into $name (about a minute, once)"
+    echo "Installing ROS 2 from PyPI and linkage_vibration into $name (this takes about a minute, once)"
     "$venv/bin/pip" install -qq ./linkage_vibration_interfaces --editable ".[ros,$extras]" ||
-        fail "pip could not install everything; why is told above"
+        fail "pip could not install everything; see its messages above"
 else
     echo "Building linkage_vibration_interfaces for the sourced ROS 2 (${rclpy%/rclpy/*})"
     log=$venv/interfaces.log
@@ -92,9 +93,9 @@ else
             cmake --build "$venv/interfaces" --parallel 2 --target install
     } > "$log" 2>&1 || fail "the build of linkage_vibration_interfaces failed; see $log"
     echo "Installing linkage_vibration into $name"
-    # The NumPy that this ROS 2 was compiled against stays.
+    # Keep the NumPy that this ROS 2 was compiled with.
     "$venv/bin/python" -c 'import numpy; print("numpy==" + numpy.__version__)' > "$venv/numpy.txt"
     "$venv/bin/pip" install -qq --constraint "$venv/numpy.txt" --editable ".[$extras]" ||
-        fail "pip could not install everything; why is told above"
+        fail "pip could not install everything; see its messages above"
 fi
 echo "$sources" > "$venv/sources"
