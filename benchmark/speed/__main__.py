@@ -222,8 +222,9 @@ def main() -> None:
             f"{len(scene.live_angles)} for predictions). Costs count lookups of the package's "
             f"table (here {1e6 * lookup.median:.2g} us), timed in the same round; medians of "
             f"{settings.rounds} rounds in which the methods take turns, after a warm-up "
-            f"(`{CSV.name}` has the quartiles). Times are of the processor. A configuration includes its kinematics and B; reduced links, their "
-            "FRFs, meshes and tables are made before.",
+            f"(`{CSV.name}` has the quartiles). Times are of the processor. A configuration "
+            "includes its kinematics and B; reduced links, their FRFs, meshes and tables are made "
+            "before.",
             *tables(points),
         ],
         f"{machine(*peers.installed())}; one BLAS thread",
