@@ -211,7 +211,7 @@ def _quantities(log: Log, rows: IntArray) -> dict[str, tuple[str, str, float, Fl
     for mode, values in enumerate(log.natural_frequencies[rows].T):
         found[f"f{mode + 1}"] = (f"mode {mode + 1}", "Hz", 1.0, values)
     frequencies, magnitudes = log.peak_frequency[rows], log.peak_magnitude[rows]
-    found["peak_frequency"] = ("frequency of the FRF peak", "Hz", 1.0, frequencies)
+    found["peak_frequency"] = ("FRF peak frequency", "Hz", 1.0, frequencies)
     found["peak_magnitude"] = ("FRF peak", "m/N", 1.0, magnitudes)
     if log.resonances is not None:
         margins = log.resonances.relative_margin[rows]

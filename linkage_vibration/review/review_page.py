@@ -225,7 +225,7 @@ def _readings(log: Log) -> Items:
         readings.append(reading(name, f"Mode {mode + 1}", **line))
     readings += [
         reading("peak", "FRF peak", column="peak_magnitude", unit="m/N"),
-        reading("peak_f", "Frequency of the FRF peak", column="peak_frequency", unit="Hz"),
+        reading("peak_f", "FRF peak frequency", column="peak_frequency", unit="Hz"),
         reading("error", "Error of the table", column="interpolation_error", digits=2),
     ]
     if log.resonances is None:

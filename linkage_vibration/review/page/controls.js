@@ -17,6 +17,7 @@ const actions = {
   },
 };
 
+/** Show on the button what it does next. */
 function showMoving() {
   byId("move").textContent = moving ? "Stop the motion" : "Start the motion";
   byId("move").setAttribute("aria-pressed", String(moving));

@@ -1,14 +1,12 @@
 // Copyright 2026 The linkage_vibration authors. SPDX-License-Identifier: Apache-2.0
 // Reads the numbers of the page, and finds samples by their times.
 
-const source = document.getElementById("data");
-const data = JSON.parse(source.textContent);
-source.remove();
+const byId = id => document.getElementById(id);
+const data = JSON.parse(byId("data").textContent);
+byId("data").remove();
 
 const DEG = 180 / Math.PI;
-const byId = id => document.getElementById(id);
 const clamp = (x, low, high) => Math.min(Math.max(x, low), high);
-
 const TYPES = { f8: Float64Array, f4: Float32Array, u1: Uint8Array };
 
 /** A typed array from the form in which the page holds it. */

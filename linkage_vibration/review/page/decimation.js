@@ -47,6 +47,7 @@ function stretches(from, to, wanted) {
   return found;
 }
 
+/** What uPlot draws of a value: it takes null for a missing one. */
 const finite = v => Number.isFinite(v) ? v : null;
 
 /** What uPlot draws of quantities in a view: the lowest and the highest value of each stretch. */

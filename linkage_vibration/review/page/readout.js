@@ -1,8 +1,7 @@
 // Copyright 2026 The linkage_vibration authors. SPDX-License-Identifier: Apache-2.0
 // Shows the numbers at the cursor.
 
-const readout = byId("readout").tBodies[0];
-const cells = {};
+const readout = byId("readout").tBodies[0], cells = {};
 /** Add a line to the list of numbers. */
 function addReading(id, label, colour) {
   const name = element("td", {});

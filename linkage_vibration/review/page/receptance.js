@@ -29,4 +29,5 @@ function logReceptance(place, frequency) {
 /** The place of an angle on the grid, as an index with a fraction. */
 const gridPlace = angle =>
   (angle - frf.angles[0]) / (frf.angles[frf.angles.length - 1] - frf.angles[0]) * (frf.angles.length - 1);
+/** Whether such a place is on the grid. */
 const inside = place => place >= 0 && place <= frf.angles.length - 1;
