@@ -83,6 +83,8 @@ setup(
     name=NAME,
     version=VERSION,
     description="Natural frequencies and response peak of a linkage, live from its joint angle",
+    long_description=(ROOT / "README.md").read_text(encoding="utf-8"),
+    long_description_content_type="text/markdown",
     author="The linkage_vibration authors",
     license="Apache-2.0",
     python_requires=">=3.10",
