@@ -4,6 +4,7 @@
 #   make demo                        play the drive that ships to the node, over DDS
 #   make demo BAG=FILE JOINT=NAME    play one joint of any bag
 #   make test                        lint, types and tests
+#   make coverage                    which share of the code the tests run, into docs/coverage.md
 #   make docs                        the documentation, as a site in build/docs
 #   make bench                       all benchmarks, into benchmark/results (some hours)
 #   make bench ONLY=latency          one of them
@@ -15,7 +16,7 @@ PYTHON ?= python3
 export OPENBLAS_NUM_THREADS ?= 1
 in_venv = @. .venv/bin/activate &&
 
-.PHONY: demo test docs bench setup clean
+.PHONY: demo test coverage docs bench setup clean
 
 demo: setup
 	$(in_venv) linkage-vibration demo $(if $(BAG),--bag "$(BAG)") $(if $(JOINT),--joint "$(JOINT)")
@@ -25,6 +26,12 @@ test: setup
 	$(in_venv) python -m ruff format --check .
 	$(in_venv) python -m mypy
 	$(in_venv) python -m pytest
+
+coverage: setup
+	$(in_venv) python -m coverage erase
+	$(in_venv) python -m coverage run -m pytest
+	$(in_venv) python -m coverage combine -q
+	$(in_venv) python tools/write_coverage.py
 
 docs: setup
 	$(in_venv) python -m sphinx -W --keep-going -q -c docs . build/docs

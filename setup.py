@@ -43,6 +43,7 @@ OPTIONAL = [name for extra in ("bags", "fe", "uff", "plots", "dask") for name in
 # colcon runs the tests with pytest because the extra "test" names it.
 TEST = [
     *OPTIONAL,
+    "coverage>=7.10",
     "exudyn; platform_machine == 'x86_64'",
     "hypothesis",
     "mcap-ros2-support",

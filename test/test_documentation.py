@@ -42,9 +42,10 @@ NOT_RUN = {
     "pytest": "it runs these tests",
     "pre-commit": "make test runs the same checks",
     "bloom": "releases are made by hand",
-    "catkin": "releases are made by hand",
     "git": "releases are made by hand",
     "python -m": "releases are made by hand",
+    "sed": "releases are made by hand",
+    "twine": "releases are made by hand",
 }
 # Pages with commands that take longer than everything else together.
 SLOW = {"docs/calibration.md", "docs/reproduction.md", "docs/sweep.md"}
