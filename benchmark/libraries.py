@@ -216,11 +216,15 @@ def compared(path: Path, functions: Mapping[str, Measured]) -> str:
 def recovered(folder: Path, path: Path) -> str:
     """Return a table of how many messages are saved of a log that is damaged in one place."""
     content, rows = path.read_bytes(), []
-    half = len(content) // 2
+    with path.open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    chunks = summary.chunk_indexes
+    half = chunks[len(chunks) // 2].chunk_start_offset + 999  # inside of its data
     for name, start, new in (
         ("none", 0, b""),
-        ("one bit in the middle", half, bytes([content[half] ^ 1])),
-        ("4 KiB of zeros in the middle", half, bytes(4096)),
+        ("one bit of a chunk in the middle", half, bytes([content[half] ^ 1])),
+        ("4 KiB of zeros there", half, bytes(4096)),
         ("64 bytes of zeros at the beginning", 0, bytes(64)),
     ):
         spoiled = folder / "damaged.mcap"

@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the readers of components share: refusals, names of DoFs, and arrays of bounded size."""
+"""What the readers of components share: errors, names of DoFs, and arrays of bounded size."""
 
 import zipfile
 from collections.abc import Collection, Iterable, Sequence
@@ -15,20 +15,20 @@ from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.dofs import DIRECTIONS, InterfaceDof
 
 INNER = "-"
-"""Stands in a list of DoFs for a row that is no interface DoF."""
+"""In a list of DoFs, marks a row that is not an interface DoF."""
 MAX_BYTES = 2**30
-"""A file, or what it unpacks to, may be this large."""
+"""The largest file that is read, also after unpacking."""
 
 
 class ComponentFileError(LinkageVibrationError):
-    """A file of a component cannot be read, or cannot be what it is meant to be.
+    """A file of a component cannot be read, or its content is not plausible.
 
     Parameters
     ----------
     path : Path
         The file.
     problem : str
-        What is wrong with it, and what would mend it.
+        What is wrong with it, and how to fix it.
     """
 
     def __init__(self, path: Path, problem: str) -> None:
@@ -38,54 +38,69 @@ class ComponentFileError(LinkageVibrationError):
 
 
 def check_file(path: Path) -> None:
-    """Refuse what is no file, or a file too large to be taken into memory.
+    """Raise an error unless there is such a file, and it fits into memory.
 
     Raises
     ------
     ComponentFileError
-        Telling which of the two.
+        If the file is missing, cannot be read, or is larger than `MAX_BYTES`.
     """
     try:
         if not path.is_file():
-            raise ComponentFileError(path, "there is no such file; check the path.")
+            raise ComponentFileError(path, "does not exist; check the path.")
         check_size(path, path.stat().st_size)
     except OSError as error:
-        raise ComponentFileError(path, f"cannot be read ({error.strerror}).") from None
+        raise ComponentFileError(path, f"cannot be opened: {error.strerror}.") from None
 
 
 def check_size(path: Path, size: int) -> None:
-    """Refuse more bytes than `MAX_BYTES`.
+    """Raise an error for more bytes than `MAX_BYTES`.
+
+    Parameters
+    ----------
+    path : Path
+        The file that the error names.
+    size : int
+        Its bytes after unpacking.
 
     Raises
     ------
     ComponentFileError
-        With both sizes.
+        If it is too large.
     """
     if size > MAX_BYTES:
         raise ComponentFileError(
             path,
-            f"holds {size / 2**20:.0f} MiB where {MAX_BYTES / 2**20:.0f} MiB are allowed; reduce "
-            "the component before it is written.",
+            f"holds {size / 2**20:.0f} MiB, more than {MAX_BYTES / 2**20:.0f} MiB; reduce the "
+            "component before you write the file.",
         )
 
 
 def damaged(path: Path, error: Exception) -> ComponentFileError:
-    """Return the refusal of a file that a library could not read."""
+    """Return the error for a file whose content cannot be read.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    error : Exception
+        What its reader raised.
+    """
     text = " ".join(str(error).split()) or type(error).__name__
     return ComponentFileError(
-        path, f"is damaged or not what its name says ({text}); write it anew."
+        path, f"is damaged or has another format than its name says ({text}); write it again."
     )
 
 
 def load_npz(path: Path, known: Collection[str]) -> dict[str, NDArray[Any]]:
-    """Read the arrays of an ``.npz``, without pickles.
+    """Read the arrays of an ``.npz`` file without unpickling anything.
 
     Parameters
     ----------
     path : Path
         The archive.
     known : collection of str
-        Names that it may hold; any other is refused, since it may be one of them misspelt.
+        Names that it may hold. Any other one is an error, as it may be misspelt.
 
     Raises
     ------
@@ -100,7 +115,7 @@ def load_npz(path: Path, known: Collection[str]) -> dict[str, NDArray[Any]]:
             check_known(path, arrays.files, known)
             found = {name: np.asarray(arrays[name]) for name in arrays.files}
             if not all(map(_is_text, found.values())):
-                raise ComponentFileError(path, "holds text that is not Unicode; write it anew.")
+                raise ComponentFileError(path, "holds text that is not Unicode; write it again.")
             return found
     except ComponentFileError:
         raise
@@ -114,9 +129,9 @@ def load_npz(path: Path, known: Collection[str]) -> dict[str, NDArray[Any]]:
 
 
 def _is_text(array: NDArray[Any]) -> bool:
-    """Tell text that Python can hold, without making any; other arrays pass.
+    """Return whether an array holds no text, or only characters that exist.
 
-    NumPy takes any four bytes for a character, and Python does not survive some of them.
+    NumPy accepts any four bytes as a character, and some of them crash Python.
     """
     if array.dtype.kind != "U" or array.dtype.itemsize == 0:
         return True
@@ -127,20 +142,29 @@ def _is_text(array: NDArray[Any]) -> bool:
 def compressed_columns(
     data: NDArray[Any], indices: NDArray[Any], starts: NDArray[Any], rows: int
 ) -> sparse.csc_array:
-    """Return a sparse matrix from its compressed columns, all of whose indices are checked.
+    """Return a sparse matrix from its compressed columns after checking every index.
 
-    SciPy checks some of them, and follows the others to wherever in memory they point.
+    SciPy checks only some of them, and a wrong one makes it read beyond its arrays.
+
+    Parameters
+    ----------
+    data, indices : ndarray, (n,)
+        Values and rows of the entries.
+    starts : ndarray, (columns + 1,)
+        Position of each column's first entry, and n.
+    rows : int
+        Number of rows.
 
     Raises
     ------
     ValueError
-        If they do not belong together.
+        If the arrays do not fit together.
     """
     if any(
         part.ndim != 1 or part.dtype.kind not in kinds
         for part, kinds in ((data, "fiu"), (indices, "iu"), (starts, "iu"))
     ):
-        raise ValueError("three lists are needed, of numbers and of twice whole numbers")
+        raise ValueError("data have to be numbers, indices and indptr whole numbers")
     indices, starts = indices.astype(np.int64), starts.astype(np.int64)
     if (
         starts.size == 0
@@ -156,32 +180,48 @@ def compressed_columns(
 
 
 def check_known(path: Path, names: Iterable[str], known: Collection[str]) -> None:
-    """Refuse names that nobody will ask for.
+    """Raise an error for a name that is not used.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    names, known : collection of str
+        Names that it holds, and names that it may hold.
 
     Raises
     ------
     ComponentFileError
-        Naming the first, and those that are known.
+        If a name is unknown.
     """
     for name in names:
         if name not in known:
             raise ComponentFileError(
-                path, f"holds {name!r}, which is not known here; it may hold {', '.join(known)}."
+                path, f"holds {name!r}, which is unknown; use only {', '.join(known)}."
             )
 
 
 def parse_dofs(path: Path, names: Sequence[object]) -> list[InterfaceDof | None]:
     """Turn texts such as ``P1 x`` into DoFs, and ``-`` into None.
 
+    Parameters
+    ----------
+    path : Path
+        The file that they are from.
+    names : sequence of object
+        The texts, one for each row.
+
     Raises
     ------
     ComponentFileError
-        If one is no point and direction, or stands twice.
+        If an entry is not a point and a direction, or occurs twice.
     """
     dofs: list[InterfaceDof | None] = []
     for i, name in enumerate(names):
         if not isinstance(name, str):
-            raise ComponentFileError(path, f"entry {i + 1} of dofs is not text; write 'P1 x'.")
+            raise ComponentFileError(
+                path, f"entry {i + 1} of dofs is not text; write it as 'P1 x'."
+            )
         if name.strip() == INNER:
             dofs.append(None)
             continue
@@ -196,8 +236,7 @@ def parse_dofs(path: Path, names: Sequence[object]) -> list[InterfaceDof | None]
         if dof in dofs:
             raise ComponentFileError(
                 path,
-                f"dofs names {dof} twice (entries {dofs.index(dof) + 1} and {i + 1}); "
-                "name each once.",
+                f"entries {dofs.index(dof) + 1} and {i + 1} of dofs are both {dof}; remove one.",
             )
         dofs.append(dof)
     return dofs
@@ -206,12 +245,21 @@ def parse_dofs(path: Path, names: Sequence[object]) -> list[InterfaceDof | None]
 def choose_rows(
     path: Path, found: Sequence[InterfaceDof | None], wanted: Sequence[InterfaceDof] | None
 ) -> tuple[tuple[InterfaceDof, ...], list[int]]:
-    """Return the interface DoFs and the row of each; all that are named if none are asked for.
+    """Return the interface DoFs and the row of each.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    found : sequence of InterfaceDof or None
+        The DoF of each of its rows.
+    wanted : sequence of InterfaceDof, optional
+        The interface DoFs in order; by default all that are found.
 
     Raises
     ------
     ComponentFileError
-        If a DoF that is asked for is not there.
+        If a wanted DoF is missing, or there is none at all.
     """
     named = [dof for dof in found if dof is not None]
     dofs = tuple(named if wanted is None else wanted)
@@ -219,9 +267,9 @@ def choose_rows(
         if dof not in named:
             raise ComponentFileError(
                 path,
-                f"the DoF {dof} is missing; its dofs name "
-                f"{', '.join(map(str, named)) or 'none'}; add it.",
+                f"has no DoF {dof}; add it to dofs, which now holds "
+                f"{', '.join(map(str, named)) or 'none'}.",
             )
     if not dofs:
-        raise ComponentFileError(path, "its dofs name no interface DoF; name them, as 'P1 x'.")
+        raise ComponentFileError(path, "has no interface DoF in dofs; write them as 'P1 x'.")
     return dofs, [found.index(dof) for dof in dofs]

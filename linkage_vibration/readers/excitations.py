@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Excitations from YAML files."""
+"""Reads excitations from YAML files."""
 
 from pathlib import Path
 
@@ -9,7 +9,7 @@ from linkage_vibration.readers.mechanism import load_yaml
 
 
 def read_excitations(path: Path) -> tuple[Excitation, ...]:
-    """Read and validate what excites a linkage.
+    """Read and validate the excitations of a linkage.
 
     Parameters
     ----------
@@ -19,8 +19,8 @@ def read_excitations(path: Path) -> tuple[Excitation, ...]:
     Raises
     ------
     MechanismError
-        If the file cannot be read, or is not YAML.
+        If the file cannot be read, or is not valid YAML.
     ExcitationError
-        If it describes no sound excitations; the text names the file, the key and the mend.
+        If an excitation is invalid; the text names the file, the key and how to fix it.
     """
     return excitations_from_mapping(load_yaml(path)[0], f"{path}: excitations")

@@ -1,20 +1,20 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Components from measured or computed FRFs: UFF 58 and ``.npz``.
+"""Reads components from measured or computed FRFs: UFF 58 and ``.npz``.
 
 ``.npz``
-    ``frequencies`` (n_freq,) in Hz, ``frf`` (n_freq, n, n), complex receptance with the response
-    along the rows and the force along the columns, and ``dofs``, n texts such as ``P1 x`` (see
-    `matrices`). SI: m/N, rad/N, m/(N m), rad/(N m).
+    ``frequencies`` (n_freq,) in Hz; ``frf`` (n_freq, n, n), complex receptances in m/N, rad/N,
+    m/(N m) and rad/(N m), with responses along the rows and forces along the columns; and
+    ``dofs``, n texts such as ``P1 x`` (see `matrices`).
 UFF
-    All functions of type 4 (FRF) in data sets 58, text or binary, whose response and reference
-    nodes are mapped to points. Directions 1, 2, 3 are x, y, z of the component, 5 is rotation about
-    y; theta turns x towards z, which is the negative of it. A negative direction turns the sign.
-    Displacement, velocity and acceleration are told by the ordinate's type and become receptance by
-    1/(i omega)^n; a line at 0 Hz is left out where that divides by zero. Where H_ij alone was
-    measured, H_ji is filled in by reciprocity.
+    All FRFs (functions of type 4) in data sets 58, text or binary, whose response and reference
+    nodes are mapped to points. Directions 1, 2 and 3 are x, y and z of the component. Direction 5
+    is rotation about y; theta has the opposite sign, as it turns x towards z. A negative direction
+    changes the sign. The type of the ordinate distinguishes displacement, velocity and
+    acceleration, which are divided by (i omega)^n; the line at 0 Hz is omitted where that divides
+    by zero. If only H_ij was measured, H_ji is set equal to it (reciprocity).
 
-FRFs of time dependence exp(i omega t) are meant, as analysers make them.
+The time dependence is exp(i omega t), as in all analysers.
 """
 
 import math
@@ -52,22 +52,22 @@ _RESPONSE_LABELS = {
     11: ("m/s", "rad/s"),
     12: ("m/s2", "m/s/s", "m/sec2", "rad/s2", "rad/s/s", "rad/sec2"),
 }
-_FORCES = (9, 13)  # reaction, excitation
+_FORCES = (9, 13)  # data types of a reaction and an excitation force
 _FORCE_LABELS = ("n", "nm", "newton")
-_FREQUENCY = (0, 18)  # unknown, frequency
+_FREQUENCY = (0, 18)  # data types: unknown, frequency
 _UNITS = {2: "feet", 3: "kilograms force", 4: "feet", 5: "mm", 6: "cm", 7: "inches", 8: "mm"}
 
-_RECIPROCITY = 0.8  # |H_ij - H_ji| / |H_ij + H_ji|; 1 where they have nothing in common
-_FINITE = 1e100  # m/N; the square of what is larger is infinite
-_ACTIVE = 0.05  # of a drive point's accelerance: power that comes out rather than goes in
-_COUPLED = 0.2  # of the two drive points; less than that may be all noise
-_UNEQUAL = 0.1  # by which H_ij and H_ji may differ on the mean of all lines, where noise goes out
-_MASSES = (0.02, 1e6)  # kg, between which a part's apparent mass lies at most frequencies
+_RECIPROCITY = 0.8  # |H_ij - H_ji| / |H_ij + H_ji|; 1 if they are unrelated
+_FINITE = 1e100  # m/N; the square of a larger value may overflow
+_ACTIVE = 0.05  # share of a drive point's accelerance that may give out power
+_COUPLED = 0.2  # share of the two drive points, below which an FRF may be pure noise
+_UNEQUAL = 0.1  # mean relative difference of H_ij and H_ji over all lines, where noise averages out
+_MASSES = (0.02, 1e6)  # kg, least and greatest plausible median of the apparent mass
 
 
 @dataclass(frozen=True, slots=True)
 class _Function:
-    """One measured function as receptance, signs applied."""
+    """A measured FRF as receptance, with its sign."""
 
     response: InterfaceDof
     reference: InterfaceDof
@@ -85,26 +85,26 @@ def read_frfs(
     Parameters
     ----------
     path : Path
-        ``.npz``, or ``.uff`` or ``.unv``; the module tells the layouts.
+        ``.npz``, ``.uff`` or ``.unv``; the module describes the layouts.
     dofs : sequence of InterfaceDof, optional
-        The interface DoFs, in the order wanted; all that the file has by default. Others of the
-        file are left out: they are free.
+        The interface DoFs in order; by default all of the file. Other DoFs of the file are
+        free.
     nodes : mapping of int to str, optional
-        The point of each node of a UFF file; nodes that are not in it are left out.
+        The point of each node of a UFF file; other nodes are ignored.
 
     Raises
     ------
     ComponentFileError
-        If the file is missing, damaged or too large, or pyuff is missing; if a DoF is missing, or
-        a function between two of them; if frequencies differ or do not ascend; if a value is not
-        finite; if the units are not SI, or cannot be; if H_ij and H_ji differ.
+        If the file is missing, damaged or too large, or pyuff is missing; if a DoF or an FRF is
+        missing; if frequencies differ or do not ascend; if a value is not finite; if the units are
+        not SI or are implausible; if H_ij and H_ji differ.
     """
     if path.suffix.lower() == ".npz":
         frfs = _read_npz(path, dofs)
     elif path.suffix.lower() in _UFF:
         frfs = _read_uff(path, dofs, nodes or {})
     else:
-        raise ComponentFileError(path, "is no file of FRFs; give a .npz, .uff or .unv.")
+        raise ComponentFileError(path, "is not a file of FRFs; give a .npz, .uff or .unv file.")
     _check_values(path, frfs)
     _check_physics(path, frfs)
     return frfs
@@ -115,18 +115,21 @@ def _read_npz(path: Path, wanted: Sequence[InterfaceDof] | None) -> Frfs:
     arrays = load_npz(path, known)
     for name in known:
         if name not in arrays:
-            raise ComponentFileError(path, f"holds no {name}; add it.")
+            raise ComponentFileError(path, f"has no {name}; add it.")
     frequencies, frf = arrays["frequencies"], arrays["frf"]
     if frequencies.ndim != 1 or frequencies.dtype.kind not in "fiu":
-        raise ComponentFileError(path, "frequencies is no list of real numbers, in Hz.")
+        raise ComponentFileError(
+            path, "has frequencies that are not a list of real numbers; give them in Hz."
+        )
     if frf.dtype.kind != "c":
-        raise ComponentFileError(path, "frf is not complex; give receptance, m/N.")
+        raise ComponentFileError(path, "has a real frf; give complex receptances in m/N.")
     found = parse_dofs(path, np.ravel(arrays["dofs"]).tolist())
     if frf.shape != (len(frequencies), len(found), len(found)):
         raise ComponentFileError(
             path,
-            f"frf is {' by '.join(map(str, frf.shape))}; {len(frequencies)} frequencies and "
-            f"{len(found)} dofs need {len(frequencies)} by {len(found)} by {len(found)}.",
+            f"has an frf of {' by '.join(map(str, frf.shape))}; write one of {len(frequencies)} "
+            f"by {len(found)} by {len(found)}, as there are {len(frequencies)} frequencies and "
+            f"{len(found)} dofs.",
         )
     dofs, rows = choose_rows(path, found, wanted)
     chosen = frf[:, rows][:, :, rows].astype(np.complex128)
@@ -144,9 +147,7 @@ def _read_uff(path: Path, wanted: Sequence[InterfaceDof] | None, nodes: Mapping[
             continue
         pair = (function.response, function.reference)
         if pair in functions:
-            raise ComponentFileError(
-                path, f"holds the FRF of {_pair(*pair)} twice; keep one of them."
-            )
+            raise ComponentFileError(path, f"has the FRF of {_pair(*pair)} twice; remove one.")
         functions[pair] = function
     found = list(dict.fromkeys(dof for pair in functions for dof in pair))
     if not found:
@@ -174,38 +175,37 @@ def _read_uff(path: Path, wanted: Sequence[InterfaceDof] | None, nodes: Mapping[
             if there is None:
                 raise ComponentFileError(
                     path,
-                    f"holds no FRF of {_pair(response, reference)}, nor the other way round; "
-                    "measure it.",
+                    f"has no FRF of {_pair(response, reference)}, nor the reverse; measure one.",
                 )
             frf[:, i, j] = there.values
     return Frfs(dofs, first.frequencies, frf)
 
 
 def _data_sets(path: Path) -> list[dict[str, Any]]:
-    """Return the data sets 58 and 164 of a UFF file."""
+    """Return the data sets 58 (functions) and 164 (units) of a UFF file."""
     try:
         import pyuff
     except ImportError:
         raise ComponentFileError(
-            path, "needs pyuff; `pip install linkage_vibration[uff]`."
+            path, "needs pyuff to be read; run `pip install linkage_vibration[uff]`."
         ) from None
     check_file(path)
     try:
         file = pyuff.UFF(str(path))
         types = [int(kind) for kind in file.get_set_types()]
-        with np.errstate(all="ignore"):  # infinite numbers are refused later
+        with np.errstate(all="ignore"):  # infinite numbers are reported later
             return [file.read_sets(i) for i, kind in enumerate(types) if kind in (58, 164)]
     except Exception as error:  # pyuff raises plain exceptions
         raise damaged(path, error) from None
 
 
 def _check_system(path: Path, units: Mapping[str, Any]) -> None:
-    """Refuse a data set 164 of other units than SI; its factors divide values to make them SI."""
+    """Raise an error unless the units are SI; the factors of the set divide values into SI."""
     code = units["units_code"]
     if code in _UNITS or abs(units["length"] - 1.0) > 1e-6 or abs(units["force"] - 1.0) > 1e-6:
         raise ComponentFileError(
             path,
-            f"its data set 164 tells units of {_UNITS.get(code, 'its own')} (code {code}, length "
+            f"has units of {_UNITS.get(code, 'its own')} in data set 164 (code {code}, length "
             f"factor {units['length']:g}, force factor {units['force']:g}); export it in SI.",
         )
 
@@ -230,27 +230,27 @@ def _function(path: Path, data: Mapping[str, Any], nodes: Mapping[int, str]) -> 
     if kind not in _POWERS:
         raise ComponentFileError(
             path,
-            f"{where} does not tell what it measures (ordinate data type {kind}); 8 is "
-            "displacement, 11 velocity, 12 acceleration.",
+            f"{where} has the ordinate data type {kind}; export it as displacement (8), velocity "
+            "(11) or acceleration (12).",
         )
     if data["orddenom_spec_data_type"] not in _FORCES:
         raise ComponentFileError(
             path,
-            f"{where} is not per force (ordinate denominator data type "
-            f"{data['orddenom_spec_data_type']}, where 13 is excitation force).",
+            f"{where} has the ordinate denominator data type {data['orddenom_spec_data_type']}; "
+            "export it per excitation force (13).",
         )
     _check_label(path, where, data["ordinate_axis_units_lab"], _RESPONSE_LABELS[kind], kind)
     _check_label(path, where, data["orddenom_axis_units_lab"], _FORCE_LABELS, None)
     abscissa = _plain_label(data["abscissa_axis_units_lab"])
     if data["abscissa_spec_data_type"] not in _FREQUENCY or abscissa not in ("", "none", "hz"):
-        raise ComponentFileError(path, f"{where} is not over frequency in Hz; export it so.")
+        raise ComponentFileError(path, f"{where} is not over frequency in Hz; export it that way.")
 
     if "x" not in data or "data" not in data:
-        raise ComponentFileError(path, f"{where} holds numbers of no known kind; export it again.")
+        raise ComponentFileError(path, f"{where} has no numbers that can be read; export it again.")
     x, y = np.asarray(data["x"], dtype=np.float64), np.asarray(data["data"])
     if len(x) != data["num_pts"] or len(y) != data["num_pts"]:
         raise ComponentFileError(
-            path, f"{where} tells {data['num_pts']} lines but holds {len(y)}; export it again."
+            path, f"{where} has {len(y)} lines instead of {data['num_pts']}; export it again."
         )
     if y.dtype.kind != "c":
         raise ComponentFileError(path, f"{where} is not complex; export real and imaginary parts.")
@@ -265,13 +265,14 @@ def _function(path: Path, data: Mapping[str, Any], nodes: Mapping[int, str]) -> 
 def _check_label(
     path: Path, where: str, label: str, allowed: Sequence[str], kind: int | None
 ) -> None:
-    """Refuse a label of units that are not SI, or are those of another quantity."""
+    """Raise an error if a label names a unit that is not the SI unit of the quantity."""
     plain = _plain_label(label)
     numerator = plain.split("/n")[0] if kind is not None else plain
     if numerator not in ("", "none", *allowed):
         what = "a force" if kind is None else _QUANTITIES[kind]
         raise ComponentFileError(
-            path, f"{where} is labelled {label.strip()!r}, no SI unit of {what}; export it in SI."
+            path,
+            f"{where} has the unit {label.strip()!r}, not the SI unit of {what}; export it in SI.",
         )
 
 
@@ -284,16 +285,16 @@ def _asked(function: _Function, wanted: Sequence[InterfaceDof] | None) -> bool:
 
 
 def _check_values(path: Path, frfs: Frfs) -> None:
-    """Refuse frequencies that do not ascend from 0 up, and values that are not finite."""
+    """Raise an error unless frequencies ascend and all values are finite."""
     f = frfs.frequencies
     if len(f) < 2:
-        raise ComponentFileError(path, f"holds {len(f)} frequencies; 2 at least are needed.")
+        raise ComponentFileError(path, f"has {len(f)} frequencies; give 2 or more.")
     if not ((f >= 0.0) & (f < 1e9)).all():
-        raise ComponentFileError(path, "has frequencies that are negative or cannot be in Hz.")
+        raise ComponentFileError(path, "has frequencies below 0 or above 1 GHz; give them in Hz.")
     if (np.diff(f) <= 0.0).any():
         k = int(np.argmax(np.diff(f) <= 0.0))
         raise ComponentFileError(
-            path, f"its frequencies do not ascend: {f[k + 1]:g} Hz comes after {f[k]:g} Hz."
+            path, f"has {f[k + 1]:g} Hz after {f[k]:g} Hz; sort the frequencies."
         )
     finite = (np.abs(frfs.frf.real) < _FINITE) & (np.abs(frfs.frf.imag) < _FINITE)
     wrong = np.argwhere(~finite)
@@ -301,15 +302,15 @@ def _check_values(path: Path, frfs: Frfs) -> None:
         k, i, j = wrong[0]
         raise ComponentFileError(
             path,
-            f"the FRF of {_pair(frfs.dofs[i], frfs.dofs[j])} is not finite at {f[k]:g} Hz; leave "
-            "that line out of all of them.",
+            f"the FRF of {_pair(frfs.dofs[i], frfs.dofs[j])} is not finite at {f[k]:g} Hz; remove "
+            "that line from all FRFs.",
         )
 
 
 def _check_physics(path: Path, frfs: Frfs) -> None:
-    """Refuse what no passive part in SI can answer.
+    """Raise an error for FRFs that no passive part has in SI units.
 
-    All is judged as accelerance, whose noise is about the same at every frequency.
+    They are compared as accelerances, whose noise is about the same at every frequency.
     """
     omega = 2.0 * np.pi * frfs.frequencies
     accelerance = omega[:, None, None] ** 2 * frfs.frf
@@ -317,21 +318,23 @@ def _check_physics(path: Path, frfs: Frfs) -> None:
         drive = accelerance[:, j, j]
         size = float(np.abs(drive).sum())
         if size == 0.0:
-            raise ComponentFileError(path, f"the FRF of {_pair(dof, dof)} is zero; measure it.")
+            raise ComponentFileError(
+                path, f"the FRF of {_pair(dof, dof)} is zero; measure it again."
+            )
         if float(drive.imag.sum()) > _ACTIVE * size:
             raise ComponentFileError(
                 path,
-                f"the FRF of {_pair(dof, dof)} gives out power: its imaginary part is positive on "
-                "the whole; look for a wrong sign, exp(-i omega t), or a velocity or acceleration "
-                "that is given as a displacement.",
+                f"the FRF of {_pair(dof, dof)} gives out power, as its imaginary part is mostly "
+                "positive; look for a wrong sign, exp(-i omega t), or a velocity or acceleration "
+                "that is labelled as a displacement.",
             )
         mass = 1.0 / max(float(np.median(np.abs(drive))), 1e-300)
         if dof.direction != "theta" and not _MASSES[0] < mass < _MASSES[1]:
             unit = "mm/N or um/N, or an acceleration" if mass <= _MASSES[0] else "m/kN"
             raise ComponentFileError(
                 path,
-                f"the FRF of {_pair(dof, dof)} moves as if {mass:.2g} kg were there, which no link "
-                f"has; is it in {unit}? Give m/N.",
+                f"the FRF of {_pair(dof, dof)} belongs to a mass of {mass:.2g} kg, which no link "
+                f"has; convert it to m/N if it is in {unit}.",
             )
     sizes = np.linalg.norm(np.diagonal(accelerance, axis1=1, axis2=2), axis=0)
     for i, one in enumerate(frfs.dofs):
@@ -342,17 +345,16 @@ def _check_physics(path: Path, frfs: Frfs) -> None:
             if odd > max(_RECIPROCITY * even, noise):
                 raise ComponentFileError(
                     path,
-                    f"the FRFs of {_pair(one, other)} and the other way round have little in "
-                    "common, where they should be equal; look for a wrong direction, sign or unit "
-                    "in one of them.",
+                    f"the FRF of {_pair(one, other)} and its reverse are unrelated but should be "
+                    "equal; look for a wrong direction, sign or unit in one of them.",
                 )
             unequal = 2.0 * abs(np.vdot(there + back, there - back)) / max(even**2, 1e-300)
             if even > noise and unequal > _UNEQUAL:
                 raise ComponentFileError(
                     path,
-                    f"the FRFs of {_pair(one, other)} and the other way round differ by "
-                    f"{100.0 * unequal:.0f} % on the mean, where they should be equal; look for a "
-                    "wrong gain of a sensor, or measure them again.",
+                    f"the FRF of {_pair(one, other)} and its reverse differ by "
+                    f"{100.0 * unequal:.0f} % on average but should be equal; look for a wrong "
+                    "gain of a sensor, or measure them again.",
                 )
 
 

@@ -1,23 +1,22 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Components from matrices in files: ``.npz``, MATLAB ``.mat`` and Matrix Market ``.mtx``.
+"""Reads components from matrices: ``.npz``, MATLAB ``.mat`` and Matrix Market ``.mtx``.
 
-Every kind holds ``mass``, ``stiffness``, perhaps ``damping``, all square, real and symmetric, in
-kg, m, N, s and rad, and ``dofs``, which says which row is which. ``dofs`` is a list of texts, the
-first for the first row: a point and a direction (``P1 x``, ``P1 theta``), or ``-`` for an inner
-coordinate, physical or modal. Rows after the last entry are inner coordinates too, and so are named
-rows that are not asked for: they move freely. But in the planar model rows named y are held: the
-plane of motion is taken as a plane of symmetry.
+Every format holds ``mass``, ``stiffness`` and optionally ``damping``, which are square, real and
+symmetric, in kg, m, N, s and rad, and ``dofs``, a list with one text for each row: a point and a
+direction (``P1 x``, ``P1 theta``), or ``-`` for an inner coordinate, physical or modal. Rows after
+the last entry, and named rows that are not wanted, are inner coordinates too and move freely. In
+the planar model, however, rows named y are held, as the plane of motion is a plane of symmetry.
 
 ``.npz``
     The matrices as arrays, or a sparse matrix as the three arrays of its compressed rows or
     columns: ``mass_data``, ``mass_indices``, ``mass_indptr``. ``dofs``: an array of text.
 ``.mat``
-    Of version 6 or 7 (``save -v7``), matrices full or sparse; ``dofs``: a cell array of character
-    vectors, or a character matrix.
+    Version 6 or 7 (``save -v7``), with full or sparse matrices. ``dofs``: a cell array of
+    character vectors, or a character matrix.
 ``.mtx``
-    ``NAME_mass.mtx``, which is the path to give, and beside it ``NAME_stiffness.mtx``, perhaps
-    ``NAME_damping.mtx``, and ``NAME_dofs.txt`` with one entry a line.
+    Give the path of ``NAME_mass.mtx``. Its folder has ``NAME_stiffness.mtx`` too, optionally
+    ``NAME_damping.mtx``, and ``NAME_dofs.txt`` with one entry on each line.
 """
 
 import math
@@ -52,22 +51,24 @@ from linkage_vibration.readers.matlab import read_matlab
 FloatArray = NDArray[np.float64]
 
 MAX_WHOLE = 3000
-"""Rows that are handed on as they are; more have to be reduced while they are sparse."""
+"""The most rows of a component that is used as it is; larger ones are reduced while sparse."""
 MAX_ROWS = 1_000_000
 
 _NAMES = ("mass", "stiffness", "damping")
 _PARTS = ("data", "indices", "indptr")
 _KNOWN = ("dofs", *_NAMES, *(f"{name}_{part}" for name in _NAMES for part in _PARTS))
 
-_ASYMMETRY = 1e-6  # of the geometric mean of the two diagonal entries: seven digits in a file
-# A free body's stiffness has eigenvalues of zero, which rounding makes slightly negative. They are
-# forgiven where motion would grow by less than these (0.1 Hz, a thousandth a second), or where
-# they are no more than rounding of the largest ones.
-_FORGIVEN = {"stiffness": (2.0 * math.pi * 0.1) ** 2, "damping": 1e-3}
+_ASYMMETRY = (
+    1e-6  # share of the geometric mean of the diagonal entries; files with seven digits pass
+)
+# The stiffness of a free body has eigenvalues of zero, which rounding makes slightly negative. They
+# are accepted if motion grows by less than this (0.1 Hz, a thousandth per second), or if they are
+# no larger than the rounding of the largest eigenvalue.
+_ACCEPTED = {"stiffness": (2.0 * math.pi * 0.1) ** 2, "damping": 1e-3}
 _ROUNDING = 1e-13
 
-_FASTEST = 1e30  # 1/s2 or 1/s: nothing moves so fast
-_LONGITUDINAL_SPEED = 5100.0  # m/s, of steel and of aluminium
+_FASTEST = 1e30  # 1/s2 or 1/s, greatest plausible ratio to the mass
+_LONGITUDINAL_SPEED = 5100.0  # m/s, speed of sound in steel and in aluminium
 
 
 def read_matrices(
@@ -82,26 +83,26 @@ def read_matrices(
     Parameters
     ----------
     path : Path
-        ``.npz``, ``.mat``, or the ``NAME_mass.mtx`` of a set; the module tells the layouts.
+        ``.npz``, ``.mat`` or ``NAME_mass.mtx``; the module describes the layouts.
     dofs : sequence of InterfaceDof, optional
-        The interface DoFs, in the order wanted; all that the file names by default.
+        The interface DoFs in order; by default all that the file names.
     modes : int, optional
-        Fixed-interface modes to keep (Craig-Bampton) of a component of more than `MAX_WHOLE` rows,
-        which is too large to be handed on as it is; smaller ones are not reduced here.
+        Number of fixed-interface modes to keep (Craig-Bampton) of a component with more than
+        `MAX_WHOLE` rows; smaller ones are not reduced here.
     spatial : bool
-        Keep rows named y rather than hold them.
+        Whether rows named y are kept instead of held.
 
     Returns
     -------
     Matrices
-        Interface DoFs first; made symmetric to the last bit.
+        Interface DoFs first; exactly symmetric.
 
     Raises
     ------
     ComponentFileError
         If a file is missing, damaged, too large or holds pickles; if a DoF is missing or named
-        twice; if a matrix is not square, of the size of the others, real, finite, symmetric or
-        positive (semi-)definite; or if the mass and stiffness cannot be in kg and N/m.
+        twice; if a matrix is not square, real, finite, symmetric and positive (semi-)definite, or
+        has another size than the others; if mass and stiffness are implausible in kg and N/m.
     """
     readers: dict[str, Callable[[Path], tuple[dict[str, Any], list[object]]]] = {
         ".npz": _read_npz,
@@ -109,26 +110,53 @@ def read_matrices(
         ".mtx": _read_mtx,
     }
     if path.suffix.lower() not in readers:
-        raise ComponentFileError(path, "is no file of matrices; give a .npz, .mat or .mtx.")
+        raise ComponentFileError(path, "is not a file of matrices; give a .npz, .mat or .mtx file.")
     matrices, names = readers[path.suffix.lower()](path)
+    matrices = _plain_matrices(path, matrices)
+    dofs, order, labels = _order(path, names, dofs, matrices["mass"].shape[0], spatial)
+    for name, matrix in matrices.items():
+        matrix = matrix[order][:, order]
+        _check(path, labels, name, matrix, matrices["mass"])
+        matrices[name] = (matrix + matrix.T) / 2.0
+    if sparse.issparse(matrices["mass"]):
+        matrices = _reduce(path, matrices, len(dofs), modes)
+    _check_units(path, dofs, matrices["mass"], matrices["stiffness"])
+    return Matrices(dofs, matrices["mass"], matrices["stiffness"], matrices.get("damping"))
+
+
+def _plain_matrices(path: Path, matrices: dict[str, Any]) -> dict[str, Any]:
+    """Return mass, stiffness and perhaps damping as matrices of floats of one size."""
     for name in ("mass", "stiffness"):
         if name not in matrices:
-            raise ComponentFileError(path, f"holds no {name}; add it.")
+            raise ComponentFileError(path, f"has no {name}; add it.")
     matrices = {name: _plain(path, name, matrices[name]) for name in _NAMES if name in matrices}
-
     n = matrices["mass"].shape[0]
     for name, matrix in matrices.items():
         if matrix.shape != (n, n):
             raise ComponentFileError(
-                path, f"{name} is {_size(matrix)} where mass is {_size(matrices['mass'])}."
+                path,
+                f"{name} is {_size(matrix)}, but mass is {_size(matrices['mass'])}; correct one.",
             )
+    return matrices
+
+
+def _order(
+    path: Path,
+    names: Sequence[object],
+    wanted: Sequence[InterfaceDof] | None,
+    n: int,
+    spatial: bool,
+) -> tuple[tuple[InterfaceDof, ...], NDArray[np.intp], list[str]]:
+    """Return the interface DoFs, and the row and the name of each row to keep, theirs first."""
     if len(names) > n:
-        raise ComponentFileError(path, f"dofs names {len(names)} rows of matrices that have {n}.")
+        raise ComponentFileError(
+            path, f"has {len(names)} entries in dofs for {n} rows; remove some."
+        )
     found = parse_dofs(path, names)
     out_of_plane = [row for row, dof in enumerate(found) if dof and dof.direction == "y"]
     held = set() if spatial else set(out_of_plane)
     there = [None if row in held else dof for row, dof in enumerate(found)]
-    dofs, rows = choose_rows(path, there, dofs)
+    dofs, rows = choose_rows(path, there, wanted)
     order = np.array(rows + sorted(set(range(n)) - held.union(rows)))
     labels = [
         str(found[row])
@@ -136,14 +164,7 @@ def read_matrices(
         else f"row {row + 1} (counted from 1, an inner coordinate)"
         for row in order
     ]
-    matrices = {name: matrix[order][:, order] for name, matrix in matrices.items()}
-    for name, matrix in matrices.items():
-        _check(path, labels, name, matrix, matrices["mass"])
-        matrices[name] = (matrix + matrix.T) / 2.0
-    if sparse.issparse(matrices["mass"]):
-        matrices = _reduce(path, matrices, len(dofs), modes)
-    _check_units(path, dofs, matrices["mass"], matrices["stiffness"])
-    return Matrices(dofs, matrices["mass"], matrices["stiffness"], matrices.get("damping"))
+    return dofs, order, labels
 
 
 def _read_npz(path: Path) -> tuple[dict[str, Any], list[object]]:
@@ -153,20 +174,26 @@ def _read_npz(path: Path) -> tuple[dict[str, Any], list[object]]:
         parts = [f"{name}_{part}" for part in _PARTS]
         there = [part for part in parts if part in arrays]
         if name in arrays and there:
-            raise ComponentFileError(path, f"holds both {name} and {there[0]}; keep one of them.")
+            raise ComponentFileError(path, f"has both {name} and {there[0]}; remove one.")
         if name in arrays:
             matrices[name] = arrays[name]
         elif there:
             if there != parts:
-                raise ComponentFileError(path, f"a sparse {name} needs {', '.join(parts)}.")
+                raise ComponentFileError(
+                    path, f"has a sparse {name} without all of {', '.join(parts)}; add them."
+                )
             data, indices, indptr = (arrays[part] for part in parts)
             n = indptr.size - 1
             if n > MAX_ROWS:
-                raise ComponentFileError(path, f"{name} has {n} rows; {MAX_ROWS} are allowed.")
+                raise ComponentFileError(
+                    path, f"{name} has {n} rows; reduce it to {MAX_ROWS} or fewer."
+                )
             try:
                 matrices[name] = compressed_columns(data, indices, indptr, n)
             except ValueError as error:
-                raise ComponentFileError(path, f"{name} cannot be put together: {error}.") from None
+                raise ComponentFileError(
+                    path, f"{name} is invalid, as {error}; write it again."
+                ) from None
     return matrices, np.ravel(_dofs(path, arrays)).tolist()
 
 
@@ -175,19 +202,21 @@ def _read_mat(path: Path) -> tuple[dict[str, Any], list[object]]:
     check_known(path, arrays, ("dofs", *_NAMES))
     names = _dofs(path, arrays)
     if not isinstance(names, list):
-        raise ComponentFileError(path, "dofs is no cell array or character matrix; write 'P1 x'.")
-    # A cell holds the rows of a character matrix, of which there is one.
+        raise ComponentFileError(
+            path, "has dofs that are not text; write a cell array such as {'P1 x'; 'P1 z'}."
+        )
+    # Each cell holds a character matrix of one row.
     cells = [cell[0] if isinstance(cell, list) and len(cell) == 1 else cell for cell in names]
     matrices = {name: arrays[name] for name in _NAMES if name in arrays}
     for name, matrix in matrices.items():
         if isinstance(matrix, list):
-            raise ComponentFileError(path, f"{name} is not of numbers.")
+            raise ComponentFileError(path, f"{name} is text; write a matrix of numbers.")
     return matrices, cells
 
 
 def _read_mtx(path: Path) -> tuple[dict[str, Any], list[object]]:
     if not path.stem.endswith("_mass"):
-        raise ComponentFileError(path, "give the path of the mass matrix, NAME_mass.mtx.")
+        raise ComponentFileError(path, "is not a mass matrix; give the path of NAME_mass.mtx.")
     start = path.stem.removesuffix("mass")
     matrices = {}
     for name in _NAMES:
@@ -265,24 +294,26 @@ def _text(path: Path) -> str:
     try:
         return path.read_text(encoding="utf-8")
     except UnicodeDecodeError:
-        raise ComponentFileError(path, "is not text in UTF-8; write it anew.") from None
+        raise ComponentFileError(path, "is not text in UTF-8; write it again.") from None
     except OSError as error:
-        raise ComponentFileError(path, f"cannot be read ({error.strerror}).") from None
+        raise ComponentFileError(path, f"cannot be opened: {error.strerror}.") from None
 
 
 def _dofs(path: Path, arrays: dict[str, Any]) -> Any:
     if "dofs" not in arrays:
-        raise ComponentFileError(path, "holds no dofs, which say which row is which; add them.")
+        raise ComponentFileError(path, "has no dofs; add one for each row.")
     return arrays["dofs"]
 
 
 def _plain(path: Path, name: str, matrix: Any) -> Any:
-    """Return a matrix as floats, sparse where it is too large to be handed on whole."""
+    """Return a matrix of floats, sparse if it is too large to be used as it is."""
     if matrix.dtype.kind not in "fiu":
-        what = "complex; give damping apart" if matrix.dtype.kind == "c" else "not of numbers"
-        raise ComponentFileError(path, f"{name} is {what}.")
+        what = "complex" if matrix.dtype.kind == "c" else "not of numbers"
+        raise ComponentFileError(
+            path, f"{name} is {what}; write real numbers, and damping as a matrix of its own."
+        )
     if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1] or matrix.shape[0] == 0:
-        raise ComponentFileError(path, f"{name} is {_size(matrix)}; it has to be square.")
+        raise ComponentFileError(path, f"{name} is {_size(matrix)}; write a square matrix.")
     if matrix.shape[0] > MAX_WHOLE:
         return sparse.csc_array(matrix, dtype=np.float64)
     whole = matrix.toarray() if sparse.issparse(matrix) else matrix
@@ -293,20 +324,20 @@ def _size(matrix: Any) -> str:
     return " by ".join(map(str, matrix.shape))
 
 
-def _forgiven(name: str, matrix: Any, mass: Any) -> Any:
-    """Return the multiple of the mass that a matrix may lack of being positive."""
+def _accepted(name: str, matrix: Any, mass: Any) -> Any:
+    """Return the multiple of the mass that makes a matrix positive despite its rounding."""
     largest = float(np.max(matrix.diagonal() / mass.diagonal()))
-    return max(_FORGIVEN[name], _ROUNDING * largest) * mass
+    return max(_ACCEPTED[name], _ROUNDING * largest) * mass
 
 
 def _check(path: Path, labels: Sequence[str], name: str, matrix: Any, mass: Any) -> None:
-    """Refuse what is not finite, symmetric and positive; the mass comes first."""
+    """Raise an error unless a matrix is finite, symmetric and positive; check the mass first."""
     entries = sparse.coo_array(matrix)
     wrong = np.flatnonzero(~np.isfinite(entries.data))
     if wrong.size:
         i, j = entries.row[wrong[0]], entries.col[wrong[0]]
         raise ComponentFileError(
-            path, f"{name} is not a finite number at {labels[i]}, {labels[j]}; write it anew."
+            path, f"{name} is not finite at {labels[i]}, {labels[j]}; write it again."
         )
 
     if name != "mass":
@@ -316,12 +347,12 @@ def _check(path: Path, labels: Sequence[str], name: str, matrix: Any, mass: Any)
             label = labels[int(rates.argmax())]
             raise ComponentFileError(
                 path,
-                f"{name} is {rates.max():.1g} times the mass at {label}, which no part has; write "
-                "both in kg, m, N, s.",
+                f"{name} is {rates.max():.1g} times the mass at {label}, which is implausible; "
+                "write both in kg, m, N, s.",
             )
-    whole = matrix if name == "mass" else matrix + _forgiven(name, matrix, mass)
+    whole = matrix if name == "mass" else matrix + _accepted(name, matrix, mass)
     diagonal = whole.diagonal()
-    _refuse_negative(path, labels, name, diagonal)
+    _check_positive(path, labels, name, diagonal)
     odd = sparse.coo_array(matrix - matrix.T)
     with np.errstate(over="ignore"):
         sizes = np.abs(odd.data) / np.sqrt(diagonal[odd.row]) / np.sqrt(diagonal[odd.col])
@@ -331,8 +362,8 @@ def _check(path: Path, labels: Sequence[str], name: str, matrix: Any, mass: Any)
         raise ComponentFileError(
             path,
             f"{name} is not symmetric: {matrix[i, j]:.6g} at {labels[i]}, {labels[j]} and "
-            f"{matrix[j, i]:.6g} at {labels[j]}, {labels[i]}, which differ by {sizes[worst]:.1e} "
-            "of their diagonal entries; write it anew.",
+            f"{matrix[j, i]:.6g} at {labels[j]}, {labels[i]} differ by {sizes[worst]:.1e} of "
+            "their diagonal entries; write it again.",
         )
 
     if sparse.issparse(whole):
@@ -345,15 +376,15 @@ def _check(path: Path, labels: Sequence[str], name: str, matrix: Any, mass: Any)
             )
         except RuntimeError:
             raise _not_positive(path, name, "some DoF") from None
-        # SuperLU numbers its columns by where each went.
-        _refuse_negative(path, labels, name, factor.U.diagonal()[factor.perm_c])
+        # SuperLU has its pivots in the order of perm_c.
+        _check_positive(path, labels, name, factor.U.diagonal()[factor.perm_c])
     else:
         _, info = dpotrf(whole)
         if info:
             raise _not_positive(path, name, labels[info - 1])
 
 
-def _refuse_negative(path: Path, labels: Sequence[str], name: str, pivots: FloatArray) -> None:
+def _check_positive(path: Path, labels: Sequence[str], name: str, pivots: FloatArray) -> None:
     worst = int(pivots.argmin())
     if pivots[worst] <= 0.0:
         raise _not_positive(path, name, labels[worst])
@@ -361,12 +392,11 @@ def _refuse_negative(path: Path, labels: Sequence[str], name: str, pivots: Float
 
 def _not_positive(path: Path, name: str, label: str) -> ComponentFileError:
     if name == "mass":
-        problem = "is not positive definite: no inertia is left"
-        mend = "leave massless coordinates out, or reduce them statically"
+        problem, fix = "definite", "remove massless coordinates, or reduce them statically"
     else:
-        problem = "is not positive semi-definite: there is less than none left"
-        mend = "look for a wrong sign or row, and write every digit (%.17g)"
-    return ComponentFileError(path, f"{name} {problem} at {label}; {mend}.")
+        problem = "semi-definite"
+        fix = "look for a wrong sign or row, and write every digit (%.17g)"
+    return ComponentFileError(path, f"{name} is not positive {problem} at {label}; {fix}.")
 
 
 def _reduce(
@@ -375,7 +405,7 @@ def _reduce(
     if modes is None:
         raise ComponentFileError(
             path,
-            f"has {matrices['mass'].shape[0]} rows, more than {MAX_WHOLE}; tell how many "
+            f"has {matrices['mass'].shape[0]} rows, more than {MAX_WHOLE}; set the number of "
             "fixed-interface modes to keep.",
         )
     try:
@@ -394,11 +424,11 @@ def _reduce(
 def _check_units(
     path: Path, dofs: Sequence[InterfaceDof], mass: FloatArray, stiffness: FloatArray
 ) -> None:
-    """Refuse a rigid mass and a stiffness between the points that no part has in SI.
+    """Raise an error for a rigid mass or a stiffness between the points that no part has in SI.
 
-    Millimetres and tonnes leave the natural frequencies as they are but divide mass and stiffness
-    by a thousand. What tells them from a small part is L = c / sqrt(k / m), about the length of a
-    metal part of mass m and axial stiffness k: m / L^3 would then be less than that of air.
+    Millimetres and tonnes keep the natural frequencies but divide mass and stiffness by a
+    thousand. L = c / sqrt(k / m) distinguishes them from a small part: it is about the length of a
+    metal part of mass m and axial stiffness k, and m / L^3 would be less than the density of air.
     """
     b, i = slice(0, len(dofs)), slice(len(dofs), None)
     extension = np.zeros((len(mass), len(dofs)))
@@ -406,14 +436,14 @@ def _check_units(
     if len(mass) > len(dofs):
         inner = stiffness[i, i]
         try:
-            # Rounding may make a singular matrix a regular one: ask for modes below 0.1 Hz.
-            cho_factor(inner - _forgiven("stiffness", inner, mass[i, i]))
+            # Rounding may hide that a matrix is singular, so modes below 0.1 Hz count as free.
+            cho_factor(inner - _accepted("stiffness", inner, mass[i, i]))
             extension[i] = -cho_solve(cho_factor(inner), stiffness[i, b])
         except np.linalg.LinAlgError:
             raise ComponentFileError(
                 path,
-                f"with {', '.join(map(str, dofs))} held the component can still move; make "
-                "more of its rows interface DoFs, or fix them before the matrices are written.",
+                f"can still move when {', '.join(map(str, dofs))} are held; make more rows "
+                "interface DoFs, or fix them before you write the matrices.",
             ) from None
     rigid, static = extension.T @ mass @ extension, extension.T @ stiffness @ extension
     along = [[float(dof.direction == direction) for dof in dofs] for direction in ("x", "y", "z")]
@@ -424,15 +454,16 @@ def _check_units(
     k = max(0.0, float(eigvalsh(static[np.ix_(moves, moves)])[-1]))
     length = _LONGITUDINAL_SPEED * math.sqrt(m / k) if k > 0.0 else 0.0
     frequency = math.sqrt(k / m) / (2.0 * math.pi)
-    told = f"a rigid mass of {m:.3g} kg and a stiffness of {k:.3g} N/m between its points"
-    suspicion = None
+    units = None
     if m < 1e-3 or (m < 0.1 and frequency > 1.0 and m < 0.1 * length**3):
-        suspicion = "tonnes and N/mm"
+        units = "tonnes and N/mm"
     elif m > 1e6:
-        suspicion = "grams, or a density in kg/m3 with lengths in millimetres"
+        units = "grams, or a density in kg/m3 with lengths in millimetres"
     elif frequency > 1e6:
-        suspicion = "an elastic modulus in Pa with lengths in millimetres"
-    if suspicion:
+        units = "an elastic modulus in Pa with lengths in millimetres"
+    if units:
         raise ComponentFileError(
-            path, f"has {told}, which no link has; is it in {suspicion}? Write it in kg, m, N."
+            path,
+            f"has a rigid mass of {m:.3g} kg and a stiffness of {k:.3g} N/m between its points, "
+            f"which no link has; convert it to kg, m and N, probably from {units}.",
         )

@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Mechanisms from YAML files."""
+"""Reads mechanisms from YAML files."""
 
 import hashlib
 import json
@@ -29,52 +29,69 @@ def read_mechanism(path: str | Path | None = None, *, spatial: bool = False) -> 
     Parameters
     ----------
     path : str or Path, optional
-        The YAML file; files that it names lie beside it. Without a path, the three-point linkage
-        that ships with the package is read.
+        The YAML file. Paths in it are relative to its folder. By default, the three-point
+        linkage that comes with the package.
     spatial : bool
-        Whether solid meshes have to keep what moves out of the plane.
+        Whether components from files keep their motion out of the plane.
 
     Raises
     ------
     MechanismError
-        If the file cannot be read, is not YAML, or describes no sound mechanism; the text names
-        the file, the key and the mend. So it does where a link's file cannot be used.
+        If the file, or a file that it names, cannot be read or is invalid; the text names the
+        file, the key and how to fix it.
     """
     path = config_file(DEFAULT_MECHANISM) if path is None else Path(path)
     return mechanism_of(load_yaml(path)[0], path, spatial=spatial)
 
 
 def load_yaml(path: Path) -> tuple[Any, str]:
-    """Read a YAML file: its plain data, and its text.
+    """Return the data of a YAML file, and its text.
 
     Raises
     ------
     MechanismError
-        If the file cannot be read, or is not YAML.
+        If the file cannot be read, or is not valid YAML.
     """
     try:
         text = path.read_text(encoding="utf-8")
     except OSError as error:
         raise MechanismError(
-            str(path), f"cannot be read ({error.strerror}); give the path of a YAML file."
+            str(path), f"cannot be opened: {error.strerror}; give the path of a YAML file."
         ) from None
     except UnicodeDecodeError:
         raise MechanismError(str(path), "is not text in UTF-8; give a YAML file.") from None
     except ValueError:  # a null character
-        raise MechanismError(repr(str(path)), "is no path; give that of a YAML file.") from None
+        raise MechanismError(
+            repr(str(path)), "is not a path; give the path of a YAML file."
+        ) from None
     try:
         return yaml.load(text, _StrictLoader), text
     except yaml.YAMLError as error:
         raise MechanismError(str(path), f"is not valid YAML: {_one_line(error)}") from None
-    # Values that are not what their tags say make PyYAML raise whatever comes.
+    # A value that does not fit its tag makes PyYAML raise any exception.
     except Exception as error:
         raise MechanismError(
-            str(path), f"cannot be read as YAML ({type(error).__name__}: {error})."
+            str(path), f"is not valid YAML ({type(error).__name__}: {error}); fix that value."
         ) from None
 
 
 def mechanism_of(mapping: Any, path: Path, *, spatial: bool = False) -> Mechanism:
-    """Validate what was read from a YAML file, or made of it; as `read_mechanism`."""
+    """Return the mechanism that the data of a YAML file describe.
+
+    Parameters
+    ----------
+    mapping : object
+        The data, as `load_yaml` returns them.
+    path : Path
+        The file that errors name; paths in the data are relative to its folder.
+    spatial : bool
+        Whether components from files keep their motion out of the plane.
+
+    Raises
+    ------
+    MechanismError
+        If the data, or a file that they name, are invalid.
+    """
 
     def read(keys: Keys, points: dict[str, Point]) -> Body:
         file = keys["file"]
@@ -90,7 +107,8 @@ def mechanism_of(mapping: Any, path: Path, *, spatial: bool = False) -> Mechanis
         raise MechanismError(f"{path}: {error.path}", error.problem) from None
     except ArithmeticError:
         raise MechanismError(
-            str(path), "holds a number so large or so small that nothing can be computed with it."
+            str(path),
+            "has a number that is too large or too small to compute with; check the units.",
         ) from None
 
 
@@ -108,7 +126,7 @@ def _mesh(keys: Keys, points: dict[str, Point], path: Path, spatial: bool) -> Bo
     file, modes = keys["file"], keys.integer("modes", default=20)
     material = read_material(file["material"])
     pins = {point: file["pins"].text(point) for point in file["pins"]}
-    rotations = sorted(points)  # those that nobody holds are left free later
+    rotations = sorted(points)  # unused ones are left free later
     matrices = mesh_matrices(
         path, material, pins, list(points.items()), modes, rotations=rotations, spatial=spatial
     )
@@ -126,7 +144,7 @@ _FILES = {
 
 
 class _StrictLoader(yaml.SafeLoader):
-    """Plain data only, of bounded size, and no key twice: YAML would drop the first in silence."""
+    """Loads plain data of bounded size; a repeated key, which YAML drops silently, is an error."""
 
     def construct_document(self, node: Any) -> Any:
         refuse_unbounded(node)
@@ -139,14 +157,14 @@ class _StrictLoader(yaml.SafeLoader):
             if isinstance(key, str) and key_node.tag != "tag:yaml.org,2002:merge":
                 if key in seen:
                     raise yaml.constructor.ConstructorError(
-                        None, None, f"the key {key!r} stands twice", key_node.start_mark
+                        None, None, f"the key {key!r} occurs twice; remove one", key_node.start_mark
                     )
                 seen.add(key)
         return super().construct_mapping(node, deep)
 
 
 def _whole_number(loader: _StrictLoader, node: Any) -> int:
-    """Read a whole number that computes as a float too."""
+    """Return a whole number that a float can hold."""
     value = loader.construct_yaml_int(node)
     try:
         float(value)

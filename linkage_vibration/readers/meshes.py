@@ -1,14 +1,13 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Components from solid meshes: gmsh ``.msh`` in, reduced matrices out.
+"""Reads components from solid meshes (gmsh ``.msh``), and reduces their matrices.
 
-The mesh is of tetrahedra of first or second order, in metres, in the component's own axes: x along
-the link from its first point, z across it in the plane of motion, y out of that plane, which is
-y = 0. Gmsh saves it as ASCII of version 2.2 or 4.1 (its defaults) and leaves out what is in no
-physical group (``Mesh.SaveAll = 0``, its default too); so there are one physical volume at least,
-and one named physical surface for every point of the link.
+A mesh has tetrahedra of first or second order, in metres, in the component's own axes: x along the
+link from its first point, z across it in the plane of motion, and y out of that plane, which is
+y = 0. Gmsh writes it as ASCII of version 2.2 or 4.1 and saves only physical groups (its defaults).
+So the mesh needs one physical volume or more, and a named physical surface for each point.
 
-`solids` tells which motions of a pin are kept, free, or held.
+`solids` describes which motions of a pin are kept, free or held.
 """
 
 import re
@@ -28,8 +27,8 @@ from linkage_vibration.readers.component_files import ComponentFileError, check_
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]
 
-_INSTALL = "needs scikit-fem and meshio; `pip install linkage_vibration[fe]`."
-_VOLUMES = {"tetra": 1, "tetra10": 2}  # and their order
+_INSTALL = "needs scikit-fem and meshio; run `pip install linkage_vibration[fe]`."
+_VOLUMES = ("tetra", "tetra10")
 _SURFACES = ("triangle", "triangle6")
 _MAX_EXTENT = 50.0  # m
 
@@ -44,40 +43,42 @@ def mesh_matrices(
     rotations: Collection[str] = (),
     spatial: bool = False,
 ) -> Matrices:
-    """Assemble a meshed solid, tie it to its pins and reduce it.
+    """Assemble the matrices of a meshed solid, connect it to its pins, and reduce them.
 
     Parameters
     ----------
     path : Path
-        The ``.msh``.
+        The ``.msh`` file.
     material : Material
-        Of all elements.
+        Material of all elements.
     pins : mapping of str to str
-        Of each point, the name of its physical surface.
+        Name of the physical surface of each point.
     points : sequence of (str, (float, float))
-        Names and x, z, m, in the order that the interface DoFs are to have.
+        Names and x, z in m, in the order of the interface DoFs.
     modes : int
-        Fixed-interface modes to keep.
+        Number of fixed-interface modes to keep.
     rotations : collection of str
         Points whose rotation is an interface DoF.
     spatial : bool
-        Keep the y DoFs and out-of-plane modes too.
+        Whether the y DoFs and out-of-plane modes are kept too.
 
     Returns
     -------
     Matrices
-        x, (y,) z and, where asked, theta, point by point, then the modes; no damping.
+        x, (y,) z and, for ``rotations``, theta of each point, then the modes; no damping.
 
     Raises
     ------
     ComponentFileError
-        If scikit-fem or meshio are missing; if the file is damaged, or not such a mesh; if a
-        surface is missing, or not where its point is; or if the pins do not hold the solid.
+        If scikit-fem or meshio is missing; if the file is damaged or not such a mesh; if a
+        surface is missing or not at its point; if the pins do not hold the solid.
     """
     nodes, elements, surfaces = _read_mesh(path)
     for point in pins:
         if point not in dict(points):
-            raise ComponentFileError(path, f"pins names {point}, which is no point of the link.")
+            raise ComponentFileError(
+                path, f"has pins for {point}, which is not a point of the link; remove it."
+            )
     tied = [_pin(path, point, place, pins, nodes, surfaces) for point, place in points]
     mass, stiffness = _assemble(path, nodes, elements, material)
     try:
@@ -107,67 +108,71 @@ def _read_mesh(path: Path) -> tuple[FloatArray, IntArray, dict[str, IntArray]]:
 
 
 def _check_text(path: Path) -> None:
-    """Refuse what is no whole ASCII mesh, or counts more than the file can hold.
+    """Raise an error unless a file is a complete ASCII mesh whose counts are plausible.
 
-    Counts are believed by what reads them: it would take memory for as many.
+    meshio allocates memory for as many nodes and elements as a file says it has.
     """
     try:
         text = path.read_bytes()
     except OSError as error:
-        raise ComponentFileError(path, f"cannot be read ({error.strerror}).") from None
+        raise ComponentFileError(path, f"cannot be opened: {error.strerror}.") from None
     head = re.match(rb"\s*\$MeshFormat\s+(\S+)\s+(\d)", text)
     if path.suffix.lower() != ".msh" or head is None:
-        raise ComponentFileError(path, "is no gmsh mesh; give a .msh file that gmsh saved.")
+        raise ComponentFileError(path, "is not a gmsh mesh; give a .msh file that gmsh saved.")
     if head[1] not in (b"2", b"2.2", b"4.1") or head[2] != b"0":
         raise ComponentFileError(
             path,
-            "is binary or of another version; save it as ASCII of version 2.2 or 4.1 "
+            "is binary or has another version; save it as ASCII, version 2.2 or 4.1 "
             "(`gmsh -save -format msh41`).",
         )
     sections = re.findall(rb"^\$(\w+)", text, re.MULTILINE)
     for section in sections:
         if not section.startswith(b"End") and b"End" + section not in sections:
             raise ComponentFileError(
-                path, f"was cut short: its ${section.decode()} does not end; save it again."
+                path, f"ends within its section ${section.decode()}; save it again."
             )
     for section in (b"PhysicalNames", b"Nodes", b"Elements"):
         if section not in sections:
             raise ComponentFileError(
                 path,
-                f"has no ${section.decode()}; save a mesh with physical groups for its volume and "
-                "for the surface of each pin.",
+                f"has no section ${section.decode()}; save a mesh with physical groups for its "
+                "volume and for the surface of each pin.",
             )
     large = re.search(rb"(?<![\d.])\d{8,}(?![\d.])", text)
     if large:
         raise ComponentFileError(
             path,
-            f"counts to {large[0][:20].decode()}; meshes of less than 10 million nodes and "
-            "elements can be read, if this one is not damaged.",
+            f"has the number {large[0][:20].decode()}; it is damaged, or has more than 10 million "
+            "nodes or elements and needs a coarser mesh.",
         )
 
 
 def _select(path: Path, mesh: Any) -> tuple[FloatArray, IntArray, dict[str, IntArray]]:
     kinds = {block.type for block in mesh.cells if block.dim == 3}
     if not kinds:
-        raise ComponentFileError(path, "has no volume elements; give its volume a physical group.")
-    if len(kinds) > 1 or not kinds <= set(_VOLUMES):
         raise ComponentFileError(
-            path, f"has {', '.join(sorted(kinds))} elements; mesh it with one kind of tetrahedra."
+            path, "has no volume elements; define a physical group for its volume."
+        )
+    if len(kinds) > 1 or not kinds <= {*_VOLUMES}:
+        raise ComponentFileError(
+            path, f"has {', '.join(sorted(kinds))} elements; use tetrahedra of one order only."
         )
     elements = np.vstack([block.data for block in mesh.cells if block.dim == 3]).astype(np.intp)
     # Version 2.2 repeats an element for every physical group that it is in.
     _, first = np.unique(np.sort(elements, axis=1), axis=0, return_index=True)
     elements = elements[np.sort(first)]
     if elements.min() < 0 or elements.max() >= len(mesh.points):
-        raise ComponentFileError(path, "has elements on nodes that it does not have; mesh it anew.")
+        raise ComponentFileError(path, "has elements with unknown nodes; mesh it again.")
     used = np.unique(elements)
     nodes = np.asarray(mesh.points, dtype=np.float64)[used]
     if not np.isfinite(nodes).all():
-        raise ComponentFileError(path, "has a node whose coordinates are not finite numbers.")
+        raise ComponentFileError(
+            path, "has a node whose coordinates are not finite; mesh it again."
+        )
     extent = np.ptp(nodes, axis=0).max()
     if extent > _MAX_EXTENT:
         raise ComponentFileError(
-            path, f"is {extent:.4g} m long, which no link is; is it in mm? Scale it to metres."
+            path, f"is {extent:.4g} m long, which no link is; convert it to metres."
         )
 
     surfaces = {}
@@ -185,7 +190,8 @@ def _select(path: Path, mesh: Any) -> tuple[FloatArray, IntArray, dict[str, IntA
         tied = np.unique(np.concatenate(corners))
         if not np.isin(tied, used).all():
             raise ComponentFileError(
-                path, f"surface {name!r} has nodes that no volume element has; mesh them together."
+                path,
+                f"has a surface {name!r} with nodes outside of the volume; mesh them together.",
             )
         surfaces[name] = np.searchsorted(used, tied)
     return nodes, np.searchsorted(used, elements), surfaces
@@ -199,15 +205,15 @@ def _pin(
     nodes: FloatArray,
     surfaces: Mapping[str, IntArray],
 ) -> Pin:
-    """Find the surface of a point, and refuse one that lies elsewhere."""
+    """Return the surface of a point; raise an error if it lies elsewhere."""
     if point not in pins:
-        raise ComponentFileError(path, f"no surface is named for the point {point}; name it.")
+        raise ComponentFileError(path, f"has no pin for the point {point}; add it to pins.")
     surface = surfaces.get(pins[point], np.zeros(0, dtype=np.intp))
     if len(surface) < 3:
         raise ComponentFileError(
             path,
-            f"has no physical surface {pins[point]!r} for the point {point}; its surfaces are "
-            f"{', '.join(surfaces) or 'none'}.",
+            f"has no physical surface {pins[point]!r} for the point {point}; choose one of "
+            f"{', '.join(surfaces) or 'none'}, or add it.",
         )
     low, high = nodes[surface].min(axis=0), nodes[surface].max(axis=0)
     slack = 0.01 * np.linalg.norm(high - low)
@@ -216,9 +222,9 @@ def _pin(
         centre = (low + high) / 2.0
         raise ComponentFileError(
             path,
-            f"surface {pins[point]!r} lies about x, y, z = {centre[0]:.4g}, {centre[1]:.4g}, "
-            f"{centre[2]:.4g} m, not around its point {point} at {place[0]:.4g}, 0, "
-            f"{place[1]:.4g} m; place the mesh in the link's own axes, in metres.",
+            f"has its surface {pins[point]!r} around x, y, z = {centre[0]:.4g}, {centre[1]:.4g}, "
+            f"{centre[2]:.4g} m and the point {point} at {place[0]:.4g}, 0, {place[1]:.4g} m; "
+            "place the mesh in the link's own axes, in metres.",
         )
     return Pin(point, place, surface)
 
@@ -226,7 +232,7 @@ def _pin(
 def _assemble(
     path: Path, nodes: FloatArray, elements: IntArray, material: Material
 ) -> tuple[Any, Any]:
-    """Return consistent mass and stiffness, x, y, z node by node."""
+    """Return the consistent mass and stiffness, in the order x, y, z of each node."""
     try:
         import skfem
         from skfem.helpers import dot
@@ -239,7 +245,7 @@ def _assemble(
     volumes = np.linalg.det(edges) / 6.0
     if (volumes <= 1e-9 * np.linalg.norm(edges, axis=2).max(axis=1) ** 3).any():
         raise ComponentFileError(
-            path, "has flat or inverted elements; mesh it anew, as `Mesh.Optimize = 1` does."
+            path, "has flat or inverted elements; mesh it again with `Mesh.Optimize = 1`."
         )
     second = elements.shape[1] == 10
     try:
@@ -247,18 +253,18 @@ def _assemble(
         element = skfem.ElementVector(skfem.ElementTetP2() if second else skfem.ElementTetP1())
         basis = skfem.Basis(mesh, element)
         upright = not second or (basis.mapping.detDF(basis.X) > 0.0).all()
-    except Exception as error:  # neighbours that share corners but not the nodes between, ...
+    except Exception as error:  # for example neighbours that share corners but not mid-side nodes
         raise damaged(path, error) from None
     if not upright:
         raise ComponentFileError(
-            path, "has inverted curved elements; mesh it anew with `Mesh.HighOrderOptimize = 1`."
+            path, "has inverted curved elements; mesh it again with `Mesh.HighOrderOptimize = 1`."
         )
 
     def inertia(u: Any, v: Any, _: Any) -> Any:
         return material.density * dot(u, v)
 
     lame = lame_parameters(material.youngs_modulus, material.poisson_ratio)
-    numbers = np.empty((len(nodes), 3), dtype=np.intp)  # of scikit-fem, of each node's x, y, z
+    numbers = np.empty((len(nodes), 3), dtype=np.intp)  # of each node's x, y, z in scikit-fem
     numbers[elements.T] = basis.element_dofs.reshape(-1, 3, len(elements)).transpose(0, 2, 1)
     order = numbers.ravel()
     mass, stiffness = (

@@ -47,7 +47,7 @@ def replace_body(mapping: Any, link: str, **file: Any) -> None:
 
 
 def save_matrices(path: Path, model: LinkageModel, link: str) -> None:
-    """Save one link's matrices, its own damping left to the mechanism's rule."""
+    """Save the matrices of a link without its damping, which the mechanism adds."""
     single = component(model, link)
     count = next(body.count for body in model.mechanism.links if body.name == link)
     np.savez(
@@ -76,7 +76,7 @@ def save_frfs(path: Path, model: LinkageModel, link: str) -> None:
 def test_matrices_from_a_file_are_the_beam_that_they_came_from(
     mapping: Any, model: LinkageModel, tmp_path: Path
 ) -> None:
-    """A link saved as unreduced matrices and read again leaves every result as it was."""
+    """A link saved as unreduced matrices and read again changes no result."""
     full = LinkageModel(model.mechanism, reduced=False)
     save_matrices(tmp_path / "lower.npz", full, "lower_link")
     replace_body(mapping, "lower_link", kind="matrices", path="lower.npz")
@@ -91,7 +91,7 @@ def test_matrices_from_a_file_are_the_beam_that_they_came_from(
 
 
 def test_all_four_kinds_in_one_linkage(mapping: Any, model: LinkageModel, tmp_path: Path) -> None:
-    """A beam, matrices, a solid mesh and FRFs couple to what the same links with matrices give."""
+    """A beam, matrices, a mesh and FRFs give together what the same links give as matrices."""
     steel = dict(mapping["links"]["upper_link"]["material"])
     save_matrices(tmp_path / "lower.npz", model, "lower_link")
     replace_body(mapping, "lower_link", kind="matrices", path="lower.npz")
@@ -143,7 +143,7 @@ def test_both_couplings_agree_with_any_damping(rule: str, name: str) -> None:
 
 
 def bar_mesh(path: Path, length: float, width: float, height: float) -> None:
-    """Write a bar of tetrahedra as gmsh 2.2, its two end faces named, where it can be read."""
+    """Write a bar of tetrahedra with named end faces as gmsh 2.2."""
     for module in ("meshio", "skfem"):
         pytest.importorskip(module, reason="solid meshes need the extra fe")
     nx, ny, nz = 24, 2, 2
@@ -193,7 +193,7 @@ def bar_mesh(path: Path, length: float, width: float, height: float) -> None:
 def test_a_solid_mesh_takes_a_links_place(
     mapping: Any, mechanism: Mechanism, tmp_path: Path
 ) -> None:
-    """The upper link as a coarse solid bar keeps mode 1, and the mechanism's hash is its files'."""
+    """The upper link as a coarse solid bar keeps mode 1, and the hash covers its files."""
     link = mapping["links"]["upper_link"]
     link["section"] = {"shape": "rectangle", "width": 0.06, "height": 0.08}
     beam = LinkageModel(read_mechanism(write(tmp_path, mapping)))
@@ -221,10 +221,10 @@ def test_a_solid_mesh_takes_a_links_place(
         )
 
 
-def test_wrong_files_are_told_with_their_keys(mapping: Any, tmp_path: Path) -> None:
+def test_errors_name_the_key_of_a_wrong_file(mapping: Any, tmp_path: Path) -> None:
     """A missing file, an unknown kind and a missing key are named."""
     replace_body(mapping, "lower_link", kind="matrices", path="none.npz")
-    with pytest.raises(MechanismError, match=r"lower_link\.file: .*none\.npz: there is no such"):
+    with pytest.raises(MechanismError, match=r"lower_link\.file: .*none\.npz: does not exist"):
         read_mechanism(write(tmp_path, mapping))
     mapping["links"]["lower_link"]["file"] = {"kind": "magic", "path": "a"}
     with pytest.raises(MechanismError, match=r"links\.lower_link\.file\.kind: .*matrices, frfs"):
@@ -303,7 +303,7 @@ def test_noisy_frfs_from_a_file(
 ) -> None:
     """Noise of 10 % in the rod, or 1 % in the lower link, leaves mode 1 within 1 %, and no fourth.
 
-    Its gain is told, and that lines up to 20 Hz show too little of how the link deforms.
+    The gain is reported, and that lines up to 20 Hz show too little deformation of the link.
     """
     save_noisy_frfs(tmp_path / "link.npz", model, link, share, FREQUENCIES)
     replace_body(mapping, link, kind="frfs", path="link.npz")
@@ -324,7 +324,7 @@ def test_noisy_frfs_from_a_file(
 def test_frfs_of_a_sensor_with_a_wrong_gain(
     mapping: Any, model: LinkageModel, tmp_path: Path
 ) -> None:
-    """The link, the FRF and how far it is off are told."""
+    """The error names the link, the FRF and its deviation."""
     save_frfs(tmp_path / "lower.npz", model, "lower_link")
     with np.load(tmp_path / "lower.npz") as archive:
         arrays: dict[str, NDArray[Any]] = dict(archive)

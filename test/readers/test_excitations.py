@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Files of excitations: the shipped one, and bad ones."""
+"""Files of excitations: the one that comes with the package, and invalid ones."""
 
 from pathlib import Path
 
@@ -13,7 +13,7 @@ from linkage_vibration.support.resources import config_file
 
 
 def test_shipped_file() -> None:
-    """It has every source, each order once, and no name twice."""
+    """The shipped file has every source, and no order or name twice."""
     found = read_excitations(config_file("excitations.yaml"))
     assert {one.source for one in found} == set(Source)
     assert len({one.name for one in found}) == len(found) == 12
@@ -25,7 +25,7 @@ def test_shipped_file() -> None:
         ("", "excitations: give at least one"),
         ("engine: {speed: engine}", "excitations.engine.orders"),
         ("engine: [", "is not valid YAML"),
-        ("engine: {speed: engine, orders: [1]}\nengine: {speed: pto, orders: [1]}", "stands twice"),
+        ("engine: {speed: engine, orders: [1]}\nengine: {speed: pto, orders: [1]}", "occurs twice"),
     ],
 )
 def test_bad_files(tmp_path: Path, text: str, words: str) -> None:

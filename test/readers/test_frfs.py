@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""FRFs of every layout are read alike, and what cannot be right is told in words."""
+"""FRFs of every layout are read alike, and invalid ones give a clear error."""
 
 import sys
 from collections.abc import Callable, Iterator
@@ -35,7 +35,7 @@ LABELS = {8: ("m", 0), 11: ("m/s", 1), 12: ("m/s^2", 2)}
 
 
 def receptance(frequencies: FloatArray) -> ComplexArray:
-    """Return that of a free steel bar of 0.8 m at its ends, damped, (n_freq, 5, 5)."""
+    """Return the receptance of a free, damped steel bar of 0.8 m, (n_freq, 5, 5)."""
     mass, stiffness = np.zeros((27, 27)), np.zeros((27, 27))
     section, steel = rectangle(0.03, 0.05, 0.3), Material(210e9, 7800.0, 0.3)
     for e in range(8):
@@ -69,7 +69,7 @@ def npz(folder: Path, **changes: Any) -> Path:
 
 
 def functions(quantity: int = 12, turned: tuple[str, ...] = ()) -> list[dict[str, Any]]:
-    """Return the bar as functions of data set 58, a zero line first unless it is displacement."""
+    """Return the bar as data sets 58, with a line at 0 Hz unless they are displacements."""
     label, power = LABELS[quantity]
     f = FREQUENCIES if power else FREQUENCIES[1:]
     frf = np.zeros((len(f), 5, 5), dtype=complex)
@@ -138,7 +138,7 @@ def assert_bar(path: Path, expected: ComplexArray, tolerance: float = 1e-9) -> N
 
 
 def test_npz(tmp_path: Path, expected: ComplexArray) -> None:
-    """Arrays come as they are, in the order asked, without what nobody asks for."""
+    """The wanted DoFs are returned unchanged and in order."""
     path = npz(tmp_path)
     assert_bar(path, expected)
     some = (DOFS[3], DOFS[0])
@@ -148,7 +148,7 @@ def test_npz(tmp_path: Path, expected: ComplexArray) -> None:
 
 @pytest.mark.parametrize("quantity", LABELS)
 def test_uff_of_every_quantity(tmp_path: Path, expected: ComplexArray, quantity: int) -> None:
-    """Displacement, velocity and acceleration give one receptance; a line at 0 Hz goes."""
+    """Displacement, velocity and acceleration give one receptance, without a line at 0 Hz."""
     assert_bar(uff(tmp_path, [units(), *functions(quantity)]), expected)
 
 
@@ -164,12 +164,12 @@ def test_uff_of_every_number_format(tmp_path: Path, expected: ComplexArray, kind
 
 
 def test_negative_directions(tmp_path: Path, expected: ComplexArray) -> None:
-    """An accelerometer or a hammer that points the other way changes the sign, and no more."""
+    """An accelerometer or a hammer that points backwards only changes the sign."""
     assert_bar(uff(tmp_path, functions(turned=("A z", "B x", "A theta"))), expected)
 
 
 def test_reciprocity_fills_in(tmp_path: Path, expected: ComplexArray) -> None:
-    """One triangle of the square is enough; other nodes and other functions are passed over."""
+    """One triangle of the matrix is enough; other nodes and other functions are ignored."""
     half = [data for k, data in enumerate(functions()) if k // 5 <= k % 5]
     other = {**half[0], "rsp_node": 99}
     coherence = {**half[0], "func_type": 6}
@@ -194,15 +194,15 @@ BAD_UFF: dict[str, tuple[Callable[[], list[dict[str, Any]]], str]] = {
     "no function": (lambda: [units()], r"holds no FRF .* mapped to points \(11: A, 22: B\)"),
     "DoF missing": (
         lambda: [data for data in functions() if (data["rsp_node"], data["rsp_dir"]) != (22, 3)],
-        "holds no FRF of response B z to a force at B z, nor the other way round; measure it",
+        "has no FRF of response B z to a force at B z, nor the reverse; measure one",
     ),
     "DoF nowhere": (
         lambda: [data for data in functions() if "B z" not in ends(data)],
-        "the DoF B z is missing; its dofs name A x, A z, A theta, B x; add it",
+        "has no DoF B z; add it to dofs, which now holds A x, A z, A theta, B x",
     ),
     "twice": (
         lambda: [*functions(), functions()[1]],
-        "holds the FRF of response A x to a force at A z twice",
+        "has the FRF of response A x to a force at A z twice",
     ),
     "unequal frequencies": (
         short,
@@ -210,44 +210,44 @@ BAD_UFF: dict[str, tuple[Callable[[], list[dict[str, Any]]], str]] = {
     ),
     "millimetres by label": (
         lambda: first(ordinate_axis_units_lab="mm/s^2"),
-        r"response A x to a force at A x is labelled 'mm/s\^2', no SI unit of an acceleration",
+        r"response A x to a force at A x has the unit 'mm/s\^2', not the SI unit of an accel",
     ),
     "acceleration of gravity": (
         lambda: first(ordinate_axis_units_lab="g/N"),
-        "labelled 'g/N', no SI unit of an acceleration",
+        "the unit 'g/N', not the SI unit of an acceleration",
     ),
     "label of another quantity": (
         lambda: first(ordinate_axis_units_lab="m"),
-        "labelled 'm', no SI unit of an acceleration",
+        "the unit 'm', not the SI unit of an acceleration",
     ),
     "kilonewtons": (
         lambda: first(orddenom_axis_units_lab="kN"),
-        "labelled 'kN', no SI unit of a f",
+        "the unit 'kN', not the SI unit of a f",
     ),
     "millimetres by system": (
         lambda: [units(units_code=5, length=1000.0, force=1000.0), *functions()],
-        r"data set 164 tells units of mm \(code 5, length factor 1000, .*export it in SI",
+        r"units of mm in data set 164 \(code 5, length factor 1000, .*export it in SI",
     ),
     "quantity unknown": (
         lambda: first(ordinate_spec_data_type=0),
-        r"does not tell what it measures \(ordinate data type 0\); 8 is displacement",
+        r"has the ordinate data type 0; export it as displacement",
     ),
-    "not per force": (lambda: first(orddenom_spec_data_type=8), "is not per force"),
+    "not per force": (lambda: first(orddenom_spec_data_type=8), "per excitation force"),
     "over time": (lambda: first(abscissa_spec_data_type=17), "is not over frequency in Hz"),
     "real": (lambda: first(data=np.ones(51)), "is not complex; export real and imaginary"),
     "exp(-i omega t)": (
         lambda: [{**data, "data": data["data"].conj()} for data in functions()],
-        "response A z to a force at A z gives out power: .* wrong sign",
+        "response A z to a force at A z gives out power, .* wrong sign",
     ),
     "one gain wrong": (
         lambda: [
             {**d, "data": 1.3 * d["data"]} if ends(d) == ["B x", "A x"] else d for d in functions()
         ],
-        "response B x to a force at A x and the other way round differ by 26 % on the mean",
+        "response B x to a force at A x and its reverse differ by 26 % on average",
     ),
     "one sign wrong": (
         lambda: [{**d, "data": -d["data"]} if k == 9 else d for k, d in enumerate(functions())],
-        "response B z to a force at A z and the other way round have little in common",
+        "response B z to a force at A z and its reverse are unrelated",
     ),
 }
 
@@ -260,8 +260,8 @@ def ends(data: dict[str, Any]) -> list[str]:
 
 
 @pytest.mark.parametrize("name", BAD_UFF)
-def test_what_uff_cannot_be_right(tmp_path: Path, name: str) -> None:
-    """Each wrong file is refused in one sentence that names the function and the mend."""
+def test_invalid_uff(tmp_path: Path, name: str) -> None:
+    """Each invalid file gives one sentence that names the function and the fix."""
     make, words = BAD_UFF[name]
     path = uff(tmp_path, make())
     with pytest.raises(ComponentFileError, match=words) as caught:
@@ -279,43 +279,46 @@ def spoilt(at: tuple[int, ...], value: complex) -> ComplexArray:
 
 OMEGA = 2.0 * np.pi * FREQUENCIES[1:, None, None]
 BAD_NPZ: dict[str, tuple[dict[str, Any], str]] = {
-    "missing": ({"dofs": None}, "holds no dofs; add it"),
+    "missing": ({"dofs": None}, "has no dofs; add it"),
     "not ascending": (
         {"frequencies": np.array([*FREQUENCIES[1:50], 490.0])},
-        "do not ascend: 490 Hz comes after 490 Hz",
+        "has 490 Hz after 490 Hz; sort",
     ),
-    "negative frequencies": ({"frequencies": FREQUENCIES[1:] - 20.0}, "negative or cannot be in"),
+    "negative frequencies": (
+        {"frequencies": FREQUENCIES[1:] - 20.0},
+        "below 0 or above 1 GHz; give them in",
+    ),
     "not finite": (
         {"frf": spoilt((3, 4, 1), np.nan)},
-        "response B z to a force at A z is not finite at 40 Hz; leave that line out",
+        "response B z to a force at A z is not finite at 40 Hz; remove that line",
     ),
     "not square": (
         {"frf": receptance(FREQUENCIES[1:])[:, :, :4]},
-        "frf is 50 by 5 by 4; 50 frequencies and 5 dofs need 50 by 5 by 5",
+        "frf of 50 by 5 by 4; write one of 50 by 5 by 5",
     ),
-    "real": ({"frf": receptance(FREQUENCIES[1:]).real}, "frf is not complex; give receptance"),
+    "real": ({"frf": receptance(FREQUENCIES[1:]).real}, "has a real frf; give complex receptance"),
     "millimetres": (
         {"frf": 1e3 * receptance(FREQUENCIES[1:])},
-        r"at A x moves as if 0\.00\d+ kg were there, .* is it in mm/N or um/N, or an acceler",
+        r"at A x belongs to a mass of 0\.00\d+ kg, .* if it is in mm/N or um/N, or an acceler",
     ),
     "accelerance": (
         {"frf": -(OMEGA**2) * receptance(FREQUENCIES[1:])},
-        r"moves as if .* is it in mm/N or um/N, or an acceleration\? Give m/N",
+        r"belongs to a mass of .* convert it to m/N if it is in mm/N or um/N, or an acceleration",
     ),
     "mobility": (
         {"frf": 1j * OMEGA * receptance(FREQUENCIES[1:])},
-        "moves as if",
+        "belongs to a mass of",
     ),
     "one line": (
         {"frequencies": FREQUENCIES[1:2], "frf": receptance(FREQUENCIES[1:2])},
-        "holds 1 frequencies; 2 at least",
+        "has 1 frequencies; give 2 or more",
     ),
 }
 
 
 @pytest.mark.parametrize("name", BAD_NPZ)
-def test_what_npz_cannot_be_right(tmp_path: Path, name: str) -> None:
-    """Each wrong file is refused in one sentence that names the place and the mend."""
+def test_invalid_npz(tmp_path: Path, name: str) -> None:
+    """Each invalid file gives one sentence that names the place and the fix."""
     changes, words = BAD_NPZ[name]
     path = npz(tmp_path, **changes)
     with pytest.raises(ComponentFileError, match=words) as caught:
@@ -325,7 +328,7 @@ def test_what_npz_cannot_be_right(tmp_path: Path, name: str) -> None:
 
 
 def test_noise_passes(tmp_path: Path) -> None:
-    """Noise of 5 % of the drive points is a measurement, where x and z are not coupled too."""
+    """Noise of 5 % of the drive points is accepted, even if x and z are not coupled."""
     rng = np.random.default_rng(2)
     accelerance = OMEGA**2 * receptance(FREQUENCIES[1:])
     drive = np.sqrt(np.abs(np.einsum("fii->fi", accelerance)).mean(axis=0))
@@ -335,8 +338,8 @@ def test_noise_passes(tmp_path: Path) -> None:
 
 
 def test_other_files_and_missing_pyuff(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Missing files and suffixes are told, and what installs pyuff."""
-    with pytest.raises(ComponentFileError, match=r"bar\.uff: there is no such file"):
+    """Missing files, other suffixes and a missing pyuff have errors of their own."""
+    with pytest.raises(ComponentFileError, match=r"bar\.uff: does not exist"):
         read_frfs(tmp_path / "bar.uff")
     with pytest.raises(ComponentFileError, match=r"give a \.npz, \.uff or \.unv"):
         read_frfs(tmp_path / "bar.csv")
@@ -349,7 +352,7 @@ def test_other_files_and_missing_pyuff(tmp_path: Path, monkeypatch: pytest.Monke
 def test_spoilt_files(
     tmp_path: Path, kind: str, mutations: Callable[[bytes, int], Iterator[bytes]]
 ) -> None:
-    """Of 200 spoilt files each is read or refused in one sentence; nothing else is raised."""
+    """Each of 200 damaged files is read or gives one sentence; nothing else is raised."""
     sets = [{**data, "binary": int(kind == "binary")} for data in functions()]
     path = npz(tmp_path) if kind == "npz" else uff(tmp_path, [units(), *sets])
     refused = 0

@@ -1,8 +1,8 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Spoilt files of every kind are refused in our words, or read as something valid.
+"""Damaged files of every format give an error of the package, or something valid.
 
-A thousand at every run; ``python -m benchmark.fuzz`` spoils a hundred times as many, and watches
+Each run reads a thousand; ``python -m benchmark.fuzz`` reads a hundred times as many, and measures
 their time and memory.
 """
 
@@ -25,7 +25,7 @@ INPUTS = 80
 
 @pytest.mark.parametrize("reader", READERS.values(), ids=READERS)
 def test_spoilt_files(tmp_path: Path, reader: Reader) -> None:
-    """What the reader accepts, spoilt here and there: mostly refused, and never in other words."""
+    """Valid files are damaged at random; most give an error, and always one of the package."""
     for main, files in reader.seeds:
         write(tmp_path, files)
         assert outcome(reader, tmp_path / main) == (ACCEPTED, "")
@@ -40,7 +40,7 @@ def test_spoilt_files(tmp_path: Path, reader: Reader) -> None:
 
 
 def test_each_byte_of_a_table(tmp_path: Path) -> None:
-    """A table of which one byte is flipped, each in turn, is refused or the same."""
+    """A table with one flipped byte gives an error or the same table, whichever byte it is."""
     reader = READERS["table (npz)"]
     [(main, files)] = reader.seeds
     for at in range(len(files[main])):
@@ -53,7 +53,7 @@ def test_each_byte_of_a_table(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("bomb", BOMBS, ids=["laughs", "merges", "itself", "flow", "indents"])
 def test_yaml_without_bound(tmp_path: Path, bomb: str) -> None:
-    """A page of YAML that would fill the memory, or the stack, is refused for what it is."""
+    """A page of YAML that would fill the memory or the stack gives an error that says so."""
     path = tmp_path / "m.yaml"
     path.write_text(bomb)
     with pytest.raises(LinkageVibrationError, match=r"m\.yaml: .*(written out|RecursionError)"):
@@ -67,7 +67,7 @@ def test_yaml_without_bound(tmp_path: Path, bomb: str) -> None:
     "value", ["!!bool x", "!!timestamp x", "!!int ''", "!!map x", "0x" + "f" * 5000, "1" * 5000]
 )
 def test_yaml_values_that_are_not_what_they_say(tmp_path: Path, value: str) -> None:
-    """A tag that does not fit its value, and a whole number beyond every float, are refused."""
+    """A tag that does not fit its value, or a whole number beyond every float, is an error."""
     path = tmp_path / "m.yaml"
     path.write_text(f"name: {value}\n")
     with pytest.raises(LinkageVibrationError, match=r"m\.yaml"):
@@ -84,7 +84,7 @@ def test_yaml_values_that_are_not_what_they_say(tmp_path: Path, value: str) -> N
     ],
 )
 def test_joint_states_of_another_kind(tmp_path: Path, old: bytes, new: bytes) -> None:
-    """A bag that gives other fields to the name of joint states is refused."""
+    """A bag that defines joint states with other fields is an error."""
     content = READERS["bag (MCAP)"].seeds[1][1]["a.mcap"]
     assert len(old) == len(new)
     assert old in content

@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Mechanism files: the shipped ones, and files that are none."""
+"""Mechanism files: the ones that come with the package, and invalid ones."""
 
 from pathlib import Path
 
@@ -25,7 +25,7 @@ def test_the_printed_linkage_differs_by_one_length(
     ("text", "words"),
     [
         (b"name: [", "line 1"),
-        (b"name: a\nlinks: {}\nname: b\n", "line 3: the key 'name' stands twice"),
+        (b"name: a\nlinks: {}\nname: b\n", "line 3: the key 'name' occurs twice"),
         (b"\xff\xfe\x00", "UTF-8"),
         (b"!!python/object:os.system {}", "valid YAML"),
         (b"", "mapping"),
@@ -34,7 +34,7 @@ def test_the_printed_linkage_differs_by_one_length(
         (b"a: " + b"[" * 5000, "YAML"),
     ],
 )
-def test_files_that_describe_nothing(tmp_path: Path, text: bytes, words: str) -> None:
+def test_invalid_files(tmp_path: Path, text: bytes, words: str) -> None:
     """Whatever the file holds, the error names it and what is wrong with it."""
     path = tmp_path / "bad.yaml"
     path.write_bytes(text)
@@ -44,14 +44,14 @@ def test_files_that_describe_nothing(tmp_path: Path, text: bytes, words: str) ->
 
 
 def test_no_file(tmp_path: Path) -> None:
-    """A missing file and a folder are told as what they are."""
+    """The error of a missing file differs from that of a folder."""
     with pytest.raises(MechanismError, match="No such file"):
         read_mechanism(tmp_path / "none.yaml")
     with pytest.raises(MechanismError, match="directory"):
         read_mechanism(tmp_path)
 
 
-def test_wrong_key_is_told_with_the_file(tmp_path: Path, mechanism_file: Path) -> None:
+def test_errors_name_the_file_of_a_wrong_key(tmp_path: Path, mechanism_file: Path) -> None:
     """The error names the file and the path of the key in it."""
     path = tmp_path / "mine.yaml"
     path.write_text(mechanism_file.read_text().replace("mass: 800.0", "mass: -800.0"))

@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Solid bars, meshed by hand, against beams and rigid bodies; and meshes that cannot be right."""
+"""Meshed solid bars agree with beams and rigid bodies; invalid meshes give a clear error."""
 
 import itertools
 import re
@@ -107,7 +107,7 @@ Blocks = list[tuple[int, int, list[list[int]]]]
 
 
 def write_version_2(nodes: FloatArray, blocks: Blocks) -> str:
-    """Return nodes and elements as version 2.2 has them."""
+    """Return nodes and elements in version 2.2."""
     lines = [f"$Nodes\n{len(nodes)}"]
     lines += [f"{i} {x:.16g} {y:.16g} {z:.16g}" for i, (x, y, z) in enumerate(nodes, 1)]
     lines.append(f"$EndNodes\n$Elements\n{sum(len(elements) for *_, elements in blocks)}")
@@ -120,7 +120,7 @@ def write_version_2(nodes: FloatArray, blocks: Blocks) -> str:
 
 
 def write_version_4(nodes: FloatArray, blocks: Blocks) -> str:
-    """Return entities, nodes and elements as version 4.1 has them."""
+    """Return entities, nodes and elements in version 4.1."""
     surfaces = len(blocks) - 1
     lines = [f"$Entities\n0 0 {surfaces} 1"]
     lines += [f"{tag} 0 0 0 1 1 1 1 {tag} 0" for _, tag, _ in blocks]
@@ -176,7 +176,7 @@ def test_bar_is_a_timoshenko_beam(tmp_path: Path) -> None:
 
 
 def test_convergence(tmp_path: Path) -> None:
-    """Frequencies fall towards the beam's as the mesh is refined, elements of 2nd order fast."""
+    """Frequencies approach those of the beam as the mesh is refined, faster with 2nd order."""
     found: dict[int, list[float]] = {1: [], 2: []}
     for cells in [(4, 1, 1), (8, 2, 2), (16, 4, 4)]:
         for order, frequencies in found.items():
@@ -239,7 +239,7 @@ def test_versions_agree(tmp_path: Path) -> None:
 
 
 def test_elements_in_two_groups_count_once(tmp_path: Path) -> None:
-    """Version 2.2 repeats what is in two physical volumes; the mass stays as it is."""
+    """Version 2.2 repeats elements that are in two physical volumes; the mass stays the same."""
     path = write_bar(tmp_path / "bar.msh", (4, 1, 1), order=1, version="2.2")
     once = mesh_matrices(path, STEEL, PINS, POINTS, 2)
     text = path.read_text()
@@ -272,7 +272,7 @@ def test_spatial(tmp_path: Path) -> None:
 
 
 def test_planar_modes_of_a_square_bar(tmp_path: Path) -> None:
-    """Where both planes share their frequencies, each comes once.
+    """A frequency that both planes share occurs once.
 
     Faces that cannot contract make it up to 1.5 % stiffer than a beam.
     """
@@ -285,7 +285,7 @@ def test_planar_modes_of_a_square_bar(tmp_path: Path) -> None:
 
 
 def test_three_pins_off_one_line(tmp_path: Path) -> None:
-    """A third pin off the line holds the spin itself: six rigid motions, none held."""
+    """A third pin off the line controls the spin: six rigid motions, none held."""
     path = write_bar(tmp_path / "bar.msh", (9, 2, 2), middle=True)
     pins = {**PINS, "M": "middle"}
     points = [*POINTS, ("M", (0.4, 0.025))]
@@ -301,7 +301,7 @@ def test_three_pins_off_one_line(tmp_path: Path) -> None:
 
 
 def replaced(old: str, new: str) -> Callable[[str], str]:
-    """Return what replaces one text by another."""
+    """Return a function that replaces one text by another."""
 
     def spoil(text: str) -> str:
         assert old in text
@@ -311,7 +311,7 @@ def replaced(old: str, new: str) -> Callable[[str], str]:
 
 
 def numbers_scaled(text: str) -> str:
-    """Turn the coordinates of version 2.2 into millimetres."""
+    """Convert the coordinates of version 2.2 to millimetres."""
     lines = text.splitlines()
     first, last = lines.index("$Nodes") + 2, lines.index("$EndNodes")
     for k in range(first, last):
@@ -321,24 +321,24 @@ def numbers_scaled(text: str) -> str:
 
 
 BAD: dict[str, tuple[Callable[[str], str], str]] = {
-    "no mesh": (lambda text: "solid bar\n" + text, r"is no gmsh mesh; give a \.msh file"),
-    "binary": (replaced("2.2 0 8", "2.2 1 8"), "binary or of another version; save it as ASCII"),
-    "old version": (replaced("2.2 0 8", "1 0 8"), "of another version; save it as ASCII of v"),
+    "no mesh": (lambda text: "solid bar\n" + text, r"is not a gmsh mesh; give a \.msh file"),
+    "binary": (replaced("2.2 0 8", "2.2 1 8"), "binary or has another version; save it as ASCII"),
+    "old version": (replaced("2.2 0 8", "1 0 8"), "has another version; save it as ASCII, v"),
     "no groups": (
         replaced("PhysicalNames", "Comments"),
-        r"has no \$PhysicalNames; save a mesh with physical groups",
+        r"has no section \$PhysicalNames; save a mesh with physical groups",
     ),
-    "cut short": (lambda text: text[: len(text) // 3], r"was cut short: its \$Nodes does not end"),
+    "cut short": (lambda text: text[: len(text) // 3], r"ends within its section \$Nodes"),
     "surface misspelt": (
         replaced('"right"', '"rihgt"'),
-        "has no physical surface 'right' for the point B; its surfaces are left, rihgt",
+        "has no physical surface 'right' for the point B; choose one of left, rihgt",
     ),
-    "millimetres": (numbers_scaled, "is 800 m long, which no link is; is it in mm"),
+    "millimetres": (numbers_scaled, "is 800 m long, which no link is; convert it to metres"),
     "elsewhere": (
         lambda text: (
             text.replace(' "left"', ' "x"').replace('"right"', '"left"').replace('"x"', '"right"')
         ),
-        r"surface 'left' lies about x, y, z = 0\.8, 0, 0 m, not around its point A at 0, 0, 0 m",
+        r"surface 'left' around x, y, z = 0\.8, 0, 0 m and the point A at 0, 0, 0 m",
     ),
     "no volume": (
         lambda text: re.sub(
@@ -347,11 +347,11 @@ BAD: dict[str, tuple[Callable[[str], str], str]] = {
             text,
             flags=re.MULTILINE,
         ),
-        "has no volume elements; give its volume a physical group",
+        "has no volume elements; define a physical group",
     ),
     "inverted": (
         lambda text: re.sub(r"( 4 2 3 3) (\d+) (\d+) ", r"\1 \3 \2 ", text, count=1),
-        "has flat or inverted elements; mesh it anew",
+        "has flat or inverted elements; mesh it again",
     ),
     "unknown node": (
         lambda text: re.sub(r"( 4 2 3 3) (\d+) ", r"\1 0 ", text, count=1),
@@ -359,7 +359,7 @@ BAD: dict[str, tuple[Callable[[str], str], str]] = {
     ),
     "huge counts": (
         replaced("$Nodes\n20", "$Nodes\n2000000000"),
-        "counts to 2000000000; meshes of",
+        "has the number 2000000000",
     ),
     "not a number": (
         lambda text: re.sub(r"^2 0 ", "2 nan ", text, flags=re.MULTILINE),
@@ -369,8 +369,8 @@ BAD: dict[str, tuple[Callable[[str], str], str]] = {
 
 
 @pytest.mark.parametrize("name", BAD)
-def test_what_cannot_be_right(tmp_path: Path, name: str) -> None:
-    """Each wrong mesh is refused in one sentence with the file, the place and the mend."""
+def test_invalid_files(tmp_path: Path, name: str) -> None:
+    """Each invalid mesh gives one sentence that names the file, the place and the fix."""
     spoil, words = BAD[name]
     path = write_bar(tmp_path / "bar.msh", (4, 1, 1), order=1, version="2.2")
     path.write_text(spoil(path.read_text()))
@@ -381,13 +381,13 @@ def test_what_cannot_be_right(tmp_path: Path, name: str) -> None:
 
 
 def test_two_parts(tmp_path: Path) -> None:
-    """A bar without its second quarter is no component."""
+    """A bar without its second quarter is an error, as it falls into two parts."""
     path = write_bar(tmp_path / "bar.msh", (4, 1, 1), order=1, version="2.2")
     lines = path.read_text().splitlines()
     at = lines.index("$Elements") + 1
 
     def quarter(line: str) -> int:
-        """Tell in which quarter a tetrahedron lies; four nodes make a cut through the bar."""
+        """Return the quarter of a tetrahedron; the quarters are four nodes long."""
         numbers = [int(number) for number in line.split()]
         return (min(numbers[5:]) - 1) // 4 if len(numbers) == 9 else -1
 
@@ -400,9 +400,11 @@ def test_two_parts(tmp_path: Path) -> None:
 def test_points_without_surface(tmp_path: Path) -> None:
     """Every point needs a surface and every surface a point; one pin cannot hold a bar."""
     path = write_bar(tmp_path / "bar.msh", (4, 1, 1))
-    with pytest.raises(ComponentFileError, match="no surface is named for the point B; name it"):
+    with pytest.raises(ComponentFileError, match="has no pin for the point B; add it"):
         mesh_matrices(path, STEEL, {"A": "left"}, POINTS, 2)
-    with pytest.raises(ComponentFileError, match="pins names C, which is no point of the link"):
+    with pytest.raises(
+        ComponentFileError, match="has pins for C, which is not a point of the link"
+    ):
         mesh_matrices(path, STEEL, {**PINS, "C": "right"}, POINTS, 2)
     with pytest.raises(ComponentFileError, match="2 interface DoFs held .* can still move"):
         mesh_matrices(path, STEEL, {"A": "left"}, POINTS[:1], 2)
@@ -426,7 +428,7 @@ def test_spoilt_files(
     order: int,
     mutations: Callable[[bytes, int], Iterator[bytes]],
 ) -> None:
-    """Of 200 spoilt files each is read or refused in one sentence; nothing else is raised."""
+    """Each of 200 damaged files is read or gives one sentence; nothing else is raised."""
     path = write_bar(tmp_path / "bar.msh", (3, 1, 1), order=order, version=version)
     refused = 0
     for content in mutations(path.read_bytes(), 200):
