@@ -48,6 +48,7 @@ TEST = [
     "hypothesis",
     "mcap-ros2-support",
     "mypy",
+    "packaging",
     "pytest",
     "ruff",
     "types-PyYAML",

@@ -39,6 +39,7 @@ DISTRIBUTIONS = {
     "mcap_ros2": ("mcap-ros2-support", "mcap-ros2-support"),
     "meshio": ("meshio", None),
     "numpy": ("numpy", "python3-numpy"),
+    "packaging": ("packaging", "python3-packaging"),
     "pyfbs": ("pyfbs", None),
     "pytest": ("pytest", "python3-pytest"),
     "pyuff": ("pyuff", None),
@@ -113,7 +114,7 @@ def test_every_import_is_declared(folder: str, declared: dict[str, set[str]]) ->
     for path, module, _ in imports(folder):
         if path.stem == "pytest_plugin":  # pytest itself loads it
             continue
-        distribution, key = DISTRIBUTIONS[module.split(".")[0]]
+        distribution, key = DISTRIBUTIONS.get(module.split(".")[0], (module, module))
         assert distribution in available | {None}, f"{path} imports {module}"
         if tag is not None:
             assert key in keys | {None}, f"{path} imports {module}"
