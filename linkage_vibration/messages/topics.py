@@ -1,29 +1,128 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""The node's topics: their names, their types, and what a log has to know of one."""
+"""The topics of the node: one list for its subscriptions, its log, its manual and its policy."""
 
+from dataclasses import dataclass
+
+from linkage_vibration.bags.message_types import FLOAT64
 from linkage_vibration.bags.writing import QUEUE_DEPTH, Topic, offered_qos_profiles
-from linkage_vibration.messages.definitions import message_definition, type_hash
+from linkage_vibration.messages.definitions import OWN_PACKAGE, message_definition, type_hash
 from linkage_vibration.prediction.excitation import Source
+from linkage_vibration.prediction.inputs import INPUTS
 
-JOINT_STATES, HITCH_POSITION = "joint_states", "hitch_position"
-SPEEDS = {"engine_speed": Source.ENGINE, "pto_speed": Source.PTO, "ground_speed": Source.GROUND}
-PREDICTION_TOPIC = "/linkage_vibration/prediction"  # unless the node has another name
+PREDICTION = f"{OWN_PACKAGE}/msg/VibrationPrediction"
+RESONANCE = f"{OWN_PACKAGE}/msg/Resonance"
+TABLE_INFO = f"{OWN_PACKAGE}/msg/TableInfo"
+
+PREDICTION_TOPIC = "/linkage_vibration/prediction"
+"""Topic of the predictions in a replay, and of a node that has its default name."""
 RESONANCE_TOPIC = "/linkage_vibration/resonance"
+SPEEDS = {f"{source.value}_speed": source for source in Source}
+"""The sources of the speeds by their topics."""
 
-PREDICTION = "linkage_vibration_interfaces/msg/VibrationPrediction"
-RESONANCE = "linkage_vibration_interfaces/msg/Resonance"
-TABLE_INFO = "linkage_vibration_interfaces/msg/TableInfo"
+
+@dataclass(frozen=True, slots=True)
+class NodeTopic:
+    """A topic that the node subscribes to or publishes.
+
+    Attributes
+    ----------
+    name : str
+        Its name; ``~/`` stands for the name of the node.
+    type : str
+        Type of its messages.
+    qos : str
+        Its quality of service, in words.
+    meaning : str
+        One sentence for the manual.
+    logged : bool
+        Whether the node logs it.
+    """
+
+    name: str
+    type: str
+    qos: str
+    meaning: str
+    logged: bool = True
+
+
+_INPUT_QOS, _OUTPUT_QOS = (f"{q}, keep last {QUEUE_DEPTH}" for q in ("best effort", "reliable"))
+_LATCHED = "reliable, transient local"
+
+INPUT_TOPICS = (
+    *(NodeTopic(i.topic, i.type, _INPUT_QOS, i.description) for i in INPUTS.values()),
+    *(
+        NodeTopic(name, FLOAT64, _INPUT_QOS, f"Speed in {source.unit}.")
+        for name, source in SPEEDS.items()
+    ),
+)
+OUTPUT_TOPICS = (
+    NodeTopic(
+        "~/prediction",
+        PREDICTION,
+        _OUTPUT_QOS,
+        "One prediction for each reading, with the stamp and the frame of the reading.",
+    ),
+    NodeTopic(
+        "~/resonance",
+        RESONANCE,
+        _OUTPUT_QOS,
+        "The excitation nearest to a natural frequency, with each prediction, once a speed is "
+        "known ([excitation](excitation.md)).",
+    ),
+    NodeTopic(
+        "~/table_info",
+        TABLE_INFO,
+        _LATCHED,
+        "The table in use; published again when the table changes.",
+        logged=False,
+    ),
+    NodeTopic(
+        "~/mechanism",
+        "std_msgs/msg/String",
+        _LATCHED,
+        "The mechanism in use, as YAML; published again when it changes.",
+        logged=False,
+    ),
+    NodeTopic(
+        "~/markers",
+        "visualization_msgs/msg/MarkerArray",
+        "reliable, keep last 1",
+        "The linkage and one of its modes, moving; published only while somebody subscribes.",
+        logged=False,
+    ),
+    NodeTopic(
+        "/diagnostics",
+        "diagnostic_msgs/msg/DiagnosticArray",
+        "reliable, keep last 10",
+        "At 1 Hz: age and rate of the input, latency, share of predictions without numbers, QoS "
+        "mismatches, log, table, clock jumps.",
+        logged=False,
+    ),
+)
+
+
+def topic_table(topics: tuple[NodeTopic, ...]) -> str:
+    """Return topics as a Markdown table, for the manual."""
+    rows = [f"| `{t.name}` | `{t.type}` | {t.qos} | {t.meaning} |" for t in topics]
+    return "\n".join(["| topic | type | QoS | meaning |", "|---|---|---|---|", *rows]) + "\n"
 
 
 def log_topic(name: str, type_name: str) -> Topic:
-    """Return what a log has to know of a topic.
+    """Return what a log stores about a topic.
+
+    Parameters
+    ----------
+    name : str
+        Full name of the topic.
+    type_name : str
+        Type of its messages, such as ``std_msgs/msg/Float64``.
 
     Raises
     ------
     DefinitionError
-        If its type is not installed, and rosbags does not know it either.
+        If the type is not installed, and rosbags does not know it either.
     """
-    # Played back as reliable, a log reaches subscribers of either kind.
+    # `ros2 bag play` then publishes as reliable, which reaches subscribers of both kinds.
     qos = offered_qos_profiles(reliable=True, depth=QUEUE_DEPTH)
     return Topic(name, type_name, message_definition(type_name), type_hash(type_name), qos)

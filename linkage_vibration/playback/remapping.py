@@ -1,27 +1,28 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Which topics of bags stand for those that the node hears."""
+"""Chooses the topics of bags that replace the topics to which the node subscribes."""
 
 from collections.abc import Mapping, Sequence
 
-from linkage_vibration.bags.message_types import FLOAT64, JOINT_STATE
+from linkage_vibration.bags.message_types import FLOAT64
 from linkage_vibration.bags.streams import Bags, BagTopic
 from linkage_vibration.errors import LinkageVibrationError
-from linkage_vibration.messages.topics import HITCH_POSITION, JOINT_STATES, SPEEDS
-from linkage_vibration.prediction.settings import PERCENT, Parameters
+from linkage_vibration.messages.topics import SPEEDS
+from linkage_vibration.prediction.inputs import INPUTS
+from linkage_vibration.prediction.settings import Parameters
 
 
 class ReplayError(LinkageVibrationError):
-    """A replay cannot be done as asked."""
+    """A replay cannot be done as requested."""
 
 
 def remappings(words: Sequence[str]) -> dict[str, str]:
-    """Return what ``NAME:=TOPIC`` words mean.
+    """Return the topics that ``NAME:=TOPIC`` words give to names.
 
     Raises
     ------
     ReplayError
-        If a word is none.
+        If a word has another form.
 
     Examples
     --------
@@ -37,53 +38,67 @@ def remappings(words: Sequence[str]) -> dict[str, str]:
 def choose_topics(
     bags: Bags, settings: Parameters, remaps: Mapping[str, str]
 ) -> dict[str, BagTopic]:
-    """Return the topics to read by the node's names of them, that of the hitch first."""
-    unknown = set(remaps) - {JOINT_STATES, HITCH_POSITION, *SPEEDS}
+    """Return the topics to read by the node's names of them; the input comes first.
+
+    Parameters
+    ----------
+    bags : Bags
+        The bags to read.
+    settings : Parameters
+        They choose the input, and may fix speeds.
+    remaps : mapping of str to str
+        The bags' names of the node's topics.
+
+    Raises
+    ------
+    ReplayError
+        If a remapping is unknown, or a topic is missing or ambiguous.
+    """
+    names = [*dict.fromkeys(kind.topic for kind in INPUTS.values()), *SPEEDS]
+    unknown = sorted(set(remaps) - set(names))
     if unknown:
         raise ReplayError(
-            f"--remap: {sorted(unknown)[0]} is none of {JOINT_STATES}, {HITCH_POSITION}, "
-            f"{', '.join(SPEEDS)}."
+            f"--remap: the node has no topic {unknown[0]}; use one of: {', '.join(names)}."
         )
-    percent = settings.input == PERCENT
-    hitch, kind = (HITCH_POSITION, FLOAT64) if percent else (JOINT_STATES, JOINT_STATE)
-    chosen = remaps.get(hitch)
-    if chosen is None and kind == JOINT_STATE:
-        named = sorted({topic.name for topic in bags.topics if topic.type == JOINT_STATE})
-        if len(named) > 1:
+    chosen = INPUTS[settings.input]
+    name, topic = chosen.topic, remaps.get(chosen.topic)
+    if topic is None and chosen.unique_type:
+        found = sorted({topic.name for topic in bags.topics if topic.type == chosen.type})
+        if len(found) > 1:
             raise ReplayError(
-                f"{told(bags)} has joint states on {len(named)} topics; choose one, as in "
-                f"`--remap {JOINT_STATES}:={named[0]}`: {', '.join(named)}."
+                f"{bag_paths(bags)} has {len(found)} topics of type {chosen.type}; choose one, as "
+                f"in `--remap {name}:={found[0]}`: {', '.join(found)}."
             )
-        chosen = named[0] if named else None
-    topics = {hitch: _bag_topic(bags, chosen or f"/{hitch}", kind, hitch)}
+        topic = found[0] if found else None
+    topics = {name: _bag_topic(bags, topic or f"/{name}", chosen.type, name)}
     for name, source in SPEEDS.items():
         if settings.fixed_speed(source) is not None:
             continue
         wanted = remaps.get(name)
-        # A log has the node's topics, whether anything was sent on them or not.
+        # A log lists all topics of the node, even those without messages.
         if wanted or any(topic.name == f"/{name}" and topic.count for topic in bags.topics):
             topics[name] = _bag_topic(bags, wanted or f"/{name}", FLOAT64, name)
     return topics
 
 
-def _bag_topic(bags: Bags, name: str, kind: str, meant: str) -> BagTopic:
-    """Return a topic of the bags, which has to be of a type."""
+def _bag_topic(bags: Bags, name: str, kind: str, remap: str) -> BagTopic:
+    """Return a topic of the bags, which must have this type and messages."""
     found = [topic for topic in bags.topics if topic.name == name]
     listing = ", ".join(f"{topic.name} ({topic.type})" for topic in bags.topics)
-    remedy = f"name the right one with `--remap {meant}:=TOPIC`"
+    remedy = f"name the right one with `--remap {remap}:=TOPIC`"
     if not found:
         raise ReplayError(
-            f"{told(bags)} has no topic {name} of {kind}; it has {listing or 'no topics at all'}"
-            + (f"; {remedy}." if listing else ".")
+            f"{bag_paths(bags)} has no topic {name} of type {kind}; "
+            + (f"its topics are: {listing}; {remedy}." if listing else "it has no topics at all.")
         )
     if [topic.type for topic in found] != [kind]:
         types = " and ".join(topic.type for topic in found)
-        raise ReplayError(f"Topic {name} of {told(bags)} holds {types}, not {kind}; {remedy}.")
+        raise ReplayError(f"Topic {name} of {bag_paths(bags)} holds {types}, not {kind}; {remedy}.")
     if not found[0].count:
-        raise ReplayError(f"Topic {name} of {told(bags)} has no messages; {remedy}.")
+        raise ReplayError(f"Topic {name} of {bag_paths(bags)} has no messages; {remedy}.")
     return found[0]
 
 
-def told(bags: Bags) -> str:
-    """Return the bags' paths in words."""
+def bag_paths(bags: Bags) -> str:
+    """Return the paths of the bags, for messages."""
     return ", ".join(map(str, bags.paths))

@@ -7,7 +7,7 @@ import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import yaml
 
@@ -16,7 +16,8 @@ from linkage_vibration.bags.recorder import Limits
 from linkage_vibration.bags.writing import COMPRESSIONS
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.prediction.excitation import Source
-from linkage_vibration.prediction.inputs import InputError, JointInput, PercentInput
+from linkage_vibration.prediction.inputs import INPUTS
+from linkage_vibration.prediction.inputs.crank_input import CrankInput, InputError
 from linkage_vibration.support.resources import (
     DEFAULT_EXCITATIONS,
     DEFAULT_MECHANISM,
@@ -34,7 +35,6 @@ TYPE_NAMES = {
     str: "string",
     tuple: "double array",
 }
-JOINT_STATE, PERCENT = "joint_state", "percent"
 NODE_NAME = "linkage_vibration"
 
 
@@ -94,12 +94,12 @@ class Parameters:
         True, "", "true or false", "Configure and activate at start, without a lifecycle manager."
     )
     input: str = _parameter(
-        JOINT_STATE,
+        "joint_state",
         "",
-        f"{JOINT_STATE} or {PERCENT}",
+        " or ".join(INPUTS),
         "Where the crank angle comes from: a joint on `joint_states`, or the hitch position in "
         "percent on `hitch_position` (std_msgs/Float64, 0 down to 100 up).",
-        lambda value: value in (JOINT_STATE, PERCENT),
+        lambda value: value in INPUTS,
         live=True,
     )
     joint_name: str = _parameter(
@@ -273,22 +273,19 @@ class Parameters:
         live=True,
     )
 
-    def crank_input(self) -> JointInput | PercentInput:
-        """Return what makes crank angles of readings.
+    def crank_input(self) -> CrankInput:
+        """Return the chosen input with its parameters.
 
         Raises
         ------
         ParameterError
-            If the calibration cannot be used.
+            If the parameters of the input cannot be used together.
         """
-        if self.input == JOINT_STATE:
-            return JointInput(
-                self.joint_name, self.sign, self.scale, self.offset, self.angle_stddev
-            )
+        kind: Any = INPUTS[self.input]
         try:
-            return PercentInput(self.percent_points, self.percent_angles, self.angle_stddev)
+            return cast(CrankInput, kind(**{f.name: getattr(self, f.name) for f in fields(kind)}))
         except InputError as error:
-            raise ParameterError(f"Parameters percent_points, percent_angles: {error}") from None
+            raise ParameterError(f"Parameters of the input {self.input}: {error}") from None
 
     def fixed_speed(self, source: Source) -> float | None:
         """Return a speed that is fixed (rpm, m/s), or None where it is heard."""

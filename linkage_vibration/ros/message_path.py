@@ -11,27 +11,19 @@ from typing import Any
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 from rclpy.subscription import MessageInfo
-from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 
-from linkage_vibration.bags.message_types import FLOAT64, JOINT_STATE
 from linkage_vibration.bags.writing import Topic
 from linkage_vibration.messages.encoding import encode_prediction, encode_resonance
-from linkage_vibration.messages.topics import (
-    HITCH_POSITION,
-    JOINT_STATES,
-    PREDICTION,
-    RESONANCE,
-    SPEEDS,
-    log_topic,
-)
+from linkage_vibration.messages.topics import INPUT_TOPICS, OUTPUT_TOPICS, SPEEDS, log_topic
 from linkage_vibration.prediction.excitation import Source
-from linkage_vibration.prediction.inputs import JointInput, PercentInput, Reading, ReadingError
+from linkage_vibration.prediction.inputs import INPUTS
+from linkage_vibration.prediction.inputs.crank_input import CrankInput, Reading, ReadingError
 from linkage_vibration.prediction.predictor import Predictor, Status, fault
 from linkage_vibration.prediction.resonance import Resonance, ResonanceMonitor
 from linkage_vibration.prediction.settings import Parameters
 from linkage_vibration.ros.diagnostics import Statistics
-from linkage_vibration.ros.endpoints import Publishers, subscribe
+from linkage_vibration.ros.endpoints import Publishers, message_class, subscribe
 from linkage_vibration.ros.throttle import Throttle
 
 MISSING_AFTER = 5.0  # s without the joint, before a warning says that it is missing
@@ -42,14 +34,11 @@ _Message = tuple[str, bytes, int, MessageInfo]  # topic, bytes, time of receipt 
 
 def own_topics(node: Node) -> list[Topic]:
     """Return all topics that `Predicting` receives or publishes, as a log describes them."""
-    types = {
-        JOINT_STATES: JOINT_STATE,
-        HITCH_POSITION: FLOAT64,
-        "~/prediction": PREDICTION,
-        "~/resonance": RESONANCE,
-        **dict.fromkeys(SPEEDS, FLOAT64),
-    }
-    return [log_topic(node.resolve_topic_name(name), kind) for name, kind in types.items()]
+    return [
+        log_topic(node.resolve_topic_name(topic.name), topic.type)
+        for topic in (*INPUT_TOPICS, *OUTPUT_TOPICS)
+        if topic.logged
+    ]
 
 
 class Predicting:
@@ -102,12 +91,11 @@ class Predicting:
         self._node, self._monitor, self._record, self._show = node, monitor, record, show
         self._statistics, self._throttle = statistics, throttle
         self._settings = settings
-        self._input: JointInput | PercentInput
+        self._input: CrankInput
         self._subscriptions: list[Any] = []
-        self._other_joints: set[str] = set()
+        self._other_names: set[str] = set()
         self._began = 0.0
-        self._joint_topic = node.resolve_topic_name(JOINT_STATES)
-        self._percent_topic = node.resolve_topic_name(HITCH_POSITION)
+        self._input_topics = {i: node.resolve_topic_name(i.topic) for i in INPUTS.values()}
         self._speed_topics = {s: node.resolve_topic_name(n) for n, s in SPEEDS.items()}
         self._predictions, self._resonances = publishers.predictions, publishers.resonances
         self._prediction_topic = self._predictions.topic_name
@@ -117,9 +105,7 @@ class Predicting:
     @property
     def input_name(self) -> str:
         """The input, as messages name it."""
-        if isinstance(self._input, JointInput):
-            return f"joint {self._input.joint_name} on {self._joint_topic}"
-        return f"hitch position on {self._percent_topic}"
+        return self._input.describe(self._input_topics[type(self._input)])
 
     def apply(self, settings: Parameters) -> None:
         """Use other parameters from now on."""
@@ -142,78 +128,65 @@ class Predicting:
         """Answer messages from now on."""
         self._began = time.monotonic()
         self._statistics.last_reading = math.nan
-        hitch = (
-            (JointState, self._joint_topic, self._on_joint_state)
-            if isinstance(self._input, JointInput)
-            else (Float64, self._percent_topic, self._on_percent)
-        )
+        kind = type(self._input)
+        message_type, topic = message_class(kind.type), self._input_topics[kind]
+        on_reading = partial(self._on_reading, kind, message_type)
         # Of messages that wait, the single-threaded executor takes those of the first subscription
         # first. Speeds come first, so that a reading is compared with the newest speeds. The
         # events executor takes all messages in the order of their arrival.
         self._subscriptions = [
-            subscribe(self._node, Float64, topic, partial(self._on_speed, source, topic))
-            for source, topic in self._speed_topics.items()
+            subscribe(self._node, Float64, name, partial(self._on_speed, source, name))
+            for source, name in self._speed_topics.items()
         ]
-        self._subscriptions.append(subscribe(self._node, *hitch))
+        self._subscriptions.append(subscribe(self._node, message_type, topic, on_reading))
 
     def unsubscribe(self) -> None:
         """Answer no more messages."""
         for subscription in self._subscriptions:
             self._node.destroy_subscription(subscription)
         self._subscriptions = []
-        self._other_joints.clear()
+        self._other_names.clear()
         self.resonance = None
 
     def report_missing(self, now: float) -> None:
         """Warn if the joint is missing at a time (steady clock, s), and name the joints seen."""
         last = self._statistics.last_reading
         quiet = now - (self._began if math.isnan(last) else last)
-        if quiet > MISSING_AFTER and isinstance(self._input, JointInput) and self._subscriptions:
-            names = ", ".join(sorted(self._other_joints)[:MAX_NAMES]) or "none"
-            self._throttle.warn(
-                "missing",
-                f"Joint {self._input.joint_name} has not been on {self._joint_topic} for more than "
-                f"{MISSING_AFTER:g} s; joints seen there: {names}. Set the parameter joint_name to "
-                "one of them, or remap the topic.",
-            )
+        if quiet > MISSING_AFTER and self._subscriptions:
+            topic = self._input_topics[type(self._input)]
+            explained = self._input.explain_missing(topic, sorted(self._other_names))
+            if explained:
+                silence = f"No reading for more than {MISSING_AFTER:g} s: "
+                self._throttle.warn("missing", silence + explained)
 
-    def _on_joint_state(self, data: bytes, info: MessageInfo) -> None:
+    def _on_reading(
+        self, kind: type[CrankInput], message_type: Any, data: bytes, info: MessageInfo
+    ) -> None:
         began, received = time.monotonic(), self._node.get_clock().now().nanoseconds
         self._statistics.received += 1
-        if not isinstance(self._input, JointInput):
+        if kind is not type(self._input):
             return  # it arrived before the input was changed
+        topic = self._input_topics[kind]
         try:
-            message = deserialize_message(data, JointState)
+            message = deserialize_message(data, message_type)
             reading = self._input.reading(message)
         except ReadingError as error:
             self._throttle.warn("reading", str(error))
             return
         except RuntimeError as error:
             self._throttle.warn(
-                "bytes", f"A joint state of {len(data)} bytes is not valid CDR: {error}"
+                "bytes", f"A message of {len(data)} bytes on {topic} is not valid CDR: {error}"
             )
             return
         if reading is None:
             # Several nodes may share the topic; `report_missing` warns if none sends the joint.
-            if len(self._other_joints) < MAX_NAMES:
-                self._other_joints.update(message.name[:MAX_NAMES])
+            if len(self._other_names) < MAX_NAMES:
+                self._other_names.update(self._input.other_names(message))
             return
-        if self._other_joints:
-            self._other_joints.clear()
-        header, source = message.header, (self._joint_topic, data, received, info)
-        stamp = header.stamp
-        self._answer(reading, stamp.sec, stamp.nanosec, header.frame_id, source, began)
-
-    def _on_percent(self, data: bytes, info: MessageInfo) -> None:
-        began, received = time.monotonic(), self._node.get_clock().now().nanoseconds
-        self._statistics.received += 1
-        if not isinstance(self._input, PercentInput):
-            return
-        percent = self._float(data)
-        if percent is not None:
-            sec, nanosec = divmod(received, 10**9)
-            source = self._percent_topic, data, received, info
-            self._answer(self._input.reading(percent), sec, nanosec, "", source, began)
+        if self._other_names:
+            self._other_names.clear()
+        header = self._input.header(message, received)
+        self._answer(reading, *header, (topic, data, received, info), began)
 
     def _on_speed(self, source: Source, topic: str, data: bytes, info: MessageInfo) -> None:
         received = self._node.get_clock().now().nanoseconds

@@ -19,8 +19,9 @@ from linkage_vibration.bags.message_columns import Columns, first_topic, read_co
 from linkage_vibration.bags.streams import open_bags
 from linkage_vibration.drawing.palette import COLOURS, GREY, INK
 from linkage_vibration.errors import LinkageVibrationError
-from linkage_vibration.messages.topics import HITCH_POSITION, JOINT_STATES, PREDICTION, RESONANCE
+from linkage_vibration.messages.topics import PREDICTION, RESONANCE
 from linkage_vibration.playback.replay import replay
+from linkage_vibration.prediction.inputs import INPUTS
 from linkage_vibration.prediction.predictor import Status
 from linkage_vibration.prediction.settings import Parameters
 from linkage_vibration.support.atomic_files import write_bytes
@@ -215,11 +216,12 @@ def _signals(bag: Path, log: Path, limits: Limits) -> _Signals:
 
 def _latencies(bag: Path, log: Path, types: Mapping[str, str]) -> FloatArray:
     """Return for each prediction how long after its reading it was sent, s."""
-    inputs = [topic for topic in types if topic in (f"/{JOINT_STATES}", f"/{HITCH_POSITION}")]
+    names = [f"/{kind.topic}" for kind in INPUTS.values()]
+    inputs = [topic for topic in types if topic in names]
     if len(inputs) != 1:
         raise TestKitError(
-            f"{bag} has {len(inputs)} topics of readings, /joint_states or /hitch_position; the "
-            "latency needs exactly one."
+            f"{bag} has {len(inputs)} of the topics {', '.join(names)}; the latency needs "
+            "exactly one."
         )
     received: list[Integers] = []
     sent: list[Integers] = []

@@ -4,13 +4,24 @@
 
 import sys
 from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from linkage_vibration.bags.message_types import FLOAT64, JOINT_STATE
 from linkage_vibration.messages.definitions import message_definition, type_hash
-from linkage_vibration.messages.topics import PREDICTION, RESONANCE, TABLE_INFO, log_topic
+from linkage_vibration.messages.topics import (
+    INPUT_TOPICS,
+    OUTPUT_TOPICS,
+    PREDICTION,
+    RESONANCE,
+    TABLE_INFO,
+    NodeTopic,
+    log_topic,
+    topic_table,
+)
+from linkage_vibration.support.resources import config_file, share_directory
 
 
 @pytest.mark.parametrize("kind", [JOINT_STATE, FLOAT64, PREDICTION, RESONANCE])
@@ -36,3 +47,25 @@ def test_definitions_without_ros(
         store = get_typestore(Stores.EMPTY)
         store.register(get_types_from_msg(found.definition, kind))
         assert store.hash_rihs01(kind) == installed.type_hash
+
+
+@pytest.mark.parametrize("topics", [INPUT_TOPICS, OUTPUT_TOPICS])
+def test_manual_has_the_table_of_topics(topics: tuple[NodeTopic, ...]) -> None:
+    """The manual and the node have one list of topics."""
+    assert topic_table(topics) in (share_directory() / "docs" / "node.md").read_text()
+
+
+@pytest.mark.parametrize(
+    ("verb", "topics", "of_rclpy"),
+    [
+        ("subscribe", INPUT_TOPICS, {"clock", "parameter_events"}),
+        ("publish", OUTPUT_TOPICS, {"~/transition_event", "rosout", "parameter_events"}),
+    ],
+)
+def test_security_policy_allows_the_topics(
+    verb: str, topics: tuple[NodeTopic, ...], of_rclpy: set[str]
+) -> None:
+    """The policy allows the topics of the list and those that rclpy adds, and no others."""
+    policy = ElementTree.parse(config_file("sros2/linkage_vibration.policy.xml"))
+    allowed = {topic.text for topic in policy.findall(f".//topics[@{verb}='ALLOW']/topic")}
+    assert allowed == {topic.name.removeprefix("/") for topic in topics} | of_rclpy

@@ -204,7 +204,7 @@ def test_hitch_percent(tmp_path: Path) -> None:
     predictor = Predictor(load_table(config_file(DEFAULT_TABLE)))
     expected = []
     for k, value in enumerate(values):
-        reading = PercentInput(points, angles).reading(value)
+        reading = PercentInput(points, angles).angle_at(value)
         time = START + k * 10**8
         prediction = predictor.predict(reading.crank_angle, reading.stddev)
         expected.append((time, encode_prediction(prediction, *divmod(time, 10**9), "")))
@@ -227,8 +227,8 @@ def test_what_if_the_implement_were_heavier(tmp_path: Path) -> None:
     assert [body["mass"] for body in bodies.values()] == [1200.0]
 
 
-def test_left_out_is_counted_and_told(tmp_path: Path) -> None:
-    """What cannot be used does not end the replay: other joints, no position, spoilt bytes."""
+def test_messages_left_out_are_counted(tmp_path: Path) -> None:
+    """Other joints, a missing position and damaged bytes do not end the replay."""
     entries = swing(10)
     time = START + 10**9
     entries.append(("/joint_states", JOINT_STATE, time, joint_state(time, ["x"], [1.0])))
@@ -245,17 +245,18 @@ CASES: dict[str, tuple[list[Entry], Parameters, str]] = {
     "other joints": (
         swing(5, joint="elbow"),
         Parameters(),
-        f"no joint {JOINT} .* elbow, other.*--joint",
+        f"no joint {JOINT}; it has elbow, other.*--joint",
     ),
     "two topics": (
         swing(5, "/left") + swing(5, "/right"),
         Parameters(),
-        "2 topics; choose one, as in `--remap joint_states:=/left`: /left, /right",
+        "2 topics of type sensor_msgs/msg/JointState; choose one, as in "
+        "`--remap joint_states:=/left`: /left, /right",
     ),
     "other types": (
         [("/engine_speed", FLOAT64, START, float64(1.0))],
         Parameters(),
-        r"has no topic /joint_states .* it has /engine_speed \(std_msgs/msg/Float64\)",
+        r"has no topic /joint_states .* topics are: /engine_speed \(std_msgs/msg/Float64\)",
     ),
     "wrong type": (
         [("/hitch_position", JOINT_STATE, START, joint_state(START, [], []))],
@@ -271,8 +272,8 @@ CASES: dict[str, tuple[list[Entry], Parameters, str]] = {
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_words_for_what_a_bag_does_not_hold(tmp_path: Path, case: str) -> None:
-    """The file, the topic and the mend are named, and nothing is left behind."""
+def test_error_for_missing_content(tmp_path: Path, case: str) -> None:
+    """The error names the file, the topic and the remedy, and no file is left behind."""
     entries, settings, words = CASES[case]
     bag = write_mcap(tmp_path / "bag.mcap", entries)
     with pytest.raises(ReplayError, match=words) as caught:
@@ -281,8 +282,8 @@ def test_words_for_what_a_bag_does_not_hold(tmp_path: Path, case: str) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["bag.mcap"]
 
 
-def test_types_that_nobody_knows(tmp_path: Path) -> None:
-    """Topics that are not needed may be of any type; a needed one is told."""
+def test_unknown_types(tmp_path: Path) -> None:
+    """Unused topics may have unknown types; an unknown type of a used one is reported."""
     bag = write_mcap(tmp_path / "bag.mcap", swing(5))
     data = bag.read_bytes().replace(b"sensor_msgs/msg/JointState", b"sensor_msgs/msg/OtherState")
     bag.write_bytes(data)
@@ -317,10 +318,10 @@ def test_output_that_cannot_be(tmp_path: Path) -> None:
 
 
 def test_remappings() -> None:
-    """What is no NAME:=TOPIC, or renames nothing, is refused."""
+    """A word of another form, or with an unknown name, is refused."""
     with pytest.raises(ReplayError, match="write NAME:=TOPIC"):
         remappings(["joint_states=/x"])
-    with pytest.raises(ReplayError, match="elbow is none of joint_states"):
+    with pytest.raises(ReplayError, match="no topic elbow; use one of: joint_states"):
         replay([DRIVE], Path("log.mcap"), Parameters(), {"elbow": "/x"})
 
 

@@ -85,12 +85,12 @@ def test_lists_of_numbers() -> None:
             check_value("percent_points", value)
 
 
-def test_inputs_are_what_was_asked_for() -> None:
-    """The joint's rule or the calibration make angles; one that cannot be used names its keys."""
+def test_crank_input() -> None:
+    """The parameters choose the input; an invalid calibration names its parameter."""
     joint = Parameters(sign=-1, scale=0.5, offset=2.0, angle_stddev=0.1).crank_input()
     assert joint == JointInput("hitch_rockshaft_joint", -1, 0.5, 2.0, 0.1)
     assert isinstance(Parameters(input="percent").crank_input(), PercentInput)
-    with pytest.raises(ParameterError, match="percent_points, percent_angles: .*point 2"):
+    with pytest.raises(ParameterError, match="input percent: percent_angles .*angle 2"):
         Parameters(input="percent", percent_angles=(1.0, 1.0)).crank_input()
 
 

@@ -143,7 +143,7 @@ def test_ten_thousand_joints(peer: Any, predictor: Predictor) -> None:
 def test_missing_joint_is_reported(start: Callable[..., Any], peer: Any) -> None:
     """A node whose joint is missing says so, and names the joints that it receives."""
     lonely = start(name="lonely", joint_name="boom")
-    words = "Joint boom has not been on /joint_states for more than 5 s; joints seen there: "
+    words = "No reading for more than 5 s: /joint_states has no joint boom; it has "
     words += f"{JOINT}, wheel"
 
     def publish() -> None:

@@ -216,7 +216,7 @@ def test_hitch_position_in_percent(
         return next(filter(fits, received))
 
     for percent in (0.0, 33.2, 100.0):
-        reading = hitch.reading(percent)
+        reading = hitch.angle_at(percent)
         expected = predictor.predict(reading.crank_angle, reading.stddev)
         message = answer(percent, lambda m, angle=reading.crank_angle: m.crank_angle == angle)
         assert message.natural_frequencies.tolist() == expected.natural_frequencies.tolist()
@@ -247,7 +247,7 @@ def test_calibration_while_active(
 
     until(lambda: any(p.crank_angle == 2.5 for p in peer.predictions), "a percent", publish)
     refused = set_parameter(peer, "calibrated", "percent_angles", [3.0, 2.0, 2.5])
-    assert "percent_points, percent_angles" in refused.reason
+    assert "percent_points has 2 values and percent_angles has 3" in refused.reason
     assert process.stop() == 0
     offsets = set()
     for path in tmp_path.iterdir():

@@ -1,0 +1,176 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""What every input of the crank angle offers to the node and to the replay."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from linkage_vibration.bags.streams import Block
+from linkage_vibration.errors import LinkageVibrationError
+
+FloatArray = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+
+class InputError(LinkageVibrationError):
+    """The parameters of an input cannot be used."""
+
+
+class ReadingError(LinkageVibrationError):
+    """A message of an input gives no reliable crank angle."""
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """The crank angle that one message reports.
+
+    Attributes
+    ----------
+    crank_angle : float
+        alpha3, rad; it may be NaN.
+    velocity : float
+        Rate of the crank angle, rad/s; NaN if it is unknown.
+    stddev : float
+        Standard deviation of the crank angle, rad.
+    """
+
+    crank_angle: float
+    velocity: float
+    stddev: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Readings:
+    """The crank angles of messages that have the same size and frame, by columns.
+
+    Attributes
+    ----------
+    rows : ndarray, (n,)
+        Which messages of the block they are.
+    data : ndarray of uint8, (n, n_bytes)
+        The messages.
+    crank_angle, velocity, stddev : ndarray, (n,)
+        As those of `Reading`.
+    sec, nanosec : ndarray, (n,)
+        Stamps, s and ns.
+    frame_id : str
+        Frame of the headers; empty for messages without a header.
+    """
+
+    rows: Integers
+    data: NDArray[np.uint8]
+    crank_angle: FloatArray
+    velocity: FloatArray
+    stddev: FloatArray
+    sec: NDArray[np.int32]
+    nanosec: NDArray[np.uint32]
+    frame_id: str
+
+
+@dataclass(slots=True)
+class LeftOut:
+    """How many messages of a bag were left out, and why.
+
+    Attributes
+    ----------
+    others : int
+        Messages that do not concern the input, such as joint states of other joints.
+    unreadable : int
+        Messages that are not valid CDR.
+    refused : int
+        Messages that give no reliable crank angle.
+    fault : str
+        Why the first unreadable or refused message was left out.
+    joints : set of str
+        Some of the other joints.
+    """
+
+    others: int = 0
+    unreadable: int = 0
+    refused: int = 0
+    fault: str = ""
+    joints: set[str] = field(default_factory=set)
+
+
+class CrankInput(ABC):
+    """A kind of message, and how its readings become crank angles.
+
+    A concrete input is a frozen dataclass whose fields are parameters of the node.
+
+    Attributes
+    ----------
+    topic : str
+        The node's name of the topic.
+    type : str
+        Type of the message.
+    description : str
+        One sentence for the manual.
+    unique_type : bool
+        Whether a bag's only topic of this type is the input, whatever its name.
+    """
+
+    topic: ClassVar[str]
+    type: ClassVar[str]
+    description: ClassVar[str]
+    unique_type: ClassVar[bool] = False
+
+    @abstractmethod
+    def describe(self, topic: str) -> str:
+        """Return what is read from a topic, in words."""
+
+    @abstractmethod
+    def reading(self, message: Any) -> Reading | None:
+        """Return what a message reports; None if it does not concern this input.
+
+        Raises
+        ------
+        ReadingError
+            If it gives no reliable crank angle.
+        """
+
+    @abstractmethod
+    def read_block(self, block: Block, rows: Integers, left_out: LeftOut) -> Iterator[Readings]:
+        """Read many messages of a bag, which gives the same values as `reading` for each.
+
+        Parameters
+        ----------
+        block : Block
+            Part of a bag.
+        rows : ndarray, (n,)
+            Which of its messages to read.
+        left_out : LeftOut
+            Counts the messages that give no crank angle.
+        """
+
+    def header(self, message: Any, received: int) -> tuple[int, int, str]:
+        """Return the stamp (s and ns) and the frame of a message.
+
+        Parameters
+        ----------
+        message : object
+            The message as rclpy decodes it.
+        received : int
+            When it was received, ns; the stamp of a message without a header.
+        """
+        return *divmod(received, 10**9), ""
+
+    def other_names(self, message: Any) -> Sequence[str]:
+        """Return what a message concerns instead of this input, by names."""
+        return ()
+
+    def explain_missing(self, topic: str, names: Sequence[str]) -> str:
+        """Return why no reading may have come, and the remedy; empty if that is unknown.
+
+        Parameters
+        ----------
+        topic : str
+            The topic that was read.
+        names : sequence of str
+            What its messages concern, see `other_names`.
+        """
+        return ""
