@@ -13,7 +13,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, TextIO
+from typing import TYPE_CHECKING, Any, TextIO
 
 import numpy as np
 import yaml
@@ -30,6 +30,9 @@ from linkage_vibration.drawing.plots import plot_predictions
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.support.resources import DEFAULT_TABLE, config_file
 from linkage_vibration.table.table import load_table
+
+if TYPE_CHECKING:
+    from linkage_vibration.ros.player import Playback
 
 DRIVE = "drives/hitch_duty_cycle.mcap"
 # The table's range is shortened by this at each end, so that rounding does not leave it.
@@ -70,76 +73,81 @@ def run_demo(bag: Path | None, joint: str | None, output: Path) -> int:
     DemoError
         If ROS 2, the joint or the folder cannot be used, or if the node fails.
     """
-    parameters: dict[str, object] = {"joint_name": HITCH_JOINT}
+    drive, followed = bag or config_file(DRIVE), joint or HITCH_JOINT
+    parameters: dict[str, object] = {"joint_name": followed, "record": True}
     if bag is not None or joint is not None:
-        low, high = _swing(bag or config_file(DRIVE), joint)
+        low, high = _swing(drive, joint)
         first, last = load_table(config_file(DEFAULT_TABLE)).alpha3_range
         scale = (last - first - 2 * MARGIN) / (high - low)
-        offset = first + MARGIN - scale * low
-        parameters = {"joint_name": joint, "scale": scale, "offset": offset}
+        parameters |= {"scale": scale, "offset": first + MARGIN - scale * low}
     try:
         output.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise DemoError(
             f"{output} cannot be used as a folder: {error.strerror}; give another one with -o."
         ) from None
-    parameters |= {"record": True, "log_directory": str(output.resolve())}
-    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    if "ROS_DOMAIN_ID" not in os.environ:
-        os.environ["ROS_DOMAIN_ID"] = str(reserve_domain())
-    if "HOME" not in os.environ:
-        # ROS 2 writes its logs below one of them, and does not start without both.
-        os.environ.setdefault("ROS_LOG_DIR", str(output.resolve()))
+    parameters["log_directory"] = str(output.resolve())
+    _set_environment(output)
     try:
-        from linkage_vibration.ros.player import SpeedRecord, play
+        from linkage_vibration.ros.player import play
     except ImportError as error:
         raise DemoError(
             f"ROS 2 cannot be imported ({error}); source an installation, or "
             "`pip install linkage_vibration[ros] ./linkage_vibration_interfaces`."
         ) from None
-
-    drive = bag or config_file(DRIVE)
-    followed = joint or HITCH_JOINT
     records = (record for record in read_joint_states(drive) if _has_position(record, followed))
-    speeds = [SpeedRecord(*speed) for speed in ([] if bag else _speeds(drive))]
     logs_before = set(output.glob("*.mcap"))
     print(f"Playing {followed} of {drive} to the node on ROS domain {os.environ['ROS_DOMAIN_ID']}.")
     live = _LiveLine(sys.stdout)
     with _node(parameters, output) as check:
         try:
-            playback = play(records, speeds, live.show, check)
+            playback = play(records, [] if bag else _speeds(drive), live.show, check)
         finally:
             live.end()
     log = max(set(output.glob("*.mcap")) - logs_before, key=lambda path: path.stat().st_mtime)
-    picture = log.with_suffix(".png")
-    plot_predictions(log, picture)
+    plot_predictions(log, log.with_suffix(".png"))
+    return _report(playback, log)
+
+
+def _set_environment(output: Path) -> None:
+    """Set the variables of ROS 2 that the user has not set."""
+    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    if "ROS_DOMAIN_ID" not in os.environ:
+        os.environ["ROS_DOMAIN_ID"] = str(reserve_domain())
+    if "HOME" not in os.environ:
+        # ROS 2 writes its logs below one of the two, and does not start without either.
+        os.environ.setdefault("ROS_LOG_DIR", str(output.resolve()))
+
+
+def _report(playback: "Playback", log: Path) -> int:
+    """Print what was played and predicted; return 1 if a joint state was not answered."""
+    sent, answered = playback.lateness.size, playback.latencies.size
     late = _percentiles(playback.lateness)
     print(
-        f"joint states in    {playback.sent}, published {late} after their recorded times\n"
+        f"joint states in    {sent}, published {late} after their recorded times\n"
         f"predictions out    {playback.received}\n"
         f"latency            {_percentiles(playback.latencies)}, from joint state to prediction\n"
         f"log                {log}\n"
-        f"picture            {picture}"
+        f"picture            {log.with_suffix('.png')}"
     )
-    if playback.sent == playback.received == playback.latencies.size:
+    if sent == playback.received == answered:
         return 0
     print(
-        f"Of {playback.sent} joint states {playback.latencies.size} were answered, by "
-        f"{playback.received} predictions. The machine is too busy, or another node is on this ROS "
-        f"domain; see {output / NODE_OUTPUT}, and run the demo again.",
+        f"Of {sent} joint states {answered} were answered, by {playback.received} predictions. The "
+        "machine is too busy, or another node is on this ROS domain; see "
+        f"{log.with_name(NODE_OUTPUT)}, and run the demo again.",
         file=sys.stderr,
     )
     return 1
 
 
-def _speeds(drive: Path) -> list[tuple[str, int, float]]:
-    """Return topic, log time (ns) and value of each speed in the shipped drive, in time order."""
-    found = [
-        (topic, log_time, message.data)
+def _speeds(drive: Path) -> list[tuple[int, str, float]]:
+    """Return log time (ns), topic and value of each speed in the shipped drive, in time order."""
+    return sorted(
+        (log_time, topic, message.data)
         for topic in (ENGINE_SPEED, PTO_SPEED)
         for log_time, message in read_messages(drive, topic)
-    ]
-    return sorted(found, key=lambda speed: speed[1])
+    )
 
 
 def _percentiles(seconds: NDArray[np.float64]) -> str:
