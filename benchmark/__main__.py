@@ -12,6 +12,7 @@ STEPS = (
     "validation.solid_fe",
     "validation.sdynpy_fbs",
     "calibrations",
+    "costs",
     "stability",
     "speed",
     "speed.paper_job",

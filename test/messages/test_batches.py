@@ -3,7 +3,6 @@
 """Predictions and resonances by the thousand have the bytes of single ones."""
 
 import math
-import timeit
 from collections.abc import Sequence
 
 import numpy as np
@@ -178,16 +177,3 @@ def test_same_bytes_of_many_resonances() -> None:
         events.append((angle, 0.24 * math.cos(3e-4 * k), time))
     monitors = [ResonanceMonitor(EXCITATIONS) for _ in range(2)]
     assert_same_resonances(monitors, events)
-
-
-def test_cost_of_resonances() -> None:
-    """A block at 1 kHz, with speeds at 100 Hz, takes a third of the time of one by one at most."""
-    n = 4096
-    times = np.arange(n) * SECOND // 1000
-    predictions = predict_many(SHIPPED, np.linspace(1.6, 3.1, n), np.zeros(n))
-    numbers = predictions.natural_frequencies, predictions.frequency_slopes, np.zeros(n), times
-    speeds = [ReportedSpeed(i, Source.ENGINE, 1800.0 + i, int(times[i])) for i in range(0, n, 10)]
-    monitor, one = ResonanceMonitor(EXCITATIONS), predictions.row(0)
-    many = min(timeit.repeat(lambda: monitor.assess_many(*numbers, speeds), number=1, repeat=20))
-    single = min(timeit.repeat(lambda: monitor.assess(one, 0.0, SECOND), number=200, repeat=5))
-    assert many / n < single / 200 / 3.0

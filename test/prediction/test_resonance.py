@@ -4,7 +4,6 @@
 
 import csv
 import math
-import timeit
 from pathlib import Path
 from typing import Any
 
@@ -212,15 +211,6 @@ def test_same_calls_give_the_same_answers(predictor: Predictor) -> None:
         return answers
 
     assert played() == played()
-
-
-def test_cost(predictor: Predictor, prediction: Prediction) -> None:
-    """Twelve excitations against three modes cost no more than a few lookups of the table."""
-    watch = ResonanceMonitor([Excitation(f"e {o}", Source.ENGINE, o / 120.0) for o in range(1, 13)])
-    watch.set_speed(Source.ENGINE, 2000.0, 0)
-    ours = min(timeit.repeat(lambda: watch.assess(prediction, 0.1, 0), number=200, repeat=5))
-    lookup = min(timeit.repeat(lambda: predictor.predict(2.3), number=200, repeat=5))
-    assert ours < 8.0 * lookup
 
 
 @pytest.mark.skipif(not BUS.exists(), reason=f"{BUS.name} is not there")
