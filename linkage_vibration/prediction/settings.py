@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""The node's parameters: one list for declaring, checking, reading, keeping and the manual."""
+"""The parameters of the node: one list for the node, the replay, YAML files and the manual."""
 
 import math
 import re
@@ -39,7 +39,7 @@ NODE_NAME = "linkage_vibration"
 
 
 class ParameterError(LinkageVibrationError):
-    """A parameter of the node has a value that it cannot have."""
+    """A parameter of the node has an invalid value."""
 
 
 def _parameter(
@@ -52,10 +52,10 @@ def _parameter(
     between: tuple[float, float] | None = None,
     live: bool = False,
 ) -> Value:
-    """Return a dataclass field that carries what a declaration and a manual say.
+    """Return a dataclass field with its unit, its valid values and its description.
 
-    ``between`` is a range that includes its ends; a ``live`` parameter can be set while the node
-    works, all others are read when it is configured.
+    ``between`` is a range that includes its ends. A ``live`` parameter can be set while the node
+    is active; the node reads all others when it is configured.
     """
     if between is not None:
         valid = f"{between[0]:g} to {between[1]:g}"
@@ -73,11 +73,12 @@ def _parameter(
 
 def _speed(source: Source, topic: str) -> float:
     """Return the field of a speed that may be fixed."""
+    name = "PTO" if source is Source.PTO else source.value
     return _parameter(
         -1.0,
         source.unit,
         "a finite number",
-        f"Fixed {source.value} speed; below 0, it is heard on `{topic}` (std_msgs/Float64).",
+        f"Fixed {name} speed. If negative, the speed is read from `{topic}` (std_msgs/Float64).",
         math.isfinite,
         live=True,
     )
@@ -85,20 +86,23 @@ def _speed(source: Source, topic: str) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Parameters:
-    """What the node was asked to do.
+    """The parameters of the node, in the order of the manual.
 
-    The fields' metadata are the descriptors; their order is the manual's.
+    The metadata of each field describe the parameter.
     """
 
     autostart: bool = _parameter(
-        True, "", "true or false", "Configure and activate at start, without a lifecycle manager."
+        True,
+        "",
+        "true or false",
+        "Configure and activate the node at start, without a lifecycle manager.",
     )
     input: str = _parameter(
         "joint_state",
         "",
         " or ".join(INPUTS),
-        "Where the crank angle comes from: a joint on `joint_states`, or the hitch position in "
-        "percent on `hitch_position` (std_msgs/Float64, 0 down to 100 up).",
+        "The source of the crank angle: a joint on `joint_states`, or the hitch position in "
+        "percent on `hitch_position` (std_msgs/Float64, from 0 for down to 100 for up).",
         lambda value: value in INPUTS,
         live=True,
     )
@@ -106,7 +110,7 @@ class Parameters:
         "hitch_rockshaft_joint",
         "",
         "the name of a joint",
-        "Joint whose position turns the input crank.",
+        "Name of the joint that turns the input crank.",
         lambda name: name != "",
         live=True,
     )
@@ -114,7 +118,7 @@ class Parameters:
         1,
         "1",
         "1 or -1",
-        "Sense of the joint: crank angle = sign * scale * position + offset.",
+        "Direction of the joint: crank angle = sign * scale * position + offset.",
         lambda sign: sign in (1, -1),
         live=True,
     )
@@ -138,22 +142,22 @@ class Parameters:
         (0.0, 100.0),
         "%",
         "ascending numbers from 0 to 100",
-        "Hitch positions of the calibration from percent to crank angle.",
+        "Hitch positions of the calibration that converts percent to the crank angle.",
         live=True,
     )
     percent_angles: tuple[float, ...] = _parameter(
         (3.14159, 1.5708),
         "rad",
         "as many numbers, all ascending or all descending",
-        "Crank angles at those hitch positions; a monotone curve leads from one to the next.",
+        "Crank angles at these hitch positions; a monotone curve connects them.",
         live=True,
     )
     angle_stddev: float = _parameter(
         0.0,
         "rad",
         "",
-        "Standard deviation of the crank angle, carried to the frequencies; that of the percent's "
-        "steps of 0.4 is added.",
+        "Standard deviation of the crank angle, from which that of the frequencies follows. With "
+        "the input `percent`, the uncertainty of its steps of 0.4 % is added.",
         between=(0.0, 1.0),
         live=True,
     )
@@ -161,20 +165,20 @@ class Parameters:
         "",
         "",
         "the path of a YAML file, or empty",
-        "Mechanism; empty for the three-point linkage that ships with the package.",
+        "The mechanism. If it is empty, the three-point linkage of the package is used.",
     )
     table_file: str = _parameter(
         "",
         "",
         "the path of an .npz file, or empty",
-        "Table of that mechanism, made by `linkage-vibration build`; empty for the one that ships "
-        "with the package, or, where mechanism_file is given, for one computed at start.",
+        "The table of this mechanism, as `linkage-vibration build` saves it. If it is empty, the "
+        "table of the package is used, or, if mechanism_file is given, a table is built at start.",
     )
     excitation_file: str = _parameter(
         "",
         "",
         "the path of a YAML file, or empty",
-        "What excites the linkage; empty for the orders that ship with the package.",
+        "The excitations. If it is empty, the excitations of the package are used.",
     )
     engine_speed: float = _speed(Source.ENGINE, "engine_speed")
     pto_speed: float = _speed(Source.PTO, "pto_speed")
@@ -183,7 +187,7 @@ class Parameters:
         0.1,
         "1",
         "",
-        "Relative margin of an excitation to a natural frequency below which it warns.",
+        "Warn when an excitation frequency is within this fraction of a natural frequency.",
         between=(0.0, 1.0),
         live=True,
     )
@@ -191,7 +195,7 @@ class Parameters:
         0.02,
         "1",
         "",
-        "By how much the margin has to exceed that until the warning ends.",
+        "The warning ends when the margin exceeds warning_margin by this much.",
         between=(0.0, 1.0),
         live=True,
     )
@@ -199,7 +203,7 @@ class Parameters:
         1.0,
         "s",
         "",
-        "Age from which a speed, or the crank angle, is stale.",
+        "A speed or a crank angle that is older than this is not used.",
         between=(0.01, 3600.0),
         live=True,
     )
@@ -207,68 +211,68 @@ class Parameters:
         False,
         "",
         "true or false",
-        "Whether to begin a log, in MCAP, when the node is activated; `~/start_recording` and "
-        "`~/stop_recording` do so at any time.",
+        "Start an MCAP log when the node is activated. `~/start_recording` and `~/stop_recording` "
+        "start and stop a log at any time.",
     )
     log_directory: str = _parameter(
         "",
         "",
         "the path of a folder that exists, or empty",
-        "Where logs go; empty for the current directory.",
+        "The folder of the logs. If it is empty, the current directory is used.",
     )
     compression: str = _parameter(
         "zstd",
         "",
         ", ".join(COMPRESSIONS),
-        "Of logs.",
+        "Compression of the logs.",
         lambda value: value in COMPRESSIONS,
     )
     split_size: int = _parameter(
         0,
         "byte",
         "a whole number, 0 for no limit",
-        "Size from which a log goes on in another file.",
+        "A log continues in a new file when it reaches this size.",
         lambda size: size >= 0,
     )
     split_duration: float = _parameter(
         0.0,
         "s",
         "a finite number, 0 for no limit",
-        "Time after which a log goes on in another file.",
+        "A log continues in a new file after this time.",
         lambda duration: 0.0 <= duration < math.inf,
     )
     disk_limit: int = _parameter(
         0,
         "byte",
         "a whole number, 0 for no limit",
-        "What all logs in the folder may take; recording ends there.",
+        "Recording stops when all logs in the folder together reach this size.",
         lambda size: size >= 0,
     )
     delete_oldest: bool = _parameter(
-        False, "", "true or false", "Whether to delete the oldest logs instead."
+        False, "", "true or false", "Delete the oldest logs instead of stopping at disk_limit."
     )
     extra_topics: str = _parameter(
         "",
         "",
         "names of topics, separated by spaces, or empty",
-        "Topics to log as they come, beside those that the node uses.",
+        "Topics to log in addition to those that the node uses.",
     )
     marker_mode: int = _parameter(
-        1,
+        2,
         "1",
         "",
-        "Mode that `~/markers` show, an index into the natural frequencies; -1 for none.",
-        between=(-1, 1000),
+        "Mode that `~/markers` shows, counted from 1; 0 for no mode.",
+        between=(0, 1000),
         live=True,
     )
     marker_rate: float = _parameter(
-        10.0, "Hz", "", "Pictures a second on `~/markers`.", between=(0.1, 100.0), live=True
+        10.0, "Hz", "", "Rate at which `~/markers` is published.", between=(0.1, 100.0), live=True
     )
     marker_frame: str = _parameter(
         "base_link",
         "",
         "the name of a frame",
-        "Frame of `~/markers`: the mechanism's origin, x forward, z up.",
+        "Frame of `~/markers`: the origin of the mechanism, with x forward and z up.",
         lambda name: name != "",
         live=True,
     )
@@ -288,7 +292,7 @@ class Parameters:
             raise ParameterError(f"Parameters of the input {self.input}: {error}") from None
 
     def fixed_speed(self, source: Source) -> float | None:
-        """Return a speed that is fixed (rpm, m/s), or None where it is heard."""
+        """Return a fixed speed (rpm or m/s), or None if the speed is read from its topic."""
         value = {
             Source.ENGINE: self.engine_speed,
             Source.PTO: self.pto_speed,
@@ -297,17 +301,17 @@ class Parameters:
         return value if value >= 0.0 else None
 
     def mechanism_path(self) -> Path:
-        """Return the mechanism's file."""
+        """Return the file of the mechanism."""
         return _path(self.mechanism_file) or config_file(DEFAULT_MECHANISM)
 
     def table_path(self) -> Path | None:
-        """Return the table's file, or None where it is to be built."""
+        """Return the file of the table, or None if the table must be built."""
         if self.mechanism_file and not self.table_file:
             return None
         return _path(self.table_file) or config_file(DEFAULT_TABLE)
 
     def excitation_path(self) -> Path:
-        """Return the file that tells what excites the linkage."""
+        """Return the file of the excitations."""
         return _path(self.excitation_file) or config_file(DEFAULT_EXCITATIONS)
 
     def log_path(self) -> Path:
@@ -315,24 +319,24 @@ class Parameters:
         return _path(self.log_directory) or Path.cwd()
 
     def limits(self) -> Limits:
-        """Return how large logs become."""
+        """Return the limits of the size of the logs."""
         return Limits(self.split_size, self.split_duration, self.disk_limit, self.delete_oldest)
 
 
 def check_value(name: str, value: object) -> Any:
-    """Return the value of a parameter, in its own type.
+    """Return a valid value in the type of its parameter.
 
     Parameters
     ----------
     name : str
         A field of `Parameters`.
     value : object
-        What a person gave for it.
+        The value that was given.
 
     Raises
     ------
     ParameterError
-        If it has another type, or is not valid.
+        If it has another type, or is invalid.
     """
     parameter = next(f for f in fields(Parameters) if f.name == name)
     value = own_type(type(parameter.default), value)
@@ -351,18 +355,33 @@ def check_value(name: str, value: object) -> Any:
 
 
 def with_values(parameters: Parameters, values: Mapping[str, object]) -> Parameters:
-    """Return parameters of which some have other values.
+    """Return parameters with other values for some of them.
+
+    Parameters
+    ----------
+    parameters : Parameters
+        The other parameters keep the values of these.
+    values : mapping of str to object
+        The new values by the names of their parameters.
 
     Raises
     ------
     ParameterError
-        If one has another type than it must, or is not valid.
+        If a value has another type, or is invalid.
     """
     return replace(parameters, **{name: check_value(name, v) for name, v in values.items()})
 
 
 def own_type(kind: type, value: Any) -> Any:
-    """Return a value as a parameter's type, where it means the same: YAML's 1 is as good as 1.0."""
+    """Return a value in another type if it means the same, such as 1 for 1.0.
+
+    Parameters
+    ----------
+    kind : type
+        The type of a parameter.
+    value : object
+        A value as YAML or ROS 2 gives it.
+    """
     if kind is float and type(value) is int:
         return float(value)
     if kind is tuple and not isinstance(value, str | bytes) and isinstance(value, Iterable):
@@ -372,14 +391,22 @@ def own_type(kind: type, value: Any) -> Any:
 
 
 def without_markers(settings: Parameters) -> Parameters:
-    """Return the parameters with the defaults of those that messages do not depend on."""
+    """Return the parameters with default markers, on which no message of a log depends."""
     shown = [parameter for parameter in fields(Parameters) if parameter.name.startswith("marker_")]
     defaults: Any = {parameter.name: parameter.default for parameter in shown}
     return replace(settings, **defaults)
 
 
 def parameters_yaml(parameters: Parameters, node_name: str) -> str:
-    """Return a file for ``--params-file`` that gives a node these parameters."""
+    """Return a YAML file for ``--params-file`` that gives a node these parameters.
+
+    Parameters
+    ----------
+    parameters : Parameters
+        The parameters.
+    node_name : str
+        Name of the node with its namespace.
+    """
     values = {f.name: _plain(getattr(parameters, f.name)) for f in fields(parameters)}
     sections = {node_name: {"ros__parameters": values}}
     return f"# linkage_vibration {linkage_vibration.__version__}\n" + yaml.safe_dump(
@@ -399,23 +426,24 @@ _Loader.add_implicit_resolver(
 
 
 def read_parameters(path: str | Path) -> Parameters:
-    """Read a file of parameters as the node does that ``--params-file`` gives it to.
+    """Read a file of parameters, as a node reads it from ``--params-file``.
 
-    Of sections that mean the node, the later wins; what is no parameter of it is passed over.
+    If several sections match the node, later ones override earlier ones. Unknown parameters are
+    ignored.
 
     Raises
     ------
     ParameterError
-        If it cannot be read, has no section for the node, or has a value that is not valid.
+        If the file cannot be read, has no section for the node, or has an invalid value.
     """
     path = Path(path)
     try:
         content = yaml.load(path.read_text(encoding="utf-8"), _Loader)
     except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:
-        told = " ".join(str(error).split())
-        raise ParameterError(f"{path} cannot be read as YAML: {told}.") from None
+        problem = " ".join(str(error).split())
+        raise ParameterError(f"{path} cannot be read as YAML: {problem}.") from None
     sections = content if isinstance(content, dict) else {}
-    found = [section for name, section in sections.items() if _means_node(str(name))]
+    found = [section for name, section in sections.items() if _matches_node(str(name))]
     if not found:
         raise ParameterError(
             f"{path} has no parameters for the node; give them below "
@@ -433,8 +461,8 @@ def read_parameters(path: str | Path) -> Parameters:
         raise ParameterError(f"{path}: {error}") from None
 
 
-def _means_node(section: str) -> bool:
-    """Whether a section's name, which may have the wildcards of ROS 2, is that of the node."""
+def _matches_node(section: str) -> bool:
+    """Return whether the name of a section, which may have wildcards, matches the node."""
     pattern = re.escape("/" + section.lstrip("/"))
     pattern = pattern.replace(r"/\*\*", r"(/\w+)*").replace(r"/\*", r"/\w+")
     return re.fullmatch(pattern, f"/{NODE_NAME}") is not None
@@ -457,7 +485,7 @@ def parameter_table() -> str:
 
 
 def _path(text: str) -> Path | None:
-    """Return the path that a parameter means, if any; no shell has expanded its ``~``."""
+    """Return the path in a parameter, with ``~`` expanded; None if the parameter is empty."""
     return Path(text).expanduser().absolute() if text else None
 
 

@@ -290,7 +290,7 @@ class LinkageVibrationNode(LifecycleNode):
 
     def _marker_settings(self) -> MarkerSettings:
         settings = self._settings
-        return MarkerSettings(settings.marker_mode, settings.marker_rate, settings.marker_frame)
+        return MarkerSettings(settings.marker_mode - 1, settings.marker_rate, settings.marker_frame)
 
     def _on_second(self) -> None:
         now, counts = time.monotonic(), self._statistics

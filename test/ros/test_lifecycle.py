@@ -176,7 +176,7 @@ def test_failed_activation_leaves_the_node_inactive(managed: Callable[..., Any])
         ("stale_after", float("nan"), "stale_after"),
         ("marker_rate", 0.0, "marker_rate"),
         ("engine_speed", float("inf"), "engine_speed"),
-        ("marker_mode", -2, "marker_mode"),
+        ("marker_mode", -1, "marker_mode"),
     ],
 )
 def test_parameters_are_checked_before_they_are_set(
@@ -201,7 +201,7 @@ def test_descriptors(managed: Callable[..., Any]) -> None:
     margin = node.describe_parameter("warning_margin")
     assert [(r.from_value, r.to_value) for r in margin.floating_point_range] == [(0.0, 1.0)]
     assert "Unit: 1." in margin.description
-    assert node.describe_parameter("marker_mode").integer_range[0].from_value == -1
+    assert node.describe_parameter("marker_mode").integer_range[0].from_value == 0
     assert node.describe_parameter("autostart").read_only
     assert "Read when the node is configured." in node.describe_parameter("record").description
     assert "configured" not in node.describe_parameter("joint_name").description
