@@ -4,7 +4,7 @@
 
 import io
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,9 +16,9 @@ from linkage_vibration.drawing.palette import COLOURS, GREY, INK
 from linkage_vibration.drawing.plots import PlotError
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.kinematics import Configuration
-from linkage_vibration.mechanics.model import LinkageModel, Solution
+from linkage_vibration.mechanics.model import Solution
 from linkage_vibration.paper.freed_dimensions import FreedFit
-from linkage_vibration.paper.numbers import GEOMETRY, OVER_THE_SWEEP, SUBSTRUCTURING
+from linkage_vibration.paper.numbers import GEOMETRY, OVER_THE_SWEEP, SUBSTRUCTURING, Number
 from linkage_vibration.support.atomic_files import write_bytes
 
 if TYPE_CHECKING:
@@ -35,6 +35,7 @@ _ANGLES_DEG = (90.0, 140.0, 180.0)
 _LINES: FloatArray = np.linspace(0.5, 200.0, 1996)  # Hz
 _SWING = 0.16  # m, the largest displacement that is drawn
 _FRAMES = 24
+_CRANK = "crank angle $α_3$ [deg]"
 _UPRIGHT = math.radians(10.0)  # a well-built hitch keeps its mast this near to the vertical
 _MOVING = ("V1", "V2", "E1", "E2")
 
@@ -134,10 +135,9 @@ def _tidy(ax: "Axes") -> None:
     ax.spines[["top", "right"]].set_visible(False)
 
 
-def _stroke_axis(ax: "Axes") -> None:
+def _stroke_axis(ax: "Axes", **labels: str) -> None:
     _tidy(ax)
-    ax.set_xlim(90.0, 180.0)
-    ax.set_xticks(range(90, 181, 15))
+    ax.set(xlim=(90.0, 180.0), xticks=range(90, 181, 15), **labels)
 
 
 def _draw_bodies(ax: "Axes", solution: Solution, mode: int, scale: float, **style: Any) -> None:
@@ -184,10 +184,7 @@ def _frame(ax: "Axes", solution: Solution) -> None:
     """Draw the ground pins, and set the frame that all configurations share."""
     for _, place in solution.model.mechanism.ground:
         ax.plot(*place, marker="^", markersize=8, color=INK, zorder=6)
-    ax.set_aspect("equal")
-    ax.set_xlim(-2.1, 0.2)
-    ax.set_ylim(-0.75, 0.95)
-    ax.set_xlabel("x [m]")
+    ax.set(aspect="equal", xlim=(-2.1, 0.2), ylim=(-0.75, 0.95), xlabel="x [m]")
     _tidy(ax)
 
 
@@ -214,12 +211,8 @@ def _configurations(solutions: Sequence[Solution], label: str) -> "Figure":
         for (body, places), colour in zip(
             curves(solution.model, solution.configuration).items(), (*_COLOURS, GREY), strict=True
         ):
-            ax.plot(
-                *places.T,
-                color=colour,
-                linewidth=1.5 if body == "implement" else 3,
-                label=body.replace("_", " "),
-            )
+            width = 1.5 if body == "implement" else 3
+            ax.plot(*places.T, color=colour, linewidth=width, label=body.replace("_", " "))
         points = _points(solution)
         for name, (x, z) in points.items():
             _label(ax, name, (float(x), float(z)), _NAMES[name], fontsize=8, color=INK, zorder=7)
@@ -242,9 +235,7 @@ def _link_angles(solutions: Sequence[Solution], label: str) -> "Figure":
         ax.plot(alpha3, angles, color=colour, linewidth=2)
         text, at = f"${name}$, {body.replace('_', ' ')}", (alpha3[-1], angles[-1])
         _label(ax, text, at, (6, 0), va="center", color=colour, annotation_clip=False)
-    _stroke_axis(ax)
-    ax.set_xlabel("crank angle $α_3$ [deg]")
-    ax.set_ylabel("angle from x towards z [deg]")
+    _stroke_axis(ax, xlabel=_CRANK, ylabel="angle from x towards z [deg]")
     return figure
 
 
@@ -265,11 +256,8 @@ def _drive_point_frf(solutions: Sequence[Solution], label: str) -> "Figure":
         phase.plot(_LINES, np.degrees(np.angle(frf)), **about)
     magnitude.set_ylabel("receptance [m/N]")
     magnitude.legend(frameon=False)
-    phase.set_ylabel("phase [deg]")
-    phase.set_yticks([-180, -90, 0])
-    phase.set_ylim(-190, 10)
-    phase.set_xlim(0, 200)
-    phase.set_xlabel("frequency [Hz]")
+    phase.set(xlabel="frequency [Hz]", xlim=(0, 200))
+    phase.set(ylabel="phase [deg]", yticks=[-180, -90, 0], ylim=(-190, 10))
     for ax in (magnitude, phase):
         _tidy(ax)
     return figure
@@ -284,17 +272,9 @@ def _natural_frequencies(sweeps: Sweeps) -> "Figure":
     axes = figure.subplots(3, sharex=True)
     printed = {number.key.split("over_the_sweep.")[-1]: number.value for number in OVER_THE_SWEEP}
     for row, ax in enumerate(axes[::-1]):
-        for (label, solutions), colour, style in zip(
-            sweeps.items(), _COLOURS, ("-", "--"), strict=False
-        ):
-            ax.plot(
-                _degrees(solutions),
-                [s.natural_frequencies[row] for s in solutions],
-                color=colour,
-                linestyle=style,
-                linewidth=2,
-                label=label,
-            )
+        for solutions, style in _styled(sweeps):
+            curve = [solution.natural_frequencies[row] for solution in solutions]
+            ax.plot(_degrees(solutions), curve, **style)
         at = {140.0: SUBSTRUCTURING[row].value}
         ends = (printed[f"mode_{row + 1}.0"], printed[f"mode_{row + 1}.1"])
         if row < 2:
@@ -302,12 +282,10 @@ def _natural_frequencies(sweeps: Sweeps) -> "Figure":
         else:
             ax.axhspan(*ends, color="#F9E08B", alpha=0.6, lw=0, zorder=0)
             ax.annotate("the paper's interval", (91, ends[0] + 1.5), fontsize=8, color=GREY)
-        ax.plot(
-            list(at), list(at.values()), "D", color=INK, clip_on=False, zorder=6, label="the paper"
-        )
-        _stroke_axis(ax)
-        ax.set_ylabel(f"mode {row + 1} [Hz]")
-    axes[2].set_xlabel("crank angle $α_3$ [deg]")
+        markers = {"color": INK, "clip_on": False, "zorder": 6, "label": "the paper"}
+        ax.plot(list(at), list(at.values()), "D", **markers)
+        _stroke_axis(ax, ylabel=f"mode {row + 1} [Hz]")
+    axes[2].set_xlabel(_CRANK)
     _legend(figure, axes[0], 3)
     return figure
 
@@ -341,25 +319,18 @@ def _mast_and_inertia(sweeps: Sweeps) -> "Figure":
         (8, 6),
     )
     mast, inertia = figure.subplots(2, sharex=True)
-    for (label, solutions), colour, style in zip(
-        sweeps.items(), _COLOURS, ("-", "--"), strict=False
-    ):
-        model: LinkageModel = solutions[0].model
-        alpha3 = np.linspace(90.0, 180.0, 181)
+    alpha3 = np.linspace(90.0, 180.0, 181)
+    for solutions, style in _styled(sweeps):
+        model = solutions[0].model
         places = [model.kinematics.at(math.radians(alpha)) for alpha in alpha3]
-        about = {"color": colour, "linestyle": style, "linewidth": 2, "label": label}
-        mast.plot(alpha3, np.degrees([place.angle("implement") for place in places]), **about)
-        inertia.plot(
-            alpha3, [generalised_inertia(model.mechanism, place) for place in places], **about
-        )
+        mast.plot(alpha3, np.degrees([place.angle("implement") for place in places]), **style)
+        inertias = [generalised_inertia(model.mechanism, place) for place in places]
+        inertia.plot(alpha3, inertias, **style)
     mast.axhline(90.0, color=GREY, linewidth=1, linestyle=":")
     mast.annotate("upright", (91, 90.4), fontsize=8, color=GREY)
-    mast.set_ylabel("mast, E1 to E2 [deg]")
-    inertia.set_ylabel("implement's inertia\nabout $α_3$ [kg m²]")
     inertia.set_ylim(bottom=0.0)
-    inertia.set_xlabel("crank angle $α_3$ [deg]")
-    for ax in (mast, inertia):
-        _stroke_axis(ax)
+    _stroke_axis(mast, ylabel="mast, E1 to E2 [deg]")
+    _stroke_axis(inertia, xlabel=_CRANK, ylabel="implement's inertia\nabout $α_3$ [kg m²]")
     _legend(figure, mast, 2)
     return figure
 
@@ -372,15 +343,7 @@ def _freed_dimensions(fits: Sequence[FreedFit]) -> "Figure":
     )
     printed = {number.key: number for number in GEOMETRY}
     ordered = sorted(fits, key=lambda fit: fit.cost, reverse=True)
-    names = []
-    for fit in ordered:
-        if fit.key:
-            number = printed[fit.key]
-            names.append(
-                f"{number.quantity}\n{number.value:g} to {fit.value:.3g} {number.unit}".strip()
-            )
-        else:
-            names.append("none")
+    names = ["none" if not fit.key else _change(printed[fit.key], fit.value) for fit in ordered]
     ax = figure.subplots()
     colours = [_COLOURS[1] if fit.lean < _UPRIGHT else GREY for fit in ordered]
     ax.barh(names, [fit.cost for fit in ordered], color=colours, height=0.7)
@@ -391,9 +354,13 @@ def _freed_dimensions(fits: Sequence[FreedFit]) -> "Figure":
     _tidy(ax)
     ax.grid(visible=False, axis="y")
     ax.tick_params(axis="y", labelsize=7.5, length=0)
-    ax.set_xlim(0.0, 1.35 * ordered[0].cost)
-    ax.set_xlabel("half the sum of squared ln(ours / the paper's)")
+    label = "half the sum of squared ln(ours / the paper's)"
+    ax.set(xlim=(0.0, 1.35 * ordered[0].cost), xlabel=label)
     return figure
+
+
+def _change(number: Number, fitted: float) -> str:
+    return f"{number.quantity}\n{number.value:g} to {fitted:.3g} {number.unit}".strip()
 
 
 def _animate(path: Path, solution: Solution, mode: int, label: str) -> None:
@@ -422,6 +389,14 @@ def _animate(path: Path, solution: Solution, mode: int, label: str) -> None:
     gif = io.BytesIO()
     frames[0].save(gif, format="GIF", save_all=True, append_images=frames[1:], duration=60, loop=0)
     write_bytes(path, gif.getvalue(), PlotError)
+
+
+def _styled(sweeps: Sweeps) -> Iterator[tuple[Sequence[Solution], dict[str, Any]]]:
+    """Yield the solutions of each geometry, with the style of its curves."""
+    for (label, solutions), colour, line in zip(
+        sweeps.items(), _COLOURS, ("-", "--"), strict=False
+    ):
+        yield solutions, {"color": colour, "linestyle": line, "linewidth": 2, "label": label}
 
 
 def _degrees(solutions: Sequence[Solution]) -> FloatArray:

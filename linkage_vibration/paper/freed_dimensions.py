@@ -105,8 +105,8 @@ def _free(described: Any, key: str, evaluations: int) -> FreedFit:
     at = number_at(described, PLACES[key])
     reach = _REACH * (0.5 if key.endswith((".x", ".z")) else abs(at))
     held = [
-        np.append(_fit_held(described, key, start, float(value), evaluations), value)
-        for value in at + reach * _SHARES
+        _fit_held(described, key, start, value, evaluations)
+        for value in (at + reach * _SHARES).tolist()
         for start in _STARTS
     ]
     held.sort(key=lambda x: _fit(described, key, x).cost)
@@ -119,14 +119,13 @@ def _fit_held(
 ) -> FloatArray:
     """Fit the sections alone, which leaves the loops closed as they are."""
     closed: Closed = {}
-    return np.asarray(
-        least_squares(
-            lambda sections: _residuals(np.append(sections, value), described, key, closed),
-            start,
-            bounds=(_LOW, _HIGH),
-            max_nfev=evaluations,
-        ).x
+    fit = least_squares(
+        lambda sections: _residuals(np.append(sections, value), described, key, closed),
+        start,
+        bounds=(_LOW, _HIGH),
+        max_nfev=evaluations,
     )
+    return np.append(fit.x, value)
 
 
 def _best_fit(
@@ -148,14 +147,8 @@ def _best_fit(
 def _fit(described: Any, key: str, x: FloatArray) -> FreedFit:
     closed: Closed = {}
     off = _residuals(x, described, key, closed)
-    lean = max(
-        (
-            abs(at.angle("implement") - math.pi / 2.0)
-            for _, configurations in closed.values()
-            for at in configurations
-        ),
-        default=math.nan,  # the loops do not close
-    )
+    angles = [at.angle("implement") for _, found in closed.values() for at in found]
+    lean = max((abs(angle - math.pi / 2.0) for angle in angles), default=math.nan)
     cost, worst = float(off @ off) / 2.0, float(np.abs(np.expm1(off)).max())
     return FreedFit(key, float(x[-1]) if key else math.nan, cost, worst, lean)
 

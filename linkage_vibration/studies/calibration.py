@@ -77,20 +77,10 @@ class Target:
 
 @dataclass(frozen=True, slots=True)
 class Calibration:
-    """The parameters to fit, and the targets to fit them to.
+    """The parameters to fit, and the targets to fit them to."""
 
-    Attributes
-    ----------
-    mapping : dict
-        The mechanism's description, as read.
-    text : str
-        The text of the file that the description was read from.
-    parameters : tuple of Parameter, (n_parameters,)
-    targets : tuple of Target, (n_targets,)
-    """
-
-    mapping: dict[str, Any]
-    text: str
+    mapping: dict[str, Any]  # the mechanism's description, as read
+    text: str  # of the file that the description was read from
     parameters: tuple[Parameter, ...]
     targets: tuple[Target, ...]
 

@@ -119,7 +119,7 @@ def test_what_each_scene_gets(mechanism: Mechanism, job: Job) -> None:
     assert job.plan.method == ("table" if live else "exact")
     assert job.measured.points == job.plan.points
     assert (job.plan.points > 0) == live
-    assert not job.plan.spatial
+    assert not job.plan.scene.spatial
     for link in planned_mechanism(job.plan).links:
         assert isinstance(link.body, Beam)
         assert (link.body.elements, link.modes) == (job.plan.elements, job.plan.modes)
@@ -155,7 +155,7 @@ def test_motion_out_of_the_plane_makes_it_spatial(mechanism: Mechanism) -> None:
     """An FRF along y makes the model spatial, and the plan meets its tolerance there."""
     angle = (math.radians(140.0),) * 2
     chosen = plan(Scene(mechanism, LOW, (("V1", "y"), ("V1", "z")), 1e-3, angle))
-    assert chosen.spatial
+    assert chosen.scene.spatial
     measured = measure(chosen, solve_reference(chosen))
     assert 0.0 < measured.errors.share(chosen.scene.allowed) <= 1.0
 

@@ -5,7 +5,7 @@
 `scene` states the question. `choice` finds the cheapest settings: elements and modes a link, terms
 of an FRF, and a table or a solve for each prediction. `measurement` compares the choice with an
 unreduced, finer model. `report` presents both. `results` holds what a model or a table gives at one
-angle, and `costs` the time that it takes.
+angle, its errors and its cost.
 """
 
 from linkage_vibration.studies.plan.choice import Plan, plan, planned_frf, planned_mechanism

@@ -3,7 +3,7 @@
 """Finds the cheapest settings that meet the tolerance of a scene.
 
 Elements a link, modes a link and terms of an FRF are tried from fixed lists. Each trial is compared
-with a finer one at a few angles of the scene, which takes some tens of small solves. The finest
+with a finer one at a few angles of the scene, which takes tens of small solves. The finest
 mesh's own error follows from how quickly its last halvings converge. A table is built to what the
 model leaves of the tolerance.
 """
@@ -12,6 +12,7 @@ import itertools
 import time
 from collections.abc import Callable
 from dataclasses import astuple, dataclass
+from functools import cache
 from typing import Literal
 
 import numpy as np
@@ -21,10 +22,11 @@ from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.kinematics import Kinematics
 from linkage_vibration.mechanics.model import LinkageModel, Solution
 from linkage_vibration.mechanics.response import N_FAR, PoleResidue, in_reach
-from linkage_vibration.studies.plan.costs import Costs, measure_costs
 from linkage_vibration.studies.plan.results import (
+    Costs,
     Residual,
     Result,
+    measure_costs,
     result_at,
     shorten,
     table_errors,
@@ -48,7 +50,7 @@ _FIRST = 3  # of these angles, at which the reference is chosen
 _CHECKED = 61  # angles at which FRFs and tables are compared with their own model
 _MANY_MODES = 20  # while meshes are compared; both lack the same modes, so the error cancels
 _RESOLVED = 0.05  # error of the reference mesh, in units of the tolerance
-_SETTLED = 0.02  # difference of three steps of modes beyond which no more modes are tried
+_SETTLED = 0.02  # of the tolerance: if three steps of modes differ less, no more are tried
 _TABLE_ROOM = 0.02  # least part of the tolerance that is left to a table's interpolation
 _TRIES, _TIGHTER = 6, 3.0  # tolerances tried for a table, and the factor between them
 _ABOVE = 1.02  # of the band: modes up to here may enter it between the angles tried
@@ -61,44 +63,18 @@ _FAR_WORK = 16  # to fit far poles, in poles of an FRF
 
 @dataclass(frozen=True)
 class Plan:
-    """The cheapest settings that are predicted to meet a scene's tolerance.
-
-    Attributes
-    ----------
-    scene : Scene
-        The question.
-    elements, modes : int
-        Of each link.
-    n_modes : int
-        Natural frequencies that enter the band within the range; at least one.
-    residual : str
-        How FRFs represent the modes above the band.
-    table_tolerance : float or None
-        The tolerance for `build_table`; None if each prediction is solved.
-    points : int
-        Angles in the table; 0 without a table.
-    predicted : Errors
-    cost : Costs
-        Predicted.
-    reasons : tuple of (choice, reason)
-        In words.
-    """
+    """The cheapest settings that are predicted to meet a scene's tolerance."""
 
     scene: Scene
-    elements: int
-    modes: int
-    n_modes: int
-    residual: Residual
-    table_tolerance: float | None
-    points: int
+    elements: int  # of each link
+    modes: int  # of each link
+    n_modes: int  # natural frequencies that enter the band within the range; at least one
+    residual: Residual  # how FRFs represent the modes above the band
+    table_tolerance: float | None  # for `build_table`; None if each prediction is solved
+    points: int  # angles in the table; 0 without a table
     predicted: Errors
-    cost: Costs
-    reasons: tuple[tuple[str, str], ...]
-
-    @property
-    def spatial(self) -> bool:
-        """Whether the links move out of the plane too."""
-        return self.scene.spatial
+    cost: Costs  # predicted
+    reasons: tuple[tuple[str, str], ...]  # each choice and its reason, in words
 
     @property
     def method(self) -> Literal["table", "exact"]:
@@ -134,7 +110,7 @@ def plan(scene: Scene, solved: Callable[[], object] = lambda: None) -> Plan:
         why = f"a solve takes {1e3 * solve:.2g} ms of the {1e3 * limit:.2g} allowed"
         return _plan_of_solves(best, pair, why)
     if scene.spatial:
-        return _plan_of_solves(best, pair, "tables hold nothing along y")
+        return _plan_of_solves(best, pair, "tables contain nothing along y")
     return _plan_of_table(best, solve, limit)
 
 
@@ -171,25 +147,22 @@ class _Trials:
         self.kinematics = Kinematics(scene.with_settings(1, 0, 1))
         self.kinematics_seconds = time.perf_counter() - start
         self.angles = scene.angles_at(_ANGLES)
-        self.model_seconds: dict[Pair, float] = {}
-        self._models: dict[Pair, LinkageModel] = {}
-        self._results: dict[tuple[Pair, float], Result] = {}
+        self.timed_model, self.result = cache(self._timed_model), cache(self._result)
 
     def model(self, pair: Pair) -> LinkageModel:
-        if pair not in self._models:
-            mechanism = self.scene.with_settings(*pair, 1)
-            start = time.perf_counter()
-            self._models[pair] = LinkageModel(
-                mechanism, spatial=self.scene.spatial, kinematics=self.kinematics
-            )
-            self.model_seconds[pair] = time.perf_counter() - start
-        return self._models[pair]
+        return self.timed_model(pair)[0]
 
-    def result(self, pair: Pair, alpha3: float) -> Result:
-        if (pair, alpha3) not in self._results:
-            self._results[pair, alpha3] = result_at(self.scene, self.model(pair), alpha3)
-            self.solved()
-        return self._results[pair, alpha3]
+    def _timed_model(self, pair: Pair) -> tuple[LinkageModel, float]:
+        """Return a model and the time that its components took, s."""
+        scene, start = self.scene, time.perf_counter()
+        mechanism = scene.with_settings(*pair, 1)
+        model = LinkageModel(mechanism, spatial=scene.spatial, kinematics=self.kinematics)
+        return model, time.perf_counter() - start
+
+    def _result(self, pair: Pair, alpha3: float) -> Result:
+        result = result_at(self.scene, self.model(pair), alpha3)
+        self.solved()
+        return result
 
     def results(self, pair: Pair, count: int | None = None) -> list[Result]:
         return [self.result(pair, alpha3) for alpha3 in self.angles[:count]]
@@ -269,17 +242,11 @@ def _most_modes(trials: _Trials, elements: int) -> int:
 def _cheapest(best: _Reference, share: float) -> Pair:
     """Return the pair of the least work that meets a share of the tolerance."""
     scene, meshes = best.trials.scene, [n for n in ELEMENTS if n <= best.elements]
-    links, solves = len(scene.mechanism.links), 1 if scene.one_angle else _SOLVES
-    interface = len(best.trials.result((best.elements, 0), best.trials.angles[0]).frequencies)
-
-    def work(pair: Pair) -> float:
-        elements, modes = pair
-        return links * elements * _ELEMENT_WORK + solves * (interface + links * modes)
-
+    solves = 1 if scene.one_angle else _SOLVES
     # Fewer modes never improve a mesh, so a mesh that fails with the most modes needs no trial.
     meshes = [n for n in meshes if best.meets((n, best.modes), share)]
     pairs = itertools.product(meshes, [n for n in MODES if n <= best.modes])
-    for pair in sorted(pairs, key=work):
+    for pair in sorted(pairs, key=lambda pair: pair[0] * _ELEMENT_WORK + pair[1] * solves):
         if best.meets(pair, share):
             return pair
     raise PlanError(
@@ -290,19 +257,12 @@ def _cheapest(best: _Reference, share: float) -> Pair:
 
 def _plan_of_solves(best: _Reference, pair: Pair, why: str) -> Plan:
     scene, trials = best.trials.scene, best.trials
-    residual, error, reasons = _fewest_terms(best, pair)
-    setup = trials.kinematics_seconds + trials.model_seconds[pair]
-    return Plan(
-        scene,
-        *pair,
-        best.n_modes,
-        residual,
-        None,
-        0,
-        Errors(*(best.errors(pair) + [0.0, 0.0, error]).tolist()),
-        measure_costs(scene, trials.model(pair), residual, setup),
-        (*_reasons(best, pair), *reasons, ("solved at each angle", why)),
-    )
+    residual, error, frf_reasons = _fewest_terms(best, pair)
+    errors = Errors(*(best.errors(pair) + [0.0, 0.0, error]).tolist())
+    setup = trials.kinematics_seconds + trials.timed_model(pair)[1]
+    costs = measure_costs(scene, trials.model(pair), residual, setup)
+    reasons = (*_reasons(best, pair), *frf_reasons, ("solved at each angle", why))
+    return Plan(scene, *pair, best.n_modes, residual, None, 0, errors, costs, reasons)
 
 
 def _plan_of_table(best: _Reference, solve: float, limit: float) -> Plan:
@@ -312,8 +272,7 @@ def _plan_of_table(best: _Reference, solve: float, limit: float) -> Plan:
     """
     scene = best.trials.scene
     pair = _cheapest(best, 1.0 - _TABLE_ROOM)
-    errors = best.errors(pair)
-    left = np.array(astuple(scene.allowed)) - errors
+    left = np.array(astuple(scene.allowed)) - best.errors(pair)
     if scene.places and left[2] < FRF_FLOOR:
         raise PlanError(
             f"A table's FRFs are accurate to {FRF_FLOOR:g} at best; give a tolerance of "
@@ -324,21 +283,10 @@ def _plan_of_table(best: _Reference, solve: float, limit: float) -> Plan:
     points = len(table.alpha3)
     quick = "" if costs.prediction <= limit else "; nothing is quicker than a table"
     why = f"a solve takes {1e3 * solve:.2g} ms, more than the {1e3 * limit:.2g} allowed{quick}"
-    return Plan(
-        scene,
-        *pair,
-        best.n_modes,
-        "far poles",
-        tolerance,
-        points,
-        Errors(*(errors + own).tolist()),
-        costs,
-        (
-            *_reasons(best, pair),
-            (f"table of {points} points", why),
-            ("", f"built to {tolerance:.2g}, so that model and table meet it together"),
-        ),
-    )
+    built = f"built to {tolerance:.2g}, so that model and table meet it together"
+    reasons = (*_reasons(best, pair), (f"table of {points} points", why), ("", built))
+    errors = Errors(*(best.errors(pair) + own).tolist())
+    return Plan(scene, *pair, best.n_modes, "far poles", tolerance, points, errors, costs, reasons)
 
 
 def _fitting_table(
@@ -427,10 +375,10 @@ def _reasons(best: _Reference, pair: Pair) -> list[tuple[str, str]]:
         if y
         else ("planar", "nothing out of the plane is asked for")
     ]
-    for count, ladder, name in ((elements, ELEMENTS, "elements"), (modes, MODES, "modes")):
+    for count, steps, name in ((elements, ELEMENTS, "elements"), (modes, MODES, "modes")):
         why = "the fewest"
-        if count > ladder[0]:
-            fewer = ladder[ladder.index(count) - 1]
+        if count > steps[0]:
+            fewer = steps[steps.index(count) - 1]
             other = (fewer, modes) if name == "elements" else (elements, fewer)
             why = f"with {fewer}: {best.trials.share(best.errors(other)):.2g} x the tolerance"
         reasons.append((f"{name} a link: {count}", why))

@@ -10,8 +10,14 @@ import numpy as np
 
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.studies.plan.choice import Plan, planned_mechanism
-from linkage_vibration.studies.plan.costs import Costs, measure_costs
-from linkage_vibration.studies.plan.results import Result, result_at, table_errors, worst_errors
+from linkage_vibration.studies.plan.results import (
+    Costs,
+    Result,
+    measure_costs,
+    result_at,
+    table_errors,
+    worst_errors,
+)
 from linkage_vibration.studies.plan.scene import Errors
 from linkage_vibration.table.tabulation import build_table
 
@@ -47,7 +53,7 @@ def solve_reference(plan: Plan, solved: Callable[[], object] = lambda: None) -> 
     scene = plan.scene
     elements = max(2 * plan.elements, min(_FINER * plan.elements, _FINEST))
     mechanism = scene.with_settings(elements, 0, plan.n_modes)
-    model = LinkageModel(mechanism, spatial=plan.spatial, reduced=False)
+    model = LinkageModel(mechanism, spatial=scene.spatial, reduced=False)
     found = []
     for alpha3 in scene.angles_at(_ANGLES):
         found.append(result_at(scene, model, alpha3))
@@ -70,7 +76,7 @@ def measure(plan: Plan, against: Sequence[Result]) -> Measured:
     scene, setups, table = plan.scene, [], None
     for _ in range(3):
         start = time.perf_counter()
-        model = LinkageModel(planned_mechanism(plan), spatial=plan.spatial)
+        model = LinkageModel(planned_mechanism(plan), spatial=scene.spatial)
         if plan.table_tolerance is not None:
             table = build_table(model, plan.table_tolerance, scene.points)
             table.interpolate(scene.angles[0])  # the first lookup also prepares the table

@@ -7,8 +7,8 @@ from dataclasses import astuple
 from pathlib import Path
 
 from linkage_vibration.studies.plan.choice import Plan, planned_mechanism
-from linkage_vibration.studies.plan.costs import FRF_LINES
 from linkage_vibration.studies.plan.measurement import Measured
+from linkage_vibration.studies.plan.results import FRF_LINES
 from linkage_vibration.studies.plan.scene import PlanError
 from linkage_vibration.studies.yaml_editing import edit_text
 from linkage_vibration.support.atomic_files import write_text

@@ -1,9 +1,11 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""The results of a model or a table at one angle, and how far they are from a reference."""
+"""The results of a model or a table at one angle, their errors from a reference, and their cost."""
 
+import itertools
 import math
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
@@ -22,6 +24,9 @@ ComplexArray = NDArray[np.complex128]
 
 Residual = Literal["none", "static", "far poles", "every mode"]
 """How an FRF represents the modes above the band."""
+
+FRF_LINES = 2001  # frequencies over the band at which FRFs are timed
+_LOOKUPS = 1000  # that are timed; one takes microseconds
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,7 +104,7 @@ def result_at(scene: Scene, source: LinkageModel | Table, alpha3: float) -> Resu
 
 
 def worst_errors(results: Sequence[Result], exact: Sequence[Result]) -> FloatArray:
-    """Return the largest errors over some angles, (3,), in the order of `Errors`.
+    """Return the largest errors over all angles, (3,), in the order of `Errors`.
 
     Parameters
     ----------
@@ -145,3 +150,61 @@ def shorten(whole: PoleResidue, residual: Residual, band: tuple[float, float]) -
         static += (whole.residues[:, :, ~kept] / whole.stiffness[~kept]).sum(axis=-1)
     near = whole.residues[:, :, kept], whole.rates[:, :, kept]
     return PoleResidue(whole.stiffness[kept], whole.decay[kept], *near, static)
+
+
+@dataclass(frozen=True, slots=True)
+class Costs:
+    """Times in seconds."""
+
+    setup: float  # from the mechanism to the first prediction: kinematics, components, table
+    prediction: float  # natural frequencies, damping ratios and the peak at one angle
+    frfs: float  # the FRFs between all places at one angle, at `FRF_LINES` frequencies
+
+
+def measure_costs(
+    scene: Scene, source: LinkageModel | Table, residual: Residual, setup: float
+) -> Costs:
+    """Measure the median times of a prediction and of the FRFs; FRFs take 0 s without places.
+
+    Parameters
+    ----------
+    scene : Scene
+        The question.
+    source : LinkageModel or Table
+        What predicts.
+    residual : str
+        How FRFs of a model represent the modes above the band.
+    setup : float
+        The set-up's time, s, which is passed on.
+    """
+    places, lines = scene.places, np.linspace(*scene.band, FRF_LINES)
+    if isinstance(source, Table):
+        angles = itertools.cycle(np.linspace(*scene.angles, _LOOKUPS).tolist())
+        source.interpolate(scene.angles[0])  # the first lookup also prepares the table
+        prediction = _median(lambda: source.interpolate(next(angles)), _LOOKUPS)
+        frfs = _median(lambda: places and source.frf(next(angles), places, places).frf(lines))
+    else:
+        middle = scene.angles_at([0.5])[0]
+        prediction = _median(lambda: _predict(scene, source, middle))
+        solution = source.solve(middle)
+        frfs = _median(
+            lambda: (
+                places and shorten(solution.frf(places, places), residual, scene.band).frf(lines)
+            )
+        )
+    return Costs(setup, prediction, frfs if places else 0.0)
+
+
+def _predict(scene: Scene, model: LinkageModel, alpha3: float) -> None:
+    solution = model.solve(alpha3)
+    _ = solution.damped, solution.peak(scene.band)  # both are computed when they are asked for
+
+
+def _median(run: Callable[[], object], times: int = 25) -> float:
+    """Return the median time of a call, s."""
+    seconds = []
+    for _ in range(times):
+        start = time.perf_counter()
+        run()
+        seconds.append(time.perf_counter() - start)
+    return float(np.median(seconds))
