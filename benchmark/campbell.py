@@ -13,7 +13,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from linkage_vibration.demo.drive import engine_and_pto_speed, hitch_duty_cycle
 from linkage_vibration.drawing.palette import COLOURS, GREY, INK
 from linkage_vibration.prediction.excitation import Excitation, Source
 from linkage_vibration.prediction.predictor import Predictor
@@ -21,6 +20,7 @@ from linkage_vibration.prediction.resonance import Resonance, ResonanceMonitor, 
 from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.support.resources import DEFAULT_TABLE, config_file
 from linkage_vibration.table.table import Table, load_table
+from test.support.drive import engine_and_pto_speed, hitch_duty_cycle
 
 FloatArray = NDArray[np.float64]
 

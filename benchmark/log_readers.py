@@ -25,12 +25,12 @@ from benchmark.report import machine, publish, table
 from linkage_vibration.bags.recorder import UNLIMITED, Limits, Provenance, Recorder
 from linkage_vibration.bags.recovery import recover
 from linkage_vibration.bags.writing import COMPRESSIONS, Topic, offered_qos_profiles
-from linkage_vibration.demo.drive import hitch_duty_cycle
 from linkage_vibration.messages.definitions import message_definition, type_hash
 from linkage_vibration.messages.encoding import encode_prediction
 from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.support.resources import DEFAULT_TABLE, config_file
 from linkage_vibration.table.table import load_table
+from test.support.drive import hitch_duty_cycle
 
 PACKAGES = ["@mcap/core", "@mcap/nodejs", "@mcap/support", "@foxglove/rosmsg"]
 PACKAGES += ["@foxglove/rosmsg2-serialization"]

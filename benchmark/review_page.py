@@ -21,13 +21,13 @@ from tqdm import tqdm
 from benchmark.browser import Browser
 from benchmark.report import machine, publish, table
 from linkage_vibration.bags.writing import LogWriter, Topic, offered_qos_profiles
-from linkage_vibration.demo.drive import DURATION, ENGINE_SPEED, JOINTS, RATE
 from linkage_vibration.playback.replay import replay
 from linkage_vibration.prediction.settings import Parameters
 from linkage_vibration.review.html import write_page
 from linkage_vibration.review.log import read_log
 from linkage_vibration.review.review_page import review_page
 from linkage_vibration.support.resources import config_file
+from test.support.drive import DURATION, ENGINE_SPEED, JOINTS, RATE
 
 MINUTES = 60.0
 FRAME = 1000.0 / 60.0  # ms

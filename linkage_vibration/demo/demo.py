@@ -25,7 +25,6 @@ from linkage_vibration.bags.reading import (
     read_messages,
 )
 from linkage_vibration.demo.domain import reserve_domain
-from linkage_vibration.demo.drive import ENGINE_SPEED, HITCH_JOINT, PTO_SPEED
 from linkage_vibration.drawing.plots import plot_predictions
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.support.resources import DEFAULT_TABLE, config_file
@@ -35,6 +34,7 @@ if TYPE_CHECKING:
     from linkage_vibration.ros.player import Playback
 
 DRIVE = "drives/hitch_duty_cycle.mcap"
+HITCH_JOINT, ENGINE_SPEED, PTO_SPEED = "hitch_rockshaft_joint", "/engine_speed", "/pto_speed"
 # The table's range is shortened by this at each end, so that rounding does not leave it.
 MARGIN = 1e-9  # rad
 STOP_TIMEOUT = 10.0  # s

@@ -19,8 +19,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from linkage_vibration.bags.message_types import JOINT_STATE
 from linkage_vibration.bags.reading import BagError, read_joint_states, read_messages
-from linkage_vibration.demo.demo import DemoError, _LiveLine, _node, run_demo
-from linkage_vibration.demo.drive import HITCH_JOINT
+from linkage_vibration.demo.demo import HITCH_JOINT, DemoError, _LiveLine, _node, run_demo
 from linkage_vibration.messages.topics import PREDICTION_TOPIC
 from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.support.resources import config_file

@@ -13,7 +13,6 @@ from matplotlib.figure import Figure
 
 from linkage_vibration.bags.reading import BagError
 from linkage_vibration.bags.writing import LogWriter, Topic, offered_qos_profiles
-from linkage_vibration.demo.drive import hitch_duty_cycle
 from linkage_vibration.drawing.plots import PlotError, _draw, _read, plot_predictions
 from linkage_vibration.messages.definitions import message_definition, type_hash
 from linkage_vibration.messages.encoding import encode_prediction
@@ -21,6 +20,7 @@ from linkage_vibration.messages.topics import PREDICTION
 from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.support.resources import config_file
 from linkage_vibration.table.table import load_table
+from test.support.drive import hitch_duty_cycle
 
 PREDICTION_TOPIC = "/any_name/prediction"
 

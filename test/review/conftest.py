@@ -11,7 +11,6 @@ import pytest
 
 from benchmark.browser import CHROMIUM, NAMES, Browser
 from linkage_vibration.bags.writing import Attachment, LogWriter, Topic, offered_qos_profiles
-from linkage_vibration.demo.drive import engine_and_pto_speed, hitch_duty_cycle
 from linkage_vibration.messages.definitions import message_definition, type_hash
 from linkage_vibration.messages.encoding import encode_prediction, encode_resonance
 from linkage_vibration.prediction.excitation import Source
@@ -20,6 +19,7 @@ from linkage_vibration.prediction.resonance import ResonanceMonitor
 from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.support.resources import DEFAULT_MECHANISM, DEFAULT_TABLE, config_file
 from linkage_vibration.table.table import load_table, table_bytes
+from test.support.drive import engine_and_pto_speed, hitch_duty_cycle
 
 START = 1_767_225_600 * 10**9  # ns
 TOPICS = {

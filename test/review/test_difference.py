@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from linkage_vibration.cli.main import main
-from linkage_vibration.demo.drive import hitch_duty_cycle
 from linkage_vibration.playback.replay import replay
 from linkage_vibration.playback.what_if import WhatIf
 from linkage_vibration.prediction.settings import Parameters
 from linkage_vibration.review.difference import compare, summary
 from linkage_vibration.review.log import ReviewError, read_log
 from linkage_vibration.support.resources import config_file
+from test.support.drive import hitch_duty_cycle
 
 
 @pytest.fixture(scope="module")

@@ -19,11 +19,11 @@ from numpy.typing import NDArray
 
 from linkage_vibration.bags.message_types import FLOAT64, JOINT_STATE
 from linkage_vibration.bags.writing import LogWriter
+from linkage_vibration.demo.demo import ENGINE_SPEED, HITCH_JOINT, PTO_SPEED
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.messages.topics import log_topic
 
-HITCH_JOINT = "hitch_rockshaft_joint"
-JOINTS, ENGINE_SPEED, PTO_SPEED = "/joint_states", "/engine_speed", "/pto_speed"
+JOINTS = "/joint_states"
 RATE = 100  # Hz
 SPEED_RATE = 10  # Hz, of engine and PTO speeds
 START = 1_767_225_600  # s, 2026-01-01 00:00 UTC

@@ -9,7 +9,14 @@ import pytest
 from rosbags.highlevel import AnyReader
 
 from linkage_vibration.bags.reading import read_joint_states
-from linkage_vibration.demo.drive import (
+from linkage_vibration.prediction.excitation import Source
+from linkage_vibration.prediction.inputs import JointInput
+from linkage_vibration.prediction.predictor import Predictor
+from linkage_vibration.prediction.resonance import Resonance, ResonanceMonitor, ResonanceState
+from linkage_vibration.readers.excitations import read_excitations
+from linkage_vibration.support.resources import DEFAULT_TABLE, config_file
+from linkage_vibration.table.table import load_table
+from test.support.drive import (
     ENGINE_SPEED,
     HITCH_JOINT,
     PTO_SPEED,
@@ -18,13 +25,6 @@ from linkage_vibration.demo.drive import (
     hitch_duty_cycle,
     write_drive,
 )
-from linkage_vibration.prediction.excitation import Source
-from linkage_vibration.prediction.inputs import JointInput
-from linkage_vibration.prediction.predictor import Predictor
-from linkage_vibration.prediction.resonance import Resonance, ResonanceMonitor, ResonanceState
-from linkage_vibration.readers.excitations import read_excitations
-from linkage_vibration.support.resources import DEFAULT_TABLE, config_file
-from linkage_vibration.table.table import load_table
 
 SHIPPED = "drives/hitch_duty_cycle.mcap"
 
