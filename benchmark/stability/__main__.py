@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Writes docs/stability.md and its pictures anew: ``python -m benchmark.stability``."""
+"""Writes docs/stability.md and its pictures: ``python -m benchmark.stability [CASE ...]``."""
 
 import sys
 from importlib import import_module
@@ -24,13 +24,13 @@ CASES = (
 )
 DOCS = Path(__file__).parents[2] / "docs"
 INTRODUCTION = """\
-For each case the plain method is made to fail, with the figure, beside what this package does: the
-right answer, or a refusal that names the cause and the mend. Every number and picture here is
-written by `python -m benchmark.stability`; what has to hold is held by the tests named. Random
-linkages are tried against eight invariants of mechanics in `test/properties`: 320 in every run, ten
-thousand for each with `pytest -m nightly`, or `python -m benchmark.properties`. Every
-file reader is tried on spoilt files in `test/readers/test_fuzz.py`, and 104,000 times by
-`python -m benchmark.fuzz` ([results](../benchmark/results/fuzz.md)).
+On this page you find ten cases in which common methods fail, how large their errors are, and what this package
+does in each case: it gives the right answer, or an error that names the cause and how to fix the input.
+
+`make bench ONLY=stability` writes every number and picture here, and the tests that are named check them. In addition,
+`test/properties` checks eight invariants of mechanics with random linkages: 320 in every run, and ten
+thousand for each invariant with `pytest -m nightly`. `test/readers/test_fuzz.py` reads damaged files with every reader, and
+`make bench ONLY=fuzz` reads 104,000 of them ([results](../benchmark/results/fuzz.md)). "Ours" is the method of this package.
 """
 
 
@@ -47,7 +47,7 @@ def main() -> None:
         heading = f"{number}. {case.TITLE}"
         body = case.section(pictures).strip() if name in asked else old.get(heading, "")
         parts += [f"## {heading}", body]
-    parts.append(f"Made by `python -m benchmark.stability` on: {machine()}.")
+    parts.append(f"`make bench ONLY=stability` wrote this page on: {machine()}.")
     draft = page.with_suffix(".part")
     draft.write_text("\n\n".join(parts) + "\n", encoding="utf-8")
     draft.replace(page)
@@ -55,7 +55,7 @@ def main() -> None:
 
 def _sections(text: str) -> dict[str, str]:
     """Return the bodies of a page's sections by their headings."""
-    body = text[: text.rindex("\n\nMade by ")]
+    body = text[: text.rindex("\n\n")]
     parts = [part.partition("\n") for part in body.split("\n## ")[1:]]
     return {heading: section.strip() for heading, _, section in parts}
 

@@ -125,28 +125,28 @@ def section(pictures: Path) -> str:
     ]
     truth = ", ".join(f"{frequency:.4g}" for frequency in rod.solution.natural_frequencies[:3])
     return f"""\
-A free link moves far more than it deforms: at mode 1 noise of 0.1 % in the receptances of the lift
-rod is {_drowned(rod):.0f} times its flexibility along its axis. Default linkage at 140 deg, 2000
-lines to 200 Hz, one link measured with noise of a share of each value. Error of the drive point's
-FRF (L2 over the band) from raw FRFs, with the best of four cuts of the SVD of B H B^T, and from
-ours; modes found from ours ({truth} Hz in truth); gain of the noise, L2 over the band as well:
+A free link moves far more than it deforms. At mode 1, noise of 0.1 % in the receptances of the lift
+rod is {_drowned(rod):.0f} times as large as its flexibility along its axis. The table is for the default linkage at 140 deg, with 2000
+lines up to 200 Hz, and with one link measured with relative noise. It shows the error of the drive point's
+FRF (L2 norm over the band) from the raw FRFs, with the best of four truncations of the SVD of B H B^T, and with
+ours; the modes that ours finds (exact: {truth} Hz); and the gain of the noise (L2 norm over the band):
 
 {table(columns, rows)}
 
-Cutting off the singular values of B H B^T does not help, whatever the cut: its small ones are the
-stiff directions of the joints, and what is cut comes apart. Ours cuts where it is known what noise
-is: in equilibrated forces H N (N^T R = 0, R the rigid motions) a free link answers with its
-flexibility alone, which is fitted over all lines by as many poles and residual terms as the noise
-warrants (Bayesian information criterion). Where there is no noise, that brings an error of
-{_own(rod, lower):.0e}. The noise gain (`LinkageModel.noise_gain`) is known before: in first order,
-the relative error of the coupled FRF over that of the measured ones. Where noise times gain passes
-a half, coupling is refused.
+Truncating the singular values of B H B^T does not help, whatever the threshold: the small ones belong to the
+stiff directions of the joints, which then come apart. Ours separates noise where it can be identified:
+under self-equilibrated forces H N (N^T R = 0, R the rigid motions), a free link responds only with its
+flexibility. This flexibility is fitted over all lines, with as many poles and residual terms as the noise
+justifies (Bayesian information criterion). Without noise, the fit adds an error of
+{_own(rod, lower):.0e}. The noise gain (`LinkageModel.noise_gain`) is known in advance: to first order, it is
+the relative error of the coupled FRF divided by that of the measured ones. Where noise times gain exceeds
+one half, coupling is rejected.
 
-What averaging does not mend is refused:
+Faults that averaging cannot remove are rejected:
 
 {_faults(model)}
 
-A fault below 3 % of the FRFs is not told from an honest measurement:
+A fault below 3 % of the FRFs cannot be distinguished from a sound measurement:
 {_unseen(lower)}
 
 Poles below 10 Hz are fitted together with those above: {_low(model)}
@@ -336,8 +336,8 @@ def _low(model: LinkageModel) -> str:
         found = identify(_LINES, frf, _BAND).omega[0] / (2.0 * math.pi)
         worst = max(worst, abs(found / solution.natural_frequencies[0] - 1.0))
         lowest = min(lowest, found)
-    return f"""mode 1, from {lowest:.2g} Hz on,
-comes within {worst:.0e} over the stroke in noise of 1 % of the assembly's FRFs."""
+    return f"""mode 1, from {lowest:.2g} Hz upwards,
+is accurate to {worst:.0e} over the stroke with noise of 1 % of the assembly's FRFs."""
 
 
 def _draw(case: _Bench, pictures: Path) -> None:

@@ -49,7 +49,7 @@ _STEEL = Material(210e9, 7800.0, 0.3)
 
 
 def section(pictures: Path) -> str:
-    """Measure, draw and tell."""
+    """Measure, draw, and return the section."""
     single = _single_precision()
     slenderness, theory = _beams_against_solids()
     _draw(single, slenderness, theory, pictures / "precision.png")
@@ -69,30 +69,30 @@ def section(pictures: Path) -> str:
     return "\n\n".join(
         [
             "**Single precision.** A free link moves so much more than it deforms that its FRFs "
-            "need more digits than 24 bits hold. Error of the default linkage's FRFs at 140 deg, "
-            "of the largest:",
+            "need more digits than 24 bits hold. The table shows the error of the default "
+            "linkage's FRFs at 140 deg, relative to the largest:",
             table(["", *(f"{frequency:g} Hz" for frequency in _TOLD)], single_rows),
-            "What is read from files is computed with in double precision. That alone does not "
-            "help FRFs in single precision (second line): as with all measured FRFs, the "
-            "flexibility behind them is fitted before they are coupled (third). From matrices, "
-            "the assembly stands in where LM-FBS loses digits (0.1 Hz). Matrices in single "
-            f"precision are refused: *{_single_matrices()}*",
-            "**Units.** Of what is not SI, the default linkage says:",
+            "The package computes in double precision with everything that it reads from files. "
+            "This alone does not help FRFs in single precision (second row). As with all measured "
+            "FRFs, their flexibility is fitted before they are coupled (third row). With matrices, "
+            "the assembly replaces LM-FBS where it loses digits (0.1 Hz). Matrices in single "
+            f"precision are rejected: *{_single_matrices()}*",
+            "**Units.** The default linkage in other units than SI causes these errors:",
             table(["mistake", "told"], told),
-            "What is in SI is not refused for being large or small: implements of 1 g or 100 t, "
+            "Large or small values in SI units are accepted: implements of 1 g or 100 t, "
             "linkages of 25 m, bars of 1e15 Pa or 0.001 kg/m3. A mass *and* its inertia in t, or "
-            "a spring in N/mm, are numbers that somebody else means, and pass.",
-            "**Extremes.** A natural frequency of the default linkage at 140 deg, against a "
-            "computation of another kind; the solver's shift and inverse (`solve_modes`) keep the "
-            "digits of low frequencies beside stiff bars:",
+            "a spring in N/mm, are possible values in SI units, so they are accepted, too.",
+            "**Extremes.** The next table compares a natural frequency of the default linkage at "
+            "140 deg with an independent computation. The shift-and-invert solver (`solve_modes`) "
+            "preserves the digits of low frequencies beside stiff bars:",
             table(["case", "against", "Hz", "ours off by"], limits),
-            f"**Beams.** {_slender()} In a bar that is too short it is the theory that ends. How "
-            "far the first elastic frequency of a free bar is above that of plane-stress "
-            "elasticity, by length / depth:",
+            f"**Beams.** {_slender()} For a bar that is too short, beam theory is not "
+            "valid. The next table shows, by length / depth, how far the first elastic frequency "
+            "of a free bar is above that of plane-stress elasticity:",
             table([f"{ratio:g}" for ratio in slenderness], bars),
-            f"So a bar that is deeper than long is refused: *{_too_short()}*",
+            f"Therefore a bar that is deeper than long is rejected: *{_too_short()}*",
             "![Errors over frequency and over the length of a bar](stability/precision.png)",
-            "Held by `test/mechanics/test_precision.py` and by `test_units_are_told`, "
+            "Tests: `test/mechanics/test_precision.py` and by `test_units_are_told`, "
             "`test_large_and_small_is_not_refused` in `test/mechanics/test_parsing.py`.",
         ]
     )
@@ -438,8 +438,8 @@ def _slender() -> str:
     off = [abs(ours / exact - 1.0) for ours, exact in (pinned_beam(1.0, 1.0 / r) for r in ratios)]
     told = ", ".join(f"{o:.0e} at {r:g}" for r, o in zip(ratios, off, strict=True))
     return (
-        "Slenderness does no harm: a bar of 24 elements between pins, against the exact solution "
-        f"of Timoshenko's equations, is off by (length / depth) {told}."
+        "Slenderness causes no error: a bar of 24 elements between pins differs from the exact "
+        f"solution of Timoshenko's equations, by length / depth, by {told}."
     )
 
 

@@ -83,19 +83,19 @@ def section(pictures: Path) -> str:
         "ours, frequencies",
     ]
     return f"""\
-A row of B that follows from others makes B H B^T singular; rounding often hides that, and the
-plain equation then answers with nonsense in silence. On how many of 400 lines it stops, on how
-many its error is above 1e-6 of the largest of 16 FRFs, and ours on the worst line:
+A row of B that is a combination of other rows makes B H B^T singular. Rounding often hides this, and
+equation 19 then silently gives wrong results. The table shows on how many of 400 lines it stops with an error, on how
+many its error exceeds 1e-6 of the largest of 16 FRFs, and the error of ours on the worst line:
 
 {table(columns, told)}
 
-Ours replaces the rows by what they span, by SVD of B with everything below 1e-12 of the largest
-singular value cut off, in the assembly and in LM-FBS alike. `CoupledSystem.redundant` names the
-joints that were left out and `CoupledSystem.cutoff` tells the cut-off. Between 1e-12 and 1e-6
-nobody can tell a joint from rounding, so that is refused: "{refusal}"
+Ours replaces the rows by a basis of their span, by an SVD of B that drops singular values below 1e-12 of the largest
+one, in the assembly and in LM-FBS. `CoupledSystem.redundant` names the
+joints that were left out, and `CoupledSystem.cutoff` is the threshold. Between 1e-12 and 1e-6
+a joint cannot be distinguished from rounding. Therefore such constraints are rejected: "{refusal}"
 
-A mechanism's file cannot say such a thing: points are joined by their names, a name stands once
-on a body, and pins that hold a linkage twice leave it fewer than one degree of freedom.
+A mechanism file cannot contain this fault: points are joined by their names, a name occurs once
+on a body, and if pins hold a linkage twice, it has fewer than one degree of freedom.
 
 Tests: `test/mechanics/test_coupling.py::test_linkage_with_joints_closed_twice`,
 `::test_joints_nearly_closed_twice_are_refused`,

@@ -81,20 +81,20 @@ def section(pictures: Path) -> str:
     columns = ["distance / frequency", "LM-FBS", "its estimate", "assembly"]
     apart, summed = _two_linkages()
     return f"""\
-On an undamped resonance of a free component its receptances are infinite, where those of the
-assembly are not. Undamped linkage at 140 deg beside {resonance:.2f} Hz, where the free lift rod
-resonates; error over the largest of 16 FRFs, against the saddle point in extended precision:
+At an undamped resonance of a free component, its receptances are infinite, while those of the
+assembly are not. The table is for the undamped linkage at 140 deg beside {resonance:.2f} Hz, where the free lift rod
+resonates. It shows the error relative to the largest of 16 FRFs, compared with the saddle-point system in extended precision:
 
 {table(columns, chosen)}
 
-Where all components have matrices, the assembly answers. FRFs alone are refused where the
-estimate passes 1e-6: "{_refused(solution, rows, b, resonance)}"
+Where all components have matrices, the assembly is used. If there are only FRFs, they are rejected where the
+estimate exceeds 1e-6: "{_refused(solution, rows, b, resonance)}"
 
 - **Two identical links.** {_two_rods(solution, rows)}
-- **Coincident poles.** Two equal linkages side by side have each pole twice: the first 20 natural
-  frequencies are within {apart:.0e} of ten pairs, and their 64 FRFs, most of them zero, within
-  {summed:.0e} of those of the one, as a sum over modes.
-- **An undamped peak of the assembly** is infinite, and refused: "{_peak(solution, rows)}"
+- **Coincident poles.** Two equal linkages side by side have each pole twice. The first 20 natural
+  frequencies form ten pairs within {apart:.0e}. Their 64 FRFs, most of them zero, agree within
+  {summed:.0e} with those of one linkage, as a sum over modes.
+- **An undamped peak of the assembly** is infinite, and rejected: "{_peak(solution, rows)}"
 
 Tests: `test/mechanics/test_fbs.py::test_on_a_components_own_resonance`,
 `::test_two_identical_links`, `test/mechanics/test_coupling.py::test_coincident_poles`,

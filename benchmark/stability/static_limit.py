@@ -150,7 +150,7 @@ def section(pictures: Path) -> str:
         for frequency, *told in zip(few, *measured(few), strict=True):
             rows_told.append([f"{frequency:g}", *(f"{value:.0e}" for value in told)])
     ax.axhline(1e-6, color=GREY, linewidth=1.0)
-    ax.annotate("above this line FRFs alone are refused", (10.0, 1.5e-6), color=GREY, ha="right")
+    ax.annotate("above this line, FRFs alone are rejected", (10.0, 1.5e-6), color=GREY, ha="right")
     ax.set(xlabel="frequency [Hz]", ylabel="error / largest FRF [1]", ylim=(1e-17, 1.0))
     ax.grid(color="#dddddd", linewidth=0.6)
     ax.spines[["top", "right"]].set_visible(False)
@@ -160,17 +160,17 @@ def section(pictures: Path) -> str:
 
     columns = ["Hz", "LM-FBS", "its estimate", "assembly"]
     return f"""\
-A free link moves by 1 / (m w^2), and what it yields, on which the coupled FRF depends, is lost in
-the rounding of that. Error over the largest of 16 FRFs at 140 deg, links with 1 % modal damping,
-against the saddle point of the uncoupled components in extended precision:
+A free link moves by 1 / (m w^2). Its deformation, on which the coupled FRF depends, is lost in
+the rounding of this motion. The table shows the error relative to the largest of 16 FRFs at 140 deg, for links with 1 % modal damping,
+compared with the saddle-point system of the uncoupled components in extended precision:
 
 {table(columns, rows_told)}
 
-The loss is in the components' FRFs, whoever couples them. Where all components have matrices, the
-assembly answers on such lines, 0 Hz included. Where a link is known by FRFs alone they are
-refused, by the estimate: {_fbs_refusal()}
+The digits are lost in the FRFs of the components, no matter which method couples them. Where all components have matrices, the
+assembly is used on such lines, 0 Hz included. If a link is known only by FRFs, these lines are
+rejected by the estimate: {_fbs_refusal()}
 
-With the crank's clamp removed the linkage is a mechanism. {_mechanism()}
+Without the crank's clamp, the linkage is a mechanism. {_mechanism()}
 
 Tests: `test/mechanics/test_coupling.py::test_static_limit_of_the_linkage`,
 `::test_mechanism_has_no_static_limit`,
@@ -202,7 +202,7 @@ def _mechanism() -> str:
         assembled_frf(solutions[0].coupled, np.zeros(1), rows, rows)
     except CouplingError as error:
         return (
-            f"At each of 46 angles one mode is found at {first.max():.0g} Hz, the next "
-            f'at {second.min():.0f} Hz or above, and the static limit is refused: "{error}"'
+            f"At each of 46 angles, one mode is at {first.max():.0g} Hz and the next one "
+            f'at {second.min():.0f} Hz or above. The static limit is rejected: "{error}"'
         )
     raise AssertionError("the static limit of a mechanism was not refused")

@@ -47,23 +47,23 @@ def section(pictures: Path) -> str:
         crank.predict(1.0 - 3.0 * turn).natural_frequencies, crank.predict(1.0).natural_frequencies
     )
     return f"""\
-Relative error of the worst of three natural frequencies of the default linkage, 90 to 180 deg.
-Clamped: `numpy.interp` on 2 deg steps, which holds the end values without a word. Extrapolated: the
-cubic spline on those.
+The table shows the largest relative error of three natural frequencies of the default linkage, 90 to 180 deg.
+Clamped is `numpy.interp` on 2 deg steps, which silently repeats the end values. Extrapolated is a
+cubic spline on the same steps.
 
 {table(columns, rows)}
 
-- An angle off by a turn, which an encoder that wraps elsewhere gives, is told as such:
+- If an angle is wrong by one revolution, because the encoder wraps elsewhere, the error says so:
   "{_told(predictor, 2.0 + turn)}".
-- A crank that turns all the way has a table of a whole turn, which serves every turn: three turns
-  back its frequencies differ by {np.abs(apart).max():.0e} Hz.
-- A table of another mechanism: "{_foreign(model)}"
+- If a crank can rotate completely, its table covers one revolution and is used for every revolution. Three revolutions
+  earlier, its frequencies differ by {np.abs(apart).max():.0e} Hz.
+- A table of another mechanism is rejected: "{_foreign(model)}"
 {_damage(model)}
 
 Tests: `test/prediction/test_predictor.py`, `test/table/test_table.py`
 `::test_table_of_another_mechanism_is_refused`, `::test_damage_in_any_byte_is_refused`,
 `::test_number_changed_on_purpose_is_refused`,
-`::test_pickles_are_refused`, and 8000 spoilt tables in `python -m benchmark.fuzz`.
+`::test_pickles_are_refused`, and 8000 damaged tables in `make bench ONLY=fuzz`.
 """
 
 
@@ -133,10 +133,10 @@ def _damage(model: LinkageModel) -> str:
             except TableError:
                 refused += 1
     return f"""\
-- Damage: one bit flipped in each byte of a small table, byte after byte. Kept as `.npy`,
-  {silent} of {len(plain)} flips load other numbers in silence. Of {len(sound)} flips in ours
-  {refused} are refused, {other} load other numbers, and {len(sound) - refused - other} are in bytes
-  that carry no number, so that the table is the same."""
+- Damage: one bit was flipped in each byte of a small table, one byte at a time. In an `.npy` file,
+  {silent} of {len(plain)} flips silently load other numbers. Of {len(sound)} flips in ours,
+  {refused} are rejected, {other} load other numbers, and {len(sound) - refused - other} are in bytes
+  that contain no number, so the table is the same."""
 
 
 def _bare(whole: Table) -> Table:

@@ -35,7 +35,7 @@ _CRANK_ERROR = math.radians(0.1)
 
 
 def section(pictures: Path) -> str:
-    """Measure, draw and tell."""
+    """Measure, draw, and return the section."""
     models = {
         name: LinkageModel(read_mechanism(config_file(file))) for name, file in _LINKAGES.items()
     }
@@ -54,28 +54,29 @@ def section(pictures: Path) -> str:
     _draw(errors, ratios, changes, pictures / "toggle.png")
     return "\n\n".join(
         [
-            "At a toggle two bars are in line, here the upper link and the mast. alpha3 turns back "
-            "there, so that every angle of the linkage changes as the square root of the distance "
-            "to it, and velocity ratios grow as its inverse. "
+            "At a toggle two bars are in line, here the upper link and the mast. alpha3 has an "
+            "extremum there. Therefore every angle of the linkage changes with the square root of "
+            "the distance to it, and velocity ratios grow with its inverse. "
             f"**Beyond it** {_beyond(printed)}",
-            "**Loop closure** of the as-printed linkage before 184.938 deg, against the same in "
-            "extended precision; error of the mast's angle in rad. Rounding alone costs "
-            "eps / sqrt(distance), whatever the method. Newton's method on the pins' gaps loses "
-            "half its digits more if it stops once they are below 1 nm, since a gap is the square "
-            "of an angle here; ours stops when its steps no longer fall.",
+            "**Loop closure.** The next table shows the error of the mast's angle (rad) of the "
+            "as-printed linkage before 184.938 deg, compared with extended precision. Rounding "
+            "alone causes eps / sqrt(distance) with every method. Newton's method on the gaps of "
+            "the pins loses another half of the digits if it stops when they are below 1 nm, since "
+            "a gap is the square of an angle here. Ours stops when its steps no longer decrease.",
             _closure_table(errors),
-            f"**Natural frequencies.** {_locking(models['as printed'])} What an error of 0.1 deg "
-            "in the crank angle does to the first one, for each toggle; near it, error / (2 "
-            f"distance). To stay within 1 % keep {_keep(changes, 0.01)} away, within 5 % "
-            f"{_keep(changes, 0.05)}.",
+            f"**Natural frequencies.** {_locking(models['as printed'])} The next table shows by "
+            "how much an error of 0.1 deg in the crank angle changes the first one, for each "
+            "toggle. Near a toggle it is error / (2 distance). To stay within 1 %, keep a distance "
+            f"of {_keep(changes, 0.01)}; to stay within 5 %, {_keep(changes, 0.05)}.",
             _change_table(changes),
             f"**The table.** {_tables(models['as printed'].mechanism)}",
-            "**Told:** a prediction within 1 deg of a toggle has the status `NEAR_TOGGLE`; "
-            "`Configuration.toggle_distance` is the distance. **Refused:** a stroke that touches "
-            "or crosses a toggle, when the model is made, with its angle and the bars in line; an "
-            "angle beyond it, with the nearest one that closes (`KinematicsError`).",
+            "**What is reported.** A prediction within 1 deg of a toggle has the status "
+            "`NEAR_TOGGLE`; `Configuration.toggle_distance` is the distance. **What is rejected.** "
+            "If a stroke touches or crosses a toggle, building the model fails, and the error names "
+            "the angle and the bars in line. If an angle is beyond a toggle, the error names the "
+            "nearest angle at which the linkage closes (`KinematicsError`).",
             "![Errors, velocity ratios and sensitivity near the toggles](stability/toggle.png)",
-            "Held by `test/mechanics/test_kinematics.py`: `test_digits_lost_near_a_toggle`, "
+            "Tests: `test/mechanics/test_kinematics.py`: `test_digits_lost_near_a_toggle`, "
             "`test_first_frequency_vanishes_at_a_toggle`, `test_stroke_past_a_toggle_is_refused`, "
             "`test_stroke_over_a_gap_is_refused`, `test_nearly_a_parallelogram`.",
         ]
@@ -228,8 +229,8 @@ def _beyond(mechanism: Mechanism) -> str:
     ours = _told(lambda: kinematics.at(alpha3))
     return (
         f"(by 0.5 deg) the circles do not meet: the mast's angle is `{by_circles}`. Newton's "
-        f"method, started from the angle before, gives up after {steps} steps, with the mast "
-        f"{math.degrees(turned):.0f} deg off. Ours: *{ours}*"
+        f"method, started from the previous angle, fails after {steps} steps, with the mast "
+        f"{math.degrees(turned):.0f} deg off. Ours reports: *{ours}*"
     )
 
 
@@ -298,10 +299,10 @@ def _locking(model: LinkageModel) -> str:
         ours, other = (some.solve(alpha3).natural_frequencies[0] for some in (model, whole))
         words.append(f"{distance:g} deg before it {ours:.2g} Hz ({other:.2g})")
     return (
-        "With its two bars in line the mast can move while the crank stands still, so the first "
-        "mode falls to 0 Hz, as the square root of the distance: "
-        f"{', '.join(words)}; in brackets without reduction: below some 1e-5 Hz it is rounding. "
-        "All other modes have a limit."
+        "With the two bars in line, the mast can move while the crank is at rest. Therefore the "
+        "first mode falls to 0 Hz with the square root of the distance: "
+        f"{', '.join(words)}. The values in brackets are without reduction; below about 1e-5 Hz "
+        "they are rounding. All other modes have a limit."
     )
 
 
@@ -319,9 +320,9 @@ def _tables(mechanism: Mechanism) -> str:
         except TableError as error:
             words.append(f"{distance:g} deg before it: *{error}*")
     return (
-        "Polynomials in alpha3 do not follow a square root; in an angle x with alpha3 = middle - "
-        "half range cos x, between the two toggles, they do. From 170 deg on, to within 1e-6 "
-        "(in brackets the relative error measured): " + "; ".join(words)
+        "Polynomials in alpha3 cannot approximate a square root. Polynomials in an angle x, with "
+        "alpha3 = middle - half range cos x between the two toggles, can. From 170 deg, for a "
+        "tolerance of 1e-6 (in brackets the measured relative error): " + "; ".join(words)
     )
 
 

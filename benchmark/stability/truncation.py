@@ -46,23 +46,23 @@ def section(pictures: Path) -> str:
     links = [[f"{n}", *_of_links(model, n, unreduced)] for n in (*_PER_LINK, 20)]
     _draw(exact, [_truncated(complete, 3, k) for k in range(2)], ours, pictures)
     return f"""\
-The natural frequencies of modes that are kept stay right; what fails is where the modes cancel.
-Default linkage at 140 deg, the 16 FRFs between four places, 0 to 200 Hz. Largest relative error at
-any line, which is an antiresonance's where it is large, and largest at 0 Hz, with modes left out
-of the sum: without anything in their place, with their static flexibility, and with the term after
-it (together the sum of r / k + (w^2 - i w c) r / k^2):
+The natural frequencies of the modes that are kept remain right. The errors are where modes cancel each other.
+The table is for the default linkage at 140 deg and the 16 FRFs between four places, 0 to 200 Hz. It shows the largest relative error at
+any line (large ones are at antiresonances) and at 0 Hz, when modes are left out
+of the sum: with no replacement, with their static flexibility, and also with the next
+term (together the sum of r / k + (w^2 - i w c) r / k^2):
 
 {table(["modes", "none: worst", "static", "second order", "none: at 0 Hz", "static at 0 Hz"], rows)}
 
-Three modes are all that the band holds, and mode 4 is at 207 Hz: a static residual is too little
-beside it. Ours keeps the modes up to 1.3 times the band and lets four fixed poles and a static
-residual stand for all others (`Solution.frf(..., band)`): {_worst(ours, exact):.0e} at
-worst, {_worst(ours[:1], exact[:1]):.0e} at 0 Hz.
+The band contains only three modes, and mode 4 is at 207 Hz, too near for a static residual.
+Ours keeps the modes up to 1.3 times the band, and represents all others by four fixed poles and a static
+residual (`Solution.frf(..., band)`). Its largest error is {_worst(ours, exact):.0e}, and
+{_worst(ours[:1], exact[:1]):.0e} at 0 Hz.
 
-Fixed-interface modes a link, of Craig and Bampton, against all DoFs of the beams. Constraint modes
-hold the static flexibility, so 0 Hz is exact even without any mode:
+The next table compares the number of fixed-interface modes per link (Craig-Bampton) with all DoFs of the beams. Constraint modes
+contain the static flexibility, so 0 Hz is exact even without any fixed-interface mode:
 
-{table(["modes a link", "worst", "norm of all", "at 0 Hz"], links)}
+{table(["modes per link", "worst", "norm of all", "at 0 Hz"], links)}
 
 Tests: `test/mechanics/test_model.py::test_a_band_keeps_antiresonances_and_the_static_limit`,
 `test/mechanics/test_reduction.py::test_statics_on_the_interface_are_exact`,
