@@ -24,13 +24,15 @@ CASES = (
 )
 DOCS = Path(__file__).parents[2] / "docs"
 INTRODUCTION = """\
-On this page you find ten cases in which common methods fail, how large their errors are, and what this package
-does in each case: it gives the right answer, or an error that names the cause and how to fix the input.
+On this page you find ten cases in which common methods fail, how large their errors are, and what
+this package does in each case: it gives the right answer, or an error that names the cause and how
+to fix the input.
 
-`make bench ONLY=stability` writes every number and picture here, and the tests that are named check them. In addition,
-`test/properties` checks eight invariants of mechanics with random linkages: 320 in every run, and ten
-thousand for each invariant with `pytest -m nightly`. `test/readers/test_fuzz.py` reads damaged files with every reader, and
-`make bench ONLY=fuzz` reads 104,000 of them ([results](../benchmark/results/fuzz.md)). "Ours" is the method of this package.
+`make bench ONLY=stability` writes every number and picture here, and the tests that are named check
+them. In addition, `test/properties` checks eight invariants of mechanics with random linkages: 320
+in every run, and ten thousand for each invariant with `pytest -m nightly`.
+`test/readers/test_fuzz.py` reads damaged files with every reader, and `make bench ONLY=fuzz` reads
+104,000 of them ([results](../benchmark/results/fuzz.md)). "Ours" is the method of this package.
 """
 
 

@@ -126,21 +126,23 @@ def section(pictures: Path) -> str:
     truth = ", ".join(f"{frequency:.4g}" for frequency in rod.solution.natural_frequencies[:3])
     return f"""\
 A free link moves far more than it deforms. At mode 1, noise of 0.1 % in the receptances of the lift
-rod is {_drowned(rod):.0f} times as large as its flexibility along its axis. The table is for the default linkage at 140 deg, with 2000
-lines up to 200 Hz, and with one link measured with relative noise. It shows the error of the drive point's
-FRF (L2 norm over the band) from the raw FRFs, with the best of four truncations of the SVD of B H B^T, and with
-ours; the modes that ours finds (exact: {truth} Hz); and the gain of the noise (L2 norm over the band):
+rod is {_drowned(rod):.0f} times as large as its flexibility along its axis. The table is for the
+default linkage at 140 deg, with 2000 lines up to 200 Hz, and with one link measured with relative
+noise. It shows the error of the drive point's FRF (L2 norm over the band) from the raw FRFs, with
+the best of four truncations of the SVD of B H B^T, and with ours; the modes that ours finds (exact:
+{truth} Hz); and the gain of the noise (L2 norm over the band):
 
 {table(columns, rows)}
 
-Truncating the singular values of B H B^T does not help, whatever the threshold: the small ones belong to the
-stiff directions of the joints, which then come apart. Ours separates noise where it can be identified:
-under self-equilibrated forces H N (N^T R = 0, R the rigid motions), a free link responds only with its
-flexibility. This flexibility is fitted over all lines, with as many poles and residual terms as the noise
-justifies (Bayesian information criterion). Without noise, the fit adds an error of
-{_own(rod, lower):.0e}. The noise gain (`LinkageModel.noise_gain`) is known in advance: to first order, it is
-the relative error of the coupled FRF divided by that of the measured ones. Where noise times gain exceeds
-one half, coupling is rejected.
+Truncating the singular values of B H B^T does not help, whatever the threshold: the small ones
+belong to the stiff directions of the joints, which then come apart. Ours separates noise where it
+can be identified: under self-equilibrated forces H N (N^T R = 0, R the rigid motions), a free link
+responds only with its flexibility. This flexibility is fitted over all lines, with as many poles
+and residual terms as the noise justifies (Bayesian information criterion). Without noise, the fit
+adds an error of
+{_own(rod, lower):.0e}. The noise gain (`LinkageModel.noise_gain`) is known in advance: to first
+order, it is the relative error of the coupled FRF divided by that of the measured ones. Where noise times gain
+exceeds one half, coupling is rejected.
 
 Faults that averaging cannot remove are rejected:
 

@@ -47,25 +47,26 @@ lines. The table shows the share of the peak's magnitude that the higher line mi
 
 {table(columns, [*seen, ["ours", *_exact()]])}
 
-In the default linkage with this damping at 4 and 180 Hz, 0.1 Hz lines miss {_over_the_stroke()} of the
-highest peak at 46 angles. The error goes up and down from one angle to the next, as the peak approaches a line or
-leaves it. Ours finds the zeros of the derivative of abs(H)^2, bracketed between lines around each
-resonance. It refines every maximum that may be the highest before it compares them, because of two
-nearly equal maxima the one nearer to a line would seem the higher.
+In the default linkage with this damping at 4 and 180 Hz, 0.1 Hz lines miss {_over_the_stroke()} of
+the highest peak at 46 angles. The error goes up and down from one angle to the next, as the peak
+approaches a line or leaves it. Ours finds the zeros of the derivative of abs(H)^2, bracketed
+between lines around each resonance. It refines every maximum that may be the highest before it
+compares them, because of two nearly equal maxima the one nearer to a line would seem the higher.
 
-**Two peaks of equal height** in an FRF: both are found, at {both[0][0]:.4f} and {both[0][1]:.4f} Hz, with
-magnitudes within {abs(both[1][0] / both[1][1] - 1.0):.0e}. The lower frequency is reported.
+**Two peaks of equal height** in an FRF: both are found, at {both[0][0]:.4f} and {both[0][1]:.4f}
+Hz, with magnitudes within {abs(both[1][0] / both[1][1] - 1.0):.0e}. The lower frequency is
+reported.
 
 **Along the stroke**, the highest peak of a crank with two modes (1 Hz apart where they veer) jumps
 from {_at(crank, jump - 1e-9):.4f} to {_at(crank, jump + 1e-9):.4f} Hz at {math.degrees(jump):.6f}
-deg. The largest relative error of its frequency, at 400 angles within 2 deg of the jump, is {_spline_error(crank, jump):.0e} for a spline through 46
-equispaced angles, and {_table_error(crank, built, jump):.0e} for ours. The table
-contains every maximum that may be the highest, and compares them at the requested
-angle. If a maximum does not exist over a whole piece, the piece is
-halved.
+deg. The largest relative error of its frequency, at 400 angles within 2 deg of the jump, is
+{_spline_error(crank, jump):.0e} for a spline through 46 equispaced angles, and
+{_table_error(crank, built, jump):.0e} for ours. The table contains every maximum that may be the
+highest, and compares them at the requested angle. If a maximum does not exist over a whole piece,
+the piece is halved.
 
-**The band.** {_edges()} Between 20 and 40 Hz, where neither of the two oscillators resonates, the highest value is
-reported at {none.frequency:g} Hz, {_kind(none)}.
+**The band.** {_edges()} Between 20 and 40 Hz, where neither of the two oscillators resonates, the
+highest value is reported at {none.frequency:g} Hz, {_kind(none)}.
 
 Tests: `test/table/tabulation/test_peaks.py`,
 `test/mechanics/test_response.py::test_peak_of_one_oscillator`,

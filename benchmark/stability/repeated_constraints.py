@@ -83,16 +83,17 @@ def section(pictures: Path) -> str:
         "ours, frequencies",
     ]
     return f"""\
-A row of B that is a combination of other rows makes B H B^T singular. Rounding often hides this, and
-equation 19 then silently gives wrong results. The table shows on how many of 400 lines it stops with an error, on how
-many its error exceeds 1e-6 of the largest of 16 FRFs, and the error of ours on the worst line:
+A row of B that is a combination of other rows makes B H B^T singular. Rounding often hides this,
+and equation 19 then silently gives wrong results. The table shows on how many of 400 lines it stops
+with an error, on how many its error exceeds 1e-6 of the largest of 16 FRFs, and the error of ours
+on the worst line:
 
 {table(columns, told)}
 
-Ours replaces the rows by a basis of their span, by an SVD of B that drops singular values below 1e-12 of the largest
-one, in the assembly and in LM-FBS. `CoupledSystem.redundant` names the
-joints that were left out, and `CoupledSystem.cutoff` is the threshold. Between 1e-12 and 1e-6
-a joint cannot be distinguished from rounding. Therefore such constraints are rejected: "{refusal}"
+Ours replaces the rows by a basis of their span, by an SVD of B that drops singular values below
+1e-12 of the largest one, in the assembly and in LM-FBS. `CoupledSystem.redundant` names the joints
+that were left out, and `CoupledSystem.cutoff` is the threshold. Between 1e-12 and 1e-6 a joint
+cannot be distinguished from rounding. Therefore such constraints are rejected: "{refusal}"
 
 A mechanism file cannot contain this fault: points are joined by their names, a name occurs once
 on a body, and if pins hold a linkage twice, it has fewer than one degree of freedom.

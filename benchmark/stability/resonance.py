@@ -82,13 +82,14 @@ def section(pictures: Path) -> str:
     apart, summed = _two_linkages()
     return f"""\
 At an undamped resonance of a free component, its receptances are infinite, while those of the
-assembly are not. The table is for the undamped linkage at 140 deg beside {resonance:.2f} Hz, where the free lift rod
-resonates. It shows the error relative to the largest of 16 FRFs, compared with the saddle-point system in extended precision:
+assembly are not. The table is for the undamped linkage at 140 deg beside {resonance:.2f} Hz, where
+the free lift rod resonates. It shows the error relative to the largest of 16 FRFs, compared with
+the saddle-point system in extended precision:
 
 {table(columns, chosen)}
 
-Where all components have matrices, the assembly is used. If there are only FRFs, they are rejected where the
-estimate exceeds 1e-6: "{_refused(solution, rows, b, resonance)}"
+Where all components have matrices, the assembly is used. If there are only FRFs, they are rejected
+where the estimate exceeds 1e-6: "{_refused(solution, rows, b, resonance)}"
 
 - **Two identical links.** {_two_rods(solution, rows)}
 - **Coincident poles.** Two equal linkages side by side have each pole twice. The first 20 natural

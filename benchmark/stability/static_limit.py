@@ -160,15 +160,16 @@ def section(pictures: Path) -> str:
 
     columns = ["Hz", "LM-FBS", "its estimate", "assembly"]
     return f"""\
-A free link moves by 1 / (m w^2). Its deformation, on which the coupled FRF depends, is lost in
-the rounding of this motion. The table shows the error relative to the largest of 16 FRFs at 140 deg, for links with 1 % modal damping,
-compared with the saddle-point system of the uncoupled components in extended precision:
+A free link moves by 1 / (m w^2). Its deformation, on which the coupled FRF depends, is lost in the
+rounding of this motion. The table shows the error relative to the largest of 16 FRFs at 140 deg,
+for links with 1 % modal damping, compared with the saddle-point system of the uncoupled components
+in extended precision:
 
 {table(columns, rows_told)}
 
-The digits are lost in the FRFs of the components, no matter which method couples them. Where all components have matrices, the
-assembly is used on such lines, 0 Hz included. If a link is known only by FRFs, these lines are
-rejected by the estimate: {_fbs_refusal()}
+The digits are lost in the FRFs of the components, no matter which method couples them. Where all
+components have matrices, the assembly is used on such lines, 0 Hz included. If a link is known only
+by FRFs, these lines are rejected by the estimate: {_fbs_refusal()}
 
 Without the crank's clamp, the linkage is a mechanism. {_mechanism()}
 

@@ -47,16 +47,16 @@ def section(pictures: Path) -> str:
         crank.predict(1.0 - 3.0 * turn).natural_frequencies, crank.predict(1.0).natural_frequencies
     )
     return f"""\
-The table shows the largest relative error of three natural frequencies of the default linkage, 90 to 180 deg.
-Clamped is `numpy.interp` on 2 deg steps, which silently repeats the end values. Extrapolated is a
-cubic spline on the same steps.
+The table shows the largest relative error of three natural frequencies of the default linkage, 90
+to 180 deg. Clamped is `numpy.interp` on 2 deg steps, which silently repeats the end values.
+Extrapolated is a cubic spline on the same steps.
 
 {table(columns, rows)}
 
 - If an angle is wrong by one revolution, because the encoder wraps elsewhere, the error says so:
   "{_told(predictor, 2.0 + turn)}".
-- If a crank can rotate completely, its table covers one revolution and is used for every revolution. Three revolutions
-  earlier, its frequencies differ by {np.abs(apart).max():.0e} Hz.
+- If a crank can rotate completely, its table covers one revolution and is used for every
+  revolution. Three revolutions earlier, its frequencies differ by {np.abs(apart).max():.0e} Hz.
 - A table of another mechanism is rejected: "{_foreign(model)}"
 {_damage(model)}
 
@@ -135,8 +135,8 @@ def _damage(model: LinkageModel) -> str:
     return f"""\
 - Damage: one bit was flipped in each byte of a small table, one byte at a time. In an `.npy` file,
   {silent} of {len(plain)} flips silently load other numbers. Of {len(sound)} flips in ours,
-  {refused} are rejected, {other} load other numbers, and {len(sound) - refused - other} are in bytes
-  that contain no number, so the table is the same."""
+  {refused} are rejected, {other} load other numbers, and {len(sound) - refused - other} are in
+  bytes   that contain no number, so the table is the same."""
 
 
 def _bare(whole: Table) -> Table:

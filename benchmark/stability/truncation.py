@@ -46,21 +46,22 @@ def section(pictures: Path) -> str:
     links = [[f"{n}", *_of_links(model, n, unreduced)] for n in (*_PER_LINK, 20)]
     _draw(exact, [_truncated(complete, 3, k) for k in range(2)], ours, pictures)
     return f"""\
-The natural frequencies of the modes that are kept remain right. The errors are where modes cancel each other.
-The table is for the default linkage at 140 deg and the 16 FRFs between four places, 0 to 200 Hz. It shows the largest relative error at
-any line (large ones are at antiresonances) and at 0 Hz, when modes are left out
-of the sum: with no replacement, with their static flexibility, and also with the next
-term (together the sum of r / k + (w^2 - i w c) r / k^2):
+The natural frequencies of the modes that are kept remain right. The errors are where modes cancel
+each other. The table is for the default linkage at 140 deg and the 16 FRFs between four places, 0
+to 200 Hz. It shows the largest relative error at any line (large ones are at antiresonances) and at
+0 Hz, when modes are left out of the sum: with no replacement, with their static flexibility, and
+also with the next term (together the sum of r / k + (w^2 - i w c) r / k^2):
 
 {table(["modes", "none: worst", "static", "second order", "none: at 0 Hz", "static at 0 Hz"], rows)}
 
-The band contains only three modes, and mode 4 is at 207 Hz, too near for a static residual.
-Ours keeps the modes up to 1.3 times the band, and represents all others by four fixed poles and a static
+The band contains only three modes, and mode 4 is at 207 Hz, too near for a static residual. Ours
+keeps the modes up to 1.3 times the band, and represents all others by four fixed poles and a static
 residual (`Solution.frf(..., band)`). Its largest error is {_worst(ours, exact):.0e}, and
 {_worst(ours[:1], exact[:1]):.0e} at 0 Hz.
 
-The next table compares the number of fixed-interface modes per link (Craig-Bampton) with all DoFs of the beams. Constraint modes
-contain the static flexibility, so 0 Hz is exact even without any fixed-interface mode:
+The next table compares the number of fixed-interface modes per link (Craig-Bampton) with all DoFs
+of the beams. Constraint modes contain the static flexibility, so 0 Hz is exact even without any
+fixed-interface mode:
 
 {table(["modes per link", "worst", "norm of all", "at 0 Hz"], links)}
 

@@ -43,13 +43,14 @@ def section(pictures: Path) -> str:
     columns += ["asked of ours", "ours", "it says", "solutions"]
     steps = ["step", "FRFs, linear", "modes, signs lost", "modes, signs kept"]
     return f"""\
-The mode of a crank rises with alpha3 past that of a tuned mass, from 20 to 23 Hz in 0.9 rad. The two are coupled
-so that a gap remains between them (`benchmark/stability/crossing.py`). The table shows the largest relative error of the
-natural frequencies. The common methods use {_POINTS} equispaced angles and cubic splines. Sorted frequencies
-have a kink where modes cross. Frequencies tracked by MAC without a check treat every veering narrower
-than a step as a crossing. Ours tracks modes, halves a step where a pair's MAC is 0.5 or less, and solves
-the model where tracked modes seem to cross. It neglects a gap that is within the tolerance,
-also in the shapes, and resolves a wider one.
+The mode of a crank rises with alpha3 past that of a tuned mass, from 20 to 23 Hz in 0.9 rad. The
+two are coupled so that a gap remains between them (`benchmark/stability/crossing.py`). The table
+shows the largest relative error of the natural frequencies. The common methods use {_POINTS}
+equispaced angles and cubic splines. Sorted frequencies have a kink where modes cross. Frequencies
+tracked by MAC without a check treat every veering narrower than a step as a crossing. Ours tracks
+modes, halves a step where a pair's MAC is 0.5 or less, and solves the model where tracked modes
+seem to cross. It neglects a gap that is within the tolerance, also in the shapes, and resolves a
+wider one.
 
 {table(columns, rows)}
 
@@ -57,14 +58,16 @@ also in the shapes, and resolves a wider one.
 - **Still ambiguous.** To resolve a gap of 1e-9 Hz to a tolerance of 1e-11, steps shorter than
   1e-7 of the stroke would be needed. This is rejected: "{_refused()}"
 
-**FRFs between the angles.** The next table is for the default linkage on an even grid and 16 FRFs from 0 to 200 Hz. It shows the largest
-relative L2 error halfway between grid points. FRFs that are interpolated directly have two lower peaks
-instead of one. Interpolating all modes by splines is accurate
-only if each shape keeps its sign from angle to angle, which no eigenvalue solver guarantees:
+**FRFs between the angles.** The next table is for the default linkage on an even grid and 16 FRFs
+from 0 to 200 Hz. It shows the largest relative L2 error halfway between grid points. FRFs that are
+interpolated directly have two lower peaks instead of one. Interpolating all modes by splines is
+accurate only if each shape keeps its sign from angle to angle, which no eigenvalue solver
+guarantees:
 
 {table(steps, between)}
 
-The error of our table, from {len(tables["ours"].alpha3)} angles: {_ours(model, tables["ours"]):.0e}.
+The error of our table, from {len(tables["ours"].alpha3)} angles:
+{_ours(model, tables["ours"]):.0e}.
 
 Tests: `test/table/tabulation/test_veering.py`,
 `test/table/tabulation/test_building.py::test_what_was_asked_for`,
