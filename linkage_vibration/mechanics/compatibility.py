@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The compatibility matrix B(configuration): B u = 0 joins the components.
 
-For a pin between bodies r and s it holds R(angle_r) u_r - R(angle_s) u_s = 0 (Brunetti, D'Ambrogio,
-Fregolent 2022, eq. 20 to 22), u in the bodies' own axes; the ground does not move; a rigid body
-moves at a point by its centre of gravity's displacement and its rotation times the arm. A spring
-has a row as well, whose value is not zero but the spring's elongation.
+A pin between bodies r and s gives R(angle_r) u_r - R(angle_s) u_s = 0 (Brunetti, D'Ambrogio,
+Fregolent 2022, eq. 20 to 22), with u in the bodies' own axes. The ground does not move. A rigid
+body moves at a point by the displacement of its centre of gravity plus its rotation times the arm.
+A spring has a row as well, whose value is the elongation of the spring.
 """
 
 import math
@@ -25,8 +25,8 @@ from linkage_vibration.mechanics.kinematics import Configuration, rotation, rota
 
 FloatArray = NDArray[np.float64]
 
-_ZERO = 1e-12  # of the largest singular value of B: what is below says nothing new
-_CLEAR = 1e-6  # of the same: what is above does; between the two nobody can tell
+_ZERO = 1e-12  # of the largest singular value of B: a direction below is a repetition
+_CLEAR = 1e-6  # of the same: a direction above is a constraint; between the two it is unclear
 _INVOLVED = 1e-6  # share of a row in a dependency, 1
 
 
@@ -59,7 +59,7 @@ class Joining:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RowSpace:
-    """What the rows of B say, each thing once.
+    """The independent constraints in the rows of B.
 
     Attributes
     ----------
@@ -68,9 +68,9 @@ class RowSpace:
     null_space : ndarray, (n, n - rank)
         An orthonormal basis of the motions that open no joint.
     redundant : tuple of int
-        The rows of B that follow from those before them.
+        The rows of B that follow from the rows before them.
     cutoff : float
-        The singular value of B up to which a direction counts as said already.
+        The singular value of B up to which a direction counts as a repetition.
     """
 
     rows: FloatArray
@@ -80,10 +80,10 @@ class RowSpace:
 
 
 def row_space(compatibility: FloatArray, labels: Sequence[str]) -> RowSpace:
-    """Separate what the rows of B say from what they repeat, by truncated SVD.
+    """Separate the independent constraints in the rows of B from repetitions, by truncated SVD.
 
-    Joints that are closed twice, or that tie a rigid body to itself, repeat other rows or say
-    nothing. Singular values up to 1e-12 of the largest are cut off.
+    Joints that are closed twice, or that join a rigid body to itself, repeat other rows or have
+    rows of zeros. Singular values up to 1e-12 of the largest are cut off.
 
     Parameters
     ----------
@@ -96,11 +96,13 @@ def row_space(compatibility: FloatArray, labels: Sequence[str]) -> RowSpace:
     ------
     CouplingError
         If rows nearly repeat one another, with a singular value between 1e-12 and 1e-6 of the
-        largest: to keep them would magnify rounding, to drop them would free a joint. If B holds
-        what is no finite number.
+        largest: keeping them would magnify rounding, and dropping them would free a joint. Also if
+        B is not finite.
     """
     if not np.isfinite(compatibility).all():
-        raise CouplingError("B holds what is no finite number; look where its angles come from.")
+        raise CouplingError(
+            "B has values that are not finite; check the angles and the points of the bodies."
+        )
     left, values, right = np.linalg.svd(compatibility)
     cutoff = _ZERO * float(values.max(initial=0.0))
     rank = int((values > cutoff).sum())
@@ -126,22 +128,22 @@ def _redundant(dependencies: FloatArray) -> tuple[int, ...]:
     for row in reversed(range(len(dependencies))):
         if dependencies.shape[1] and np.linalg.norm(dependencies[row]) > _INVOLVED:
             found.append(row)
-            # The combinations that are left do not involve this row.
+            # The remaining combinations do not involve this row.
             dependencies = dependencies @ null_space(dependencies[row : row + 1])
     return tuple(reversed(found))
 
 
 class InterfaceMap:
-    """Which interface DoF of which component stands where in the vector u.
+    """The position of every interface DoF of every component in the vector u.
 
     Parameters
     ----------
     mechanism : Mechanism
-        Names the pins, the springs and the rigid bodies' points.
+        It has the pins, the springs and the points of rigid bodies.
     components : sequence of Component or FrfComponent
-        Their interface DoFs, component by component, make u.
+        Their interface DoFs, component by component, are the entries of u.
     spatial : bool
-        Whether they hold displacements out of plane.
+        Whether they have displacements out of the plane.
     """
 
     def __init__(
@@ -162,7 +164,7 @@ class InterfaceMap:
             if dof.direction != "y":
                 self._places.setdefault((body, dof.point), []).append(at)
         self._centres = {body.name: body.centre_of_gravity for body in mechanism.rigid_bodies}
-        # Out of plane, rigid bodies are held as the ground is: there is nothing to join among them.
+        # Out of the plane rigid bodies are held, as the ground is, so they need no joint.
         held = {GROUND, *self._centres}
         self._joints = [
             (joint, [0, 1, 2] if spatial and not held.issuperset(joint[1:]) else [0, 2])
@@ -182,7 +184,7 @@ class InterfaceMap:
     def held(self) -> NDArray[np.bool_]:
         """Which interface DoFs of links the ground holds in every configuration, (n,).
 
-        A pin to the ground holds a point however the link lies, and a clamp its rotation.
+        A pin to the ground holds a point at every angle of the link, and a clamp its rotation.
         """
         held = np.zeros(len(self), dtype=bool)
         for (point, first, second), _ in self._joints:
@@ -200,7 +202,14 @@ class InterfaceMap:
     ) -> FloatArray:
         """Return the (3, n) matrix that turns u into a point's global x, y and z displacement.
 
-        With ``rate`` its derivative with respect to alpha3 is returned instead.
+        Parameters
+        ----------
+        body, point : str
+            A point of a body.
+        configuration : Configuration
+            Where the bodies are.
+        rate : bool
+            Return the derivative with respect to alpha3 instead.
         """
         rows = np.zeros((3, len(self)))
         if body == GROUND:
@@ -250,7 +259,7 @@ class InterfaceMap:
         return compatibility, self._elongations(configuration, rate=True)
 
     def _pins(self, configuration: Configuration, *, rate: bool = False) -> FloatArray:
-        """Rows of B, or of its derivative, that belong to the pins."""
+        """Return the rows of B, or of its derivative, that belong to the pins."""
         return np.vstack(
             [
                 self.displacement(first, point, configuration, rate=rate)[kept]
@@ -278,7 +287,7 @@ class InterfaceMap:
             raise MechanismError(
                 f"springs.{spring.name}",
                 f"its two ends meet at alpha3 = {math.degrees(configuration.alpha3):.3f} deg, so "
-                "that it has no direction; put it on the joint instead.",
+                "that it has no direction there; put it on the joint instead.",
             )
         unit = away / length
         apart = self._apart(ends, configuration)
@@ -295,7 +304,7 @@ class InterfaceMap:
         *,
         rate: bool = False,
     ) -> FloatArray:
-        """Displacement of the second end against the first in x and z, (2, n)."""
+        """Return the displacement of the second end relative to the first in x and z, (2, n)."""
         first, second = (
             self.displacement(body, point, configuration, rate=rate)[[0, 2]]
             for body, point, _ in ends
@@ -303,7 +312,7 @@ class InterfaceMap:
         return np.asarray(second - first)
 
     def _turn(self, body: str, point: str) -> FloatArray:
-        """Row that picks the rotation of a body at a point, (n,)."""
+        """Return the row that picks the rotation of a body at a point, (n,)."""
         row = np.zeros(len(self))
         if body != GROUND:
             at = CENTRE_OF_GRAVITY if body in self._centres else point

@@ -30,7 +30,7 @@ class UncoupledSystem:
     n_interface : int
         Interface DoFs of all components; they come first, then all inner coordinates.
     rows : dict of str to ndarray of int, (n_component,)
-        Where the coordinates of each component stand.
+        Indices of the coordinates of each component.
     mass, stiffness, damping, loss : ndarray, (n, n)
         SI; ``loss`` is the imaginary part of the stiffness.
     """
@@ -54,7 +54,7 @@ class CoupledSystem:
     basis : ndarray, (n_interface, m - n_inner)
         Interface DoFs u = basis @ q[: m - n_inner]; the inner coordinates are the rest of q.
     redundant : tuple of str
-        Labels of the constraints that repeat others; they change nothing.
+        Labels of the constraints that repeat others, which have no effect.
     cutoff : float
         The singular value of B up to which a constraint counts as a repetition.
     """
@@ -106,15 +106,22 @@ def uncoupled_system(components: Sequence[Component]) -> UncoupledSystem:
 def couple(system: UncoupledSystem, joining: Joining) -> CoupledSystem:
     """Assemble on the null space of B: M = L^T M L, K = L^T (K + G^T k G) L with B L = 0.
 
-    Constraints that repeat others are left out, and told by their labels.
+    Constraints that repeat others are left out, and their labels are reported.
+
+    Parameters
+    ----------
+    system : UncoupledSystem
+        The components.
+    joining : Joining
+        What joins them in one configuration.
 
     Raises
     ------
     CouplingError
         If constraints nearly repeat others; see `row_space`.
     """
-    said = row_space(joining.compatibility, joining.labels)
-    basis = said.null_space
+    constraints = row_space(joining.compatibility, joining.labels)
+    basis = constraints.null_space
     stretch = joining.elongation @ basis
     return CoupledSystem(
         mass=_congruent(system, system.mass, basis),
@@ -122,8 +129,8 @@ def couple(system: UncoupledSystem, joining: Joining) -> CoupledSystem:
         damping=_congruent(system, system.damping, basis, stretch, joining.damping),
         loss=_congruent(system, system.loss, basis),
         basis=basis,
-        redundant=tuple(joining.labels[row] for row in said.redundant),
-        cutoff=said.cutoff,
+        redundant=tuple(joining.labels[row] for row in constraints.redundant),
+        cutoff=constraints.cutoff,
     )
 
 
@@ -132,8 +139,8 @@ def assembled_frf(
 ) -> ComplexArray:
     """Receptances of the assembly by solving (K + i (D + w C) - w^2 M) q = f line by line.
 
-    It needs no receptance of a component, so it serves at 0 Hz, where free components have none,
-    and on a component's own undamped resonance.
+    It needs no receptance of a component, so it also works at 0 Hz, where free components have
+    none, and at an undamped resonance of a component.
 
     Parameters
     ----------
@@ -182,15 +189,15 @@ def assembled_frf(
 
 
 def _infinite(frequencies: FloatArray) -> CouplingError:
-    """Tell where a receptance is infinite, or as good as that."""
+    """Return the error that a receptance is infinite, or nearly so, at some frequencies."""
     if frequencies[0] == 0.0:
         return CouplingError(
-            "The assembly can move without a force, so it has no receptance at 0 Hz; hold it, "
-            "such as with `clamped` or a spring at the crank's joint, or begin above 0 Hz."
+            "The assembly can move without a force, so it has no receptance at 0 Hz; hold it, for "
+            "example with `clamped` or a spring at the joint of the crank, or begin above 0 Hz."
         )
     return CouplingError(
         f"The assembly has no finite receptance near {frequencies[0]:g} Hz: it resonates there "
-        "without damping, or moves freely so near 0 Hz; give it damping, or move the frequencies."
+        "without damping, or moves freely so near 0 Hz; add damping, or change the frequencies."
     )
 
 
@@ -201,7 +208,7 @@ def _congruent(
     stretch: FloatArray | None = None,
     weights: FloatArray | None = None,
 ) -> FloatArray:
-    """L^T A L, symmetric to the last bit, with springs added on the interface."""
+    """Return L^T A L, symmetric to the last bit, with springs added on the interface."""
     n, free = system.n_interface, basis.shape[1]
     own = basis.T @ matrix[:n, :n] @ basis
     if stretch is not None and weights is not None:

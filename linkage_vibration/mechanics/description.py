@@ -27,20 +27,20 @@ FloatArray = NDArray[np.float64]
 GROUND = "ground"
 
 FORMULATION = 2
-"""Part of every model hash; to be raised when a change of the mechanics changes its numbers."""
+"""Part of every model hash; raise it when a change of the mechanics changes its numbers."""
 
 Point = tuple[float, float]
 
 
 class MechanismError(LinkageVibrationError):
-    """The description of a mechanism is wrong; the text names the key and the mend.
+    """The description of a mechanism is invalid; the text names the key and the fix.
 
     Parameters
     ----------
     path : str
         Where in the description, such as ``links.lower_link.section.width``.
     problem : str
-        What is wrong there, and what would mend it.
+        What is wrong there, and what to do about it.
     """
 
     def __init__(self, path: str, problem: str) -> None:
@@ -67,8 +67,8 @@ class Material:
 class Section:
     """The cross-section of a beam.
 
-    The last three are NaN where only the plane of motion was described; a spatial model then
-    refuses the section.
+    The last three are NaN if only the plane of motion was described; a spatial model then refuses
+    the section.
     """
 
     area: float  # m2
@@ -256,7 +256,7 @@ class Spring:
 
 @dataclass(frozen=True, slots=True)
 class Response:
-    """What is asked of the model at every angle."""
+    """The response that the model predicts at every angle."""
 
     point: str
     direction: Literal["x", "z"]
@@ -275,8 +275,8 @@ class Mechanism:
     springs: tuple[Spring, ...]
     input_body: str
     stroke: tuple[float, float]  # rad, the range of alpha3 that is used
-    assembly_alpha3: float  # rad, where the branch is told
-    assembly_angles: tuple[tuple[str, float], ...]  # rad, about where each other body points there
+    assembly_alpha3: float  # rad, where the angles below select the branch
+    assembly_angles: tuple[tuple[str, float], ...]  # rad, rough direction of each other body there
     damping: Damping
     response: Response
 
@@ -289,18 +289,18 @@ class Mechanism:
     def model_hash(self) -> str:
         """Hash of every number that a prediction depends on, 64 hexadecimal digits.
 
-        Comments, spelling and the order of keys in a file do not enter it; numbers do with 12
-        digits, so that the last bit of another machine's square root makes no other model.
+        Comments, spelling and the order of keys in a file do not matter. Numbers enter with 12
+        digits, so that the last bit of another machine's square root does not change the hash.
         """
         content = ["formulation", FORMULATION, _hashable(self)]
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
     def local_points(self, body: str) -> Mapping[str, Point]:
-        """Return a body's points in its own axes, in m; the ground's in the global axes."""
+        """Return the points of a body in its own axes, or of the ground in the global axes, m."""
         return self._points[body]
 
     def owners(self, point: str) -> tuple[str, ...]:
-        """Return the bodies that carry a point, the ground first."""
+        """Return the bodies that have a point, the ground first."""
         return tuple(name for name, points in self._points.items() if point in points)
 
     @cached_property
@@ -369,7 +369,7 @@ class Mechanism:
 def rayleigh_damping(ratio: float, low: float, high: float) -> Rayleigh:
     """Rayleigh coefficients that give one damping ratio at two frequencies.
 
-    Solves zeta = a / (2 w) + b w / 2 at both; between them the ratio is lower, outside higher.
+    Solves zeta = a / (2 w) + b w / 2 at both; between them the ratio is lower, and outside higher.
 
     Parameters
     ----------
@@ -391,7 +391,7 @@ def rayleigh_damping(ratio: float, low: float, high: float) -> Rayleigh:
 
 
 def _hashable(value: Any) -> Any:
-    """Turn data into what JSON can write, floats to 12 digits and arrays by their digest."""
+    """Turn data into values for JSON: floats to 12 digits, and digests of arrays."""
     if getattr(value, "digest", ""):  # a body whose own numbers may differ in their last bits
         return ["matrices", [str(dof) for dof in value.dofs], value.digest]
     if dataclasses.is_dataclass(value):

@@ -3,7 +3,7 @@
 """Coupling of components by their frequency response functions (LM-FBS).
 
 Brunetti, D'Ambrogio, Fregolent 2022, eq. 14 and 19; de Klerk, Rixen, Voormeeren 2008. A component's
-FRFs are in its own axes, so they are made once; only the compatibility matrix changes with the
+FRFs are in its own axes, so they are computed once; only the compatibility matrix changes with the
 configuration.
 """
 
@@ -28,7 +28,7 @@ _ROUNDING_LIMIT = 1e-6  # of the largest receptance, 1: an error by rounding tha
 
 
 class FbsError(LinkageVibrationError):
-    """FRFs cannot be made or coupled."""
+    """FRFs cannot be computed or coupled."""
 
 
 def component_frf(
@@ -46,7 +46,7 @@ def component_frf(
     mass, stiffness, damping : ndarray, (n, n)
         Symmetric, SI; the damping is viscous, of any kind.
     n_dofs : int
-        How many of the coordinates to keep, the first ones.
+        Number of coordinates to keep, the first ones.
     frequencies : ndarray, (n_freq,)
         Hz.
     loss_factor : float
@@ -67,8 +67,8 @@ def component_frf(
     omega = 2.0 * math.pi * np.asarray(frequencies, dtype=float)
     if (omega == 0.0).any() and _is_floating(stiffness):
         raise FbsError(
-            "A component that is free to move has no receptance at 0 Hz; let the first frequency "
-            "be above 0, 0.1 Hz or more."
+            "A component that is free to move has no receptance at 0 Hz; begin above 0, at 0.1 Hz "
+            "or more."
         )
     lossy = np.asarray((1.0 + 1j * loss_factor) * stiffness, dtype=np.complex128)
     matrices: list[Matrix] = [lossy, mass, damping]
@@ -79,8 +79,8 @@ def component_frf(
     for line in np.flatnonzero(~np.isfinite(frf).all(axis=(1, 2))):
         raise FbsError(
             f"A component's dynamic stiffness is singular at {frequencies[line]:g} Hz: it "
-            "resonates there without damping, or has a coordinate with neither mass nor stiffness; "
-            "give it damping, or move the frequencies."
+            "resonates there without damping, or has a coordinate without mass and stiffness; "
+            "add damping, or change the frequencies."
         )
     return np.asarray((frf + frf.swapaxes(1, 2)) / 2.0, dtype=complex)
 
@@ -88,8 +88,8 @@ def component_frf(
 def _inverse(matrices: Sequence[Matrix], n_dofs: int, omega: FloatArray) -> ComplexArray:
     """Return the part of (K - w^2 M + i w C)^-1 that belongs to the first DoFs, line by line.
 
-    Inner coordinates that do not touch one another, as fixed-interface modes, are eliminated one by
-    one beforehand: Z_bb - sum over i of Z_bi Z_ib / Z_ii.
+    Inner coordinates that are not coupled to one another, such as fixed-interface modes, are first
+    eliminated one by one: Z_bb - sum over i of Z_bi Z_ib / Z_ii.
     """
     n = len(matrices[0])
     b, i = slice(n_dofs), slice(n_dofs, n)
@@ -111,7 +111,7 @@ def _inverse(matrices: Sequence[Matrix], n_dofs: int, omega: FloatArray) -> Comp
 
 
 def _dynamic(matrices: Sequence[Matrix], omega: FloatArray) -> ComplexArray:
-    """K - w^2 M + i w C, (n_freq, ...)."""
+    """Return K - w^2 M + i w C, (n_freq, ...)."""
     stiffness, mass, damping = matrices
     w = omega[:, np.newaxis, np.newaxis]
     return np.asarray(stiffness - w**2 * mass + 1j * w * damping)
@@ -131,14 +131,15 @@ def couple_frfs(
 ) -> ComplexArray:
     """Couple components: H_c = H - H B^T (B H B^T + S)^-1 B H, between outputs and inputs.
 
-    H is block diagonal and never put together: each block is only multiplied with the rows of B,
-    outputs and inputs that touch it. Rigid rows of B that repeat others are left out, as in
+    H is block diagonal and never assembled: each block is only multiplied with the rows of B,
+    outputs and inputs that involve it. Rigid rows of B that repeat others are left out, as in
     `row_space`.
 
     Parameters
     ----------
     blocks : sequence of complex ndarray, (n_freq, n_r, n_r)
-        Receptances of the components at the same frequencies; their DoFs in turn make the n DoFs.
+        Receptances of the components at the same frequencies; their DoFs one after the other are
+        the n DoFs.
     compatibility : ndarray, (n_constraints, n)
         B; B u is zero where the joint is rigid.
     outputs, inputs : ndarray, (n_out, n) and (n_in, n)
@@ -147,7 +148,7 @@ def couple_frfs(
         Diagonal of S: 1/k makes B u the elongation of a spring k, 1/(k + i w c) with a damper
         beside it; 0 is rigid.
     frequencies : ndarray, (n_freq,), optional
-        Hz, to be named in errors.
+        Hz, for errors.
 
     Returns
     -------
@@ -159,19 +160,19 @@ def couple_frfs(
     CouplingError
         If rigid rows of B nearly repeat others.
     FbsError
-        If the arrays do not fit one another; if at a frequency the rounding of the components'
-        FRFs leaves an error above 1e-6 of the assembly's largest: free components near 0 Hz, or
-        undamped ones on a resonance of their own, move so much more than the assembly.
+        If the arrays do not match; if at a frequency the rounding of the components' FRFs leaves an
+        error above 1e-6 of the assembly's largest: free components near 0 Hz, or undamped ones at
+        a resonance of their own, move much more than the assembly.
     """
     frf, error = couple_frfs_with_error(blocks, compatibility, outputs, inputs, compliance)
     poor = ~(error <= _ROUNDING_LIMIT * np.abs(frf).max(axis=(1, 2), initial=0.0))
     if poor.any():
-        # A response that vanishes tells nothing; the largest between any DoFs does.
+        # A response that vanishes is no measure of the error; the largest between any DoFs is.
         if np.ndim(compliance) == 2:
             compliance = np.asarray(compliance)[poor]
         every = np.eye(compatibility.shape[1])
-        some = [block[poor] for block in blocks]
-        whole, _ = couple_frfs_with_error(some, compatibility, every, every, compliance)
+        at_poor = [block[poor] for block in blocks]
+        whole, _ = couple_frfs_with_error(at_poor, compatibility, every, every, compliance)
         share = error[poor] / np.abs(whole).max(axis=(1, 2))
         share = np.where(np.isfinite(share), share, np.inf)
         if (share > _ROUNDING_LIMIT).any():
@@ -187,23 +188,28 @@ def couple_frfs_with_error(
     inputs: FloatArray,
     compliance: FloatArray | ComplexArray | float = 0.0,
 ) -> tuple[ComplexArray, FloatArray]:
-    """Couple components as `couple_frfs` does, and estimate what rounding does to it.
+    """Couple components as `couple_frfs` does, and estimate the error by rounding.
 
     A relative change of B H B^T + S by eps, which double precision cannot avoid, changes H_c by
-    f^T dZ g, with f and g the interface forces that come with the outputs and the inputs; so the
-    error is up to eps abs(f)^T abs(Z) abs(g). The components are taken for reciprocal in f.
+    f^T dZ g, with the interface forces f and g of the outputs and the inputs; so the error is up to
+    eps abs(f)^T abs(Z) abs(g). For f, the components are assumed to be reciprocal.
+
+    Parameters
+    ----------
+    blocks, compatibility, outputs, inputs, compliance
+        As `couple_frfs` takes them.
 
     Returns
     -------
     frf : complex ndarray, (n_freq, n_out, n_in)
         m/N between displacements; NaN where B H B^T + S is singular.
     error : ndarray, (n_freq,)
-        Estimate of the error by rounding, of the FRF that it hits most, m/N; infinite there.
+        Estimate of the largest error by rounding, m/N; infinite where the matrix is singular.
 
     Raises
     ------
     CouplingError, FbsError
-        As `couple_frfs`, but for what rounding does.
+        As `couple_frfs` raises them, except for rounding.
     """
     n_freq = _check_sizes(blocks, (compatibility, outputs, inputs))
     compatibility, compliance = _independent(compatibility, compliance)
@@ -222,7 +228,7 @@ def couple_frfs_with_error(
     forces = _solve(interface, driven)
     coupled = frf[:, n_rows:, n_rows:] - seen @ forces
     g = np.abs(forces).max(axis=2, initial=0.0)
-    # Where forces as large as the inputs' on both sides do nothing, it is left at that.
+    # If forces as large as those of the inputs on both sides are harmless, no more is computed.
     level = np.sqrt(np.abs(interface[:, diagonal, diagonal]))
     error = np.finfo(float).eps * (g * level).sum(axis=1) ** 2
     close = ~(error <= _HARMLESS * np.abs(coupled).max(axis=(1, 2), initial=0.0))
@@ -236,17 +242,17 @@ def couple_frfs_with_error(
 def _independent(
     compatibility: FloatArray, compliance: FloatArray | ComplexArray | float
 ) -> tuple[FloatArray, FloatArray | ComplexArray]:
-    """Replace rigid rows by a basis of what they span, where some repeat others."""
+    """Replace rigid rows by a basis of their span if some repeat others."""
     n_rows = len(compatibility)
     spread = np.broadcast_to(compliance, (*np.shape(compliance)[:-1], n_rows))
     rigid = ~spread.any(axis=tuple(range(spread.ndim - 1)))
-    said = row_space(compatibility[rigid], [f"row {row}" for row in np.flatnonzero(rigid)])
-    if not said.redundant:
+    constraints = row_space(compatibility[rigid], [f"row {row}" for row in np.flatnonzero(rigid)])
+    if not constraints.redundant:
         return compatibility, spread
-    none = np.zeros((*spread.shape[:-1], len(said.rows)))
+    zeros = np.zeros((*spread.shape[:-1], len(constraints.rows)))
     return (
-        np.vstack([said.rows, compatibility[~rigid]]),
-        np.concatenate([none, spread[..., ~rigid]], axis=-1),
+        np.vstack([constraints.rows, compatibility[~rigid]]),
+        np.concatenate([zeros, spread[..., ~rigid]], axis=-1),
     )
 
 
@@ -266,48 +272,48 @@ def _solve(matrices: ComplexArray, right: Matrix) -> ComplexArray:
 
 
 def _lost(lines: IntArray, share: float, frequencies: FloatArray | None) -> FbsError:
-    """Tell where rounding leaves too few digits, and why."""
+    """Return the error that rounding leaves too few digits at some frequencies."""
     place = f"line {lines[0]}" if frequencies is None else f"{frequencies[lines[0]]:g} Hz"
     if len(lines) > 1:
         place += f" and {len(lines) - 1} other frequencies"
     if share == np.inf:
         return FbsError(
-            f"The interface flexibility B H B^T is singular at {place}; look for components "
-            "without FRFs at a joint."
+            f"The interface flexibility B H B^T is singular at {place}; check that every "
+            "component has FRFs at its joints."
         )
     return FbsError(
-        f"At {place} the components move so much more than their assembly, being free near 0 Hz "
-        "or on an undamped resonance of their own, that rounding of their FRFs leaves an error of "
-        f"{share:.0e} of the largest coupled one; leave these frequencies out, give damping, or "
-        "give the components by their matrices."
+        f"At {place} the components move much more than their assembly, because they are free near "
+        "0 Hz or at an undamped resonance of their own, so rounding of their FRFs leaves an error "
+        f"of {share:.0e} of the largest coupled FRF; leave these frequencies out, add damping, or "
+        "describe the components by their matrices."
     )
 
 
 def _check_sizes(blocks: Sequence[ComplexArray], rows: Sequence[FloatArray]) -> int:
-    """Return how many frequencies the blocks share."""
+    """Return the number of frequencies of the blocks."""
     n = sum(block.shape[1] for block in blocks)
     for name, matrix in zip(("compatibility", "outputs", "inputs"), rows, strict=True):
         if matrix.shape[1] != n:
             raise FbsError(
-                f"The {name} have {matrix.shape[1]} columns, but the components {n} DoFs; give "
-                "one column to each DoF."
+                f"The {name} have {matrix.shape[1]} columns, but the components have {n} "
+                "DoFs; give one column to each DoF."
             )
     for i, block in enumerate(blocks):
         if not np.isfinite(block).all():
             raise FbsError(
-                f"The FRFs of component {i + 1} hold what is no finite number; mend or leave out "
+                f"The FRFs of component {i + 1} have values that are not finite; repair or remove "
                 "those frequencies."
             )
     lengths = [len(block) for block in blocks]
     if len(set(lengths)) != 1:
         raise FbsError(
-            f"The components' FRFs have {', '.join(map(str, lengths))} frequencies; bring them to "
-            "one frequency axis."
+            f"The components' FRFs have {', '.join(map(str, lengths))} frequencies; resample them "
+            "on one frequency axis."
         )
     return lengths[0]
 
 
 def _is_floating(stiffness: FloatArray) -> bool:
-    """Whether a stiffness matrix lets its component move without a force."""
+    """Return whether a stiffness matrix lets its component move without a force."""
     scale = np.sqrt(np.maximum(np.diag(stiffness), np.finfo(float).tiny))
     return bool(np.linalg.eigvalsh(stiffness / np.outer(scale, scale))[0] < _FLOATING)

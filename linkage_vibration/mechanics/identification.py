@@ -6,20 +6,20 @@ Poles come from the polyreference least-squares complex frequency-domain method:
 2003, "A poly-reference implementation of the least-squares complex frequency-domain estimator";
 Peeters et al. 2004, "The PolyMAX frequency-domain method". A right matrix fraction with real
 coefficients, H(z) = B(z) A(z)^-1, is fitted in least squares; the roots of A are the poles.
-Residues then follow from a linear fit (LSFD) with residual terms for what lies below and above the
-band. Modes are the stable poles that recur in models of many orders, with like shapes, and whose
-residue shows in an FRF.
+Residues then follow from a linear fit (LSFD) with residual terms for the modes below and above
+the band. Modes are the stable poles that recur in models of many orders, with similar shapes, and
+whose residue is visible in an FRF.
 
-What differs from the textbook, so that modes at 3 Hz and at 200 Hz come out of one fit:
+Differences from the textbook, so that one fit finds modes at 3 Hz and at 200 Hz:
 
 - z = (c + s) / (c - s), not exp(s dt). It maps the whole frequency axis once around the unit
   circle, so a modal model is exactly a fraction in z, whatever the spacing of the lines.
-- Polynomials are orthonormal on the lines, made by Arnoldi's recurrence (Brubeck, Nakatsukasa,
+- Polynomials are orthonormal on the lines, by Arnoldi's recurrence (Brubeck, Nakatsukasa,
   Trefethen 2021), as powers of z are ill-conditioned in a narrow band.
-- The accelerance -w^2 H is fitted, in which modes weigh alike, and a second pass divides each line
-  by abs(det A) of the first (Sanathanan and Koerner 1963), without which noise biases damping.
+- The accelerance -w^2 H is fitted, in which modes have similar weights. A second pass divides each
+  line by abs(det A) of the first (Sanathanan and Koerner 1963), without which noise biases damping.
 - A is I at z = 0, which puts roots that only fit noise outside the unit circle, where they are
-  unstable and drop out (Cauberghe et al. 2005).
+  unstable and are discarded (Cauberghe et al. 2005).
 """
 
 import math
@@ -36,18 +36,18 @@ FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 BoolArray = NDArray[np.bool_]
 
-_STEADY = 0.2  # of a pole's decay rate, by which it may move from order to order
+_STEADY = 0.2  # by which a pole may move from order to order, of its decay rate
 _ALIKE = 0.9  # least MAC of its shape with that at another order
-_FAINT = 1e-4  # least share of a mode in any FRF at its resonance; pole and zero cancel below it
-_ABOVE_NOISE = 3.0  # and least share against the noise, more where few lines show a peak
-_SURE = 0.5  # share that is a mode in any noise
-_RECURS = 0.5  # least share of the orders at which it is found
+_FAINT = 1e-4  # least share of a mode in any FRF at its resonance; below it, pole and zero cancel
+_ABOVE_NOISE = 3.0  # least share relative to the noise; more where few lines show a peak
+_SURE = 0.5  # a share that is a mode whatever the noise
+_RECURS = 0.5  # least share of the orders at which a mode is found
 _LINES_A_POLE = 3  # least lines in the band for each pole of a model
-_LEAST_DEGREE = 10  # of the polynomials that the lines must allow
-_NODE = 1e-9  # residue of a drive point that stands still, against the mode's largest
+_LEAST_DEGREE = 10  # of the polynomials, for which there must be enough lines
+_NODE = 1e-9  # residue of a drive point at a node, relative to the largest of the mode
 _COARSEST = 5.0  # half-power bandwidths, by which lines may be apart at a peak
-_SHORT = 0.01  # of a band, by which its lines may fall short of either end
-_UNEXPLAINED = 0.6  # of the FRFs, that modes may leave in the mean of some lines
+_SHORT = 0.01  # of a band: how far its lines may end before its ends
+_UNEXPLAINED = 0.6  # of the FRFs: what modes may leave unexplained in the mean of some lines
 _RUN = 5  # lines
 
 
@@ -59,7 +59,7 @@ class IdentificationError(LinkageVibrationError):
 class IdentifiedModes:
     """Modes found in a band, ascending.
 
-    H(w) = sum over modes of R / (i w - p) + conj(R) / (i w - conj(p)), and what lies elsewhere.
+    H(w) = sum over modes of R / (i w - p) + conj(R) / (i w - conj(p)), plus modes outside the band.
 
     Attributes
     ----------
@@ -98,30 +98,30 @@ def identify(
 
     Shapes come from the column of the drive point d, where R_d = phi_d^2 / (2 i w_d) for a mode of
     unit modal mass (w_d = imag p): phi_o = 2 i w_d R_o / sqrt(2 i w_d R_d), turned in the complex
-    plane to be as real as it can, of which the real part is kept. As far as damping is proportional
-    these are the shapes of the undamped modes. Their scale is as sure as R_d, and poor in a mode
-    that hardly moves the drive point.
+    plane to be as real as possible, of which the real part is kept. If damping is proportional,
+    these are the shapes of the undamped modes. Their scale is as accurate as R_d, which is poor for
+    a mode that hardly moves the drive point.
 
     Parameters
     ----------
     frequencies : ndarray, (n_freq,)
-        Hz, ascending, spaced at will.
+        Hz, ascending, with any spacing.
     frf : complex ndarray, (n_freq, n_out, n_in)
         Receptances there, m/N between displacements.
     band : tuple of float
         Hz; lines outside it are not used.
     drive_point : tuple of int
-        Which output and which input are one point and direction.
+        Indices of the output and the input that are one point and direction.
     max_order : int
-        Poles of the largest model: twice the modes in and near the band, and as many again against
-        noise. A third of the lines is the most that is used.
+        Poles of the largest model: twice the modes in and near the band, and as many again for
+        noise. At most a third of the number of lines is used.
 
     Raises
     ------
     IdentificationError
-        If the arrays do not fit one another; if the lines fall short of the band, are too few, or
-        are too far apart for a peak; if there is no mode, or modes leave too much of the FRFs
-        unexplained; if a mode does not move the drive point.
+        If the arrays do not match; if the lines do not cover the band, are too few, or are too far
+        apart for a peak; if there is no mode, or modes leave too much of the FRFs unexplained; if
+        a mode does not move the drive point.
     """
     frequencies, frf = _in_band(frequencies, frf, band)
     if not (0 <= drive_point[0] < frf.shape[1] and 0 <= drive_point[1] < frf.shape[2]):
@@ -136,7 +136,7 @@ def identify(
     inside = (found >= band[0]) & (found <= band[1])
     rest = _line_sizes(omega, frf, frf - fitted)
     noise = float(np.median(rest / _line_sizes(omega, frf)))
-    # Noise does most where a peak is narrower than the lines' spacing, or only its flank is seen.
+    # Noise matters most where a peak is narrower than the spacing, or only its flank is seen.
     ends = np.minimum(np.abs(found - frequencies[0]), np.abs(frequencies[-1] - found))
     flank = 1.0 - poles.real / math.pi / np.maximum(ends, np.finfo(float).tiny)
     doubt = np.maximum(_coarseness(frequencies, poles), 1.0) * flank
@@ -144,8 +144,8 @@ def identify(
     modes = recurring & inside & (_prominence(omega, frf, poles, residues) > faint)
     if not modes.any():
         raise IdentificationError(
-            f"No mode shows between {band[0]:g} and {band[1]:g} Hz; widen the band, refine the "
-            "lines, lower the noise, or add damping if there is none."
+            f"No mode is visible between {band[0]:g} and {band[1]:g} Hz; widen the band, refine "
+            "the lines, lower the noise, or add damping if there is none."
         )
     _check_resolution(frequencies, poles[modes])
     _check_complete(omega, frf, poles[modes | ~inside], band)
@@ -156,12 +156,21 @@ def identify(
 def fit_poles(
     omega: FloatArray, frf: ComplexArray, max_order: int
 ) -> tuple[ComplexArray, BoolArray]:
-    """Fit stable poles, ascending, to receptances (n_freq, n_out, n_in).
+    """Fit stable poles, ascending, to receptances.
+
+    Parameters
+    ----------
+    omega : ndarray, (n_freq,)
+        rad/s, ascending.
+    frf : complex ndarray, (n_freq, n_out, n_in)
+        Receptances there, m/N.
+    max_order : int
+        Poles of the largest model; a third of the number of lines is the most that is used.
 
     Returns
     -------
     poles : complex ndarray, (n,)
-        In the upper half plane, rad/s; those that stand for noise are among them.
+        In the upper half plane, rad/s; some of them only fit noise.
     recurring : ndarray of bool, (n,)
         Which of them most models of the upper half of orders have as well.
     """
@@ -172,11 +181,11 @@ def fit_poles(
 def _in_band(
     frequencies: FloatArray, frf: ComplexArray, band: tuple[float, float]
 ) -> tuple[FloatArray, ComplexArray]:
-    """Return the lines of a band that can be used."""
+    """Return the usable lines of a band."""
     frequencies, frf = np.asarray(frequencies, dtype=float), np.asarray(frf)
     if frf.ndim != 3 or frequencies.shape != frf.shape[:1]:
         raise IdentificationError(
-            f"{frequencies.size} frequencies do not fit FRFs of shape {frf.shape}; give one "
+            f"{frequencies.size} frequencies do not match FRFs of shape {frf.shape}; give one "
             "frequency to each line, and FRFs as (lines, outputs, inputs)."
         )
     kept = (frequencies >= band[0]) & (frequencies <= band[1]) & (frequencies > 0.0)
@@ -188,15 +197,16 @@ def _in_band(
         )
     if not (np.isfinite(frf[kept]).all() and (np.diff(frequencies) > 0.0).all()):
         raise IdentificationError(
-            "FRFs hold values that are not finite, or frequencies that do not ascend; repair them."
+            "FRFs have values that are not finite, or frequencies do not ascend; repair or remove "
+            "these lines."
         )
     frequencies, frf = frequencies[kept], frf[kept]
     slack = _SHORT * (band[1] - band[0])
     if frequencies[0] > band[0] + slack or frequencies[-1] < band[1] - slack:
         raise IdentificationError(
-            f"The lines reach from {frequencies[0]:g} to {frequencies[-1]:g} Hz, short of the band "
-            f"of {band[0]:g} to {band[1]:g} Hz, so that a mode in the rest would go unseen; "
-            "measure over all of it, or narrow the band."
+            f"The lines cover {frequencies[0]:g} to {frequencies[-1]:g} Hz, not the whole band of "
+            f"{band[0]:g} to {band[1]:g} Hz, so that a mode in the rest would be missed; measure "
+            "over all of it, or narrow the band."
         )
     return frequencies, frf
 
@@ -204,9 +214,9 @@ def _in_band(
 def _check_complete(
     omega: FloatArray, frf: ComplexArray, poles: ComplexArray, band: tuple[float, float]
 ) -> None:
-    """Refuse modes that leave most of the FRFs about some frequency.
+    """Refuse modes that leave most of the FRFs unexplained near some frequency.
 
-    About a peak that is missing nearly all is left; noise of 10 % leaves 10 %.
+    Near a missing peak nearly everything is left; noise of 10 % leaves 10 %.
     """
     size = _line_sizes(omega, frf)
     fitted = _residues(omega, frf, poles, 1.0 / size)[1]
@@ -217,15 +227,15 @@ def _check_complete(
         where = omega[worst + _RUN // 2] / (2.0 * math.pi)
         raise IdentificationError(
             f"The modes found between {band[0]:g} and {band[1]:g} Hz leave "
-            f"{100.0 * left[worst]:.0f} % of the FRFs unexplained about {where:.4g} Hz, so that "
-            "one may be missing there; lower the noise, or refine the lines."
+            f"{100.0 * left[worst]:.0f} % of the FRFs unexplained near {where:.4g} Hz, so that "
+            "a mode may be missing there; lower the noise, or refine the lines."
         )
 
 
 def _line_sizes(
     omega: FloatArray, frf: ComplexArray, part: ComplexArray | None = None
 ) -> FloatArray:
-    """Norm of FRFs, or of a part of them, at each line, outputs of any unit alike, (n_freq,)."""
+    """Return the norm of FRFs, or of a part, at each line, with normalised outputs, (n_freq,)."""
     outputs = np.linalg.norm(omega[:, np.newaxis, np.newaxis] ** 2 * frf, axis=(0, 2))
     weights = 1.0 / np.where(outputs > 0.0, outputs, np.inf)[:, np.newaxis]
     sizes = np.linalg.norm(weights * (frf if part is None else part), axis=(1, 2))
@@ -240,14 +250,14 @@ def _coarseness(frequencies: FloatArray, poles: ComplexArray) -> FloatArray:
 
 
 def _check_resolution(frequencies: FloatArray, poles: ComplexArray) -> None:
-    """Refuse modes whose peak may hide between two lines."""
+    """Refuse modes whose peak may be missed between two lines."""
     for pole, coarseness in zip(poles, _coarseness(frequencies, poles), strict=True):
         if coarseness > _COARSEST:
             width = -pole.real / math.pi
             raise IdentificationError(
                 f"The peak at {abs(pole) / (2.0 * math.pi):.4g} Hz is {width:.2g} Hz wide, but the "
-                f"lines there are {coarseness * width:.2g} Hz apart, too few to show it; space "
-                f"them by {width:.2g} Hz or less."
+                f"lines there are {coarseness * width:.2g} Hz apart, too coarse to show it; use a "
+                f"spacing of {width:.2g} Hz or less."
             )
 
 
@@ -265,7 +275,7 @@ def _models(omega: FloatArray, frf: ComplexArray, degree: int) -> Iterator[_Mode
     z = (scale + 1j * omega) / (scale - 1j * omega)
     accelerance = omega[:, np.newaxis, np.newaxis] ** 2 * frf
     size = np.sqrt((np.abs(accelerance) ** 2).mean(axis=(0, 2), keepdims=True))
-    accelerance /= np.where(size > 0.0, size, 1.0)  # outputs of any unit weigh alike
+    accelerance /= np.where(size > 0.0, size, 1.0)  # outputs of any unit have the same weight
     first = _Fraction(z, accelerance, np.ones(len(z)), degree)
     second = _Fraction(
         z, accelerance, 1.0 / np.abs(np.linalg.det(first.denominator(degree))), degree
@@ -284,7 +294,7 @@ class _Fraction:
     def __init__(
         self, z: ComplexArray, frf: ComplexArray, weights: FloatArray, degree: int
     ) -> None:
-        """Make the orthonormal basis and what is left of the FRFs once B is eliminated."""
+        """Compute the orthonormal basis, and what remains of the FRFs after B is eliminated."""
         n_freq, n_out, self._n_in = frf.shape
         self._basis = np.empty((n_freq, degree + 1), dtype=complex)
         self._basis[:, 0] = weights / np.linalg.norm(weights)
@@ -292,7 +302,7 @@ class _Fraction:
         self._recurrence = np.zeros((degree + 1, degree))
         for k in range(degree):
             column, before = z * self._basis[:, k], self._basis[:, : k + 1]
-            for _ in range(2):  # the second time removes what rounding left
+            for _ in range(2):  # the second pass removes rounding
                 share = (before.conj().T @ column).real
                 column -= before @ share
                 self._recurrence[: k + 1, k] += share
@@ -353,8 +363,8 @@ def _real(matrix: ComplexArray) -> FloatArray:
 def _recurring(models: list[_Model]) -> tuple[ComplexArray, BoolArray]:
     """Return the poles of one model, ascending, and which of them recur.
 
-    Those recur that most models of the upper half of orders have. The model is the lowest of these
-    that shows as many of them as any.
+    A pole recurs if most models of the upper half of orders have it. The model is the lowest of
+    those with the largest number of such poles.
     """
     models = models[len(models) // 2 :]
     flags = [
@@ -366,7 +376,7 @@ def _recurring(models: list[_Model]) -> tuple[ComplexArray, BoolArray]:
 
 
 def _recurs(model: _Model, other: _Model) -> BoolArray:
-    """Which poles of a model another one has as well, one for one, (n,)."""
+    """Return which poles of a model another one has as well, one for one, (n,)."""
     if not (len(model.poles) and len(other.poles)):
         return np.zeros(len(model.poles), dtype=bool)
     moved = np.abs(model.poles[:, np.newaxis] - other.poles)
@@ -383,9 +393,9 @@ def _residues(
 ) -> tuple[ComplexArray, ComplexArray]:
     """Fit the residues of poles, (n, n_out, n_in), beside residual terms, and the FRFs (LSFD).
 
-    Weights are of the lines, (n_freq,).
-    These are L / s^2 for what lies below the lines, and U + V s^2 for what lies above. Poles that
-    are no modes of the band take part, so that what they stand for does not fall to its modes.
+    ``weights`` has one weight for each line, (n_freq,). Residual terms are L / s^2 for modes below
+    the lines, and U + V s^2 for those above. Poles that are not modes of the band take part, so
+    that their share does not go to its modes.
     """
     scale = omega[-1]
     s = 1j * omega[:, np.newaxis] / scale
@@ -415,13 +425,14 @@ def _prominence(
 def _shapes(
     poles: ComplexArray, residues: ComplexArray, drive_point: tuple[int, int]
 ) -> FloatArray:
-    """Real mass-normalised shapes, (n_out, n)."""
+    """Return real mass-normalised shapes, (n_out, n)."""
     output, force = drive_point
     products = 2j * poles.imag[:, np.newaxis, np.newaxis] * residues
     left, values, right = np.linalg.svd(products, full_matrices=False)
     if (np.abs(products[:, output, force]) < _NODE * values[:, 0]).any():
         raise IdentificationError(
-            "A mode does not move the drive point, so its shape has no scale; choose another one."
+            "A mode does not move the drive point, so its shape has no scale; choose another drive "
+            "point."
         )
     columns = left[:, :, 0] * (values[:, 0] * right[:, 0, force])[:, np.newaxis]
     shapes = columns / np.sqrt(columns[:, [output]])

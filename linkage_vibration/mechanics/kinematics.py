@@ -1,13 +1,14 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Loop closure: an input angle goes in, the configuration of every body comes out.
+"""Loop closure: finds the configuration of every body at an input angle.
 
 The pins alone leave one degree of freedom, so the closed positions of the linkage form a curve.
 It is traced once by its arc length, from the pose that the description gives to the toggles at
-which it turns back (or through a full turn); a configuration is then Newton's solution from between
-traced points. Arc length passes a toggle where the input angle, as a parameter, cannot, and stays
-on one branch of the assembly: where another crosses it, the determinant of the pins' equations
-changes its sign (Allgower and Georg, Numerical Continuation Methods, 1990, ch. 8), and it ends.
+which it turns back (or through a full turn). A configuration is then found by Newton's method from
+a guess between traced points. Arc length passes a toggle where the input angle, as a parameter,
+cannot, and stays on one branch of the assembly: where another crosses it, the determinant of the
+equations of the pins changes its sign (Allgower and Georg, Numerical Continuation Methods, 1990,
+ch. 8), and the trace ends.
 """
 
 import math
@@ -23,25 +24,25 @@ from linkage_vibration.mechanics.description import GROUND, Mechanism, Mechanism
 
 FloatArray = NDArray[np.float64]
 
-_STEP = 0.3  # of arc length, with lengths scaled by the largest body: some 10 deg of rotation
+_STEP = 0.3  # of arc length, with lengths scaled by the largest body: about 10 deg of rotation
 _LEAST_STEP = 1e-6  # where shorter ones still fail, another branch crosses
-_BEND = 0.25  # rad, by which the curve should turn in a step; twice that is refused
-_TURNING_TOLERANCE = 1e-8  # of arc length: alpha3 at a toggle is off by its square
+_BEND = 0.25  # rad, by which the curve should turn in a step; twice that is rejected
+_TURNING_TOLERANCE = 1e-8  # of arc length: the error of alpha3 at a toggle is its square
 _TOLERANCE = 1e-13  # of a Newton step, in the same scale
-_BRANCH_MARGIN = math.radians(45.0)  # how far a body may turn from the described pose
+_BRANCH_MARGIN = math.radians(45.0)  # how far a body may turn away from the described pose
 
 
 @dataclass(frozen=True, slots=True)
 class Toggle:
-    """An input angle at which the linkage locks and turns back, or may go on in another branch.
+    """An input angle at which the linkage locks and turns back, or may continue on another branch.
 
     Attributes
     ----------
     alpha3 : float
         rad.
     aligned : tuple of str
-        Joints that are in line there, of an arm that is stretched or folded; empty where more than
-        two bodies lock one another.
+        Joints of a stretched or folded arm, which are in line there; empty if more than two bodies
+        lock one another.
     bodies : tuple of str
         The bodies that could move there with the input held still.
     """
@@ -51,7 +52,7 @@ class Toggle:
     bodies: tuple[str, ...]
 
     def __str__(self) -> str:
-        """Return where it is and why, in words."""
+        """Return where it is and why."""
         words = f"{math.degrees(self.alpha3):.3f} deg"
         if self.aligned:
             return f"{words} with {', '.join(self.aligned[:-1])} and {self.aligned[-1]} in line"
@@ -59,15 +60,15 @@ class Toggle:
 
 
 class KinematicsError(LinkageVibrationError):
-    """The linkage cannot take the angle asked for.
+    """The linkage cannot close at the requested angle.
 
     Parameters
     ----------
     alpha3 : float
-        The angle asked for, rad.
+        The requested angle, rad.
     nearest : Toggle or None
-        The end of the range in which the linkage closes, on that side; None where it closes at
-        every angle and what was asked for is none.
+        The end of the range in which the linkage closes, on that side; None if it closes at every
+        angle and the requested value is not an angle.
     """
 
     def __init__(self, alpha3: float, nearest: Toggle | None) -> None:
@@ -84,7 +85,7 @@ class KinematicsError(LinkageVibrationError):
 
 @dataclass(frozen=True, slots=True)
 class Configuration:
-    """Where every body is at one input angle, and how it moves with that angle.
+    """The pose of every body at one input angle, and its rate of change with that angle.
 
     Attributes
     ----------
@@ -101,7 +102,7 @@ class Configuration:
     velocity_ratios : ndarray, (n,)
         d(angle)/d(alpha3), 1.
     toggle_distance : float
-        How far alpha3 is from the nearer toggle, rad; infinite where there is none.
+        Distance of alpha3 from the nearer toggle, rad; infinite if there is none.
     """
 
     alpha3: float
@@ -121,14 +122,28 @@ class Configuration:
         return float(self.velocity_ratios[self.bodies.index(body)])
 
     def place(self, body: str, local: Point) -> FloatArray:
-        """Return the global x and z, in m, of a point given in a body's own axes."""
+        """Return the global x and z of a point, (2,), m.
+
+        Parameters
+        ----------
+        body : str
+            Name of a body, or the ground.
+        local : (x, z)
+            The point in the body's own axes, m.
+        """
         if body == GROUND:
             return np.array(local)
         arm = rotation(self.angle(body)) @ np.array(local)
         return np.asarray(self.origins[self.bodies.index(body)] + arm)
 
     def place_rate(self, body: str, local: Point) -> FloatArray:
-        """Return d(place)/d(alpha3), (2,), m/rad, of a point given in a body's own axes."""
+        """Return d(place)/d(alpha3) of a point, (2,), m/rad.
+
+        Parameters
+        ----------
+        body, local
+            As `place` takes them.
+        """
         if body == GROUND:
             return np.zeros(2)
         i = self.bodies.index(body)
@@ -150,10 +165,10 @@ def rotation_derivative(angle: float) -> FloatArray:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Pins:
-    """By how much the two ends of every pin are apart, lengths scaled.
+    """The gap between the two ends of every pin, with scaled lengths.
 
-    That is linear in the positions, cosines and sines of a pose (x, z and angle of each body), with
-    matrices that are the same in every pose. A last row is left to what else a pose has to meet.
+    It is linear in the positions, cosines and sines of a pose (x, z and angle of each body), with
+    matrices that are the same in every pose. The last row is free for another condition.
 
     Attributes
     ----------
@@ -162,7 +177,7 @@ class _Pins:
     cosines, sines : ndarray, (2 n_pins + 1, n_bodies)
         d(gap)/d(cosine of each angle), and of each sine.
     ground : ndarray, (2 n_pins + 1,)
-        What the ground's ends add.
+        Contribution of the ends on the ground.
     """
 
     positions: FloatArray
@@ -202,7 +217,7 @@ def _pins(mechanism: Mechanism, length: float) -> _Pins:
 
 
 def _same_place(pose: FloatArray, other: FloatArray) -> bool:
-    """Tell whether two poses differ by full turns of the bodies at most."""
+    """Return whether two poses differ by no more than full turns of the bodies."""
     difference = pose - other
     difference[2::3] = np.sin(difference[2::3] / 2.0)
     return bool(np.abs(difference).max() < 1e-6)
@@ -262,7 +277,7 @@ class Kinematics:
         Raises
         ------
         KinematicsError
-            If the linkage cannot close there; it tells the nearest angle at which it can.
+            If the linkage cannot close there; the error has the nearest angle at which it can.
         """
         low, high = self.closable_range
         if not low < alpha3 < high:
@@ -286,9 +301,9 @@ class Kinematics:
         )
 
     def _evenly(self, alpha3: float | FloatArray) -> FloatArray:
-        """Turn alpha3 into what poses are smooth functions of, up to the toggles.
+        """Turn alpha3 into a variable of which poses are smooth functions, up to the toggles.
 
-        Beside a toggle they change as the square root of the distance, as an arc sine does.
+        Near a toggle they change as the square root of the distance, as an arc sine does.
         """
         if self._toggles is None:
             return np.asarray(alpha3)
@@ -306,9 +321,9 @@ class Kinematics:
     def _close(
         self, pose: FloatArray, direction: FloatArray, target: float
     ) -> tuple[FloatArray, FloatArray] | None:
-        """Newton's closed pose with ``direction @ pose == target``; None if there is none near.
+        """Return the closed pose with ``direction @ pose == target`` by Newton's method, or None.
 
-        With it comes d(pose)/d(target), which points along the curve of closed poses.
+        The second array is d(pose)/d(target), which points along the curve of closed poses.
         """
         try:
             for _ in range(30):
@@ -317,13 +332,13 @@ class Kinematics:
                 gaps[-1] = direction @ pose - target
                 step = np.linalg.solve(matrix, gaps)
                 size = float(np.abs(step).max())
-                if not size < 2.0:  # also when not a number: far from any solution
+                if not size < 2.0:  # far from any solution, or not a number
                     return None
                 pose = pose - step
                 if size < _TOLERANCE * (1.0 + float(np.abs(pose).max())):
                     break
             gaps, matrix = self._pins.at(pose)
-            # Beside a toggle rounding keeps the steps from falling further; the pins tell.
+            # Near a toggle rounding limits the steps, so the gaps of the pins decide.
             if float(np.abs(gaps[:-1]).max()) > _TOLERANCE:
                 return None
             matrix[-1] = direction

@@ -44,30 +44,30 @@ FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
 _STILL = 1e-6  # of the largest response: below it a DoF is held
-_NOISE = 0.5  # of coupled FRFs, root mean square over lines, that measured ones may bring
-_ROUNDING = 1e-9  # of the largest response, 1: an error above is worth a solve of the assembly
+_NOISE = 0.5  # of coupled FRFs, root mean square over lines: the largest noise accepted
+_ROUNDING = 1e-9  # of the largest response, 1: with a larger error the assembly is solved
 
 Place = tuple[str, str]
 """A point and a direction along the global axes: ("E1", "z")."""
 
 
 class ModelError(LinkageVibrationError):
-    """The model cannot tell what was asked of it."""
+    """The model cannot answer the request."""
 
 
 class LinkageModel:
-    """Components of a mechanism, made once, to be coupled in any configuration.
+    """The components of a mechanism, computed once, to be coupled in any configuration.
 
     Parameters
     ----------
     mechanism : Mechanism
-        What to model.
+        The mechanism to model.
     spatial : bool
-        Let the links move out of the plane too; rigid bodies stay held there.
+        Let the links move out of the plane too; rigid bodies remain held there.
     reduced : bool
         False keeps every DoF of the links, to check the reduction against.
     kinematics : Kinematics, optional
-        Of a mechanism with the same points, pins and stroke, not to be found again.
+        Kinematics of a mechanism with the same points, pins and stroke, to be used again.
 
     Raises
     ------
@@ -95,24 +95,31 @@ class LinkageModel:
         Raises
         ------
         ModelError
-            If one of them has no matrices.
+            If a component has no matrices.
         """
         known = [c for c in self.components if isinstance(c, Component)]
         for component in self.components:
             if isinstance(component, FrfComponent):
                 raise ModelError(
                     f"links.{component.name} is known by its FRFs alone, so the assembly has no "
-                    "matrices; ask for coupled FRFs, and identify the modes from them."
+                    "matrices; use `coupled_frf`, or `identify` the modes from FRFs."
                 )
         return uncoupled_system(known)
 
     def rows(self, places: Sequence[Place], configuration: Configuration) -> FloatArray:
-        """Return what turns interface DoFs into displacements at places, (n_places, n_interface).
+        """Return the displacements at places per interface DoF, (n_places, n_interface).
+
+        Parameters
+        ----------
+        places : sequence of (point, direction)
+            Along the global axes.
+        configuration : Configuration
+            Where the bodies are.
 
         Raises
         ------
         ModelError
-            If a point or a direction is not there.
+            If a point or a direction does not exist.
         """
         moved: dict[str, FloatArray] = {}
         rows = []
@@ -120,10 +127,10 @@ class LinkageModel:
             if point not in moved:
                 bodies = self.mechanism.owners(point)
                 if not bodies:
-                    raise ModelError(f"There is no point {point}.")
+                    raise ModelError(f"There is no point {point}; check the names of the points.")
                 moved[point] = self.interface.displacement(bodies[-1], point, configuration)
             if direction not in ("x", "y", "z"):
-                raise ModelError(f"There is no direction {direction} of point {point}.")
+                raise ModelError(f"Point {point} has no direction {direction}; use x, y or z.")
             rows.append(moved[point]["xyz".index(direction)])
         return np.array(rows)
 
@@ -150,7 +157,7 @@ class LinkageModel:
         outputs: Sequence[Place],
         inputs: Sequence[Place],
     ) -> ComplexArray:
-        """Couple the components by their FRFs (LM-FBS), whatever they are known by.
+        """Couple the components by their FRFs (LM-FBS), whether they have matrices or FRFs.
 
         Parameters
         ----------
@@ -158,8 +165,8 @@ class LinkageModel:
             Input angle, rad.
         frequencies : ndarray, (n_freq,)
             Hz; where a component is known by FRFs, above 0 and among its frequencies. Where all
-            have matrices, the assembly is solved on lines that cost LM-FBS digits: at and near
-            0 Hz, and on a component's own undamped resonance.
+            have matrices, the assembly is solved at lines where LM-FBS loses digits: at and near
+            0 Hz, and at an undamped resonance of a component.
         outputs, inputs : sequence of (point, direction)
             Along the global axes.
 
@@ -173,7 +180,7 @@ class LinkageModel:
         CouplingError
             If the receptance is infinite: an undamped resonance, a mechanism at 0 Hz.
         FbsError
-            If FRFs do not hold the digits that the answer asks for.
+            If the FRFs have too few digits for the result.
         """
         configuration = self.kinematics.at(alpha3)
         return self._couple(
@@ -197,7 +204,7 @@ class LinkageModel:
             if not np.array_equal(component.frequencies, measured[0].frequencies):
                 raise ModelError(
                     f"links.{component.name} and links.{measured[0].name} are known at different "
-                    "frequencies; measure or resample them on one axis."
+                    "frequencies; measure or resample them on one frequency axis."
                 )
         if not measured:
             return None
@@ -206,7 +213,7 @@ class LinkageModel:
     def identify(self, alpha3: float) -> "IdentifiedSolution":
         """Identify the modes in the response band from coupled FRFs.
 
-        It needs no matrices: it is what `solve` is to links that are known by FRFs.
+        It needs no matrices: it replaces `solve` for links that are known by FRFs.
 
         Raises
         ------
@@ -225,7 +232,7 @@ class LinkageModel:
         drive = self.rows([(response.point, response.direction)], configuration)
         every = np.vstack([drive, np.eye(len(self.interface))])
         frf = self._couple(configuration, frequencies, every, drive)
-        # What the ground holds moves by rounding alone, which is no shape.
+        # DoFs that the ground holds move by rounding alone, which is not a shape.
         size = np.linalg.norm(frf[:, :, 0], axis=0)
         moving = size > _STILL * size.max()
         identified = identify(frequencies, frf[:, moving], response.band)
@@ -266,9 +273,12 @@ class LinkageModel:
         outputs: Sequence[Place],
         inputs: Sequence[Place],
     ) -> FloatArray:
-        """Return how much larger relative noise is in `coupled_frf` than in the measured FRFs.
+        """Return the ratio of the relative noise of `coupled_frf` to that of the measured FRFs.
 
-        Parameters are those of `coupled_frf`; of a component, ``noise`` tells what it was.
+        Parameters
+        ----------
+        alpha3, frequencies, outputs, inputs
+            As `coupled_frf` takes them.
 
         Returns
         -------
@@ -289,7 +299,7 @@ class LinkageModel:
         inputs: FloatArray,
         compliance: ComplexArray,
     ) -> None:
-        """Refuse measured FRFs whose noise drowns the coupled ones where the forces act."""
+        """Refuse measured FRFs whose noise dominates the coupled ones where the forces act."""
         link = max(
             (c for c in self.components if isinstance(c, FrfComponent)), key=lambda c: c.noise
         )
@@ -309,7 +319,7 @@ class LinkageModel:
         """Return FRFs of the components, the rows that join them, and the rows' compliance."""
         omega = 2.0 * math.pi * frequencies[:, np.newaxis]
         springs = 1.0 / (joining.stiffness + 1j * omega * joining.damping)
-        # What the ground holds in every configuration is held before components are coupled.
+        # DoFs that the ground holds in every configuration are held before components are coupled.
         compatibility = joining.compatibility[joining.compatibility[:, ~self._held].any(axis=1)]
         rigid = np.zeros((len(omega), len(compatibility)))
         return (
@@ -330,7 +340,7 @@ class LinkageModel:
     def _frf(
         self, component: Component | FrfComponent, frequencies: FloatArray
     ) -> ComplexArray | Measured:
-        """FRFs of a component on its interface DoFs, kept for the next configuration."""
+        """Return the FRFs of a component on its interface DoFs, kept for the next configuration."""
         kept: dict[tuple[str, bytes], ComplexArray | Measured]
         kept = self.__dict__.setdefault("_frfs", {})
         key = (component.name, np.asarray(frequencies, dtype=float).tobytes())
@@ -346,15 +356,15 @@ class LinkageModel:
 
 @dataclass(frozen=True, eq=False)
 class IdentifiedSolution:
-    """What coupled FRFs tell of the modes in one configuration.
+    """The modes identified from coupled FRFs in one configuration.
 
     Attributes
     ----------
     configuration : Configuration
-        Where.
+        Where the bodies are.
     identified : IdentifiedModes
-        Modes in the response band, ascending; their shapes are of the response and, behind it, of
-        all interface DoFs in their components' own axes.
+        Modes in the response band, ascending; the rows of their shapes are the response, then all
+        interface DoFs in their components' own axes.
     """
 
     configuration: Configuration
@@ -372,7 +382,7 @@ class IdentifiedSolution:
 
     @property
     def modes(self) -> Modes:
-        """The modes with shapes of unit length on the interface DoFs, to be tracked."""
+        """The modes with shapes of unit length on the interface DoFs, for tracking."""
         shapes = self.identified.shapes[1:]
         return Modes(self.identified.omega, shapes / np.linalg.norm(shapes, axis=0))
 
@@ -383,7 +393,7 @@ class IdentifiedSolution:
         return oscillators(found.omega, found.damping_ratios, found.shapes[0] ** 2)
 
     def peak(self, band: tuple[float, float]) -> Peak:
-        """Where the receptance of the identified modes is largest within a band (Hz)."""
+        """Return the peak of the receptance of the identified modes within a band (Hz)."""
         return self.drive_point.peak(band)
 
 
@@ -394,9 +404,9 @@ class Solution:
     Attributes
     ----------
     model : LinkageModel
-        What was solved.
+        The model that was solved.
     configuration : Configuration
-        Where.
+        Where the bodies are.
     joining : Joining
         What joins the components there.
     coupled : CoupledSystem
@@ -426,7 +436,7 @@ class Solution:
 
     @cached_property
     def damped(self) -> DampedModes:
-        """What damping makes of the modes."""
+        """The damped modes."""
         return damp_modes(self.coupled, self.modes.omega, self.vectors)
 
     @property
@@ -452,8 +462,8 @@ class Solution:
         outputs, inputs : sequence of (point, direction)
             Along the global axes.
         band : tuple of float, optional
-            Hz. Given one, modes above it are left to `FarPoles`, which is faster on many lines and
-            serves within the band alone; without, every mode is in the sum.
+            Hz. With a band, `FarPoles` replace the modes above it, which is faster for many lines
+            and valid within the band only; without, the sum has every mode.
         """
         frf = pole_residue(self.damped, self.participation(outputs), self.participation(inputs))
         if band is None:
@@ -469,7 +479,7 @@ class Solution:
         return self.frf(place, place)
 
     def peak(self, band: tuple[float, float]) -> Peak:
-        """Where the drive-point receptance is largest within a band (Hz)."""
+        """Return the peak of the drive-point receptance within a band (Hz)."""
         return self.drive_point.peak(band)
 
     @cached_property
@@ -491,7 +501,7 @@ class Solution:
         return energy <= 0.0 if out.any() else np.ones(len(energy), dtype=bool)
 
     def link_shapes(self, mode: int) -> dict[str, tuple[FloatArray, FloatArray]]:
-        """Where each body is drawn and how a mass-normalised mode moves it.
+        """Return where each body is drawn and how a mass-normalised mode moves it.
 
         Returns
         -------
@@ -527,8 +537,8 @@ class Solution:
         """d(natural frequency)/d(alpha3), (n_modes,), Hz/rad.
 
         With L = phi^T (K - w^2 M) phi + 2 mu^T B phi stationary in phi and mu,
-        d(w^2)/d(alpha3) = phi^T K' phi + 2 mu^T B' phi; K' comes from springs that turn. Where two
-        frequencies coincide, a derivative of either alone has no meaning.
+        d(w^2)/d(alpha3) = phi^T K' phi + 2 mu^T B' phi; K' is that of springs that turn. Where two
+        frequencies coincide, their separate derivatives have no meaning.
         """
         rate, stretch_rate = self.model.interface.join_rate(self.configuration)
         u = self.modes.shapes[: len(self.model.interface)]
@@ -543,8 +553,8 @@ class Solution:
     def shape_derivative(self, mode: int) -> FloatArray:
         """d(shape)/d(alpha3) of one mode, (n,), by Nelson's bordered system.
 
-        The mode's frequency has to be apart from all others. Shapes are those of `modes`, in the
-        components' own axes, mass-normalised with the sign that they have there.
+        The frequency of the mode must differ from all others. Shapes are those of `modes`, in the
+        components' own axes, mass-normalised, with their signs.
         """
         system, n_interface = self.model.system, len(self.model.interface)
         phi, squared = self.modes.shapes[:, mode], self.modes.omega[mode] ** 2
@@ -557,7 +567,7 @@ class Solution:
         stiffness[b, b] += stretch.T @ (weights * stretch)
         stiffness_rate = stretch_rate.T @ (weights * stretch)
         stiffness_rate = stiffness_rate + stiffness_rate.T
-        # Interface forces of the constraints are scaled like stiffness, so that rows compare.
+        # Interface forces of the constraints are scaled like stiffness, to compare rows.
         scale = float(np.abs(np.diag(stiffness)).max())
         matrix = np.zeros((n + n_rows + 1, n + n_rows + 1))
         matrix[:n, :n] = stiffness - squared * system.mass
@@ -590,7 +600,7 @@ class Solution:
 def _component_frf(
     component: Component | FrfComponent, frequencies: FloatArray, held: NDArray[np.bool_]
 ) -> ComplexArray | Measured:
-    """FRFs of a component, some of whose DoFs are held and so do not respond."""
+    """Return the FRFs of a component, some of whose DoFs are held and do not respond."""
     if isinstance(component, Component):
         n, free = len(component.dofs), np.flatnonzero(~held)
         left = np.ix_(*[[*free, *range(n, len(component.mass))]] * 2)
@@ -617,7 +627,7 @@ def _component_frf(
     if (off > 1e-9 * frequencies).any():
         worst = float(frequencies[int(off.argmax())])
         raise ModelError(
-            f"links.{component.name} has no FRF at {worst:g} Hz; ask for frequencies among its own "
+            f"links.{component.name} has no FRF at {worst:g} Hz; use frequencies of its own "
             f"({component.frequencies[0]:g} to {component.frequencies[-1]:g} Hz)."
         )
     measured = component.measured

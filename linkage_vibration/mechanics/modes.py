@@ -18,12 +18,14 @@ ComplexArray = NDArray[np.complex128]
 IntArray = NDArray[np.intp]
 
 MECHANISM = 2.0 * math.pi * 1e-2
-"""rad/s; below it, 0.01 Hz, a mode is a mechanism's, whose frequency is 0 but for rounding."""
+"""rad/s; below it, 0.01 Hz, a mode is that of a mechanism, at 0 Hz apart from rounding."""
 
 _SHIFT = (2.0 * math.pi * 1.0) ** 2  # (rad/s)^2, 1 Hz
-_SLOWEST = 1e-3  # rad/s, at which a mechanism mode stands where damping couples it to others
-_COINCIDENT = 1e-9  # of a natural frequency: modes nearer than that are one to rounding
-_CLOSE = 0.1  # of a natural frequency: modes farther apart do not mix for next to no coupling
+_SLOWEST = 1e-3  # rad/s, the frequency given to a mechanism mode if damping couples it to others
+_COINCIDENT = 1e-9  # of a natural frequency: modes nearer than that coincide within rounding
+_CLOSE = (
+    0.1  # of a natural frequency: modes farther apart do not mix if their coupling is negligible
+)
 _TURNED = 1e-9  # rad, by which shapes differ through rounding
 _DIAGONAL = 1e-9  # of the modal damping: off-diagonal terms below this are rounding
 
@@ -50,20 +52,26 @@ class Modes:
 
     @property
     def mechanism(self) -> NDArray[np.bool_]:
-        """Which modes strain nothing and stand at 0 Hz but for rounding, (n_modes,)."""
+        """Which modes strain nothing and are at 0 Hz apart from rounding, (n_modes,)."""
         return self.omega < MECHANISM
 
     def select(self, order: IntArray, signs: FloatArray) -> "Modes":
-        """Return some of the modes, in another order and with other signs."""
+        """Return some of the modes, in another order and with other signs.
+
+        Parameters
+        ----------
+        order, signs : ndarray, (k,)
+            Indices of the modes, and 1 or -1 for each.
+        """
         return Modes(self.omega[order], self.shapes[:, order] * signs)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DampedModes:
-    """What damping makes of the undamped modes, as terms of the frequency response.
+    """The damped modes, as terms of the frequency response.
 
     Between outputs o and inputs i, both as rows on the undamped modes,
-    H(w) = sum over r of (a_oir + i w b_oir) / (k_r - w^2 + i w c_r); `response.pole_residue` makes
+    H(w) = sum over r of (a_oir + i w b_oir) / (k_r - w^2 + i w c_r); `response.pole_residue` finds
     a and b. Term r is the one most like undamped mode r.
 
     Attributes
@@ -73,7 +81,7 @@ class DampedModes:
     decay : ndarray, (n_modes,)
         c = 2 zeta w, rad/s.
     shapes : complex ndarray, (2, n_modes, n_modes), (1, n_modes, n_modes), or None
-        How each term's damped modes are made of the undamped ones: two where viscous damping
+        The damped modes of each term by the undamped ones: two where viscous damping
         couples the modes, one where structural damping does, None where they are the same.
     poles : complex ndarray, (2, n_modes), or None
         The two poles of each term where viscous damping couples the modes, rad/s.
@@ -97,8 +105,8 @@ def solve_modes(system: CoupledSystem) -> tuple[Modes, FloatArray]:
     """Solve K phi = omega^2 M phi for every mode, ascending.
 
     It is solved as M phi = mu (K + s M) phi with mu = 1 / (omega^2 + s), which gives the lowest
-    frequencies to full relative precision: as it stands, rounding of the highest (here some
-    100 kHz) would leave an error of 1e-7 in the first. The small shift s admits a mechanism mode.
+    frequencies to full relative precision: in the original form, rounding of the highest (about
+    100 kHz) would leave an error of 1e-7 in the first. The small shift s allows a mechanism mode.
 
     Returns
     -------
@@ -108,7 +116,7 @@ def solve_modes(system: CoupledSystem) -> tuple[Modes, FloatArray]:
         The same shapes on the generalised coordinates.
     """
     mu, vectors = eigh(system.mass, system.stiffness + _SHIFT * system.mass)
-    # Where rounding has eaten mu, the mode's compliance phi^2 / omega^2 stays right all the same.
+    # Where mu is only rounding, the compliance phi^2 / omega^2 of the mode is still right.
     mu, vectors = np.maximum(mu, 1e-17 * mu[-1])[::-1], vectors[:, ::-1]
     omega = np.sqrt(np.maximum(1.0 / mu - _SHIFT, 0.0))
     vectors = vectors / np.sqrt(mu)
@@ -116,7 +124,7 @@ def solve_modes(system: CoupledSystem) -> tuple[Modes, FloatArray]:
 
 
 def damp_modes(system: CoupledSystem, omega: FloatArray, vectors: FloatArray) -> DampedModes:
-    """Find what the system's damping makes of its undamped modes.
+    """Find the damped modes of a system from its undamped ones.
 
     Proportional damping leaves the shapes as they are; other viscous damping makes complex modes by
     the symmetric first-order form, other structural damping by K (1 + i eta).
@@ -143,8 +151,8 @@ def damp_modes(system: CoupledSystem, omega: FloatArray, vectors: FloatArray) ->
     if not viscous.any():
         return _structural_modes(omega, loss)
     raise ModesError(
-        "Viscous and structural damping stand side by side and do not share the modes; give every "
-        "link a rule of the same kind, or use the frequency responses from LM-FBS."
+        "Viscous and structural damping occur together, and one of them couples the modes; give "
+        " every link a rule of the same kind, or use the frequency responses from LM-FBS."
     )
 
 
@@ -171,10 +179,10 @@ def track(
     order : ndarray of int, (k,)
         Which of the modes here continue the k there.
     signs : ndarray, (k,)
-        1 or -1, to align each shape with the one that it continues.
+        1 or -1, to align each shape with that which it continues.
     mac : ndarray, (k,)
         The criterion of each pair. Over all modes here it adds up to no more than 1, so a pair
-        above one half has no rival; at or below it the step was too long to tell.
+        above one half has no rival; at or below it the step was too long to decide.
     """
     product = previous.T @ mass @ modes.shapes
     criterion = product**2
@@ -193,10 +201,10 @@ def align(
 ) -> Modes:
     """Turn the shapes of modes that coincide, or cross, so that they continue a neighbour's.
 
-    Modes of one frequency have no shapes of their own: any mixture of theirs serves. Modes that
-    cross, coupled by next to nothing, mix likewise near the crossing. Two such shapes are turned in
-    their plane to where they are nearest to the neighbour's (orthogonal Procrustes problem), unless
-    that would leave out a coupling that matters.
+    Modes of one frequency have no unique shapes: any mixture is valid. Modes that cross with
+    negligible coupling mix likewise near the crossing. Two such shapes are rotated in their plane
+    to be nearest to the neighbour's (orthogonal Procrustes problem), unless that would leave out a
+    coupling that matters.
 
     Parameters
     ----------
@@ -209,13 +217,13 @@ def align(
     order, signs : ndarray, (k,)
         From `track`.
     coupling : float
-        What may be left out: the gap between two modes where they would cross without it, over
-        their frequency.
+        Coupling that may be left out: the gap between two modes at the point where they would
+        cross without it, relative to their frequency.
 
     Returns
     -------
     Modes
-        The same object where nothing had to be turned.
+        The same object if no shape had to be rotated.
     """
     omega = modes.omega
     close = np.abs(omega[:, np.newaxis] - omega) < _CLOSE * omega
@@ -251,7 +259,7 @@ def align(
 
 
 def _is_diagonal(matrix: FloatArray) -> bool:
-    """Whether terms off the diagonal are small against those on it that they couple."""
+    """Return whether off-diagonal terms are small against the diagonal ones that they couple."""
     diagonal = np.abs(np.diag(matrix))
     scale = np.sqrt(np.outer(diagonal, diagonal))
     off = np.abs(matrix - np.diag(np.diag(matrix)))
@@ -261,16 +269,16 @@ def _is_diagonal(matrix: FloatArray) -> bool:
 def _viscous_modes(omega: FloatArray, viscous: FloatArray) -> DampedModes:
     """Solve q'' + D q' + W^2 q = f with x = (W q, q'): x' = [[0, W], [-W, -D]] x + (0, f).
 
-    Scaled so, rounding of the highest modes does not reach the lowest.
+    With this scaling, rounding of the highest modes does not affect the lowest.
     """
     n = len(omega)
     w = np.diag(np.maximum(omega, _SLOWEST))
     poles, vectors = eig(np.block([[np.zeros((n, n)), w], [-w, -viscous]]))
     shapes = vectors[n:] / poles
-    # x^T [[D, I], [I, 0]] x with x = (psi, lambda psi), which the residues are scaled by.
+    # x^T [[D, I], [I, 0]] x with x = (psi, lambda psi), by which the residues are scaled.
     scale = (shapes * (viscous @ shapes)).sum(axis=0) + 2.0 * poles * (shapes**2).sum(axis=0)
     shapes = shapes / np.sqrt(scale.astype(complex))
-    # A term takes a pair of conjugate poles, or two real ones: a mode damped beyond oscillation.
+    # A term has a pair of conjugate poles, or two real ones if the mode is overdamped.
     upper, lower = np.flatnonzero(poles.imag > 0.0), np.flatnonzero(poles.imag < 0.0)
     real = np.flatnonzero(poles.imag == 0.0)
     real = real[np.argsort(poles[real].real)]
@@ -302,6 +310,6 @@ def _structural_modes(omega: FloatArray, loss: FloatArray) -> DampedModes:
 
 
 def _counterparts(shapes: ComplexArray) -> IntArray:
-    """For each undamped mode the damped one that is most like it."""
+    """Return for each undamped mode the damped one that is most like it."""
     alike = np.abs(shapes) / np.linalg.norm(shapes, axis=0)
     return np.asarray(linear_sum_assignment(alike, maximize=True)[1])

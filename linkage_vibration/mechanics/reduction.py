@@ -50,9 +50,9 @@ def craig_bampton(
     mass, stiffness : ndarray, (n, n)
         Symmetric, interface DoFs first.
     n_interface : int
-        How many they are.
+        Number of interface DoFs.
     n_modes : int
-        Fixed-interface modes kept, the lowest; all of them if there are fewer.
+        Fixed-interface modes to keep, the lowest; all of them if there are fewer.
 
     Raises
     ------
@@ -67,7 +67,7 @@ def craig_bampton(
     if n_interior:
         loose = ReductionError(
             f"With its {n_interface} interface DoFs held the component can still move; hold more "
-            "of them, such as a rotation where it has one pin only."
+            "of them, for example a rotation if it has only one pin."
         )
         try:
             factor = cho_factor(stiffness[i, i])
@@ -80,7 +80,7 @@ def craig_bampton(
     if n_modes:
         squared, shapes = eigh(stiffness[i, i], mass[i, i], subset_by_index=[0, n_modes - 1])
         transformation[i, i] = shapes
-        # What is 0 or 1 by theory is so to the last bit.
+        # Entries that are 0 or 1 by theory are set so to the last bit.
         reduced_mass[i, i], reduced_stiffness[i, i] = np.eye(n_modes), np.diag(squared)
         reduced_mass[i, b] = shapes.T @ (mass[i, b] + mass[i, i] @ transformation[i, b])
         reduced_mass[b, i] = reduced_mass[i, b].T
@@ -91,6 +91,6 @@ def craig_bampton(
 
 
 def _congruent(matrix: FloatArray, transformation: FloatArray) -> FloatArray:
-    """T^T A T, symmetric to the last bit."""
+    """Return T^T A T, symmetric to the last bit."""
     product = transformation.T @ matrix @ transformation
     return np.asarray((product + product.T) / 2.0)

@@ -1,17 +1,16 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Measured FRFs: what their noise does to a coupling, and how to keep it out.
+"""Measured FRFs: the effect of their noise on a coupling, and how to reduce it.
 
 A free link moves far more as a rigid body than it deforms, so noise of 0.1 % in its receptances is
-larger than its flexibility, on which the coupled modes depend. To truncate the singular values of
-the interface flexibility B H B^T, or to damp them (Tikhonov), is no cure: the small ones are the
-stiff directions of the joints, and without them joints come apart.
+larger than its flexibility, on which the coupled modes depend. Truncating the singular values of
+the interface flexibility B H B^T, or damping them (Tikhonov), does not help: the small ones are the
+stiff directions of the joints, and without them joints open.
 
-What can be truncated is known beforehand instead. Rigid motions R of the points leave no trace in
-the forces that are in equilibrium, N^T R = 0, so H N is the flexibility alone: a smooth function of
-a few poles and residual terms. It is fitted over all lines, with as many terms as stand out of the
-noise; the rigid block, in which noise does as little harm as a like error of the mass, stays as it
-was measured.
+Instead, the rigid motions are known beforehand. Rigid motions R of the points do no work with
+forces in equilibrium, N^T R = 0, so H N is the flexibility alone: a smooth function of a few poles
+and residual terms. It is fitted over all lines, with as many terms as are above the noise. The
+rigid block, in which noise is as harmless as an equal error of the mass, stays as measured.
 """
 
 import math
@@ -32,19 +31,19 @@ ComplexArray = NDArray[np.complex128]
 _LEAST_LINES = 30
 _MAX_ORDER = 60  # poles in the largest model of a link
 _RESIDUAL_TERMS = 3  # 1, s^2, s^4 at most
-_REPEATED = 1e-14  # of the largest singular value of B H B^T: rounding is below it
-_SYSTEMATIC = 0.03  # of the FRFs, root mean square over lines; more is no free link
+_REPEATED = 1e-14  # of the largest singular value of B H B^T: rounding is smaller
+_SYSTEMATIC = 0.03  # of the FRFs, root mean square over lines; with more, the link is not free
 
 
 class RegularisationError(LinkageVibrationError):
-    """Measured FRFs contradict one another, or are none of a free body."""
+    """Measured FRFs contradict one another, or are not those of a free body."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Measured:
-    """Receptances with what is left in them of noise N that is unlike from line to line.
+    """Receptances with the remaining noise, which is independent from line to line.
 
-    With E = K (N + N^T) / 2 K^T, the error is E where it was kept, and what a fit made of the rest,
+    With noise N of the measurement and E = K (N + N^T) / 2 K^T, the error is E plus that of a fit,
     whose variance is the leverage times that of (N + N^T) / 2 - E.
 
     Attributes
@@ -52,7 +51,7 @@ class Measured:
     frf : complex ndarray, (n_freq, n, n)
         m/N between displacements.
     kept : ndarray, (n, n)
-        K, 1 for FRFs that are as they were measured.
+        K, the identity for FRFs that are as measured.
     leverage : ndarray, (n_freq,)
         From 0 to 1.
     """
@@ -63,7 +62,7 @@ class Measured:
 
 
 def as_measured(frf: ComplexArray) -> Measured:
-    """Take receptances, (n_freq, n, n), with all their noise, but H_ij and H_ji by their mean."""
+    """Take receptances, (n_freq, n, n), as measured, with the mean of H_ij and H_ji for both."""
     n_freq, n = frf.shape[:2]
     return Measured((frf + frf.swapaxes(1, 2)) / 2.0, np.eye(n), np.zeros(n_freq))
 
@@ -81,7 +80,7 @@ def rigid_motions(
     Parameters
     ----------
     dofs : sequence of InterfaceDof, (n,)
-        At the points.
+        DoFs at the points.
     points : sequence of (name, (x, z))
         Places in the body's own axes, m.
     """
@@ -103,8 +102,8 @@ def rigid_motions(
 def noise_level(frequencies: FloatArray, frf: ComplexArray) -> float:
     """Estimate the relative noise of receptances, 1, from the third differences of the lines.
 
-    Whatever is resolved by the lines has small differences; noise of standard deviation s has some
-    of sqrt(20) s. The median over lines keeps peaks out of it.
+    Anything resolved by the lines has small differences; noise of standard deviation s has
+    differences of sqrt(20) s. The median over lines excludes peaks.
 
     Parameters
     ----------
@@ -117,7 +116,7 @@ def noise_level(frequencies: FloatArray, frf: ComplexArray) -> float:
     steps = np.median(np.abs(np.diff(accelerance, n=3, axis=0)), axis=0)
     size = np.median(np.abs(accelerance), axis=0)
     drive = np.diag(size)
-    felt = size > 1e-3 * np.sqrt(np.outer(drive, drive))  # others may hold nothing but rounding
+    felt = size > 1e-3 * np.sqrt(np.outer(drive, drive))  # others may be only rounding
     # The median of a complex normal number's modulus is sqrt(ln 2) of its standard deviation.
     return float(np.median(steps[felt] / size[felt]) / math.sqrt(20.0 * math.log(2.0)))
 
@@ -128,12 +127,12 @@ def regularise(
     frf: ComplexArray,
     motions: FloatArray,
 ) -> Measured:
-    """Fit what deforms in the receptances of a free body.
+    """Fit the elastic part of the receptances of a free body.
 
     Candidates are no poles and those of `fit_poles`, each with one to three residual terms; the
-    Bayesian information criterion (Schwarz 1978) chooses, so that noise decides what is truncated.
-    Lines are weighted by the inverse of their size, as for noise that is relative to it. FRFs that
-    were computed, not measured, pass through within rounding as far as poles and terms suffice.
+    Bayesian information criterion (Schwarz 1978) chooses, so that noise decides the truncation.
+    Lines are weighted by the inverse of their size, as for relative noise. Computed FRFs are
+    unchanged within rounding as long as the poles and terms suffice.
 
     Parameters
     ----------
@@ -144,7 +143,7 @@ def regularise(
     frf : complex ndarray, (n_freq, n, n)
         Receptances, with noise.
     motions : ndarray, (n, k)
-        As `rigid_motions` finds them.
+        As `rigid_motions` returns them.
 
     Raises
     ------
@@ -156,12 +155,12 @@ def regularise(
     omega = 2.0 * math.pi * np.asarray(frequencies, dtype=float)
     if len(omega) < _LEAST_LINES:
         raise RegularisationError(
-            f"{len(omega)} lines above 0 Hz cannot tell how a link deforms from noise; measure "
-            f"{_LEAST_LINES} at least."
+            f"{len(omega)} lines above 0 Hz are too few to separate the deformation of a link from "
+            f"noise; measure at least {_LEAST_LINES}."
         )
     square = omega[:, np.newaxis, np.newaxis] ** 2
     drive = np.einsum("kii->ki", np.abs(square * frf))
-    unit = np.sqrt(np.median(drive, axis=0))  # makes DoFs of any unit alike
+    unit = np.sqrt(np.median(drive, axis=0))  # normalises DoFs of any unit
     raw = frf / np.outer(unit, unit)
     even = (raw + raw.swapaxes(1, 2)) / 2.0
     rigid = orth(motions / unit[:, np.newaxis])
@@ -171,7 +170,7 @@ def regularise(
         return as_measured(frf)
     weights = 1.0 / np.linalg.norm(even, axis=(1, 2))
     part, leverage = _fit(omega, even @ elastic, weights)
-    across = part @ elastic.T  # H N N^T, of which N^T H N is to be symmetric
+    across = part @ elastic.T  # H N N^T, whose part N^T H N is symmetric
     own = elastic @ (elastic.T @ across)
     side = across - own
     fitted = kept @ even @ kept + side + side.swapaxes(1, 2) + (own + own.swapaxes(1, 2)) / 2.0
@@ -184,7 +183,7 @@ def regularise(
 def _fit(
     omega: FloatArray, frf: ComplexArray, weights: FloatArray
 ) -> tuple[ComplexArray, FloatArray]:
-    """Fit poles and residual terms, as many as the noise warrants; leverage of each line."""
+    """Fit as many poles and residual terms as the noise justifies; also return leverages."""
     s = 1j * omega / omega[-1]
     right = _real(weights[:, np.newaxis] * frf.reshape(len(omega), -1))
     best = math.inf
@@ -213,7 +212,7 @@ def _real(matrix: ComplexArray) -> FloatArray:
 def _check_consistent(
     dofs: Sequence[InterfaceDof], rest: ComplexArray, fitted: ComplexArray
 ) -> None:
-    """Refuse what a fit leaves where it is smooth over the lines, and so no noise.
+    """Refuse FRFs if the rest of a fit is smooth over the lines, and so is not noise.
 
     Half the mean square of the first difference is the power of noise (von Neumann 1941).
     """
@@ -225,9 +224,9 @@ def _check_consistent(
     share = math.sqrt(max(float(smooth[i, j]), 0.0))
     if share > max(_SYSTEMATIC, math.sqrt(float(noise[i, j]))):
         raise RegularisationError(
-            f"The FRF of response {dofs[i]} to a force at {dofs[j]} departs by "
+            f"The FRF of response {dofs[i]} to a force at {dofs[j]} differs by "
             f"{100.0 * share:.0f} % from that of one free body with the same poles everywhere, and "
-            "noise does not explain it; look for a pole that drifted between measurements, a "
+            "noise does not explain it; check for a pole that drifted between measurements, a "
             "sensor of wrong gain, sign or place, FRFs that are not reciprocal, a held body, or "
             "lines too far apart."
         )
@@ -240,7 +239,7 @@ def noise_gain(
     inputs: FloatArray,
     compliance: FloatArray | ComplexArray | float = 0.0,
 ) -> FloatArray:
-    """Relative error of coupled FRFs for each unit of relative error in the measured ones.
+    """Return the relative error of coupled FRFs per unit of relative error in the measured ones.
 
     In first order H_c changes by T dH U with T = O - O H B^T Z B, U = I^T - B^T Z B H I^T and
     Z = (B H B^T + S)^-1. Errors dH of measured FRFs are independent, complex, and of standard
@@ -257,7 +256,7 @@ def noise_gain(
     Returns
     -------
     ndarray, (n_freq, n_out, n_in)
-        1; with poles of a fit taken as known.
+        1; the poles of a fit are taken as exact.
     """
     frfs = receptances(blocks)
     frf = np.array([block_diag(*lines) for lines in zip(*frfs, strict=True)])
@@ -266,7 +265,7 @@ def noise_gain(
     interface[:, diagonal, diagonal] += compliance
     if np.linalg.matrix_rank(compatibility) == len(compatibility):
         joints = np.linalg.solve(interface, compatibility.astype(complex))  # Z B
-    else:  # rows that repeat others share their force, which costs a decomposition a line
+    else:  # rows that repeat others share their force
         joints = np.linalg.pinv(interface, rcond=_REPEATED) @ compatibility
     away = outputs - outputs @ frf @ compatibility.T @ joints
     into = inputs.T - joints.swapaxes(1, 2) @ (compatibility @ frf @ inputs.T)
@@ -284,11 +283,11 @@ def noise_gain(
             kept = _even(left @ block.kept, right @ block.kept)
             fitted = block.leverage[:, np.newaxis, np.newaxis] * np.abs(every - kept) ** 2
             power[:, i, j] += ((np.abs(kept) ** 2 + fitted) * np.abs(values) ** 2).sum(axis=(1, 2))
-    # A response that vanishes altogether has no relative error.
+    # A response of zero has no relative error.
     return np.asarray(np.sqrt(power) / np.where(coupled > 0.0, coupled, np.inf))
 
 
 def _even(left: ComplexArray, right: ComplexArray) -> ComplexArray:
-    """Symmetric part of the product of two vectors a line, (n_freq, n, n)."""
+    """Return the symmetric part of the product of two vectors at each line, (n_freq, n, n)."""
     product = left[:, :, np.newaxis] * right[:, np.newaxis, :]
     return (product + product.swapaxes(1, 2)) / 2.0

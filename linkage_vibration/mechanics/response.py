@@ -14,33 +14,35 @@ from linkage_vibration.mechanics.modes import MECHANISM, DampedModes
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
-_REACH = 1.3  # of a band: modes up to here keep their own poles
-_MARGIN = 0.95  # between configurations the lowest mode may come lower still
+_REACH = 1.3  # of the upper end of a band: modes up to there keep their own poles
+_MARGIN = 0.95  # between configurations the lowest mode may be lower still
 N_FAR = 4
-"""Poles that stand for the modes above a band, unless told otherwise."""
+"""Default number of poles that represent the modes above a band."""
 
 RIVAL = 0.8
-"""Of the highest of some values: a maximum that may be higher still between them."""
+"""Fraction of the highest value from which a maximum may be the highest between grid points."""
 
 _NOTHING = 1e-15  # of the largest residue
-_NEWTON = 6  # steps at most to a maximum; three or four do
+_NEWTON = 6  # largest number of steps to a maximum; three or four are enough
 _GRID = 200  # frequencies over the band in which a peak is sought first
 _BESIDE = 1e-6  # of a frequency: just above 0 Hz
-_WIDER = np.arange(-32.0, 33.0)  # quarters of such widths, where a maximum is sought if need be
-_AROUND = np.linspace(-2.0, 2.0, 9)  # and about each resonance, in half-power half-widths
+_WIDER = np.arange(
+    -32.0, 33.0
+)  # quarters of half-widths, where a maximum is sought if Newton fails
+_AROUND = np.linspace(-2.0, 2.0, 9)  # lines about each resonance, in half-power half-widths
 
 
 @dataclass(frozen=True, slots=True)
 class Peak:
-    """Where an FRF is largest within a band.
+    """The largest value of an FRF within a band.
 
     Attributes
     ----------
     frequency, magnitude : float
-        Hz and m/N; of two peaks of the same height the lower one. The magnitude is infinite at an
+        Hz and m/N; the lower of two peaks of the same height. The magnitude is infinite at an
         undamped resonance.
     inside : bool
-        Whether it is a resonance; False where the band holds none that is higher than its ends.
+        Whether it is a resonance; False if the band has none that is higher than its ends.
     """
 
     frequency: float
@@ -61,7 +63,7 @@ class PoleResidue:
     residues, rates : complex ndarray, (n_out, n_in, n_modes)
         1/kg and s/kg; rates are zero unless viscous damping couples the modes.
     residual : complex ndarray, (n_out, n_in)
-        Static flexibility of what the sum leaves out, m/N; zero where every mode is in it.
+        Static flexibility of the modes that the sum leaves out, m/N; zero if it has every mode.
     """
 
     stiffness: ComplexArray
@@ -71,9 +73,9 @@ class PoleResidue:
     residual: ComplexArray
 
     def frf(self, frequencies: FloatArray) -> ComplexArray:
-        """Receptance at frequencies in Hz, (n_freq,), as (n_freq, n_out, n_in) in m/N.
+        """Return the receptance at frequencies in Hz, (n_freq,), as (n_freq, n_out, n_in) in m/N.
 
-        It is infinite on an undamped pole, as at 0 Hz of a mechanism.
+        It is infinite on an undamped pole, such as 0 Hz of a mechanism.
 
         Examples
         --------
@@ -100,14 +102,14 @@ class PoleResidue:
         return np.asarray(frf)
 
     def condensed(self, kept: NDArray[np.bool_], far: "FarPoles") -> "PoleResidue":
-        """Keep some modes, and the sum of all others by far poles and a static residual.
+        """Keep some modes, and replace the sum of all others by far poles and a static residual.
 
         Parameters
         ----------
         kept : ndarray of bool, (n_modes,)
             Which modes keep their poles.
         far : FarPoles
-            Made for the band in which the result is to serve, and for the lowest mode not kept.
+            Chosen for the band in which the result is used, and for the lowest mode not kept.
         """
         shape = self.residues.shape[:2]
         others = self._only(~kept).frf(far.frequencies).reshape(len(far.frequencies), -1)
@@ -126,7 +128,13 @@ class PoleResidue:
         )
 
     def between(self, output: int, into: int) -> "PoleResidue":
-        """Return the single FRF of an output to an input, by their places in the arrays."""
+        """Return a single FRF.
+
+        Parameters
+        ----------
+        output, into : int
+            Indices of the output and of the input.
+        """
         at = slice(output, output + 1), slice(into, into + 1)
         return PoleResidue(
             self.stiffness, self.decay, self.residues[at], self.rates[at], self.residual[at]
@@ -156,7 +164,7 @@ class PoleResidue:
         low, high = 2.0 * math.pi * band[0], 2.0 * math.pi * band[1]
         omega = np.sqrt(np.abs(self.stiffness))
         if (omega < MECHANISM).any():
-            # A mechanism gives way without limit towards 0 Hz, which is no resonance.
+            # A mechanism responds without limit towards 0 Hz, which is not a resonance.
             low = max(low, float(omega[omega >= MECHANISM].min(initial=high)) / 2.0)
         inside = (omega > low) & (omega < high)
         centre = omega[inside]
@@ -171,28 +179,28 @@ class PoleResidue:
         best = Peak(math.nan, -1.0, False)
         for top in np.flatnonzero(rises & falls & (size >= RIVAL * size.max())).tolist():
             left, right = grid[max(top - 1, 0)], grid[min(top + 1, len(grid) - 1)]
-            left = max(left, _BESIDE * right)  # at 0 Hz itself nothing rises
+            left = max(left, _BESIDE * right)  # at 0 Hz itself the slope is zero
             at, turns = float(grid[top]), self._slope(left) > 0.0 > self._slope(right)
             if turns:
                 at = float(brentq(self._slope, left, right, xtol=1e-14 * high, rtol=1e-14))
             magnitude = float(np.abs(self._single(np.array([at]))[0][0]))
             if magnitude > best.magnitude:
                 best = Peak(at / (2.0 * math.pi), magnitude, turns)
-        # Of two maxima within one bracket the higher may have been passed over.
+        # Of two maxima within one bracket the higher may have been missed.
         for at, magnitude in zip(*self.local_peaks(np.flatnonzero(inside)), strict=True):
             if magnitude > best.magnitude * (1.0 + 1e-12) and band[0] < at < band[1]:
                 best = Peak(float(at), float(magnitude), True)
         return best
 
     def lines(self, band: tuple[float, float], count: int) -> FloatArray:
-        """Return frequencies (Hz) over a band, even ones and more about each resonance there.
+        """Return frequencies (Hz) over a band, evenly spaced, and more about each resonance there.
 
         Parameters
         ----------
         band : tuple of float
             Hz.
         count : int
-            Of the even ones, the band's ends among them.
+            Number of evenly spaced ones, including the ends of the band.
         """
         low, high = 2.0 * math.pi * band[0], 2.0 * math.pi * band[1]
         omega = np.sqrt(np.abs(self.stiffness))
@@ -206,20 +214,20 @@ class PoleResidue:
     def local_peaks(
         self, modes: NDArray[np.intp], band: tuple[float, float] = (0.0, math.inf)
     ) -> tuple[FloatArray, FloatArray]:
-        """Return the maximum beside the resonance of some modes, of a single FRF.
+        """Return the maximum near the resonance of some modes, of a single FRF.
 
         Parameters
         ----------
         modes : ndarray of int, (n,)
-            Which.
+            Indices of the modes.
         band : tuple of float
-            Hz. Maxima that other modes have moved away are sought of resonances in it alone.
+            Hz. Maxima that other modes have shifted are only sought for resonances in the band.
 
         Returns
         -------
         frequencies, magnitudes : ndarray, (n,)
-            Hz and m/N; NaN where there is no maximum, infinite where a mode is undamped. Modes near
-            one another may share one.
+            Hz and m/N; NaN where there is no maximum, infinite if a mode is undamped. Modes close
+            to one another may share a maximum.
         """
         k = np.abs(self.stiffness[modes])
         width = (self.decay[modes] + self.stiffness.imag[modes] / np.sqrt(k)) / 2.0
@@ -228,7 +236,7 @@ class PoleResidue:
         inside = (start >= 2.0 * math.pi * band[0]) & (start <= 2.0 * math.pi * band[1])
         lost = np.flatnonzero(~found & inside)
         if len(lost):
-            # Other modes have moved the maximum away: look around for the nearest one.
+            # Other modes have shifted the maximum: look for the nearest one.
             step = width[lost] / 4.0
             around = np.maximum(start[lost] + np.multiply.outer(_WIDER, step), 0.0)
             size = np.abs(self._single(around.ravel())[0]).reshape(around.shape)
@@ -249,7 +257,7 @@ class PoleResidue:
     def _climb(
         self, start: FloatArray, stride: FloatArray, reach: FloatArray
     ) -> tuple[FloatArray, NDArray[np.bool_]]:
-        """Newton's maxima of abs(H) from angular frequencies, and which of them are some."""
+        """Return maxima of abs(H) by Newton's method, rad/s, and whether each was found."""
         omega = start.copy()
         for _ in range(_NEWTON):
             value, first, second = self._single(omega)
@@ -268,7 +276,7 @@ class PoleResidue:
         return np.asarray(self.stiffness - w**2 + 1j * w * self.decay)
 
     def _single(self, omega: FloatArray) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
-        """H, dH/dw and d2H/dw2 of the only FRF, at angular frequencies, (n_freq,)."""
+        """Return H, dH/dw and d2H/dw2 of the only FRF, at angular frequencies, (n_freq,)."""
         w = omega[:, np.newaxis]
         below, rate = self._denominators(omega), 1j * self.rates[0, 0]
         below_rate = 1j * self.decay - 2.0 * w
@@ -279,14 +287,14 @@ class PoleResidue:
         return value.sum(axis=1) + self.residual[0, 0], first.sum(axis=1), second.sum(axis=1)
 
     def _slope(self, omega: float) -> float:
-        """d(abs(H)^2)/dw / 2."""
+        """Return d(abs(H)^2)/dw / 2."""
         value, derivative, _ = self._single(np.array([omega]))
         return float((value.conj() * derivative)[0].real)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FarPoles:
-    """Poles above a band, fixed beforehand, whose sum stands for that of all modes there.
+    """Poles above a band, fixed beforehand, whose sum represents that of all modes there.
 
     However many modes lie above the band, and however they veer from one configuration to the
     next, their sum within the band is smooth. It is a * 1 + sum over j of b_j k_j / (k_j - w^2 +
@@ -314,23 +322,23 @@ class FarPoles:
         return np.asarray(self._inverse @ sums)
 
     def fit_real(self, sums: ComplexArray) -> FloatArray:
-        """Return the same where residues are real, as those of real modes are."""
+        """Return the same for real residues, which real modes have."""
         return np.asarray(self._real_inverse @ np.vstack([sums.real, sums.imag]))
 
 
 def far_poles(
     stiffness: ComplexArray, decay: FloatArray, band: tuple[float, float], n_far: int = N_FAR
 ) -> FarPoles:
-    """Choose poles that can stand for modes above a band.
+    """Choose poles that represent the modes above a band.
 
     Parameters
     ----------
     stiffness, decay : ndarray, (n_modes,)
-        k and c of the modes that they are to stand for, in one configuration or in several.
+        k and c of the modes that they represent, in one configuration or in several.
     band : tuple of float
         Hz.
     n_far : int
-        How many.
+        Number of poles.
     """
     n_lines = 3 * n_far + 4
     nodes = (1.0 - np.cos(np.pi * (np.arange(n_lines) + 0.5) / n_lines)) / 2.0
@@ -342,7 +350,7 @@ def far_poles(
     lowest = _MARGIN * stiffness.real.min()
     steps = (1.0 - np.cos(np.pi * (np.arange(n_far) + 0.5) / n_far)) / 2.0
     k = lowest / steps[::-1] + 0j
-    # Damping along a line, c = a + b k, which Rayleigh's is; the nearest modes count most.
+    # Damping along a line, c = a + b k, as for Rayleigh's; the nearest modes have most weight.
     weights = lowest / stiffness.real
     lines = np.column_stack([np.ones(len(decay)), stiffness.real / lowest])
     goal = np.column_stack([decay, stiffness.imag])
@@ -358,7 +366,15 @@ def far_poles(
 
 
 def in_reach(stiffness: FloatArray | ComplexArray, band: tuple[float, float]) -> NDArray[np.bool_]:
-    """Which modes, of k in (rad/s)^2, lie in a band in Hz or too near above it for far poles."""
+    """Return which modes are in a band, or too close above it for far poles, (n_modes,).
+
+    Parameters
+    ----------
+    stiffness : ndarray, (n_modes,)
+        k, (rad/s)^2.
+    band : tuple of float
+        Hz.
+    """
     return np.asarray(np.abs(stiffness) < (2.0 * math.pi * _REACH * band[1]) ** 2)
 
 
@@ -368,11 +384,11 @@ def pole_residue(damped: DampedModes, outputs: FloatArray, inputs: FloatArray) -
     Parameters
     ----------
     damped : DampedModes
-        As `damp_modes` finds them.
+        As `damp_modes` returns them.
     outputs : ndarray, (n_out, n_modes)
-        What the undamped, mass-normalised modes contribute to each output.
+        Displacement of the undamped, mass-normalised modes at each output.
     inputs : ndarray, (n_in, n_modes)
-        And how each input drives them.
+        The same at each input.
     """
     if damped.shapes is None:
         pairs = [(outputs.astype(complex), inputs.astype(complex))]
@@ -386,7 +402,7 @@ def pole_residue(damped: DampedModes, outputs: FloatArray, inputs: FloatArray) -
         (first, second), (p, q) = residues, damped.poles
         constants = -(first * q + second * p).real.astype(complex)
         rates = (first + second).real.astype(complex)
-    # A mechanism mode that the places do not share has no term, where rounding leaves one at 0 Hz.
+    # A mechanism mode that does not move the places has no term, but rounding would leave one.
     size = np.abs(constants).max(axis=(0, 1), initial=0.0)
     kept = (np.abs(damped.stiffness) > MECHANISM**2) | (size > _NOTHING * size.max(initial=0.0))
     return PoleResidue(
@@ -413,5 +429,5 @@ def oscillators(
     w = np.asarray(omega, dtype=float)
     above = np.asarray(residues, dtype=complex)[np.newaxis, np.newaxis]
     decay = 2.0 * np.asarray(damping_ratios, dtype=float) * w
-    none = np.zeros((1, 1), dtype=complex)
-    return PoleResidue(w**2 + 0j, decay, above, np.zeros_like(above), none)
+    residual = np.zeros((1, 1), dtype=complex)
+    return PoleResidue(w**2 + 0j, decay, above, np.zeros_like(above), residual)

@@ -6,7 +6,7 @@ Axes are the component's own: x along the link, z across it in the plane of moti
 the plane of motion is y = 0. A pin is a node at its point with three translations and three
 rotations, and the nodes of its surface move with it as a rigid body.
 
-What of a pin stays an interface DoF, moves freely, or is held:
+Each motion of a pin is an interface DoF, moves freely, or is held:
 
 ======================  ==================================  ======================================
 motion of the pin       planar                              spatial
@@ -17,9 +17,9 @@ rotation theta          interface where asked, else free    interface where aske
 rotations about x, z    held: the plane of symmetry         free: a pin is a ball joint
 ======================  ==================================  ======================================
 
-In the spatial model a body with all its pins on one line could still spin about it, where no pin
-excites or holds it; so the first pin's rotation about that line is held. In the planar model
-fixed-interface modes that are the negative of their own mirror image in the plane of motion are
+In the spatial model a body with all its pins on one line could still spin about that line, where no
+pin excites or holds it; so the rotation of the first pin about that line is held. In the planar
+model, fixed-interface modes that are the negative of their mirror image in the plane of motion are
 left out: they are out-of-plane bending or torsion, which motion in the plane does not excite.
 """
 
@@ -78,7 +78,7 @@ def solid_matrices(
     rotations: Collection[str] = (),
     spatial: bool = False,
 ) -> Matrices:
-    """Tie a free solid to its pins and reduce it to them.
+    """Connect a free solid rigidly to its pins, and reduce it to them.
 
     Parameters
     ----------
@@ -98,12 +98,12 @@ def solid_matrices(
     Returns
     -------
     Matrices
-        x, (y,) z and, where asked, theta, point by point, then the modes; no damping.
+        x, (y,) z and, where wanted, theta, point by point, then the modes; no damping.
 
     Raises
     ------
     ReductionError
-        If two pins share a node, the solid falls into parts, or the pins do not hold it.
+        If two pins share a node, the solid has separate parts, or the pins do not hold it.
     """
     transformation = rigid_ties(nodes, [pin.nodes for pin in pins], _places(pins))
     turning, dofs = _pin_coordinates(pins, rotations, spatial)
@@ -115,8 +115,8 @@ def solid_matrices(
     parts, _ = connected_components(stiffness, directed=False)
     if parts > 1:
         raise ReductionError(
-            f"The solid falls into {parts} parts; join their meshes (shared nodes), or remove what "
-            "does not belong to the component."
+            f"The solid consists of {parts} separate parts; join their meshes (shared nodes), or "
+            "remove the parts that do not belong to the component."
         )
     mirror = None
     if not spatial:
@@ -142,13 +142,13 @@ def rigid_ties(
     groups : sequence of ndarray of int
         Nodes of each rigid body.
     places : ndarray, (n_groups, 3)
-        The point of each rigid body that its coordinates belong to, m.
+        The reference point of each rigid body, m.
 
     Returns
     -------
     sparse array, (3 n_nodes, 6 n_groups + 3 n_free)
         Rows: x, y, z node by node. Columns: translations x, y, z and rotations about x, y, z of
-        each group, then x, y, z of each node that is in none.
+        each group, then x, y, z of each node that is in no group.
 
     Raises
     ------
@@ -188,11 +188,11 @@ def sparse_craig_bampton(
     mass, stiffness : sparse array, (n, n)
         Symmetric, interface DoFs first.
     n_interface : int
-        How many they are.
+        Number of interface DoFs.
     n_modes : int
-        Fixed-interface modes kept, the lowest; all of them if there are fewer.
+        Fixed-interface modes to keep, the lowest; all of them if there are fewer.
     mirror : sparse array, (n, n), optional
-        The reflection that modes have to be equal to rather than opposite to.
+        The reflection; modes that equal the negative of their image are left out.
 
     Raises
     ------
@@ -215,7 +215,7 @@ def sparse_craig_bampton(
     if not (pivots > _SINGULAR).all():
         raise ReductionError(
             f"With its {n_interface} interface DoFs held the component can still move; hold more "
-            "of them, such as a rotation where it has one pin only."
+            "of them, for example a rotation if it has only one pin."
         )
     extension = -factor.solve(stiffness[i, b].toarray())
     reflect = None if mirror is None else mirror[i, i]
@@ -275,8 +275,8 @@ def _symmetric(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the modes, of those given, that equal their mirror image.
 
-    Modes that nearly share a frequency come mixed, and are separated together; to mix others too
-    would spoil the low ones where the mesh is not quite symmetric, since the high ones are so much
+    Modes that nearly share a frequency are mixed, and are separated together. Mixing others too
+    would spoil the low ones if the mesh is not quite symmetric, since the high ones are much
     stiffer.
     """
     images = shapes.T @ (mass @ (mirror @ shapes))

@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Polynomial interpolation on points that are added where its error is largest."""
+"""Polynomial interpolation on points that are added where the error is largest."""
 
 from collections.abc import Sequence
 
@@ -9,26 +9,26 @@ from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 
-_EVEN = 1e-6  # of a logarithm: products that differ by less are the same
-_LARGE = 600.0  # a logarithm that is still that of a number
+_EVEN = 1e-6  # of a logarithm: products that differ by less are equal
+_LARGE = 600.0  # the logarithm of a number that a float can still hold
 _GRID = 1001  # places in an interval among which the next point is chosen
 
 
 def leja_points(points: Sequence[float], low: float, high: float, count: int) -> list[float]:
-    """Choose the points that go on a Leja sequence in an interval.
+    """Choose the points that continue a Leja sequence in an interval.
 
-    Each is where the product of the distances to all points before it is largest (Leja 1957): the
-    factor of the error of polynomial interpolation that the points decide. So the next points tell
-    the error of those before them, and serve as points themselves when it is too large.
+    Each is where the product of the distances to all previous points is largest (Leja 1957): this
+    is the factor of the error of polynomial interpolation that depends on the points. So the next
+    points measure the error of the previous ones, and join them if it is too large.
 
     Parameters
     ----------
     points : sequence of float
-        Those already there, at least one.
+        The points so far, at least one.
     low, high : float
         Ends of the interval.
     count : int
-        How many to add.
+        Number of points to add.
 
     Examples
     --------
@@ -40,24 +40,24 @@ def leja_points(points: Sequence[float], low: float, high: float, count: int) ->
     with np.errstate(divide="ignore"):
         product = np.log(np.abs(grid[:, np.newaxis] - np.array(points))).sum(axis=1)
         for _ in range(count):
-            # Of equally good ones the last, on every machine, however the logarithms are rounded.
+            # The last of equally good ones, on every machine, however the logarithms are rounded.
             chosen.append(float(grid[np.flatnonzero(product > product.max() - _EVEN)[-1]]))
             product += np.log(np.abs(grid - chosen[-1]))
     return chosen
 
 
 def interpolation_matrix(points: FloatArray, at: FloatArray) -> FloatArray:
-    """Return what turns values at points into those of their polynomial elsewhere.
+    """Return the matrix that turns values at points into those of their polynomial elsewhere.
 
-    It is the barycentric formula of the second kind (Berrut and Trefethen 2004), stable on points
-    that lie denser towards the ends of their interval, as Leja's and Chebyshev's do.
+    It is the barycentric formula of the second kind (Berrut and Trefethen 2004), stable for points
+    that are denser towards the ends of their interval, such as Leja's and Chebyshev's.
 
     Parameters
     ----------
     points : ndarray, (n_points,)
         Distinct, in any order.
     at : ndarray, (n,)
-        Where the polynomial is wanted.
+        Where the polynomial is evaluated.
 
     Returns
     -------
@@ -69,7 +69,7 @@ def interpolation_matrix(points: FloatArray, at: FloatArray) -> FloatArray:
     array([[0.75, 0.25],
            [0.  , 1.  ]])
     """
-    # A quarter of the interval is its capacity: so scaled the products neither grow nor vanish.
+    # Scaled by the capacity, a quarter of the interval, the products neither grow nor vanish.
     scale = 4.0 / (points.max() - points.min())
     apart = scale * (points[:, np.newaxis] - points) + np.eye(len(points))
     weights = 1.0 / apart.prod(axis=1)
@@ -82,14 +82,14 @@ def interpolation_matrix(points: FloatArray, at: FloatArray) -> FloatArray:
 
 
 def interpolate_positive(matrix: FloatArray, values: FloatArray) -> FloatArray:
-    """Interpolate what is positive by its logarithm, so that it stays positive: exp(matrix log v).
+    """Interpolate positive values by their logarithms, so that they stay positive.
 
     Parameters
     ----------
     matrix : ndarray, (n, n_points)
         From `interpolation_matrix`.
     values : ndarray, (n_points, ...)
-        At the points; a polynomial that overshoots beyond the numbers there are is cut off.
+        At the points; a polynomial that exceeds the range of floats is limited.
 
     Examples
     --------
@@ -103,9 +103,9 @@ def interpolate_positive(matrix: FloatArray, values: FloatArray) -> FloatArray:
 def stroke_variable(alpha3: FloatArray, toggles: tuple[float, float] | None) -> FloatArray:
     """Turn an input angle into the variable in which the mechanism moves smoothly.
 
-    At a toggle everything depends on the square root of the distance to it, which no polynomial in
-    the angle follows. With alpha3 = m - h cos(x) between two toggles m - h and m + h it depends
-    on x smoothly. Without toggles x is the angle itself.
+    Near a toggle every quantity depends on the square root of the distance, which no polynomial in
+    the angle follows. With alpha3 = m - h cos(x) between two toggles m - h and m + h it is a smooth
+    function of x. Without toggles x is the angle itself.
 
     Parameters
     ----------
@@ -121,7 +121,15 @@ def stroke_variable(alpha3: FloatArray, toggles: tuple[float, float] | None) -> 
 
 
 def stroke_angle(variable: FloatArray, toggles: tuple[float, float] | None) -> FloatArray:
-    """Turn the variable of `stroke_variable` back into the input angle, rad."""
+    """Turn the variable of `stroke_variable` back into the input angle, (n,), rad.
+
+    Parameters
+    ----------
+    variable : ndarray, (n,)
+        From `stroke_variable`.
+    toggles : tuple of float or None
+        rad.
+    """
     if toggles is None:
         return variable
     middle, half = (toggles[0] + toggles[1]) / 2.0, (toggles[1] - toggles[0]) / 2.0

@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""The lookup table over alpha3: what a prediction tells, and FRFs, at any angle of the stroke."""
+"""The lookup table over alpha3: predictions and FRFs at any angle of the stroke."""
 
 import hashlib
 import io
@@ -64,41 +64,41 @@ class TableError(LinkageVibrationError):
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """What a prediction tells, and the terms of FRFs, at angles over the stroke.
+    """The values of a prediction and the terms of FRFs at angles over the stroke.
 
-    The stroke is cut into pieces, in each of which every quantity is the polynomial through its
+    The stroke is divided into pieces, in each of which every quantity is the polynomial through its
     points (in `interpolation.stroke_variable`). For lookups the polynomials are resampled into
-    cubic cells when the table is made or loaded.
+    `Cells` when they are first needed.
 
     Attributes
     ----------
     alpha3 : ndarray, (n,)
         Angles, rad, ascending.
     pieces : ndarray of int, (n_pieces + 1,)
-        Which points bound the pieces; from 0 to n - 1.
+        Indices of the points that bound the pieces; from 0 to n - 1.
     natural_frequencies : ndarray, (n, n_modes)
         Hz; ascending at the first angle, then tracked by shape.
     damping_ratios : ndarray, (n, n_modes)
         1.
     peak_frequencies, peak_magnitudes : ndarray, (n, n_peaks)
-        Maxima of the drive-point receptance that may be the highest in the band somewhere: beside
-        resonances, and at the band's ends; Hz and m/N. Each is smooth, where the highest may jump
-        from one to another.
+        Maxima of the drive-point receptance that are the highest in the band at some angle: near
+        resonances, and at the ends of the band; Hz and m/N. Each is smooth, while the highest may
+        jump from one to another.
     peak_notable : ndarray of bool, (n_pieces, n_peaks)
-        Which of them are high enough in a piece to count there.
+        Which of them are high enough in a piece to be used there.
     interpolation_error : ndarray, (n_pieces,)
-        Relative error of the worst natural frequency, 1, measured against the model at points that
-        the piece was not fitted to, chosen where a polynomial's error is largest.
+        Largest relative error of a natural frequency, 1, measured against the model at points to
+        which the piece was not fitted, where the error of a polynomial is largest.
     peak_error : float
-        The same for the highest peak's frequency and magnitude, the worst of all pieces.
+        The same for frequency and magnitude of the highest peak, the largest of all pieces.
     frf_error : float
-        The same for the worst single FRF: relative L2 norm over the band; NaN without FRFs.
+        The same for single FRFs: relative L2 norm over the band; NaN without FRFs.
     toggles : tuple of float or None
         Where the linkage locks, rad.
     band : tuple of float
-        Hz, in which peaks are sought and FRFs hold.
+        Hz, in which peaks are sought and FRFs are valid.
     places : tuple of (point, direction)
-        Between which FRFs can be told; empty where the model has no such terms.
+        Between which FRFs are available; empty if the model has no such terms.
     term_stiffness, term_decay : ndarray, (n, n_terms)
         k and c of each pole's term in an FRF, as in `PoleResidue`.
     participations : complex ndarray, (n, n_places, n_terms)
@@ -106,15 +106,15 @@ class Table:
     complex_modes : bool
         Whether viscous damping couples the modes, so that each term is a pair of complex ones.
     far_stiffness, far_decay : ndarray, (n_far,)
-        Poles that stand for all modes above the band (`response.FarPoles`).
+        Poles that represent all modes above the band (`response.FarPoles`).
     far_residues : ndarray, (n, 1 + n_far, n_places (n_places + 1) / 2)
         Static flexibility and residues of those, the upper triangle row by row.
     model_hash : str
-        Of the mechanism that it was built from.
+        Hash of the mechanism from which it was built.
     mechanism_name : str
-        For people.
+        Name of that mechanism.
     package_version : str
-        Of the package that built it.
+        Version of the package that built it.
     """
 
     alpha3: FloatArray
@@ -143,7 +143,7 @@ class Table:
 
     @property
     def n_modes(self) -> int:
-        """How many modes are tracked."""
+        """Number of tracked modes."""
         return int(self.natural_frequencies.shape[1])
 
     @cached_property
@@ -153,7 +153,7 @@ class Table:
 
     @cached_property
     def sound_range(self) -> tuple[float, float]:
-        """Between which angles (rad) no toggle is nearer than one degree."""
+        """Range of angles (rad) at least one degree away from the toggles."""
         if self.toggles is None:
             return -math.inf, math.inf
         return self.toggles[0] + _NEAR, self.toggles[1] - _NEAR
@@ -175,21 +175,21 @@ class Table:
         return digest.hexdigest()
 
     def interpolate(self, alpha3: float) -> tuple[list[float], float, float, float]:
-        """Evaluate what a prediction tells at an angle within the range.
+        """Evaluate the values of a prediction at an angle within the range.
 
         Parameters
         ----------
         alpha3 : float
-            rad; outside the range the result has no meaning, so ask `alpha3_range` first.
+            rad; outside `alpha3_range` the result has no meaning.
 
         Returns
         -------
         values : list of float, 2 n_modes
             Natural frequencies (Hz), then damping ratios (1).
         peak_frequency, peak_magnitude : float
-            Of the highest peak, Hz and m/N.
+            The highest peak, Hz and m/N.
         error : float
-            Relative error of the worst natural frequency in this piece.
+            Largest relative error of a natural frequency in this piece.
         """
         n, n_peaks, low, high = self._layout
         values = self._lookup.values(alpha3)
@@ -201,7 +201,7 @@ class Table:
         return values[:n], frequency, magnitude, errors[bisect_right(starts, alpha3) - 1]
 
     def evaluate(self, alpha3: FloatArray) -> FloatArray:
-        """Evaluate what a prediction tells at many angles at once.
+        """Evaluate the values of a prediction at many angles at once.
 
         Parameters
         ----------
@@ -237,6 +237,13 @@ class Table:
     def frf(self, alpha3: float, outputs: Sequence[Place], inputs: Sequence[Place]) -> PoleResidue:
         """Return receptances between some of the places at an angle, valid within the band.
 
+        Parameters
+        ----------
+        alpha3 : float
+            rad, within the range.
+        outputs, inputs : sequence of (point, direction)
+            Places of the table.
+
         Raises
         ------
         TableError
@@ -246,7 +253,7 @@ class Table:
         if not low <= alpha3 <= high:
             raise TableError(
                 f"alpha3 = {math.degrees(alpha3):.3f} deg is outside the table "
-                f"({math.degrees(low):g} to {math.degrees(high):g} deg)."
+                f"({math.degrees(low):g} to {math.degrees(high):g} deg); choose an angle within it."
             )
         for place in (*outputs, *inputs):
             if place not in self.places:
@@ -285,7 +292,7 @@ class Table:
         )
 
     def _polynomial(self, alpha3: FloatArray) -> tuple[slice, FloatArray]:
-        """Which points hold for angles of one piece, and their weights, (n, n_points)."""
+        """Return the points of the piece of some angles, and their weights, (n, n_points)."""
         bounds = self.alpha3[self.pieces]
         i = int(np.clip(np.searchsorted(bounds, alpha3[0], side="right") - 1, 0, len(bounds) - 2))
         points = slice(int(self.pieces[i]), int(self.pieces[i + 1]) + 1)
@@ -294,7 +301,7 @@ class Table:
 
     @cached_property
     def _layout(self) -> tuple[int, int, float, float]:
-        """How many values come before those of the peaks, how many peaks, and the band (Hz)."""
+        """Numbers of values before those of the peaks and of peaks, and the band (Hz)."""
         return 2 * self.n_modes, self.peak_frequencies.shape[1], *widened(self.band)
 
     @cached_property
@@ -341,7 +348,7 @@ class Table:
 
 
 def widened(band: tuple[float, float]) -> tuple[float, float]:
-    """Return a band to which peaks at its ends belong, however they are rounded, Hz."""
+    """Return a slightly wider band, Hz, so that peaks at its ends are inside despite rounding."""
     low, high = band
     room = 1e-9 * high
     return low - room, high + room
@@ -383,7 +390,7 @@ def load_table(path: str | Path | None = None, mechanism: Mechanism | None = Non
         The file that `save_table` wrote. Without a path, the table of the three-point linkage that
         ships with the package is read.
     mechanism : Mechanism, optional
-        The one in use; a table of any other is refused.
+        The mechanism in use; a table of another one is refused.
 
     Raises
     ------
@@ -411,7 +418,7 @@ def _read(path: Path) -> Table:
         if metadata["format"] != FORMAT or metadata["units"] != UNITS:
             raise TableError(f"{path}: is a table of another format; {rebuild}")
         if arrays["alpha3"].dtype != np.float64:
-            raise TableError(f"{path}: is damaged (its angles are no numbers); {rebuild}")
+            raise TableError(f"{path}: is damaged (its angles are not numbers); {rebuild}")
         toggles, frf_error = metadata["toggles_rad"], metadata["frf_error"]
         table = Table(
             **arrays,

@@ -122,7 +122,7 @@ def test_joints_nearly_closed_twice_are_refused(model: LinkageModel, apart: floa
 def test_numbers_that_are_not_finite_are_refused() -> None:
     """A NaN in B is told as such, where the SVD would not converge."""
     system = uncoupled_system([oscillator("a", 2.0, 800.0)])
-    with pytest.raises(CouplingError, match="no finite number"):
+    with pytest.raises(CouplingError, match="not finite"):
         couple(system, joined([[math.nan, 0.0]], [], []))
 
 

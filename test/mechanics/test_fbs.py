@@ -177,7 +177,7 @@ def test_zero_frequency() -> None:
     none, mass = np.zeros((2, 2)), np.eye(2)
     held = component_frf(mass, pair + np.diag([100.0, 0.0]), none, 2, np.array([0.0]))
     np.testing.assert_allclose(held[0].real, [[0.01, 0.01], [0.01, 0.012]], rtol=1e-12)
-    with pytest.raises(FbsError, match="0 Hz; let the first frequency be above 0"):
+    with pytest.raises(FbsError, match="0 Hz; begin above 0"):
         component_frf(mass, pair, none, 2, np.array([0.0, 1.0]))
 
 
@@ -201,12 +201,12 @@ def test_misfits_are_refused() -> None:
     block, short = np.ones((5, 1, 1), dtype=complex), np.ones((4, 1, 1), dtype=complex)
     joint = np.array([[1.0, -1.0]])
     assert "have 5, 4 frequencies" in refusal([block, short], joint)
-    assert "compatibility have 3 columns, but the components 2 DoFs" in refusal(
+    assert "compatibility have 3 columns, but the components have 2 DoFs" in refusal(
         [block, block], np.ones((1, 3))
     )
     still = np.zeros_like(block)
     assert "singular at line 0 and 4 other frequencies" in refusal([still, still], joint)
-    assert "component 2 hold what is no finite number" in refusal(
+    assert "component 2 have values that are not finite" in refusal(
         [block, np.full_like(block, math.nan)], joint
     )
 

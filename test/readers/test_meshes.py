@@ -393,7 +393,9 @@ def test_two_parts(tmp_path: Path) -> None:
 
     kept = [line for line in lines[at + 1 : -1] if quarter(line) != 1]
     path.write_text("\n".join([*lines[:at], str(len(kept)), *kept, "$EndElements\n"]))
-    with pytest.raises(ComponentFileError, match="The solid falls into 2 parts; join their meshes"):
+    with pytest.raises(
+        ComponentFileError, match="The solid consists of 2 separate parts; join their meshes"
+    ):
         mesh_matrices(path, STEEL, PINS, POINTS, 2)
 
 

@@ -8,8 +8,16 @@ from linkage_vibration.mechanics.description import Section
 from linkage_vibration.mechanics.keys import Keys
 
 
-def read(keys: Keys, _: float) -> Section:
-    """Read a section by its properties; those out of the plane are NaN where they are missing."""
+def read(keys: Keys, poisson_ratio: float) -> Section:
+    """Read a section by its properties; those out of the plane are NaN if they are missing.
+
+    Parameters
+    ----------
+    keys : Keys
+        With ``area`` and ``second_moment``, and optional others.
+    poisson_ratio : float
+        Not used.
+    """
     return Section(
         area=keys.number("area", positive=True),
         second_moment=keys.number("second_moment", positive=True),

@@ -1,24 +1,24 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a table promises, all of it from one tolerance."""
+"""The accuracy of a table, which follows from one tolerance."""
 
 from dataclasses import dataclass
 
 TOLERANCE = 1e-6
-"""Of natural frequencies, unless told otherwise."""
+"""Default relative tolerance of natural frequencies."""
 
 LOOSER = 100.0
-"""Times the tolerance of natural frequencies: that of peaks and FRFs.
+"""Ratio of the tolerance of peaks and FRFs to that of natural frequencies.
 
-A resonance that is off by a share e puts its FRF off by e / (sqrt(2) zeta) in the L2 norm, as a
-Lorentzian's derivative tells: a hundred times e at a damping ratio of 0.7 %.
+A relative error e of a resonance causes a relative error of its FRF of e / (sqrt(2) zeta) in the L2
+norm, by the derivative of a Lorentzian: a hundred times e at a damping ratio of 0.7 %.
 """
 
 FRF_FLOOR = 1e-5
-"""No better is promised of FRFs: far poles stand for the modes above the band."""
+"""Best tolerance of FRFs, since far poles represent the modes above the band."""
 
-_SHARPER = 5.0  # peaks change more between the points than at those that tell their error
-_EQUAL_AT_MOST = 0.1  # of a height: maxima that differ by more are two, whatever the tolerance
+_SHARPER = 5.0  # peaks change more between the points than at the points that measure their error
+_EQUAL_AT_MOST = 0.1  # of a height: maxima that differ by more are never of one height
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,19 +28,19 @@ class Accuracy:
     Attributes
     ----------
     frequency : float
-        Of the natural frequencies.
+        Tolerance of the natural frequencies.
     """
 
     frequency: float
 
     @property
     def peak(self) -> float:
-        """Of the highest peak's frequency and magnitude."""
+        """Tolerance of frequency and magnitude of the highest peak."""
         return LOOSER * self.frequency
 
     @property
     def refined_peak(self) -> float:
-        """Of the same, at the points by which pieces are refined."""
+        """Tolerance of the same, at the points by which pieces are refined."""
         return LOOSER / _SHARPER * self.frequency
 
     @property
@@ -50,5 +50,5 @@ class Accuracy:
 
     @property
     def frf(self) -> float:
-        """Of each FRF between the table's points, L2 norm over the band."""
+        """Tolerance of each FRF between the points of the table, L2 norm over the band."""
         return max(LOOSER * self.frequency, FRF_FLOOR)

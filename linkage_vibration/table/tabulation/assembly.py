@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Makes the table of pieces that have been refined."""
+"""Makes the table from refined pieces."""
 
 import math
 from collections.abc import Sequence
@@ -23,33 +23,33 @@ IntArray = NDArray[np.intp]
 
 
 def assemble(sampler: Sampler, pieces: list[Piece], tracked: Tracked, accuracy: Accuracy) -> Table:
-    """Make the table of some pieces, its errors not yet measured.
+    """Make the table from pieces; its errors are not measured yet.
 
     Parameters
     ----------
     sampler : Sampler
-        Of the model.
+        The samples of the model.
     pieces : list of Piece
-        Over the whole stroke, ascending.
+        The pieces of the whole stroke, ascending.
     tracked : Tracked
-        At all their points, also those that they are not fitted to.
+        The modes at all their points, also those to which they are not fitted.
     accuracy : Accuracy
-        That they were refined to.
+        The accuracy to which they were refined.
     """
     band, equal = sampler.response.band, accuracy.equal_height
     notables = np.array([_notable(tracked, piece, band, equal) for piece in pieces])
     used, n = notables.any(axis=0), sampler.response.modes
     variables = sorted({x for piece in pieces for x in piece.fitted})
-    told = tracked.only(tracked.at(variables))
+    fitted = tracked.only(tracked.at(variables))
     bounds = [variables.index(piece.fitted[0]) for piece in pieces] + [len(variables) - 1]
-    none = np.isnan(told.peak_magnitudes)
+    absent = np.isnan(fitted.peak_magnitudes)
     table = Table(
         alpha3=np.array([sampler.at(x).alpha3 for x in variables]),
         pieces=np.array(bounds, dtype=np.int64),
-        natural_frequencies=np.exp(told.log_frequencies[:, :n]),
-        damping_ratios=told.ratios[:, :n],
-        peak_frequencies=np.where(none, 0.0, told.peak_frequencies)[:, used],
-        peak_magnitudes=np.where(none, SILENT, told.peak_magnitudes)[:, used],
+        natural_frequencies=np.exp(fitted.log_frequencies[:, :n]),
+        damping_ratios=fitted.ratios[:, :n],
+        peak_frequencies=np.where(absent, 0.0, fitted.peak_frequencies)[:, used],
+        peak_magnitudes=np.where(absent, SILENT, fitted.peak_magnitudes)[:, used],
         peak_notable=notables[:, used],
         interpolation_error=np.zeros(len(pieces)),
         peak_error=math.nan,
@@ -69,13 +69,13 @@ def assemble(sampler: Sampler, pieces: list[Piece], tracked: Tracked, accuracy: 
         package_version=linkage_vibration.__version__,
     )
     terms = [found for x in variables if (found := sampler.at(x).terms) is not None]
-    return table if len(terms) < len(variables) else _with_frfs(table, sampler, told, terms)
+    return table if len(terms) < len(variables) else _with_frfs(table, sampler, fitted, terms)
 
 
 def _notable(
     tracked: Tracked, piece: Piece, band: tuple[float, float], equal: float
 ) -> NDArray[np.bool_] | None:
-    """Which maxima tell the highest peak in a piece."""
+    """Return which maxima are needed to find the highest peak in a piece."""
     own = tracked.at(piece.fitted + piece.held)
     at, sizes = tracked.peak_frequencies[own], tracked.peak_magnitudes[own]
     return notable(at, sizes, band, equal, strict=False)
@@ -84,14 +84,14 @@ def _notable(
 def _with_frfs(table: Table, sampler: Sampler, tracked: Tracked, terms: Sequence[Terms]) -> Table:
     """Add the terms of FRFs: those of the tracked modes, and far poles for the sum of all others.
 
-    Terms are numbered as all modes are, since there is no mechanism mode.
+    Terms have the same indices as the modes, since there is no mechanism mode.
     """
     both = list(zip(terms, tracked.orders, strict=True))
     stiffness = np.array([term.frf.stiffness[order] for term, order in both])
     decay = np.array([term.frf.decay[order] for term, order in both])
     coupled = any(term.frf.rates.any() for term in terms)
     if coupled and (decay**2 >= 4.0 * stiffness.real).any():
-        return table  # a mode damped beyond oscillation is no pair of conjugate poles
+        return table  # an overdamped mode does not have a pair of conjugate poles
     kept = [_mask(order, len(term.frf.decay)) for term, order in both]
     far = far_poles(
         np.concatenate([term.frf.stiffness[~own] for term, own in zip(terms, kept, strict=True)]),
@@ -115,7 +115,7 @@ def _with_frfs(table: Table, sampler: Sampler, tracked: Tracked, terms: Sequence
 
 
 def _mask(order: IntArray, count: int) -> NDArray[np.bool_]:
-    """Return which of so many modes are in an order."""
+    """Return which of ``count`` modes are in an order, (count,)."""
     mask = np.zeros(count, dtype=np.bool_)
     mask[order] = True
     return mask

@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Cuts the stroke into pieces, refines each, and does so again where the table is not as asked."""
+"""Divides the stroke into pieces and refines them until the table meets its tolerance."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -19,8 +19,11 @@ from linkage_vibration.table.tabulation.sampling import Sampler
 from linkage_vibration.table.tabulation.tracking import Tracker
 from linkage_vibration.table.tabulation.verification import verify
 
-_FINEST, _COARSEST = 1e-11, 1.0  # tolerances: below, rounding decides; above, nothing is promised
-_TOTAL = 3000  # solutions in all, ten times what the hardest of the shipped linkages takes
+_FINEST, _COARSEST = (
+    1e-11,
+    1.0,
+)  # tolerances: below, rounding dominates; above, the table has no use
+_TOTAL = 3000  # solutions in total, ten times those of the most difficult of the shipped linkages
 
 
 def build_table(
@@ -29,44 +32,44 @@ def build_table(
     points: Sequence[str] | None = None,
     solved: Callable[[], object] = lambda: None,
 ) -> Table:
-    """Tabulate what a prediction tells over the stroke, to a tolerance.
+    """Tabulate the values of predictions over the stroke, to a tolerance.
 
     Every quantity is a polynomial in `stroke_variable`. The model is solved at the points of a Leja
-    sequence; the three that come next measure the error of the polynomial through those before
-    them, where it is largest, and join them while it is above the tolerance. A piece of the stroke
-    that would need more than 48 points is halved, and one in which the highest peak passes from one
-    maximum to another that is not there all along. Modes are tracked from point to point by their
-    shapes; where a shape might continue two, a point is put between. Where modes seem to cross, the
-    model is solved to see whether they do, or veer.
+    sequence; the next three measure the error of the polynomial through the previous ones where it
+    is largest, and join them while it is above the tolerance. A piece of the stroke is halved if it
+    needs more than 48 points, or if the highest peak passes to a maximum that does not exist in the
+    whole piece. Modes are tracked from point to point by their shapes; where a shape might continue
+    two others, a point is added between. Where modes seem to cross, the model is solved to decide
+    whether they cross or veer.
 
     Parameters
     ----------
     model : LinkageModel
-        What to tabulate.
+        The model to tabulate.
     tolerance : float
         Relative, of natural frequencies; a hundred times that of the highest peak's frequency and
         magnitude, and of each FRF between the points (L2 norm over the band; 1e-5 at best).
     points : sequence of str, optional
-        Between which points the table is to hold FRFs; all that move, if they are eight at most,
-        otherwise the response point. A model from measured FRFs has none.
+        Points between which the table has FRFs; by default all that move, if they are no more than
+        eight, otherwise the response point. A model from measured FRFs has none.
     solved : callable
         Called after each solution of the model, for a progress bar.
 
     Raises
     ------
     TableError
-        If the tolerance is none, or cannot be met; if the model shows too few modes, or no response
-        to speak of; if a mode cannot be followed.
+        If the tolerance is invalid or cannot be met; if the model has too few modes, or hardly any
+        response; if a mode cannot be tracked.
     """
     if not _FINEST <= tolerance < _COARSEST:
         raise TableError(
-            f"A tolerance of {tolerance:g} cannot be met, or is none; give one from {_FINEST:g} to "
-            f"{_COARSEST:g}."
+            f"A tolerance of {tolerance:g} is invalid or cannot be met; give one from {_FINEST:g} "
+            f"to {_COARSEST:g}."
         )
     sampler = Sampler(model, points, solved)
     tracker, accuracy = Tracker(sampler, tolerance), Accuracy(tolerance)
     pieces = _refined(tracker, [first_points(sampler.samples, *sampler.ends)], accuracy)
-    tried: set[tuple[float, float]] = set()  # pieces that were given more points
+    tried: set[tuple[float, float]] = set()  # pieces that have received more points
     while True:
         pieces.sort(key=lambda piece: piece.ends)
         tracked = tracker.follow(
@@ -78,7 +81,7 @@ def build_table(
             return table
         waiting: list[list[float]] = []
         for piece in poor:
-            if piece.ends in tried:  # more points have not helped
+            if piece.ends in tried:  # more points did not help
                 waiting += _halves(sampler, *piece.ends)
             else:
                 tried.add(piece.ends)
@@ -88,7 +91,7 @@ def build_table(
 
 
 def _refined(tracker: Tracker, waiting: list[list[float]], accuracy: Accuracy) -> list[Piece]:
-    """Refine pieces, from the last to the first, and halve those that do not come to meet it."""
+    """Refine pieces, from the last to the first, and halve those that miss the tolerance."""
     sampler, pieces = tracker.sampler, list[Piece]()
     while waiting:
         fitted = waiting.pop()
@@ -102,7 +105,7 @@ def _refined(tracker: Tracker, waiting: list[list[float]], accuracy: Accuracy) -
                 f"{sampler.model.mechanism.name} changes too quickly at alpha3 = "
                 f"{math.degrees(sampler.angle(low)):.4f} deg for a tolerance of "
                 f"{accuracy.frequency:g}; "
-                "give a larger one."
+                "give a larger tolerance."
             )
         waiting += _halves(sampler, low, high)
     return pieces
@@ -112,4 +115,4 @@ def _halves(sampler: Sampler, low: float, high: float) -> list[list[float]]:
     """Return the first points of both halves between two stroke variables."""
     middle = (low + high) / 2.0
     ends = (low, middle), (middle, high)
-    return [first_points(sampler.samples, *some) for some in ends]
+    return [first_points(sampler.samples, *bounds) for bounds in ends]

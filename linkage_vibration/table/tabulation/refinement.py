@@ -21,25 +21,25 @@ from linkage_vibration.table.tabulation.veering import GRID, crossing_gaps, mix_
 
 FloatArray = NDArray[np.float64]
 
-_BATCH = 3  # points that tell the error of those before: one alone may stand where it is zero
-_FIRST = 2 * _BATCH  # points of a piece to begin with
-_MOST = 48  # points of a piece; a polynomial that needs more converges so slowly that halving pays
-_EQUALLY_GOOD = math.log(3.0)  # of a Leja point's product: a point that is solved already serves
-_LONG = 0.01  # of the stroke: in longer pieces maxima that may be the highest are there all along
+_BATCH = 3  # points that measure the error of the previous ones: one alone may be where it is zero
+_FIRST = 2 * _BATCH  # first points of a piece
+_MOST = 48  # points of a piece; if a polynomial needs more, halving the piece needs fewer
+_EQUALLY_GOOD = math.log(3.0)  # of a Leja point's product: a point that is already solved is used
+_LONG = 0.01  # of the stroke: in longer pieces, maxima that may be the highest exist at every point
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Piece:
-    """Stroke variables of a piece, and what is known of its error.
+    """Stroke variables of a piece, and its error where modes cross.
 
     Attributes
     ----------
     fitted : list of float
         Ascending: the points of its polynomials.
     held : list of float
-        Those that tell their error.
+        The points that measure their error.
     gap : float
-        Relative error of frequencies where modes cross that veer by next to nothing.
+        Relative error of frequencies where modes cross that veer by a negligible gap.
     """
 
     fitted: list[float]
@@ -48,12 +48,20 @@ class Piece:
 
     @property
     def ends(self) -> tuple[float, float]:
-        """Where it begins and ends."""
+        """Stroke variables at which it begins and ends."""
         return self.fitted[0], self.fitted[-1]
 
 
 def first_points(solved: Iterable[float], low: float, high: float) -> list[float]:
-    """Return the first points between two stroke variables, near Leja's, some solved already."""
+    """Return the first points of a piece, near Leja's; solved ones are preferred.
+
+    Parameters
+    ----------
+    solved : iterable of float
+        Stroke variables at which the model is solved.
+    low, high : float
+        Stroke variables of the ends.
+    """
     points, free = [low, high], [x for x in solved if low < x < high]
     while len(points) < _FIRST or (free and len(points) < _MOST // 2):
         best = leja_points(points, low, high, 1)
@@ -67,30 +75,29 @@ def first_points(solved: Iterable[float], low: float, high: float) -> list[float
 
 
 def more_points(fitted: list[float]) -> list[float]:
-    """Return the points that come next in the Leja sequence of those of a piece."""
+    """Return the next points in the Leja sequence of those of a piece."""
     return leja_points(fitted, fitted[0], fitted[-1], _BATCH)
 
 
 def refine(tracker: Tracker, fitted: list[float], accuracy: Accuracy) -> Piece | None:
     """Add points until natural frequencies and peaks meet the tolerance.
 
-    In turn it is asked whether maxima that are there all along tell the highest peak, whether the
-    polynomials meet the tolerance, whether shapes tell which mode is which, and whether modes that
-    seem to cross do.
+    The checks are, in this order: maxima that exist at every point suffice for the highest peak,
+    polynomials meet the tolerance, shapes identify the modes, modes that seem to cross do cross.
 
     Parameters
     ----------
     tracker : Tracker
-        Over the whole stroke.
+        The tracker over the whole stroke.
     fitted : list of float
-        Stroke variables to begin with, ascending; the first and the last bound the piece.
+        The first stroke variables, ascending; the first and the last bound the piece.
     accuracy : Accuracy
-        What is asked for.
+        The accuracy to be met.
 
     Returns
     -------
     Piece or None
-        None where it takes too many points, or others elsewhere: the piece is to be halved.
+        None if it needs too many points, or points elsewhere: the piece must be halved.
 
     Raises
     ------
@@ -100,7 +107,7 @@ def refine(tracker: Tracker, fitted: list[float], accuracy: Accuracy) -> Piece |
     sampler, tolerance = tracker.sampler, accuracy.frequency
     band, n_modes = sampler.response.band, sampler.response.modes
     long = fitted[-1] - fitted[0] > _LONG * sampler.length
-    between: set[float] = set()  # where modes could not be told apart
+    between: set[float] = set()  # where modes could not be distinguished
     while len(fitted) <= _MOST:
         more = more_points(fitted)
         held = sorted(between.union(more).difference(fitted))
@@ -111,8 +118,8 @@ def refine(tracker: Tracker, fitted: list[float], accuracy: Accuracy) -> Piece |
             return None
         if mix_closely(tracked, tolerance):
             tracker.heed_veering()
-        told = _Told(tracked, maxima, n_modes, band, accuracy)
-        if told.misses(fitted) or told.moves(fitted, fitted + more):
+        polynomials = _Polynomials(tracked, maxima, n_modes, band, accuracy)
+        if polynomials.misses(fitted) or polynomials.moves(fitted, fitted + more):
             fitted = sorted(fitted + more)
             continue
         unclear = unclear_steps(sampler, tracked)
@@ -131,8 +138,8 @@ def refine(tracker: Tracker, fitted: list[float], accuracy: Accuracy) -> Piece |
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Told:
-    """What polynomials are to tell of some samples, and whether they do."""
+class _Polynomials:
+    """Compares polynomials with the samples that they represent."""
 
     tracked: Tracked
     maxima: NDArray[np.bool_]
@@ -141,13 +148,13 @@ class _Told:
     accuracy: Accuracy
 
     def misses(self, fitted: list[float]) -> bool:
-        """Whether polynomials are off at the samples that they are not fitted to."""
+        """Return whether polynomials are inaccurate at samples to which they are not fitted."""
         own = self.tracked.at(fitted)
         frequencies, at, sizes = self._between(fitted, self.tracked.variables[~own])
         exact = self.tracked.log_frequencies[~own, : self.n_modes]
         exact_at = self.tracked.peak_frequencies[~own][:, self.maxima]
         exact_sizes = self.tracked.peak_magnitudes[~own][:, self.maxima]
-        # Of two peaks of one height either is the highest: each is held against itself.
+        # Either of two peaks of one height is the highest: each is compared with itself.
         best = heights(at, sizes, self.band).argmax(axis=1)
         rows = np.arange(len(best))
         height = heights(exact_at, exact_sizes, self.band).max(axis=1)
@@ -156,7 +163,7 @@ class _Told:
         return self._exceeds(frequencies - exact, np.maximum(off, away))
 
     def moves(self, fitted: list[float], finer: list[float]) -> bool:
-        """Whether more points move the polynomials anywhere in the piece."""
+        """Return whether more points change the polynomials anywhere in the piece."""
         grid = np.linspace(fitted[0], fitted[-1], GRID)
         before, at, sizes = self._between(fitted, grid)
         after, finer_at, finer_sizes = self._between(finer, grid)
@@ -165,14 +172,14 @@ class _Told:
         return self._exceeds(before - after, np.abs(height / finer_height - 1.0))
 
     def _exceeds(self, logarithms: FloatArray, peaks: FloatArray) -> bool:
-        """Whether errors, of natural frequencies' logarithms or of peaks, are too large."""
+        """Return whether errors of the logarithms of frequencies or of peaks are too large."""
         frequency, peak = np.abs(logarithms).max(), peaks.max()
         return bool(frequency > self.accuracy.frequency or peak > self.accuracy.refined_peak)
 
     def _between(
         self, points: list[float], at: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Logarithms of natural frequencies, places (Hz) and heights (m/N) of the maxima."""
+        """Return logarithms of natural frequencies, and frequencies and heights of the maxima."""
         own = self.tracked.at(points)
         matrix = interpolation_matrix(self.tracked.variables[own], at)
         return (

@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Solves the model at angles of the stroke, each once, and keeps what a table needs."""
+"""Solves the model at angles of the stroke, each once, and keeps the values for a table."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -22,21 +22,21 @@ FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 IntArray = NDArray[np.intp]
 
-_SPARE = 4  # modes beyond those in reach that may turn out to continue a tracked one
-_MANY = 8  # points of a mechanism up to which all have FRFs in the table unless told otherwise
-_SHORTEST = 1e-7  # of the stroke: 1e-5 deg of 90 deg, which no joint's sensor resolves
+_SPARE = 4  # further modes, which may continue a tracked one
+_MANY = 8  # points of a mechanism up to which all have FRFs in the table by default
+_SHORTEST = 1e-7  # of the stroke: 1e-5 deg of 90 deg, which no joint sensor resolves
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Terms:
-    """What the FRFs between the places are made of at one angle.
+    """The terms of the FRFs between the places at one angle.
 
     Attributes
     ----------
     frf : PoleResidue
         Between all places, with every mode.
     rows : ndarray, (n_places, n_interface)
-        What turns shapes into participations.
+        Matrix that turns shapes into participations.
     complex_shapes : complex ndarray, (n_places, n_modes), or None
         Participations where viscous damping couples the modes.
     """
@@ -48,25 +48,25 @@ class Terms:
 
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """The model solved at one angle, as far as a table needs it.
+    """The solution of the model at one angle, as far as a table needs it.
 
     Attributes
     ----------
     alpha3 : float
         rad.
     modes : Modes
-        The lowest elastic ones: those in reach of the band, and some to spare.
+        The lowest elastic modes: those in reach of the band, and a few more.
     frequencies, ratios : ndarray, (n,)
         Their natural frequencies (Hz) and damping ratios (1).
     peaks : ndarray, (2, n)
-        Frequency (Hz) and magnitude (m/N) of the drive-point receptance's maximum beside each of
-        them; NaN where there is none.
+        Frequency (Hz) and magnitude (m/N) of the maximum of the drive-point receptance near each
+        of them; NaN where there is none.
     edges : ndarray, (2, 2)
-        The same at the band's ends.
+        The same at the ends of the band.
     drive : PoleResidue
         The drive-point receptance.
     terms : Terms or None
-        None where the model has no such terms.
+        None if the model has no such terms.
     """
 
     alpha3: float
@@ -80,7 +80,7 @@ class Sample:
 
     @cached_property
     def peak(self) -> Peak:
-        """The highest of the drive-point receptance in the band, sought when it is asked for."""
+        """The highest peak of the drive-point receptance in the band, found on demand."""
         low, high = self.edges[0].tolist()
         return self.drive.peak((low, high))
 
@@ -96,13 +96,13 @@ class Sampler:
     Attributes
     ----------
     places : tuple of (point, direction)
-        Between which the table is to hold FRFs.
+        Places between which the table has FRFs.
     mass : ndarray, (n, n)
-        Of the uncoupled components, by which shapes are compared; identified shapes have none.
+        Mass of the uncoupled components, to compare shapes; the identity for identified shapes.
     ends : tuple of float
         The stroke.
     samples : dict of float to Sample
-        What has been solved.
+        The solutions so far.
     """
 
     def __init__(
@@ -119,32 +119,32 @@ class Sampler:
         self._solved = solved
         first, last = stroke_variable(np.array(model.mechanism.stroke), self.toggles).tolist()
         self.ends: tuple[float, float] = (first, last)
-        # The stroke's ends to the last bit, which the variable does not give back.
+        # The ends of the stroke to the last bit, which the variable does not return.
         self._angles = dict(zip(self.ends, model.mechanism.stroke, strict=True))
 
     @property
     def length(self) -> float:
-        """Of the stroke, in its variable."""
+        """Length of the stroke, in its variable."""
         return self.ends[1] - self.ends[0]
 
     @property
     def shortest(self) -> float:
-        """Steps below this are not tried."""
+        """Smallest step, in the stroke variable."""
         return _SHORTEST * self.length
 
     def angle(self, variable: float) -> float:
-        """Angle of a stroke variable, rad."""
+        """Return the angle of a stroke variable, rad."""
         if variable in self._angles:
             return self._angles[variable]
         return float(stroke_angle(np.array([variable]), self.toggles)[0])
 
     def at(self, variable: float) -> Sample:
-        """Return the sample at a stroke variable, solved when it is asked for first.
+        """Return the sample at a stroke variable, which is solved once.
 
         Raises
         ------
         TableError
-            If the model shows too few modes there, has no damping, or does not respond.
+            If the model has too few modes there, has no damping, or does not respond.
         """
         if variable not in self.samples:
             self.samples[variable] = self._solve(self.angle(variable))
@@ -178,21 +178,21 @@ class Sampler:
     ) -> Sample:
         band, name = self.response.band, self.model.mechanism.name
         reach = int(in_reach(modes.omega[elastic] ** 2, band).sum())
-        some = elastic[: max(self.response.modes, reach) + _SPARE]
-        if len(some) < self.response.modes:
+        kept = elastic[: max(self.response.modes, reach) + _SPARE]
+        if len(kept) < self.response.modes:
             raise TableError(
-                f"response.modes asks for {self.response.modes} modes; {name} shows {len(some)} at "
-                f"{math.degrees(alpha3):.3f} deg; ask for fewer, keep more modes a link, or widen "
-                "response.band_hz where modes are identified from FRFs."
+                f"response.modes is {self.response.modes}, but {name} has {len(kept)} modes at "
+                f"{math.degrees(alpha3):.3f} deg; use fewer, keep more modes in each link, or "
+                "widen response.band_hz if modes are identified from FRFs."
             )
         lost = len(modes.omega) - len(drive.decay)  # mechanism modes have no term there
-        peaks = np.array(drive.local_peaks(some - lost, band))
+        peaks = np.array(drive.local_peaks(kept - lost, band))
         edges = np.abs(drive.frf(np.array(band))[:, 0, 0])
         edges = np.array([band, np.where(np.isfinite(edges), edges, 0.0)])
         if np.isinf(peaks).any():
             raise TableError(
-                f"{name} is undamped, so that its receptance has no highest value; give its links "
-                "damping."
+                f"{name} has an undamped mode, so its receptance has no highest value; give its "
+                "links damping."
             )
         if max(edges[1].max(), heights(peaks[0], peaks[1], band).max()) <= SILENT:
             raise TableError(
@@ -200,9 +200,9 @@ class Sampler:
             )
         return Sample(
             alpha3,
-            modes.select(some, np.ones(len(some))),
-            modes.omega[some] / (2.0 * math.pi),
-            ratios[some],
+            modes.select(kept, np.ones(len(kept))),
+            modes.omega[kept] / (2.0 * math.pi),
+            ratios[kept],
             peaks,
             edges,
             drive,
@@ -210,7 +210,7 @@ class Sampler:
         )
 
     def _terms(self, solution: Solution) -> Terms | None:
-        """FRFs between the places, and what their residues are products of."""
+        """Return the FRFs between the places, and the participations in their residues."""
         if not self.places or solution.modes.mechanism.any():
             return None
         rows, damped = self.model.rows(self.places, solution.configuration), solution.damped
@@ -218,14 +218,14 @@ class Sampler:
         shapes = None
         if damped.shapes is not None:
             own = damped.shapes[0]
-            # Signs are arbitrary; take those of the undamped modes, so that these tell them.
+            # Signs are arbitrary; use those of the undamped modes.
             turn = np.exp(0.25j * math.pi) if damped.poles is not None else 1.0
             shapes = undamped @ (own * np.where((np.diag(own) * turn).real < 0.0, -1.0, 1.0))
         return Terms(pole_residue(damped, undamped, undamped), rows, shapes)
 
 
 def _places(model: LinkageModel, points: Sequence[str] | None) -> tuple[Place, ...]:
-    """Return the points that the table has FRFs between, each along x and z."""
+    """Return the places between which the table has FRFs: points, each along x and z."""
     mechanism = model.mechanism
     if points is None:
         moving = {p for body in mechanism.bodies for p in mechanism.local_points(body.name)}
@@ -233,5 +233,5 @@ def _places(model: LinkageModel, points: Sequence[str] | None) -> tuple[Place, .
         points = names if len(names) <= _MANY else [mechanism.response.point]
     for point in points:
         if not mechanism.owners(point):
-            raise TableError(f"There is no point {point} in {mechanism.name} to have FRFs at.")
+            raise TableError(f"{mechanism.name} has no point {point} for FRFs; check the name.")
     return tuple((point, direction) for point in points for direction in ("x", "z"))

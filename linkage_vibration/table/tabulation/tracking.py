@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Follows modes from sample to sample by their shapes."""
+"""Tracks modes from sample to sample by their shapes."""
 
 import math
 from collections.abc import Sequence
@@ -18,32 +18,32 @@ from linkage_vibration.table.tabulation.sampling import Sample, Sampler
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]
 
-_VEERING = 0.03  # of the tolerance: what is left out of shapes once some veer by little more
+_VEERING = 0.03  # of the tolerance: coupling left out of shapes once modes veer by little more
 
 UNCLEAR = 0.5
-"""MAC up to which a shape may continue two: over all modes of a sample it adds up to 1."""
+"""MAC up to which a shape may continue two: its sum over all modes of a sample is 1."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tracked:
-    """Which modes of each of n samples continue the k of the first, and what is tabulated of them.
+    """The modes of each of n samples that continue the k modes of the first, and their values.
 
     Attributes
     ----------
     variables : ndarray, (n,)
         Stroke variables of the samples, ascending.
     orders : list of ndarray of int, (k,)
-        The modes of each sample.
+        Indices of the modes of each sample.
     signs : list of ndarray, (k,)
-        That align their shapes with those of the first.
+        1 or -1, which align their shapes with those of the first.
     shapes : list of ndarray, (n_interface, k)
-        So aligned.
+        The aligned shapes.
     mac : ndarray, (n - 1, k)
-        From each sample to the next.
+        MAC from each sample to the next.
     log_frequencies, ratios : ndarray, (n, k)
-        Of natural frequencies in Hz, and damping ratios.
+        Logarithms of natural frequencies in Hz, and damping ratios.
     peak_frequencies, peak_magnitudes : ndarray, (n, k + 2)
-        Maxima beside each mode and at the band's ends, Hz and m/N; NaN where there is none.
+        Maxima near each mode and at the ends of the band, Hz and m/N; NaN where there is none.
     """
 
     variables: FloatArray
@@ -57,23 +57,23 @@ class Tracked:
     peak_magnitudes: FloatArray
 
     def at(self, variables: Sequence[float]) -> NDArray[np.bool_]:
-        """Which of the samples are at some stroke variables, (n,)."""
-        some = set(variables)
-        return np.array([x in some for x in self.variables.tolist()], dtype=np.bool_)
+        """Return which of the samples are at some stroke variables, (n,)."""
+        wanted = set(variables)
+        return np.array([x in wanted for x in self.variables.tolist()], dtype=np.bool_)
 
     def only(self, rows: NDArray[np.bool_]) -> "Tracked":
-        """Return what is tracked at some of the samples, (n,), followed through all of them."""
-        some = np.flatnonzero(rows)
+        """Return the modes at some of the samples, (n,), as tracked through all of them."""
+        kept = np.flatnonzero(rows)
         return Tracked(
-            self.variables[some],
-            [self.orders[i] for i in some],
-            [self.signs[i] for i in some],
-            [self.shapes[i] for i in some],
+            self.variables[kept],
+            [self.orders[i] for i in kept],
+            [self.signs[i] for i in kept],
+            [self.shapes[i] for i in kept],
             self.mac[:0],
-            self.log_frequencies[some],
-            self.ratios[some],
-            self.peak_frequencies[some],
-            self.peak_magnitudes[some],
+            self.log_frequencies[kept],
+            self.ratios[kept],
+            self.peak_frequencies[kept],
+            self.peak_magnitudes[kept],
         )
 
 
@@ -85,7 +85,7 @@ class Tracker:
     sampler : Sampler
         Solves the model.
     tolerance : float
-        Of natural frequencies; modes that come nearer than that may be taken to cross.
+        Tolerance of natural frequencies; modes that veer by less may be treated as crossing.
     """
 
     def __init__(self, sampler: Sampler, tolerance: float) -> None:
@@ -93,14 +93,14 @@ class Tracker:
         self._tolerance = self._left_out = tolerance
 
     def heed_veering(self) -> None:
-        """From now on turn shapes only where next to nothing couples them: some do veer."""
+        """From now on rotate shapes only if their coupling is negligible, since some modes veer."""
         self._left_out = _VEERING * self._tolerance
 
     def follow(self, variables: Sequence[float]) -> Tracked:
         """Track the modes in reach of the band over samples in ascending order.
 
-        It begins where modes lie farthest apart, since their shapes are their own there, and goes
-        both ways. A mode in reach at one angle is tracked at all.
+        It begins where modes are farthest apart, since their shapes do not mix there, and proceeds
+        both ways. A mode that is in reach at one angle is tracked at all angles.
         """
         samples = [self.sampler.at(x) for x in variables]
         band, least = self.sampler.response.band, self.sampler.response.modes
@@ -156,7 +156,14 @@ class Tracker:
 
 
 def unclear_steps(sampler: Sampler, tracked: Tracked) -> list[float]:
-    """Return the middles of steps over which a mode's shape may continue two.
+    """Return the middles of steps over which the shape of a mode may continue two.
+
+    Parameters
+    ----------
+    sampler : Sampler
+        The samples.
+    tracked : Tracked
+        The modes at some of them.
 
     Raises
     ------
@@ -169,9 +176,9 @@ def unclear_steps(sampler: Sampler, tracked: Tracked) -> list[float]:
         if there - here < sampler.shortest:
             modes = 1 + np.flatnonzero(tracked.mac[i] <= UNCLEAR)
             raise TableError(
-                f"Mode {' and mode '.join(map(str, modes))} cannot be followed past alpha3 = "
-                f"{math.degrees(sampler.angle(here)):.5f} deg: the shape there resembles none on "
-                "the other side; keep fewer modes in response.modes, or end the stroke before."
+                f"Mode {' and mode '.join(map(str, modes))} cannot be tracked past alpha3 = "
+                f"{math.degrees(sampler.angle(here)):.5f} deg: no shape on the other side "
+                "resembles it; use fewer modes in response.modes, or end the stroke before."
             )
         middles.append((here + there) / 2.0)
     return middles

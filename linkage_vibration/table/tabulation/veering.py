@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Tells modes that cross from modes that veer: a crossing has no gap, a veering has."""
+"""Distinguishes modes that cross from modes that veer, between which a gap remains."""
 
 import itertools
 
@@ -14,62 +14,70 @@ from linkage_vibration.table.tabulation.tracking import Tracked
 
 FloatArray = NDArray[np.float64]
 
-_MIXED = 0.9  # MAC: less of a shape goes on where it has mixed with another's
-_NARROW = 100.0  # tolerances: modes that mix and are nearer than that veer
+_MIXED = 0.9  # MAC: it is lower where a shape has mixed with another
+_NARROW = 100.0  # tolerances: modes that mix and are closer than that veer
 
 GRID = 401
-"""Places over a piece at which its polynomials are looked at: eight to each of its 48 points."""
+"""Places over a piece at which its polynomials are evaluated: eight to each of its 48 points."""
 
 
 def mix_closely(tracked: Tracked, tolerance: float) -> bool:
-    """Whether shapes mix of modes whose frequencies are next to one another, so that they veer."""
+    """Return whether the shapes of modes with neighbouring frequencies mix, so that they veer.
+
+    Parameters
+    ----------
+    tracked : Tracked
+        The modes.
+    tolerance : float
+        Relative tolerance of natural frequencies.
+    """
     mixed = np.flatnonzero((tracked.mac <= _MIXED).any(axis=1))
     beside = np.sort(tracked.log_frequencies[[*mixed, *(mixed + 1)]], axis=1)
     return bool((np.diff(beside, axis=1) < _NARROW * tolerance).any())
 
 
 def crossing_gaps(sampler: Sampler, fitted: list[float], tracked: Tracked) -> dict[float, float]:
-    """Solve the model where tracked modes cross, and tell how far apart they are there.
+    """Solve the model where tracked modes cross, and return how far apart they are there.
 
-    Modes that veer within a step shorter than those of the table look as if they crossed.
+    Modes that veer within a step shorter than those of the table seem to cross.
 
     Parameters
     ----------
     sampler : Sampler
         Solves the model.
     fitted : list of float
-        Stroke variables whose polynomials are to cross.
+        Stroke variables of the polynomials.
     tracked : Tracked
-        At these, at least.
+        The modes, at least at these.
 
     Returns
     -------
     dict of float to float
-        For each stroke variable half the relative gap: the error of the frequencies there, which
-        the polynomials let meet halfway.
+        For each stroke variable half the relative gap: the error of the frequencies there, since
+        the polynomials meet halfway.
     """
     own = tracked.at(fitted)
     points, logarithms = tracked.variables[own], tracked.log_frequencies[own]
 
-    def told(at: FloatArray, values: FloatArray) -> FloatArray:
+    def curve(at: FloatArray, values: FloatArray) -> FloatArray:
         return np.asarray(interpolation_matrix(points, at) @ values)
 
     grid = np.linspace(points[0], points[-1], GRID)
-    curves, gaps = told(grid, logarithms), {}
+    curves, gaps = curve(grid, logarithms), {}
     for one, other in itertools.combinations(range(curves.shape[1]), 2):
         apart = curves[:, one] - curves[:, other]
         difference = logarithms[:, one] - logarithms[:, other]
         for i in np.flatnonzero(apart[:-1] * apart[1:] < 0.0):
             x = float(
                 brentq(
-                    lambda at, values=difference: told(np.array([at]), values)[0],
+                    lambda at, values=difference: curve(np.array([at]), values)[0],
                     grid[i],
                     grid[i + 1],
                     xtol=1e-15,
                 )
             )
-            level = told(np.array([x]), logarithms)[0, one]
-            # The two modes there are the nearest to it, and the second is half the gap away.
+            level = curve(np.array([x]), logarithms)[0, one]
+            # The two modes are the nearest ones, and the second is half the gap away.
             off = np.abs(np.log(sampler.at(x).frequencies) - level)
             gaps[x] = float(np.sort(off)[1])
     return gaps

@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Holds a table against the model, at points that it was not fitted to."""
+"""Compares a table with the model, at points to which it was not fitted."""
 
 import math
 from dataclasses import replace
@@ -19,30 +19,30 @@ from linkage_vibration.table.tabulation.tracking import Tracked
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
-_LINES = 201  # frequencies at which FRFs are compared, beside those about the resonances
-_SILENT = 1e-6  # of what two places respond to themselves: an FRF between them that is none
+_LINES = 201  # frequencies at which FRFs are compared, in addition to those near resonances
+_SILENT = 1e-6  # of the drive-point FRFs of two places: an FRF between them that is only rounding
 
 
 def verify(
     table: Table, sampler: Sampler, pieces: list[Piece], tracked: Tracked, accuracy: Accuracy
 ) -> tuple[Table, list[Piece]]:
-    """Measure a table's errors where its pieces were held against the model.
+    """Measure the errors of a table at the points that its pieces reserve for that.
 
     Parameters
     ----------
     table : Table
-        As assembled.
+        The assembled table.
     sampler, pieces, tracked
-        What it was assembled from.
+        The arguments from which it was assembled.
     accuracy : Accuracy
-        What is asked for.
+        The accuracy to be met.
 
     Returns
     -------
     table : Table
-        With its errors.
+        The table with its errors.
     poor : list of Piece
-        Those that are not good enough.
+        The pieces that are not accurate enough.
     """
     frequencies = np.exp(tracked.log_frequencies[:, : table.n_modes])
     exact = dict(zip(tracked.variables.tolist(), frequencies, strict=True))
@@ -56,36 +56,49 @@ def verify(
             frf = max(frf, _frf_error(table, sample))
         found.append((frequency, peak, frf))
     errors = np.array(found)
-    told = replace(
+    measured = replace(
         table,
         interpolation_error=errors[:, 0],
         peak_error=float(errors[:, 1].max()),
         frf_error=float(errors[:, 2].max()) if table.places else math.nan,
     )
     allowed = accuracy.frequency, accuracy.peak, accuracy.frf
-    return told, [pieces[i] for i in np.flatnonzero((errors > allowed).any(axis=1))]
+    return measured, [pieces[i] for i in np.flatnonzero((errors > allowed).any(axis=1))]
 
 
 def frf_lines(exact: PoleResidue, band: tuple[float, float]) -> tuple[FloatArray, FloatArray]:
     """Return where FRFs are compared, Hz, (n_freq,), and weights, (n_freq, 1, 1).
 
-    The sum of the squares of what is weighted is its integral over the band.
+    The sum of the squares of weighted values is the integral of the squares over the band.
+
+    Parameters
+    ----------
+    exact : PoleResidue
+        The exact FRFs, whose resonances have more lines.
+    band : tuple of float
+        Hz.
     """
     lines = exact.lines(band, _LINES)
     return lines, np.sqrt(np.gradient(lines))[:, np.newaxis, np.newaxis]
 
 
 def worst_frf_error(found: ComplexArray, exact: ComplexArray) -> float:
-    """Return the relative L2 error of the worst of weighted FRFs, (n_freq, n_places, n_places)."""
+    """Return the largest relative L2 error of weighted FRFs.
+
+    Parameters
+    ----------
+    found, exact : complex ndarray, (n_freq, n_places, n_places)
+        m/N, weighted as `frf_lines` says.
+    """
     size = np.linalg.norm(exact, axis=0)
-    # What does not respond at all but for rounding has no relative error.
+    # A response that is only rounding has no relative error.
     size = np.maximum(size, _SILENT * np.sqrt(np.outer(np.diag(size), np.diag(size))))
     off = np.linalg.norm(found - exact, axis=0)
     return float((off[size > 0.0] / size[size > 0.0]).max(initial=0.0))
 
 
 def _frequency_error(table: Table, sample: Sample, exact: FloatArray) -> float:
-    """Return the relative error of the worst natural frequency."""
+    """Return the largest relative error of a natural frequency."""
     values = table.interpolate(sample.alpha3)[0]
     return float(np.abs(np.array(values[: len(exact)]) / exact - 1.0).max())
 
@@ -95,14 +108,14 @@ def _peak_error(table: Table, sample: Sample, known: float) -> float:
     _, at, size, _ = table.interpolate(sample.alpha3)
     peak = sample.peak
     error = max(known, abs(size / peak.magnitude - 1.0))
-    # Of two peaks of one height, as far as that is told, either is the highest.
+    # Either of two peaks of one height, within the error, is the highest.
     places, sizes = np.hstack([sample.peaks, sample.edges])
     rivals = [peak.frequency, *places[sizes >= (1.0 - 2.0 * error) * peak.magnitude]]
     return max(error, float(apart(at, np.array(rivals)).min()))
 
 
 def _frf_error(table: Table, sample: Sample) -> float:
-    """Return the relative L2 error over the band of the worst FRF between the table's places."""
+    """Return the largest relative L2 error over the band of the FRFs of the table."""
     if not table.places:
         return 0.0
     assert sample.terms is not None

@@ -108,7 +108,7 @@ def test_tolerance_that_is_none(model: LinkageModel) -> None:
 def test_more_modes_than_the_model_has(mapping: Any) -> None:
     """The error names the key that asks for too much."""
     mapping["response"]["modes"] = 1000
-    with pytest.raises(TableError, match=r"response\.modes asks for 1000"):
+    with pytest.raises(TableError, match=r"response\.modes is 1000"):
         build_table(LinkageModel(mechanism_from_mapping(mapping)))
 
 
