@@ -84,24 +84,16 @@ def sweep(
             shutil.rmtree(parts)
             return SweepResult(0, designs.size, messages, 0)
         progress(len(outcomes))
-        same: dict[str, list[int]] = {}  # equal designs share the part of this name
-        settings = designs.digest()[:16]
-        for index, model_hash in enumerate(hashes):
-            if model_hash:
-                same.setdefault(f"{model_hash}.{settings}", []).append(index)
-        kept = {part: _load(parts / part, len(designs.alpha3)) for part in same}
-        for part, outcome in kept.items():
-            if outcome is not None:
-                outcomes.update(dict.fromkeys(same[part], outcome))
-                progress(len(same[part]))
-        missing = [part for part, outcome in kept.items() if outcome is None]
-        tasks = ((part, designs.mechanism(same[part][0])) for part in missing)
+        same = _equal_designs(designs, hashes)
+        loaded = {part: _load(parts / part, len(designs.alpha3)) for part in same}
+        kept = {part: outcome for part, outcome in loaded.items() if outcome is not None}
+        tasks = ((p, designs.mechanism(same[p][0])) for p in same if p not in kept)
         with (
             LocalPool() if executor is None else nullcontext(executor) as pool,
             closing(_build_all(designs, tasks, pool)) as built,
         ):
-            for part, outcome in built:
-                if outcome.status != GIVEN_UP:
+            for part, outcome in itertools.chain(kept.items(), built):
+                if part not in kept and outcome.status != GIVEN_UP:
                     write_bytes(parts / part, _packed(outcome), SweepError)
                 outcomes.update(dict.fromkeys(same[part], outcome))
                 progress(len(same[part]))
@@ -111,7 +103,7 @@ def sweep(
         given_up = sum(outcome.status == GIVEN_UP for outcome in ordered)
         if not given_up:
             shutil.rmtree(parts)
-    return SweepResult(len(missing), len(same) - len(missing), messages, given_up)
+    return SweepResult(len(same) - len(kept), len(kept), messages, given_up)
 
 
 @contextmanager
@@ -149,6 +141,16 @@ def _model_hashes(designs: Designs) -> tuple[list[str], dict[int, Outcome]]:
         except LinkageVibrationError as error:
             outcomes[index] = Outcome(NOT_BUILDABLE, str(error))
     return hashes, outcomes
+
+
+def _equal_designs(designs: Designs, hashes: list[str]) -> dict[str, list[int]]:
+    """Return the indices of equal designs, by the name of the part that they share."""
+    same: dict[str, list[int]] = {}
+    settings = designs.digest()[:16]
+    for index, model_hash in enumerate(hashes):
+        if model_hash:
+            same.setdefault(f"{model_hash}.{settings}", []).append(index)
+    return same
 
 
 def _build(mechanism: Mechanism, alpha3: FloatArray, tolerance: float) -> Outcome:
