@@ -138,7 +138,7 @@ def test_written_mechanism_keeps_its_comments(mapping: Any, tmp_path: Path) -> N
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("mechanism: none.yaml\nparameters: {}\ntargets: []", "none.yaml: cannot be read"),
+        ("mechanism: none.yaml\nparameters: {}\ntargets: []", "none.yaml: cannot be opened"),
         ("mechanism: m.yaml\nparameters: {links.nothing: [1, 2]}\ntargets: []", "no key 'nothing'"),
         ("mechanism: m.yaml\nparameters: {name: [1, 2]}\ntargets: []", "not a number"),
         (f"mechanism: m.yaml\nparameters: {{{MASS}: [2, 1]}}\ntargets: []", "ascend"),

@@ -424,7 +424,7 @@ def test_dask_cluster_loses_a_worker(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("changed", "words"),
     [
-        ({"mechanism": "none.yaml"}, "none.yaml: cannot be read"),
+        ({"mechanism": "none.yaml"}, "none.yaml: cannot be opened"),
         ({"mechanism": 3}, "mechanism: 3 is not text"),
         ({"parameters": {}}, "parameters: is empty"),
         ({"parameters": [1]}, "parameters: .* is not a mapping"),
