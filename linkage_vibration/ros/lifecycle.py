@@ -28,7 +28,7 @@ from linkage_vibration.ros.diagnostics import Health, Statistics, status
 from linkage_vibration.ros.endpoints import publisher, publishers
 from linkage_vibration.ros.interface_check import check_interfaces
 from linkage_vibration.ros.log_control import Recording
-from linkage_vibration.ros.markers import Markers, MarkerSettings
+from linkage_vibration.ros.markers import Markers
 from linkage_vibration.ros.message_path import Predicting, own_topics
 from linkage_vibration.ros.parameter_server import changed, declare_parameters, in_own_types
 from linkage_vibration.ros.services import Services
@@ -202,7 +202,7 @@ class LinkageVibrationNode(LifecycleNode):
             set(map(self.resolve_topic_name, settings.extra_topics.split())),
             throttle,
         )
-        self._markers = markers = Markers(self, self._serving, self._marker_settings())
+        self._markers = markers = Markers(self, self._serving, self._settings)
         self._predicting = Predicting(
             self,
             self._outputs,
@@ -283,14 +283,10 @@ class LinkageVibrationNode(LifecycleNode):
             self._faults.pop(parameter.name, None)
         if self._predicting is None or self._recording is None or self._markers is None:
             return
-        self._markers.configure(self._marker_settings())
+        self._markers.configure(self._settings)
         if without_markers(self._settings) != without_markers(before):
             self._predicting.apply(self._settings)
             self._recording.recorder.change_provenance(self._provenance(self._serving()))
-
-    def _marker_settings(self) -> MarkerSettings:
-        settings = self._settings
-        return MarkerSettings(settings.marker_mode - 1, settings.marker_rate, settings.marker_frame)
 
     def _on_second(self) -> None:
         now, counts = time.monotonic(), self._statistics

@@ -6,7 +6,6 @@ import math
 import time
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass
 
 import numpy as np
 from geometry_msgs.msg import Point
@@ -30,6 +29,7 @@ from linkage_vibration.drawing.geometry import (
 from linkage_vibration.drawing.palette import COLOURS, GREY
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.prediction.answers import Served
+from linkage_vibration.prediction.settings import Parameters
 from linkage_vibration.ros.endpoints import publisher
 from linkage_vibration.ros.throttle import WARN_PERIOD
 
@@ -40,25 +40,6 @@ SWINGS_PER_SECOND = 0.5  # slow enough for the eye
 _LINE, _PIN = 0.012, 0.03  # widths of lines and diameters of joints, as fractions of the size
 _PICTURES = 3.0  # a picture disappears if so many periods bring no new one
 _UNSEEN_PERIOD = 1.0  # s, between two checks for a subscriber
-
-
-@dataclass(frozen=True, slots=True)
-class MarkerSettings:
-    """What to draw, and how often.
-
-    Attributes
-    ----------
-    mode : int
-        Index of the mode, from 0; -1 for no mode.
-    rate : float
-        Pictures a second, Hz; greater than 0.
-    frame : str
-        Coordinate frame of the mechanism: x forward, z up.
-    """
-
-    mode: int
-    rate: float
-    frame: str
 
 
 class Markers:
@@ -73,11 +54,11 @@ class Markers:
         The node that publishes.
     served : callable
         Returns the current mechanism and table.
-    settings : MarkerSettings
-        What to draw; `configure` changes it.
+    settings : Parameters
+        The node's parameters, of which it uses those of markers; `configure` changes them.
     """
 
-    def __init__(self, node: Node, served: Callable[[], Served], settings: MarkerSettings) -> None:
+    def __init__(self, node: Node, served: Callable[[], Served], settings: Parameters) -> None:
         self._node, self._served, self._settings = node, served, settings
         self._angle = math.nan
         self._before: FloatArray | None = None  # the mode in the last picture, for its sign
@@ -89,7 +70,7 @@ class Markers:
             _UNSEEN_PERIOD, self._on_timer, clock=Clock(clock_type=ClockType.STEADY_TIME)
         )
 
-    def configure(self, settings: MarkerSettings) -> None:
+    def configure(self, settings: Parameters) -> None:
         """Draw with other settings from now on."""
         self._settings = settings
 
@@ -109,7 +90,7 @@ class Markers:
             return
         seen = self._publisher.get_subscription_count() > 0
         # Ten calls a second without a subscriber would cost as much as ten predictions.
-        period = round(1e9 / self._settings.rate) if seen else round(1e9 * _UNSEEN_PERIOD)
+        period = round(1e9 / self._settings.marker_rate) if seen else round(1e9 * _UNSEEN_PERIOD)
         if self._timer.timer_period_ns != period:
             self._timer.timer_period_ns = period
         if not seen:
@@ -117,13 +98,13 @@ class Markers:
         if self._drawing is None or self._drawing.done():
             self._drawing = self._thread.submit(self._draw, self._angle, self._settings)
 
-    def _draw(self, angle: float, settings: MarkerSettings) -> None:
+    def _draw(self, angle: float, settings: Parameters) -> None:
         try:
             markers = self._markers(self._served(), angle, settings)
             stamp = self._node.get_clock().now().to_msg()
-            lifetime = Duration(seconds=_PICTURES / settings.rate).to_msg()
+            lifetime = Duration(seconds=_PICTURES / settings.marker_rate).to_msg()
             for marker in markers:
-                marker.header.stamp, marker.header.frame_id = stamp, settings.frame
+                marker.header.stamp, marker.header.frame_id = stamp, settings.marker_frame
                 marker.lifetime = lifetime
             self._publisher.publish(MarkerArray(markers=markers))
         except LinkageVibrationError:
@@ -134,7 +115,7 @@ class Markers:
                 throttle_duration_sec=WARN_PERIOD,
             )
 
-    def _markers(self, served: Served, angle: float, settings: MarkerSettings) -> list[Marker]:
+    def _markers(self, served: Served, angle: float, settings: Parameters) -> list[Marker]:
         drawn = scene(served.model, served.model.kinematics.at(angle))
         scale = size(drawn.bodies)
         line, pin = _LINE * scale, _PIN * scale
@@ -150,8 +131,8 @@ class Markers:
         ):
             if len(at):
                 markers.append(_marker(name, 0, kind, colour, pin, at))
-        if settings.mode >= 0:
-            markers += self._mode(served, angle, settings.mode, drawn.bodies)
+        if settings.marker_mode > 0:
+            markers += self._mode(served, angle, settings.marker_mode - 1, drawn.bodies)
         return markers
 
     def _mode(self, served: Served, angle: float, mode: int, bodies: Curves) -> list[Marker]:

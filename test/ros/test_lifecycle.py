@@ -113,7 +113,7 @@ def test_failed_configuration_can_be_repeated(managed: Callable[..., Any]) -> No
     node = managed("-p", "mechanism_file:=/none.yaml")
     before = entities(node)
     assert node.trigger_configure() is FAILURE
-    assert "/none.yaml: cannot be read" in node.problem
+    assert "/none.yaml: cannot be opened" in node.problem
     assert entities(node) == before
     [result] = node.set_parameters([Parameter("mechanism_file", value="")])
     assert result.successful

@@ -19,7 +19,8 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from linkage_vibration.drawing.geometry import curves, size
 from linkage_vibration.prediction.answers import Served
-from linkage_vibration.ros.markers import SWING, Markers, MarkerSettings
+from linkage_vibration.prediction.settings import Parameters
+from linkage_vibration.ros.markers import SWING, Markers
 from test.support.ros_process import LIMIT, own_context, until
 from test.support.served import shipped
 
@@ -59,7 +60,9 @@ def viewer(domain: int) -> Iterator[Viewer]:
             asked.append(time.monotonic())
             return served
 
-        markers = Markers(drawing, ask, MarkerSettings(mode=1, rate=20.0, frame="hitch"))
+        markers = Markers(
+            drawing, ask, Parameters(marker_mode=2, marker_rate=20.0, marker_frame="hitch")
+        )
         executors = [SingleThreadedExecutor(context=context) for _ in range(2)]
         executors[0].add_node(drawing)
         executors[1].add_node(looking)
@@ -153,15 +156,15 @@ def test_other_settings(viewer: Viewer) -> None:
     viewer.look()
     viewer.markers.update(ANGLE)
     viewer.next()
-    viewer.markers.configure(MarkerSettings(mode=-1, rate=50.0, frame="tractor"))
+    viewer.markers.configure(Parameters(marker_mode=0, marker_rate=50.0, marker_frame="tractor"))
     picture = viewer.next(lambda p: p.markers[0].header.frame_id == "tractor")
     assert "mode" not in {marker.ns for marker in picture.markers}
     assert picture.markers[0].lifetime.nanosec == 60_000_000
-    viewer.markers.configure(MarkerSettings(mode=0, rate=50.0, frame="tractor"))
+    viewer.markers.configure(Parameters(marker_mode=1, marker_rate=50.0, marker_frame="tractor"))
     viewer.next(lambda p: "mode" in {marker.ns for marker in p.markers})
-    viewer.markers.configure(MarkerSettings(mode=3, rate=50.0, frame="tractor"))
+    viewer.markers.configure(Parameters(marker_mode=4, marker_rate=50.0, marker_frame="tractor"))
     viewer.next(lambda p: "mode" not in {marker.ns for marker in p.markers})
-    viewer.markers.configure(MarkerSettings(mode=0, rate=50.0, frame="tractor"))
+    viewer.markers.configure(Parameters(marker_mode=1, marker_rate=50.0, marker_frame="tractor"))
     viewer.markers.update(3.3)  # the linkage closes there, but the table ends before it
     viewer.next(lambda p: "mode" not in {marker.ns for marker in p.markers})
     viewer.markers.update(5.0)  # the linkage does not close there
