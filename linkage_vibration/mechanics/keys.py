@@ -117,6 +117,13 @@ class Keys:
             raise self.error(key, f"{value:g} is not greater than zero.")
         return value
 
+    def numbers(self, key: str) -> list[float]:
+        """Return a list of finite numbers, at least one."""
+        value = self._get(key)
+        if not isinstance(value, list | tuple) or not value:
+            raise self.error(key, f"{value!r} is not a list of numbers, such as [1, 2].")
+        return [self._finite(f"{key}[{i}]", item) for i, item in enumerate(value)]
+
     def integer(self, key: str, *, default: int | None = None, least: int = 1) -> int:
         """Return a whole number up to 10000.
 

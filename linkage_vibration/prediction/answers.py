@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a node serves, and its answers to what is asked beside predictions."""
+"""The mechanism and table that a node serves, and its answers to requests for more."""
 
 import math
 from collections.abc import Sequence
@@ -27,27 +27,27 @@ ComplexArray = NDArray[np.complex128]
 
 MAX_FREQUENCIES = 10_000
 MAX_VALUES = 100_000
-"""Of one answer; as a message they are 1.6 MB."""
+"""Numbers in one answer; as a message they are 1.6 MB."""
 
-_LINES = 401  # over the band, where no frequencies are asked for
+_LINES = 401  # over the band, if no frequencies are given
 
 
 class ServingError(LinkageVibrationError):
-    """What was asked cannot be answered."""
+    """A request cannot be answered."""
 
 
 @dataclass(frozen=True, eq=False)
 class Served:
-    """A mechanism and its table, which are swapped together.
+    """A mechanism and its table, which are always replaced together.
 
     Attributes
     ----------
     predictor : Predictor
-        On the table.
+        Looks up the table.
     mechanism : Mechanism
-        That the table was built from.
+        The mechanism of the table.
     mechanism_text : str
-        The same as YAML.
+        The mechanism as YAML.
     """
 
     predictor: Predictor
@@ -61,7 +61,7 @@ class Served:
 
     @cached_property
     def model(self) -> LinkageModel:
-        """The mechanism, ready to be solved; made when it is asked for first."""
+        """The model of the mechanism, which is created when it is first used."""
         return LinkageModel(self.mechanism)
 
 
@@ -72,7 +72,7 @@ class FrfAnswer:
     Attributes
     ----------
     outputs, inputs : tuple of (point, direction)
-        Between which.
+        Responses and excitations.
     frequencies : ndarray, (n_freq,)
         Hz.
     frf : complex ndarray, (n_freq, n_out, n_in)
@@ -87,7 +87,7 @@ class FrfAnswer:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ModeShapes:
-    """Modes at one angle: those in the table's band, and as many as the table tracks at least.
+    """Modes at one angle: those in the band of the table, and at least as many as it tracks.
 
     Attributes
     ----------
@@ -110,16 +110,16 @@ class ModeShapes:
 
 @dataclass(frozen=True, slots=True)
 class Implement:
-    """A rigid body's new numbers.
+    """New properties of a rigid body.
 
     Attributes
     ----------
     rigid_body : str
-        Which; empty for the only one.
+        Name of the body; empty if there is only one.
     mass, inertia : float
         kg, and kg m2 about the centre of gravity.
     centre_of_gravity : tuple of float
-        [x, z] in the body's own axes, m; empty to leave it where it is.
+        [x, z] in the axes of the body, m; empty to keep the present one.
     """
 
     rigid_body: str
@@ -142,20 +142,22 @@ def answer_frf(
     Parameters
     ----------
     served : Served
-        What is served now.
+        The mechanism and its table.
     alpha3 : float
         rad.
     outputs, inputs : sequence of str
-        As in "E1.z"; both empty for the drive point.
+        Places such as "E1.z"; both empty for the drive point.
     frequencies : ndarray, (n_freq,)
-        Hz; empty for 401 even steps over the table's band.
+        Hz; empty for 401 evenly spaced frequencies in the band of the table.
     exact : bool
-        Solve the model, rather than look the table up.
+        Solve the model instead of using the table.
 
     Raises
     ------
+    ServingError
+        If a place, a frequency or the angle is invalid, or the answer would be too large.
     LinkageVibrationError
-        If a place, a frequency or the angle cannot be answered for, or too much is asked.
+        If the model cannot be solved at the angle.
     """
     table = served.table
     if not math.isfinite(alpha3):
@@ -163,40 +165,49 @@ def answer_frf(
     if bool(outputs) != bool(inputs):
         empty, given = ("inputs", "outputs") if outputs else ("outputs", "inputs")
         raise ServingError(
-            f"{given} has places and {empty} has none; give both, or neither for the drive point."
+            f"{given} has places but {empty} is empty; give both, or neither for the drive point."
         )
     known = _moving_places(served.mechanism) if exact else table.places
-    told = _places("outputs", outputs, known, exact), _places("inputs", inputs, known, exact)
+    places = _places("outputs", outputs, known, exact), _places("inputs", inputs, known, exact)
     if not outputs:
         response = served.mechanism.response
-        told = ((response.point, response.direction),), ((response.point, response.direction),)
+        places = ((response.point, response.direction),), ((response.point, response.direction),)
     if len(frequencies) == 0:
         frequencies = np.linspace(*table.band, _LINES)
     _check_frequencies(frequencies, None if exact else table.band)
-    n_values = len(frequencies) * len(told[0]) * len(told[1])
+    n_values = len(frequencies) * len(places[0]) * len(places[1])
     if len(frequencies) > MAX_FREQUENCIES or n_values > MAX_VALUES:
         raise ServingError(
-            f"{len(frequencies)} frequencies between {len(told[0])} outputs and {len(told[1])} "
-            f"inputs are too much for one answer; ask for {MAX_FREQUENCIES} frequencies and "
-            f"{MAX_VALUES} numbers at most."
+            f"{len(frequencies)} frequencies between {len(places[0])} outputs and {len(places[1])} "
+            f"inputs are too many for one answer; request at most {MAX_FREQUENCIES} frequencies "
+            f"and {MAX_VALUES} numbers."
         )
     if not exact:
         angle = served.predictor.angle_in_table(alpha3)
-        frf = table.frf(alpha3 if angle is None else angle, *told).frf(frequencies)
+        frf = table.frf(alpha3 if angle is None else angle, *places).frf(frequencies)
     elif served.model.measured_frequencies is None:
-        frf = served.model.solve(alpha3).frf(*told).frf(frequencies)
+        frf = served.model.solve(alpha3).frf(*places).frf(frequencies)
     else:
-        frf = served.model.coupled_frf(alpha3, frequencies, *told)
-    return FrfAnswer(*told, frequencies, frf)
+        frf = served.model.coupled_frf(alpha3, frequencies, *places)
+    return FrfAnswer(*places, frequencies, frf)
 
 
 def answer_mode_shapes(served: Served, alpha3: float) -> ModeShapes:
-    """Solve the model at an angle (rad) and return its modes.
+    """Solve the model at an angle and return its modes.
+
+    Parameters
+    ----------
+    served : Served
+        The mechanism and its table.
+    alpha3 : float
+        rad.
 
     Raises
     ------
+    ServingError
+        If the angle is not finite.
     LinkageVibrationError
-        If the linkage cannot take the angle, or has links that are known by FRFs alone.
+        If the linkage cannot reach the angle, or has links that are described by FRFs.
     """
     if not math.isfinite(alpha3):
         raise ServingError(f"crank_angle is {alpha3}; give a finite angle in rad.")
@@ -222,58 +233,67 @@ def answer_mode_shapes(served: Served, alpha3: float) -> ModeShapes:
 def with_implement(
     mechanism: Mechanism, mechanism_text: str, implement: Implement
 ) -> tuple[Mechanism, str]:
-    """Return a mechanism and its YAML with other numbers of a rigid body.
+    """Return a mechanism and its YAML with other properties of a rigid body.
 
-    They pass the same checks as a file's. Comments of the YAML go, as they may be about the old
-    numbers; links that come from files keep what was read.
+    The properties are checked as those of a file. The comments of the YAML are dropped, as they may
+    describe the old properties. Links from files are not read again.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+        The present mechanism.
+    mechanism_text : str
+        The present mechanism as YAML.
+    implement : Implement
+        The new properties.
 
     Raises
     ------
     ServingError
         If there is no such body.
     MechanismError
-        If its numbers are not sound; the text names the key and the mend.
+        If a property is invalid; the text names the key and the remedy.
     """
     name = _rigid_body(mechanism, implement.rigid_body)
     centre = list(implement.centre_of_gravity)
     if len(centre) not in (0, 2):
         raise ServingError(
             f"centre_of_gravity has {len(centre)} numbers; give [x, z] in m in the axes of "
-            f"{name}, or none to leave it where it is."
+            f"{name}, or no number to keep the present one."
         )
     mapping = yaml.safe_load(mechanism_text)
     numbers: dict[str, Any] = {"mass": implement.mass, "inertia": implement.inertia}
     if centre:
         numbers["centre_of_gravity"] = centre
-    # Made anew rather than changed: an alias may lead to the same numbers elsewhere.
+    # The mapping is copied, as a YAML alias may refer to the same numbers elsewhere.
     bodies = mapping["rigid_bodies"]
     mapping["rigid_bodies"] = {**bodies, name: {**bodies[name], **numbers}}
-    text = "# With another implement than the file that it comes from.\n"
+    text = "# With another implement than the original file.\n"
     text += yaml.safe_dump(mapping, sort_keys=False, default_flow_style=None, width=100)
     return _mechanism(mapping, mechanism), text
 
 
 def rebuilt(mechanism: Mechanism, like: Table, wanted: Path) -> Table:
-    """Build the table of a changed mechanism, with the points and the accuracy of the old one.
+    """Build the table of a changed mechanism, with the places and the accuracy of the old table.
 
     Parameters
     ----------
     mechanism : Mechanism
-        What to tabulate.
+        The changed mechanism.
     like : Table
-        The old one; its measured error is the new one's tolerance, where that is the looser one.
+        The old table. Its measured error is the tolerance, if that exceeds the default.
     wanted : Path
-        A folder without which the building ends, so that another process can end it.
+        A folder. When another process removes it, building stops.
 
     Raises
     ------
     LinkageVibrationError
-        If the model cannot be made or tabulated, or the folder has gone.
+        If the mechanism cannot be tabulated, or the folder was removed.
     """
 
     def check() -> None:
         if not wanted.exists():
-            raise ServingError("Its building was given up.")
+            raise ServingError("Building the table was cancelled.")
 
     check()
     tolerance = max(TOLERANCE, float(like.interpolation_error.max()))
@@ -282,7 +302,7 @@ def rebuilt(mechanism: Mechanism, like: Table, wanted: Path) -> Table:
 
 
 def place_name(place: Place) -> str:
-    """Return a place as requests and answers name it: "E1.z"."""
+    """Return the name of a place in requests and answers, such as "E1.z"."""
     return ".".join(place)
 
 
@@ -301,7 +321,7 @@ def _rigid_body(mechanism: Mechanism, asked: str) -> str:
 
 
 def _mechanism(mapping: dict[str, Any], known: Mechanism) -> Mechanism:
-    """Validate a description whose links are those of a known mechanism, files not read again."""
+    """Validate a description whose links from files are those of a known mechanism."""
     bodies = {f"links.{link.name}": link.body for link in known.links}
     links = {
         name: {**link, "file": {}} if "file" in link else link
@@ -316,7 +336,7 @@ def _mechanism(mapping: dict[str, Any], known: Mechanism) -> Mechanism:
 
 
 def _moving_places(mechanism: Mechanism) -> tuple[Place, ...]:
-    """Return every point that is not the ground's, along x and z."""
+    """Return every point that is not on the ground, along x and z."""
     ground = mechanism.local_points(GROUND)
     points = dict.fromkeys(p for body in mechanism.bodies for p, _ in body.points)
     return tuple((p, direction) for p in points if p not in ground for direction in ("x", "z"))
@@ -329,19 +349,19 @@ def _places(
     by_name = {place_name(place): place for place in known}
     for i, name in enumerate(names):
         if name not in by_name:
-            mend = "" if exact else ", or set exact to ask the model"
+            remedy = "" if exact else ", or set exact to use the model"
             raise ServingError(
-                f"{where}[{i}] is {name!r}; name one of {', '.join(by_name) or '(none)'}{mend}."
+                f"{where}[{i}] is {name!r}; name one of {', '.join(by_name) or '(none)'}{remedy}."
             )
     return tuple(by_name[name] for name in names)
 
 
 def _check_frequencies(frequencies: FloatArray, band: tuple[float, float] | None) -> None:
-    """Refuse frequencies that are none, or where the table does not hold."""
+    """Refuse frequencies that are negative, not finite, or outside the band of the table."""
     low, high = (0.0, math.inf) if band is None else band
     bad = np.flatnonzero(~(np.isfinite(frequencies) & (frequencies >= low) & (frequencies <= high)))
     if len(bad):
-        first, mend = int(bad[0]), "give finite frequencies from 0 Hz up"
+        first, remedy = int(bad[0]), "give finite frequencies of at least 0 Hz"
         if band is not None:
-            mend = f"the table holds from {low:g} to {high:g} Hz; beyond, set exact"
-        raise ServingError(f"frequencies[{first}] is {frequencies[first]:g} Hz; {mend}.")
+            remedy = f"the table holds from {low:g} to {high:g} Hz; set exact for others"
+        raise ServingError(f"frequencies[{first}] is {frequencies[first]:g} Hz; {remedy}.")

@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Predicts at many angles at once, equal to `Predictor` to the last bit."""
+"""Predicts at many angles at once, with the same results as `Predictor` to the last bit."""
 
 from dataclasses import dataclass
 
@@ -32,7 +32,7 @@ class Predictions:
     interpolation_error : ndarray, (n,)
         1.
     table_id : str
-        Of the table.
+        Identifies the table.
     """
 
     crank_angle: FloatArray
@@ -47,7 +47,7 @@ class Predictions:
     table_id: str
 
     def row(self, i: int) -> Prediction:
-        """Return one of them."""
+        """Return one prediction."""
         return Prediction(
             crank_angle=float(self.crank_angle[i]),
             status=Status(int(self.status[i])),
@@ -68,7 +68,7 @@ def predict_many(predictor: Predictor, alpha3: FloatArray, stddev: FloatArray) -
     Parameters
     ----------
     predictor : Predictor
-        Whose `Predictor.predict` it does.
+        Looks up the table.
     alpha3, stddev : ndarray, (n,)
         Angles and their standard deviations, rad.
     """
@@ -93,7 +93,7 @@ def predict_many(predictor: Predictor, alpha3: FloatArray, stddev: FloatArray) -
     per_mode[3, inside] = np.abs(slopes) * stddev[inside, np.newaxis]
     single[:2, inside] = values[:, 2 * modes :].T
     single[2, inside] = table.interpolation_error[piece]
-    # What is left is out of range, no angle, or that of a crank that turns all the way.
+    # The rest is out of range, not finite, or belongs to a crank that turns all the way.
     outside = np.ones(n, bool)
     outside[inside] = False
     for i in np.flatnonzero(outside):

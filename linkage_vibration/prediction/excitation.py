@@ -4,24 +4,24 @@
 
 import enum
 import math
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.mechanics.description import MechanismError
+from linkage_vibration.mechanics.keys import Keys
 
 RPM = 1.0 / 60.0
-"""Turns a second (Hz) in one turn a minute."""
+"""1/min in Hz."""
 
 _LEAST, _LARGEST = 1e-6, 1e6  # of a number in a description
 
 
 class ExcitationError(LinkageVibrationError):
-    """A description of excitations cannot be used."""
+    """A description of excitations is invalid."""
 
 
 class Source(enum.Enum):
-    """A speed that excitations follow."""
+    """A speed to which excitation frequencies are proportional."""
 
     ENGINE = "engine"  # rpm
     PTO = "pto"  # rpm
@@ -29,7 +29,7 @@ class Source(enum.Enum):
 
     @property
     def unit(self) -> str:
-        """Of the speed."""
+        """Unit of the speed."""
         return "m/s" if self is Source.GROUND else "rpm"
 
 
@@ -44,7 +44,7 @@ class Excitation:
     source : Source
         The speed.
     ratio : float
-        Frequency for each unit of the speed, Hz/rpm or Hz/(m/s).
+        Frequency per speed, Hz/rpm or Hz/(m/s).
     """
 
     name: str
@@ -58,16 +58,16 @@ def excitations_from_mapping(mapping: object, where: str = "excitations") -> tup
     Parameters
     ----------
     mapping : mapping
-        For each name ``speed`` (engine, pto or ground) and ``orders``, turns of the excitation for
-        one turn of that shaft; with ``ratio``, of a shaft that turns ``ratio`` times as fast. For
-        ``ground``, ``rolling_radius`` (m) instead makes turns of metres.
+        For each name ``speed`` (engine, pto or ground) and ``orders``, turns of the excitation per
+        turn of that shaft. ``ratio`` is the speed of the excited shaft per speed of that shaft. For
+        ``ground``, ``rolling_radius`` (m) converts metres to turns.
     where : str
-        Names the mapping in errors.
+        Path of the mapping in errors.
 
     Raises
     ------
     ExcitationError
-        If a key is missing, unknown, or has no number that can be used.
+        If a key is missing, unknown, or has an invalid value.
 
     Examples
     --------
@@ -75,48 +75,34 @@ def excitations_from_mapping(mapping: object, where: str = "excitations") -> tup
     >>> [(one.name, round(540 * one.ratio, 6)) for one in found]
     [('shaft 1', 9.0), ('shaft 2', 18.0)]
     """
-    if not isinstance(mapping, Mapping) or not mapping:
-        raise ExcitationError(f"{where}: give at least one excitation by its name.")
-    found: list[Excitation] = []
-    for name, keys in mapping.items():
-        place = f"{where}.{name}"
-        if not (isinstance(name, str) and name.isprintable()):
-            raise ExcitationError(f"{where}: {name!r} is no name; name an excitation in words.")
-        if not isinstance(keys, Mapping):
-            raise ExcitationError(f"{place}: give speed and orders.")
-        unknown = set(keys) - {"speed", "orders", "ratio", "rolling_radius"}
-        if unknown:
-            raise ExcitationError(
-                f"{place}.{sorted(map(str, unknown))[0]}: is not known; there are speed, orders, "
-                "ratio and rolling_radius."
-            )
-        speeds = {source.value: source for source in Source}
-        speed = keys.get("speed")
-        if not isinstance(speed, str) or speed not in speeds:
-            raise ExcitationError(f"{place}.speed: must be one of {', '.join(speeds)}.")
-        source = speeds[speed]
-        per_unit = RPM * _positive(keys.get("ratio", 1.0), f"{place}.ratio")
-        if source is Source.GROUND:
-            radius = _positive(keys.get("rolling_radius"), f"{place}.rolling_radius")
-            per_unit *= 60.0 / (2.0 * math.pi * radius)
-        elif "rolling_radius" in keys:
-            raise ExcitationError(f"{place}.rolling_radius: belongs to speed: ground alone.")
-        orders = keys.get("orders")
-        if not isinstance(orders, Sequence) or isinstance(orders, str) or not orders:
-            raise ExcitationError(f"{place}.orders: give a list of numbers, such as [1, 2].")
-        for i, order in enumerate(orders):
-            number = _positive(order, f"{place}.orders[{i}]")
-            found.append(Excitation(f"{name} {number:g}", source, number * per_unit))
+    try:
+        keys = Keys(where, mapping)
+        found = [excitation for name in keys for excitation in _orders(keys[name], name)]
+        keys.refuse_unknown()
+    except MechanismError as error:
+        raise ExcitationError(str(error)) from None
+    if not found:
+        raise ExcitationError(f"{where}: there is no excitation; give at least one by its name.")
     return tuple(found)
 
 
-def _positive(value: Any, place: str) -> float:
-    if (
-        isinstance(value, bool)
-        or not isinstance(value, int | float)
-        or not _LEAST <= value <= _LARGEST
-    ):
-        raise ExcitationError(
-            f"{place}: must be a number from {_LEAST:g} to {_LARGEST:g}, not {value!r}."
-        )
-    return float(value)
+def _orders(keys: Keys, name: str) -> list[Excitation]:
+    """Return one excitation for each order."""
+    if not name.isprintable():
+        raise MechanismError(keys.path, f"{name!r} cannot be printed; give another name.")
+    source = Source(keys.choice("speed", [source.value for source in Source]))
+    per_unit = RPM * _in_range(keys, "ratio", keys.number("ratio", default=1.0))
+    if source is Source.GROUND:
+        radius = _in_range(keys, "rolling_radius", keys.number("rolling_radius"))
+        per_unit *= 60.0 / (2.0 * math.pi * radius)
+    orders = keys.numbers("orders")
+    return [
+        Excitation(f"{name} {order:g}", source, _in_range(keys, f"orders[{i}]", order) * per_unit)
+        for i, order in enumerate(orders)
+    ]
+
+
+def _in_range(keys: Keys, key: str, number: float) -> float:
+    if not _LEAST <= number <= _LARGEST:
+        raise keys.error(key, f"{number:g} is not from {_LEAST:g} to {_LARGEST:g}.")
+    return number

@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""An angle goes in, a prediction comes out: the one path that node, replay and CLI share."""
+"""Predicts at an angle from a table, for the node, the replay and the command line alike."""
 
 import enum
 import math
@@ -13,13 +13,13 @@ from linkage_vibration.table.table import Table
 
 FloatArray = NDArray[np.float64]
 
-_FARTHEST_ANGLE = 1e6  # deg; beyond, an angle is not off by some turns
+_FARTHEST_ANGLE = 1e6  # deg; a larger angle is not a few turns off
 _TURN = 2.0 * math.pi
-_FARTHEST = 1e6  # rad; beyond, the last bits of an angle say too little of where in its turn it is
+_FARTHEST = 1e6  # rad; a larger angle is too coarse to be reduced to one turn
 
 
 class Status(enum.IntEnum):
-    """Whether the numbers of a prediction may be used; the message's constants."""
+    """Whether the numbers of a prediction may be used; the constants of the message."""
 
     OK = 0
     OUT_OF_RANGE = 1
@@ -39,7 +39,7 @@ class Prediction:
     Attributes
     ----------
     crank_angle : float
-        alpha3 as asked, rad.
+        alpha3 as given, rad.
     status : Status
         Every number below is NaN unless it is OK or NEAR_TOGGLE.
     natural_frequencies, damping_ratios : ndarray, (n_modes,)
@@ -53,7 +53,7 @@ class Prediction:
     interpolation_error : float
         Estimated relative error of the worst natural frequency, 1.
     table_id : str
-        Names the table that the numbers come from.
+        Identifies the table of the numbers.
     """
 
     crank_angle: float
@@ -69,29 +69,29 @@ class Prediction:
 
 
 def fault(prediction: Prediction, alpha3_range: tuple[float, float]) -> str:
-    """Return why a prediction has no numbers, or doubtful ones, in words; empty where it is sound.
+    """Return why a prediction has no numbers, or doubtful numbers; empty if its status is OK.
 
     Parameters
     ----------
     prediction : Prediction
-        Of any status.
+        A prediction of any status.
     alpha3_range : (float, float)
-        The table's first and last angle, rad.
+        First and last angle of the table, rad.
     """
     angle = math.degrees(prediction.crank_angle)
     if prediction.status is Status.INVALID_ANGLE:
         return f"crank angle {angle} deg is not a finite number"
     if prediction.status is Status.OUT_OF_RANGE:
         first, last = map(math.degrees, alpha3_range)
-        told = f"crank angle {angle:.7g} deg is not in the table's {first:.7g} to {last:.7g} deg"
+        text = f"crank angle {angle:.7g} deg is not in the table's {first:.7g} to {last:.7g} deg"
         turned = first + (angle - first) % 360.0
         if turned <= last and abs(angle) < _FARTHEST_ANGLE:
-            told += f", but {turned:.7g} deg is: is the joint's zero a turn off?"
-        return told
+            text += f", but {turned:.7g} deg is: is the joint's zero a turn off?"
+        return text
     if prediction.status is Status.NEAR_TOGGLE:
         return (
             f"crank angle {angle:.7g} deg is less than 1 deg from a toggle, where a small error of "
-            "the angle is a large one of the configuration"
+            "the angle causes a large error of the configuration"
         )
     return ""
 
@@ -99,12 +99,12 @@ def fault(prediction: Prediction, alpha3_range: tuple[float, float]) -> str:
 class Predictor:
     """Predicts from a table.
 
-    A table over a whole turn is that of a crank that turns all the way, and serves every turn.
+    A table over a whole turn belongs to a crank that turns all the way, and holds for every turn.
 
     Parameters
     ----------
     table : Table
-        As built or loaded.
+        A table that was built or loaded.
     """
 
     def __init__(self, table: Table) -> None:
@@ -114,13 +114,13 @@ class Predictor:
         self._turns = self._high - self._low >= _TURN * (1.0 - 1e-12)
         self._n_modes = table.n_modes
         self._table_id = table.table_id
-        table.interpolate(self._low)  # makes what the table makes at first use
+        table.interpolate(self._low)  # the table prepares itself at the first use
 
     def angle_in_table(self, alpha3: float) -> float | None:
-        """Return the table's angle (rad) at which the crank stands as it does at alpha3.
+        """Return the angle of the table (rad) that is the same position as alpha3 (rad).
 
-        It is alpha3 itself, or for a crank that turns all the way its place in the table's turn;
-        None if the table does not hold there.
+        For a crank that turns all the way, whole turns are removed. The result is None if alpha3 is
+        outside the table.
         """
         if self._low <= alpha3 <= self._high:
             return alpha3
@@ -129,18 +129,18 @@ class Predictor:
         return min(self._low + (alpha3 - self._low) % _TURN, self._high)
 
     def predict(self, alpha3: float, stddev: float = 0.0) -> Prediction:
-        """Predict at an angle; any float is answered, if only by a status.
+        """Predict at an angle; every float gives a prediction, possibly without numbers.
 
         Parameters
         ----------
         alpha3 : float
             rad.
         stddev : float
-            Standard deviation of alpha3, rad. It is carried to the frequencies to first order,
-            abs(df/dalpha3) stddev, which is too little where a frequency is highest or lowest: the
-            second-order term, abs(d2f/dalpha3^2) stddev^2 / sqrt(2), is all that is left there. At
-            a distance d of a toggle, where frequencies go with its root, it is too little by a
-            share of 7/16 (stddev / d)^2, and means nothing within some stddev.
+            Standard deviation of alpha3, rad. That of the frequencies is computed to first order,
+            abs(df/dalpha3) stddev. This is too small at an extremum of a frequency, where only the
+            second-order term abs(d2f/dalpha3^2) stddev^2 / sqrt(2) is left. At a distance d from
+            a toggle, where frequencies vary with sqrt(d), it is too small by the fraction
+            7/16 (stddev / d)^2; within a few stddev it is meaningless.
         """
         angle = self.angle_in_table(alpha3)
         if angle is None:

@@ -16,13 +16,13 @@ from linkage_vibration.prediction.predictor import Prediction
 FloatArray = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-# Between two values that a rate is taken of; of a burst's it would be that of its delivery.
+# The least time between two values of which a rate is computed; a burst is delivered faster.
 _SHORTEST = 5e-3  # s
 _LATEST = 2**63 - 1  # ns
 
 
 class ResonanceState(enum.IntEnum):
-    """How near the nearest excitation is; the message's constants."""
+    """How near the nearest excitation is; the constants of the message."""
 
     CLEAR = 0
     WARNING = 1
@@ -36,23 +36,23 @@ class Resonance:
     Attributes
     ----------
     state : ResonanceState
-        Every number below is NaN (the mode 0) when it is STALE.
+        If it is STALE, every number below is NaN and the mode is 0.
     excitation : str
         Its name; empty when stale.
     excitation_frequency : float
         Hz.
     mode : int
-        Index of the natural frequency.
+        Index of the natural frequency, from 0.
     natural_frequency : float
         Hz.
     margin, relative_margin : float
-        Excitation less natural frequency, Hz, and the same over the natural frequency, 1.
+        Excitation minus natural frequency, Hz, and the same over the natural frequency, 1.
     approach : int
-        1 where they come nearer, -1 where they part, 0 where neither.
+        1 if they approach each other, -1 if they separate, otherwise 0.
     time_to_crossing : float
-        At the present rates, s; infinite where they do not meet.
+        Time until they are equal at the present rates, s; infinite if they do not meet.
     table_id : str
-        Of the prediction.
+        Identifies the table of the prediction.
     """
 
     state: ResonanceState
@@ -76,11 +76,11 @@ class Resonances:
     state : ndarray of uint8, (n,)
         Values of `ResonanceState`.
     excitation : ndarray, (n,)
-        Which of the monitor's excitations; -1 when stale.
+        Index of the excitation in the monitor; -1 if stale.
     excitation_frequency : ndarray, (n,)
         Hz.
     mode : ndarray, (n,)
-        Index of the natural frequency.
+        Index of the natural frequency, from 0.
     natural_frequency, margin, relative_margin : ndarray, (n,)
         Hz, Hz and 1.
     approach : ndarray of int8, (n,)
@@ -100,7 +100,7 @@ class Resonances:
     time_to_crossing: FloatArray
 
     def rows(self, which: Integers | slice) -> "Resonances":
-        """Return some of them."""
+        """Return the resonances with these indices."""
         return Resonances(
             self.state[which],
             self.excitation[which],
@@ -116,18 +116,18 @@ class Resonances:
 
 @dataclass(frozen=True, slots=True)
 class ReportedSpeed:
-    """A speed that is told among predictions.
+    """A speed that is reported among predictions.
 
     Attributes
     ----------
     before : int
-        How many of the predictions come before it.
+        How many predictions precede it.
     source : Source
         Whose speed.
     value : float
         rpm or m/s.
     time : int
-        When it was told, ns.
+        When it was reported, ns.
     """
 
     before: int
@@ -138,30 +138,30 @@ class ReportedSpeed:
 
 @dataclass(frozen=True, slots=True)
 class _Speed:
-    """A speed as it was told last."""
+    """The last reported value of a speed."""
 
     value: float
     time: int | None  # ns; None where it is fixed
-    rate: float = 0.0  # a second
-    earlier: tuple[float, int] = (0.0, 0)  # value and time (ns) that the next rate goes back to
+    rate: float = 0.0  # per second
+    earlier: tuple[float, int] = (0.0, 0)  # value and time (ns) from which the next rate counts
 
 
 class ResonanceMonitor:
-    """Holds excitations against predictions.
+    """Compares excitation frequencies with predicted natural frequencies.
 
-    It has no clock: the same calls give the same answers, live or offline.
+    It has no clock, so the same calls give the same answers, live or offline.
 
     Parameters
     ----------
     excitations : sequence of Excitation
-        All that are watched.
+        The excitations to compare.
     warning_margin : float
-        Relative margin below which it warns, 1.
+        Relative margin below which the state is WARNING, 1.
     hysteresis : float
-        By how much the margin has to exceed that until the warning ends, 1. The warning belongs to
-        the nearest pair, whichever that is, so that it does not flicker where two take turns.
+        The warning ends when the margin exceeds `warning_margin` by this much, 1. The warning
+        applies to the nearest pair, so it does not flicker if two pairs alternate.
     stale_after : float
-        Age of a speed from which it is not used, s.
+        Older speeds are not used, s.
     """
 
     def __init__(
@@ -179,17 +179,17 @@ class ResonanceMonitor:
         self._warning = self._any_speed_reported = False
 
     def set_speed(self, source: Source, value: float, time: int) -> None:
-        """Take a speed as told at a time; its rate follows from the last two.
+        """Use a reported speed; its rate follows from the last two values.
 
         Parameters
         ----------
         source : Source
             Whose speed.
         value : float
-            rpm or m/s; where it is negative or no finite number, the last one is forgotten too.
+            rpm or m/s; if it is negative, infinite or NaN, the speed becomes unknown.
         time : int
-            When it was told, ns. Values that come within 5 ms count as one for the rate, which
-            starts anew when the clock jumps back, or after `stale_after`.
+            When it was reported, ns. Values within 5 ms count as one for the rate, which restarts
+            when the clock jumps back, or after `stale_after`.
         """
         self._any_speed_reported = True
         if not 0.0 <= value < math.inf:
@@ -208,16 +208,24 @@ class ResonanceMonitor:
 
     @property
     def any_speed_reported(self) -> bool:
-        """Whether any speed has ever been told; without, there is nothing to assess."""
+        """Whether any speed has been reported; without one, there is nothing to assess."""
         return self._any_speed_reported
 
     def is_fixed(self, source: Source) -> bool:
-        """Whether a speed is one that does not change."""
+        """Return whether a speed is fixed."""
         speed = self._speeds.get(source)
         return speed is not None and speed.time is None
 
     def set_fixed(self, source: Source, value: float) -> None:
-        """Take a speed (rpm or m/s) as one that does not change."""
+        """Fix a speed.
+
+        Parameters
+        ----------
+        source : Source
+            Whose speed.
+        value : float
+            rpm or m/s.
+        """
         self._any_speed_reported = True
         self._speeds[source] = _Speed(value, None)
 
@@ -231,11 +239,11 @@ class ResonanceMonitor:
         Parameters
         ----------
         prediction : Prediction
-            Of any status.
+            A prediction of any status.
         velocity : float
-            Of the crank, rad/s; where it is NaN, not known, the crank is taken to stand still.
+            Of the crank, rad/s; if it is NaN, the crank is assumed to stand still.
         time : int
-            When the prediction was made, by the clock that speeds are told by, ns.
+            When the prediction was made, by the clock of the speeds, ns.
         """
         fresh = self._fresh(time) if prediction.status.has_numbers else {}
         naturals = prediction.natural_frequencies.tolist()
@@ -261,10 +269,10 @@ class ResonanceMonitor:
         frequency, natural = best.ratio * speed.value, naturals[mode]
         margin = frequency - natural
         turning = 0.0
-        if velocity == velocity:  # it is a number
+        if velocity == velocity:  # it is not NaN
             turning = float(prediction.frequency_slopes[mode]) * velocity
         rate = best.ratio * speed.rate - turning
-        closing = float(-rate if margin > 0.0 else rate)  # Hz/s, by which the distance shrinks
+        closing = float(-rate if margin > 0.0 else rate)  # Hz/s, rate at which the distance shrinks
         return Resonance(
             state=ResonanceState.WARNING if self._warning else ResonanceState.CLEAR,
             excitation=best.name,
@@ -286,25 +294,25 @@ class ResonanceMonitor:
         time: Integers,
         speeds: Sequence[ReportedSpeed],
     ) -> Resonances:
-        """Return what `set_speed` and `assess` give, to the last bit, call by call.
+        """Return what calls of `set_speed` and `assess` give, to the last bit.
 
         Parameters
         ----------
         natural_frequencies, frequency_slopes : ndarray, (n, n_modes)
-            Of the predictions, Hz and Hz/rad; NaN where one has no numbers.
+            Of the predictions, Hz and Hz/rad; NaN where a prediction has no numbers.
         velocity : ndarray, (n,)
-            Of the crank, rad/s; NaN where it is not known.
+            Of the crank, rad/s; NaN where it is unknown.
         time : ndarray, (n,)
             When the predictions were made, ns.
         speeds : sequence of ReportedSpeed
-            In the order in which they are told.
+            In the order in which they were reported.
         """
         n = len(time)
         value, rate = self._speeds_at(time, speeds)
         naturals = np.ascontiguousarray(natural_frequencies.T)
         nearest = np.full(n, math.inf)
         best, mode = np.full(n, -1), np.zeros(n, np.int64)
-        with np.errstate(all="ignore"):  # as Python's own numbers
+        with np.errstate(all="ignore"):  # as Python computes
             for k, excitation in enumerate(self.excitations):
                 frequency = excitation.ratio * value[excitation.source]
                 for i, natural in enumerate(naturals):
@@ -344,14 +352,14 @@ class ResonanceMonitor:
     def _speeds_at(
         self, time: Integers, speeds: Sequence[ReportedSpeed]
     ) -> tuple[dict[Source, FloatArray], dict[Source, FloatArray]]:
-        """Take speeds; return those at each time, NaN where none excites, and their rates."""
-        told = {source: [(0, self._speeds.get(source))] for source in Source}
+        """Use reported speeds; return the speeds at each time (NaN if unknown) and their rates."""
+        histories = {source: [(0, self._speeds.get(source))] for source in Source}
         for one in speeds:
             self.set_speed(one.source, one.value, one.time)
-            told[one.source].append((one.before, self._speeds.get(one.source)))
+            histories[one.source].append((one.before, self._speeds.get(one.source)))
         limit = math.floor(min(1e9 * self.stale_after, _LATEST))
         values, rates = {}, {}
-        for source, history in told.items():
+        for source, history in histories.items():
             known = [_Speed(math.nan, None) if speed is None else speed for _, speed in history]
             begins = [before for before, _ in history]
             valid = np.repeat(np.arange(len(known)), np.diff([*begins, len(time)]))
@@ -363,7 +371,7 @@ class ResonanceMonitor:
         return values, rates
 
     def _warnings(self, nearest: FloatArray, stale: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Return where it warns: between both limits, as it did before."""
+        """Return where the state is WARNING; between both limits it stays as it was before."""
         begins = nearest < self.warning_margin
         ends = stale | ~(nearest < self.warning_margin + self.hysteresis)
         last = np.maximum.accumulate(np.where(begins | ends, np.arange(len(nearest)), -1))
@@ -373,7 +381,7 @@ class ResonanceMonitor:
         return warning
 
     def _fresh(self, time: int) -> dict[Source, _Speed]:
-        """Speeds that are neither old nor from a time that the clock has jumped back from."""
+        """Return the speeds that are not stale, before or after a jump of the clock."""
         limit = 1e9 * self.stale_after
         return {
             source: speed

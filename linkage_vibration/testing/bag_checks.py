@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Holds bags against limits, for tests of the stack that this package is built into."""
+"""Checks bags against limits, for the tests of a software stack."""
 
 import io
 import tempfile
@@ -32,31 +32,31 @@ if TYPE_CHECKING:
 FloatArray = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-_AROUND = 5.0  # s before and after a moment that a picture shows
+_AROUND = 5.0  # s that a picture shows before and after a moment
 _LIMIT = "#CC3311"
 
 
 class TestKitError(LinkageVibrationError):
-    """A bag cannot be held against a limit."""
+    """A bag cannot be checked against a limit."""
 
-    __test__ = False  # pytest would take it for a test by its name
+    __test__ = False  # its name begins like that of a test
 
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """What a bag is held against; None leaves one out.
+    """The limits of a check; None switches a limit off.
 
     Attributes
     ----------
     margin : float, optional
-        Least relative distance of any excitation from a natural frequency, 1.
+        Smallest allowed relative margin between any excitation and natural frequency, 1.
     statuses : tuple of Status, optional
-        Which ones predictions may have.
+        The allowed statuses of predictions.
     gap : float, optional
-        Longest time between two predictions, s.
+        Longest allowed time between two predictions, s.
     latency : float, optional
-        Longest time from when a reading was sent until its prediction was, s; only a log that the
-        node has recorded tells it.
+        Longest allowed time between sending a reading and sending its prediction, s; only a log
+        that the node recorded contains it.
     """
 
     margin: float | None = None
@@ -67,20 +67,20 @@ class Limits:
 
 @dataclass(frozen=True, slots=True)
 class Failure:
-    """A limit that was passed.
+    """A limit that was exceeded.
 
     Attributes
     ----------
     limit : str
         A field of `Limits`.
     time : int
-        When it was passed most, or first where there is no most; log time, ns.
+        When it was exceeded most, or first if there is no degree; log time, ns.
     seconds : float
-        The same since the bag's first prediction, s.
+        The same since the first prediction of the bag, s.
     count : int
-        How many times it was passed.
+        How many times it was exceeded.
     words : str
-        What happened then.
+        What happened then, in words.
     """
 
     limit: str
@@ -90,27 +90,27 @@ class Failure:
     words: str
 
     def __str__(self) -> str:
-        """Return it in a line."""
+        """Return the failure as one line of text."""
         whole = datetime.fromtimestamp(self.time // 10**9, timezone.utc)
         utc = f"{whole:%Y-%m-%d %H:%M:%S}.{self.time % 10**9 // 10**6:03} UTC"
         times = "once" if self.count == 1 else f"{self.count} times"
-        return f"{self.limit}: {self.words} at {self.seconds:.3f} s ({utc}); passed {times}"
+        return f"{self.limit}: {self.words} at {self.seconds:.3f} s ({utc}); exceeded {times}"
 
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """How a bag stood its limits.
+    """The result of a check.
 
     Attributes
     ----------
     bag : Path
         The bag.
     predictions : int
-        How many were looked at.
+        How many predictions were checked.
     failures : tuple of Failure
-        Empty if it passed.
+        The exceeded limits; empty if the bag passed.
     picture : Path or None
-        Of the first failure's surroundings.
+        The picture of the first failure.
     """
 
     bag: Path
@@ -120,11 +120,11 @@ class Report:
 
     @property
     def passed(self) -> bool:
-        """Whether no limit was passed."""
+        """Whether no limit was exceeded."""
         return not self.failures
 
     def __str__(self) -> str:
-        """Return it in words."""
+        """Return the report as text."""
         if self.passed:
             return f"{self.bag}: {self.predictions} predictions within their limits"
         lines = [f"{self.bag}: of {self.predictions} predictions", *map(str, self.failures)]
@@ -135,7 +135,7 @@ class Report:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Signals:
-    """What limits are about, by columns."""
+    """The checked quantities, by columns."""
 
     time: Integers  # (n,), ns, of predictions
     crank_angle: FloatArray  # deg
@@ -143,7 +143,7 @@ class _Signals:
     margin_time: Integers  # (m,), ns, of resonances
     margin: FloatArray  # 1, NaN where stale
     excitation: NDArray[np.object_]
-    latency: FloatArray  # (n,), s, NaN where the reading is not in the log
+    latency: FloatArray  # (n,), s, NaN if the reading is not in the log
 
 
 def check_bag(
@@ -152,23 +152,25 @@ def check_bag(
     settings: Parameters | None = None,
     picture: str | Path | None = None,
 ) -> Report:
-    """Hold a bag against limits.
+    """Check a bag against limits.
 
     Parameters
     ----------
     bag : str or Path
-        A log that has predictions; or any bag, which is replayed for this.
+        A log with predictions, or any other bag, which is then replayed.
     limits : Limits
-        What it is held against.
+        The limits.
     settings : Parameters, optional
-        Replay the bag with these, also where it has predictions.
+        Replay the bag with these parameters, even if it has predictions.
     picture : str or Path, optional
-        The PNG to write where a limit is passed, of the first failure's surroundings.
+        The PNG to write if a limit is exceeded; it shows the moment of the first failure.
 
     Raises
     ------
+    TestKitError
+        If the bag lacks a quantity that a limit concerns.
     LinkageVibrationError
-        If the bag cannot be read or replayed, or does not tell what a limit is about.
+        If the bag cannot be read or replayed.
     """
     bag = Path(bag)
     with ExitStack() as stack:
@@ -176,7 +178,7 @@ def check_bag(
         if settings is not None or not first_topic(topic_types(bag), PREDICTION):
             if limits.latency is not None:
                 raise TestKitError(
-                    f"{bag} has no latency, as it is replayed; give a log that the node recorded."
+                    f"{bag} must be replayed and has no latency; give a log that the node recorded."
                 )
             folder = stack.enter_context(tempfile.TemporaryDirectory())
             log = Path(folder) / "replayed.mcap"
@@ -199,8 +201,8 @@ def _signals(bag: Path, log: Path, limits: Limits) -> _Signals:
     resonances = columns.get(resonance, {})
     if limits.margin is not None and not len(resonances.get("log_time", ())):
         raise TestKitError(
-            f"{bag} tells no margin, as no speed is known; record engine_speed, pto_speed or "
-            "ground_speed too, or give one in the settings."
+            f"{bag} contains no margin, as no speed is known; record engine_speed, pto_speed or "
+            "ground_speed too, or give a fixed speed in the settings."
         )
     n = len(predictions["log_time"])
     return _Signals(
@@ -215,7 +217,7 @@ def _signals(bag: Path, log: Path, limits: Limits) -> _Signals:
 
 
 def _latencies(bag: Path, log: Path, types: Mapping[str, str]) -> FloatArray:
-    """Return for each prediction how long after its reading it was sent, s."""
+    """Return how long after its reading each prediction was sent, s."""
     names = [f"/{kind.topic}" for kind in INPUTS.values()]
     inputs = [topic for topic in types if topic in names]
     if len(inputs) != 1:
@@ -232,61 +234,63 @@ def _latencies(bag: Path, log: Path, types: Mapping[str, str]) -> FloatArray:
             received.append(block.log_times[reading])
             sent.append(block.publish_times[reading])
             answers.append((block.log_times[~reading], block.publish_times[~reading]))
-    # The node logs a prediction at the time of its reading.
+    # The log time of a prediction is that of its reading.
     of_reading = dict(zip(*(np.concatenate(x).tolist() for x in (received, sent)), strict=True))
     log_times, published = (np.concatenate(column) for column in zip(*answers, strict=True))
     begun = np.array([of_reading.get(time, np.nan) for time in log_times.tolist()])
     if np.array_equal(log_times, published):
-        raise TestKitError(f"{bag} is a replay, which has no latency; give the node's own log.")
+        raise TestKitError(
+            f"{bag} is a replay, which has no latency; give a log that the node recorded."
+        )
     return np.asarray(1e-9 * (published - begun))
 
 
 def _failures(signals: _Signals, limits: Limits) -> list[Failure]:
-    """Return the limits that were passed, the first in time first."""
+    """Return the exceeded limits in the order of time."""
     found: list[Failure] = []
 
-    def add(limit: str, times: Integers, passed: NDArray[np.bool_], at: int, words: str) -> None:
+    def add(limit: str, times: Integers, exceeded: NDArray[np.bool_], at: int, words: str) -> None:
         time = int(times[at])
         seconds = 1e-9 * (time - int(signals.time[0]))
-        found.append(Failure(limit, time, seconds, int(passed.sum()), words))
+        found.append(Failure(limit, time, seconds, int(exceeded.sum()), words))
 
     if limits.statuses is not None:
-        passed = ~np.isin(signals.status, [int(status) for status in limits.statuses])
-        if passed.any():
-            at = int(passed.argmax())
+        exceeded = ~np.isin(signals.status, [int(status) for status in limits.statuses])
+        if exceeded.any():
+            at = int(exceeded.argmax())
             angle, status = signals.crank_angle[at], Status(int(signals.status[at]))
             words = f"the status is {status.name} at a crank angle of {angle:.2f} deg"
-            add("statuses", signals.time, passed, at, words)
+            add("statuses", signals.time, exceeded, at, words)
     if limits.margin is not None:
-        passed = signals.margin < limits.margin
-        if passed.any():
+        exceeded = signals.margin < limits.margin
+        if exceeded.any():
             at = int(np.nanargmin(signals.margin))
             words = (
                 f"{signals.excitation[at]} is {100 * signals.margin[at]:.2f} % from a natural "
                 f"frequency, less than {100 * limits.margin:g} %"
             )
-            add("margin", signals.margin_time, passed, at, words)
+            add("margin", signals.margin_time, exceeded, at, words)
     if limits.gap is not None:
         gaps = 1e-9 * np.diff(signals.time)
-        passed = gaps > limits.gap
-        if passed.any():
+        exceeded = gaps > limits.gap
+        if exceeded.any():
             at = int(gaps.argmax())
             words = f"no prediction for {gaps[at]:.3f} s, more than {limits.gap:g} s,"
-            add("gap", signals.time[:-1], passed, at, words)
+            add("gap", signals.time[:-1], exceeded, at, words)
     if limits.latency is not None:
-        passed = signals.latency > limits.latency
-        if passed.any():
+        exceeded = signals.latency > limits.latency
+        if exceeded.any():
             at = int(np.nanargmax(signals.latency))
             words = (
                 f"a prediction took {1e3 * signals.latency[at]:.2f} ms, more than "
                 f"{1e3 * limits.latency:g} ms,"
             )
-            add("latency", signals.time, passed, at, words)
+            add("latency", signals.time, exceeded, at, words)
     return sorted(found, key=lambda failure: failure.time)
 
 
 def _draw(bag: Path, signals: _Signals, limits: Limits, failure: Failure, picture: Path) -> None:
-    """Draw what happened about a failure."""
+    """Draw the signals around a failure."""
     try:
         from matplotlib.figure import Figure
     except ImportError:
@@ -332,8 +336,8 @@ def _draw(bag: Path, signals: _Signals, limits: Limits, failure: Failure, pictur
     last = 1e-9 * (signals.time[-1] - signals.time[0])
     first = max(failure.seconds - _AROUND, -0.02 * _AROUND)
     axes[-1].set_xlim(first, max(min(failure.seconds + _AROUND, last), first + 0.1))
-    told = textwrap.fill(f"{bag.name}, {failure}", 120)
-    figure.suptitle(told, x=0.01, horizontalalignment="left", fontsize=10)
+    title = textwrap.fill(f"{bag.name}, {failure}", 120)
+    figure.suptitle(title, x=0.01, horizontalalignment="left", fontsize=10)
     png = io.BytesIO()
     figure.savefig(png, format="png")
     write_bytes(picture, png.getvalue(), TestKitError)

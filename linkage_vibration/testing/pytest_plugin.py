@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""A fixture for the tests of those who build this package in: ``check_bag``."""
+"""The pytest fixture ``check_bag``, for the tests of a software stack."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -15,10 +15,10 @@ if TYPE_CHECKING:
 
 @pytest.fixture
 def check_bag(tmp_path: Path) -> "Callable[..., Report]":
-    """Return what fails the test, with the moment and a picture, if a bag passes a limit."""
+    """Return a function that fails the test if a bag exceeds a limit."""
 
     def check(bag: Path, limits: "Limits", settings: "Parameters | None" = None) -> "Report":
-        # Every run of pytest loads this plugin; NumPy is for those that use it.
+        # Every run of pytest loads this plugin, so it imports NumPy only when it is used.
         from linkage_vibration.testing import bag_checks
 
         bag = Path(bag)

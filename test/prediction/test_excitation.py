@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Descriptions of excitations: what they mean, and which ones are refused."""
+"""Descriptions of excitations, valid and invalid."""
 
 import math
 from typing import Any
@@ -15,7 +15,7 @@ from linkage_vibration.prediction.excitation import (
 
 
 def test_orders_of_shafts_and_tyres() -> None:
-    """Orders count turns; a rotor turns faster by its ratio; lugs pass at v / (2 pi r) times."""
+    """Orders count turns; a rotor turns faster by its ratio; lugs pass at orders * v / (2 pi r)."""
     found = excitations_from_mapping(
         {
             "engine": {"speed": "engine", "orders": [0.5, 2]},
@@ -32,25 +32,31 @@ def test_orders_of_shafts_and_tyres() -> None:
 @pytest.mark.parametrize(
     ("mapping", "words"),
     [
-        ({}, "excitations: give at least one"),
-        ([1], "excitations: give at least one"),
-        ({"a": 1}, "excitations.a: give speed"),
-        ({"a": {"speed": "wheel", "orders": [1]}}, "excitations.a.speed"),
+        ({}, "excitations: there is no excitation"),
+        ([1], "excitations: .* is not a mapping"),
+        ({"a": 1}, "excitations.a: 1 is not a mapping"),
+        ({"a": {"speed": "wheel", "orders": [1]}}, "excitations.a.speed: 'wheel' is not one of"),
         ({"a": {"speed": "pto"}}, "excitations.a.orders"),
         ({"a": {"speed": "pto", "orders": "1"}}, "excitations.a.orders"),
         ({"a": {"speed": "pto", "orders": [1, 0]}}, r"excitations.a.orders\[1\]"),
         ({"a": {"speed": "pto", "orders": [math.nan]}}, r"excitations.a.orders\[0\]"),
         ({"a": {"speed": "pto", "orders": [2e6]}}, r"excitations.a.orders\[0\].* to 1e\+06"),
-        ({"a\0": {"speed": "pto", "orders": [1]}}, r"excitations: 'a\\x00' is no name"),
-        ({None: {"speed": "pto", "orders": [1]}}, "excitations: None is no name"),
+        ({"a\0": {"speed": "pto", "orders": [1]}}, r"'a\\x00' cannot be printed"),
+        ({None: {"speed": "pto", "orders": [1]}}, "excitations: the key None is not text"),
         ({"a": {"speed": "pto", "orders": [True]}}, r"excitations.a.orders\[0\]"),
         ({"a": {"speed": "pto", "orders": [1], "ratio": -1}}, "excitations.a.ratio"),
-        ({"a": {"speed": "pto", "orders": [1], "gear": 2}}, "excitations.a.gear: is not known"),
+        (
+            {"a": {"speed": "pto", "orders": [1], "gear": 2}},
+            "a.gear: this key is not known",
+        ),
         ({"a": {"speed": "ground", "orders": [1]}}, "excitations.a.rolling_radius"),
-        ({"a": {"speed": "pto", "orders": [1], "rolling_radius": 1}}, "ground alone"),
+        (
+            {"a": {"speed": "pto", "orders": [1], "rolling_radius": 1}},
+            "radius: this key is not known",
+        ),
     ],
 )
-def test_descriptions_that_cannot_be_used(mapping: Any, words: str) -> None:
-    """The wrong key is named by its path."""
+def test_invalid_descriptions(mapping: Any, words: str) -> None:
+    """The error names the path of the invalid key."""
     with pytest.raises(ExcitationError, match=words):
         excitations_from_mapping(mapping)

@@ -22,7 +22,7 @@ def test_shipped_file() -> None:
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("", "excitations: give at least one"),
+        ("", "excitations: None is not a mapping"),
         ("engine: {speed: engine}", "excitations.engine.orders"),
         ("engine: [", "is not valid YAML"),
         ("engine: {speed: engine, orders: [1]}\nengine: {speed: pto, orders: [1]}", "occurs twice"),

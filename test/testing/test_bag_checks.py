@@ -116,14 +116,14 @@ def test_gap_and_latency_of_a_recording(log: Path, tmp_path: Path) -> None:
     assert "took 30.00 ms" in latency.words
 
 
-def test_what_a_bag_does_not_tell(log: Path, tmp_path: Path) -> None:
-    """A limit that a bag says nothing about is refused, not passed."""
-    with pytest.raises(TestKitError, match="as it is replayed"):
+def test_missing_quantities(log: Path, tmp_path: Path) -> None:
+    """A limit on a quantity that a bag lacks is refused."""
+    with pytest.raises(TestKitError, match="must be replayed"):
         check_bag(DRIVE, Limits(latency=0.1))
     with pytest.raises(TestKitError, match="is a replay, which has no latency"):
         check_bag(log, Limits(latency=0.1))
     bag = rewritten(log, tmp_path / "recorded.mcap", np.arange(10), np.full(2000, 0.002))
-    with pytest.raises(TestKitError, match="tells no margin, as no speed is known"):
+    with pytest.raises(TestKitError, match="contains no margin, as no speed is known"):
         check_bag(bag, Limits(margin=0.1))
 
 
