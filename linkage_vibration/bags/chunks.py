@@ -1,9 +1,10 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Writes logs by the chunk, thousands of messages at a time, where they are made that fast.
+"""Writes logs by the chunk, thousands of messages at a time.
 
-mcap's own writer takes 4 us a message; live, where messages come one by one and a crash may cost
-none, `recording.LogWriter` is the one to use. The file is the same but for its larger chunks.
+Own code because the writer of mcap takes 4 times as long for a message, and a replay writes 800,000
+of them in a second (`python -m benchmark.libraries`). The node records with `LogWriter`, which
+writes smaller chunks, so that a crash loses little.
 """
 
 import struct
@@ -58,18 +59,18 @@ Integers = NDArray[np.int64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Messages:
-    """Messages of one topic and of one size.
+    """Messages of one topic and one size.
 
     Attributes
     ----------
     topic : str
-        Name of one of the log's topics.
+        Name of a topic of the log.
     data : ndarray of uint8, (n, n_bytes)
         In CDR, with encapsulation headers.
     place : ndarray, (n,)
-        By which they are put in order with the chunk's other messages.
+        Position of each message among those of the chunk.
     log_times, publish_times : ndarray, (n,)
-        ns, 0 at least.
+        Times of receiving and of sending, ns, not negative.
     """
 
     topic: str
@@ -80,18 +81,18 @@ class Messages:
 
 
 class ChunkLog:
-    """An MCAP log that is written by the chunk; chunks are compressed on a thread of their own.
+    """An MCAP log that is written by the chunk, with compression on another thread.
 
     Parameters
     ----------
     path : Path
         The file to create.
     topics : sequence of Topic
-        What will be written.
+        Its topics.
     attachments : sequence of Attachment
-        Files to keep inside the log.
+        Files to store in the log.
     metadata : mapping of str to (mapping of str to str)
-        Facts to keep inside it, by name.
+        Facts to store in it, by name.
 
     Raises
     ------
@@ -124,11 +125,11 @@ class ChunkLog:
         for attachment in attachments:
             self._attach(attachment)
         for name, facts in metadata.items():
-            self._tell(name, facts)
+            self._add_metadata(name, facts)
 
     def write(self, messages: Sequence[Messages]) -> None:
-        """Add a chunk of messages, in the order of their places; none of them may be empty."""
-        messages = [some for some in messages if len(some.place)]
+        """Add a chunk of messages in the order of their places."""
+        messages = [group for group in messages if len(group.place)]
         if not messages:
             return
         records, offsets = self._records(messages)
@@ -142,7 +143,7 @@ class ChunkLog:
             self._under_way.result()
         counts = list(self._counts.values())
         first = self._first if sum(counts) else 0
-        self._tell(
+        self._add_metadata(
             ROSBAG2_METADATA,
             rosbag2_metadata(self._path, self._topics, counts, first, self._last),
         )
@@ -158,7 +159,7 @@ class ChunkLog:
             metadata_count=len(self._metadata),
             schema_count=sum(isinstance(record, Schema) for record in self._definitions),
         )
-        self._summarise(
+        self._write_summary(
             [*self._definitions, statistics, *self._chunks, *self._attachments, *self._metadata]
         )
         self._file.close()
@@ -173,7 +174,7 @@ class ChunkLog:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Complete the log; after an error, leave it as it is."""
+        """Complete the log, unless an error occurred."""
         try:
             if error is None:
                 self.close()
@@ -182,12 +183,12 @@ class ChunkLog:
             self._file.close()
 
     def _records(self, messages: Sequence[Messages]) -> tuple[bytes, list[Integers]]:
-        """Lay out the records of a chunk; return also where those of each topic and size begin."""
-        places = np.concatenate([some.place for some in messages])
+        """Return the records of a chunk, and the positions of those of each topic and size."""
+        places = np.concatenate([group.place for group in messages])
         lengths = np.concatenate(
             [
-                np.full(len(some.place), some.data.shape[1] + MESSAGE_RECORD.itemsize)
-                for some in messages
+                np.full(len(group.place), group.data.shape[1] + MESSAGE_RECORD.itemsize)
+                for group in messages
             ]
         )
         order = np.argsort(places, kind="stable")
@@ -195,18 +196,18 @@ class ChunkLog:
         begins[order] = np.cumsum(lengths[order]) - lengths[order]
         buffer = np.empty(int(lengths.sum()), np.uint8)
         offsets, done = [], 0
-        for some in messages:
-            n, size = some.data.shape
+        for group in messages:
+            n, size = group.data.shape
             header = np.empty(n, MESSAGE_RECORD)
             header["opcode"] = Opcode.MESSAGE
             header["length"] = MESSAGE.size + size
-            header["channel"] = self._channel(some.topic)
-            header["sequence"] = self._counts[some.topic] + np.arange(n)
-            header["log_time"], header["publish_time"] = some.log_times, some.publish_times
-            self._counts[some.topic] += n
-            self._first = min(self._first, int(some.log_times.min()))
-            self._last = max(self._last, int(some.log_times.max()))
-            rows = np.hstack([header.view(np.uint8).reshape(n, -1), some.data])
+            header["channel"] = self._channel(group.topic)
+            header["sequence"] = self._counts[group.topic] + np.arange(n)
+            header["log_time"], header["publish_time"] = group.log_times, group.publish_times
+            self._counts[group.topic] += n
+            self._first = min(self._first, int(group.log_times.min()))
+            self._last = max(self._last, int(group.log_times.max()))
+            rows = np.hstack([header.view(np.uint8).reshape(n, -1), group.data])
             begin = begins[done : done + n]
             sliding_window_view(buffer, rows.shape[1], writeable=True)[begin] = rows
             offsets.append(begin)
@@ -217,8 +218,8 @@ class ChunkLog:
         self, messages: Sequence[Messages], records: bytes, offsets: Sequence[Integers]
     ) -> None:
         compressed = zstandard.compress(records)
-        first = min(int(some.log_times.min()) for some in messages)
-        last = max(int(some.log_times.max()) for some in messages)
+        first = min(int(group.log_times.min()) for group in messages)
+        last = max(int(group.log_times.max()) for group in messages)
         begin = self._file.tell()
         head = CHUNK.pack(first, last, len(records), zlib.crc32(records), 4)
         head += struct.pack("<4sQ", b"zstd", len(compressed))
@@ -239,14 +240,14 @@ class ChunkLog:
                 uncompressed_size=len(records),
             )
         )
-        for topic in dict.fromkeys(some.topic for some in messages):
+        for topic in dict.fromkeys(group.topic for group in messages):
             channel = self._channel(topic)
             self._chunks[-1].message_index_offsets[channel] = self._file.tell()
             pairs = np.vstack(
                 [
-                    np.column_stack([some.log_times, offset])
-                    for some, offset in zip(messages, offsets, strict=True)
-                    if some.topic == topic
+                    np.column_stack([group.log_times, offset])
+                    for group, offset in zip(messages, offsets, strict=True)
+                    if group.topic == topic
                 ]
             ).astype("<u8")
             pairs = pairs[np.argsort(pairs[:, 1])]
@@ -259,7 +260,7 @@ class ChunkLog:
         return 1 + list(self._counts).index(topic)
 
     def _write(self, record: McapRecord) -> tuple[int, int]:
-        """Write a record; return where it begins and how many bytes it has."""
+        """Write a record; return its position and its number of bytes."""
         begin = self._file.tell()
         self._file.write(_encoded(record))
         return begin, self._file.tell() - begin
@@ -279,12 +280,12 @@ class ChunkLog:
             )
         )
 
-    def _tell(self, name: str, facts: Mapping[str, str]) -> None:
+    def _add_metadata(self, name: str, facts: Mapping[str, str]) -> None:
         begin, length = self._write(Metadata(name, dict(facts)))
         self._metadata.append(MetadataIndex(length=length, name=name, offset=begin))
 
-    def _summarise(self, records: Sequence[McapRecord]) -> None:
-        """Write these records, ordered by kind, as the summary, and the footer."""
+    def _write_summary(self, records: Sequence[McapRecord]) -> None:
+        """Write the summary of these records, grouped by kind, and the footer."""
         start = self._file.tell()
         summary, groups = b"", []
         for kind in dict.fromkeys(type(record) for record in records):
@@ -300,7 +301,7 @@ class ChunkLog:
 
 
 def _definitions(topics: Sequence[Topic]) -> list[McapRecord]:
-    """Return the schemas, each once, and the channels, numbered from 1."""
+    """Return the schemas and the channels, both numbered from 1."""
     types = dict.fromkeys((topic.type, topic.definition) for topic in topics)
     numbers = {key: number for number, key in enumerate(types, 1)}
     records: list[McapRecord] = [
@@ -308,12 +309,12 @@ def _definitions(topics: Sequence[Topic]) -> list[McapRecord]:
         for (name, text), number in numbers.items()
     ]
     for number, topic in enumerate(topics, 1):
-        about = {
+        metadata = {
             "offered_qos_profiles": topic.offered_qos_profiles,
             "topic_type_hash": topic.type_hash,
         }
         schema = numbers[topic.type, topic.definition]
-        records.append(Channel(number, topic.name, "cdr", about, schema))
+        records.append(Channel(number, topic.name, "cdr", metadata, schema))
     return records
 
 

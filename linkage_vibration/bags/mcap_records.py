@@ -1,15 +1,17 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""How MCAP lays out the records that are read and written without its library, for speed."""
+"""Layouts of the MCAP records that are read and written as arrays, which mcap does not offer."""
 
 import struct
 
 import numpy as np
 
 MAGIC = b"\x89MCAP0\r\n"  # at the beginning and at the end of a file
-RECORD = struct.Struct("<BQ")  # opcode, length of what follows
+RECORD = struct.Struct("<BQ")  # opcode, length of the content
 MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time; then the data
-CHUNK = struct.Struct("<QQQII")  # first and last log time, size, CRC, length of compression's name
+CHUNK = struct.Struct(
+    "<QQQII"
+)  # first and last log time, size, CRC, length of the name of the compression
 MESSAGE_INDEX = struct.Struct("<HI")  # channel, bytes of entries
 MESSAGE_RECORD = np.dtype(
     [
@@ -21,4 +23,4 @@ MESSAGE_RECORD = np.dtype(
         ("publish_time", "<u8"),
     ]
 )
-"""`RECORD` and `MESSAGE`, one behind the other."""
+"""`RECORD`, then `MESSAGE`."""

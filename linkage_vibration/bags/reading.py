@@ -1,10 +1,10 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Streams messages out of bags: ROS 1 ``.bag``, ROS 2 ``.db3`` and ``.mcap``, and bag folders.
+"""Reads messages one by one from bags: ROS 1 ``.bag``, ROS 2 ``.db3``, ``.mcap`` and folders.
 
-Messages come in the order of their recording, one chunk of the file in memory at a time (of a
-ROS 1 bag also its index). Every error is a `BagError`, raised when the first message is asked for
-or, where the damage lies further in, when it is reached.
+Messages come in the order of their log times, with one chunk of the file in memory at a time (and
+the index of a ROS 1 bag). Every failure is a `BagError`, raised at the first message or when the
+damage is reached.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -26,9 +26,9 @@ if TYPE_CHECKING:
     from rosbags.rosbag1 import Reader as Reader1
     from rosbags.rosbag2 import Reader as Reader2
 
-# How a file begins, and what mends one that ends too early, by suffix (a folder has none).
+# By suffix (a folder has none): the first bytes of a file, and what repairs an incomplete one.
 _MAGIC = {".bag": b"#ROSBAG V2.0", ".mcap": b"\x89MCAP0\r\n", ".db3": b"SQLite format 3\0"}
-_MEND = {
+_REPAIR = {
     ".bag": "`rosbag reindex`",
     ".mcap": "`linkage-vibration recover`",
     ".db3": "`ros2 bag reindex` on its folder",
@@ -37,7 +37,7 @@ _MEND = {
 
 
 class BagError(LinkageVibrationError):
-    """A bag cannot be read, or does not hold what was asked of it."""
+    """A bag cannot be read, or lacks the requested topic."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,17 +47,17 @@ class JointStateRecord:
     Attributes
     ----------
     log_time : int
-        When it was recorded, ns.
+        Time of its recording, ns.
     stamp : int
-        The stamp of its header, ns.
+        Stamp of its header, ns.
     frame_id : str
-        The frame of its header.
+        Frame of its header.
     topic : str
-        The topic that it was published on.
+        Topic of the message.
     name : tuple of str
-        Joint names, in the order that the message has them.
+        Joint names.
     position, velocity, effort : ndarray, (n_joints,) or (0,)
-        rad or m, rad/s or m/s, N m or N; empty where the message leaves them out.
+        rad or m, rad/s or m/s, N m or N; empty if the message omits them.
     """
 
     log_time: int
@@ -78,63 +78,66 @@ def read_joint_states(path: Path, topic: str | None = None) -> Iterator[JointSta
     path : Path
         A bag file or a ROS 2 bag folder.
     topic : str, optional
-        Which topic to read; may be left out where only one holds joint states.
+        The topic to read; by default the only one with joint states.
 
     Yields
     ------
     JointStateRecord
-        In the order of their recording.
+        In the order of their log times.
 
     Raises
     ------
     BagError
-        If the bag cannot be read, if it has no joint states on that topic, or if several topics
-        hold joint states and none was chosen.
+        If the bag cannot be read, if the topic has no joint states, or if several topics have
+        joint states and ``topic`` is not given.
     """
     if topic is None:
         topic = _joint_state_topic(path)
     for log_time, message in read_messages(path, topic):
         if message.__msgtype__ != JOINT_STATE:
             raise BagError(
-                f"Topic {topic} of {path} holds {message.__msgtype__}; give one of {JOINT_STATE}."
+                f"Topic {topic} of {path} has the type {message.__msgtype__}; choose one of "
+                f"{JOINT_STATE}."
             )
         yield _joint_state(path, topic, log_time, message)
 
 
 def read_messages(path: Path, topic: str) -> Iterator[tuple[int, Any]]:
-    """Yield the messages of one topic of a bag, whatever their type.
+    """Yield the messages of one topic of a bag, of any type.
 
     Parameters
     ----------
     path : Path
         A bag file or a ROS 2 bag folder.
     topic : str
-        Which topic to read.
+        The topic to read.
 
     Yields
     ------
     log_time : int
-        When the message was recorded, ns.
+        Time of the recording, ns.
     message : object
-        The message, its fields as attributes, decoded as the bag itself defines its type.
+        The message with its fields as attributes, decoded by the definition in the bag.
 
     Raises
     ------
     BagError
-        If the bag cannot be read or has no such topic, or if neither the bag nor ROS 2 defines the
-        topic's type.
+        If the bag cannot be read or has no such topic, or if neither the bag nor ROS 2 defines its
+        type.
     """
     with open_bag(path) as bag:
         connections = [c for c in bag.connections if c.topic == topic]
         if not connections:
-            raise BagError(f"{path} has no topic {topic}; it has {topic_listing(bag.connections)}.")
+            raise BagError(
+                f"{path} has no topic {topic}; choose one of {_topic_list(bag.connections)}."
+            )
         decode = _decoder(path, connections)
         for connection, log_time, data in bag.messages(connections):
             yield log_time, decode(data, connection.msgtype)
 
 
 def _joint_state(path: Path, topic: str, log_time: int, message: Any) -> JointStateRecord:
-    """Take a message apart, which has the fields that the bag gives it under this type's name."""
+    """Return a message as a record; its fields are those that the bag defines for the type."""
     try:
         stamp = message.header.stamp
         record = JointStateRecord(
@@ -155,19 +158,19 @@ def _joint_state(path: Path, topic: str, log_time: int, message: Any) -> JointSt
         same = False
     if not same:
         raise BagError(
-            f"{path} defines {JOINT_STATE} of topic {topic} otherwise than ROS does; record it "
-            "again with the type that ROS has."
+            f"{path} defines {JOINT_STATE} of topic {topic} in another way than ROS; record it "
+            "again with the type of ROS."
         )
     return record
 
 
 def _joint_state_topic(path: Path) -> str:
-    """Return the one topic of a bag that holds joint states."""
+    """Return the only topic of a bag that has joint states."""
     with open_bag(path) as bag:
         topics = sorted({c.topic for c in bag.connections if c.msgtype == JOINT_STATE})
         if not topics:
             raise BagError(
-                f"{path} has no topic of {JOINT_STATE}; it has {topic_listing(bag.connections)}."
+                f"{path} has no topic of type {JOINT_STATE}; it has {_topic_list(bag.connections)}."
             )
     if len(topics) > 1:
         raise BagError(
@@ -176,27 +179,40 @@ def _joint_state_topic(path: Path) -> str:
     return topics[0]
 
 
-def topic_listing(connections: "Sequence[Connection]") -> str:
-    """Name the topics of a bag, with their types."""
+def _topic_list(connections: "Sequence[Connection]") -> str:
+    """Return the topics of a bag and their types as text."""
     topics = sorted({f"{c.topic} ({c.msgtype})" for c in connections})
     return ", ".join(topics) or "no topics at all"
 
 
 @contextmanager
 def open_bag(path: Path) -> "Iterator[Reader1 | Reader2]":
-    """Open a bag, and tell any failure of it in words."""
+    """Open a bag; every failure until it is closed is a `BagError`."""
     with bag_errors(path), bag_reader(path) as bag:
         yield bag
 
 
 def bag_reader(path: Path, *, by_chunks: bool = False) -> "Reader1 | Reader2":
-    """Return what opens a bag, which it raises no `BagError` for; ROS 1's for `ros1` if asked."""
+    """Return a reader of a bag, to be opened inside of `bag_errors`.
+
+    Parameters
+    ----------
+    path : Path
+        The bag.
+    by_chunks : bool
+        Whether the reader of a ROS 1 bag is a `ChunkReader`.
+
+    Raises
+    ------
+    BagError
+        If there is no such bag, or rosbags is missing.
+    """
     try:
         from rosbags.rosbag1 import Reader as Reader1
         from rosbags.rosbag2 import Reader as Reader2
     except ImportError:
         raise BagError(
-            "Reading bags needs rosbags 0.11 or later; `pip install linkage_vibration[bags]`."
+            "Reading bags needs rosbags 0.11 or later; run `pip install linkage_vibration[bags]`."
         ) from None
     if _kind(path) != ".bag":
         return Reader2(path)
@@ -208,7 +224,7 @@ def bag_reader(path: Path, *, by_chunks: bool = False) -> "Reader1 | Reader2":
 
 
 def mcap_files(path: Path) -> list[Path]:
-    """Return the MCAP files of a bag; none if it has another format or is compressed as a whole."""
+    """Return the MCAP files of a bag; none if it has another format or is compressed by rosbag2."""
     if path.is_file():
         return [path] if path.suffix == ".mcap" else []
     text = (path / "metadata.yaml").read_text(encoding="utf-8")
@@ -221,61 +237,67 @@ def mcap_files(path: Path) -> list[Path]:
 
 @contextmanager
 def bag_errors(path: Path) -> Iterator[None]:
-    """Turn every failure of reading a bag into a `BagError`."""
+    """Turn every failure of reading a bag into a `BagError`.
+
+    Raises
+    ------
+    BagError
+        If an exception other than a `LinkageVibrationError` occurs inside.
+    """
     try:
         yield
     except (LinkageVibrationError, ImportError):
         raise
     except OSError as error:
-        raise BagError(f"{path} cannot be opened: {error.strerror or error}.") from None
-    # A damaged file makes rosbags raise its own errors, but also those of struct, SQLite, zstd...
-    except Exception as error:
-        told = " ".join(str(error).split()) or type(error).__name__
-        mend = _MEND["" if path.is_dir() else path.suffix]
         raise BagError(
-            f"{path} is damaged or was cut short ({told}); {mend} may mend it."
-        ) from error
+            f"{path} cannot be opened: {error.strerror or error}; check it and its permissions."
+        ) from None
+    # A damaged file makes rosbags raise errors of its own, of struct, SQLite, zstd and others.
+    except Exception as error:
+        text = " ".join(str(error).split()) or type(error).__name__
+        repair = _REPAIR["" if path.is_dir() else path.suffix]
+        raise BagError(f"{path} is damaged or incomplete ({text}); try {repair}.") from error
 
 
 def _kind(path: Path) -> str:
-    """Return the suffix of a bag file, and of a bag folder an empty one; refuse anything else."""
+    """Return the suffix of a bag file, or an empty one for a folder; check that it is a bag."""
     if not path.exists():
         raise BagError(f"There is no bag {path}; check the path.")
     if path.is_dir():
         if not (path / "metadata.yaml").is_file():
             raise BagError(
-                f"Folder {path} has no metadata.yaml; give a bag file itself, or make the folder a "
-                "bag with `ros2 bag reindex`."
+                f"Folder {path} has no metadata.yaml; give a file of the bag, or create "
+                "metadata.yaml with `ros2 bag reindex`."
             )
         _check_metadata(path / "metadata.yaml")
         return ""
     if path.suffix not in _MAGIC:
-        raise BagError(f"{path} is no bag; the name of one ends in .bag, .mcap or .db3.")
+        raise BagError(f"{path} is not a bag; give a .bag, .mcap or .db3 file.")
     magic = _MAGIC[path.suffix]
     with path.open("rb") as file:
         start = file.read(len(magic))
     if not start:
-        raise BagError(f"{path} is empty; its recording was cut off before anything was written.")
+        raise BagError(f"{path} is empty, as its recording ended before anything was written.")
     if not magic.startswith(start):
-        raise BagError(f"{path} is no {path.suffix} file, whatever its name says; give a bag.")
+        raise BagError(f"{path} is not a {path.suffix} file, despite its name; give a bag.")
     return path.suffix
 
 
 def _check_metadata(path: Path) -> None:
-    """Refuse what would take its reader time and memory without bound."""
+    """Raise an error for YAML that would need unbounded time or memory."""
     try:
         root = yaml.compose(path.read_text(encoding="utf-8"), yaml.SafeLoader)
         if root is not None:
             refuse_unbounded(root)
     except OSError as error:
-        raise BagError(f"{path} cannot be opened: {error.strerror}.") from None
+        raise BagError(f"{path} cannot be opened: {error.strerror}; check it.") from None
     except (ValueError, RecursionError, yaml.YAMLError) as error:
-        told = " ".join(str(error).split())
-        raise BagError(f"{path} is damaged ({told}); {_MEND['']} may mend it.") from None
+        text = " ".join(str(error).split())
+        raise BagError(f"{path} is damaged ({text}); try {_REPAIR['']}.") from None
 
 
 def _decoder(path: Path, connections: "list[Connection]") -> Callable[[bytes, str], Any]:
-    """Return what decodes the messages of these connections of one topic."""
+    """Return a function that decodes the messages of a topic's connections."""
     from rosbags.interfaces import ConnectionExtRosbag1, MessageDefinitionFormat
     from rosbags.serde import SerdeError
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
@@ -292,14 +314,14 @@ def _decoder(path: Path, connections: "list[Connection]") -> Callable[[bytes, st
     for connection in connections:
         if connection.msgtype not in store.fielddefs:
             raise BagError(
-                f"{path} does not define {connection.msgtype} of topic {connection.topic}; "
+                f"{path} has no definition of {connection.msgtype} of topic {connection.topic}; "
                 "record it again with ROS 2 Iron or later, or as .mcap."
             )
     if isinstance(connections[0].ext, ConnectionExtRosbag1):
         return store.deserialize_ros1
 
     def decode(data: bytes, type_name: str) -> Any:
-        # rclpy's serialize_message leaves up to 8 bytes behind a message that ends in empty arrays.
+        # serialize_message of rclpy adds up to 8 bytes to a message that ends in empty arrays.
         for excess in (0, 4):
             try:
                 return store.deserialize_cdr(data[: len(data) - excess], type_name)

@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Records without holding up whoever has something to record."""
+"""Records messages to logs on a thread of its own, so that the caller never waits."""
 
 import contextlib
 import math
@@ -18,44 +18,46 @@ from typing import TypeAlias
 
 from linkage_vibration.bags.writing import Attachment, LogError, LogWriter, Topic
 
-# A message that finds one of these reached is dropped. 50,000 messages are 10 s of five topics at
-# 1 kHz: longer than a disk pauses that has not failed. As much again may be under way to the disk.
+# When the queue is this full, messages are dropped. 50,000 messages are 10 s of five topics at
+# 1 kHz, which is longer than the pauses of a working disk. As many more may be on their way to it.
 QUEUE_MESSAGES = 50_000
 QUEUE_BYTES = 32 * 2**20
-POLL_PERIOD = 0.02  # s; short, so that no batch keeps Python's lock from the node for long
-LONGEST_POLL = 0.2  # s; a wake-up costs as much as some messages, where there are few
-BATCH = 16  # messages that a poll is to find
-FLUSH_PERIOD = 0.5  # s; what a killed process loses, and as much for a disk that is not idle
-RETRY_PERIOD = 2.0  # s between two files, after a failure
-DRAIN_TIME = 5.0  # s that a slow disk is given at the end
+POLL_PERIOD = 0.02  # s; short, so that a batch does not hold Python's lock for long
+LONGEST_POLL = 0.2  # s, if there are few messages, as each wake-up costs time
+BATCH = 16  # messages that a poll should find
+FLUSH_PERIOD = (
+    0.5  # s; a killed process loses the messages of this time, and of the write in progress
+)
+RETRY_PERIOD = 2.0  # s between attempts to begin a file after a failure
+DRAIN_TIME = 5.0  # s that `stop` waits for a slow disk
 
 # Names of metadata records.
 PROVENANCE_METADATA = "linkage_vibration"
 RECORDING_METADATA = "linkage_vibration.recording"
 
-# Bytes free beyond those of an empty log before a retry, so that a full disk gets no more crumbs.
+# Free bytes, beyond those of an empty log, that a retry needs, so that a full disk stays usable.
 _ROOM_TO_RESUME = 2**20
-_MARGIN = 512  # bytes that a message may add to a log beside its own
-_SHARES = 4  # of the disk's limit; one at a time is deleted
+_MARGIN = 512  # bytes that a message may add to a log beyond its size
+_SHARES = 4  # files within disk_limit; one is deleted at a time
 _SUFFIX = ".mcap"
 _NAME = re.compile(r"linkage_vibration_\d{8}-\d{6}(_\d+)?\.mcap")
 
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """How large logs become.
+    """Limits of the size of logs.
 
     Attributes
     ----------
     split_size : int
-        Bytes that a file may have before the next one begins; 0 for no limit.
+        Bytes of a file after which the next one begins; 0 for no limit.
     split_duration : float
-        How long a file is written before the next one begins, s; 0 for no limit.
+        Time after which the next file begins, s; 0 for no limit.
     disk_limit : int
-        Bytes that all logs in the folder may have; 0 for no limit. Recording ends there.
+        Bytes of all logs in the folder at which recording ends; 0 for no limit.
     delete_oldest : bool
-        Whether to delete the oldest logs of the folder instead. A file then has a quarter of
-        ``disk_limit`` at most.
+        Whether the oldest logs of the folder are deleted instead. A file then has a quarter of
+        ``disk_limit`` or less.
     """
 
     split_size: int = 0
@@ -66,14 +68,14 @@ class Limits:
 
 @dataclass(frozen=True, slots=True)
 class Provenance:
-    """What made the messages of a log; each of its files tells it.
+    """The origin of the messages of a log, which is stored in each file.
 
     Attributes
     ----------
     attachments : tuple of Attachment
-        Files: mechanism, table, parameters.
+        Files such as the mechanism, the table and the parameters.
     metadata : mapping of str to str
-        Facts, such as `package_versions`; they go into the metadata record `PROVENANCE_METADATA`.
+        Facts such as `package_versions`, for the metadata record `PROVENANCE_METADATA`.
     """
 
     attachments: tuple[Attachment, ...] = ()
@@ -87,42 +89,41 @@ _Entry: TypeAlias = tuple[Topic, bytes, int, int] | Provenance
 
 
 class _LimitReached(LogError):
-    """There may be no further file."""
+    """A limit allows no further file."""
 
 
 class Recorder:
-    """Logs to files in a folder, from `start` to `stop`, on a thread of its own.
+    """Logs messages to files in a folder, from `start` to `stop`, on a thread of its own.
 
-    Messages wait in a queue that is bounded; those that do not fit are counted. The thread hands
-    what has come to the operating system twice a second, and waits for the disk to have it. When
-    writing fails, the file is left as it is, and a new one is begun as soon as that succeeds,
-    tried every few seconds. Every file is complete in itself; its metadata record
-    `RECORDING_METADATA` tells how many messages had been dropped since `start` when the
-    file began, whenever that number changed, and when the file ended.
+    Messages wait in a bounded queue; those that do not fit are counted. Twice a second, the thread
+    hands the messages to the operating system and waits until the disk has them. After a failure,
+    the file is closed as it is, and the thread tries every few seconds to begin a new one. Every
+    file is complete in itself. Its metadata records `RECORDING_METADATA` give the number of
+    messages dropped since `start`: at the beginning, after each change, and at the end.
 
     Parameters
     ----------
     folder : Path
-        Where the logs go; it must exist.
+        Folder of the logs, which must exist.
     topics : iterable of Topic
-        What may be written; `add_topic` adds others.
+        Topics of the logs; `add_topic` adds others.
     provenance : Provenance
-        What makes the messages; `change_provenance` replaces it.
+        Origin of the messages; `change_provenance` replaces it.
     limits : Limits
-        How large logs become.
+        Limits of the size of logs.
     compression : str
-        One of `recording.COMPRESSIONS`.
+        One of `writing.COMPRESSIONS`.
 
     Attributes
     ----------
     path : Path or None
-        The file under way, else the last one.
+        The current file, or else the last one.
     active : bool
-        Whether messages are taken: from `start` to `stop`, or until ``disk_limit`` is reached.
+        Whether messages are accepted: from `start` until `stop` or ``disk_limit``.
     recording : bool
-        Whether a file is under way; not so while active after a failure, until it is mended.
+        Whether a file is being written; after a failure, it is not until the next one begins.
     written : int
-        How many messages the operating system has been given since `start`.
+        Number of messages that the operating system has received since `start`.
     error : LogError or None
         The first failure since `start`.
     """
@@ -146,27 +147,27 @@ class Recorder:
         self._compression = compression
         self._thread: threading.Thread | None = None
         self._wake = threading.Event()
-        # What both sides touch, under the lock.
+        # Both threads use these, with the lock.
         self._lock = threading.Lock()
         self._queue: deque[_Entry] = deque()
         self._queued = self._queued_bytes = self._overflowed = 0
-        # What the thread alone touches while it lives.
+        # Only the recorder's thread uses these while it runs.
         self._batch: deque[_Entry] = deque()
         self._log: LogWriter | None = None
-        self._lost = self._told = self._written_before = 0
+        self._lost = self._reported = self._written_before = 0
         self._room = math.inf
         self._begun = self._flushed = self._split_at = self._deadline = 0.0
-        self._mended = True
+        self._failed = False
         self._next_try = 0.0
         self._pause, self._taken = POLL_PERIOD, 0
 
     @property
     def dropped(self) -> int:
-        """How many messages since `start` are in no file."""
+        """Number of messages since `start` that are in no file."""
         return self._overflowed + self._lost
 
     def add_topic(self, topic: Topic) -> None:
-        """Let messages of another topic be written, from now on."""
+        """Accept messages of another topic from now on."""
         self._topics = {**self._topics, topic.name: topic}
 
     def start(self) -> None:
@@ -175,16 +176,16 @@ class Recorder:
         Raises
         ------
         LogError
-            If one is under way, or if it cannot be begun.
+            If a log is being recorded already, or cannot be created.
         """
         if self._thread is not None and self._thread.is_alive():
-            raise LogError(f"{self.path} is being recorded already; stop it first.")
+            raise LogError(f"{self.path} is being recorded already; stop that first.")
         self._wake.clear()
         self.error = None
         self.written = self._written_before = 0
         self._queued = self._queued_bytes = self._overflowed = self._lost = 0
         self._deadline = math.inf
-        self._mended = True
+        self._failed = False
         self._pause, self._taken = POLL_PERIOD, 0
         self._begin_file()
         self.active = True
@@ -192,16 +193,16 @@ class Recorder:
         self._thread.start()
 
     def write(self, topic: str, data: bytes, log_time: int, publish_time: int) -> None:
-        """Have a message written, or dropped if too many wait; ignore it while not active.
+        """Queue a message, or count it as dropped if the queue is full; ignore it if not active.
 
         Parameters
         ----------
         topic : str
-            Name of one of the topics.
+            Name of a topic.
         data : bytes
             The message in CDR, with its encapsulation header.
         log_time, publish_time : int
-            When it was received and when it was sent, ns; they may jump.
+            Times of receiving and of sending, ns; they need not ascend.
         """
         size = len(data)
         with self._lock:
@@ -215,7 +216,7 @@ class Recorder:
             self._queued_bytes += size
 
     def change_provenance(self, provenance: Provenance) -> None:
-        """Let what is written from now on go to a file that tells this provenance."""
+        """Write all messages from now on to a file with this provenance."""
         with self._lock:
             if self.active:
                 self._queue.append(provenance)
@@ -223,7 +224,7 @@ class Recorder:
                 self._provenance = provenance
 
     def stop(self) -> None:
-        """Write what waits, within `DRAIN_TIME`, and complete the log; never raises."""
+        """Write the queue within `DRAIN_TIME` and complete the log; this never raises."""
         with self._lock:
             self.active = False
         if self._thread is None or not self._thread.is_alive():
@@ -234,13 +235,13 @@ class Recorder:
         if self._thread.is_alive():
             self._keep(
                 LogError(
-                    f"{self.path} is still being written, as its disk does not answer; complete "
-                    f"it with `linkage-vibration recover {self.path}` when it does."
+                    f"{self.path} is still being written, as its disk does not respond; complete "
+                    f"it with `linkage-vibration recover {self.path}` when the disk responds."
                 )
             )
 
     def _run(self) -> None:
-        """Write until there is nothing more to write."""
+        """Write messages until recording ends."""
         try:
             while self.active:
                 self._wake.wait(self._pause)
@@ -250,7 +251,9 @@ class Recorder:
                 self._taken = 0
             self._work()
         except Exception as defect:
-            self._keep(LogError(f"{self.path} was given up: {defect!r}; please report this."))
+            self._keep(
+                LogError(f"Recording {self.path} failed: {defect!r}; please report this defect.")
+            )
             raise
         finally:
             with self._lock:
@@ -266,7 +269,7 @@ class Recorder:
             self._end_file()
 
     def _work(self) -> None:
-        """Write what has come, as far as the disk takes it."""
+        """Write the queued messages, as far as the disk accepts them."""
         while self._log is not None or self._resume():
             now = time.monotonic()
             if now >= self._flushed + FLUSH_PERIOD:
@@ -274,18 +277,18 @@ class Recorder:
             elif now > self._deadline or not (self._batch or self._take()):
                 break
             else:
-                self._do(self._batch[0])
+                self._handle(self._batch[0])
 
     def _take(self) -> bool:
-        """Make what has come the next batch; return whether there is any."""
+        """Make the queue the next batch; return whether it has an entry."""
         with self._lock:
             self._batch, self._queue = self._queue, self._batch
             self._queued = self._queued_bytes = 0
         self._taken += len(self._batch)
         return bool(self._batch)
 
-    def _do(self, entry: _Entry) -> None:
-        """Do what the first entry of the batch asks for, unless that needs the next file."""
+    def _handle(self, entry: _Entry) -> None:
+        """Handle the first entry of the batch; if it needs the next file, only end this one."""
         log = self._log
         assert log is not None
         if isinstance(entry, Provenance):
@@ -304,7 +307,7 @@ class Recorder:
             self._lost += 1
             self._keep(
                 LogError(
-                    f"A message of {len(data)} bytes on {topic.name} is larger than a log may be; "
+                    f"A message of {len(data)} bytes on {topic.name} is too large for a log; "
                     "raise split_size or disk_limit."
                 )
             )
@@ -314,11 +317,11 @@ class Recorder:
             self._end_file()
 
     def _flush(self) -> None:
-        """Hand what was written to the operating system, and wait until the disk has it."""
+        """Hand all messages to the operating system, and wait until the disk has them."""
         log = self._log
         assert log is not None
-        if self._told != self.dropped:
-            self._tell(log)
+        if self._reported != self.dropped:
+            self._report_dropped(log)
         log.flush()
         self.written = self._written_before + log.written
         log.sync()
@@ -326,13 +329,13 @@ class Recorder:
         if log.error is not None:
             self._end_file()
 
-    def _tell(self, log: LogWriter) -> None:
-        """Let the file tell how many messages were dropped so far."""
-        self._told = self.dropped
-        log.add_metadata(RECORDING_METADATA, {"dropped": str(self._told)})
+    def _report_dropped(self, log: LogWriter) -> None:
+        """Store in the file how many messages were dropped so far."""
+        self._reported = self.dropped
+        log.add_metadata(RECORDING_METADATA, {"dropped": str(self._reported)})
 
     def _begin_file(self) -> None:
-        """Begin the next file; raise LogError if that does not succeed."""
+        """Begin the next file; raise `LogError` if that fails."""
         self._room = self._make_room()
         self._log = log = LogWriter(
             _unused_path(self._folder),
@@ -341,7 +344,7 @@ class Recorder:
             self._compression,
         )
         log.add_metadata(PROVENANCE_METADATA, self._provenance.metadata)
-        self._tell(log)
+        self._report_dropped(log)
         log.flush()
         self.path = log.path
         self.recording = True
@@ -349,11 +352,11 @@ class Recorder:
         self._split_at = self._begun + (self._limits.split_duration or math.inf)
 
     def _end_file(self) -> None:
-        """Complete the file under way, if any; after a failure, leave it as it is."""
+        """Complete the current file, if there is one; after a failure, only close it."""
         log, self._log = self._log, None
         if log is None:
             return
-        self._tell(log)
+        self._report_dropped(log)
         log.close()
         self._written_before += log.written
         self.written = self._written_before
@@ -361,15 +364,15 @@ class Recorder:
         if log.error is not None:
             self._keep(log.error)
             self.recording = False
-            self._mended = False
+            self._failed = True
             self._next_try = self._begun + RETRY_PERIOD
             if not log.written:
                 with contextlib.suppress(OSError):
                     log.path.unlink()
 
     def _resume(self) -> bool:
-        """Begin the next file if that can be; return whether it was."""
-        if not self._mended:
+        """Begin the next file if that is possible; return whether it was."""
+        if self._failed:
             if time.monotonic() < self._next_try:
                 return False
             self._next_try = time.monotonic() + RETRY_PERIOD
@@ -383,10 +386,10 @@ class Recorder:
             return False
         except LogError as error:
             self._keep(error)
-            self.recording = self._mended = False
+            self.recording, self._failed = False, True
             self._next_try = time.monotonic() + RETRY_PERIOD
             return False
-        self._mended = True
+        self._failed = False
         return True
 
     def _disk_has_room(self) -> bool:
@@ -397,20 +400,20 @@ class Recorder:
         return free > self._empty_size() + _ROOM_TO_RESUME
 
     def _make_room(self) -> float:
-        """Return how many bytes the next file may have; delete old ones for it if that was asked.
+        """Return the greatest size of the next file; delete old files if `delete_oldest` is set.
 
         Raises
         ------
         LogError
-            If there is no room for a file, or none can be made.
+            If a limit leaves no room for a file, or an old file cannot be deleted.
         """
         limits = self._limits
         least = 2 * self._empty_size()
         largest = limits.split_size or math.inf
         if largest < least:
             raise _LimitReached(
-                f"split_size is {limits.split_size} bytes, and a log that tells what made it has "
-                f"{least // 2} before its first message; give {least} or more."
+                f"split_size is {limits.split_size} bytes, but a log without messages already has "
+                f"{least // 2}; set it to {least} or more."
             )
         if not limits.disk_limit:
             return largest
@@ -425,15 +428,15 @@ class Recorder:
                 taken -= size
         largest = min(largest, limits.disk_limit - taken)
         if largest < least:
-            mend = "" if limits.delete_oldest else "delete some, set delete_oldest, or "
+            fix = "" if limits.delete_oldest else "delete logs, set delete_oldest, or "
             raise _LimitReached(
-                f"Recording has ended, as the logs in {self._folder} have reached disk_limit, "
-                f"{limits.disk_limit} bytes; {mend}raise it, and start again."
+                f"Recording ended, as the logs in {self._folder} have reached disk_limit, "
+                f"{limits.disk_limit} bytes; {fix}raise it, and start again."
             )
         return largest
 
     def _empty_size(self) -> int:
-        """Return how many bytes a log without messages has, about."""
+        """Return the approximate size of a log without messages, bytes."""
         attachments = sum(len(attachment.data) for attachment in self._provenance.attachments)
         definitions = sum(len(topic.definition) for topic in self._topics.values())
         return attachments + 4 * definitions + 8192
@@ -445,13 +448,13 @@ class Recorder:
 
 
 def package_versions() -> dict[str, str]:
-    """Return the versions of what computes and writes, for `Provenance.metadata`."""
+    """Return the versions of Python and of the main libraries, for `Provenance.metadata`."""
     distributions = ("linkage_vibration", "mcap", "numpy", "scipy")
     return {"python": platform.python_version()} | {name: version(name) for name in distributions}
 
 
 def _unused_path(folder: Path) -> Path:
-    """Return where a log that begins now goes."""
+    """Return the path of a log that begins now."""
     stem = time.strftime("linkage_vibration_%Y%m%d-%H%M%S")
     path = folder / f"{stem}{_SUFFIX}"
     number = 1
@@ -462,9 +465,9 @@ def _unused_path(folder: Path) -> Path:
 
 
 def _logs(folder: Path) -> list[tuple[Path, int]]:
-    """Return the logs in a folder with their sizes in bytes, the one written to longest ago first.
+    """Return the logs in a folder with their sizes in bytes, the oldest first.
 
-    In a folder that cannot be read there are none; writing to it tells why.
+    If the folder cannot be read, there are none, and writing to it gives the error.
     """
     found = []
     with contextlib.suppress(OSError):
@@ -481,5 +484,5 @@ def _delete(path: Path) -> None:
         path.unlink(missing_ok=True)
     except OSError as error:
         raise LogError(
-            f"{path}, the oldest log, could not be deleted: {error.strerror}; delete it."
+            f"The oldest log, {path}, cannot be deleted: {error.strerror}; delete it."
         ) from None

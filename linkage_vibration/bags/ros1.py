@@ -1,9 +1,9 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Takes ROS 1 bags apart by the chunk, and turns their joint states into CDR by the thousand.
+"""Reads ROS 1 bags by the chunk, and converts their joint states to CDR in large groups.
 
-What rosbags does, without its index of every message, which takes memory, and message by message
-most of the time. Damage raises whatever it leads to.
+Own code because rosbags takes 10 times as long for each message, and its index takes 170 bytes of
+memory for each (`python -m benchmark.libraries`). Damage may raise any exception.
 """
 
 import struct
@@ -22,11 +22,11 @@ Integers = NDArray[np.int64]
 
 _UINT32 = struct.Struct("<I")
 _MESSAGE = b"\x02"  # the opcode of a message
-_STAMP = 12  # bytes: number and time in ROS 1; encapsulation and time in CDR
+_STAMP = 12  # bytes before the frame: sequence number and time, or in CDR encapsulation and time
 
 
 class ChunkReader(Reader):
-    """A ROS 1 bag that is read by its chunks alone; `messages` of its base class finds none."""
+    """A ROS 1 bag that is read by its chunks; `messages` of its base class finds nothing."""
 
     def open(self) -> None:
         """Open the bag, and count its messages."""
@@ -40,11 +40,17 @@ class ChunkReader(Reader):
             for connection in self.connections
         ]
 
-    def read_index_data(self, pos: int, indexes: Any) -> None:
-        """Pass over the index."""
+    def read_index_data(self, *_: Any) -> None:
+        """Skip the index of the messages."""
 
     def uncompressed(self, position: int) -> bytes:
-        """Return the records of a chunk that begins there in the file."""
+        """Return the records of the chunk at this position of the file.
+
+        Raises
+        ------
+        ValueError
+            If the file ends too early; damage may also raise other exceptions.
+        """
         assert self.bio is not None
         chunk = self.chunks[position]
         self.bio.seek(chunk.datapos)
@@ -55,12 +61,17 @@ class ChunkReader(Reader):
 
 
 def find_messages(data: bytes) -> tuple[Integers, Integers, Integers, Integers]:
-    """Find the messages among a chunk's records.
+    """Return the messages among the records of a chunk.
 
     Returns
     -------
     connections, starts, sizes, times : ndarray, (n,)
-        Identifiers; where they begin; bytes; when they were recorded, ns.
+        Connection, position, number of bytes and log time in ns of each message.
+
+    Raises
+    ------
+    ValueError
+        If the records do not end with the chunk; damage may also raise other exceptions.
     """
     found: list[tuple[int, int, int, int]] = []
     position, end = 0, len(data)
@@ -70,14 +81,14 @@ def find_messages(data: bytes) -> tuple[Integers, Integers, Integers, Integers]:
         found.append((position + 4, head, position + 8 + head, size))
         position += 8 + head + size
     if position > end:
-        raise ValueError("a record reaches beyond its chunk")
+        raise ValueError("a record is longer than the rest of its chunk")
     heads, lengths, starts, sizes = np.array(found, np.int64).reshape(-1, 4).T
     connections, times = np.full(len(found), -1), np.zeros(len(found), np.int64)
     buffer = np.frombuffer(data, np.uint8)
     for length in np.unique(lengths):
         left = np.flatnonzero(lengths == length)
         while len(left):
-            # Headers of one writer have their fields in one order, and differ in values alone.
+            # Headers of one writer have the same order of fields and differ only in values.
             headers = sliding_window_view(buffer, length)[heads[left]]
             fields = _fields(headers[0].tobytes())
             shared = np.ones(length, bool)
@@ -85,18 +96,18 @@ def find_messages(data: bytes) -> tuple[Integers, Integers, Integers, Integers]:
                 conn, time = fields["conn"][0], fields["time"][0]
                 shared[conn : conn + 4] = shared[time : time + 8] = False
             alike = (headers[:, shared] == headers[0, shared]).all(axis=1)
-            some = left[alike]
+            rows = left[alike]
             if not shared.all():
-                connections[some] = _uint32(headers[alike], conn)
-                times[some] = _uint32(headers[alike], time) * 10**9
-                times[some] += _uint32(headers[alike], time + 4)
+                connections[rows] = _uint32(headers[alike], conn)
+                times[rows] = _uint32(headers[alike], time) * 10**9
+                times[rows] += _uint32(headers[alike], time + 4)
             left = left[~alike]
     is_message = connections >= 0
     return connections[is_message], starts[is_message], sizes[is_message], times[is_message]
 
 
 def _fields(header: bytes) -> dict[str, tuple[int, bytes]]:
-    """Return where the value of each field begins, and the value."""
+    """Return the position and the value of each field by name."""
     fields, position = {}, 0
     while position < len(header):
         [size] = _UINT32.unpack_from(header, position)
@@ -113,18 +124,27 @@ def _uint32(rows: Bytes, at: int) -> Integers:
 def many_to_cdr(
     messages: Bytes, type_name: str, to_cdr: Callable[[bytes, str], bytes]
 ) -> Iterator[tuple[Integers, Bytes]]:
-    """Turn messages of one type and size, (n, size), into CDR.
+    """Convert messages of one type and size to CDR.
 
-    Those of one publisher differ in their stamps and numbers alone, so that one of them is turned
-    by ``to_cdr``, and the others as it is. Of other types than joint states and single numbers
-    that goes for equal messages only.
+    Joint states of one publisher differ only in their stamps and numbers. So ``to_cdr`` converts
+    one of them, and only their numbers are copied for the others. The same goes for single
+    numbers; messages of another type are grouped if they are equal.
+
+    Parameters
+    ----------
+    messages : ndarray of uint8, (n, size)
+        The messages of ROS 1.
+    type_name : str
+        Their type.
+    to_cdr : callable
+        Converts one message of a type.
 
     Yields
     ------
     which : ndarray, (m,)
-        Those that are alike.
+        Indices of the messages in one group.
     encoded : ndarray of uint8, (m, n_bytes)
-        Each row is what ``to_cdr`` gives.
+        What ``to_cdr`` returns for each.
     """
     left = np.arange(len(messages))
     while len(left):
@@ -135,7 +155,7 @@ def many_to_cdr(
         for source, _, length in moves:
             shared[source : source + length] = False
         if type_name == JOINT_STATE:
-            shared[:4] = False  # the header's number, which ROS 2 has not
+            shared[:4] = False  # the sequence number, which ROS 2 does not have
         rest = messages[left]
         alike = (rest[:, shared] == rest[0, shared]).all(axis=1)
         encoded = np.empty((int(alike.sum()), len(example)), np.uint8)
@@ -147,7 +167,7 @@ def many_to_cdr(
 
 
 def _joint_state_moves(data: bytes) -> list[tuple[int, int, int]]:
-    """Return where a joint state's numbers are in ROS 1 and in CDR, and how many bytes of them."""
+    """Return positions of numbers in ROS 1 and in CDR, and how many bytes they have."""
     moves = [(4, 4, 8)]  # the stamp
     source = target = _STAMP
 
@@ -160,7 +180,7 @@ def _joint_state_moves(data: bytes) -> list[tuple[int, int, int]]:
     def string() -> None:
         nonlocal source, target
         length = count()
-        source, target = source + length, target + length + 1  # CDR's end with a zero
+        source, target = source + length, target + length + 1  # CDR adds a zero
 
     string()
     for _ in range(count()):

@@ -1,10 +1,11 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Streams topics out of bags as columns: thousands of messages at a time, in order of log time.
+"""Reads topics of bags as columns, thousands of messages at a time, in the order of log times.
 
-Chunks of MCAP and of ROS 1 are taken apart as a whole, as that is where a long bag's time goes;
-everything else comes message by message from rosbags. What is in memory is a chunk of each bag,
-and what overlaps.
+Own code because rosbags takes 3 times and mcap 13 times as long for a message, and 12 and 25 times
+for a decoded joint state, and a replay reads hours (`python -m benchmark.libraries`). Chunks of
+MCAP and ROS 1 are parsed as a whole; other bags are read by rosbags. One chunk of each bag, and
+the chunks that overlap it, are in memory at a time.
 """
 
 import heapq
@@ -41,31 +42,31 @@ Bytes = NDArray[np.uint8]
 Integers = NDArray[np.int64]
 
 BLOCK = 4096
-"""Messages that are handed out at a time, at least; NumPy's calls cost little beside so many."""
+"""The least number of messages in a block, so that calls of NumPy cost little for each."""
 
-_GATHERED = 1024  # messages that rosbags hands over one by one, until they are a part of a stream
+_GATHERED = 1024  # messages in a part that rosbags reads one by one
 _DECOMPRESS: dict[str, Callable[[bytes, int], bytes]] = {
     "": lambda data, size: data,
     "lz4": lambda data, size: lz4.frame.decompress(data),
-    "zstd": zstandard.decompress,  # needs the size where the writer did not know it in advance
+    "zstd": zstandard.decompress,  # needs the size if the chunk does not state it
 }
-_LATEST = 2**63 - 1  # ns; MCAP's times are unsigned, but those beyond the year 2262 are no times
+_LATEST = 2**63 - 1  # ns, the year 2262; MCAP has unsigned times, whose upper half is meaningless
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Block:
-    """Messages of several topics, by columns.
+    """Messages of several topics as columns.
 
     Attributes
     ----------
     buffer : ndarray of uint8
-        Holds the messages' bytes somewhere.
+        Contains the bytes of the messages.
     starts, sizes : ndarray, (n,)
-        Where, bytes.
+        Position and number of each message's bytes in it.
     topics : ndarray, (n,)
-        Of which topic, as an index into the names that were asked for.
+        Index of each message's topic in the requested names.
     log_times, publish_times : ndarray, (n,)
-        When they were received and sent, ns. Only MCAP tells the latter.
+        Times of receiving and of sending, ns; they are equal except in MCAP.
     """
 
     buffer: Bytes
@@ -76,16 +77,16 @@ class Block:
     publish_times: Integers
 
     def __len__(self) -> int:
-        """Return how many messages there are."""
+        """Return the number of messages."""
         return len(self.starts)
 
     def message(self, row: int) -> bytes:
-        """Return the bytes of a message."""
+        """Return the bytes of one message."""
         start = int(self.starts[row])
         return self.buffer[start : start + int(self.sizes[row])].tobytes()
 
     def rows(self, which: Integers) -> "Block":
-        """Return some of the messages, in another order."""
+        """Return the messages with these indices, in their order."""
         return Block(
             self.buffer,
             self.starts[which],
@@ -96,14 +97,16 @@ class Block:
         )
 
 
-_Rank: TypeAlias = tuple[int, int]  # of messages with one time: number of the bag, place in it
+_Rank: TypeAlias = tuple[
+    int, int
+]  # order of messages with the same time: number of the bag, place in it
 
 
 @dataclass(frozen=True, slots=True)
 class _Part:
-    """Some messages of a bag."""
+    """Messages of a bag that are read together."""
 
-    first: int  # the first log time, ns
+    first: int  # least log time, ns
     rank: _Rank
     load: Callable[[], Block]
 
@@ -115,9 +118,9 @@ class BagTopic:
     Attributes
     ----------
     name, type : str
-        As in ``/joint_states`` and ``sensor_msgs/msg/JointState``.
+        Such as ``/joint_states`` and ``sensor_msgs/msg/JointState``.
     count : int
-        How many messages it has.
+        Number of its messages.
     """
 
     name: str
@@ -126,14 +129,14 @@ class BagTopic:
 
 
 class Bags:
-    """Bags that are open, to be read as one.
+    """Open bags that are read as one.
 
     Attributes
     ----------
     paths : tuple of Path
         The bags.
     topics : tuple of BagTopic
-        Their topics, each once for each type that it has.
+        Their topics; one with several types occurs once for each.
     """
 
     def __init__(self, paths: Sequence[Path], bags: "Sequence[Reader1 | Reader2]") -> None:
@@ -147,15 +150,15 @@ class Bags:
         self.topics = tuple(BagTopic(*key, count) for key, count in sorted(counts.items()))
 
     def blocks(self, names: Sequence[str]) -> Iterator[Block]:
-        """Yield the messages of some topics, in order of log time.
+        """Yield the messages of topics with these names, in the order of log times.
 
-        Of messages with the same time, that of the first bag comes first. Messages of ROS 1 are
-        turned into those of ROS 2.
+        Messages with the same time come in the order of the bags. Those of ROS 1 are converted to
+        ROS 2.
 
         Raises
         ------
         BagError
-            If a bag turns out to be damaged.
+            If a bag is damaged.
         """
         parts = [
             _parts(path, bag, number, names)
@@ -166,12 +169,12 @@ class Bags:
 
 @contextmanager
 def open_bags(paths: Sequence[Path]) -> Iterator[Bags]:
-    """Open bags, to be read as one: parts of a recording, or recordings of the same time.
+    """Open bags that are read as one, such as the parts of a recording.
 
     Raises
     ------
     BagError
-        If one of them is missing, empty, cut short, damaged or no bag.
+        If one of them is missing, empty, incomplete, damaged or not a bag.
     """
     bags: list[Reader1 | Reader2] = []
     with ExitStack() as stack:
@@ -183,7 +186,7 @@ def open_bags(paths: Sequence[Path]) -> Iterator[Bags]:
 
 
 def _ordered(parts: Iterable[_Part]) -> Iterator[Block]:
-    """Put parts, that come in order of their first times, into blocks in order of time."""
+    """Turn parts in the order of their first times into blocks in the order of times."""
     held: list[tuple[_Rank, Block]] = []
     upcoming = iter(parts)
     part = next(upcoming, None)
@@ -192,7 +195,7 @@ def _ordered(parts: Iterable[_Part]) -> Iterator[Block]:
         part = next(upcoming, None)
         if part is not None and sum(len(block) for _, block in held) < BLOCK:
             continue
-        # What is later may have to wait for messages of parts that are still to come.
+        # A later message waits, as a part that is not loaded yet may have earlier ones.
         known = _LATEST if part is None else part.first
         ready, waiting = [], []
         for rank, block in sorted(held, key=lambda entry: entry[0]):
@@ -207,7 +210,7 @@ def _ordered(parts: Iterable[_Part]) -> Iterator[Block]:
 
 
 def _joined(blocks: Sequence[Block]) -> Block:
-    """Put blocks one behind the other."""
+    """Return one block with the messages of all."""
     if len(blocks) == 1:
         return blocks[0]
     offsets = itertools.accumulate([len(block.buffer) for block in blocks[:-1]], initial=0)
@@ -222,7 +225,7 @@ def _joined(blocks: Sequence[Block]) -> Block:
 
 
 def _compact(block: Block) -> Block:
-    """Return the same block without the bytes of other messages, unless they are few."""
+    """Return a block without the bytes of other messages, unless they are few."""
     if 2 * block.sizes.sum() > len(block.buffer):
         return block
     data = b"".join(map(block.message, range(len(block))))
@@ -235,7 +238,7 @@ def _compact(block: Block) -> Block:
 def _parts(
     path: Path, bag: "Reader1 | Reader2", number: int, names: Sequence[str]
 ) -> Iterator[_Part]:
-    """Yield the parts of a bag in order of their first times."""
+    """Yield the parts of a bag in the order of their first times."""
     from linkage_vibration.bags.ros1 import ChunkReader
 
     with bag_errors(path), ExitStack() as stack:
@@ -258,7 +261,7 @@ def _mcap_parts(
         found = summary.channels.values()
         channels = {c.id: names.index(c.topic) for c in found if c.topic in names}
         for chunk in summary.chunk_indexes:
-            # A chunk without message indexes may hold anything.
+            # A chunk without message indexes may hold any topic.
             if not chunk.message_index_offsets or channels.keys() & chunk.message_index_offsets:
                 chunks.append((file, chunk, channels))
     in_time = sorted(enumerate(chunks), key=lambda entry: entry[1][1].message_start_time)
@@ -285,7 +288,7 @@ def _uncompressed(file: BinaryIO, chunk: ChunkIndex) -> bytes:
 
 
 def _chunk_block(data: bytes, channels: dict[int, int]) -> Block:
-    """Find the messages of these channels among a chunk's records."""
+    """Return the messages of these channels (with their topics) among the records of a chunk."""
     begins: list[int] = []
     position, end = 0, len(data)
     while position < end:
@@ -294,7 +297,7 @@ def _chunk_block(data: bytes, channels: dict[int, int]) -> Block:
             begins.append(position)
         position += RECORD.size + length
     if position > end:
-        raise ValueError("a record reaches beyond its chunk")
+        raise ValueError("a record is longer than the rest of its chunk")
     buffer = np.frombuffer(data, np.uint8)
     if not begins:
         return _block(buffer, [])
@@ -303,7 +306,7 @@ def _chunk_block(data: bytes, channels: dict[int, int]) -> Block:
     starts = np.array(begins)
     heads = sliding_window_view(buffer, MESSAGE_RECORD.itemsize)[starts].view(MESSAGE_RECORD)[:, 0]
     if (heads["length"] < MESSAGE.size).any():
-        raise ValueError("a message is shorter than its own head")
+        raise ValueError("a message is shorter than its header")
     wanted = topics[heads["channel"]] >= 0
     heads, starts = heads[wanted], starts[wanted] + MESSAGE_RECORD.itemsize
     sizes = heads["length"].astype(np.int64) - MESSAGE.size
@@ -343,7 +346,7 @@ def _ros1_block(
     names: Sequence[str],
     to_cdr: Callable[[bytes, str], bytes],
 ) -> Block:
-    """Find the messages of these connections in a chunk, and turn them into CDR."""
+    """Return the messages of these connections in a chunk, converted to CDR."""
     from linkage_vibration.bags.ros1 import find_messages, many_to_cdr
 
     found, starts, sizes, times = find_messages(data)
@@ -389,13 +392,13 @@ def _gathered(data: Collection[bytes], columns: Sequence[tuple[int, ...]], rank:
 
 
 def _to_cdr(connections: "Sequence[Connection]") -> Callable[[bytes, str], bytes]:
-    """Return what makes CDR of a message of ROS 1."""
+    """Return a function that converts a message of ROS 1 to CDR."""
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
     store = get_typestore(Stores.LATEST)
     for type_name, text in sorted({(c.msgtype, c.msgdef.data) for c in connections}):
         if type_name not in store.fielddefs:
             types = get_types_from_msg(text, type_name)
-            types.pop("std_msgs/msg/Header", None)  # ROS 2's has no number
+            types.pop("std_msgs/msg/Header", None)  # that of ROS 2 has no sequence number
             store.register(types)
     return lambda raw, type_name: bytes(store.ros1_to_cdr(raw, type_name))

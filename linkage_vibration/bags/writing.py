@@ -1,9 +1,8 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Writes serialized ROS 2 messages to an MCAP file that rosbag2, Foxglove and rosbags open."""
+"""Writes serialized ROS 2 messages to MCAP files that rosbag2, Foxglove and rosbags open."""
 
 import contextlib
-import io
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -12,26 +11,25 @@ from types import TracebackType
 
 import yaml
 from mcap.data_stream import RecordBuilder
-from mcap.exceptions import UnsupportedCompressionError
 from mcap.records import Channel, Schema
 from mcap.writer import LIBRARY_IDENTIFIER, CompressionType, Writer
 
 from linkage_vibration.errors import LinkageVibrationError
 
-# A chunk is compressed and written in one go, so its size bounds how long `write` can stall.
+# A chunk is compressed and written at once, so its size limits how long `write` can take.
 CHUNK_BYTES = 64 * 1024
-# Of the node's topics, live as in a log: a second of joint states at 1 kHz, which rides out a stall
-# of the machine and is worked off in a quarter of that. A tenth of it lost 0.6 % in an hour on a
-# machine that had three times as much to do as it has cores.
+# Queue of the node's topics, also in the QoS of a log: a second of joint states at 1 kHz, so that a
+# short stall of the machine loses none. A queue of 100 lost 0.6 % in an hour on a machine whose
+# load was three times its number of cores.
 QUEUE_DEPTH = 1000
-# The newest version of rosbag2's metadata whose policies are integers, see offered_qos_profiles.
+# The newest version of rosbag2 metadata with integer policies, see offered_qos_profiles.
 ROSBAG2_METADATA_VERSION = 7
 ROSBAG2_METADATA = "rosbag2"  # the name of its record
 COMPRESSIONS = tuple(kind.name.lower() for kind in CompressionType)
 
-# Bytes that MCAP adds, at most: to a message with its index; to a chunk with its two indexes, and
-# for each channel in it; for an attachment or metadata in the summary, beside its name; to the
-# summary as a whole.
+# Greatest number of bytes that MCAP adds for a message with its index; for a chunk with its two
+# indexes, and for each channel in it; for an attachment or metadata in the summary, without its
+# name; and for the summary.
 _PER_MESSAGE = 47
 _PER_CHUNK, _PER_CHUNK_CHANNEL = 160, 25
 _PER_INDEX = 64
@@ -39,7 +37,7 @@ _PER_SUMMARY = 1024
 
 
 class LogError(LinkageVibrationError):
-    """A log could not be created or written."""
+    """A log cannot be created or written."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,11 +51,11 @@ class Topic:
     type : str
         Full name of its message type, such as ``sensor_msgs/msg/JointState``.
     definition : str
-        The type's ``ros2msg`` text with its dependencies, see `message_definition`.
+        The ``ros2msg`` text of the type with its dependencies, see `message_definition`.
     type_hash : str
-        The type's hash, see `type_hash`.
+        Hash of the type, see `type_hash`.
     offered_qos_profiles : str
-        What its publishers offer, see `offered_qos_profiles`.
+        QoS of its publishers, see `offered_qos_profiles`.
     """
 
     name: str
@@ -69,7 +67,7 @@ class Topic:
 
 @dataclass(frozen=True, slots=True)
 class Attachment:
-    """A file kept inside a log.
+    """A file that is stored in a log.
 
     Attributes
     ----------
@@ -78,7 +76,7 @@ class Attachment:
     media_type : str
         Media type, such as ``application/yaml``.
     data : bytes
-        The file's content.
+        Content of the file.
     """
 
     name: str
@@ -87,17 +85,17 @@ class Attachment:
 
 
 def offered_qos_profiles(*, reliable: bool, depth: int) -> str:
-    """Return the QoS of one volatile keep-last publisher as rosbag2 keeps it in a log.
+    """Return the QoS of one volatile keep-last publisher as rosbag2 stores it in a log.
 
-    The policies are written as the integers of ``rmw/types.h``, as rosbag2 did up to Iron. Humble
-    and Iron read nothing else; Jazzy and later read both these and the names that they write.
+    The policies are the integers of ``rmw/types.h``, as rosbag2 wrote them up to Iron. Humble and
+    Iron read only these; Jazzy and later read both these and names.
 
     Parameters
     ----------
     reliable : bool
-        Whether the publisher is reliable, rather than best effort.
+        Whether the publisher is reliable or best effort.
     depth : int
-        How many messages it keeps.
+        Number of messages that it keeps.
 
     Returns
     -------
@@ -127,23 +125,23 @@ def _duration(nanoseconds: int) -> dict[str, int]:
 def rosbag2_metadata(
     path: Path, topics: Sequence[Topic], counts: Sequence[int], first_time: int, last_time: int
 ) -> dict[str, str]:
-    """Return the content of the metadata record that rosbag2 keeps in its own MCAP files.
+    """Return the content of the metadata record that rosbag2 stores in its MCAP files.
 
     Parameters
     ----------
     path : Path
-        The log; its name is kept.
+        The log, of which the name is stored.
     topics : sequence of Topic
         Its topics.
     counts : sequence of int
-        How many messages it has of each.
+        Number of messages of each.
     first_time, last_time : int
-        Least and greatest log time, ns; 0 without messages.
+        Least and greatest log time, ns; 0 if there are no messages.
 
     Returns
     -------
     dict of str to str
-        To be written under the name `ROSBAG2_METADATA`.
+        The content; the name of the record is `ROSBAG2_METADATA`.
     """
     metadata = {
         "version": ROSBAG2_METADATA_VERSION,
@@ -174,37 +172,37 @@ def rosbag2_metadata(
 
 
 class LogWriter:
-    """An MCAP log under way; predictions must go on when it fails, so only opening it raises.
+    """An MCAP log that is being written; only opening it raises, so that predictions continue.
 
-    Messages are gathered in chunks of 64 KiB; zstd shrinks joint states and predictions to a third
-    in 0.4 ms a chunk, and every reader of MCAP knows it. Whoever owns the log calls `flush` once a
-    second: a killed process then loses that second at most. The file grows under its own name, so
-    that what was flushed can be found. Not thread-safe.
+    Messages are gathered in chunks of 64 KiB. zstd compresses joint states and predictions to a
+    third, in 0.4 ms for each chunk, and every reader of MCAP supports it. The owner of the log
+    calls `flush` once a second, so that a killed process loses one second of messages or less. Not
+    thread-safe.
 
     Parameters
     ----------
     path : Path
         The file to create; its folder must exist.
     topics : sequence of Topic
-        The topics that will be written.
+        Topics of the log.
     attachments : sequence of Attachment
-        Files to keep inside the log.
+        Files to store in the log.
     compression : str
-        Of chunks; one of `COMPRESSIONS`.
+        Compression of chunks, one of `COMPRESSIONS`.
 
     Attributes
     ----------
     error : LogError or None
-        The first failure; nothing is written after it.
+        The first failure, after which nothing is written.
     written : int
-        How many messages the operating system has been given.
+        Number of messages that were handed to the operating system.
     dropped : int
-        How many messages are not in the file because of the failure.
+        Number of messages that the failure lost.
 
     Raises
     ------
     LogError
-        If the file exists, or cannot be created or begun; then it is not there.
+        If the compression is unknown, or the file exists or cannot be created.
     """
 
     def __init__(
@@ -224,16 +222,22 @@ class LogWriter:
         self._first_time = self._last_time = 0
         self._held = self._held_bytes = 0
         self._definition_bytes = self._index_bytes = self._chunks = 0
-        kind = _compression_type(compression)
+        if compression not in COMPRESSIONS:
+            raise LogError(
+                f"Logs have no compression {compression!r}; use one of {', '.join(COMPRESSIONS)}."
+            )
         try:
             self._stream = path.open("xb")
         except FileExistsError:
-            raise LogError(f"{path} exists already; a log never replaces a file.") from None
+            raise LogError(
+                f"{path} exists already; choose another name, as a log never replaces a file."
+            ) from None
         except OSError as error:
             raise LogError(
-                f"{path} could not be created: {error.strerror}; give a folder that can be written."
+                f"{path} cannot be created: {error.strerror}; choose a writable folder."
             ) from None
-        # Chunks end in `flush` alone, so that what a failure loses can be counted.
+        # Only `flush` ends a chunk, so that the messages that a failure loses can be counted.
+        kind = CompressionType[compression.upper()]
         self._writer = Writer(self._stream, chunk_size=2**63, compression=kind)
         self._begin(topics, attachments)
         if self.error is not None:
@@ -244,22 +248,22 @@ class LogWriter:
 
     @property
     def messages(self) -> int:
-        """How many messages are in the file or about to be."""
+        """Number of messages that are in the file or in its next chunk."""
         return self.written + self._held
 
     @property
     def size(self) -> int:
-        """How many bytes the file would have if it were closed now, at most."""
+        """Greatest number of bytes that the file would have if it were closed now."""
         closing = self._index_bytes + _PER_SUMMARY
-        # In the first chunk, in the summary, and twice the part of them that rosbag2 asks for.
+        # Definitions occur in the first chunk, in the summary, and in part in two rosbag2 records.
         closing += 4 * self._definition_bytes
         chunk = _PER_CHUNK + _PER_CHUNK_CHANNEL * len(self._topics)
         held = self._held_bytes + self._held * _PER_MESSAGE
-        # What does not compress grows by less than 1 %.
+        # Data that cannot be compressed grow by less than 1 %.
         return self._stream.tell() + held + held // 100 + closing + (self._chunks + 1) * chunk
 
     def add_topic(self, topic: Topic) -> None:
-        """Let messages of another topic be written; nothing happens if it is known already."""
+        """Add a topic, unless the log has it already."""
         if topic.name in self._channels or self.error is not None:
             return
         definition = (topic.type, topic.definition)
@@ -278,8 +282,8 @@ class LogWriter:
         self._topics.append(topic)
         self._channels[topic.name] = channel
         self._counts[topic.name] = 0
-        # The writer puts them into a chunk; here they stand by themselves too, so that the loss of
-        # that chunk costs no other.
+        # The writer puts the definitions into one chunk. They are written outside of it as well,
+        # so that the other chunks can be read without that one.
         data = records.end()  # type: ignore[no-untyped-call]
         self._definition_bytes += len(data)
         try:
@@ -288,7 +292,15 @@ class LogWriter:
             self._fail(error)
 
     def add_metadata(self, name: str, data: Mapping[str, str]) -> None:
-        """Keep facts in the log, by name; a later record of the same name does not replace them."""
+        """Add a metadata record; it does not replace an earlier one of the same name.
+
+        Parameters
+        ----------
+        name : str
+            Name of the record.
+        data : mapping of str to str
+            Its content.
+        """
         if self.error is None:
             try:
                 self._writer.add_metadata(name, dict(data))
@@ -297,21 +309,21 @@ class LogWriter:
                 self._fail(error)
 
     def write(self, topic: str, data: bytes, log_time: int, publish_time: int) -> None:
-        """Add a message; after a failure, count it as dropped.
+        """Add a message, or count it as dropped after a failure.
 
         Parameters
         ----------
         topic : str
-            Name of one of the log's topics.
+            Name of a topic of the log.
         data : bytes
             The message in CDR, with its encapsulation header.
         log_time, publish_time : int
-            When it was received and when it was sent, ns.
+            Times of receiving and of sending, ns.
         """
         if self.error is not None:
             self.dropped += 1
             return
-        # MCAP's times are unsigned, a ROS stamp's seconds are not.
+        # MCAP has unsigned times, but the seconds of a ROS stamp are signed.
         log_time, publish_time = max(log_time, 0), max(publish_time, 0)
         empty = self.messages == 0
         self._first_time = log_time if empty else min(self._first_time, log_time)
@@ -326,20 +338,23 @@ class LogWriter:
             self.flush()
 
     def flush(self) -> None:
-        """Hand every message to the operating system: a killed process then loses none of them."""
+        """Hand all messages to the operating system; a killed process then loses none of them."""
         if self.error is None:
             try:
                 self._writer.flush()  # type: ignore[no-untyped-call]
-                if os.fstat(self._stream.fileno()).st_nlink == 0:
-                    raise FileNotFoundError
+                removed = os.fstat(self._stream.fileno()).st_nlink == 0
+            except OSError as error:
+                self._fail(error)
+                return
+            if removed:
+                self._fail(FileNotFoundError())
+            else:
                 self._chunks += self._held > 0
                 self.written += self._held
                 self._held = self._held_bytes = 0
-            except OSError as error:
-                self._fail(error)
 
     def sync(self) -> None:
-        """Wait until the disk has what was flushed: a loss of power then costs none of it."""
+        """Wait until the disk has all flushed messages; a power failure then loses none of them."""
         if self.error is None:
             try:
                 os.fsync(self._stream.fileno())
@@ -347,12 +362,12 @@ class LogWriter:
                 self._fail(error)
 
     def close(self) -> None:
-        """Write the indexes and close the file; a failure is kept in `error`, never raised."""
+        """Write the indexes and close the file; a failure is stored in `error`, not raised."""
         if self._stream.closed:
             return
         self.flush()
         try:
-            # After a failure the file ends in a broken chunk, and an index would point past it.
+            # After a failure the file ends in an incomplete chunk, to which no index may point.
             if self.error is None:
                 self._add_rosbag2_metadata()
                 self._writer.finish()  # type: ignore[no-untyped-call]
@@ -378,7 +393,7 @@ class LogWriter:
             self._writer.start(profile="ros2", library=f"linkage_vibration {LIBRARY_IDENTIFIER}")
             for topic in topics:
                 self.add_topic(topic)
-            # Again in `close`, with the counts: as rosbag2 does, for logs that are never closed.
+            # For logs that are never closed, as in rosbag2; `close` writes the counts.
             self._add_rosbag2_metadata()
             for attachment in attachments:
                 self._writer.add_attachment(
@@ -407,25 +422,12 @@ class LogWriter:
         if self.error is not None:
             return
         if isinstance(error, FileNotFoundError):
-            self.error = LogError(f"{self.path} was removed while it was written; leave it there.")
+            self.error = LogError(
+                f"{self.path} was removed during the recording; keep the log until it is complete."
+            )
         else:
-            mend = f", and complete this log with `linkage-vibration recover {self.path}`"
+            repair = f", and complete this log with `linkage-vibration recover {self.path}`"
             self.error = LogError(
                 f"{self.path} could not be written any further: {error.strerror}; make room on its "
-                f"disk{mend if self.written else ''}."
+                f"disk{repair if self.written else ''}."
             )
-
-
-def _compression_type(name: str) -> CompressionType:
-    """Return mcap's name of a compression that is installed."""
-    if name not in COMPRESSIONS:
-        raise LogError(f"A log's compression is one of {', '.join(COMPRESSIONS)}, not {name!r}.")
-    kind = CompressionType[name.upper()]
-    try:
-        Writer(io.BytesIO(), compression=kind)
-    except UnsupportedCompressionError:
-        wheel = "lz4" if name == "lz4" else "zstandard"
-        raise LogError(
-            f"Logs with compression {name} need {wheel}; `pip install {wheel}`."
-        ) from None
-    return kind

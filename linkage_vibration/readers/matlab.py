@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Reads real matrices and text from MATLAB 5 files (``save -v6`` and ``-v7``).
 
-Own code because `scipy.io.loadmat` crashed Python on 17 of 1,000 damaged files, and reading in
+Own code because `scipy.io.loadmat` crashed Python on 9 of 500 damaged files, and reading in
 another process takes five times as long (`python -m benchmark.libraries`). Full and sparse
 matrices, character matrices and cell arrays are read; the layout is that of MathWorks' "MAT-File
 Format", level 5.

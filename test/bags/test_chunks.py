@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Logs written by the chunk are read by every reader as those written message by message."""
+"""Logs written by the chunk equal those written message by message."""
 
 from pathlib import Path
 
@@ -21,7 +21,7 @@ ATTACHMENTS = [Attachment("model.yaml", "application/yaml", b"name: one\n" * 100
 
 
 def chunks(count: int) -> list[list[Messages]]:
-    """Return messages of three topics, some of other sizes, with their places."""
+    """Return messages of three topics and several sizes with their places."""
     rng = np.random.default_rng(1)
     found = []
     for number in range(count):
@@ -49,7 +49,7 @@ def written(path: Path) -> Path:
 
 
 def one_by_one(path: Path) -> Path:
-    """Write the same with mcap's own writer."""
+    """Write the same with the writer of mcap."""
     with LogWriter(path, TOPICS, ATTACHMENTS) as log:
         log.add_metadata("about", {"key": "value"})
         for chunk in chunks(5):
@@ -64,8 +64,8 @@ def one_by_one(path: Path) -> Path:
 
 
 def test_as_mcaps_own_writer(tmp_path: Path) -> None:
-    """Messages with all their times and numbers, definitions and counts are the same."""
-    told = []
+    """Messages, times, definitions and counts are those of the writer of mcap."""
+    contents = []
     for path in (written(tmp_path / "ours.mcap"), one_by_one(tmp_path / "theirs.mcap")):
         with path.open("rb") as file:
             reader = make_reader(file, validate_crcs=True)
@@ -81,12 +81,12 @@ def test_as_mcaps_own_writer(tmp_path: Path) -> None:
             schemas = {(s.name, s.data, s.encoding) for s in summary.schemas.values()}
             attachments = list(reader.iter_attachments())
             names = {record.name for record in reader.iter_metadata()}
-        told.append((messages, in_file, channels, schemas, attachments, names))
-    assert told[0] == told[1]
+        contents.append((messages, in_file, channels, schemas, attachments, names))
+    assert contents[0] == contents[1]
 
 
 def test_rosbags_reads_it(tmp_path: Path) -> None:
-    """Rosbags opens the file, with its checksums, and finds every message by its topic."""
+    """Rosbags reads every message, and its checksums are correct."""
     with Reader(written(tmp_path / "log.mcap")) as bag:
         found = {
             topic: sum(1 for _ in bag.messages([c for c in bag.connections if c.topic == topic]))
@@ -97,7 +97,7 @@ def test_rosbags_reads_it(tmp_path: Path) -> None:
 
 
 def test_empty_log(tmp_path: Path) -> None:
-    """A log without messages is one, too."""
+    """A log without messages is valid."""
     with ChunkLog(tmp_path / "log.mcap", TOPICS, [], {}) as log:
         log.write([])
     with Reader(tmp_path / "log.mcap") as bag:
@@ -105,7 +105,7 @@ def test_empty_log(tmp_path: Path) -> None:
 
 
 def test_a_full_disk_is_an_error(tmp_path: Path) -> None:
-    """What cannot be written is told at the next write or at the end, whichever comes first."""
+    """A failure is raised at the next write or at the end."""
     log = ChunkLog(tmp_path / "log.mcap", TOPICS, [], {})
     log._file.close()
     log._file = open("/dev/full", "wb", buffering=0)  # noqa: SIM115

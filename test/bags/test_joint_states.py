@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Joint states read by the thousand are those that rosbags reads one by one."""
+"""Joint states that are decoded together are those that rosbags decodes one by one."""
 
 import random
 from typing import Any
@@ -35,7 +35,7 @@ MESSAGES = st.lists(
 
 
 def message(sec: int, nanosec: int, frame: str, name: list[str], *numbers: list[float]) -> Any:
-    """Return a joint state as rosbags has it."""
+    """Return a joint state of rosbags."""
     stamp = STORE.types["builtin_interfaces/msg/Time"](sec=sec, nanosec=nanosec)
     header = STORE.types["std_msgs/msg/Header"](stamp=stamp, frame_id=frame)
     arrays = dict(zip(("position", "velocity", "effort"), map(np.array, numbers), strict=True))
@@ -44,7 +44,7 @@ def message(sec: int, nanosec: int, frame: str, name: list[str], *numbers: list[
 
 
 def block_of(data: list[bytes]) -> Block:
-    """Return messages as a bag's stream has them, with others between."""
+    """Return a block of messages with other bytes between them."""
     sizes = np.array([len(some) for some in data], np.int64)
     starts = 3 + np.cumsum(sizes + 5) - sizes - 5
     buffer = np.frombuffer(b"abc" + b"".join(some + b"other" for some in data), np.uint8)
@@ -55,7 +55,7 @@ def block_of(data: list[bytes]) -> Block:
 @settings(max_examples=200)
 @given(MESSAGES)
 def test_against_rosbags(contents: list[Any]) -> None:
-    """Every stamp, string and bit of a number comes out, of any layout and either byte order."""
+    """Stamps, strings and numbers are exact for any layout and either byte order."""
     messages = [message(*content[:-1]) for content in contents] * 2
     orders = [content[-1] for content in contents] * 2
     data = [
@@ -79,8 +79,8 @@ def test_against_rosbags(contents: list[Any]) -> None:
     assert reader.unreadable == 0
 
 
-def test_padding_is_not_looked_at() -> None:
-    """Bytes that CDR pads with may hold anything, and do, in what DDS sends."""
+def test_padding_is_ignored() -> None:
+    """Padding bytes may have any value, as they do in messages of DDS."""
     one = bytes(STORE.serialize_cdr(message(1, 2, "", ["ab"], [1.0], [], []), JOINT_STATE))
     at = one.index(b"ab\x00") + 3
     other = one[:at] + b"\x7f" + one[at + 1 :]
@@ -89,8 +89,8 @@ def test_padding_is_not_looked_at() -> None:
     np.testing.assert_array_equal(found[0].position, [[1.0, 1.0]])
 
 
-def test_many_layouts_are_forgotten_again() -> None:
-    """A publisher whose every message looks different costs no memory without bound."""
+def test_number_of_layouts_is_bounded() -> None:
+    """A publisher whose messages all differ does not use unbounded memory."""
     data = [
         bytes(STORE.serialize_cdr(message(k, 0, f"{k:05}", ["a"], [k], [], []), JOINT_STATE))
         for k in range(1000)
@@ -103,8 +103,8 @@ def test_many_layouts_are_forgotten_again() -> None:
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_spoilt_messages(seed: int) -> None:
-    """Bytes that are no joint state are counted and told, and raise nothing."""
+def test_damaged_messages(seed: int) -> None:
+    """Bytes that are not a joint state are counted and reported without an exception."""
     rng = random.Random(seed)
     good = bytes(
         STORE.serialize_cdr(message(1, 2, "base", ["a", "b"], [1, 2], [3, 4], []), JOINT_STATE)
@@ -119,4 +119,4 @@ def test_spoilt_messages(seed: int) -> None:
     read = sum(len(some.rows) for some in reader.read(block_of(data), np.arange(len(data))))
     assert read + reader.unreadable == len(data)
     assert reader.unreadable >= 4
-    assert "no joint state" in reader.fault
+    assert "is not a joint state" in reader.fault

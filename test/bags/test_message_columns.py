@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Columns are what decoding message by message gives."""
+"""Columns equal the fields of messages that are decoded one by one."""
 
 from pathlib import Path
 
@@ -27,16 +27,16 @@ def topic(name: str, definition: str | None = None) -> Topic:
 
 
 def test_strings_of_any_length(tmp_path: Path) -> None:
-    """Names of several lengths, some of the same padded size, come back in their order."""
+    """Names of several lengths, some with the same padded size, are read in their order."""
     names = ["a", "engine 1.5", "", "abc", "abcd", "pto 2", "ab"] * 50
     path = tmp_path / "log.mcap"
     with LogWriter(path, [topic("/r")]) as log:
         for k, name in enumerate(names):
             numbers = np.arange(6.0) + k
-            told = Resonance(
+            resonance = Resonance(
                 ResonanceState(k % 3), name, numbers[0], k, *numbers[1:4], -(k % 2), numbers[4], "t"
             )
-            log.write("/r", encode_resonance(told, k, 7 * k, "frame"[: k % 5]), k, k)
+            log.write("/r", encode_resonance(resonance, k, 7 * k, "frame"[: k % 5]), k, k)
     found = read_columns(path, topic_types(path))["/r"]
     messages = [message for _, message in read_messages(path, "/r")]
     assert found["excitation"].tolist() == names
@@ -48,7 +48,7 @@ def test_strings_of_any_length(tmp_path: Path) -> None:
 
 
 def test_numbers_of_the_shipped_drive() -> None:
-    """Plain numbers are read, and topics of other kinds beside them do no harm."""
+    """Numbers are read from a bag that has other topics too."""
     path = config_file("drives/hitch_duty_cycle.mcap")
     found = read_columns(path, {"/engine_speed": "std_msgs/msg/Float64"})["/engine_speed"]
     expected = [message.data for _, message in read_messages(path, "/engine_speed")]
@@ -65,19 +65,21 @@ def test_empty_topic(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("data", [b"\0\1\0\0" + bytes(8), b"\0\1\0\0" + b"\xff" * 90])
-def test_bytes_that_are_no_message(tmp_path: Path, data: bytes) -> None:
-    """What is not what its type says has a sentence with file and topic."""
+def test_invalid_messages(tmp_path: Path, data: bytes) -> None:
+    """The error for a message that does not match its type names the file and the topic."""
     path = tmp_path / "log.mcap"
     with LogWriter(path, [topic("/r")]) as log:
         log.write("/r", data, 1, 1)
-    with pytest.raises(BagError, match=rf"log\.mcap: a message of {len(data)} bytes on /r is not"):
+    with pytest.raises(
+        BagError, match=rf"log\.mcap: a message of {len(data)} bytes on /r does not match"
+    ):
         read_columns(path, {"/r": RESONANCE})
 
 
-def test_fields_that_are_no_columns(tmp_path: Path) -> None:
-    """Texts in sequences are refused by the name of their field."""
+def test_unsupported_fields(tmp_path: Path) -> None:
+    """The error for a list of texts names the field."""
     path = tmp_path / "log.mcap"
     with LogWriter(path, [topic("/r", "string[] names")]):
         pass
-    with pytest.raises(BagError, match="field names of .* is no number or text"):
+    with pytest.raises(BagError, match="field names of .* is not a number, text"):
         read_columns(path, {"/r": RESONANCE})

@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Chunks of ROS 1 hold what rosbags finds in them, and become the same CDR."""
+"""Messages in chunks of ROS 1, and their CDR, are those of rosbags."""
 
 import random
 import struct
@@ -24,7 +24,7 @@ NUMBERS = st.lists(st.floats(), max_size=3)
 
 
 def to_cdr(raw: bytes, type_name: str) -> bytes:
-    """Turn one message."""
+    """Convert one message."""
     return bytes(STORE.ros1_to_cdr(raw, type_name))
 
 
@@ -41,7 +41,7 @@ def joint_state(
 
 
 def assert_same_cdr(raws: list[bytes], type_name: str) -> None:
-    """Compare each message with what rosbags makes of it."""
+    """Compare each message with the CDR of rosbags."""
     for size in {len(raw) for raw in raws}:
         some = [raw for raw in raws if len(raw) == size]
         messages = np.frombuffer(b"".join(some), np.uint8).reshape(-1, size)
@@ -70,7 +70,7 @@ def test_same_cdr_of_joint_states(
     publishers: list[tuple[str, list[str]]],
     sent: list[tuple[int, int, tuple[list[float], list[float], list[float]]]],
 ) -> None:
-    """Whatever publishers' joint states are mixed, each becomes what it becomes alone."""
+    """Joint states of mixed publishers are converted like each one alone."""
     raws = []
     for which, seq, numbers in sent:
         frame, name = publishers[which % len(publishers)]
@@ -80,7 +80,7 @@ def test_same_cdr_of_joint_states(
 
 @given(st.lists(st.floats(), min_size=1, max_size=9))
 def test_same_cdr_of_numbers(values: list[float]) -> None:
-    """So do single numbers, and messages of types that are turned one by one."""
+    """Single numbers, and messages of other types, are converted correctly."""
     assert_same_cdr([struct.pack("<d", value) for value in values], FLOAT64)
     assert_same_cdr([struct.pack("<d", value) for value in values], "std_msgs/msg/Int64")
 
@@ -89,7 +89,7 @@ def test_same_cdr_of_numbers(values: list[float]) -> None:
 def test_same_messages_as_rosbags(
     tmp_path: Path, compression: Writer.CompressionFormat | None
 ) -> None:
-    """Topics, times and bytes are those that rosbags finds, and so are their numbers."""
+    """Topics, times, bytes and counts are those of rosbags."""
     path, rng = tmp_path / "bag.bag", random.Random(1)
     writer = Writer(path)
     writer.chunk_threshold = 10_000
@@ -126,7 +126,7 @@ def record(fields: list[tuple[bytes, bytes]], data: bytes) -> bytes:
 
 
 def test_headers_in_any_order() -> None:
-    """Writers order the fields of a header as they like, and may add some."""
+    """Writers may order the fields of a header differently, and may add fields."""
     fields = [(b"op", b"\2"), (b"conn", struct.pack("<I", 7)), (b"time", struct.pack("<II", 3, 5))]
     more = [(b"note", b"=")]
     connection = [(b"op", b"\7"), (b"conn", struct.pack("<I", 7)), (b"topic", b"/a")]
@@ -139,8 +139,8 @@ def test_headers_in_any_order() -> None:
     assert set(times) == {3 * 10**9 + 5}
 
 
-def test_records_that_are_cut_short() -> None:
-    """A chunk that ends within a record is not read."""
+def test_incomplete_records() -> None:
+    """A chunk that ends within a record is an error."""
     whole = record([(b"op", b"\2"), (b"conn", bytes(4)), (b"time", bytes(8))], b"12345678")
     for length in range(1, len(whole)):
         with pytest.raises((ValueError, struct.error)):

@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Topics stream out of bags in order of time, whatever the order in the file."""
+"""Topics are read from bags in the order of times, whatever their order in the file."""
 
 import random
 import struct
@@ -36,7 +36,7 @@ def write_mcap(
     compression: CompressionType = CompressionType.ZSTD,
     chunk: int = 400,
 ) -> Path:
-    """Write Float64 of topics, times (ns) and values in this order."""
+    """Write messages (topic, time in ns, value) of type Float64 in this order."""
     with path.open("wb") as file:
         writer = Writer(file, chunk_size=chunk, compression=compression)
         writer.start("ros2", "test")
@@ -65,7 +65,7 @@ def read(paths: list[Path], topics: list[str]) -> Found:
 
 @pytest.mark.parametrize("compression", list(CompressionType))
 def test_order_is_that_of_time(tmp_path: Path, compression: CompressionType) -> None:
-    """Chunks that overlap and messages out of order come by log time, equal times as written."""
+    """Overlapping chunks are sorted by log time; messages with equal times keep their order."""
     rng = random.Random(1)
     entries = [
         (rng.choice(["/a", "/b", "/other"]), max(0, 10 * k + rng.randrange(-3000, 3000)), float(k))
@@ -80,7 +80,7 @@ def test_order_is_that_of_time(tmp_path: Path, compression: CompressionType) -> 
 
 
 def test_topic_by_topic(tmp_path: Path) -> None:
-    """Topics that were written one after the other are woven together."""
+    """Topics that were written one after the other are merged."""
     entries = [("/a", 2 * k, 1.0) for k in range(9000)] + [
         ("/b", 2 * k + 1, 2.0) for k in range(9000)
     ]
@@ -89,7 +89,7 @@ def test_topic_by_topic(tmp_path: Path) -> None:
 
 
 def test_several_bags_are_one(tmp_path: Path) -> None:
-    """Recordings of one time are woven together, of equal times the first bag's first."""
+    """Simultaneous recordings are merged; at equal times, the first bag comes first."""
     first = write_mcap(tmp_path / "1.mcap", [("/a", 2 * k, 1.0) for k in range(6000)])
     other = write_mcap(tmp_path / "2.mcap", [("/b", k, 2.0) for k in range(12_000)])
     found = read([first, other], ["/a", "/b"])
@@ -114,7 +114,7 @@ def test_chunks_that_were_compressed_as_streams(
 
 
 def test_publish_times_of_mcap(tmp_path: Path) -> None:
-    """MCAP tells when messages were sent, beside when they came."""
+    """MCAP has the times of sending and of receiving."""
     path = write_mcap(tmp_path / "bag.mcap", [("/a", 100, 1.0), ("/a", 200, 2.0)])
     with open_bags([path]) as bags:
         [block] = bags.blocks(["/a"])
@@ -147,7 +147,7 @@ def test_every_kind_of_bag(tmp_path: Path, kind: str) -> None:
 
 
 def test_mcap_without_index(tmp_path: Path) -> None:
-    """A file without chunks is read all the same."""
+    """A file without chunks is read too."""
     path = tmp_path / "bag.mcap"
     with path.open("wb") as file:
         writer = Writer(file, use_chunking=False)
@@ -161,7 +161,7 @@ def test_mcap_without_index(tmp_path: Path) -> None:
 
 
 def test_damage_names_the_file(tmp_path: Path) -> None:
-    """Of several bags the one that is damaged is told, when its damage is reached."""
+    """The error names the damaged one of several bags, when the damage is reached."""
     good = write_mcap(tmp_path / "good.mcap", [("/a", k, 1.0) for k in range(2000)])
     bad = write_mcap(tmp_path / "bad.mcap", [("/a", k, 1.0) for k in range(2000)])
     data = bytearray(bad.read_bytes())
@@ -170,14 +170,14 @@ def test_damage_names_the_file(tmp_path: Path) -> None:
     assert summary is not None
     data[summary.chunk_indexes[5].chunk_start_offset + 60] ^= 0xFF
     bad.write_bytes(data)
-    with pytest.raises(BagError, match=r"bad\.mcap is damaged or was cut short .*may mend it"):
+    with pytest.raises(BagError, match=r"bad\.mcap is damaged or incomplete .*; try"):
         read([good, bad], ["/a"])
 
 
 @pytest.mark.parametrize("length", [0, 21, 2**16, 2**62])
 @pytest.mark.parametrize("which", [0, 1])
-def test_records_that_lie(tmp_path: Path, length: int, which: int) -> None:
-    """A message that says a length that it cannot have is damage, where no checksum tells it."""
+def test_wrong_lengths(tmp_path: Path, length: int, which: int) -> None:
+    """A message with an impossible length is damage, also without a checksum."""
     path = tmp_path / "bag.mcap"
     with path.open("wb") as file:
         writer = Writer(file, compression=CompressionType.NONE, enable_crcs=False)
@@ -187,17 +187,17 @@ def test_records_that_lie(tmp_path: Path, length: int, which: int) -> None:
         for k in range(2):
             writer.add_message(channel, k, cdr(k), k)
         writer.finish()
-    true, told = (struct.pack("<BQ", Opcode.MESSAGE, n) for n in (22 + 12, length))
+    true, wrong = (struct.pack("<BQ", Opcode.MESSAGE, n) for n in (22 + 12, length))
     parts = path.read_bytes().split(true)
     path.write_bytes(
-        parts[0] + (told + parts[1] + true if which == 0 else true + parts[1] + told) + parts[2]
+        parts[0] + (wrong + parts[1] + true if which == 0 else true + parts[1] + wrong) + parts[2]
     )
     with pytest.raises(BagError, match="is damaged"):
         read([path], ["/a"])
 
 
 def test_chunk_without_messages(tmp_path: Path) -> None:
-    """A chunk of definitions alone is no damage, and times beyond all calendars are no error."""
+    """A chunk without messages is valid, and so are times beyond the year 2262."""
     path = tmp_path / "bag.mcap"
     with path.open("wb") as file:
         writer = Writer(file, chunk_size=1, index_types=IndexType.CHUNK)
@@ -210,9 +210,9 @@ def test_chunk_without_messages(tmp_path: Path) -> None:
     assert [time for time, *_ in read([path], ["/a"])] == [5, 2**63 - 1]
 
 
-def test_cut_short(tmp_path: Path) -> None:
-    """A truncated file is refused before anything is read."""
+def test_incomplete_file(tmp_path: Path) -> None:
+    """An incomplete file is an error before anything is read."""
     path = write_mcap(tmp_path / "bag.mcap", [("/a", k, 1.0) for k in range(2000)])
     path.write_bytes(path.read_bytes()[:-500])
-    with pytest.raises(BagError, match="cut short"), open_bags([path]):
+    with pytest.raises(BagError, match="incomplete"), open_bags([path]):
         pass

@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""The MCAP log: what it holds, who can read it, and what a failure costs."""
+"""The MCAP log: its content, its readers, and its failures."""
 
 import resource
 import signal
@@ -38,7 +38,7 @@ START = 1_767_225_600 * 10**9  # ns
 
 
 def topic(name: str, type_name: str) -> Topic:
-    """Return a topic as the node describes it."""
+    """Return a topic as in the logs of the node."""
     return Topic(
         name=name,
         type=type_name,
@@ -52,7 +52,7 @@ TOPICS = [topic("/joint_states", JOINT_STATE), topic("/linkage_vibration/predict
 
 
 def messages(count: int) -> list[tuple[str, Any, bytes, int]]:
-    """Return joint states and predictions in turn, as (topic, message, CDR, log time)."""
+    """Return alternating joint states and predictions: (topic, message, CDR, log time)."""
     store = get_typestore(Stores.LATEST)
     store.register(get_types_from_msg(message_definition(PREDICTION), PREDICTION))
     random = np.random.default_rng(5)
@@ -89,7 +89,7 @@ def messages(count: int) -> list[tuple[str, Any, bytes, int]]:
 
 
 def write(path: Path, count: int, attachments: tuple[Attachment, ...] = ()) -> list[Any]:
-    """Write a log and return what was put in."""
+    """Write a log and return its messages."""
     written = messages(count)
     with LogWriter(path, TOPICS, attachments) as log:
         for name, _, cdr, time in written:
@@ -100,7 +100,7 @@ def write(path: Path, count: int, attachments: tuple[Attachment, ...] = ()) -> l
 
 
 def read_with_mcap_ros2(path: Path) -> list[tuple[str, int, int, Any]]:
-    """Return what mcap-ros2-support finds, as (topic, log time, publish time, message)."""
+    """Return the messages that mcap-ros2-support reads."""
     with path.open("rb") as file:
         reader = make_reader(file, decoder_factories=[DecoderFactory()])
         return [
@@ -110,8 +110,8 @@ def read_with_mcap_ros2(path: Path) -> list[tuple[str, int, int, Any]]:
 
 
 def plain(value: Any) -> Any:
-    """Return a decoded message of any reader as nested lists and numbers; NaN as a word."""
-    # Constants stand in capitals; what a reader adds for itself begins with an underscore.
+    """Return a decoded message of any reader as nested lists and numbers, NaN as text."""
+    # Constants have capital letters; additions of a reader begin with an underscore.
     for names in (getattr(value, "__slots__", ()), getattr(value, "__dataclass_fields__", ())):
         if fields := [name for name in names if name.islower() and name[0] != "_"]:
             return {name: plain(getattr(value, name)) for name in fields}
@@ -121,7 +121,7 @@ def plain(value: Any) -> Any:
 
 
 def test_mcap_ros2_support_reads_every_message(tmp_path: Path) -> None:
-    """mcap-ros2-support decodes each message to what was written, with its times, in order."""
+    """mcap-ros2-support reads each message with its values and times, in order."""
     written = write(tmp_path / "log.mcap", 500)
     read = read_with_mcap_ros2(tmp_path / "log.mcap")
     assert len(read) == 1000
@@ -131,7 +131,7 @@ def test_mcap_ros2_support_reads_every_message(tmp_path: Path) -> None:
 
 
 def test_rosbags_reads_every_message(tmp_path: Path) -> None:
-    """Rosbags decodes each message to what was written, by the definitions in the file."""
+    """Rosbags reads each message with the definitions in the file."""
     written = write(tmp_path / "log.mcap", 500)
     with AnyReader([tmp_path / "log.mcap"]) as reader:
         read = [
@@ -142,8 +142,8 @@ def test_rosbags_reads_every_message(tmp_path: Path) -> None:
     assert read == [(name, time, cdr, plain(message)) for name, message, cdr, time in written]
 
 
-def test_file_says_what_the_ros2_profile_asks_for(tmp_path: Path) -> None:
-    """Profile, schemas, channel metadata, statistics and indexes are there."""
+def test_ros2_profile(tmp_path: Path) -> None:
+    """The log has profile, schemas, channel metadata, statistics and indexes."""
     written = write(tmp_path / "log.mcap", 2000)
     with (tmp_path / "log.mcap").open("rb") as file:
         reader = make_reader(file)
@@ -170,7 +170,7 @@ def test_file_says_what_the_ros2_profile_asks_for(tmp_path: Path) -> None:
 
 
 def test_rosbag2_metadata(tmp_path: Path) -> None:
-    """The metadata that rosbag2 keeps in its own MCAP files has its keys and our counts."""
+    """The metadata record of rosbag2 has its keys and our counts."""
     written = write(tmp_path / "log.mcap", 30)
     with (tmp_path / "log.mcap").open("rb") as file:
         records = [m for m in make_reader(file).iter_metadata() if m.name == "rosbag2"]
@@ -194,7 +194,7 @@ def test_rosbag2_metadata(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("reliable", [True, False])
 def test_offered_qos(tmp_path: Path, reliable: bool) -> None:
-    """An independent reader takes the profile for what was meant, and finds integers in it."""
+    """An independent reader understands the QoS, and its policies are integers."""
     text = offered_qos_profiles(reliable=reliable, depth=7)
     assert {type(yaml.safe_load(text)[0][key]) for key in ("history", "reliability")} == {int}
     one = Topic("/a", JOINT_STATE, message_definition(JOINT_STATE), "", text)
@@ -211,7 +211,7 @@ def test_offered_qos(tmp_path: Path, reliable: bool) -> None:
 
 
 def test_attachments(tmp_path: Path) -> None:
-    """Attachments come back byte for byte."""
+    """Attachments are read byte for byte."""
     table = Attachment("table.npz", "application/x-npz", bytes(range(256)) * 1000)
     mechanism = Attachment("linkage.yaml", "application/yaml", b"name: linkage\n")
     write(tmp_path / "log.mcap", 3, (table, mechanism))
@@ -221,7 +221,7 @@ def test_attachments(tmp_path: Path) -> None:
 
 
 def test_log_without_messages_opens(tmp_path: Path) -> None:
-    """A node that heard nothing leaves a log that is empty, not broken."""
+    """A node that received nothing leaves a valid empty log."""
     write(tmp_path / "log.mcap", 0)
     with AnyReader([tmp_path / "log.mcap"]) as reader:
         assert [c.topic for c in reader.connections] == [t.name for t in TOPICS]
@@ -229,7 +229,7 @@ def test_log_without_messages_opens(tmp_path: Path) -> None:
 
 
 def test_times_before_1970_are_logged_as_zero(tmp_path: Path) -> None:
-    """A stamp that MCAP cannot hold does not stop the log."""
+    """A negative stamp, which MCAP cannot store, does not stop the log."""
     [(name, _, cdr, _), *_] = messages(1)
     with LogWriter(tmp_path / "log.mcap", TOPICS) as log:
         log.write(name, cdr, log_time=5, publish_time=-3)
@@ -238,7 +238,7 @@ def test_times_before_1970_are_logged_as_zero(tmp_path: Path) -> None:
 
 
 def test_killed_process_loses_only_what_was_not_flushed(tmp_path: Path) -> None:
-    """After SIGKILL a linear scan finds every message up to the last flush."""
+    """After SIGKILL, a linear scan finds all flushed messages."""
     script = (
         "import os, signal, sys\n"
         "from pathlib import Path\n"
@@ -263,7 +263,7 @@ def test_killed_process_loses_only_what_was_not_flushed(tmp_path: Path) -> None:
 
 
 def test_full_disk_keeps_the_first_error_and_counts(tmp_path: Path) -> None:
-    """When the file cannot grow, nothing is raised, and written and dropped add up."""
+    """If the file cannot grow, nothing is raised, and all messages are counted."""
     path = tmp_path / "log.mcap"
     written = messages(3000)
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
@@ -289,7 +289,7 @@ def test_full_disk_keeps_the_first_error_and_counts(tmp_path: Path) -> None:
 @pytest.mark.parametrize("compression", COMPRESSIONS)
 @pytest.mark.parametrize("per_chunk", [1, 40])
 def test_size_is_a_close_bound(tmp_path: Path, compression: str, per_chunk: int) -> None:
-    """However much is in a chunk, and however badly it compresses, a file is not larger."""
+    """The file is never larger than `size`, whatever its chunks contain."""
     random = np.random.default_rng(2)
     with LogWriter(tmp_path / "log.mcap", TOPICS, compression=compression) as log:
         for k in range(400):
@@ -300,12 +300,12 @@ def test_size_is_a_close_bound(tmp_path: Path, compression: str, per_chunk: int)
         bound = log.size
     size = (tmp_path / "log.mcap").stat().st_size
     assert size <= bound
-    # Loose where every message has indexes of its own.
+    # The bound is loose if every message has indexes of its own.
     assert bound - size < (80_000 if per_chunk == 1 else 30_000)
 
 
-def test_removed_file_is_told(tmp_path: Path) -> None:
-    """Whoever deletes a log under way is not left to think that it goes on."""
+def test_removed_file(tmp_path: Path) -> None:
+    """Deleting a log during its recording is an error."""
     [(name, _, cdr, time), *_] = messages(1)
     with LogWriter(tmp_path / "log.mcap", TOPICS) as log:
         (tmp_path / "log.mcap").unlink()
@@ -315,8 +315,8 @@ def test_removed_file_is_told(tmp_path: Path) -> None:
         assert (log.written, log.dropped) == (0, 1)
 
 
-def test_log_that_cannot_be_begun_is_not_there(tmp_path: Path) -> None:
-    """A disk without room for what a log begins with gets no half of one."""
+def test_full_disk_at_the_beginning(tmp_path: Path) -> None:
+    """A disk without room for the beginning of a log has no incomplete file."""
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     try:
         resource.setrlimit(resource.RLIMIT_FSIZE, (1000, limits[1]))
@@ -335,7 +335,9 @@ def test_existing_file_is_kept(tmp_path: Path) -> None:
     assert (tmp_path / "log.mcap").read_text() == "precious"
 
 
-def test_missing_folder_is_told(tmp_path: Path) -> None:
-    """The error names the file and the mend."""
-    with pytest.raises(LogError, match=r"nowhere/log\.mcap could not be created.*give a folder"):
+def test_missing_folder(tmp_path: Path) -> None:
+    """The error names the file and the fix."""
+    with pytest.raises(
+        LogError, match=r"nowhere/log\.mcap cannot be created.*choose a writable folder"
+    ):
         LogWriter(tmp_path / "nowhere" / "log.mcap", TOPICS)
