@@ -373,8 +373,8 @@ class Kinematics:
             angle = math.degrees(closed[0][3 * int(turned.argmax()) + 2])
             raise MechanismError(
                 f"assembly.angles_deg.{body}",
-                f"from the angles given the loops close with this body at {angle:.1f} deg, too far "
-                "away to be the branch that was meant; give the angles more closely.",
+                f"from the given angles the loops close with this body at {angle:.1f} deg, so "
+                "that the branch is unclear; give more accurate angles.",
             )
         return closed
 
@@ -430,7 +430,7 @@ class Kinematics:
                 again = self._close(back, self._input, full)
                 if again is not None and _same_place(again[0], start):
                     return poses, None
-                turns += 2.0 * math.pi  # the loops take more than one turn to come round
+                turns += 2.0 * math.pi  # the loops need more than one turn to close again
         return poses, self._toggle(mechanism, pose)  # another branch crosses this one
 
     def _side(self, pose: FloatArray, tangent: FloatArray) -> float:
@@ -456,12 +456,12 @@ class Kinematics:
             return None
         try:
             at = ahead(float(brentq(turning, 0.0, step, xtol=_TURNING_TOLERANCE)))
-        except ValueError:  # no number on the way
+        except ValueError:  # not a number in between
             return None
         return None if at is None else at[0]
 
     def _toggle(self, mechanism: Mechanism, pose: FloatArray) -> Toggle:
-        """Tell why the linkage locks in a pose: which bodies could move with the input held."""
+        """Return the toggle in a pose: the bodies that could move with the input held."""
         matrix = self._pins.at(pose)[1]
         matrix[-1] = self._input
         motion = np.linalg.svd(matrix)[2][-1].reshape(-1, 3)
@@ -469,7 +469,7 @@ class Kinematics:
         moving = {b: i for i, b in enumerate(self._bodies) if abs(motion[i, 2]) > still}
 
         def pivots(body: str, but: str) -> list[str]:
-            """Points of a moving body that stand still."""
+            """Return the points of a moving body that do not move."""
             i = moving[body]
             turn = rotation_derivative(pose[3 * i + 2]) * motion[i, 2]
             return [

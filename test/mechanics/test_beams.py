@@ -67,12 +67,12 @@ def part(found: BeamMatrices, directions: str) -> tuple[FloatArray, FloatArray]:
 
 
 def bending_part(section: Section, elements: int, plane: str) -> tuple[FloatArray, FloatArray]:
-    """Return what bends a beam of that section, stood on edge for the plane asked for.
+    """Return the matrices of bending of a beam with that section, turned for the other plane.
 
     Coordinates: displacement of both ends, rotation of the first end, then the others.
     """
-    stood = section if plane == "z" else turned(section)
-    return part(beam_matrices(uniform(stood, elements), ENDS, spatial=True), plane)
+    turned_section = section if plane == "z" else turned(section)
+    return part(beam_matrices(uniform(turned_section, elements), ENDS, spatial=True), plane)
 
 
 def omega(mass: FloatArray, stiffness: FloatArray, held: Sequence[int] = ()) -> FloatArray:
@@ -83,7 +83,7 @@ def omega(mass: FloatArray, stiffness: FloatArray, held: Sequence[int] = ()) -> 
 
 
 def rows(found: BeamMatrices, *dofs: str) -> list[int]:
-    """Return where DoFs stand, such as "A x"."""
+    """Return the indices of DoFs such as "A x"."""
     return [found.dofs.index(InterfaceDof(*dof.split())) for dof in dofs]
 
 
@@ -492,7 +492,7 @@ def test_pins_within_the_beam() -> None:
 
 
 def test_two_pins_at_one_place() -> None:
-    """Pins above one another would be joined rigidly; the error tells how to mend it."""
+    """Pins above one another would be joined rigidly; the error says how to fix it."""
     points = [("A", (0.0, 0.0)), ("B", (0.4, 0.05)), ("C", (0.4, -0.05))]
     with pytest.raises(MechanismError, match=r"^points\.C: .*same place .* as B \(0\.4 m\).*move"):
         beam_matrices(uniform(DEEP, 4), points)

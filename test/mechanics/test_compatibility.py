@@ -112,7 +112,7 @@ def test_rates_are_derivatives(sprung: LinkageModel) -> None:
 
 
 def test_spring_without_a_direction_is_refused(mapping: Any) -> None:
-    """A spring between two points that meet is told by its name."""
+    """A spring between two points that meet is named in the error."""
     mapping["ground"]["S"] = [-0.5, 0.0]
     mapping["links"]["lower_link"]["points"] = {"P1": 0.0, "V1": 0.366, "Q": 0.5, "E1": 0.81}
     mapping["springs"] = {"stay": {"between": ["S", "Q"], "stiffness": 1.0}}

@@ -107,20 +107,20 @@ def test_linkage_with_joints_closed_twice(model: LinkageModel, alpha3_deg: float
 
 @pytest.mark.parametrize("apart", [1e-11, 1e-9, 1e-7])
 def test_joints_nearly_closed_twice_are_refused(model: LinkageModel, apart: float) -> None:
-    """Between rounding and a joint nobody can tell: the error names the two, and no other."""
+    """Between rounding and a joint it is unclear: the error names the two, and no other."""
     joining = model.solve(2.0).joining
     row = joining.compatibility[joining.labels.index("pin V1 of lower_link and lift_rod in x")]
     aslant = row + apart * np.roll(row, 1)
     with pytest.raises(CouplingError, match="nearly repeat") as caught:
         couple(model.system, repeated(joining, [aslant], ["another V1"]))
-    told = str(caught.value)
-    assert "another V1" in told
-    assert "pin V1 of lower_link and lift_rod in x" in told
-    assert "P1" not in told
+    message = str(caught.value)
+    assert "another V1" in message
+    assert "pin V1 of lower_link and lift_rod in x" in message
+    assert "P1" not in message
 
 
 def test_numbers_that_are_not_finite_are_refused() -> None:
-    """A NaN in B is told as such, where the SVD would not converge."""
+    """A NaN in B is reported as such, while the SVD would not converge."""
     system = uncoupled_system([oscillator("a", 2.0, 800.0)])
     with pytest.raises(CouplingError, match="not finite"):
         couple(system, joined([[math.nan, 0.0]], [], []))
@@ -155,7 +155,7 @@ def test_static_limit_of_the_linkage(model: LinkageModel, alpha3_deg: float) -> 
 
 
 def test_mechanism_has_no_static_limit(mapping: Any) -> None:
-    """With the crank free there is a mode at 0 Hz, and 0 Hz is refused with the mend."""
+    """With the crank free there is a mode at 0 Hz, and 0 Hz is refused with the fix."""
     del mapping["links"]["input_crank"]["clamped"]
     free = LinkageModel(mechanism_from_mapping(mapping))
     for angle in np.radians([90.0, 135.0, 180.0]):

@@ -172,7 +172,7 @@ def test_inner_coordinates_and_chunks(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_zero_frequency() -> None:
-    """At 0 Hz a held component gives its compliance, and a free one is refused with the mend."""
+    """At 0 Hz a held component gives its compliance, and a free one is refused with the fix."""
     pair = 500.0 * np.array([[1.0, -1.0], [-1.0, 1.0]])
     none, mass = np.zeros((2, 2)), np.eye(2)
     held = component_frf(mass, pair + np.diag([100.0, 0.0]), none, 2, np.array([0.0]))
@@ -219,7 +219,7 @@ def test_rows_that_say_nothing_join_nothing() -> None:
 
 
 def plain(blocks: Sequence[ComplexArray], b: FloatArray, rows: FloatArray) -> ComplexArray:
-    """Return eq. 19 as it stands, solved at each frequency; NaN where that stops."""
+    """Return eq. 19 unchanged, solved at each frequency; NaN where that fails."""
     found = np.full((len(blocks[0]), len(rows), len(rows)), np.nan + 0.0j)
     for frf, line in zip(found, zip(*blocks, strict=True), strict=True):
         h = block_diag(*line)
@@ -293,7 +293,7 @@ def test_rounding_at_low_frequencies(mechanism: Mechanism, damping: Damping) -> 
 
 @pytest.mark.parametrize("body", ["lower_link", "upper_link", "lift_rod"])
 def test_on_a_components_own_resonance(mechanism: Mechanism, body: str) -> None:
-    """Beside an undamped resonance of a free link digits go as it nears: told, then refused."""
+    """Near an undamped resonance of a free link digits are lost: estimated, then refused."""
     model = LinkageModel(replace(mechanism, damping=Rayleigh(0.0, 0.0)))
     solution = model.solve(2.0)
     rows, b = model.rows(PLACES, solution.configuration), solution.joining.compatibility
@@ -331,7 +331,7 @@ def test_two_identical_links(mechanism: Mechanism) -> None:
     n, m = b.shape[1], len(components[rod].dofs)
     start = sum(len(c.dofs) for c in components[:rod])
     blocks[rod] = component_frf(mass, stiffness, 0.0 * mass, m, frequencies)
-    # The other rod's DoFs stand behind all others and follow those of the first.
+    # The other rod's DoFs are behind all others and follow those of the first.
     follows = np.zeros((m, n + m))
     follows[:, start : start + m], follows[:, n:] = np.eye(m), -np.eye(m)
     both = np.vstack([np.pad(b, ((0, 0), (0, m))), follows])

@@ -127,7 +127,7 @@ def test_linkage_with_noise(model: LinkageModel, alpha3_deg: float) -> None:
 
 
 def test_narrow_bands(model: LinkageModel) -> None:
-    """A band about one mode shows that mode; one between two modes is refused in words."""
+    """A band about one mode shows that mode; one between two modes is refused with an error."""
     alpha3 = math.radians(140.0)
     frf = model.coupled_frf(alpha3, LINES, PLACES, PLACES[:1])
     solution = model.solve(alpha3)
@@ -217,7 +217,7 @@ def test_many_modes() -> None:
 
 
 def test_uneven_lines() -> None:
-    """Lines may be spaced in any way, here by equal ratios, and an output may stand still."""
+    """Lines may be spaced in any way, here by equal ratios, and an output may not move."""
     natural, ratios = np.array([4.0, 95.0, 170.0, 240.0]), np.array([0.02, 0.01, 0.015, 0.02])
     shapes = np.array([[0.9, 0.5, 1.0, 1.0], [-0.4, 0.8, -0.6, 0.5], [0.0, 0.0, 0.0, 0.0]])
     lines = np.geomspace(0.5, 200.0, 700)

@@ -165,7 +165,7 @@ def test_velocity_ratios_are_derivatives(mechanism: Mechanism) -> None:
 
 @pytest.mark.parametrize("alpha3_deg", [204.0, 300.0, -64.0, 1e6, math.inf, math.nan])
 def test_angles_out_of_reach_tell_the_nearest(mechanism: Mechanism, alpha3_deg: float) -> None:
-    """Where the linkage cannot close, the error tells the nearest angle at which it can."""
+    """Where the linkage cannot close, the error gives the nearest angle at which it can."""
     kinematics = Kinematics(mechanism)
     with pytest.raises(KinematicsError, match="nearest") as raised:
         kinematics.at(math.radians(alpha3_deg))
@@ -174,7 +174,7 @@ def test_angles_out_of_reach_tell_the_nearest(mechanism: Mechanism, alpha3_deg: 
 
 
 @pytest.mark.parametrize(
-    ("stroke_deg", "told"),
+    ("stroke_deg", "words"),
     [
         ([90, 204], r"at 204 deg.*203\.703"),
         ([-70, 180], r"at -70 deg.*-63\.294"),
@@ -183,10 +183,10 @@ def test_angles_out_of_reach_tell_the_nearest(mechanism: Mechanism, alpha3_deg: 
         ([450, 540], r"at 450 deg.*203\.703"),
     ],
 )
-def test_stroke_past_a_toggle_is_refused(mapping: Any, stroke_deg: list[float], told: str) -> None:
-    """A stroke that crosses a toggle, at either end or a turn away, is told with its toggles."""
+def test_stroke_past_a_toggle_is_refused(mapping: Any, stroke_deg: list[float], words: str) -> None:
+    """A stroke that crosses a toggle, at either end or a turn away, is refused with its toggles."""
     mapping["input"]["range_deg"] = stroke_deg
-    with pytest.raises(MechanismError, match=rf"input\.range_deg: .*{told}"):
+    with pytest.raises(MechanismError, match=rf"input\.range_deg: .*{words}"):
         Kinematics(mechanism_from_mapping(mapping))
 
 
@@ -207,7 +207,7 @@ def test_stroke_may_near_a_toggle_but_not_touch_it(mechanism: Mechanism) -> None
 def test_stroke_that_is_no_interval_is_refused(
     mechanism: Mechanism, stroke: tuple[float, float]
 ) -> None:
-    """Reversed, empty and infinite strokes are told, also where no file was read."""
+    """Reversed, empty and infinite strokes are refused, also without a file."""
     with pytest.raises(MechanismError, match=r"input\.range_deg: .*ascend"):
         Kinematics(dataclasses.replace(mechanism, stroke=stroke))
 
@@ -224,7 +224,7 @@ def test_stroke_over_a_gap_is_refused(stroke_deg: tuple[float, float]) -> None:
 
 
 def test_links_that_cannot_close_are_refused(mapping: Any) -> None:
-    """Too short a link is told where to mend it."""
+    """The error of a link that is too short says where to fix it."""
     mapping["links"]["lift_rod"]["points"]["V1"] = 0.1
     with pytest.raises(MechanismError, match=r"assembly: .*lengths"):
         Kinematics(mechanism_from_mapping(mapping))
@@ -296,7 +296,7 @@ def test_strokes_of_more_than_a_turn() -> None:
 def test_branches_end_where_another_crosses(
     sides: tuple[float, float, float, float], ends: tuple[float, float]
 ) -> None:
-    """With all four bars in line there are two ways on, which an angle cannot tell apart."""
+    """With all four bars in line there are two branches, which an angle cannot distinguish."""
     kinematics = Kinematics(four_bar(*sides))
     found = [math.degrees(angle) for angle in kinematics.closable_range]
     assert found == pytest.approx(ends, abs=1e-3)
@@ -317,7 +317,7 @@ def test_nearly_a_parallelogram(excess: float) -> None:
 
 
 def test_assembly_at_a_toggle_is_refused(mapping: Any, mechanism: Mechanism) -> None:
-    """Where a branch turns back it cannot be told by its pose."""
+    """Where a branch turns back its pose does not identify it."""
     high = Kinematics(mechanism).at(Kinematics(mechanism).closable_range[1] - 1e-13)
     mapping["assembly"]["alpha3_deg"] = math.degrees(high.alpha3)
     for body in mapping["assembly"]["angles_deg"]:
@@ -373,7 +373,7 @@ def test_loops_that_take_more_than_a_turn() -> None:
 
 @given(crank=st.floats(0.1, 3.0), coupler=st.floats(0.3, 3.0), rocker=st.floats(0.3, 3.0))
 def test_four_bar_toggles_in_closed_form(crank: float, coupler: float, rocker: float) -> None:
-    """A four-bar locks where coupler and rocker are in line: the law of cosines tells where."""
+    """A four-bar locks where coupler and rocker are in line: the law of cosines says where."""
     reach = math.hypot(1.0, crank)
     far, near = coupler + rocker, abs(coupler - rocker)
     assume(near + 0.05 < reach < far - 0.05)

@@ -146,7 +146,7 @@ def test_shape_derivatives(model: LinkageModel, mode: int) -> None:
 
 
 def test_link_shapes_meet_at_the_pins(model: LinkageModel) -> None:
-    """Links as drawn move together where they are pinned, and stand still on the ground."""
+    """Links as drawn move together where they are pinned, and do not move on the ground."""
     solution = model.solve(math.radians(110.0))
     shapes = solution.link_shapes(1)
     lower, rod = shapes["lower_link"], shapes["lift_rod"]
@@ -179,7 +179,7 @@ def test_coupled_frf_at_and_near_zero(mechanism: Mechanism, damping: Damping | N
 
 
 def test_mechanism_has_no_coupled_frf_at_zero(mapping: Any) -> None:
-    """With the crank free 0 Hz is refused, and the mode there is told apart."""
+    """With the crank free 0 Hz is refused, and the mode there is identified as a mechanism."""
     del mapping["links"]["input_crank"]["clamped"]
     free = LinkageModel(mechanism_from_mapping(mapping))
     with pytest.raises(CouplingError, match="can move without a force"):

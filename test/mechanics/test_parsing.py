@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Parsing: what is read, and that every wrong description is told by its path and mend."""
+"""Parsing: valid descriptions are read, and invalid ones are refused with path and fix."""
 
 import math
 from collections.abc import Callable
@@ -46,14 +46,14 @@ def test_hash_ignores_order_but_no_number(mapping: Any, mechanism: Mechanism) ->
 
 
 def test_hash_survives_another_machines_last_bit(mapping: Any, mechanism: Mechanism) -> None:
-    """A number that differs in its last bit makes no other model."""
+    """A number that differs in its last bit does not change the model."""
     crank = mapping["links"]["input_crank"]["points"]
     crank["V2"] = math.nextafter(crank["V2"], 1.0)
     assert mechanism_from_mapping(mapping).model_hash == mechanism.model_hash
 
 
 def change(*path: str, to: Any) -> Callable[[Any], None]:
-    """Return what sets a key of a nested mapping."""
+    """Return a function that sets a key of a nested mapping."""
 
     def spoil(mapping: Any) -> None:
         for key in path[:-1]:
@@ -64,7 +64,7 @@ def change(*path: str, to: Any) -> Callable[[Any], None]:
 
 
 def remove(*path: str) -> Callable[[Any], None]:
-    """Return what removes a key of a nested mapping."""
+    """Return a function that removes a key of a nested mapping."""
 
     def spoil(mapping: Any) -> None:
         for key in path[:-1]:
@@ -136,7 +136,7 @@ def test_i_section_is_read(mapping: Any) -> None:
         (change(7, to=1), "(top)", "quotes"),
     ],
 )
-def test_wrong_descriptions_are_told(
+def test_wrong_descriptions_are_refused(
     mapping: Any, spoil: Callable[[Any], None], path: str, words: str
 ) -> None:
     """Each wrong key gives an error that names its path and what is wrong."""
@@ -156,7 +156,7 @@ def test_misspelt_key_is_suggested(mapping: Any) -> None:
 
 @pytest.mark.parametrize("nonsense", [None, 3, "text", [], [1], {}])
 def test_not_even_a_mechanism(nonsense: Any) -> None:
-    """Whatever YAML may hold is refused in words."""
+    """Anything else that YAML may contain is refused with an error."""
     with pytest.raises(MechanismError):
         mechanism_from_mapping(nonsense)
 
@@ -171,7 +171,7 @@ def times(value: Any, factor: float) -> Any:
 
 
 def enlarge(points: float, sections: float) -> Callable[[Any], None]:
-    """Return what multiplies all points, and all dimensions of sections."""
+    """Return a function that multiplies all points, and all dimensions of sections."""
 
     def spoil(mapping: Any) -> None:
         mapping["ground"] = times(mapping["ground"], points)
@@ -186,12 +186,12 @@ def enlarge(points: float, sections: float) -> Callable[[Any], None]:
 
 
 def implement(**values: float) -> Callable[[Any], None]:
-    """Return what changes the implement."""
+    """Return a function that changes the implement."""
     return lambda mapping: mapping["rigid_bodies"]["implement"].update(values)
 
 
 def material(key: str, value: float) -> Callable[[Any], None]:
-    """Return what changes the lift rod's material."""
+    """Return a function that changes the material of the lift rod."""
     return change("links", "lift_rod", "material", key, to=value)
 
 
@@ -211,8 +211,10 @@ def material(key: str, value: float) -> Callable[[Any], None]:
         (change("links", "input_crank", "section", "height", to=0.21), "section", "not a beam"),
     ],
 )
-def test_units_are_told(mapping: Any, spoil: Callable[[Any], None], path: str, words: str) -> None:
-    """Millimetres, tonnes and gigapascals, where SI belongs, name the key and the mend."""
+def test_wrong_units_are_refused(
+    mapping: Any, spoil: Callable[[Any], None], path: str, words: str
+) -> None:
+    """Millimetres, tonnes and gigapascals, where SI belongs, name the key and the fix."""
     spoil(mapping)
     with pytest.raises(MechanismError, match=words) as raised:
         mechanism_from_mapping(mapping)
@@ -243,7 +245,7 @@ def test_large_and_small_is_not_refused(mapping: Any, spoil: Callable[[Any], Non
 
 
 def test_joint_that_is_closed_twice(mapping: Any) -> None:
-    """Two bodies joined at two points are named, with both points and the mend."""
+    """Two bodies joined at two points are named, with both points and the fix."""
     mapping["links"]["lift_rod"]["points"]["E9"] = 0.6
     mapping["links"]["lower_link"]["points"]["E9"] = 0.9
     with pytest.raises(MechanismError, match="lower_link and lift_rod are joined at V1 and E9"):

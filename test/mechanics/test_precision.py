@@ -68,7 +68,7 @@ def test_matrices_in_single_precision_are_refused(mechanism: Mechanism, tmp_path
 
 
 def test_matrices_in_single_precision_from_python(mechanism: Mechanism) -> None:
-    """Nor are they taken from a program: the link is named, and the mend."""
+    """Nor are they taken from a program: the error names the link and the fix."""
     link = mechanism.links[1]
     assert isinstance(link.body, Beam)
     beam = beam_matrices(link.body, link.points, rotations=frozenset())

@@ -76,7 +76,7 @@ def test_reduced_matrices_keep_their_signs(matrices: tuple[FloatArray, FloatArra
 
 
 def test_a_component_that_is_not_held_is_refused() -> None:
-    """If the interface leaves a rigid motion free, the error tells to hold more."""
+    """If the interface leaves a rigid motion free, the error says to hold more."""
     mass, stiffness = np.eye(3), np.zeros((3, 3))
     with pytest.raises(ReductionError, match="hold more"):
         craig_bampton(mass, stiffness, n_interface=1, n_modes=1)

@@ -128,7 +128,7 @@ def test_motions_out_of_plane() -> None:
 
 @pytest.mark.parametrize("share", [1e-3, 1e-2, 0.1])
 def test_noise_level(model: LinkageModel, share: float) -> None:
-    """The noise of a link's FRFs is told within 15 %; computed ones have none."""
+    """The noise of a link's FRFs is estimated within 15 %; computed ones have none."""
     exact = bench(model, "lower_link").measured
     assert noise_level(LINES, noisy(exact, share)) == pytest.approx(share, rel=0.15)
     assert noise_level(LINES, exact) < 1e-8
@@ -223,9 +223,9 @@ def test_lines_that_show_no_flexibility(model: LinkageModel) -> None:
     part = case.regularise(noisy(case.measured, 1e-2))
     coupled = case.couple(part.frf)
     gain = noise_gain(case.put(part), case.compatibility, case.rows[:1], case.rows[:1])
-    told = 1e-2 * np.linalg.norm(gain[:, 0] * coupled[:, 0]) / np.linalg.norm(coupled[:, 0])
+    noise = 1e-2 * np.linalg.norm(gain[:, 0] * coupled[:, 0]) / np.linalg.norm(coupled[:, 0])
     assert case.error(coupled) > 1.0
-    assert told > 1.0
+    assert noise > 1.0
     with pytest.raises(RegularisationError, match="29 lines above 0 Hz are too few"):
         bench(model, "lift_rod", np.linspace(0.5, 20.0, 29)).regularise(case.measured[:29])
 
@@ -267,7 +267,7 @@ FAULTS: dict[str, Callable[[Bench], ComplexArray]] = {
 @pytest.mark.parametrize("share", [0.0, 1e-2])
 @pytest.mark.parametrize("fault", FAULTS)
 def test_faults_are_refused(model: LinkageModel, fault: str, share: float) -> None:
-    """Drift, wrong gains and signs are told with their size and place, in noise of 1 % as well."""
+    """Drift, wrong gains and signs are reported with size and place, also in noise of 1 %."""
     case = bench(model, "lower_link", np.linspace(0.1, 500.0, 2500))
     with pytest.raises(RegularisationError, match=r"response \w+ \w to a force at .* differs by"):
         case.regularise(noisy(FAULTS[fault](case), share))

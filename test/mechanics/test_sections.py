@@ -20,7 +20,7 @@ from linkage_vibration.mechanics.sections.tube import tube
     ("ratio", "coefficient"), [(1.0, 0.1406), (1.5, 0.1958), (2.0, 0.2287), (10.0, 0.3123)]
 )
 def test_torsion_of_rectangles_as_tabled(ratio: float, coefficient: float) -> None:
-    """J = c a b^3 with the textbooks' c (Timoshenko and Goodier), whichever side stands."""
+    """J = c a b^3 with the textbooks' c (Timoshenko and Goodier), for either orientation."""
     expected = pytest.approx(coefficient * ratio * 0.03**4, rel=4e-4)
     assert rectangle(0.03, ratio * 0.03, 0.3).torsion_constant == expected
     assert rectangle(ratio * 0.03, 0.03, 0.3).torsion_constant == expected

@@ -16,7 +16,7 @@ FloatArray = NDArray[np.float64]
 def frame(nx: int, ny: int) -> tuple[FloatArray, FloatArray]:
     """Return mass and stiffness of a grid of masses on springs, each tied to the ground a little.
 
-    The first six coordinates stand for the interface.
+    The first six coordinates are the interface.
     """
     n = nx * ny
     stiffness = 1e-3 * np.eye(n)

@@ -41,7 +41,7 @@ class Linkage:
 
     @property
     def mechanism(self) -> Mechanism:
-        """What the description tells."""
+        """The mechanism of the description."""
         return mechanism_from_mapping(self.mapping)
 
     def solve(self, like: Solution | None = None, *, reduced: bool = True) -> Solution:

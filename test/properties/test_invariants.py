@@ -43,7 +43,7 @@ def holds_for(*drawn: st.SearchStrategy[Any]) -> Callable[[Property], Callable[[
     def decorate(body: Property) -> Callable[[int], None]:
         @pytest.mark.parametrize("examples", [FEW, pytest.param(MANY, marks=pytest.mark.nightly)])
         def test(examples: int) -> None:
-            # The few are the same at every run; the many are drawn anew each night.
+            # The few are the same in every run; the many are drawn again each night.
             tried = settings(max_examples=examples, derandomize=examples == FEW, database=None)
             tried(given(*drawn)(body))()
 

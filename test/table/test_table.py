@@ -80,7 +80,7 @@ def test_frf_of_some_places(small: Table) -> None:
 
 
 def test_frf_that_the_table_does_not_have(small: Table) -> None:
-    """Angles outside the range and unknown places are told, with those that there are."""
+    """Angles outside the range and unknown places are refused, with a list of those available."""
     with pytest.raises(TableError, match=r"no FRF at P1 z; it has these: E1 x, "):
         small.frf(2.0, [("P1", "z")], [("E1", "z")])
     with pytest.raises(TableError, match="outside the table"):
@@ -181,7 +181,7 @@ def test_pickles_are_refused(tmp_path: Path, file: Path) -> None:
 
 
 def test_missing_file_and_folder(tmp_path: Path, small: Table) -> None:
-    """Paths that cannot be read or written are told."""
+    """Paths that cannot be read or written are reported."""
     with pytest.raises(TableError, match="No such file"):
         load_table(tmp_path / "none.npz")
     with pytest.raises(TableError, match="cannot be written"):

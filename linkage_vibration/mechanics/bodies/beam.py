@@ -189,15 +189,14 @@ def beam_matrices(
     """Put a beam on its points.
 
     The axis is z = 0. The beam begins at x = 0, or at a point before that, and ends where its last
-    segment ends; it may stick out beyond its points. Each point and each end of a segment is a
-    node; ``beam.elements`` are shared out among the spans between them by length, to the nearest
-    number, at least one each. A point beside the axis sits on a rigid, massless arm that stands on
-    its node, so that u = u_point + z theta and v = v_point + z psi.
+    segment ends; it may extend beyond its points. Each point and each end of a segment is a node;
+    ``beam.elements`` are distributed over the spans between them by length, rounded, at least one
+    each. A point beside the axis is on a rigid, massless arm from its node, so that
+    u = u_point + z theta and v = v_point + z psi.
 
-    Pins are ball joints in space, but for a clamped one. If all lie on one line, none of them holds
-    or excites a spin of the whole beam about that line, so that the first point is kept from
-    turning about it. If the line is the axis, no pin can twist the beam at all, and torsion is left
-    out.
+    In space pins are ball joints, except for a clamped one. If all pins are on one line, none of
+    them holds or excites a spin of the whole beam about it, so the first point is held against
+    that rotation. If the line is the axis, no pin can twist the beam, and torsion is left out.
 
     Parameters
     ----------
@@ -218,7 +217,7 @@ def beam_matrices(
     ------
     MechanismError
         With a path within the link, if two points share a node, the segments do not reach the
-        last point, or a section lacks what the spatial beam needs.
+        last point, or a section lacks a property that a spatial beam needs.
 
     Examples
     --------
@@ -236,7 +235,7 @@ def beam_matrices(
     if spatial and any(math.isnan(value) for section in sections for value in astuple(section)):
         raise MechanismError(
             "section",
-            "a spatial model needs second_moment_out and torsion_constant too; give them.",
+            "a spatial model also needs second_moment_out and torsion_constant; add them.",
         )
     start = _first_coordinates(points, nodes, size)
     mass, stiffness = _chain(nodes, sections, beam.material, spatial)
@@ -293,7 +292,8 @@ def _mesh(beam: Beam, places: Sequence[float]) -> tuple[FloatArray, list[Section
     same = _SAME_PLACE * (ends[-1] - begin)
     if max(places) > ends[-1] + same or any(b <= a for a, b in pairwise([begin, *ends])):
         raise MechanismError(
-            "sections", "they do not ascend along the link to its last point; list them so."
+            "sections",
+            "they do not ascend along the link to its last point; reorder or extend them.",
         )
     cuts = [begin]
     for place in sorted([*places, *ends]):
@@ -318,7 +318,7 @@ def _first_coordinates(
         if node in owner:
             raise MechanismError(
                 f"points.{name}",
-                f"it lies at the same place along the link as {owner[node]} ({x:g} m), and a "
+                f"it is at the same place along the link as {owner[node]} ({x:g} m), and a "
                 "beam's section is rigid; move one of them along by about the link's depth.",
             )
         owner[node] = name

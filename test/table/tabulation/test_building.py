@@ -113,7 +113,7 @@ def test_more_modes_than_the_model_has(mapping: Any) -> None:
 
 
 def test_undamped(mechanism: Mechanism) -> None:
-    """Without damping there is no highest value to tabulate, which is told with the mend."""
+    """Without damping there is no highest value to tabulate, which is reported with the fix."""
     undamped = replace(mechanism, damping=Rayleigh(0.0, 0.0))
     with pytest.raises(TableError, match="undamped.*give its links damping"):
         build_table(LinkageModel(undamped))

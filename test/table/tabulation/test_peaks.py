@@ -19,7 +19,7 @@ from linkage_vibration.table.tabulation.peaks import notable  # noqa: E402
 
 
 def test_jump_from_one_mode_to_the_other() -> None:
-    """Right up to the angle of the jump, on both sides, the higher of two maxima is told."""
+    """Right up to the angle of the jump, on both sides, the higher of two maxima is found."""
     model = LinkageModel(crossing_crank(1.0, 0.8))
     table = build_table(model)
     angles = np.linspace(*STROKE, 600)

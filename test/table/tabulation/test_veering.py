@@ -30,7 +30,7 @@ def angles() -> NDArray[np.float64]:
     [(0.0, 1e-6), (1e-6, 1e-6), (1e-6, 1e-9), (1e-3, 1e-6), (0.1, 1e-6), (1.0, 1e-6)],
 )
 def test_every_gap_is_met_to_the_tolerance(gap: float, tolerance: float) -> None:
-    """From a crossing to a wide veering both frequencies are as good as was asked, and as told."""
+    """From a crossing to a wide veering both frequencies meet the tolerance and their error."""
     table = build_table(LinkageModel(crossing_crank(gap, AT)), tolerance)
     found = np.sort(table.evaluate(angles())[:, :2], axis=1)
     error = np.abs(found / exact_frequencies(gap, AT, angles()) - 1.0).max()
@@ -50,7 +50,7 @@ def test_shape_follows_its_own_mode_across() -> None:
 
 
 def test_gap_that_no_step_resolves_is_refused() -> None:
-    """What would take ever shorter steps is told with the angle and the mend."""
+    """A mode that would need ever shorter steps is reported with the angle and the fix."""
     with pytest.raises(TableError, match=r"at alpha3 = 46\.62\d* deg .*; give a larger one"):
         build_table(LinkageModel(crossing_crank(1e-9, AT)), 1e-11)
 
