@@ -63,14 +63,14 @@ def test_predict_prints_what_the_predictor_says(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("build", "none.yaml"), "none.yaml: cannot be read"),
+        (("build", "none.yaml"), "none.yaml: cannot be opened"),
         (("build", "--tolerance", "0"), "1e-11"),
         (("build", "--frf-points", "Q"), "no point Q"),
         (("build", "-o", "none/table.npz"), "cannot be written"),
         (("predict", "140", "--table", "none.npz"), "none.npz: cannot be read"),
         (("plan", "--points", "E1"), "a direction after each point"),
         (("plan", "--tolerance", "0"), "from 1e-9 to 1"),
-        (("sweep", "none.yaml"), "none.yaml: cannot be read"),
+        (("sweep", "none.yaml"), "none.yaml: cannot be opened"),
         (("sweep", str(config_file("sweeps/implement.yaml")), "--workers", "0"), "at least one"),
     ],
 )
