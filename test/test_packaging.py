@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""What is installed is what the checkout holds, and set-up tells what it lacks."""
+"""The installed files are those of the checkout, and the set-up reports missing tools."""
 
 import importlib.metadata
 import os
@@ -71,7 +71,7 @@ def test_prediction_survives_the_wire() -> None:
 
 
 def test_status_constants_keep_their_values() -> None:
-    """Logs stay readable: a status once released keeps its number."""
+    """Logs stay readable: a released status keeps its number."""
     assert VibrationPrediction.STATUS_OK == 0
     assert VibrationPrediction.STATUS_OUT_OF_RANGE == 1
     assert VibrationPrediction.STATUS_INVALID_ANGLE == 2
@@ -79,7 +79,7 @@ def test_status_constants_keep_their_values() -> None:
 
 @pytest.mark.parametrize("name", ["linkage-vibration", "linkage_vibration_node"])
 def test_console_script_is_installed(name: str) -> None:
-    """Each command is where pip or ``ros2 run`` looks for it, and what it calls exists."""
+    """Each command is where pip or ``ros2 run`` looks for it, and can be loaded."""
     prefixes = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
     folders = [Path(p, "lib", "linkage_vibration") for p in prefixes if p]
     folders.append(Path(sysconfig.get_path("scripts")))
@@ -169,7 +169,7 @@ def setup_on(tmp_path: Path, tools: set[str], **environment: str) -> subprocess.
 def test_setup_names_what_the_machine_lacks(
     tmp_path: Path, environment: dict[str, str], words: str
 ) -> None:
-    """Without a compiler, a Python or the sourced rclpy, one line tells what to run."""
+    """Without a compiler, Python or a sourced rclpy, one line says what to run."""
     run = setup_on(tmp_path, {"dirname", "id"}, **environment)
     assert run.returncode == 1
     assert run.stdout == ""

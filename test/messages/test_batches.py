@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Predictions and resonances by the thousand have the bytes of single ones."""
+"""Many predictions and resonances at once have the same bytes as one at a time."""
 
 import math
 from collections.abc import Sequence
@@ -42,7 +42,7 @@ ROWS = st.tuples(
 def assert_same(
     predictor: Predictor, rows: list[tuple[float, float, int, int]], frame: str
 ) -> None:
-    """Compare each row's bytes."""
+    """Compare the bytes of each row."""
     angles, stddevs, sec, nanosec = zip(*rows, strict=True)
     predictions = predict_many(predictor, np.array(angles, float), np.array(stddevs, float))
     stamps = np.array(sec, np.int32), np.array(nanosec, np.uint32)
@@ -55,12 +55,12 @@ def assert_same(
 @settings(max_examples=300)
 @given(st.lists(ROWS, min_size=1, max_size=20), st.text(max_size=12))
 def test_same_bytes(rows: list[tuple[float, float, int, int]], frame: str) -> None:
-    """Any angle, in the range or not, gives the bytes that the node publishes."""
+    """Any angle, in the range or outside, gives the bytes that the node publishes."""
     assert_same(SHIPPED, rows, frame.replace("\x00", ""))
 
 
 def test_same_bytes_at_many_angles() -> None:
-    """So do a hundred thousand angles across every cell of the table."""
+    """A hundred thousand angles across every cell of the table do so, too."""
     rng = np.random.default_rng(1)
     angles = rng.uniform(LOW - 0.01, HIGH + 0.01, 100_000).tolist()
     assert_same(SHIPPED, [(angle, 1e-3, 1, 2) for angle in angles], "base_link")
@@ -73,7 +73,7 @@ def turning() -> Predictor:
 
 
 def test_same_bytes_of_a_crank_that_turns(turning: Predictor) -> None:
-    """Angles of other turns are predicted for, too."""
+    """Angles of other turns give predictions, too."""
     low, high = turning.table.alpha3_range
     angles = np.linspace(low - 20.0, high + 20.0, 500)
     assert_same(turning, [(float(angle), 0.0, 0, 0) for angle in angles], "")
@@ -97,7 +97,7 @@ READINGS = st.tuples(ANGLES, st.one_of(st.floats(-1.0, 1.0), st.sampled_from(ODD
 def assert_same_resonances(
     monitors: Sequence[ResonanceMonitor], events: Sequence[Told | Asked]
 ) -> None:
-    """Let one monitor answer one by one and the other at once, and compare each answer's bytes."""
+    """Let one monitor answer one by one and another at once, and compare the bytes."""
     asked, told, expected = [], [], []
     for event in events:
         first, value, time = event
@@ -149,7 +149,7 @@ def test_same_bytes_of_resonances(
 @settings(max_examples=200)
 @given(st.lists(st.floats(-0.2, 0.2), min_size=1, max_size=60))
 def test_same_warnings(margins: list[float]) -> None:
-    """Around both limits a warning begins, stays and ends as it does one by one."""
+    """Around both limits, a warning begins, stays and ends as it does one by one."""
     monitors = [ResonanceMonitor([Excitation("e", Source.ENGINE, 1.0)]) for _ in range(2)]
     natural = float(SHIPPED.predict(2.3).natural_frequencies[0])
     events: list[Told | Asked] = []
@@ -162,7 +162,7 @@ def test_same_warnings(margins: list[float]) -> None:
 
 
 def test_same_bytes_of_many_resonances() -> None:
-    """So do a minute of a tractor at work, with noise, speeds at 50 Hz and a radar that drops."""
+    """A minute of a working tractor agrees, with noise, speeds at 50 Hz and radar drop-outs."""
     rng = np.random.default_rng(2)
     events: list[Told | Asked] = []
     for k in range(60_000):

@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Predictions and resonances as bytes, and in words."""
+"""The bytes of predictions and resonances, and the descriptions of faults."""
 
 import math
 
@@ -26,7 +26,7 @@ TEXT = st.text(st.characters(codec="utf-8", exclude_characters="\0"), max_size=2
 def test_bytes_are_what_ros_reads(
     frame: str, table: str, modes: int, angle: float, sec: int
 ) -> None:
-    """A ROS 2 reader gets every field back from our bytes, and its own bytes of them are ours."""
+    """A ROS 2 reader reads every field from our bytes, and writes as many bytes."""
     from rclpy.serialization import deserialize_message, serialize_message
 
     from linkage_vibration_interfaces.msg import VibrationPrediction
@@ -52,14 +52,16 @@ def test_bytes_are_what_ros_reads(
 def test_resonances_are_what_ros_reads(
     frame: str, excitation: str, number: float, mode: int
 ) -> None:
-    """A ROS 2 reader gets every field of a resonance back from our bytes."""
+    """A ROS 2 reader reads every field of a resonance from our bytes."""
     from rclpy.serialization import deserialize_message
 
     from linkage_vibration_interfaces.msg import Resonance as Message
 
     state = ResonanceState.WARNING
-    told = Resonance(state, excitation, number, mode, 2.0, 3.0, 4.0, -1, math.inf, "0123456789ab")
-    message = deserialize_message(encode_resonance(told, 5, 7, frame), Message)
+    resonance = Resonance(
+        state, excitation, number, mode, 2.0, 3.0, 4.0, -1, math.inf, "0123456789ab"
+    )
+    message = deserialize_message(encode_resonance(resonance, 5, 7, frame), Message)
     assert (message.header.stamp.sec, message.header.stamp.nanosec) == (5, 7)
     assert (message.header.frame_id, message.excitation) == (frame, excitation)
     assert (message.state, message.mode, message.approach) == (Message.STATE_WARNING, mode, -1)
@@ -79,13 +81,13 @@ def test_resonances_are_what_ros_reads(
     ],
 )
 def test_faults_in_words(degrees: float, words: str) -> None:
-    """What is wrong with an angle is told, and an angle that is off by a turn is recognised."""
+    """The text describes the fault, and recognises an angle that is off by a turn."""
     status = Status.OUT_OF_RANGE if math.isfinite(degrees) else Status.INVALID_ANGLE
     none = np.full(3, math.nan)
     nan = math.nan
     prediction = Prediction(
         math.radians(degrees), status, none, none, none, none, nan, nan, nan, "table"
     )
-    told = fault(prediction, (math.pi / 2.0, math.pi))
-    assert words in told
-    assert ("turn off" in told) == ("turn off" in words)
+    text = fault(prediction, (math.pi / 2.0, math.pi))
+    assert words in text
+    assert ("turn off" in text) == ("turn off" in words)

@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Replays give what the parts give one by one, and tell in words what a bag does not hold."""
+"""Replays equal the results of the single parts, and report what a bag lacks."""
 
 import subprocess
 import sys
@@ -45,7 +45,7 @@ Entry = tuple[str, str, int, Any]  # topic, type, log time, message
 
 
 def joint_state(time: int, name: list[str], position: list[float], **others: list[float]) -> Any:
-    """Return a joint state as rosbags has it."""
+    """Return a joint state for rosbags."""
     stamp = STORE.types["builtin_interfaces/msg/Time"](sec=time // 10**9, nanosec=time % 10**9)
     header = STORE.types["std_msgs/msg/Header"](stamp=stamp, frame_id="base")
     arrays = {key: np.array(others.get(key, []), float) for key in ("velocity", "effort")}
@@ -54,12 +54,12 @@ def joint_state(time: int, name: list[str], position: list[float], **others: lis
 
 
 def float64(value: float) -> Any:
-    """Return a number as rosbags has it."""
+    """Return a number for rosbags."""
     return STORE.types[FLOAT64](data=value)
 
 
 def as_ros1(store: Any, message: Any) -> Any:
-    """Return a joint state as ROS 1 has it, whose headers are numbered."""
+    """Return a joint state of ROS 1, whose headers are numbered."""
     stamp = store.types["builtin_interfaces/msg/Time"](**vars(message.header.stamp))
     header = store.types["std_msgs/msg/Header"](seq=7, stamp=stamp, frame_id="base")
     return store.types[JOINT_STATE](**{**vars(message), "header": header})
@@ -86,7 +86,7 @@ def write_mcap(path: Path, entries: Iterable[Entry]) -> Path:
 
 
 def swing(count: int, topic: str = "/joint_states", joint: str = JOINT) -> list[Entry]:
-    """Return a joint's swing at 1 kHz, a little beyond the table's range."""
+    """Return a swing of a joint at 1 kHz, a little beyond the range of the table."""
     found = []
     for k in range(count):
         time = START + k * 10**6
@@ -105,7 +105,7 @@ def data_of(log: Path, topic: str) -> list[tuple[int, bytes]]:
 
 
 def test_same_as_one_by_one(tmp_path: Path) -> None:
-    """Predictions and resonances are those of the parts that the node is made of, byte for byte."""
+    """Predictions and resonances are those of the parts of the node, byte for byte."""
     entries = swing(3000)
     for k in range(0, 3000, 50):
         entries.append(("/engine_speed", FLOAT64, START + k * 10**6, float64(800.0 + k)))
@@ -142,7 +142,7 @@ def test_same_as_one_by_one(tmp_path: Path) -> None:
 
 
 def test_a_log_replayed_is_the_same_log(tmp_path: Path) -> None:
-    """A log holds all that its replay needs, and the replay's bytes do not change."""
+    """A log contains all that its replay needs, and a second replay has the same bytes."""
     first, second = tmp_path / "first.mcap", tmp_path / "second.mcap"
     replay([DRIVE], first, Parameters())
     replay([first], second, Parameters())
@@ -162,7 +162,7 @@ def test_a_log_replayed_is_the_same_log(tmp_path: Path) -> None:
 
 
 def test_every_kind_of_bag_gives_the_same(tmp_path: Path) -> None:
-    """ROS 1, SQLite and MCAP, in one file or in parts, lead to the same predictions."""
+    """ROS 1, SQLite and MCAP, in one file or in parts, give the same predictions."""
     entries = swing(2500)
     bags = [[write_mcap(tmp_path / "bag.mcap", entries)]]
     bags.append(
@@ -191,7 +191,7 @@ def test_every_kind_of_bag_gives_the_same(tmp_path: Path) -> None:
 
 
 def test_hitch_percent(tmp_path: Path) -> None:
-    """Percents of the bus become angles through the calibration; the stamp is the log time."""
+    """The calibration converts percent to angles; the stamp is the log time."""
     values = [0.0, 12.4, 50.0, 100.0, 101.6, float("nan")]
     entries = [
         ("/hitch_position", FLOAT64, START + k * 10**8, float64(value))
@@ -213,7 +213,7 @@ def test_hitch_percent(tmp_path: Path) -> None:
 
 
 def test_what_if_the_implement_were_heavier(tmp_path: Path) -> None:
-    """A heavier implement lowers the first natural frequency, and the log tells its mechanism."""
+    """A heavier implement lowers the first natural frequency; the log contains its mechanism."""
     bag, log = write_mcap(tmp_path / "bag.mcap", swing(20)), tmp_path / "log.mcap"
     replay([bag], log, Parameters())
     before = [m.natural_frequencies[0] for _, m in read_messages(log, PREDICTION)]
@@ -292,7 +292,7 @@ def test_unknown_types(tmp_path: Path) -> None:
 
 
 def test_damage_leaves_what_was_there(tmp_path: Path) -> None:
-    """A bag that turns out to be damaged costs neither an older log nor the folder's order."""
+    """A damaged bag leaves an older log as it is, and no other file behind."""
     bag = write_mcap(tmp_path / "bag.mcap", swing(5000))
     with bag.open("rb") as file:
         summary = make_reader(file).get_summary()
@@ -309,7 +309,7 @@ def test_damage_leaves_what_was_there(tmp_path: Path) -> None:
 
 
 def test_output_that_cannot_be(tmp_path: Path) -> None:
-    """An output in no folder, or on the input, is refused in words."""
+    """An output in a missing folder, or onto the input, is refused."""
     bag = write_mcap(tmp_path / "bag.mcap", swing(5))
     with pytest.raises(ReplayError, match="could not be written: No such file"):
         replay([bag], tmp_path / "missing" / "log.mcap", Parameters())
@@ -326,7 +326,7 @@ def test_remappings() -> None:
 
 
 def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """The command chooses topic and joint, and tells what it did."""
+    """The command chooses topic and joint, and prints a summary."""
     entries = swing(50, "/left", "elbow") + swing(50, "/right", "elbow")
     bag, log = write_mcap(tmp_path / "bag.mcap", entries), tmp_path / "log.mcap"
     words = ["replay", str(bag), "-o", str(log), "--joint", "elbow"]
@@ -348,7 +348,7 @@ print(done.predictions, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 10
 
 
 def test_memory_does_not_grow_with_the_bag(tmp_path: Path) -> None:
-    """A bag of 200 MB takes no more memory than one of 20."""
+    """A bag of 200 MB needs no more memory than one of 20 MB."""
     from linkage_vibration.bags.chunks import ChunkLog, Messages
 
     told = []

@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Answers of a node without a node: FRFs, mode shapes, and another implement."""
+"""Answers to requests, without a node: FRFs, mode shapes, and another implement."""
 
 import math
 from dataclasses import replace
@@ -37,7 +37,7 @@ DRIVE: dict[str, Any] = {"outputs": [], "inputs": [], "frequencies": np.array([]
 
 @pytest.fixture(scope="module")
 def served(mechanism: Mechanism, mechanism_file: Path) -> Served:
-    """Return what ships."""
+    """Return the mechanism and the table of the package."""
     table = load_table(config_file("tables/three_point_linkage.npz"), mechanism)
     return Served(Predictor(table), mechanism, mechanism_file.read_text())
 
@@ -58,7 +58,7 @@ def test_table_and_model_agree(served: Served, alpha3: float) -> None:
 
 
 def test_shapes_make_the_frf(served: Served) -> None:
-    """On a resonance the drive point's receptance is shape^2 / (2 i zeta omega^2), nearly."""
+    """At a resonance, the receptance of the drive point is about shape^2 / (2 i zeta omega^2)."""
     modes = answer_mode_shapes(served, 2.3)
     at = modes.places.index(("E1", "z"))
     omega, zeta = 2.0 * math.pi * modes.natural_frequencies[0], modes.damping_ratios[0]
@@ -89,13 +89,13 @@ def test_shapes_make_the_frf(served: Served) -> None:
     ],
 )
 def test_refused_frf(served: Served, changed: dict[str, Any], exact: bool, why: str) -> None:
-    """What cannot be answered is refused with its place and the mend."""
+    """An invalid request is refused with the place and the remedy."""
     with pytest.raises(LinkageVibrationError, match=why):
         answer_frf(served, **{"alpha3": 2.0, "exact": exact, **DRIVE, **changed})
 
 
 def test_frf_of_a_crank_that_turns_all_the_way() -> None:
-    """A whole turn's table answers on every turn as the model does; too far off it refuses."""
+    """A table over a whole turn answers on every turn as the model does, up to a limit."""
     path = config_file("four_bar.yaml")
     mechanism = read_mechanism(path)
     table = build_table(LinkageModel(mechanism), 1e-2)
@@ -112,13 +112,13 @@ def test_frf_of_a_crank_that_turns_all_the_way() -> None:
 
 
 def test_exact_beyond_the_band(served: Served) -> None:
-    """The model answers where the table does not hold."""
+    """The model answers outside the table."""
     answer = answer_frf(served, 2.0, [], [], np.array([250.0]), exact=True)
     assert np.isfinite(answer.frf).all()
 
 
 def test_implement(served: Served, tmp_path: Path) -> None:
-    """The YAML of the changed mechanism is that mechanism, and differs in the implement alone."""
+    """The YAML of the changed mechanism describes it, and only the implement differs."""
     implement = Implement("", 1200.0, 333.3, (0.25, 0.8))
     mechanism, text = with_implement(served.mechanism, served.mechanism_text, implement)
     (tmp_path / "changed.yaml").write_text(text)
@@ -134,7 +134,7 @@ def test_implement(served: Served, tmp_path: Path) -> None:
 
 
 def test_rebuilt(served: Served, tmp_path: Path) -> None:
-    """A heavier implement's table is as accurate as the old one, between the same points."""
+    """The table of a heavier implement is as accurate as the old one, for the same places."""
     heavy, _ = with_implement(
         served.mechanism, served.mechanism_text, Implement("", 1200.0, 300.0, ())
     )
@@ -160,13 +160,13 @@ def test_rebuilt(served: Served, tmp_path: Path) -> None:
     ],
 )
 def test_refused_implement(served: Served, implement: Implement, why: str) -> None:
-    """What is no implement is refused as it would be in a file."""
+    """An invalid implement is refused as in a file."""
     with pytest.raises((ServingError, MechanismError), match=why):
         with_implement(served.mechanism, served.mechanism_text, implement)
 
 
 def test_which_rigid_body() -> None:
-    """Without a rigid body there is nothing to change; of two one has to be named."""
+    """Without a rigid body the request is refused; if there are two, one must be named."""
     none, two = (config_file(name) for name in ("four_bar.yaml", "stephenson_six_bar.yaml"))
     with pytest.raises(ServingError, match="four_bar has no rigid body to change; describe"):
         with_implement(read_mechanism(none), none.read_text(), Implement("", 1.0, 1.0, ()))
@@ -181,7 +181,7 @@ def test_which_rigid_body() -> None:
 def test_links_from_files_are_not_read_again(
     mapping: Any, mechanism: Mechanism, model: LinkageModel
 ) -> None:
-    """A link that came from a file keeps what was read, wherever the file is now."""
+    """A link from a file is kept, even if the file was moved."""
     part = next(c for c in model.components if c.name == "upper_link")
     assert isinstance(part, Component)
     body = Matrices(part.dofs, part.mass, part.stiffness)

@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""The predictor: numbers inside the range, a status for every other float."""
+"""The predictor: numbers inside the range, and a status for every other float."""
 
 import math
 import sys
@@ -29,7 +29,7 @@ def predictor() -> Predictor:
 def test_predictions_are_the_models(
     predictor: Predictor, model: LinkageModel, alpha3: float
 ) -> None:
-    """Anywhere in the stroke frequencies come within 5e-7, the peak within 1e-6 of the model."""
+    """In the stroke, frequencies agree with the model to 5e-7 and the peak to 1e-6."""
     prediction, exact = predictor.predict(alpha3), model.solve(alpha3)
     assert prediction.status is Status.OK
     np.testing.assert_allclose(
@@ -47,7 +47,7 @@ def test_predictions_are_the_models(
 
 @given(st.floats())
 def test_any_float_is_answered(predictor: Predictor, alpha3: float) -> None:
-    """No float raises; numbers come with OK only, and are finite then."""
+    """No float raises an error; numbers occur only with the status OK, and are finite."""
     prediction = predictor.predict(alpha3)
     numbers = [
         *prediction.natural_frequencies,
@@ -66,7 +66,7 @@ def test_any_float_is_answered(predictor: Predictor, alpha3: float) -> None:
 
 
 def test_the_ends_belong_to_the_range(predictor: Predictor) -> None:
-    """The end points are answered, one bit outside is out of range, and no number is one."""
+    """The ends of the range are included, and the next floats are out of range."""
     low, high = predictor.table.alpha3_range
     assert predictor.predict(low).status is Status.OK
     assert predictor.predict(high).status is Status.OK
@@ -78,7 +78,7 @@ def test_the_ends_belong_to_the_range(predictor: Predictor) -> None:
 
 
 def test_predictions_do_not_share_numbers(predictor: Predictor) -> None:
-    """A later prediction leaves an earlier one as it was."""
+    """A later prediction does not change an earlier one."""
     first = predictor.predict(2.0)
     before = first.natural_frequencies.copy()
     predictor.predict(3.0)
@@ -98,7 +98,7 @@ def test_slopes_are_the_models(predictor: Predictor, model: LinkageModel, alpha3
 
 @pytest.mark.parametrize("degrees", [95.0, 110.0, 130.0, 150.0, 170.0])
 def test_uncertainty_is_that_of_samples(predictor: Predictor, degrees: float) -> None:
-    """The standard deviation told is that of the frequencies at angles that scatter."""
+    """The predicted standard deviation is that of the frequencies at scattered angles."""
     alpha3, stddev = math.radians(degrees), math.radians(0.2)
     angles = alpha3 + np.random.default_rng(6).normal(scale=stddev, size=40_000)
     sampled = predictor.table.evaluate(angles)[:, :3].std(axis=0)
@@ -113,7 +113,7 @@ def test_uncertainty_is_that_of_samples(predictor: Predictor, degrees: float) ->
 
 
 def test_uncertainty_at_an_extremum_is_of_second_order(predictor: Predictor) -> None:
-    """Where a frequency is highest the first order says nothing; what is left is small."""
+    """At a maximum of a frequency the first order is zero, and the rest is small."""
     angles = np.linspace(1.6, 3.1, 3001)
     slopes = predictor.table.evaluate_slopes(angles)
     turning = np.argwhere(slopes[:-1] * slopes[1:] < 0.0)
@@ -128,7 +128,7 @@ def test_uncertainty_at_an_extremum_is_of_second_order(predictor: Predictor) -> 
 
 
 def test_uncertainty_near_a_toggle() -> None:
-    """There a frequency goes with the root of the distance d: too little by 7/16 (stddev/d)^2."""
+    """Near a toggle the standard deviation is too small by 7/16 (stddev / d)^2."""
     mechanism = read_mechanism(config_file("three_point_linkage_as_printed.yaml"))
     toggles = LinkageModel(mechanism).kinematics.toggles
     assert toggles is not None
@@ -149,14 +149,14 @@ def test_uncertainty_near_a_toggle() -> None:
 
 
 def test_slopes_at_many_angles(predictor: Predictor) -> None:
-    """At many angles at once they are the same to the last bit."""
+    """Predictions at many angles at once are the same to the last bit."""
     angles = np.random.default_rng(0).uniform(*predictor.table.alpha3_range, 500)
     alone = [predictor.predict(angle).frequency_slopes for angle in angles.tolist()]
     np.testing.assert_array_equal(predictor.table.evaluate_slopes(angles), alone)
 
 
 def test_table_of_a_whole_turn_serves_every_turn() -> None:
-    """A crank that turns all the way is where it was a turn ago; too far off, who knows."""
+    """A crank that turns all the way repeats after a turn, up to a limit."""
     table = build_table(LinkageModel(read_mechanism(config_file("four_bar.yaml"))), 1e-2)
     turning = Predictor(table)
     for turns in (-3, 1, 1000):

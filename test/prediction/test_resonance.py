@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Excitations against natural frequencies: margins, approach, warnings, and what is stale."""
+"""Excitations and natural frequencies: margins, approach, warnings and stale speeds."""
 
 import csv
 import math
@@ -49,7 +49,7 @@ def rpm(frequency: float) -> float:
 
 @given(st.floats(100.0, 12_000.0), st.floats(1.6, 3.1))
 def test_nearest_of_all_pairs(predictor: Predictor, speed: float, alpha3: float) -> None:
-    """Of every order and mode the pair with the least relative margin is told, with its sign."""
+    """The resonance is the pair of order and mode with the least relative margin."""
     orders = [0.5, 1.0, 2.0, 3.0]
     watch = ResonanceMonitor([Excitation(f"e {o}", Source.ENGINE, o / 60.0) for o in orders])
     watch.set_speed(Source.ENGINE, speed, 0)
@@ -64,7 +64,7 @@ def test_nearest_of_all_pairs(predictor: Predictor, speed: float, alpha3: float)
 
 
 def test_warning_has_hysteresis(prediction: Prediction) -> None:
-    """It comes below 10 %, stays up to 12 %, and does not flicker on noise between the two."""
+    """The warning begins below 10 %, ends above 12 %, and does not flicker in between."""
     natural = float(prediction.natural_frequencies[1])
     watch, states = monitor(warning_margin=0.1, hysteresis=0.02), []
     for i, margin in enumerate([0.13, 0.11, 0.101, 0.099, 0.101, 0.115, 0.099, 0.119, 0.121, 0.11]):
@@ -74,7 +74,7 @@ def test_warning_has_hysteresis(prediction: Prediction) -> None:
 
 
 def test_approach_of_an_engine_that_speeds_up(prediction: Prediction) -> None:
-    """From below it closes in until it has passed; the time is the margin over its rate."""
+    """An excitation approaches until it crosses; the time is the margin over its rate."""
     natural, watch = float(prediction.natural_frequencies[1]), monitor()
     for i, apart in enumerate([-2.0, -1.5]):
         watch.set_speed(Source.ENGINE, rpm(natural + apart), i * SECOND // 2)
@@ -89,7 +89,7 @@ def test_approach_of_an_engine_that_speeds_up(prediction: Prediction) -> None:
 
 
 def test_approach_of_a_hitch_that_moves(predictor: Predictor) -> None:
-    """With the crank's velocity the crossing comes when the table says that it does."""
+    """With the velocity of the crank, the predicted time of the crossing is that of the table."""
     watch, alpha3, velocity = monitor(), 2.9, 0.02
     before, after = predictor.predict(alpha3), predictor.predict(alpha3 + velocity)  # 1 s on
     target = float(after.natural_frequencies[1])
@@ -102,8 +102,8 @@ def test_approach_of_a_hitch_that_moves(predictor: Predictor) -> None:
     assert watch.assess(before, 0.0, 0).approach == 0
 
 
-def test_what_is_stale(predictor: Predictor, prediction: Prediction) -> None:
-    """Without a fresh speed, or a prediction, nothing is told; and at once again when there is."""
+def test_stale_speeds(predictor: Predictor, prediction: Prediction) -> None:
+    """Without a fresh speed or a prediction the state is stale, and recovers at once."""
     watch = monitor(stale_after=1.0)
     stale = watch.assess(prediction, 0.0, 0)
     assert stale.state is ResonanceState.STALE
@@ -120,16 +120,16 @@ def test_what_is_stale(predictor: Predictor, prediction: Prediction) -> None:
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -1.0])
-def test_speed_that_is_none(prediction: Prediction, value: float) -> None:
-    """NaN, infinity and a negative speed take the place of the last one, and count for nothing."""
+def test_invalid_speed(prediction: Prediction, value: float) -> None:
+    """NaN, infinity and a negative speed make the speed unknown."""
     watch = monitor()
     watch.set_speed(Source.ENGINE, 2000.0, 0)
     watch.set_speed(Source.ENGINE, value, SECOND // 10)
     assert watch.assess(prediction, 0.0, SECOND // 10).state is ResonanceState.STALE
 
 
-def test_whether_speeds_were_ever_told() -> None:
-    """A monitor that hears no speed says so; one that has lost its speed has heard one."""
+def test_any_speed_reported() -> None:
+    """The monitor knows whether any speed was reported, also after it was forgotten."""
     for tell in (lambda w: w.set_speed(Source.PTO, 540.0, 0), lambda w: w.set_fixed(Source.PTO, 1)):
         watch = monitor()
         assert not watch.any_speed_reported
@@ -139,8 +139,8 @@ def test_whether_speeds_were_ever_told() -> None:
         assert watch.any_speed_reported
 
 
-def test_fixed_speeds_are_told_apart() -> None:
-    """A speed is fixed until it is forgotten, or told."""
+def test_fixed_speeds() -> None:
+    """A speed is fixed until it is forgotten or reported."""
     watch = monitor()
     assert not watch.is_fixed(Source.ENGINE)
     watch.set_fixed(Source.ENGINE, 2000.0)
@@ -150,14 +150,14 @@ def test_fixed_speeds_are_told_apart() -> None:
 
 
 def test_shaft_that_stands_excites_nothing(prediction: Prediction) -> None:
-    """An engine at rest is no excitation of 0 Hz."""
+    """An engine at rest does not excite at 0 Hz."""
     watch = monitor()
     watch.set_speed(Source.ENGINE, 0.0, 0)
     assert watch.assess(prediction, 0.0, 0).state is ResonanceState.STALE
 
 
 def test_clock_that_jumps_back(prediction: Prediction) -> None:
-    """After a jump the old speed makes no rate with the new, and two at one time keep the rate."""
+    """A jump of the clock gives no rate; two values at one time keep the rate."""
     watch = monitor(stale_after=10.0)
     for value, time in ((1000.0, 100), (1100.0, 101), (1100.0, 101), (500.0, 2)):
         watch.set_speed(Source.ENGINE, value, time * SECOND)
@@ -167,7 +167,7 @@ def test_clock_that_jumps_back(prediction: Prediction) -> None:
 
 
 def test_burst_makes_no_rate_of_its_own(prediction: Prediction) -> None:
-    """Values that come at 5 kHz rise as fast as over 5 ms, however noisy each is, or jammed."""
+    """The rate of values at 5 kHz is that over 5 ms, even if they are noisy or delayed."""
     watch, natural = monitor(), float(prediction.natural_frequencies[1])
     for i in range(500):
         time = i * SECOND // 5000
@@ -186,7 +186,7 @@ def test_burst_makes_no_rate_of_its_own(prediction: Prediction) -> None:
 
 
 def test_two_pairs_that_take_turns_do_not_chatter(prediction: Prediction) -> None:
-    """The warning stays while the nearest pair changes, and tells whichever is nearest."""
+    """The warning stays while the nearest pair changes, and reports the nearest pair."""
     natural = float(prediction.natural_frequencies[1])
     below, above = (Excitation(f"e {r}", Source.ENGINE, r / 60.0) for r in (0.85, 1.05))
     watch = ResonanceMonitor([below, above])
@@ -199,7 +199,7 @@ def test_two_pairs_that_take_turns_do_not_chatter(prediction: Prediction) -> Non
 
 
 def test_same_calls_give_the_same_answers(predictor: Predictor) -> None:
-    """The monitor has no clock and no chance in it, so that a replay tells what was told live."""
+    """The monitor has no clock and no randomness, so a replay gives the live results."""
 
     def played() -> list[Any]:
         watch, answers = monitor(), []
@@ -215,7 +215,7 @@ def test_same_calls_give_the_same_answers(predictor: Predictor) -> None:
 
 @pytest.mark.skipif(not BUS.exists(), reason=f"{BUS.name} is not there")
 def test_real_engine_speeds(predictor: Predictor) -> None:
-    """A tractor's own bus (J1939, PGN 61444) runs its engine through the linkage's resonances."""
+    """The recorded engine speeds of a tractor (J1939, PGN 61444) cross the resonances."""
     watch = ResonanceMonitor(
         excitations_from_mapping({"engine": {"speed": "engine", "orders": [0.5, 1, 2, 3, 6]}})
     )

@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Parameters: one list for checking, reading, keeping and the manual."""
+"""Parameters: one list for checks, files and the manual."""
 
 import math
 from array import array
@@ -29,12 +29,12 @@ from linkage_vibration.support.resources import (
 
 
 def test_readme_has_the_table() -> None:
-    """The table of parameters in docs/node.md is the one that the code gives."""
+    """The table of parameters in docs/node.md is generated from the code."""
     assert parameter_table().strip() in (share_directory() / "docs/node.md").read_text()
 
 
 def test_parameter_file_has_every_parameter() -> None:
-    """The file to begin from lists every parameter with its default, in the manual's order."""
+    """The example file lists every parameter with its default, in the order of the manual."""
     text = (share_directory() / "config" / "linkage_vibration.params.yaml").read_text()
     written = yaml.safe_load(text)["/**"]["ros__parameters"]
     expected = yaml.safe_load(parameters_yaml(Parameters(), "/**"))["/**"]["ros__parameters"]
@@ -49,7 +49,7 @@ def test_defaults_are_valid() -> None:
 
 
 def test_whole_numbers_may_stand_for_doubles() -> None:
-    """YAML's 2 is taken as 2.0 where a double is wanted, and nothing else is bent."""
+    """The integer 2 is accepted for a double, and no other type is converted."""
     assert check_value("scale", 2) == 2.0
     assert isinstance(check_value("scale", 2), float)
     for name, value in (("scale", True), ("sign", 1.0), ("record", 1), ("joint_name", 5)):
@@ -62,13 +62,13 @@ def test_whole_numbers_may_stand_for_doubles() -> None:
     [("scale", 0.0), ("scale", "fast"), ("offset", math.nan), ("joint_name", ""), ("sign", 0)],
 )
 def test_what_is_not_valid_is_refused_in_words(name: str, value: object) -> None:
-    """The parameter, what it must be, what it is, and an example."""
+    """The error names the parameter, its valid values, its value, and an example."""
     with pytest.raises(ParameterError, match=f"{name} must be .*, not .*; write for example"):
         check_value(name, value)
 
 
 def test_ranges_hold_at_their_ends() -> None:
-    """A range includes its ends, refuses what is beyond, and NaN."""
+    """A range includes its ends, and excludes NaN and everything outside."""
     assert check_value("warning_margin", 0) == 0.0
     assert check_value("warning_margin", 1.0) == 1.0
     for value in (-1e-9, 1.0 + 1e-9, math.nan, math.inf):
@@ -77,7 +77,7 @@ def test_ranges_hold_at_their_ends() -> None:
 
 
 def test_lists_of_numbers() -> None:
-    """Arrays, lists and whole numbers make a calibration; what holds no numbers does not."""
+    """Arrays, lists and whole numbers are accepted as a calibration; text is not."""
     assert check_value("percent_points", array("d", [0.0, 100.0])) == (0.0, 100.0)
     assert check_value("percent_points", [0, 50, 100]) == (0.0, 50.0, 100.0)
     for value in ("0 100", ["0", "100"], 5.0, [True, False]):
@@ -95,7 +95,7 @@ def test_crank_input() -> None:
 
 
 def test_files_that_ship_stand_for_those_not_named() -> None:
-    """Without names the shipped files are meant; a mechanism alone has no table yet."""
+    """Without names the files of the package are used; another mechanism has no table."""
     shipped = Parameters()
     assert shipped.mechanism_path() == config_file(DEFAULT_MECHANISM)
     assert shipped.table_path() == config_file(DEFAULT_TABLE)
@@ -108,7 +108,7 @@ def test_files_that_ship_stand_for_those_not_named() -> None:
 
 
 def test_what_is_written_is_read_again(tmp_path: Path) -> None:
-    """A file of parameters gives the parameters that it was made of."""
+    """A written file of parameters can be read back."""
     path = tmp_path / "params.yaml"
     given = Parameters(sign=-1, scale=1e-3, percent_angles=(3.0, 1.5), hysteresis=1e-10)
     for name in ("/linkage_vibration", "linkage_vibration", "/**"):
@@ -131,7 +131,7 @@ def test_what_is_written_is_read_again(tmp_path: Path) -> None:
     ],
 )
 def test_files_that_cannot_be_used(tmp_path: Path, text: str, words: str) -> None:
-    """The file, the parameter and the mend are named."""
+    """The error names the file, the parameter and the remedy."""
     path = tmp_path / "params.yaml"
     path.write_text(text)
     with pytest.raises(ParameterError, match=f"params.yaml.*{words}"):

@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Bags are held against limits, and a failure tells the moment and draws it."""
+"""Bags are checked against limits, and a failure reports and draws the moment."""
 
 import os
 import subprocess
@@ -39,7 +39,7 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def rewritten(log: Path, path: Path, keep: "np.ndarray", delays: "np.ndarray") -> Path:
-    """Write some of a log's joint states, and predictions that were sent after a delay, s."""
+    """Write joint states of a log, and predictions that were sent after a delay, s."""
     with log.open("rb") as file:
         reader = make_reader(file)
         states, predictions = (
@@ -60,7 +60,7 @@ def rewritten(log: Path, path: Path, keep: "np.ndarray", delays: "np.ndarray") -
 
 
 def test_a_drive_within_its_limits(log: Path) -> None:
-    """The drive keeps to its range and its rate, as a bag and as a log."""
+    """The drive keeps its range and its rate, as a bag and as a log."""
     for bag in (DRIVE, log):
         report = check_bag(bag, Limits(gap=0.0101))
         assert (report.passed, report.predictions, report.picture) == (True, 2000, None)
@@ -68,7 +68,7 @@ def test_a_drive_within_its_limits(log: Path) -> None:
 
 
 def test_margin_is_that_of_the_resonances(log: Path) -> None:
-    """The moment told is that of the least margin of all resonances in the log."""
+    """The reported moment is that of the least margin in the log."""
     found = [
         (abs(message.relative_margin), time, message.excitation)
         for time, message in read_messages(log, RESONANCE_TOPIC)
@@ -84,7 +84,7 @@ def test_margin_is_that_of_the_resonances(log: Path) -> None:
 
 
 def test_statuses_tell_the_first_moment() -> None:
-    """Lifted over the end of the table, the drive fails at the first angle beyond it."""
+    """Shifted beyond the table, the drive fails at the first angle outside."""
     settings = Parameters(sign=-1, offset=4.95)
     [failure] = check_bag(DRIVE, Limits(), settings).failures
     position = np.array(
@@ -103,7 +103,7 @@ def test_statuses_tell_the_first_moment() -> None:
 
 
 def test_gap_and_latency_of_a_recording(log: Path, tmp_path: Path) -> None:
-    """A hole of 0.25 s and an answer that took 30 ms are found where they are."""
+    """A gap of 0.25 s and a latency of 30 ms are found at their times."""
     keep = np.r_[0:500, 524:2000]
     delays = np.full(2000, 0.002)
     delays[1200] = 0.03
@@ -128,7 +128,7 @@ def test_missing_quantities(log: Path, tmp_path: Path) -> None:
 
 
 def test_picture(log: Path, tmp_path: Path) -> None:
-    """A failure is drawn where that was asked for, and nothing where all is well."""
+    """A failure is drawn if a picture is requested; otherwise no picture is written."""
     report = check_bag(log, Limits(margin=0.05), picture=tmp_path / "failed.png")
     assert report.picture == tmp_path / "failed.png"
     assert report.picture.read_bytes().startswith(b"\x89PNG")
@@ -138,7 +138,7 @@ def test_picture(log: Path, tmp_path: Path) -> None:
 
 
 def test_plugin(tmp_path: Path) -> None:
-    """In a run of pytest, the fixture fails a test in the report's words, with a picture."""
+    """In a run of pytest, the fixture fails a test with the report and a picture."""
     test = tmp_path / "test_drive.py"
     test.write_text(
         "from linkage_vibration.support.resources import config_file\n"
