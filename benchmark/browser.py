@@ -193,9 +193,10 @@ class Browser:
             self.problems.append(f"console.{told['type']}: {told['args']}")
         elif event.get("method") == "Log.entryAdded":
             self.problems.append(f"{told['entry']['level']}: {told['entry']['text']}")
-        elif event.get("method") == "Network.requestWillBeSent":
-            if not told["request"]["url"].startswith(("file:", "data:", "about:")):
-                self.problems.append(f"request: {told['request']['url']}")
+        elif event.get("method") == "Network.requestWillBeSent" and not told["request"][
+            "url"
+        ].startswith(("file:", "data:", "about:")):
+            self.problems.append(f"request: {told['request']['url']}")
 
     def _message(self) -> dict[str, Any]:
         deadline = time.monotonic() + TIMEOUT

@@ -53,8 +53,18 @@ DISTRIBUTIONS = {
     "yaml": ("pyyaml", "python3-yaml"),
     "zstandard": ("zstandard", "mcap-ros2-support"),
 }
-for name in """builtin_interfaces diagnostic_msgs geometry_msgs lifecycle_msgs rcl_interfaces
-    rosgraph_msgs sensor_msgs std_msgs std_srvs visualization_msgs""".split():
+for name in [
+    "builtin_interfaces",
+    "diagnostic_msgs",
+    "geometry_msgs",
+    "lifecycle_msgs",
+    "rcl_interfaces",
+    "rosgraph_msgs",
+    "sensor_msgs",
+    "std_msgs",
+    "std_srvs",
+    "visualization_msgs",
+]:
     DISTRIBUTIONS[name] = (f"ros-{name.replace('_', '-')}", name)
 
 # What a folder needs when it is used: lists of setup.py, and whether package.xml installs it.

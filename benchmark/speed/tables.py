@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Tables over alpha3 by several interpolations, on equispaced points and on chosen ones."""
 
+import itertools
 import math
 from bisect import bisect_right
 from collections.abc import Callable
@@ -98,7 +99,7 @@ def chebyshev(sampler: Sampler, breaks: FloatArray, degree: int, terms: bool) ->
     fit = np.linalg.inv(np.polynomial.chebyshev.chebvander(nodes, degree))
     pieces = [
         fit @ values(sampler, (low + high + (high - low) * nodes) / 2.0, terms)
-        for low, high in zip(breaks[:-1], breaks[1:], strict=True)
+        for low, high in itertools.pairwise(breaks)
     ]
     return ChebyshevTable(breaks.tolist(), np.array(pieces))
 

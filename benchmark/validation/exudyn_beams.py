@@ -7,13 +7,14 @@ Exudyn gets dimensions, positions and section properties alone: its own geometri
 own projection on the null space of the joints and its own eigen-solution.
 """
 
+import itertools
 import math
 from dataclasses import replace
 from pathlib import Path
 
 import exudyn
 import numpy as np
-from exudyn import itemInterface as items
+from exudyn import itemInterface as items  # noqa: N813
 from numpy.typing import NDArray
 from tqdm import tqdm
 
@@ -133,7 +134,6 @@ class ExudynModel:
             self._mark(body.name, point, number, (x - x0, z - z0), node, 2)
 
     def _add_spring(self, spring: Spring, mechanism: Mechanism) -> None:
-        first, second = spring.bodies
         if len(spring.points) == 1:
             ends = [self._turns[body, spring.points[0]] for body in spring.bodies]
             self._system.AddObject(
@@ -176,7 +176,7 @@ def _places(stations: list[float], elements: int) -> FloatArray:
     """Places of the nodes along a link: each station is the end of an element."""
     total = stations[-1] - stations[0]
     places = [np.array(stations[:1])]
-    for start, end in zip(stations, stations[1:], strict=False):
+    for start, end in itertools.pairwise(stations):
         count = max(1, round(elements * (end - start) / total))
         places.append(np.linspace(start, end, 2 * count + 1)[1:])
     return np.concatenate(places)

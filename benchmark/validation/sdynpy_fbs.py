@@ -29,7 +29,7 @@ from linkage_vibration.readers.mechanism import read_mechanism
 
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")  # SDynPy loads Qt, screen or none
 
-import sdynpy  # noqa: E402
+import sdynpy
 
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]

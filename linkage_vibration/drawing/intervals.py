@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Finds intervals in a log: runs of equal values, and gaps between predictions."""
 
+import itertools
 from typing import Any
 
 import numpy as np
@@ -24,7 +25,7 @@ def runs(flags: NDArray[np.bool_], *columns: NDArray[Any]) -> list[tuple[int, in
     changed = np.ones(len(flags) + 1, dtype=bool)
     changed[1:-1] = np.any([c[1:] != c[:-1] for c in (flags, *columns)], axis=0)
     edges = np.flatnonzero(changed).tolist()
-    return [(i, j) for i, j in zip(edges, edges[1:], strict=False) if flags[i]]
+    return [(i, j) for i, j in itertools.pairwise(edges) if flags[i]]
 
 
 def gap_starts(times: NDArray[np.float64]) -> NDArray[np.int64]:

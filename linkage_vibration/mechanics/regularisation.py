@@ -193,7 +193,7 @@ def _fit(
         for order in range(1, _RESIDUAL_TERMS + 1):
             residual = s[:, np.newaxis] ** (2 * np.arange(order))
             terms = np.hstack([residual, upper + lower, 1j * (upper - lower)])
-            basis, factor = np.linalg.qr(_real(weights[:, np.newaxis] * terms))
+            basis, _ = np.linalg.qr(_real(weights[:, np.newaxis] * terms))
             shares = basis.T @ right
             left = float(np.sum((right - basis @ shares) ** 2))
             count = shares.size + 2 * len(poles)

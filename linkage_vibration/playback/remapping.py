@@ -32,7 +32,7 @@ def remappings(words: Sequence[str]) -> dict[str, str]:
     for word in words:
         if ":=" not in word.strip(":="):
             raise ReplayError(f"--remap {word}: write NAME:=TOPIC.")
-    return {name: topic for name, topic in (word.split(":=", 1) for word in words)}
+    return dict(word.split(":=", 1) for word in words)
 
 
 def choose_topics(

@@ -302,7 +302,7 @@ def _cards(found: Difference) -> Items:
 
 
 def _provenance(found: Difference) -> dict[str, Any]:
-    a, b = ({key: text for key, text in provenance_rows(log)} for log in (found.a, found.b))
+    a, b = (dict(provenance_rows(log)) for log in (found.a, found.b))
     rows = [["", "A", "B"]]
     rows += [[key, a.get(key, ""), b.get(key, "")] for key in dict.fromkeys([*a, *b])]
     files = [

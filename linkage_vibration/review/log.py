@@ -4,6 +4,7 @@
 
 import tempfile
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -307,10 +308,8 @@ def _read_model(
         for name, data in attachments.items():
             paths[name].write_bytes(data)
         if f"{table_id}.npz" in paths:
-            try:
+            with suppress(TableError):  # of an older format; the page does without it
                 table = load_table(paths[f"{table_id}.npz"])
-            except TableError:
-                pass  # The table has an older format; the page does without it.
         for name, path in paths.items():
             if name.endswith((".yaml", ".yml")) and name not in (PARAMETERS, EXCITATIONS):
                 try:

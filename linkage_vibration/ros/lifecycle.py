@@ -222,7 +222,8 @@ class LinkageVibrationNode(LifecycleNode):
         self._publish_model(served)
 
     def _activate(self) -> None:
-        assert self._predicting is not None and self._recording is not None
+        assert self._predicting is not None
+        assert self._recording is not None
         self._recording.activate(begin=self._settings.record)
         self._predicting.subscribe()
         served = self._serving()
@@ -255,7 +256,8 @@ class LinkageVibrationNode(LifecycleNode):
 
     def _swap(self, served: Served) -> None:
         """Use another table from now on."""
-        assert self._predicting is not None and self._recording is not None
+        assert self._predicting is not None
+        assert self._recording is not None
         self._served, self._predicting.predictor = served, served.predictor
         self._recording.recorder.change_provenance(self._provenance(served))
         self._publish_model(served)

@@ -75,7 +75,8 @@ def test_as_mcaps_own_writer(tmp_path: Path) -> None:
             ]
             in_file = [m.data for *_, m in reader.iter_messages(log_time_order=False)]
             summary = reader.get_summary()
-            assert summary is not None and summary.statistics is not None
+            assert summary is not None
+            assert summary.statistics is not None
             counts = summary.statistics.channel_message_counts
             channels = {c.topic: (c.metadata, counts[c.id]) for c in summary.channels.values()}
             schemas = {(s.name, s.data, s.encoding) for s in summary.schemas.values()}

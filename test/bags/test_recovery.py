@@ -130,8 +130,14 @@ def test_intact_log_is_kept(tmp_path: Path) -> None:
             rosbag2 = metadata.pop("rosbag2")["serialized_metadata"].replace("whole", "log")
             attachments = list(reader.iter_attachments())
             contents.append(
-                (reader.get_header().profile, found.schemas, found.channels, metadata, rosbag2)
-                + (attachments,)
+                (
+                    reader.get_header().profile,
+                    found.schemas,
+                    found.channels,
+                    metadata,
+                    rosbag2,
+                    attachments,
+                )
             )
     assert contents[0] == contents[1]
     assert recovered["messages_saved"] == str(COUNT)
@@ -336,13 +342,13 @@ def test_files_without_records(tmp_path: Path, content: bytes, words: str) -> No
 def test_unusable_paths(tmp_path: Path) -> None:
     """No file is replaced, and the error names a missing one."""
     write(tmp_path / "log.mcap")
-    with pytest.raises(RecoveryError, match="log.mcap exists already"):
+    with pytest.raises(RecoveryError, match=r"log.mcap exists already"):
         recover(tmp_path / "log.mcap", tmp_path / "log.mcap")
-    with pytest.raises(RecoveryError, match="none.mcap cannot be read: No such file"):
+    with pytest.raises(RecoveryError, match=r"none.mcap cannot be read: No such file"):
         recover(tmp_path / "none.mcap", tmp_path / "whole.mcap")
-    with pytest.raises(RecoveryError, match="nowhere/whole.mcap cannot be written: No such file"):
+    with pytest.raises(RecoveryError, match=r"nowhere/whole.mcap cannot be written: No such file"):
         recover(tmp_path / "log.mcap", tmp_path / "nowhere" / "whole.mcap")
-    with pytest.raises(RecoveryError, match="whole.mcap cannot be written: Not a directory"):
+    with pytest.raises(RecoveryError, match=r"whole.mcap cannot be written: Not a directory"):
         recover(tmp_path / "log.mcap", tmp_path / "log.mcap" / "whole.mcap")
     with pytest.raises(RecoveryError, match="cannot be read: Is a directory"):
         recover(tmp_path, tmp_path / "whole.mcap")
@@ -354,7 +360,7 @@ def test_output_that_cannot_grow(tmp_path: Path) -> None:
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     try:
         resource.setrlimit(resource.RLIMIT_FSIZE, (5000, limits[1]))
-        with pytest.raises(RecoveryError, match="whole.mcap cannot be written: File too large"):
+        with pytest.raises(RecoveryError, match=r"whole.mcap cannot be written: File too large"):
             recover(tmp_path / "log.mcap", tmp_path / "whole.mcap")
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)

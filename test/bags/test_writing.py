@@ -149,7 +149,8 @@ def test_ros2_profile(tmp_path: Path) -> None:
         reader = make_reader(file)
         assert reader.get_header().profile == "ros2"
         summary = reader.get_summary()
-        assert summary is not None and summary.statistics is not None
+        assert summary is not None
+        assert summary.statistics is not None
         assert summary.statistics.message_count == len(written)
         assert summary.statistics.message_start_time == START
         assert summary.statistics.message_end_time == written[-1][3]

@@ -9,9 +9,9 @@ import pytest
 
 pytest.importorskip("exudyn", reason="exudyn comes with the test extra, on x86_64")
 
-from benchmark.validation.exudyn_beams import CONFIG, MODES, ExudynModel  # noqa: E402
-from linkage_vibration.mechanics.model import LinkageModel  # noqa: E402
-from linkage_vibration.readers.mechanism import read_mechanism  # noqa: E402
+from benchmark.validation.exudyn_beams import CONFIG, MODES, ExudynModel
+from linkage_vibration.mechanics.model import LinkageModel
+from linkage_vibration.readers.mechanism import read_mechanism
 
 ELEMENTS = 24  # a link; the error is below 1e-5
 

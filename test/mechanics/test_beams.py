@@ -3,6 +3,7 @@
 """Beams against closed forms, exact transfer matrices and invariants, in the plane and in space."""
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Sequence
 
@@ -175,7 +176,7 @@ def test_fourth_order_while_elements_are_slender(plane: str, n: int) -> None:
     thin = rectangle(0.001, 0.001, 0.3)
     exact = math.sqrt(E * thin.second_moment / (RHO * thin.area)) * (n * math.pi / LENGTH) ** 2
     errors = [omega(*bending_part(thin, k, plane), [0, 1])[n - 1] / exact - 1 for k in (4, 8)]
-    assert 0.0 < errors[1]
+    assert errors[1] > 0.0
     assert np.log2(errors[0] / errors[1]) == pytest.approx(4.0, abs=0.2)
 
 
@@ -317,7 +318,7 @@ def test_compliance_in_space_is_that_of_unit_loads() -> None:
     equilibrium = np.array([np.ones(4), x, z])
     forces = np.append(-np.linalg.solve(equilibrium[:, :3], equilibrium[:, 3]), 1.0)
     expected = 0.0
-    for i, (begin, end) in enumerate(zip(x, x[1:], strict=False)):
+    for i, (begin, end) in enumerate(itertools.pairwise(x)):
         moments = [forces[: i + 1] @ (at - x[: i + 1]) for at in (begin, (begin + end) / 2, end)]
         squared = np.dot([1.0, 4.0, 1.0], np.square(moments)) / 6.0  # Simpson: M is linear
         shear, torque = forces[: i + 1].sum(), forces[: i + 1] @ z[: i + 1]
@@ -500,7 +501,7 @@ def test_two_pins_at_one_place() -> None:
 
 def test_sections_that_do_not_serve() -> None:
     """Sections have to reach the last point, and to be known across the plane in space."""
-    with pytest.raises(MechanismError, match="sections: .*last point"):
+    with pytest.raises(MechanismError, match=r"sections: .*last point"):
         beam_matrices(uniform(DEEP, 4), [("A", (0.0, 0.0)), ("B", (1.3, 0.0))])
     planar = dataclasses.replace(DEEP, second_moment_out=math.nan, torsion_constant=math.nan)
     beam_matrices(uniform(planar, 4), ENDS)

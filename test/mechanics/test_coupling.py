@@ -162,7 +162,7 @@ def test_mechanism_has_no_static_limit(mapping: Any) -> None:
         solution = free.solve(angle)
         assert solution.natural_frequencies[0] < 1e-5
         rows = free.rows(PLACES, solution.configuration)
-        with pytest.raises(CouplingError, match="can move without a force.*`clamped`"):
+        with pytest.raises(CouplingError, match=r"can move without a force.*`clamped`"):
             assembled_frf(solution.coupled, np.array([0.0, 1.0]), rows, rows)
         moved = assembled_frf(solution.coupled, np.array([1.0]), rows, rows)
         assert np.isfinite(moved).all()

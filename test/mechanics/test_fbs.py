@@ -308,7 +308,7 @@ def test_on_a_components_own_resonance(mechanism: Mechanism, body: str) -> None:
     largest = np.abs(exact).max(axis=(1, 2))
     assert (share(found, exact) < error / largest).all()
     assert share(plain(blocks, b, rows), exact)[2] > 1e-6
-    with pytest.raises(FbsError, match="line 2 the components .* undamped resonance of their own"):
+    with pytest.raises(FbsError, match=r"line 2 the components .* undamped resonance of their own"):
         couple_frfs(blocks, b, rows, rows)
     some = [block[:2] for block in blocks]
     assert (share(couple_frfs(some, b, rows, rows), exact[:2]) < 1e-8).all()

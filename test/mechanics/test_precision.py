@@ -12,7 +12,7 @@ import pytest
 
 pytest.importorskip("matplotlib", reason="benchmark.stability draws")
 
-from benchmark.stability.precision import (  # noqa: E402
+from benchmark.stability.precision import (
     Extreme,
     coupled_in_single,
     extremes,
@@ -21,14 +21,14 @@ from benchmark.stability.precision import (  # noqa: E402
     solved,
     with_frfs_from_file,
 )
-from benchmark.stability.static_limit import component_frfs  # noqa: E402
-from linkage_vibration.mechanics.bodies.beam import Beam, beam_matrices  # noqa: E402
-from linkage_vibration.mechanics.bodies.matrices import Matrices  # noqa: E402
-from linkage_vibration.mechanics.coupling import assembled_frf  # noqa: E402
-from linkage_vibration.mechanics.description import Mechanism, MechanismError  # noqa: E402
-from linkage_vibration.mechanics.model import LinkageModel  # noqa: E402
-from linkage_vibration.readers.component_files import ComponentFileError  # noqa: E402
-from linkage_vibration.readers.matrices import read_matrices  # noqa: E402
+from benchmark.stability.static_limit import component_frfs
+from linkage_vibration.mechanics.bodies.beam import Beam, beam_matrices
+from linkage_vibration.mechanics.bodies.matrices import Matrices
+from linkage_vibration.mechanics.coupling import assembled_frf
+from linkage_vibration.mechanics.description import Mechanism, MechanismError
+from linkage_vibration.mechanics.model import LinkageModel
+from linkage_vibration.readers.component_files import ComponentFileError
+from linkage_vibration.readers.matrices import read_matrices
 
 ALPHA3 = math.radians(140.0)
 DRIVE = [("E1", "z")]

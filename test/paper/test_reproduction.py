@@ -158,7 +158,8 @@ def test_figures_are_written(tmp_path: Path, sweeps: SWEEPS) -> None:
 def test_freeing_the_upper_link_fits_better() -> None:
     """With its length free, a few steps of least squares meet the frequencies better."""
     none, upper = scan_freed_dimensions(["geometry.P2_E2"], evaluations=4)
-    assert none.key == "" and math.isnan(none.value)
+    assert none.key == ""
+    assert math.isnan(none.value)
     assert upper.cost < 0.5 * none.cost
     assert upper.value > 0.45
     assert math.degrees(none.lean) == pytest.approx(90.0 - 72.23, abs=0.01)
@@ -167,7 +168,7 @@ def test_freeing_the_upper_link_fits_better() -> None:
 def test_folder_that_cannot_be_made(tmp_path: Path) -> None:
     """A file in the place of the folder is reported before anything is computed."""
     (tmp_path / "file").touch()
-    with pytest.raises(ReproductionError, match="file.*give a folder"):
+    with pytest.raises(ReproductionError, match=r"file.*give a folder"):
         reproduce(tmp_path / "file")
 
 

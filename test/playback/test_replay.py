@@ -287,7 +287,7 @@ def test_unknown_types(tmp_path: Path) -> None:
     bag = write_mcap(tmp_path / "bag.mcap", swing(5))
     data = bag.read_bytes().replace(b"sensor_msgs/msg/JointState", b"sensor_msgs/msg/OtherState")
     bag.write_bytes(data)
-    with pytest.raises(ReplayError, match="holds sensor_msgs/msg/OtherState, not .*--remap"):
+    with pytest.raises(ReplayError, match=r"holds sensor_msgs/msg/OtherState, not .*--remap"):
         replay([bag], tmp_path / "log.mcap", Parameters())
 
 

@@ -108,7 +108,8 @@ def test_stale_speeds(predictor: Predictor, prediction: Prediction) -> None:
     stale = watch.assess(prediction, 0.0, 0)
     assert stale.state is ResonanceState.STALE
     assert (stale.excitation, stale.mode, stale.approach) == ("", 0, 0)
-    assert math.isnan(stale.margin) and math.isnan(stale.time_to_crossing)
+    assert math.isnan(stale.margin)
+    assert math.isnan(stale.time_to_crossing)
     watch.set_speed(Source.ENGINE, 2000.0, 5 * SECOND)
     for at, expected in ((5.0, False), (5.99, False), (6.01, True), (3.9, True)):
         found = watch.assess(prediction, 0.0, round(at * SECOND)).state

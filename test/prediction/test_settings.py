@@ -90,7 +90,7 @@ def test_crank_input() -> None:
     joint = Parameters(sign=-1, scale=0.5, offset=2.0, angle_stddev=0.1).crank_input()
     assert joint == JointInput("hitch_rockshaft_joint", -1, 0.5, 2.0, 0.1)
     assert isinstance(Parameters(input="percent").crank_input(), PercentInput)
-    with pytest.raises(ParameterError, match="input percent: percent_angles .*angle 2"):
+    with pytest.raises(ParameterError, match=r"input percent: percent_angles .*angle 2"):
         Parameters(input="percent", percent_angles=(1.0, 1.0)).crank_input()
 
 
@@ -136,5 +136,5 @@ def test_files_that_cannot_be_used(tmp_path: Path, text: str, words: str) -> Non
     path.write_text(text)
     with pytest.raises(ParameterError, match=f"params.yaml.*{words}"):
         read_parameters(path)
-    with pytest.raises(ParameterError, match="missing.yaml.*No such file"):
+    with pytest.raises(ParameterError, match=r"missing.yaml.*No such file"):
         read_parameters(tmp_path / "missing.yaml")

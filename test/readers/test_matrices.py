@@ -375,7 +375,7 @@ def test_claims_that_no_memory_could_hold(tmp_path: Path) -> None:
         read_matrices(tmp_path / "bar.npz")
     text = "%%MatrixMarket matrix coordinate real general\n999999999 999999999 1\n1 1 1.0\n"
     (tmp_path / "bar_mass.mtx").write_text(text)
-    with pytest.raises(ComponentFileError, match="has 999999999 rows .* reduce it to 1000000"):
+    with pytest.raises(ComponentFileError, match=r"has 999999999 rows .* reduce it to 1000000"):
         read_matrices(tmp_path / "bar_mass.mtx")
     packed = zlib.compress(struct.pack("<II", 14, 2**31) + bytes(2**20))
     tag = struct.pack("<II", 15, len(packed))
@@ -399,7 +399,7 @@ def test_files_that_are_not_there(tmp_path: Path) -> None:
     with pytest.raises(ComponentFileError, match=r"bar_stiffness\.mtx: does not exist"):
         read_matrices(path)
     (tmp_path / "new.mat").write_bytes(b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM" + bytes(9))
-    with pytest.raises(ComponentFileError, match="is a MATLAB 7.3 file; save it with `save -v7`"):
+    with pytest.raises(ComponentFileError, match=r"is a MATLAB 7.3 file; save it with `save -v7`"):
         read_matrices(tmp_path / "new.mat")
     savemat(tmp_path / "old.mat", {"mass": np.eye(2)}, format="4")
     with pytest.raises(ComponentFileError, match="is not a MATLAB 5 file"):

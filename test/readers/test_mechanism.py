@@ -38,7 +38,7 @@ def test_invalid_files(tmp_path: Path, text: bytes, words: str) -> None:
     """Whatever the file holds, the error names it and what is wrong with it."""
     path = tmp_path / "bad.yaml"
     path.write_bytes(text)
-    with pytest.raises(MechanismError, match="bad.yaml") as raised:
+    with pytest.raises(MechanismError, match=r"bad.yaml") as raised:
         read_mechanism(path)
     assert words in str(raised.value)
 

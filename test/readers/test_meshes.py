@@ -408,9 +408,9 @@ def test_points_without_surface(tmp_path: Path) -> None:
         ComponentFileError, match="has pins for C, which is not a point of the link"
     ):
         mesh_matrices(path, STEEL, {**PINS, "C": "right"}, POINTS, 2)
-    with pytest.raises(ComponentFileError, match="2 interface DoFs held .* can still move"):
+    with pytest.raises(ComponentFileError, match=r"2 interface DoFs held .* can still move"):
         mesh_matrices(path, STEEL, {"A": "left"}, POINTS[:1], 2)
-    with pytest.raises(ComponentFileError, match="3 interface DoFs held .* can still move"):
+    with pytest.raises(ComponentFileError, match=r"3 interface DoFs held .* can still move"):
         mesh_matrices(path, STEEL, {"A": "left"}, POINTS[:1], 2, spatial=True)
 
 

@@ -62,14 +62,17 @@ def test_provenance_is_found(drive: Path) -> None:
     """Table, mechanism, excitations, parameters and speeds are read from the log."""
     log = read_log(drive)
     table = load_table(config_file(DEFAULT_TABLE))
-    assert log.table is not None and log.table.table_id == table.table_id == log.table_id
-    assert log.mechanism is not None and log.mechanism.model_hash == table.model_hash
+    assert log.table is not None
+    assert log.table.table_id == table.table_id == log.table_id
+    assert log.mechanism is not None
+    assert log.mechanism.model_hash == table.model_hash
     assert log.mechanism_text == config_file(DEFAULT_MECHANISM).read_text()
     assert [e.name for e in log.excitations][:2] == ["engine 0.5", "engine 1"]
     assert log.parameters == {"angle_stddev": 0.005, "warning_margin": 0.1}
     times, engine = log.speeds[Source.ENGINE]
     np.testing.assert_allclose(times, 0.1 * np.arange(200), atol=1e-9)
-    assert set(log.speeds) == {Source.ENGINE, Source.PTO} and engine[0] > 1900.0
+    assert set(log.speeds) == {Source.ENGINE, Source.PTO}
+    assert engine[0] > 1900.0
 
 
 def test_gap_and_durations(drive: Path) -> None:
@@ -102,8 +105,12 @@ def test_csv_gives_the_same_floats_again(drive: Path, tmp_path: Path) -> None:
 def test_bare_log(write_log: Any, tmp_path: Path) -> None:
     """A log without speeds and attachments is read; what it lacks is None or empty."""
     log = read_log(write_log(tmp_path / "bare.mcap", [0.0, 0.1], [2.0, math.nan], False, False))
-    assert log.resonances is None and log.table is None and log.mechanism is None
-    assert log.excitations == () and log.speeds == {} and log.parameters == {}
+    assert log.resonances is None
+    assert log.table is None
+    assert log.mechanism is None
+    assert log.excitations == ()
+    assert log.speeds == {}
+    assert log.parameters == {}
     assert log.status.tolist() == [0, 2]
 
 

@@ -46,7 +46,8 @@ def test_terms_between_angles(mechanism: Mechanism) -> None:
     """Halfway between two angles of the grid, interpolated terms give |H| within 1e-3."""
     table = load_table(config_file(DEFAULT_TABLE))
     found = receptance_grid(mechanism, table)
-    assert found is not None and found["place"] == "E1 z"
+    assert found is not None
+    assert found["place"] == "E1 z"
     frequencies = np.linspace(1.0, 199.0, 397)
     w = 2.0 * np.pi * frequencies[:, np.newaxis]
     for i in (3, 180, 357):

@@ -175,12 +175,14 @@ def test_linkage_is_drawn_and_moves(page: Any, log: Log) -> None:
     page.evaluate("new Promise(done => setTimeout(done, 300))")
     after = page.evaluate(lines)
     n = len(before) // 2
-    assert before[:n] == after[:n] and before[n:] != after[n:]
+    assert before[:n] == after[:n]
+    assert before[n:] != after[n:]
     ends = [line.split()[0] for line in before[:n]]
     assert "0.0000,0.0000" in ends  # P1, on the ground at the origin
     page.hover(page.place("#chart-f1 .u-over", 12.25 / log.times[-1]))
     assert page.text("#linkage-caption") == "No prediction at 185.00°."
-    assert page.text("#read-status") == "out of range" and page.text("#read-f1") == "no value"
+    assert page.text("#read-status") == "out of range"
+    assert page.text("#read-f1") == "no value"
 
 
 def test_receptance_is_the_table_s(page: Any) -> None:
@@ -238,7 +240,8 @@ def test_print(page: Any, tmp_path: Path) -> None:
     width = page.evaluate("document.querySelector('#chart-f1 canvas').clientWidth")
     page.pdf(tmp_path / "page.pdf")
     data = (tmp_path / "page.pdf").read_bytes()
-    assert data.startswith(b"%PDF") and 2 <= data.count(b"/Type /Page\n") <= 8
+    assert data.startswith(b"%PDF")
+    assert 2 <= data.count(b"/Type /Page\n") <= 8
     page.settle()
     assert page.evaluate("document.querySelector('#chart-f1 canvas').clientWidth") == width
 

@@ -268,7 +268,8 @@ def test_transitions_while_peers_come_and_go(
                 request = ChangeState.Request(transition=Transition(id=transition))
                 future = change.call_async(request)
                 executor.spin_until_future_complete(future, LIMIT)
-                assert future.done() and future.result().success, process.printed
+                assert future.done(), process.printed
+                assert future.result().success, process.printed
                 end = time.monotonic() + 0.1
                 while time.monotonic() < end:
                     executor.spin_once(0.02)

@@ -54,7 +54,7 @@ def test_alias_ties_two_numbers() -> None:
     """Two paths to one number may get the same number, but not two."""
     same = [(("links", name, "length"), ["0.7"]) for name in ("rod", "bar")]
     assert yaml.safe_load(edit_text(TEXT, same, CalibrationError))["links"]["bar"]["length"] == 0.7
-    with pytest.raises(CalibrationError, match="links.*length are one number in the file"):
+    with pytest.raises(CalibrationError, match=r"links.*length are one number in the file"):
         edit_text(TEXT, [same[0], (("links", "bar", "length"), ["0.8"])], CalibrationError)
 
 

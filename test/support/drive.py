@@ -181,7 +181,7 @@ def _joint_states(store: Any) -> Iterator[tuple[int, str, bytes]]:
 def _speeds(store: Any) -> list[Iterator[tuple[int, str, bytes]]]:
     """Return an iterator over time (ns), topic and CDR for each of both speeds."""
     message_type = store.types[FLOAT64]
-    times, engine, pto = engine_and_pto_speed()
+    _times, engine, pto = engine_and_pto_speed()
 
     def encoded(topic: str, speeds: NDArray[np.float64]) -> Iterator[tuple[int, str, bytes]]:
         for k, speed in enumerate(speeds.tolist()):

@@ -101,7 +101,7 @@ def test_engine_and_pto_speed() -> None:
     """The engine works, idles and speeds up for the road; the PTO turns only during work."""
     times, engine, pto = engine_and_pto_speed()
     assert times.size == 200
-    assert ((1900 < engine) & (engine <= 2000)).all(where=times < 7.0)
+    assert ((engine > 1900) & (engine <= 2000)).all(where=times < 7.0)
     assert engine.min() == 1300
     assert engine.max() == 2050
     working = (times < 6.5) | (times > 19.0)

@@ -97,7 +97,8 @@ def test_statuses_tell_the_first_moment() -> None:
     beyond |= 4.95 - position > np.pi
     assert failure.count == beyond.sum()
     assert failure.time == START + int(beyond.argmax()) * 10**7
-    assert "OUT_OF_RANGE" in failure.words and "2026-01-01 00:00:" in str(failure)
+    assert "OUT_OF_RANGE" in failure.words
+    assert "2026-01-01 00:00:" in str(failure)
     allowed = Limits(statuses=(Status.OK, Status.OUT_OF_RANGE))
     assert check_bag(DRIVE, allowed, settings).passed
 
@@ -150,8 +151,18 @@ def test_plugin(tmp_path: Path) -> None:
         "    check_bag(DRIVE, Limits(margin=0.05))\n"
     )
     run = subprocess.run(
-        [sys.executable, "-m", "pytest", "-q", "-p", "linkage_vibration.testing.pytest_plugin"]
-        + ["-p", "no:cacheprovider", f"--basetemp={tmp_path / 'base'}", str(test)],
+        [
+            sys.executable,
+            "-m",
+            "pytest",
+            "-q",
+            "-p",
+            "linkage_vibration.testing.pytest_plugin",
+            "-p",
+            "no:cacheprovider",
+            f"--basetemp={tmp_path / 'base'}",
+            str(test),
+        ],
         env={**os.environ, "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"},
         cwd=tmp_path,
         capture_output=True,

@@ -22,7 +22,7 @@ __all__ = [
     "plan",
     "planned_frf",
     "planned_mechanism",
-    "summary",
     "solve_reference",
+    "summary",
     "write_planned",
 ]

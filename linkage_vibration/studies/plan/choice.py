@@ -258,7 +258,7 @@ def _cheapest(best: _Reference, share: float) -> Pair:
 def _plan_of_solves(best: _Reference, pair: Pair, why: str) -> Plan:
     scene, trials = best.trials.scene, best.trials
     residual, error, frf_reasons = _fewest_terms(best, pair)
-    errors = Errors(*(best.errors(pair) + [0.0, 0.0, error]).tolist())
+    errors = Errors(*(best.errors(pair) + np.array([0.0, 0.0, error])).tolist())
     setup = trials.kinematics_seconds + trials.timed_model(pair)[1]
     costs = measure_costs(scene, trials.model(pair), residual, setup)
     reasons = (*_reasons(best, pair), *frf_reasons, ("solved at each angle", why))

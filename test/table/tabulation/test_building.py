@@ -115,7 +115,7 @@ def test_more_modes_than_the_model_has(mapping: Any) -> None:
 def test_undamped(mechanism: Mechanism) -> None:
     """Without damping there is no highest value to tabulate, which is reported with the fix."""
     undamped = replace(mechanism, damping=Rayleigh(0.0, 0.0))
-    with pytest.raises(TableError, match="undamped.*give its links damping"):
+    with pytest.raises(TableError, match=r"undamped.*give its links damping"):
         build_table(LinkageModel(undamped))
 
 

@@ -9,13 +9,13 @@ import pytest
 
 pytest.importorskip("matplotlib", reason="benchmark.stability draws")
 
-from benchmark.stability.crossing import STROKE, crossing_crank  # noqa: E402
-from linkage_vibration.mechanics.description import Mechanism, rayleigh_damping  # noqa: E402
-from linkage_vibration.mechanics.model import LinkageModel  # noqa: E402
-from linkage_vibration.readers.mechanism import read_mechanism  # noqa: E402
-from linkage_vibration.support.resources import config_file  # noqa: E402
-from linkage_vibration.table.tabulation import build_table  # noqa: E402
-from linkage_vibration.table.tabulation.peaks import notable  # noqa: E402
+from benchmark.stability.crossing import STROKE, crossing_crank
+from linkage_vibration.mechanics.description import Mechanism, rayleigh_damping
+from linkage_vibration.mechanics.model import LinkageModel
+from linkage_vibration.readers.mechanism import read_mechanism
+from linkage_vibration.support.resources import config_file
+from linkage_vibration.table.tabulation import build_table
+from linkage_vibration.table.tabulation.peaks import notable
 
 
 def test_jump_from_one_mode_to_the_other() -> None:

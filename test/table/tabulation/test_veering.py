@@ -8,13 +8,13 @@ from numpy.typing import NDArray
 
 pytest.importorskip("matplotlib", reason="benchmark.stability draws")
 
-from benchmark.stability.crossing import STROKE, crossing_crank, exact_frequencies  # noqa: E402
-from linkage_vibration.mechanics.model import LinkageModel  # noqa: E402
-from linkage_vibration.mechanics.modes import track  # noqa: E402
-from linkage_vibration.readers.mechanism import read_mechanism  # noqa: E402
-from linkage_vibration.support.resources import config_file  # noqa: E402
-from linkage_vibration.table.table import TableError  # noqa: E402
-from linkage_vibration.table.tabulation import build_table  # noqa: E402
+from benchmark.stability.crossing import STROKE, crossing_crank, exact_frequencies
+from linkage_vibration.mechanics.model import LinkageModel
+from linkage_vibration.mechanics.modes import track
+from linkage_vibration.readers.mechanism import read_mechanism
+from linkage_vibration.support.resources import config_file
+from linkage_vibration.table.table import TableError
+from linkage_vibration.table.tabulation import build_table
 
 AT = 0.8137  # rad, where the crank's modes meet: on no even grid
 
@@ -42,7 +42,8 @@ def test_shape_follows_its_own_mode_across() -> None:
     """At a crossing each tracked frequency goes on smoothly; at a veering both turn away."""
     crossing = build_table(LinkageModel(crossing_crank(0.0, AT)))
     first, second = crossing.natural_frequencies[:, :2].T
-    assert (first[0] < second[0]) and (first[-1] > second[-1])
+    assert first[0] < second[0]
+    assert first[-1] > second[-1]
     tuned = second if np.ptp(second) < np.ptp(first) else first
     assert np.ptp(tuned) < 1e-6 * tuned[0]
     veering = build_table(LinkageModel(crossing_crank(1.0, AT)))
