@@ -247,7 +247,7 @@ def single(frequencies: FloatArray, ratio: float = 0.01) -> ComplexArray:
 def test_too_few_lines_for_a_peak() -> None:
     """A peak that fits between two lines is refused, with its width and their distance."""
     lines = np.linspace(1.0, 200.0, 100)
-    with pytest.raises(IdentificationError, match="peak at 50 Hz is 0.1 Hz wide.*2 Hz apart"):
+    with pytest.raises(IdentificationError, match=r"peak at 50 Hz is 0.1 Hz wide.*2 Hz apart"):
         identify(lines, single(lines, 0.001), BAND)
 
 
@@ -306,7 +306,7 @@ def test_modes_below_ten_hertz(modes: list[int], share: float) -> None:
 def test_modes_that_noise_hides_are_told() -> None:
     """Noise of 5 % hides the modes at 0.8 and 3.5 Hz, which would go missing without a word."""
     frf = noisy(receptances(LINES, LOW, np.full(5, 0.02), SHAPES), 0.05)
-    with pytest.raises(IdentificationError, match="% of the FRFs unexplained near 2.3 Hz"):
+    with pytest.raises(IdentificationError, match=r"% of the FRFs unexplained near 2.3 Hz"):
         identify(LINES, frf, BAND)
 
 
@@ -330,7 +330,7 @@ def test_lines_too_coarse_for_light_damping(model: LinkageModel, share: float) -
     solution = model.solve(math.radians(140.0))
     shapes = solution.participation(PLACES)[:, :8]
     frf = receptances(LINES, solution.natural_frequencies[:8], np.full(8, 2e-4), shapes)
-    with pytest.raises(IdentificationError, match="Hz wide, but the lines there are 0.1 Hz apart"):
+    with pytest.raises(IdentificationError, match=r"Hz wide, but the lines there are 0.1 Hz apart"):
         identify(LINES, noisy(frf, share), BAND)
 
 
