@@ -88,7 +88,7 @@ UNLIMITED = Limits()
 _Entry: TypeAlias = tuple[Topic, bytes, int, int] | Provenance
 
 
-class _LimitReached(LogError):
+class _LimitError(LogError):
     """A limit allows no further file."""
 
 
@@ -380,7 +380,7 @@ class Recorder:
                 return False
         try:
             self._begin_file()
-        except _LimitReached as reached:
+        except _LimitError as reached:
             self._keep(reached)
             self.recording = self.active = False
             return False
@@ -411,7 +411,7 @@ class Recorder:
         least = 2 * self._empty_size()
         largest = limits.split_size or math.inf
         if largest < least:
-            raise _LimitReached(
+            raise _LimitError(
                 f"split_size is {limits.split_size} bytes, but a log without messages already has "
                 f"{least // 2}; set it to {least} or more."
             )
@@ -429,7 +429,7 @@ class Recorder:
         largest = min(largest, limits.disk_limit - taken)
         if largest < least:
             fix = "" if limits.delete_oldest else "delete logs, set delete_oldest, or "
-            raise _LimitReached(
+            raise _LimitError(
                 f"Recording ended, as the logs in {self._folder} have reached disk_limit, "
                 f"{limits.disk_limit} bytes; {fix}raise it, and start again."
             )

@@ -81,5 +81,5 @@ def test_unsupported_fields(tmp_path: Path) -> None:
     path = tmp_path / "log.mcap"
     with LogWriter(path, [topic("/r", "string[] names")]):
         pass
-    with pytest.raises(BagError, match="field names of .* is not a number, text"):
+    with pytest.raises(BagError, match=r"field names of .* is not a number, text"):
         read_columns(path, {"/r": RESONANCE})

@@ -215,7 +215,7 @@ def test_splits_by_size_are_complete_in_themselves(tmp_path: Path) -> None:
     assert (log.written, log.dropped, log.error) == (20_000, 0, None)
     paths = logs(tmp_path)
     assert len(paths) > 5
-    assert sum((numbers(path) for path in paths), []) == list(range(20_000))
+    assert [number for path in paths for number in numbers(path)] == list(range(20_000))
     assert all(path.stat().st_size <= 300_000 for path in paths)
     assert all(path.stat().st_size > 150_000 for path in paths[:-1])
     for path in paths:
@@ -223,7 +223,8 @@ def test_splits_by_size_are_complete_in_themselves(tmp_path: Path) -> None:
             reader = make_reader(file)
             assert [a.data for a in reader.iter_attachments()] == [b"name: linkage\n"]
             summary = reader.get_summary()
-        assert summary is not None and summary.statistics is not None
+        assert summary is not None
+        assert summary.statistics is not None
         assert len(summary.channels) == 2
         assert metadata(path, PROVENANCE_METADATA) == [package_versions()]
         stored = yaml.safe_load(metadata(path, "rosbag2")[-1]["serialized_metadata"])
@@ -260,7 +261,7 @@ def test_disk_limit_ends_the_recording(tmp_path: Path) -> None:
     assert log.written + log.dropped == 20_000
     ours = logs(tmp_path)[:-1]
     assert 400_000 < sum(path.stat().st_size for path in ours) <= 500_000
-    assert sum((numbers(path) for path in ours[1:]), []) == list(range(log.written))
+    assert [number for path in ours[1:] for number in numbers(path)] == list(range(log.written))
     with pytest.raises(LogError, match="reached disk_limit"):
         log.start()
 
@@ -283,7 +284,7 @@ def test_oldest_are_deleted_if_asked(tmp_path: Path) -> None:
     assert not old.exists()
     (tmp_path / "other.mcap").unlink()
     # The name of a deleted log may be used again within the same second.
-    kept = sorted(sum((numbers(path) for path in logs(tmp_path)), []))
+    kept = sorted([number for path in logs(tmp_path) for number in numbers(path)])
     assert 2000 < len(kept) < 10_000
     assert kept == list(range(20_000 - len(kept), 20_000))
 
@@ -433,7 +434,7 @@ def test_full_disk(small_disk: Path) -> None:
     assert 0 < log.dropped < 1000
     _, second = logs(small_disk)
     assert numbers(second)[-100:] == list(range(10_000, 10_100))
-    with first.open("rb") as file, pytest.raises(Exception):  # noqa: B017
+    with first.open("rb") as file, pytest.raises(Exception):  # noqa: B017, PT011
         list(StreamReader(file).records)
     saved = recover(first, small_disk / "whole.mcap").saved
     assert sum(saved.values()) + len(numbers(second)) >= log.written

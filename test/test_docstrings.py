@@ -1,0 +1,84 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Every public function documents its parameters and the errors that it raises, in numpydoc."""
+
+import ast
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+import linkage_vibration
+
+PACKAGE = Path(linkage_vibration.__file__).parent
+MODULES = sorted(path.relative_to(PACKAGE).as_posix() for path in PACKAGE.rglob("*.py"))
+Function = ast.FunctionDef | ast.AsyncFunctionDef
+
+
+def public_functions(body: list[ast.stmt], prefix: str = "") -> Iterator[tuple[str, Function]]:
+    """Yield each public function and method of a module with its name."""
+    for node in body:
+        if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+            yield from public_functions(node.body, f"{node.name}.")
+        elif isinstance(node, Function) and not node.name.startswith("_"):
+            yield f"{prefix}{node.name}", node
+
+
+def argument_names(function: Function, *, is_method: bool) -> list[str]:
+    """Return the names of the arguments, without `self` and `cls`."""
+    arguments = function.args
+    found = [*arguments.posonlyargs, *arguments.args, *arguments.kwonlyargs]
+    found += [one for one in (arguments.vararg, arguments.kwarg) if one is not None]
+    names = [argument.arg for argument in found]
+    return names[1:] if is_method and names[:1] in (["self"], ["cls"]) else names
+
+
+def raised_errors(function: Function) -> set[str]:
+    """Return the names of the errors that the body raises itself."""
+    errors: set[str] = set()
+    waiting: list[ast.AST] = list(function.body)
+    while waiting:
+        node = waiting.pop()
+        if isinstance(node, Function | ast.Lambda | ast.ClassDef):
+            continue  # raised elsewhere, when it is called
+        if isinstance(node, ast.Raise) and node.exc is not None:
+            error = node.exc.func if isinstance(node.exc, ast.Call) else node.exc
+            name = error.attr if isinstance(error, ast.Attribute) else getattr(error, "id", "")
+            errors |= {name} if name[:1].isupper() else set()
+        waiting.extend(ast.iter_child_nodes(node))
+    return errors
+
+
+def section(docstring: str, title: str) -> str:
+    """Return the text of a numpydoc section, or nothing."""
+    found = re.search(rf"^{title}\n-+\n(.*?)(?=^\w+\n-+$|\Z)", docstring, re.MULTILINE | re.DOTALL)
+    return found.group(1) if found else ""
+
+
+def documents(text: str, name: str) -> bool:
+    """Return whether an entry of a section is about a name, alone or in a list of names."""
+    return re.search(rf"^[\w*, ]*\b{name}\b[\w*, ]*( :|$)", text, re.MULTILINE) is not None
+
+
+def missing(path: Path) -> Iterator[str]:
+    """Yield what the docstrings of a module lack."""
+    for name, function in public_functions(ast.parse(path.read_text()).body):
+        if any("overload" in ast.unparse(decorator) for decorator in function.decorator_list):
+            continue
+        docstring = ast.get_docstring(function) or ""
+        arguments = argument_names(function, is_method="." in name)
+        entries = {"Parameters": arguments if len(arguments) > 1 else []}
+        entries["Raises"] = sorted(raised_errors(function))
+        if not docstring:
+            yield f"{name} has no docstring"
+        for title, names in entries.items():
+            lacking = [one for one in names if not documents(section(docstring, title), one)]
+            if lacking:
+                yield f"{name}: the section {title} lacks {', '.join(lacking)}"
+
+
+@pytest.mark.parametrize("module", MODULES)
+def test_docstrings_are_complete(module: str) -> None:
+    """Each function with two or more arguments names them all, and each error that it raises."""
+    assert list(missing(PACKAGE / module)) == []
