@@ -87,14 +87,8 @@ class Block:
 
     def rows(self, which: Integers) -> "Block":
         """Return the messages with these indices, in their order."""
-        return Block(
-            self.buffer,
-            self.starts[which],
-            self.sizes[which],
-            self.topics[which],
-            self.log_times[which],
-            self.publish_times[which],
-        )
+        columns = self.starts, self.sizes, self.topics, self.log_times, self.publish_times
+        return Block(self.buffer, *(column[which] for column in columns))
 
 
 _Rank: TypeAlias = tuple[

@@ -31,22 +31,13 @@ from linkage_vibration.readers.component_files import (
 
 _HEADER = 128
 _MATRIX, _COMPRESSED = 14, 15
-_NUMBERS = {
-    1: "i1",
-    2: "u1",
-    3: "i2",
-    4: "u2",
-    5: "i4",
-    6: "u4",
-    7: "f4",
-    9: "f8",
-    12: "i8",
-    13: "u8",
-}
+_NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4"}
+_NUMBERS |= {7: "f4", 9: "f8", 12: "i8", 13: "u8"}
 _TEXT = {1: "utf-8", 2: "utf-8", 4: "utf-16", 16: "utf-8", 17: "utf-16", 18: "utf-32"}
 _CELL, _CHAR, _SPARSE = 1, 4, 5
 _FULL = range(6, 16)  # double, single, and the integers
 _COMPLEX = 0x800
+_DAMAGE = (LookupError, OSError, RecursionError, StopIteration, ValueError)
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,9 +87,7 @@ def read_matlab(path: Path) -> dict[str, Any]:
         return variables
     except ComponentFileError:
         raise
-    except (LookupError, OSError, RecursionError, StopIteration, ValueError) as error:
-        raise damaged(path, error) from None
-    except (struct.error, zlib.error) as error:
+    except (*_DAMAGE, struct.error, zlib.error) as error:
         raise damaged(path, error) from None
 
 
