@@ -1,7 +1,7 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
 #
-#   make demo                        play the drive that ships to the node, over DDS
+#   make demo                        play the shipped drive to the node over DDS
 #   make demo BAG=FILE JOINT=NAME    play one joint of any bag
 #   make test                        lint, types and tests
 #   make coverage                    which share of the code the tests run, into docs/coverage.md
@@ -9,10 +9,10 @@
 #   make bench                       all benchmarks, into benchmark/results (some hours)
 #   make bench ONLY=latency          one of them
 #
-# Each sets .venv up first, where that is not done yet. PYTHON names the Python to use.
+# Each target first sets .venv up if that is not done yet. PYTHON names the Python to use.
 
 PYTHON ?= python3
-# Matrices here are small: BLAS threads cost more in waiting for one another than they save.
+# The matrices are small, so BLAS threads cost more time in waiting for each other than they save.
 export OPENBLAS_NUM_THREADS ?= 1
 in_venv = @. .venv/bin/activate &&
 

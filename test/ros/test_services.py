@@ -343,5 +343,5 @@ def test_manual(environment: dict[str, str], tmp_path: Path) -> None:
     assert len(lines) == 8
     read = load_table(tmp_path / f"{old}.npz", read_mechanism(tmp_path / f"{old}.yaml"))
     assert read.table_id == old
-    assert lines[-1].startswith("served from now on: ")
+    assert lines[-1].startswith("now in use: ")
     assert old not in lines[-1]
