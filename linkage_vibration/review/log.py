@@ -149,12 +149,12 @@ class Log:
         return np.asarray((self.stamps - self.stamps[0]) / 1e9)
 
 
-def read_log(path: Path) -> Log:
+def read_log(path: str | Path) -> Log:
     """Read a log.
 
     Parameters
     ----------
-    path : Path
+    path : str or Path
         An MCAP file, as the node or a replay writes it.
 
     Raises
@@ -164,6 +164,7 @@ def read_log(path: Path) -> Log:
     ReviewError
         If it holds no prediction, or if it is damaged.
     """
+    path = Path(path)
     types = topic_types(path)
     topics = [first_topic(types, kind) for kind in (PREDICTION, RESONANCE)]
     speeds = {
