@@ -37,13 +37,13 @@ def make_environment(folder: Path, wheel: Path, requirements: Iterable[str]) -> 
     """
     venv.create(folder, with_pip=False, symlinks=True)
     python = folder / "bin" / "python"
-    command = [sys.executable, "-m", "pip", "--python", python, "install", "-qq"]
-    subprocess.run([*command, "--no-deps", "--no-index", wheel], check=True)
+    kept = {k: v for k, v in os.environ.items() if not k.startswith(("AMENT", "PYTHON", "VIRTUAL"))}
+    command = [sys.executable, "-m", "pip", "--python", python, "install", "-qq", "--no-deps"]
+    subprocess.run([*command, "--no-index", "--ignore-installed", wheel], check=True, env=kept)
     (site,) = folder.glob("lib/python*/site-packages")
     (ours,) = importlib.metadata.distributions(path=[str(site)])
     for distribution in required({ours.name: ours}, requirements):
         link(distribution, folder, site)
-    kept = {k: v for k, v in os.environ.items() if not k.startswith(("AMENT", "PYTHON", "VIRTUAL"))}
     path = f"{folder / 'bin'}{os.pathsep}{os.environ['PATH']}"
     return {**kept, "PATH": path, "VIRTUAL_ENV": str(folder)}
 
