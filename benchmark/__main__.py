@@ -34,7 +34,7 @@ STEPS = (
 
 
 def main() -> int:
-    """Run the steps that are named, and report those that failed; return the exit code."""
+    """Run the named steps, report which failed, and return the exit code."""
     parser = argparse.ArgumentParser(prog="python -m benchmark", description=__doc__)
     parser.add_argument("steps", nargs="*", metavar="NAME", help=", ".join(STEPS))
     steps = parser.parse_args().steps or list(STEPS)

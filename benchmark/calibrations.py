@@ -1,8 +1,8 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""How near the nine published frequencies come, and what freedom brings them nearer.
+"""Fits the nine published frequencies with different free dimensions.
 
-Run by `python -m benchmark.calibrations`; it takes a few minutes.
+`python -m benchmark.calibrations` takes a few minutes.
 """
 
 import copy
@@ -26,12 +26,12 @@ V1_BESIDE = 0.034  # m
 
 
 def offset(points: dict[str, float]) -> dict[str, list[float]]:
-    """Return a link's points with its axis a little beside the line of its pins."""
+    """Return a link's points 20 mm off its axis."""
     return {name: [place, 0.02] for name, place in points.items()}
 
 
 def loosened(mapping: Any) -> Any:
-    """Return a description whose crank is held by a spring at P3 instead of a clamp."""
+    """Return a description in which a spring at P3 holds the crank instead of a clamp."""
     changed = copy.deepcopy(mapping)
     del changed["links"]["input_crank"]["clamped"]
     changed["springs"] = {"rockshaft": {"joint": "P3", "stiffness": 1e6}}
@@ -39,12 +39,12 @@ def loosened(mapping: Any) -> Any:
 
 
 def together(link: str, *points: str) -> str:
-    """Return the path of an offset that a link's pins share."""
+    """Return the path of the offset that all pins of a link share."""
     return ", ".join(f"links.{link}.points.{point}.1" for point in points)
 
 
 def variants(paper: Calibration) -> dict[str, Calibration]:
-    """Return the calibrations that are compared, by what they are free to change."""
+    """Return the calibrations to compare; the keys say what each may change."""
 
     def variant(mapping: Any, drop: str, *more: Parameter) -> Calibration:
         kept = tuple(p for p in paper.parameters if not drop or not p.path.startswith(drop))
@@ -77,7 +77,7 @@ def variants(paper: Calibration) -> dict[str, Calibration]:
     rod["points"] = offset(rod["points"])
     bend = Parameter(together("lift_rod", "V2", "V1"), 0.001, 0.06)
 
-    # P1 to V1 stays 0.366 m, as Table 1 has it, but V1 leaves the line from P1 to E1.
+    # P1 to V1 stays 0.366 m as in Table 1, but V1 is no longer on the line from P1 to E1.
     raised = copy.deepcopy(bent)
     place = [(0.366**2 - V1_BESIDE**2) ** 0.5, V1_BESIDE]
     raised["links"]["lower_link"]["points"]["V1"] = place
@@ -101,9 +101,9 @@ def main() -> None:
     paper = read_calibration(config_file("calibrations/paper.yaml"))
     wanted = np.array([target.frequency for target in paper.targets])
     rows = []
-    asked = variants(paper)
-    with tqdm(total=STARTS * len(asked), unit="start") as bar:
-        for name, calibration in asked.items():
+    compared = variants(paper)
+    with tqdm(total=STARTS * len(compared), unit="start") as bar:
+        for name, calibration in compared.items():
             result = calibrate(calibration, STARTS, lambda cost: bar.update(1))
             share = result.frequencies / wanted - 1.0
             worst = int(np.abs(share).argmax())
@@ -118,17 +118,22 @@ def main() -> None:
                 ]
             )
     columns = [
-        "free",
+        "linkage",
         "parameters",
         "half the sum of squared logarithms",
-        "of 9 within 3.6 %",
-        "worst",
-        "all nine, in the file's order",
+        "frequencies of 9 within 3.6 %",
+        "largest error",
+        "errors of all nine, in the file's order",
     ]
+    text = (
+        "This page shows how closely the package can match the nine natural frequencies that the "
+        "paper publishes, when more and more dimensions are free. Each row is the best fit from "
+        f"{STARTS} starts."
+    )
     publish(
         "calibrations",
-        "The published frequencies and what freedom brings them nearer",
-        [table(columns, rows)],
+        "Fits of the published natural frequencies",
+        [text, table(columns, rows)],
         machine(),
     )
 

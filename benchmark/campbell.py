@@ -1,8 +1,9 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Natural frequencies over the stroke, excitations over their speeds, and both over the drive.
+"""Draws the picture of docs/excitation.md: ``python -m benchmark.campbell``.
 
-Run by `python -m benchmark.campbell`; it draws the picture of docs/excitation.md.
+It shows the natural frequencies over the stroke, the engine orders over engine speed, and both over
+the shipped drive.
 """
 
 from collections.abc import Sequence
@@ -62,7 +63,7 @@ def over_the_stroke(ax: Axes, table: Table) -> None:
 
 
 def over_engine_speed(ax: Axes, table: Table, excitations: Sequence[Excitation]) -> None:
-    """Draw the engine's orders over its speed, and what the modes sweep over the stroke."""
+    """Draw the engine's orders over its speed, and the range of each mode over the stroke."""
     _, frequencies = _swept(table)
     for mode, colour in enumerate(COLOURS[: table.n_modes]):
         low, high = frequencies[:, mode].min(), frequencies[:, mode].max()
@@ -80,7 +81,7 @@ def over_engine_speed(ax: Axes, table: Table, excitations: Sequence[Excitation])
                 bbox={"boxstyle": "round,pad=0.15", "color": "white"},
             )
     ax.set(
-        title="Engine orders, and what each mode sweeps",
+        title="Engine orders, and the range of each mode",
         xlabel="engine speed [rpm]",
         xlim=ENGINE_SPEEDS,
         ylim=(0.0, TOP),
@@ -88,7 +89,7 @@ def over_engine_speed(ax: Axes, table: Table, excitations: Sequence[Excitation])
 
 
 def over_the_drive(ax: Axes, predictor: Predictor, excitations: Sequence[Excitation]) -> None:
-    """Draw what the monitor tells over the shipped drive: the nearest pair, and its warnings."""
+    """Draw modes, excitations and warnings over the shipped drive."""
     times, resonances = assess_drive(predictor, excitations)
     alpha3 = hitch_duty_cycle()[1]
     frequencies = predictor.table.evaluate(alpha3)[:, : predictor.table.n_modes]
@@ -97,18 +98,19 @@ def over_the_drive(ax: Axes, predictor: Predictor, excitations: Sequence[Excitat
     ax.fill_between(times, 0, 1, where=warned, transform=across, color=SHADE, lw=0, label="warning")
     for mode, colour in enumerate(COLOURS[: predictor.table.n_modes]):
         ax.plot(times, frequencies[:, mode], color=colour, lw=2.0, label=f"mode {mode + 1}")
-    told, engine, pto = engine_and_pto_speed()
+    speed_times, engine, pto = engine_and_pto_speed()
     speeds = {Source.ENGINE: engine, Source.PTO: pto}
     nearest = {resonance.excitation for resonance in resonances}
     for one in excitations:
         if one.name in nearest:
             turning = np.where(speeds[one.source] > 0.0, one.ratio * speeds[one.source], np.nan)
-            ax.plot(told, turning, color=INK if one.source is Source.ENGINE else GREY, lw=1.0)
+            colour = INK if one.source is Source.ENGINE else GREY
+            ax.plot(speed_times, turning, color=colour, lw=1.0)
     for name, height in (("engine 3", 103.0), ("engine 6", 183.0)):
         ax.annotate(name, (0.2, height), fontsize=8)
     ax.annotate("PTO shaft and rotor", (0.2, 21.0), fontsize=8, color=GREY)
     ax.set(
-        title="The shipped drive: warnings from a margin of 10 % on, until it is above 12 %",
+        title="The shipped drive: a warning begins below a margin of 10 % and ends above 12 %",
         xlabel="time [s]",
         ylabel="frequency [Hz]",
         xlim=(0.0, times[-1]),
@@ -125,9 +127,9 @@ def assess_drive(
     Returns
     -------
     times : ndarray, (n,), s
-        Of the joint states.
+        Times of the joint states.
     resonances : list of Resonance, n
-        At each.
+        The resonance at each time.
     """
     times, alpha3 = hitch_duty_cycle()
     readings = zip(times.tolist(), alpha3.tolist(), np.gradient(alpha3, times), strict=True)

@@ -47,8 +47,16 @@ def main() -> int:
         [name, f"{1e6 * cost:.2f}", "" if limit is None else f"{1e6 * limit:.2f}"]
         for name, cost, limit in costs
     ]
-    text = "The lowest of several repetitions, except where the row says median."
-    publish("costs", "Costs", [text, table(["call", "us", "limit, us"], rows)], machine())
+    text = (
+        "This page shows how long the calls take that the node makes for each message. Times are "
+        "the lowest of 20 repetitions, except where the row says median."
+    )
+    publish(
+        "costs",
+        "Costs of the node's calls",
+        [text, table(["call", "us", "limit, us"], rows)],
+        machine(),
+    )
     return int(any(limit is not None and cost > limit for _, cost, limit in costs))
 
 

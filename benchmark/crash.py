@@ -1,11 +1,10 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Recording is killed at a random moment, again and again: what is lost, and what is recovered.
+"""Kills recording processes at random moments and counts what is lost and what is recovered.
 
-Run by `python -m benchmark.crash [KILLS]`. Each child records one topic at 1 kHz, a message every
-millisecond that holds the time at which it was written and its number, and is killed by SIGKILL
-between 0.1 s and 3 s after its log appeared. Files are split every second, so that kills hit
-splits too.
+`python -m benchmark.crash [KILLS]` starts the processes. Each records one topic at 1 kHz; a message
+holds its number and the time at which it was written. SIGKILL ends the process between 0.1 s and
+3 s after its log appeared. Files are split every second, so that some kills happen during a split.
 """
 
 import itertools
@@ -40,18 +39,19 @@ _BODY = struct.Struct("<4xQQ")  # time of writing, number
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What a kill left.
+    """The files of one killed process.
 
     Attributes
     ----------
     lost : float
-        From the last message that is left, or else the first file's appearance, to the kill, s.
+        Time from the last recovered message to the kill, s; from the first file's appearance if
+        there is no message.
     holes : int
-        Messages that are missing before that one.
+        Messages that are missing before the last recovered one.
     messages : int
-        Messages that are left.
+        Recovered messages.
     files, unfinished : int
-        Files, and how many of them had to be recovered.
+        All files, and those that had to be recovered.
     """
 
     lost: float
@@ -62,7 +62,7 @@ class Outcome:
 
 
 def record(folder: Path) -> None:
-    """Record for ever."""
+    """Record until the process is killed."""
     topic = Topic("/numbers", "made_up/msg/Number", "uint64 time\nuint64 number\n", "", "")
     provenance = Provenance((Attachment("table.npz", "application/x-npz", bytes(100_000)),))
     recorder = Recorder(folder, [topic], provenance, Limits(split_duration=SPLIT))
@@ -74,7 +74,7 @@ def record(folder: Path) -> None:
 
 
 def kill(seed: int) -> Outcome:
-    """Let a process record, kill it, and see what is left."""
+    """Start a recording process, kill it, and return the outcome."""
     draw = random.Random(seed)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -82,16 +82,16 @@ def kill(seed: int) -> Outcome:
         process.start()
         while not any(folder.iterdir()):
             time.sleep(0.001)
-        begun = time.time_ns()
+        appeared = time.time_ns()
         time.sleep(draw.uniform(SHORTEST, LONGEST))
         killed = time.time_ns()
         process.kill()
         process.join()
-        return outcome(folder, begun, killed)
+        return outcome(folder, appeared, killed)
 
 
-def outcome(folder: Path, begun: int, killed: int) -> Outcome:
-    """Recover the files that need it, and read all of them by rosbags."""
+def outcome(folder: Path, appeared: int, killed: int) -> Outcome:
+    """Recover the unfinished files, and read all files with rosbags."""
     files = list(folder.glob("*.mcap"))
     unfinished = [path for path in files if not _is_complete(path)]
     bodies = []
@@ -105,7 +105,7 @@ def outcome(folder: Path, begun: int, killed: int) -> Outcome:
     times = [body[0] for body in bodies]
     numbers = {body[1] for body in bodies}
     return Outcome(
-        lost=1e-9 * (killed - max([begun, *times])),
+        lost=1e-9 * (killed - max([appeared, *times])),
         holes=max(numbers, default=-1) + 1 - len(numbers),
         messages=len(bodies),
         files=len(files),
@@ -122,7 +122,7 @@ def _is_complete(path: Path) -> bool:
 
 
 def main() -> None:
-    """Kill as often as the command line says, and publish what was lost."""
+    """Kill as many processes as the command line says, and publish what was lost."""
     count = int(sys.argv[1]) if len(sys.argv) > 1 else KILLS
     with ThreadPoolExecutor(AT_ONCE) as pool:
         outcomes = list(tqdm(pool.map(kill, range(count)), total=count, unit="kill"))
@@ -131,24 +131,25 @@ def main() -> None:
         ["kills", str(count)],
         ["messages recovered", str(sum(each.messages for each in outcomes))],
         [
-            "files, and of them unfinished",
+            "files, and how many of them were unfinished",
             _of(outcomes, "files") + ", " + _of(outcomes, "unfinished"),
         ],
         ["messages missing before the last one", _of(outcomes, "holes")],
         ["time lost, median, s", f"{np.median(lost):.3f}"],
         ["time lost, worst, s", f"{lost.max():.3f}"],
-        ["kills that cost more than 1 s", str(np.count_nonzero(lost > 1.0))],
+        ["kills that lost more than 1 s", str(np.count_nonzero(lost > 1.0))],
     ]
     text = (
-        f"Each process records a message of 20 bytes every {1e3 * PERIOD:g} ms or so, with an "
-        f"attachment of 100 kB and a new file every {SPLIT:g} s. It is killed by SIGKILL between "
-        f"{SHORTEST:g} s and {LONGEST:g} s after its first file appeared; {AT_ONCE} run at once. "
-        "Each unfinished file is recovered then, and rosbags reads them all. Lost is the time from "
-        "the last message that is left, or else the first file, to the kill."
+        "This page shows how much of a recording is lost when its process is killed. Each process "
+        f"records a message of 20 bytes about every {1e3 * PERIOD:g} ms, with an attachment of "
+        f"100 kB and a new file every {SPLIT:g} s. SIGKILL ends it between {SHORTEST:g} s and "
+        f"{LONGEST:g} s after its first file appeared; {AT_ONCE} processes run at once. Then each "
+        "unfinished file is recovered, and rosbags reads all files. The lost time is from the last "
+        "recovered message to the kill, or from the first file's appearance if there is no message."
     )
     publish(
         "crash",
-        "Recording, killed at a random moment",
+        "Recordings that are killed",
         [text, table(["", "found"], rows)],
         machine("mcap", "rosbags"),
     )

@@ -1,85 +1,61 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""A hundred thousand spoilt files: an error of ours or a valid result, and nothing else.
+"""Reads 100,000 damaged files: each must give an error of the package or a valid result.
 
-Run by `python -m benchmark.fuzz [INPUTS]`. Each reader works in a process of its own, with a limit
-on its memory and on the time of each input. Inputs are numbered and seeded by their number, so that
-one which failed is made again by `spoilt`.
+`python -m benchmark.fuzz [INPUTS]` runs each reader in its own process, with a limit on its memory
+and on the time of each input. The number of an input is the seed of its damage, so `damaged` makes
+an input that failed once more.
 """
 
 import contextlib
 import multiprocessing
 import os
-import random
 import resource
 import sys
 import tempfile
 import time
-import traceback
 import warnings
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
 from pathlib import Path
 
 from tqdm import tqdm
 
-from benchmark.file_readers import Files, Reader, all_readers
 from benchmark.report import machine, publish, table
-from benchmark.spoiling import spoil_file
-from linkage_vibration.errors import LinkageVibrationError
+from test.support.damage import (
+    ACCEPTED,
+    INVALID,
+    REFUSED,
+    TRACEBACK,
+    damaged,
+    read_outcome,
+    write_files,
+)
+from test.support.file_readers import all_readers
 
 INPUTS = 120_000
 MEMORY = 4 * 2**30  # bytes of address space
-GROWTH = 256 * 2**20  # bytes that reading a file of some kB may take
-SECONDS = 60.0  # for one input, by the clock, on a machine that others share
-START = 60.0  # s, for a process to begin
+GROWTH = 256 * 2**20  # bytes that reading a file of a few kB may take
+SECONDS = 60.0  # of wall-clock time for one input; other processes may use the machine, too
+START = 60.0  # s, for the start of a process
 
-REFUSED, ACCEPTED = "refused", "accepted"
-TRACEBACK, INVALID, GREEDY = "traceback", "invalid result", "too much memory"
-HANG, CRASH = "hang", "crash"
+GREEDY, HANG, CRASH = "too much memory", "hang", "crash"
 
 
 @dataclass(slots=True)
 class Tally:
-    """What became of a reader's inputs."""
+    """The outcomes of a reader's inputs."""
 
     outcomes: Counter[str] = field(default_factory=Counter)
     failures: list[str] = field(default_factory=list)
-    growth: int = 0  # bytes that memory grew beyond what unspoilt files take
+    growth: int = 0  # bytes by which memory grew beyond that of reading undamaged files
     slowest: float = 0.0  # s of processor time
 
 
-def spoilt(reader: Reader, number: int) -> tuple[str, Files]:
-    """Return input ``number`` of a reader: the path to give, and the files, one of them spoilt."""
-    rng = random.Random(f"{reader.name} {number}")
-    main, files = reader.seeds[number % len(reader.seeds)]
-    name = rng.choice(sorted(files))
-    others = [seed[other] for _, seed in reader.seeds for other in seed]
-    return main, {**files, name: spoil_file(name, files[name], others, rng)}
-
-
-def write(folder: Path, files: Files) -> None:
-    """Write files into a folder."""
-    for name, content in files.items():
-        (folder / name).write_bytes(content)
-
-
-def outcome(reader: Reader, path: Path) -> tuple[str, str]:
-    """Read a path; return what became of it, and the trace of what should not have."""
-    try:
-        reader.read(path)
-    except LinkageVibrationError:
-        return REFUSED, ""
-    except AssertionError:
-        return INVALID, traceback.format_exc()
-    except Exception:
-        return TRACEBACK, traceback.format_exc()
-    return ACCEPTED, ""
-
-
 def work(pipe: Connection, index: int, numbers: range) -> None:
-    """Read a reader's inputs one by one and send what became of each, with time and memory."""
+    """Read a reader's inputs one by one, and send the outcome, time and memory of each."""
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
     warnings.simplefilter("ignore")
     reader = all_readers()[index]
@@ -91,24 +67,24 @@ def work(pipe: Connection, index: int, numbers: range) -> None:
     ):
         folder = Path(place)
         for main, files in reader.seeds:
-            write(folder, files)
-            assert outcome(reader, folder / main) == (ACCEPTED, "")
+            write_files(folder, files)
+            assert read_outcome(reader, folder / main) == (ACCEPTED, "")
         before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
         for number in numbers:
-            main, files = spoilt(reader, number)
-            write(folder, files)
+            main, files = damaged(reader, number)
+            write_files(folder, files)
             start = time.process_time()
-            found, trace = outcome(reader, folder / main)
+            found, trace = read_outcome(reader, folder / main)
             spent = time.process_time() - start
             growth = 1024 * (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)
             if growth > GROWTH:
-                pipe.send((GREEDY, f"{growth} bytes more than unspoilt files take", spent, growth))
+                pipe.send((GREEDY, f"{growth} bytes more than undamaged files", spent, growth))
                 return
             pipe.send((found, trace, spent, growth))
 
 
-def fuzz(index: int, name: str, count: int, bar: "tqdm[None]") -> Tally:
-    """Watch over a worker, and start another after each input that killed or stopped it."""
+def fuzz(index: int, name: str, count: int, step: Callable[[], object]) -> Tally:
+    """Watch a worker process, and start another after each input that killed or stopped it."""
     context = multiprocessing.get_context("spawn")
     tally = Tally()
     number = 0
@@ -134,7 +110,7 @@ def fuzz(index: int, name: str, count: int, bar: "tqdm[None]") -> Tally:
                 tally.failures.append(f"{name}, input {number}: {found}\n{trace}")
             number += 1
             patience = SECONDS
-            bar.update()
+            step()
             if found in (HANG, CRASH, GREEDY):
                 break
         worker.kill()
@@ -143,8 +119,8 @@ def fuzz(index: int, name: str, count: int, bar: "tqdm[None]") -> Tally:
 
 
 def main() -> None:
-    """Fuzz every reader and publish what became of the inputs."""
-    names = [reader.name for reader in all_readers() if reader.seeds]  # all can be made
+    """Read damaged files with every reader, and publish the outcomes."""
+    names = [reader.name for reader in all_readers() if reader.seeds]  # this makes all seeds
     total = int(sys.argv[1]) if len(sys.argv) > 1 else INPUTS
     count = -(-total // len(names))
     rows = []
@@ -152,7 +128,7 @@ def main() -> None:
     with tqdm(total=count * len(names), unit="file") as bar:
         for index, name in enumerate(names):
             bar.set_description(name)
-            tally = fuzz(index, name, count, bar)
+            tally = fuzz(index, name, count, bar.update)
             failures += tally.failures
             bad = [TRACEBACK, INVALID, CRASH, HANG, GREEDY]
             outcomes = [tally.outcomes[kind] for kind in (REFUSED, ACCEPTED, *bad)]
@@ -162,17 +138,19 @@ def main() -> None:
         print(failure, file=sys.stderr)
     columns = ["reader", "inputs", REFUSED, ACCEPTED, "tracebacks", "invalid results"]
     columns += ["crashes", "hangs", "too much memory", "memory grew by, MiB", "slowest, s"]
-    told = (
-        "Files that each reader accepts, spoilt in one place or a few: bits, bytes, integers, "
-        "numbers, words, lines, pieces cut, repeated or taken from another file; members of "
-        "archives and branches of YAML trees with everything around them intact. Refused: an error "
-        f"of ours. An input may take {GROWTH / 2**20:.0f} MiB of memory, {MEMORY / 2**30:.0f} GiB "
-        f"of addresses and {SECONDS:.0f} s; memory grew over that of reading the unspoilt files."
+    text = (
+        "This page shows what each reader does with damaged files. Files that it accepts are "
+        "damaged in one place or a few: bits, bytes, integers, numbers, words or lines are "
+        "changed; pieces are cut out, repeated or replaced by pieces of other files; so are single "
+        "members of archives and branches of YAML trees. A refused file gives an error of the "
+        f"package. An input may take {GROWTH / 2**20:.0f} MiB of memory, {MEMORY / 2**30:.0f} GiB "
+        f"of address space and {SECONDS:.0f} s. Memory is compared with that of reading the "
+        "undamaged files."
     )
     publish(
         "fuzz",
-        "Spoilt files",
-        [told, table(columns, rows)],
+        "Damaged files",
+        [text, table(columns, rows)],
         machine("PyYAML", "pyuff", "meshio", "scikit-fem", "rosbags"),
     )
     sys.exit(bool(failures))

@@ -1,10 +1,11 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Compare our own readers and writers with libraries that do the same.
+"""Compares our readers and writers with libraries that do the same.
 
-Ours and the library's take turns in one process, so that other processes slow both down alike.
-Times are medians of five rounds with the least and the greatest; memory is the peak of a process
-that runs one of them once, above what it had before.
+This page compares the speed and the memory of our readers and writers with those of libraries. Ours
+and the library's take turns in one process, so that the load of the machine affects both equally.
+Times are medians of five rounds, with the lowest and the highest in brackets. Memory is the
+increase of the peak of a process that calls the function once.
 """
 
 import contextlib
@@ -33,8 +34,6 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from scipy import sparse
 from tqdm import tqdm
 
-from benchmark.file_readers import all_readers
-from benchmark.fuzz import spoilt, write
 from benchmark.replay import write_mcap, write_ros1
 from benchmark.report import machine, publish, table
 from linkage_vibration.bags.chunks import ChunkLog, Messages
@@ -48,6 +47,8 @@ from linkage_vibration.messages.definitions import message_definition
 from linkage_vibration.messages.encoding import encode_predictions
 from linkage_vibration.prediction.batch import Predictions
 from linkage_vibration.readers.matlab import read_matlab
+from test.support.damage import damaged, write_files
+from test.support.file_readers import all_readers
 
 SECONDS = 30  # of joint states at 1 kHz
 ROUNDS = 5
@@ -198,7 +199,7 @@ def _apart(function: Callable[..., Any], *arguments: Any) -> Any:
 
 
 def compared(path: Path, functions: Mapping[str, Measured]) -> str:
-    """Return a table of functions that do the same with a file; the first one is ours."""
+    """Return a table of functions that do the same with a file; the first is ours."""
     took = np.array(_apart(_turns, list(functions.values()), path))
     rows = []
     for (name, function), times in zip(functions.items(), took, strict=True):
@@ -214,7 +215,7 @@ def compared(path: Path, functions: Mapping[str, Measured]) -> str:
 
 
 def recovered(folder: Path, path: Path) -> str:
-    """Return a table of how many messages are saved of a log that is damaged in one place."""
+    """Return a table of how many messages are recovered from a log damaged in one place."""
     content, rows = path.read_bytes(), []
     with path.open("rb") as file:
         summary = make_reader(file).get_summary()
@@ -227,14 +228,14 @@ def recovered(folder: Path, path: Path) -> str:
         ("4 KiB of zeros there", half, bytes(4096)),
         ("64 bytes of zeros at the beginning", 0, bytes(64)),
     ):
-        spoiled = folder / "damaged.mcap"
-        spoiled.write_bytes(content[:start] + new + content[start + len(new) :])
-        rows.append([name, f"{_recover_ours(spoiled)}", f"{_recover_by_mcap(spoiled)}"])
-    spoiled.write_bytes(content[:half])
+        damaged_log = folder / "damaged.mcap"
+        damaged_log.write_bytes(content[:start] + new + content[start + len(new) :])
+        rows.append([name, f"{_recover_ours(damaged_log)}", f"{_recover_by_mcap(damaged_log)}"])
+    damaged_log.write_bytes(content[:half])
     rows.append(
-        ["second half cut off", f"{_recover_ours(spoiled)}", f"{_recover_by_mcap(spoiled)}"]
+        ["second half cut off", f"{_recover_ours(damaged_log)}", f"{_recover_by_mcap(damaged_log)}"]
     )
-    return table(["damage", "saved by ours", "saved by mcap"], rows)
+    return table(["damage", "recovered by ours", "recovered by mcap"], rows)
 
 
 def _outcome(read: Callable[[Path], Any], path: Path) -> str:
@@ -250,14 +251,14 @@ def _outcome(read: Callable[[Path], Any], path: Path) -> str:
 
 
 def damaged_matlab(folder: Path) -> str:
-    """Return a table of what becomes of damaged MATLAB files."""
+    """Return a table of the outcomes of reading damaged MATLAB files."""
     [reader] = [reader for reader in all_readers() if "MATLAB" in reader.name]
     tallies: dict[str, Counter[str]] = {"ours": Counter(), "scipy.io.loadmat": Counter()}
     for (name, tally), read in zip(tallies.items(), (read_matlab, scipy.io.loadmat), strict=True):
         pool = ProcessPoolExecutor(1, multiprocessing.get_context("spawn"))
         for number in tqdm(range(DAMAGED), desc=name):
-            main, files = spoilt(reader, number)
-            write(folder, files)
+            main, files = damaged(reader, number)
+            write_files(folder, files)
             try:
                 tally[pool.submit(_outcome, read, folder / main).result()] += 1
             except BrokenProcessPool:
@@ -292,7 +293,7 @@ def _parts(folder: Path) -> Iterator[str]:
     yield compared(folder / "rows.mcap", {"ours": _columns_ours, "rosbags": _columns_by_rosbags})
     yield "The joint states recovered from the MCAP file, undamaged:"
     yield compared(bag, {"ours": _recover_ours, "mcap": _recover_by_mcap})
-    yield "Messages saved of that file after damage:"
+    yield "The number of messages recovered from that file after damage:"
     yield recovered(folder, bag)
     upper = sparse.spdiags(np.random.default_rng(0).random((41, n)), range(0, 287, 7), n, n)
     stiffness = sparse.csc_matrix(upper + upper.T)
@@ -301,7 +302,7 @@ def _parts(folder: Path) -> Iterator[str]:
     yield compared(
         folder / "large.mat", {"ours": _matlab_ours, "scipy.io.loadmat": _matlab_by_scipy}
     )
-    yield f"{DAMAGED} small damaged MATLAB files, read in a process of 4 GiB:"
+    yield f"{DAMAGED} small damaged MATLAB files, read in a process that may use 4 GiB:"
     yield damaged_matlab(folder)
 
 

@@ -1,9 +1,8 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Logs opened by every independent reader that installs, and compared message by message.
+"""Reads logs with independent libraries and compares every message.
 
-Run by `python -m benchmark.log_readers`; needs Node.js with npm, whose packages it installs below
-``build``.
+`python -m benchmark.log_readers` needs Node.js with npm, whose packages it installs in ``build``.
 """
 
 import json
@@ -80,7 +79,7 @@ def record(folder: Path, compression: str, limits: Limits) -> None:
 
 
 def plain(value: Any) -> Any:
-    """Return a decoded message of any reader as dicts, lists and numbers; NaN as a word."""
+    """Return a decoded message of any reader as dicts, lists and numbers; NaN as a string."""
     for names in (getattr(value, "__slots__", ()), getattr(value, "__dataclass_fields__", ())):
         if fields := [name for name in names if name.islower() and name[0] != "_"]:
             return {name: plain(getattr(value, name)) for name in fields}
@@ -90,7 +89,7 @@ def plain(value: Any) -> Any:
 
 
 def by_mcap(path: Path) -> list[Message]:
-    """Read by mcap and mcap-ros2-support."""
+    """Read a log with mcap and mcap-ros2-support."""
     with path.open("rb") as file:
         reader = make_reader(file, validate_crcs=True, decoder_factories=[DecoderFactory()])
         return [
@@ -100,7 +99,7 @@ def by_mcap(path: Path) -> list[Message]:
 
 
 def by_rosbags(path: Path) -> list[Message]:
-    """Read by rosbags, which does not tell the publish time."""
+    """Read a log with rosbags, which does not give the publish time."""
     with AnyReader([path]) as reader:
         return [
             (c.topic, time, 0, plain(reader.deserialize(data, c.msgtype)))
@@ -109,7 +108,7 @@ def by_rosbags(path: Path) -> list[Message]:
 
 
 def by_npm(path: Path) -> list[Message]:
-    """Read by @mcap/core and @foxglove/rosmsg2-serialization."""
+    """Read a log with @mcap/core and @foxglove/rosmsg2-serialization."""
     script = Path(__file__).with_suffix(".mjs")
     command = ["node", str(script), str(NODE_MODULES), str(path)]
     run = subprocess.run(command, check=True, capture_output=True, text=True)
@@ -123,13 +122,13 @@ def by_npm(path: Path) -> list[Message]:
 
 
 def npm_version(package: str) -> str:
-    """Return the name and version of a package of npm."""
-    told = (NODE_MODULES / "node_modules" / package / "package.json").read_text(encoding="utf-8")
-    return f"{package} {json.loads(told)['version']}"
+    """Return the name and version of an npm package."""
+    text = (NODE_MODULES / "node_modules" / package / "package.json").read_text(encoding="utf-8")
+    return f"{package} {json.loads(text)['version']}"
 
 
 def make_logs(folder: Path) -> dict[str, Path]:
-    """Return logs of each kind by what they are."""
+    """Make a log of each kind; the keys describe them."""
     kinds = {f"compression {name}": (name, UNLIMITED) for name in COMPRESSIONS}
     kinds["one of several splits"] = ("zstd", Limits(split_size=250_000))
     found = {}
@@ -146,9 +145,9 @@ def make_logs(folder: Path) -> dict[str, Path]:
 
 
 def main() -> int:
-    """Compare the readers, publish, and return how many disagree."""
+    """Compare the readers, publish the result, and return how many logs they read differently."""
     if shutil.which("npm") is None:
-        print("Node.js with npm is missing; install it, and run this again.", file=sys.stderr)
+        print("npm is missing; install Node.js with npm and run this again.", file=sys.stderr)
         return 1
     NODE_MODULES.mkdir(parents=True, exist_ok=True)
     install = ["npm", "install", "--silent", "--ignore-scripts", "--prefix", str(NODE_MODULES)]
@@ -162,13 +161,14 @@ def main() -> int:
             wrong += agree.count(False)
             rows.append([name, str(len(expected)), *("same" if a else "DIFFERENT" for a in agree)])
     text = (
-        "Logs of the duty cycle with its predictions, read by mcap with mcap-ros2-support, and "
-        "message by message, field by field, by the other readers: @mcap/core with "
-        "@foxglove/rosmsg2-serialization, which are Foxglove's, and rosbags."
+        "This page shows that independent libraries read the same messages from our logs. Every "
+        "field of every message that mcap with mcap-ros2-support reads is compared with what two "
+        "others read: Foxglove's @mcap/core with @foxglove/rosmsg2-serialization, and rosbags. The "
+        "logs contain the shipped drive with its predictions."
     )
     columns = ["log", "messages", "npm", "rosbags"]
     others = machine("mcap", "mcap-ros2-support", "rosbags", *map(npm_version, PACKAGES))
-    publish("log_readers", "Logs and their readers", [text, table(columns, rows)], others)
+    publish("log_readers", "Logs, read by other libraries", [text, table(columns, rows)], others)
     return wrong
 
 

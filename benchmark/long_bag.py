@@ -1,10 +1,10 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Whether memory stays while a long bag is replayed: ``python -m benchmark.long_bag [GB]``.
+"""Measures the memory of a replay of long bags: ``python -m benchmark.long_bag [GB]``.
 
-Bags as ``ros2 bag record`` writes them, MCAP in chunks of 768 KiB without compression, and tenths
-of them: one with a laser scanner beside the joints, one with joints alone. The temporary folder
-(TMPDIR) needs twice the room of the longest.
+The bags are like those of ``ros2 bag record``: MCAP in chunks of 768 KiB without compression. One
+has a laser scanner in addition to the joints, the other has not. Each is compared with a bag of a
+tenth of its size. The temporary folder (TMPDIR) needs twice the size of the largest bag.
 """
 
 import multiprocessing
@@ -36,7 +36,7 @@ KINDS = {True: "joints, engine speed, laser scanner", False: "joints, engine spe
 
 
 def main() -> None:
-    """Replay a bag of each kind and a tenth of it, and publish how fast, and in what memory."""
+    """Replay a long and a short bag of each kind, and publish the speed and the memory."""
     longest = float(sys.argv[1]) if len(sys.argv) > 1 else GIGABYTES
     rows, ratios = [], []
     for scanner, kind in KINDS.items():
@@ -45,35 +45,39 @@ def main() -> None:
             with tempfile.TemporaryDirectory() as name:
                 bag = Path(name) / "bag.mcap"
                 write(bag, gigabytes * 1e9, scanner=scanner)
-                # A process of its own, whose memory is that of the replay alone.
+                # The replay runs in its own process, so that no other memory is counted.
                 spawn = multiprocessing.get_context("spawn")
                 with ProcessPoolExecutor(1, spawn) as pool:
                     done = pool.submit(replayed, bag, Path(name) / "out.mcap")
                     took, states, peak = done.result()
                 size = f"{bag.stat().st_size / 1e9:.2f}"
             rate = states / took
-            told = [f"{took:.1f}", f"{rate:,.0f}", f"{rate / RATE:,.0f}", f"{peak:.0f}"]
-            rows.append([kind, size, f"{states}", f"{states / RATE / 3600:.2f}", *told])
+            speed = [f"{took:.1f}", f"{rate:,.0f}", f"{rate / RATE:,.0f}"]
+            hours = f"{states / RATE / 3600:.2f}"
+            rows.append([kind, size, f"{states}", hours, *speed, f"{peak:.0f}"])
             peaks.append(peak)
         ratios.append(f"{kind}: {peaks[1] / peaks[0]:.2f}")
     publish(
         "long_bag",
-        "Long bags",
+        "Replay of long bags",
         [
-            f"In: three joints with velocities at {RATE} Hz, an engine speed at "
-            f"{RATE // SPEED_EVERY} Hz and, where told, {CLOUD_BYTES / 1e3:.0f} kB of points at "
-            f"{RATE // CLOUD_EVERY} Hz, as MCAP without compression. Out: joints, speeds, "
-            "predictions and resonances, as MCAP with zstd. Peak: resident memory of the process "
-            "that replays, Python and NumPy included.",
+            "This page shows how fast long bags are replayed and how much memory that takes. The "
+            f"bags hold three joints with velocities at {RATE} Hz, an engine speed at "
+            f"{RATE // SPEED_EVERY} Hz and, if the row says laser scanner, "
+            f"{CLOUD_BYTES / 1e3:.0f} kB of points at {RATE // CLOUD_EVERY} Hz, as MCAP without "
+            "compression. The replay writes joints, speeds, predictions and resonances, as MCAP "
+            "with zstd. The peak is the resident memory of the process that replays, including "
+            "Python and NumPy.",
             table(COLUMNS, rows),
-            f"Peak memory with ten times the bag: {'; '.join(ratios)} times as much.",
+            "Ratio of the peak memory with the long bag to that with a tenth of it: "
+            f"{'; '.join(ratios)}.",
         ],
         machine("mcap", "rosbags", "zstandard"),
     )
 
 
 def replayed(bag: Path, output: Path) -> tuple[float, int, float]:
-    """Return how long a replay takes, s, how many states it has, and its peak memory, MiB."""
+    """Replay a bag; return the time (s), the number of predictions and the peak memory (MiB)."""
     begin = time.perf_counter()
     with tqdm(desc="replay", unit="message", unit_scale=True) as bar:
 
@@ -88,7 +92,7 @@ def replayed(bag: Path, output: Path) -> tuple[float, int, float]:
 
 
 def write(path: Path, size: float, *, scanner: bool) -> None:
-    """Write a bag of this many bytes."""
+    """Write a bag of about ``size`` bytes."""
     store = get_typestore(Stores.LATEST)
     with path.open("wb") as file, tqdm(desc="write", total=size, unit="B", unit_scale=True) as bar:
         writer = Writer(file, chunk_size=768 * 1024, compression=CompressionType.NONE)
@@ -117,11 +121,11 @@ def write(path: Path, size: float, *, scanner: bool) -> None:
                 writer.add_message(joints, now, state, now)
             first += RATE
             bar.update(file.tell() - bar.n)
-        writer.finish()
+        writer.finish()  # type: ignore[no-untyped-call]
 
 
 def joint_states(first: int) -> Sequence[bytes]:
-    """Return the joint states of a second, from that of a number on."""
+    """Return the joint states of one second, from number ``first`` on."""
     store = get_typestore(Stores.LATEST)
     state, header, stamp = (
         store.types[name]
@@ -138,7 +142,7 @@ def joint_states(first: int) -> Sequence[bytes]:
     rows = np.tile(example, (RATE, 1))
     sec, nanosec = np.divmod(START + k * 10**9 // RATE, 10**9)
     rows[:, 4:12] = np.column_stack([sec, nanosec]).astype("<u4").view(np.uint8)
-    # Behind the velocities stands how many efforts there are, before them their own number, padded.
+    # The count of efforts follows the velocities; their own count, with padding, precedes them.
     velocity, position = len(example) - 28, len(example) - 60
     positions = np.column_stack([0.01 * k / RATE, angle, 56.5 * k / RATE])
     rates = np.column_stack(
@@ -150,7 +154,7 @@ def joint_states(first: int) -> Sequence[bytes]:
 
 
 def point_cloud() -> bytes:
-    """Return one turn of a laser scanner."""
+    """Return the points of one revolution of a laser scanner."""
     store = get_typestore(Stores.LATEST)
     stamp = store.types["builtin_interfaces/msg/Time"](sec=START // 10**9, nanosec=0)
     message = store.types[POINT_CLOUD](

@@ -1,9 +1,8 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""What holds for every linkage, tried on ten thousand random ones a property.
+"""Checks the properties of ``test/properties`` on ten thousand random linkages each.
 
-Run by `python -m benchmark.properties`; it takes half an hour. The properties are those of
-``test/properties``, in the nightly setting.
+`python -m benchmark.properties` takes half an hour; it runs the tests marked nightly.
 """
 
 import sys
@@ -19,17 +18,17 @@ TESTS = Path(__file__).parents[1] / "test" / "properties"
 
 @dataclass
 class Results:
-    """A plugin of pytest that keeps what became of each property."""
+    """A plugin of pytest that keeps the outcome of each property."""
 
     titles: dict[str, str] = field(default_factory=dict)
     rows: list[list[str]] = field(default_factory=list)
 
     def pytest_itemcollected(self, item: pytest.Function) -> None:
-        """Keep what a test shows."""
+        """Keep the first line of a test's docstring."""
         self.titles[item.nodeid] = (item.function.__doc__ or "").strip()
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
-        """Keep how it ended."""
+        """Keep the outcome of a test."""
         if report.when == "call":
             examples = report.nodeid.partition("[")[2].rstrip("]")
             title = self.titles[report.nodeid]
@@ -37,13 +36,16 @@ class Results:
 
 
 def main() -> None:
-    """Try every property and publish what became of it."""
+    """Check every property and publish the outcomes."""
     results = Results()
     status = pytest.main(["-m", "nightly", "-q", str(TESTS)], plugins=[results])
     publish(
         "properties",
         "Properties of random linkages",
-        [table(["property", "examples", "outcome"], results.rows)],
+        [
+            "This page shows which properties of mechanics were checked with random linkages.",
+            table(["property", "examples", "outcome"], results.rows),
+        ],
         machine("hypothesis"),
     )
     sys.exit(status)

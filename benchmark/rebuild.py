@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Latency while another implement's table is built: ``python -m benchmark.rebuild``."""
+"""Measures the latency while a table is rebuilt: ``python -m benchmark.rebuild [ROUNDS]``."""
 
 import sys
 from functools import partial
@@ -20,11 +20,11 @@ MASSES = (600.0, 1000.0)  # kg
 
 
 def main() -> None:
-    """Measure with and without, in turns, and publish both."""
+    """Measure with and without a rebuild in turns, and publish both."""
     rounds = int(sys.argv[1]) if len(sys.argv) > 1 else ROUNDS
     quiet, building = [], []
     driver = Driver()
-    client = driver.node.create_client(SetImplement, "ours/set_implement")
+    client: Any = driver.node.create_client(SetImplement, "ours/set_implement")
     with running([*OURS, *named("ours")]) as process:
         driver.meet("ours")
         for number in tqdm(range(rounds), unit="round"):
@@ -37,18 +37,21 @@ def main() -> None:
                 raise RuntimeError(f"the table was not built: {answers[0].result()}")
     driver.close()
     rows = []
-    for name, runs in {"as ever": quiet, "while a table is built": building}.items():
+    for name, runs in {"no table is built": quiet, "a table is built": building}.items():
         own = np.array([figures([run]) for run in runs])
         spread = [f"{np.median(v):.2f} ({v.min():.2f} to {v.max():.2f})" for v in own.T[:2]]
         longest = 1e3 * max(run.latencies.max() for run in runs)
         rows.append([name, *spread, f"{longest:.1f}", f"{sum(run.lost for run in runs)}"])
     publish(
         "rebuild",
-        "Latency while another implement's table is built",
+        "Latency while a table is rebuilt",
         [
-            f"Joint states at {RATE:g} Hz, {rounds} rounds of {COUNT / RATE:g} s each way. A "
-            "table is built, in a process of its own, upon a call of `~/set_implement` as a round "
-            "begins. Medians over rounds, in brackets from the lowest to the highest.",
+            "This page compares the latency of predictions while the node builds the table of "
+            f"another implement with the latency at other times. Joint states arrive at {RATE:g} "
+            f"Hz, in {rounds} rounds of {COUNT / RATE:g} s in each case. A call of "
+            "`~/set_implement` at the beginning of a round makes the node build the table in "
+            "another process. Values are medians over the rounds, with the lowest and the highest "
+            "in brackets.",
             table(["", "median [ms]", "p99 [ms]", "longest [ms]", "lost"], rows),
         ],
         machine(),
@@ -56,7 +59,7 @@ def main() -> None:
 
 
 def asked(client: Any, request: SetImplement.Request, answers: list[Any]) -> None:
-    """Call the service, and keep the answer that is to come."""
+    """Call the service, and append the future of its response."""
     answers.append(client.call_async(request))
 
 

@@ -1,8 +1,9 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""How fast bags are replayed, and where the time goes: ``python -m benchmark.replay [SECONDS]``.
+"""Measures how fast bags are replayed: ``python -m benchmark.replay [SECONDS]``.
 
-Joint states at 1 kHz, as a joint_state_broadcaster sends them: three joints with velocities.
+The bags hold joint states at 1 kHz, as a joint_state_broadcaster sends them: three joints with
+velocities.
 """
 
 import cProfile
@@ -38,8 +39,8 @@ STAGES = {
     "_chunk_block": "finding messages in chunks",
     "find_messages": "finding messages in chunks",
     "many_to_cdr": "turning ROS 1 into CDR",
-    "_joined": "putting them in order, by columns",
-    "rows": "putting them in order, by columns",
+    "_joined": "ordering messages by time",
+    "rows": "ordering messages by time",
     "_read": "decoding joint states",
     "predict_many": "predicting",
     "encode_predictions": "encoding predictions",
@@ -64,20 +65,22 @@ def main() -> None:
         }
         for kind, bag in tqdm(bags.items()):
             took, busy, count = min(timed(bag, folder / "out.mcap") for _ in range(3))
-            told = [f"{count / took:,.0f}", f"{count / took / RATE:,.0f}"]
-            rows.append([kind, f"{count}", *told, f"{1e6 * busy / count:.1f}"])
+            speed = [f"{count / took:,.0f}", f"{count / took / RATE:,.0f}"]
+            rows.append([kind, f"{count}", *speed, f"{1e6 * busy / count:.1f}"])
         shares = {kind: profiled(bags[kind], folder / "out.mcap") for kind in list(bags)[:2]}
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     publish(
         "replay",
         "Replay",
         [
-            "In: three joints with velocities at 1 kHz. Out: the same, predictions and, where a "
-            "speed is known, resonances, as MCAP with zstd. The best of three runs.",
+            "This page shows how fast bags are replayed and which steps take the time. The bags "
+            "hold three joints with velocities at 1 kHz. The replay writes the joint states, the "
+            "predictions and, if a speed is known, the resonances, as MCAP with zstd. The best of "
+            "three runs is shown.",
             table(COLUMNS, rows),
             f"Peak memory of the process, which also wrote the bags: {peak:.0f} MiB.",
-            "Where the time goes, of the main thread under a profiler; chunks are compressed and "
-            "written on another one meanwhile.",
+            "The next tables show the time of each step in the main thread, under a profiler. "
+            "Another thread compresses and writes chunks at the same time.",
             *(f"{kind}:\n\n{table(['part', 'share'], found)}" for kind, found in shares.items()),
         ],
         machine("mcap", "rosbags", "zstandard"),
@@ -85,14 +88,14 @@ def main() -> None:
 
 
 def timed(bag: Path, output: Path) -> tuple[float, float, int]:
-    """Return how long a replay takes, on the clock and of both cores, s, and how many states."""
+    """Replay a bag; return wall-clock and processor time (s) and the number of predictions."""
     begin, busy = time.perf_counter(), time.process_time()
     done = replay([bag], output, Parameters())
     return time.perf_counter() - begin, time.process_time() - busy, done.predictions
 
 
 def profiled(bag: Path, output: Path) -> list[list[str]]:
-    """Return the shares of the parts of a replay."""
+    """Replay a bag; return the share of time of each step."""
     profile = cProfile.Profile()
     profile.runcall(replay, [bag], output, Parameters())
     found: dict[str, float] = {}
@@ -108,7 +111,7 @@ def profiled(bag: Path, output: Path) -> list[list[str]]:
 
 
 def joint_states(seconds: int) -> Iterator[tuple[int, Any]]:
-    """Yield times (ns) and messages."""
+    """Yield the times (ns) and messages of the joint states."""
     store = get_typestore(Stores.LATEST)
     state, header, stamp = (
         store.types[name]
@@ -131,7 +134,7 @@ def joint_states(seconds: int) -> Iterator[tuple[int, Any]]:
 
 
 def write_mcap(path: Path, seconds: int, *, speeds: bool = False) -> Path:
-    """Write them as rosbag2 does, with chunks of 768 KiB."""
+    """Write the joint states to MCAP as rosbag2 does, with chunks of 768 KiB."""
     store = get_typestore(Stores.LATEST)
     float64 = store.types["std_msgs/msg/Float64"]
     with path.open("wb") as file:
@@ -155,12 +158,12 @@ def write_mcap(path: Path, seconds: int, *, speeds: bool = False) -> Path:
                 writer.add_message(channels[1], now, bytes(data), now)
             data = store.serialize_cdr(message, JOINT_STATE)
             writer.add_message(channels[0], now, bytes(data), now)
-        writer.finish()
+        writer.finish()  # type: ignore[no-untyped-call]
     return path
 
 
 def write_ros2(folder: Path, seconds: int) -> Path:
-    """Write them as a SQLite bag."""
+    """Write the joint states to a SQLite bag."""
     store = get_typestore(Stores.LATEST)
     with Writer2(folder, version=9, storage_plugin=StoragePlugin.SQLITE3) as writer:
         connection = writer.add_connection("/joint_states", JOINT_STATE, typestore=store)
@@ -170,7 +173,7 @@ def write_ros2(folder: Path, seconds: int) -> Path:
 
 
 def write_ros1(path: Path, seconds: int) -> Path:
-    """Write them as a ROS 1 bag."""
+    """Write the joint states to a ROS 1 bag."""
     ros1 = get_typestore(Stores.ROS1_NOETIC)
     with Writer1(path) as writer:
         connection = writer.add_connection("/joint_states", JOINT_STATE, typestore=ros1)

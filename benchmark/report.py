@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Results of a benchmark as a Markdown file that tells how it was made."""
+"""Writes the results of a benchmark as a Markdown page, with the command and the machine."""
 
 import os
 import platform
@@ -12,7 +12,7 @@ RESULTS = Path(__file__).parent / "results"
 
 
 def table(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """Lay out a Markdown table, its columns padded so that it reads as plain text too.
+    """Return a Markdown table with padded columns, so that it can be read as plain text, too.
 
     Examples
     --------
@@ -32,17 +32,17 @@ def table(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 
 def machine(*others: str) -> str:
-    """Tell the machine and what ran on it: cores, Python, NumPy, SciPy and others that matter.
+    """Return the machine's cores and the versions of Python, NumPy, SciPy and others.
 
     Parameters
     ----------
     *others : str
-        Installed distributions, or ``name version`` of a program that is none.
+        Installed distributions, or ``name version`` of a program that is no distribution.
     """
     distributions = ["numpy", "scipy", *others]
-    told = [name if " " in name else f"{name} {version(name)}" for name in distributions]
+    versions = [name if " " in name else f"{name} {version(name)}" for name in distributions]
     cores = f"{os.cpu_count()} cores, {platform.machine()}, {platform.system()}"
-    return f"{cores}; Python {platform.python_version()}, {', '.join(told)}"
+    return f"{cores}; Python {platform.python_version()}, {', '.join(versions)}"
 
 
 def publish(name: str, title: str, parts: Sequence[str], machine_line: str) -> None:
@@ -51,13 +51,13 @@ def publish(name: str, title: str, parts: Sequence[str], machine_line: str) -> N
     Parameters
     ----------
     name : str
-        Module below ``benchmark``, such as ``validation.solid_fe``; its last part names the file.
+        Module in ``benchmark``, such as ``validation.solid_fe``; its last part names the file.
     title : str
         Heading.
     parts : sequence of str
-        Paragraphs and tables.
+        Paragraphs and tables. The first sentence says what the page shows.
     machine_line : str
-        From `machine`.
+        What `machine` returns.
     """
     command = f"Made by `python -m benchmark.{name}` on: {machine_line}."
     text = "\n\n".join([f"# {title}", *parts, command]) + "\n"

@@ -1,8 +1,8 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Whether the page of an hour's log is smooth: ``python -m benchmark.review_page [MINUTES]``.
+"""Times the frames of the page of a long log: ``python -m benchmark.review_page [MINUTES]``.
 
-A headless Chromium is given a person's input, and each frame that answers it is timed: from its
+A headless Chromium receives the input of a person. Each frame that answers it is timed from its
 first callback until the page's thread is free again, when everything is laid out and painted.
 """
 
@@ -18,24 +18,25 @@ import numpy as np
 from mcap.reader import make_reader
 from tqdm import tqdm
 
-from benchmark.browser import Browser
 from benchmark.report import machine, publish, table
 from linkage_vibration.bags.writing import LogWriter, Topic, offered_qos_profiles
+from linkage_vibration.demo.demo import ENGINE_SPEED
 from linkage_vibration.playback.replay import replay
 from linkage_vibration.prediction.settings import Parameters
 from linkage_vibration.review.html import write_page
 from linkage_vibration.review.log import read_log
 from linkage_vibration.review.review_page import review_page
 from linkage_vibration.support.resources import config_file
-from test.support.drive import DURATION, ENGINE_SPEED, JOINTS, RATE
+from test.support.browser import Browser
+from test.support.drive import DURATION, JOINTS, RATE
 
 MINUTES = 60.0
 FRAME = 1000.0 / 60.0  # ms
 WIDTH, HEIGHT = 1920, 1080
-GESTURES, STEPS = 24, 20  # of each kind, and of each gesture
-CTRL, SHIFT = 2, 8  # of DevTools
+GESTURES, STEPS = 24, 20  # gestures of each kind, and steps of each gesture
+CTRL, SHIFT = 2, 8  # modifiers of DevTools
 CHART = "#chart-waterfall .u-over"
-Place = Callable[[float], tuple[float, float]]  # by the share of the chart's width
+Place = Callable[[float], tuple[float, float]]  # from a share of the chart's width to a point
 Gesture = Callable[[Browser, Place, random.Random, int], None]
 COLUMNS = ["input", "frames", "median [ms]", "90 % [ms]", "99 % [ms]", "longest [ms]", "late"]
 TIMER = """
@@ -50,7 +51,7 @@ TIMER = """
     if (answered && now !== frame) {
       shown = answered;
       begun = performance.now();
-      channel.port2.postMessage(null);  // comes when the frame is done
+      channel.port2.postMessage(null);  // arrives when the frame is done
     }
     frame = now;
     answered = "";
@@ -61,7 +62,7 @@ TIMER = """
 
 
 def main() -> None:
-    """Make the page, use it, and publish how long its frames took."""
+    """Make the page, use it, and publish the times of its frames."""
     minutes = float(sys.argv[1]) if len(sys.argv) > 1 else MINUTES
     with tempfile.TemporaryDirectory() as name:
         bag, log, page = (Path(name) / f for f in ("bag.mcap", "log.mcap", "page.html"))
@@ -77,10 +78,10 @@ def main() -> None:
             rows = [
                 row(label, used(browser, gesture, event))
                 for label, gesture, event in (
-                    ("hover: cursor and readings", hover, "pointermove"),
-                    ("Shift and drag: move along", pan, "pointermove"),
+                    ("hover: move the cursor", hover, "pointermove"),
+                    ("Shift and drag: pan", pan, "pointermove"),
                     ("Ctrl and wheel: zoom", zoom, "wheel"),
-                    ("drag, double-click: zoom to a window, and all", window, "pointerup"),
+                    ("drag or double-click: zoom in or show all", window, "pointerup"),
                 )
             ]
             assert not browser.problems, browser.problems
@@ -88,13 +89,15 @@ def main() -> None:
         "review_page",
         "Review page",
         [
-            f"A log of {minutes:g} min at {RATE} Hz, {predictions} predictions with resonances, as "
-            f"a page of {size / 1e6:.1f} MB that holds {kept} of them. Made in {making:.1f} s; "
-            f"opened in {opening:.1f} s.",
-            f"{product} without a GPU, {WIDTH} x {HEIGHT}: each row is the frames that answer an "
-            "input, on the page's thread from their first callback to the end of painting, while "
-            f"the linkage swings. Late: more than {FRAME:.1f} ms, a frame at 60 Hz. Tiles are "
-            "rasterised and composed on other threads.",
+            "This page shows how smoothly the review page of a long log answers the mouse. The log "
+            f"has {minutes:g} min at {RATE} Hz, with {predictions} predictions and resonances; its "
+            f"page of {size / 1e6:.1f} MB contains {kept} of them. The page was made in "
+            f"{making:.1f} s and opened in {opening:.1f} s.",
+            f"Each row is for the frames that answer one kind of input in {product} without a GPU, "
+            f"at {WIDTH} x {HEIGHT}, while the linkage is animated. The time is that of the page's "
+            "thread, from the first callback of a frame to the end of painting. Other threads "
+            f"rasterise and compose the tiles. A frame is late if it takes more than {FRAME:.1f} "
+            "ms, the period of 60 Hz.",
             table(COLUMNS, rows),
         ],
         machine(product),
@@ -102,14 +105,14 @@ def main() -> None:
 
 
 def timed(do: Callable[[], object]) -> float:
-    """Return how long something takes, s."""
+    """Return the time that a call takes, s."""
     begin = time.perf_counter()
     do()
     return time.perf_counter() - begin
 
 
 def write_bag(path: Path, minutes: float) -> None:
-    """Write the drive that ships again and again, with an engine that runs ever slower."""
+    """Write repetitions of the shipped drive, with an engine that becomes slower."""
     with config_file("drives/hitch_duty_cycle.mcap").open("rb") as file:
         messages = [
             (schema, channel.topic, message.log_time, message.data)
@@ -134,15 +137,15 @@ def write_bag(path: Path, minutes: float) -> None:
 
 
 def row(label: str, frames: list[float]) -> list[str]:
-    """Return a line of the table."""
-    told = [f"{value:.1f}" for value in np.percentile(frames, [50, 90, 99, 100])]
+    """Return a row of the table."""
+    times = [f"{value:.1f}" for value in np.percentile(frames, [50, 90, 99, 100])]
     late = sum(took > FRAME for took in frames) / len(frames)
-    return [label, f"{len(frames)}", *told, f"{100 * late:.0f} %"]
+    return [label, f"{len(frames)}", *times, f"{100 * late:.0f} %"]
 
 
 def used(browser: Browser, gesture: Gesture, answered: str) -> list[float]:
-    """Return how long each frame took that answered an event while a person moved so, ms."""
-    browser.place(CHART)  # in sight
+    """Make a gesture many times; return the times (ms) of the frames that answer its events."""
+    browser.place(CHART)  # scroll it into view
     left, top, width, height = browser.evaluate(
         f"(b => [b.left, b.top, b.width, b.height])(document.querySelector('{CHART}')"
         ".getBoundingClientRect())"
@@ -160,7 +163,7 @@ def used(browser: Browser, gesture: Gesture, answered: str) -> list[float]:
 
 
 def hover(browser: Browser, at: Place, rng: random.Random, k: int) -> None:
-    """Move over the chart, at a step a frame, in views from all to a second."""
+    """Move over the chart, one step per frame, in views from the whole log to one second."""
     for _ in range(k % 12):
         press(browser, "in")
     for _ in range(STEPS):
@@ -169,7 +172,7 @@ def hover(browser: Browser, at: Place, rng: random.Random, k: int) -> None:
 
 
 def pan(browser: Browser, at: Place, rng: random.Random, k: int) -> None:
-    """Drag the chart to one side and back, in views from the half to a second."""
+    """Drag the chart to one side and back, in views from half the log to one second."""
     for _ in range(1 + k % 11):
         press(browser, "in")
     browser.mouse("mouseMoved", at(0.5), modifiers=SHIFT)
@@ -182,7 +185,7 @@ def pan(browser: Browser, at: Place, rng: random.Random, k: int) -> None:
 
 
 def zoom(browser: Browser, at: Place, rng: random.Random, k: int) -> None:
-    """Turn the wheel until a few seconds are in view, and back."""
+    """Zoom in by the wheel until a few seconds are visible, and out again."""
     about = at(rng.uniform(0.1, 0.9))
     for i in range(STEPS):
         delta = -120 if i < STEPS // 2 else 120
@@ -191,7 +194,7 @@ def zoom(browser: Browser, at: Place, rng: random.Random, k: int) -> None:
 
 
 def window(browser: Browser, at: Place, rng: random.Random, k: int) -> None:
-    """Choose windows within windows, and return to the whole hour."""
+    """Zoom to smaller and smaller windows, and return to the whole log."""
     for _ in range(3):
         ends = sorted(rng.uniform(0.05, 0.95) for _ in range(2))
         browser.drag(at(ends[0]), at(ends[1] + 0.04))
@@ -200,7 +203,7 @@ def window(browser: Browser, at: Place, rng: random.Random, k: int) -> None:
 
 
 def press(browser: Browser, button: str) -> None:
-    """Press a button of the toolbar, in a way that is not timed."""
+    """Press a button of the toolbar; its frames are not timed."""
     browser.evaluate(f"document.querySelector('[data-do={button}]').click()")
     browser.settle()
 

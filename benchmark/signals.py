@@ -1,9 +1,9 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""The node is ended by a signal at a random moment: ``python -m benchmark.signals [COUNT]``.
+"""Ends the node by signals at random moments: ``python -m benchmark.signals [COUNT]``.
 
-It records and answers joint states at 1 kHz meanwhile. Each process must exit with 0, complain of
-nothing, and leave no log that has to be recovered.
+The node records and answers joint states at 1 kHz. Each process must exit with 0, print no warning,
+and leave no log that has to be recovered.
 """
 
 import os
@@ -26,15 +26,15 @@ from benchmark.latency.driver import Driver, named
 from benchmark.report import machine, publish, table
 
 COUNT = 100
-HEEDED = 0.5  # s from the process's begin, in which Python itself starts
+EARLIEST = 0.5  # s after the start of the process; before that, Python itself starts
 LATEST = 3.0  # s
-PATIENCE = 10.0  # s until a process is given up
+PATIENCE = 10.0  # s until a process is killed
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 COMMAND = [sys.executable, *OURS, *named("ended", "-p", "record:=true")]
 
 
 def main() -> None:
-    """End one process after another, and publish how each ended."""
+    """Send signals to one process after another, and publish how each ended."""
     count = int(sys.argv[1]) if len(sys.argv) > 1 else COUNT
     chance = random.Random(1)
     ends = {number: Counter[str]() for number in SIGNALS}
@@ -47,7 +47,7 @@ def main() -> None:
     sender = threading.Thread(target=send)
     sender.start()
     for _ in tqdm(range(count), unit="process"):
-        number, after = chance.choice(SIGNALS), chance.uniform(HEEDED, LATEST)
+        number, after = chance.choice(SIGNALS), chance.uniform(EARLIEST, LATEST)
         ends[number][ended(number, after)] += 1
     over.set()
     sender.join()
@@ -57,10 +57,11 @@ def main() -> None:
     ]
     publish(
         "signals",
-        "Ended by signals",
+        "Nodes ended by signals",
         [
-            f"{count} processes, each ended {HEEDED:g} to {LATEST:g} s after its begin, while "
-            "joint states come at 1 kHz.",
+            "This page shows how the node ends when it receives a signal. Each of "
+            f"{count} processes received one {EARLIEST:g} to {LATEST:g} s after its start, while "
+            "joint states arrived at 1 kHz.",
             table(["signal", "how it ended", "processes"], rows),
         ],
         machine(),
@@ -68,7 +69,7 @@ def main() -> None:
 
 
 def ended(number: signal.Signals, after: float) -> str:
-    """Return how a node ends that is sent a signal some time (s) after its begin."""
+    """Start a node, send it a signal ``after`` seconds, and return how it ends."""
     with tempfile.TemporaryDirectory() as folder:
         node = subprocess.Popen(
             COMMAND,
@@ -81,16 +82,16 @@ def ended(number: signal.Signals, after: float) -> str:
         time.sleep(after)
         node.send_signal(number)
         try:
-            said, _ = node.communicate(timeout=PATIENCE)
+            output, _ = node.communicate(timeout=PATIENCE)
         except subprocess.TimeoutExpired:
             node.kill()
             node.communicate()
             return "not at all"
         if node.returncode:
             return f"exit code {node.returncode}"
-        complaints = [line for line in said.splitlines() if not line.startswith("[INFO]")]
-        if complaints:
-            return f"complained: {complaints[0]}"
+        warnings = [line for line in output.splitlines() if not line.startswith("[INFO]")]
+        if warnings:
+            return f"warned: {warnings[0]}"
         logs = list(Path(folder).iterdir())
         for log in logs:
             try:

@@ -1,8 +1,9 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""The node for an hour at 1 kHz, recording: ``python -m benchmark.soak [MINUTES]``.
+"""Runs the node for an hour at 1 kHz, with a recording: ``python -m benchmark.soak [MINUTES]``.
 
-Every joint state has to be answered, every prediction has to be in the log, and memory has to stay.
+Every joint state should be answered, every prediction should be in the log, and memory should not
+grow.
 """
 
 import os
@@ -33,7 +34,7 @@ from linkage_vibration.bags.reading import read_messages
 from linkage_vibration.drawing.palette import COLOURS
 from linkage_vibration_interfaces.msg import VibrationPrediction
 
-RATE, SPEED_EVERY = 1000, 100  # Hz, and joint states to one engine speed
+RATE, SPEED_EVERY = 1000, 100  # Hz, and joint states per engine speed
 JOINT = "hitch_rockshaft_joint"
 STALL = 0.05  # s
 PAGE = os.sysconf("SC_PAGE_SIZE")
@@ -41,18 +42,18 @@ PAGE = os.sysconf("SC_PAGE_SIZE")
 
 @dataclass(frozen=True, slots=True)
 class Sent:
-    """What became of joint states.
+    """The outcome of the joint states that were sent.
 
     Attributes
     ----------
     answered : bytearray
-        1 for each that was answered.
+        1 for each joint state that was answered.
     memory : list of tuple
-        Time (s), and the node's resident memory (bytes).
+        Times (s) and the node's resident memory (bytes).
     stalls : list of float
-        How long the sender was held up, s; what else the machine does holds up the node as well.
+        Delays of the sender, s. Other processes on the machine delay the node as well.
     cpu : float
-        Share of a core that the node took, %.
+        Share of a core that the node used, %.
     """
 
     answered: bytearray
@@ -62,7 +63,7 @@ class Sent:
 
 
 def main() -> None:
-    """Send, count, and publish what came of it."""
+    """Send joint states, count the predictions, and publish the result."""
     minutes = float(sys.argv[1]) if len(sys.argv) > 1 else 60.0
     with tempfile.TemporaryDirectory() as folder:
         command = [sys.executable, "-m", "linkage_vibration.ros.node", "--ros-args"]
@@ -85,30 +86,36 @@ def main() -> None:
     settled = [m for t, m in sent.memory if t > sent.memory[-1][0] / 6.0]
     rows = [
         ["joint states sent, 1 kHz", f"{count}"],
-        ["predictions that came back", f"{sum(sent.answered)}"],
-        ["in how many stretches others are missing", f"{stretches(sent.answered)}"],
+        ["predictions received", f"{sum(sent.answered)}"],
+        ["runs of missing predictions", f"{stretches(sent.answered)}"],
         ["predictions in the log", f"{sum(logged[:count])}"],
         [
-            f"sender held up by more than {STALL:g} s: times, longest [s]",
+            f"delays of the sender above {STALL:g} s: number, longest [s]",
             f"{len(sent.stalls)}, {max(sent.stalls, default=0.0):.2f}",
         ],
-        ["logs, MB together", f"{len(logs)}, {size / 1e6:.0f}"],
+        ["logs, total size [MB]", f"{len(logs)}, {size / 1e6:.0f}"],
         [
-            "memory after a sixth of the time, and its largest since [MB]",
+            "memory after a sixth of the time, and its maximum after that [MB]",
             f"{settled[0] / 1e6:.1f}, {max(settled) / 1e6:.1f}",
         ],
         ["processor [% of a core]", f"{sent.cpu:.0f}"],
         ["exit code", f"{code}"],
     ]
     text = (
-        f"One node, {minutes:g} minutes, with engine speeds at 10 Hz, recording, a new log each 10 "
-        "minutes."
+        "This page shows whether the node loses messages or gains memory over a long time. One "
+        f"node ran for {minutes:g} minutes with joint states at 1 kHz and engine speeds at 10 Hz, "
+        "and recorded a new log every 10 minutes."
     )
-    publish("soak", "Soak", [text, table(["", ""], rows), "![](soak.png)"], machine())
+    publish(
+        "soak",
+        "The node over a long time",
+        [text, table(["", ""], rows), "![](soak.png)"],
+        machine(),
+    )
 
 
 def send(process: int, count: int) -> Sent:
-    """Send joint states to a node, and hear its answers."""
+    """Send joint states to a node, and receive its predictions."""
     rclpy.init()
     driver = rclpy.create_node("soak")
     answered = bytearray(count + 1)
@@ -125,7 +132,7 @@ def send(process: int, count: int) -> Sent:
     message = JointState(name=[JOINT])
 
     def joint_state(number: int) -> JointState:
-        # Stamps count; one past the last tells the first ones, which find the node, apart.
+        # The stamp is the number. Number ``count`` marks those that wait for the node.
         message.header.stamp.sec, message.header.stamp.nanosec = divmod(number, RATE)
         message.position = array("d", [2.3 + 0.7 * float(np.sin(1e-3 * number))])
         message.velocity = array("d", [0.7 * float(np.cos(1e-3 * number))])
@@ -145,7 +152,7 @@ def send(process: int, count: int) -> Sent:
         while (wait := due - time.monotonic()) > 0.0:
             executor.spin_once(wait)
         if -wait > STALL:
-            # A controller that was held up goes on at its rate, it does not make up for it.
+            # After a delay, a controller continues at its rate and does not catch up.
             begin -= wait
             stalls.append(-wait)
         publisher.publish(joint_state(number))
@@ -167,7 +174,7 @@ def send(process: int, count: int) -> Sent:
 
 
 def stretches(answered: bytearray) -> int:
-    """Return in how many places one or more are missing."""
+    """Return the number of runs of missing predictions."""
     return len([part for part in bytes(answered).split(b"\1") if part])
 
 

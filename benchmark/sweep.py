@@ -1,17 +1,18 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""How many designs a second a sweep builds, against its workers, in local processes and with Dask.
+"""Measures how many designs a sweep builds per second: ``python -m benchmark.sweep``.
 
-Run by `python -m benchmark.sweep`, with one BLAS thread, as `make bench` sets it.
+It compares numbers of workers, in local processes and with Dask, with the one BLAS thread that
+`make bench` sets.
 """
 
 import os
 import statistics
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -32,7 +33,7 @@ ALONE, LOCAL, DASK = "none: one thread of the caller", "local processes", "Dask,
 
 @contextmanager
 def dask_cluster(workers: int) -> Iterator[Executor]:
-    """Start a Dask cluster on this machine, one process a worker."""
+    """Start a Dask cluster on this machine, with one process per worker."""
     with (
         LocalCluster(
             n_workers=workers,
@@ -46,7 +47,7 @@ def dask_cluster(workers: int) -> Iterator[Executor]:
 
 
 def rate(designs: Designs, executor: Executor, folder: Path) -> float:
-    """Return how many designs a second a whole sweep builds, its files included."""
+    """Return how many designs a whole sweep builds per second, including its files."""
     output = folder / "sweep.nc"
     started = time.perf_counter()
     sweep(designs, output, executor)
@@ -56,16 +57,16 @@ def rate(designs: Designs, executor: Executor, folder: Path) -> float:
 
 
 def draw(rates: dict[tuple[str, int], list[float]]) -> None:
-    """Draw the rates over the workers, beside those in proportion to the first."""
+    """Draw the rates over the workers, and a line in proportion to one worker."""
     figure = Figure(figsize=(6.4, 4.2), dpi=150, layout="constrained")
     axes = figure.add_subplot()
     for kind, colour in ((LOCAL, COLOURS[0]), (DASK, COLOURS[1])):
         workers = [n for name, n in rates if name == kind]
         spread = [sorted(rates[kind, n]) for n in workers]
-        middle = [statistics.median(some) for some in spread]
+        middle = [statistics.median(values) for values in spread]
         ends = [
-            [m - some[0] for m, some in zip(middle, spread, strict=True)],
-            [some[-1] - m for m, some in zip(middle, spread, strict=True)],
+            [m - values[0] for m, values in zip(middle, spread, strict=True)],
+            [values[-1] - m for m, values in zip(middle, spread, strict=True)],
         ]
         axes.errorbar(workers, middle, ends, marker="o", capsize=4, color=colour, label=kind)
     most = max(n for _, n in rates)
@@ -74,26 +75,30 @@ def draw(rates: dict[tuple[str, int], list[float]]) -> None:
     axes.set_xticks(sorted({n for _, n in rates}))
     axes.set_ylim(bottom=0.0)
     axes.set_xlabel("workers")
-    axes.set_ylabel("designs a second")
+    axes.set_ylabel("designs per second")
     axes.set_title(f"Median of {REPEATS} sweeps, from the slowest to the fastest", fontsize=10)
     axes.legend(frameon=False)
     figure.savefig(PICTURE)
 
 
 def main() -> None:
-    """Measure in rounds, so that what else the machine does falls on all alike."""
+    """Measure all setups in turns, so that the load of the machine affects them equally."""
     shipped = read_designs(config_file("sweeps/implement.yaml"))
     designs = replace(shipped, paths=shipped.paths[:3], values=shipped.values[:3])
     counts = [2**k for k in range(16) if 2**k <= (os.cpu_count() or 1)]
     setups = [(ALONE, 1), *((LOCAL, n) for n in counts), *((DASK, n) for n in counts)]
     rates: dict[tuple[str, int], list[float]] = {setup: [] for setup in setups}
-    starts = {ALONE: ThreadPoolExecutor, LOCAL: LocalPool, DASK: dask_cluster}
+    starts: dict[str, Callable[[int], AbstractContextManager[Executor]]] = {
+        ALONE: ThreadPoolExecutor,
+        LOCAL: LocalPool,
+        DASK: dask_cluster,
+    }
     with tqdm(total=len(setups) * REPEATS, unit="sweep") as bar:
         for _ in range(REPEATS):
             for kind, workers in setups:
                 with tempfile.TemporaryDirectory() as name, starts[kind](workers) as executor:
                     few = replace(designs, values=(designs.values[0][:1], *designs.values[1:]))
-                    rate(few, executor, Path(name))  # starts the workers and warms them up
+                    rate(few, executor, Path(name))  # this starts the workers
                     rates[kind, workers].append(rate(designs, executor, Path(name)))
                 bar.update()
     first = statistics.median(rates[LOCAL, 1])
@@ -107,17 +112,20 @@ def main() -> None:
         ]
         for (kind, workers), found in rates.items()
     ]
-    columns = ["executor", "workers", "designs a second", "slowest to fastest", "to one process"]
-    told = (
-        f"{designs.size} designs of the default linkage at {len(designs.alpha3)} angles, tables to "
-        f"{designs.tolerance:g}; medians of {REPEATS} sweeps with workers that run already, parts "
-        "and file written. Rounds over all rows, so that what else the machine does falls on all "
-        f"alike. OPENBLAS_NUM_THREADS is {os.environ.get('OPENBLAS_NUM_THREADS', 'not set')}."
+    columns = ["executor", "workers", "designs per second", "slowest to fastest"]
+    columns.append("relative to one process")
+    text = (
+        "This page shows how many designs a sweep builds per second, depending on its workers. It "
+        f"has {designs.size} designs of the default linkage at {len(designs.alpha3)} angles, with "
+        f"tables to a tolerance of {designs.tolerance:g}. Values are medians of {REPEATS} sweeps, "
+        "which include writing the files but not the start of the workers. All rows take turns, so "
+        "that the load of the machine affects them equally. OPENBLAS_NUM_THREADS is "
+        f"{os.environ.get('OPENBLAS_NUM_THREADS', 'not set')}."
     )
     publish(
         "sweep",
-        "Throughput of a sweep against its workers",
-        [told, table(columns, rows), "![](../../docs/pictures/sweep.png)"],
+        "Throughput of a sweep by its workers",
+        [text, table(columns, rows), "![](../../docs/pictures/sweep.png)"],
         machine("dask", "distributed"),
     )
     draw(rates)

@@ -1,14 +1,14 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Latency, side by side: ``python -m benchmark.latency [TURNS]``.
+"""Compares the latency of nodes: ``python -m benchmark.latency [TURNS]``.
 
-A plain rclpy node that echoes, and ours, with recording off and on. All run throughout, and take
-short turns, so that what else goes on in a machine strikes all alike.
+The nodes are a plain rclpy node that echoes, and ours with and without recording. All run all the
+time and take short turns, so that the load of the machine affects them equally.
 """
 
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -20,12 +20,12 @@ from benchmark.latency.driver import Driver, Run, named, running
 from benchmark.report import RESULTS, machine, publish, table
 
 TURNS = 16
-SECONDS = {10.0: 2.0, 100.0: 1.0, 200.0: 1.0, 1000.0: 1.0}  # of a turn, by the rate in Hz
+SECONDS = {10.0: 2.0, 100.0: 1.0, 200.0: 1.0, 1000.0: 1.0}  # length of a turn by rate in Hz
 RESAMPLED = 1000
 
 ECHO = ["-m", "benchmark.latency.echo"]
 OURS = ["-m", "linkage_vibration.ros.node"]
-OLDER = (  # as under a ROS 2 whose events executor is not used
+OLDER = (  # an rclpy version for which the node does not use the events executor
     "import sys, importlib.metadata as metadata; metadata.version = lambda _: '7.1.4';"
     "from linkage_vibration.ros.node import main; sys.exit(main())"
 )
@@ -40,7 +40,7 @@ NODES = {
 
 
 def main() -> None:
-    """Measure, and publish ratios to the echo."""
+    """Measure all nodes, and publish their figures and the ratios to the echo."""
     turns = int(sys.argv[1]) if len(sys.argv) > 1 else TURNS
     names = {name: name.translate({ord(" "): "_", ord("-"): "_", ord(","): None}) for name in NODES}
     runs: dict[tuple[str, float], list[Run]] = {(n, r): [] for n in NODES for r in SECONDS}
@@ -62,13 +62,14 @@ def main() -> None:
     columns += ["median / echo", "p99 / echo", "CPU / echo"]
     publish(
         "latency",
-        "Latency, side by side",
+        "Latency of the node and of an echo",
         [
-            f"Joint states to predictions over DDS between processes, in {turns} turns of each "
-            "node at each rate. Latency from just before a joint state is published until its "
-            "prediction is taken, in the driver. In brackets, where 90 % of the ratios are when "
-            "turns are drawn anew. The echo is spun by rclpy's own, single-threaded executor; ours "
-            "by the events executor.",
+            "This page compares the latency of our node with that of a plain rclpy node that "
+            "echoes each joint state. Joint states and predictions pass over DDS between "
+            f"processes, in {turns} turns of each node at each rate. The latency is the time from "
+            "just before the driver publishes a joint state until it takes the prediction. The "
+            "brackets contain 90 % of the ratios when turns are resampled (bootstrap). The echo "
+            "runs in rclpy's single-threaded executor, and ours in the events executor.",
             table(columns, rows(runs)),
             parts(),
             "![](latency.png)",
@@ -78,13 +79,13 @@ def main() -> None:
 
 
 def rotated(names: list[str], by: int) -> list[str]:
-    """Return names with another one first each time."""
+    """Return names in rotated order."""
     by %= len(names)
     return names[by:] + names[:by]
 
 
 def figures(runs: Sequence[Run]) -> NDArray[np.float64]:
-    """Return median and 99th percentile (ms) and CPU (%) of runs together, (3,)."""
+    """Return the median and 99th percentile (ms) and the CPU (%) of all runs, (3,)."""
     latencies = np.concatenate([run.latencies for run in runs])
     median, high = np.percentile(1e3 * latencies, [50.0, 99.0])
     cpu = 100.0 * sum(run.cpu for run in runs) / sum(run.lasted for run in runs)
@@ -92,30 +93,30 @@ def figures(runs: Sequence[Run]) -> NDArray[np.float64]:
 
 
 def ratios(own: Sequence[Run], echo: Sequence[Run]) -> list[str]:
-    """Return the ratios of their figures, and what chance makes of them."""
+    """Return the ratios of the figures, with bootstrap intervals."""
     random = np.random.default_rng(1)
     found = []
     for _ in range(RESAMPLED):
-        some = random.integers(len(own), size=len(own))
-        found.append(figures([own[i] for i in some]) / figures([echo[i] for i in some]))
+        sample = random.integers(len(own), size=len(own))
+        found.append(figures([own[i] for i in sample]) / figures([echo[i] for i in sample]))
     low, high = np.percentile(found, [5.0, 95.0], axis=0)
     middle = figures(own) / figures(echo)
     return [f"{m:.2f} ({a:.2f} to {b:.2f})" for m, a, b in zip(middle, low, high, strict=True)]
 
 
 def rows(runs: dict[tuple[str, float], list[Run]]) -> list[list[str]]:
-    """Lay out the figures of each node at each rate."""
-    told = []
+    """Return the rows of the table: the figures of each node at each rate."""
+    lines = []
     for (name, rate), own in sorted(runs.items(), key=lambda entry: entry[0][1]):
         median, high, cpu = figures(own)
         lost = sum(run.lost for run in own)
         row = [name, f"{rate:g}", f"{median:.2f}", f"{high:.2f}", f"{cpu:.1f}", f"{lost}"]
-        told.append([*row, *(ratios(own, runs["echo", rate]) if name != "echo" else "111")])
-    return told
+        lines.append([*row, *(ratios(own, runs["echo", rate]) if name != "echo" else "111")])
+    return lines
 
 
 def parts() -> str:
-    """Time what Python does for a prediction, beside the table's own lookup, as a bar of text."""
+    """Return a table of the times of the Python steps of a prediction, with bars of text."""
     from rclpy.serialization import deserialize_message, serialize_message
     from sensor_msgs.msg import JointState
 
@@ -128,11 +129,11 @@ def parts() -> str:
     message = JointState(name=["hitch_rockshaft_joint"], position=[2.0])
     data = serialize_message(message)
     prediction = predictor.predict(2.0)
-    steps = {
+    steps: dict[str, Callable[[], object]] = {
         "table lookup": lambda: predictor.table.interpolate(2.0),
         "prediction, lookup included": lambda: predictor.predict(2.0),
-        "its bytes": lambda: encode_prediction(prediction, 0, 0, ""),
-        "joint state from its bytes (rclpy)": lambda: deserialize_message(data, JointState),
+        "encoding the prediction": lambda: encode_prediction(prediction, 0, 0, ""),
+        "decoding the joint state (rclpy)": lambda: deserialize_message(data, JointState),
     }
     rows = []
     for name, step in steps.items():
@@ -143,8 +144,8 @@ def parts() -> str:
             times.append(time.perf_counter() - begin)
         microseconds = 1e6 * float(np.median(times))
         rows.append([name, f"{microseconds:.1f}", "#" * max(1, round(microseconds))])
-    return "What Python costs in our callback, each step by itself:\n\n" + table(
-        ["step", "us", "a mark is 1 us"], rows
+    return "The time of each step in our callback, measured separately:\n\n" + table(
+        ["step", "us", "one # per us"], rows
     )
 
 

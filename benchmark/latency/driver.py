@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Sends joint states at a rate to a node in a process of its own, and times the answers."""
+"""Sends joint states at a rate to a node in another process, and times the predictions."""
 
 import os
 import signal
@@ -30,26 +30,26 @@ from sensor_msgs.msg import JointState
 from linkage_vibration_interfaces.msg import VibrationPrediction
 
 JOINT = "hitch_rockshaft_joint"
-QUIET = 1.0  # s, after the last message, for answers that are late
-FOUND = 20.0  # s, until which a node has to be found
-SETTLED = 3.0  # s of answers, in which DDS goes over from UDP to shared memory and loses some
-PACE = 0.02  # s, between joint states that nobody counts
+QUIET = 1.0  # s, after the last message, in which late predictions arrive
+FOUND = 20.0  # s, within which a node must answer
+SETTLED = 3.0  # s, in which DDS changes from UDP to shared memory and loses messages
+PACE = 0.02  # s, between joint states that are not counted
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Run:
-    """What a node did with joint states of one rate.
+    """The predictions of a node for joint states at one rate.
 
     Attributes
     ----------
-    latencies : ndarray, (n,)
-        s, from just before a joint state is published until its answer is taken.
+    latencies : ndarray, (n,), s
+        From just before a joint state is published until its prediction is taken.
     lost : int
-        Joint states without an answer.
+        Joint states without a prediction.
     cpu : float
-        Processor time that the node's process took, s.
+        Processor time that the node's process used, s.
     lasted : float
-        s.
+        Length of the run, s.
     """
 
     latencies: NDArray[np.float64]
@@ -59,12 +59,12 @@ class Run:
 
 
 class Driver:
-    """Publishes joint states to nodes by their names, and times the answers, by their stamps.
+    """Publishes joint states to named nodes, and times the predictions by their stamps.
 
     Attributes
     ----------
     node : Node
-        The driver's own, which is spun during runs.
+        The driver's node, which is spun during runs.
     """
 
     def __init__(self) -> None:
@@ -76,7 +76,7 @@ class Driver:
         self._taken: dict[int, float] = {}
 
     def meet(self, name: str) -> None:
-        """Wait until a node, run by the words of `named`, answers joint states."""
+        """Wait until a node that was started with the arguments of `named` answers."""
         self.node.create_subscription(
             VibrationPrediction, f"/{name}/prediction", self._on_answer, 1000, raw=True
         )
@@ -84,9 +84,9 @@ class Driver:
         end, settled = time.monotonic() + FOUND, 0.0
         while not self._taken or time.monotonic() < settled:
             if time.monotonic() > end:
-                raise RuntimeError(f"{name} does not answer")
+                raise RuntimeError(f"The node {name} did not answer within {FOUND:g} s.")
             self.publish(name, 0)
-            self._spin(PACE)  # a flood would still be under way as a run begins
+            self._spin(PACE)  # more messages would still be queued when a run begins
             if self._taken and not settled:
                 settled = time.monotonic() + SETTLED
         self._spin(0.5)
@@ -99,10 +99,7 @@ class Driver:
         count: int,
         begun: Callable[[], object] = lambda: None,
     ) -> Run:
-        """Send ``count`` joint states at ``rate`` Hz to a node that was met.
-
-        ``begun`` is called as they begin.
-        """
+        """Send ``count`` joint states at ``rate`` Hz to a node; call ``begun`` after the start."""
         self._taken.clear()
         sent: list[float] = []
         before, began = cpu_time(process), time.monotonic()
@@ -119,7 +116,7 @@ class Driver:
         return Run(np.array(latencies), count - len(latencies), spent, lasted)
 
     def publish(self, name: str, number: int) -> None:
-        """Send a node a joint state that has a number."""
+        """Send a node a joint state with a number."""
         if name not in self._publishers:
             sensor = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)
             self._publishers[name] = self.node.create_publisher(
@@ -132,7 +129,7 @@ class Driver:
         self._publishers[name].publish(message)
 
     def close(self) -> None:
-        """Leave."""
+        """Shut down the driver's node."""
         self._executor.shutdown()
         self.node.destroy_node()
         rclpy.try_shutdown()
@@ -157,20 +154,20 @@ class Driver:
 
 
 def named(name: str, *others: str) -> list[str]:
-    """Return the words of a command line that give a node a name and joint states of its own."""
+    """Return the arguments that give a node a name and its own topic of joint states."""
     words = ["--ros-args", "-r", f"__node:={name}", "-r", f"joint_states:=/{name}/joint_states"]
     return [*words, *others]
 
 
 def cpu_time(process: int) -> float:
-    """Return the processor time that a process's threads have taken, s."""
+    """Return the processor time that the threads of a process have used, s."""
     threads = Path(f"/proc/{process}/task").glob("*/schedstat")
     return 1e-9 * sum(int(thread.read_text().split()[0]) for thread in threads)
 
 
 @contextmanager
 def running(command: Sequence[str]) -> Iterator[int]:
-    """Run a node in a process of its own, in a folder that is thrown away."""
+    """Run a node in another process, in a temporary folder; yield the process id."""
     with tempfile.TemporaryDirectory() as folder:
         process = subprocess.Popen(
             [sys.executable, *command],

@@ -1,12 +1,13 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""A plain rclpy node that answers a joint state with its first value, in the same message as ours.
+"""A plain rclpy node that returns the first value of a joint state, in the same message as ours.
 
-It is what anyone would write first, and so what the node of this package is held against.
+It is the simplest possible node, so the node of this package is compared with it.
 """
 
 import os
 import sys
+from collections.abc import Callable
 from contextlib import suppress
 
 os.environ.setdefault("AMENT_PREFIX_PATH", sys.prefix)
@@ -18,14 +19,14 @@ from rclpy.executors import (
     MultiThreadedExecutor,
     SingleThreadedExecutor,
 )
-from rclpy.experimental import EventsExecutor
+from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 
 from linkage_vibration_interfaces.msg import VibrationPrediction
 
-EXECUTORS = {
+EXECUTORS: dict[str, Callable[[], Executor]] = {
     "single-threaded": SingleThreadedExecutor,
     "multi-threaded": MultiThreadedExecutor,
     "events": EventsExecutor,
@@ -55,13 +56,13 @@ class Echo(Node):
 
 
 def main() -> None:
-    """Echo until a signal comes, by the executor named on the command line."""
+    """Echo until a signal arrives, with the executor that the command line names."""
     rclpy.init()
     node = Echo()
-    executor: Executor = EXECUTORS[sys.argv[1]]()
+    executor = EXECUTORS[sys.argv[1]]()
     executor.add_node(node)
     with suppress(ExternalShutdownException, KeyboardInterrupt):
-        while rclpy.ok():  # the events executor hears no signal while it spins without an end
+        while rclpy.ok():  # spin() of the events executor does not react to signals
             executor.spin_once(0.2) if sys.argv[1] == "events" else executor.spin()
 
 

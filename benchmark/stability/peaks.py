@@ -12,7 +12,6 @@ from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq
 
 from benchmark.report import table
-from benchmark.stability.crossing import BAND, STROKE, crossing_crank
 from benchmark.stability.static_limit import linkage, picture_of
 from linkage_vibration.drawing.palette import COLOURS, GREY, INK
 from linkage_vibration.mechanics.description import rayleigh_damping
@@ -20,6 +19,7 @@ from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.response import Peak, oscillators
 from linkage_vibration.table.table import Table
 from linkage_vibration.table.tabulation import build_table
+from test.support.crossing import BAND, STROKE, crossing_crank
 
 FloatArray = NDArray[np.float64]
 

@@ -136,7 +136,7 @@ def _damage(model: LinkageModel) -> str:
 - Damage: one bit was flipped in each byte of a small table, one byte at a time. In an `.npy` file,
   {silent} of {len(plain)} flips silently load other numbers. Of {len(sound)} flips in ours,
   {refused} are rejected, {other} load other numbers, and {len(sound) - refused - other} are in
-  bytes   that contain no number, so the table is the same."""
+  bytes that contain no number, so the table is the same."""
 
 
 def _bare(whole: Table) -> Table:

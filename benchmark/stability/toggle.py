@@ -73,8 +73,8 @@ def section(pictures: Path) -> str:
             "**What is reported.** A prediction within 1 deg of a toggle has the status "
             "`NEAR_TOGGLE`; `Configuration.toggle_distance` is the distance. **What is rejected.** "
             "If a stroke touches or crosses a toggle, building the model fails, and the error "
-            "names the angle and the bars in line. If an angle is beyond a toggle, the error "
-            "names the nearest angle at which the linkage closes (`KinematicsError`).",
+            "names the angle and the bars in line. If an angle is beyond a toggle, the error names "
+            "the nearest angle at which the linkage closes (`KinematicsError`).",
             "![Errors, velocity ratios and sensitivity near the toggles](stability/toggle.png)",
             "Tests: `test/mechanics/test_kinematics.py`: `test_digits_lost_near_a_toggle`, "
             "`test_first_frequency_vanishes_at_a_toggle`, `test_stroke_past_a_toggle_is_refused`, "

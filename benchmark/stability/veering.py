@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from benchmark.report import table
-from benchmark.stability.crossing import STROKE, crossing_crank, exact_frequencies
 from benchmark.stability.static_limit import PLACES, linkage, picture_of
 from linkage_vibration.drawing.palette import COLOURS, INK
 from linkage_vibration.mechanics.model import LinkageModel
@@ -20,6 +19,7 @@ from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.resources import config_file
 from linkage_vibration.table.table import Table, TableError
 from linkage_vibration.table.tabulation import build_table
+from test.support.crossing import STROKE, crossing_crank, exact_frequencies
 
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -44,7 +44,7 @@ def section(pictures: Path) -> str:
     steps = ["step", "FRFs, linear", "modes, signs lost", "modes, signs kept"]
     return f"""\
 The mode of a crank rises with alpha3 past that of a tuned mass, from 20 to 23 Hz in 0.9 rad. The
-two are coupled so that a gap remains between them (`benchmark/stability/crossing.py`). The table
+two are coupled so that a gap remains between them (`test/support/crossing.py`). The table
 shows the largest relative error of the natural frequencies. The common methods use {_POINTS}
 equispaced angles and cubic splines. Sorted frequencies have a kink where modes cross. Frequencies
 tracked by MAC without a check treat every veering narrower than a step as a crossing. Ours tracks

@@ -1,11 +1,11 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""A linkage of solid links as one assembled model in CalculiX, a finite-element program.
+"""Solves a linkage of solid links as one assembled model in CalculiX, a finite-element program.
 
-Each pin is one node that the bores of all its links follow as rigid bodies, each with a rotation of
-its own about the pin; that alone makes the revolute joints. Pins move in the plane and do not tilt.
-The rigid implement carries its mass in two points whose distance gives its inertia. CalculiX
-assembles, eliminates the constraints and solves the eigenproblem.
+Each pin is one node. The bores of its links follow it as rigid bodies, each with its own rotation
+about the pin, which makes the revolute joints. Pins move in the plane and do not tilt. The mass of
+the rigid implement is in two points whose distance gives its inertia. CalculiX assembles the model,
+eliminates the constraints and solves the eigenproblem.
 """
 
 import math
@@ -32,16 +32,16 @@ X, Y, Z = 1, 2, 3  # DoFs of a node; of a rotation node: rotations about the axe
 
 @dataclass(frozen=True, slots=True)
 class SolidMesh:
-    """A link's mesh in its own axes.
+    """A link's mesh in the link's axes.
 
     Attributes
     ----------
-    nodes : ndarray, (n_nodes, 3)
-        m.
+    nodes : ndarray, (n_nodes, 3), m
+        Coordinates.
     tetrahedra : ndarray, (n_elements, 10)
         Rows of ``nodes``, corners first, then edges 01, 12, 20, 03, 13, 23.
     bores : mapping
-        From a point to the rows of ``nodes`` on its bore.
+        From the name of a point to the rows of ``nodes`` on its bore.
     """
 
     nodes: FloatArray
@@ -74,21 +74,21 @@ def calculix_frequencies(
     mechanism : Mechanism
         Straight links and one rigid body, without springs and point masses.
     configuration : Configuration
-        Where they are.
+        Positions of the bodies.
     meshes : mapping
         From a link's name to its mesh.
     n_modes : int
-        How many modes, the lowest.
+        Number of modes, the lowest ones.
     folder : Path
-        Where CalculiX works.
+        Folder for the files of CalculiX.
 
     Returns
     -------
-    ndarray, (n_modes,)
-        Natural frequencies, Hz.
+    ndarray, (n_modes,), Hz
+        Natural frequencies.
     """
     if mechanism.springs or any(link.masses for link in mechanism.links):
-        raise ValueError(f"{mechanism.name} has springs or point masses.")
+        raise ValueError(f"{mechanism.name} has springs or point masses; remove them.")
     deck = _Deck()
     deck.write(mechanism, configuration, meshes, n_modes)
     (folder / "linkage.inp").write_text("\n".join(deck.lines) + "\n", encoding="ascii")
@@ -103,12 +103,12 @@ def calculix_frequencies(
     found = (folder / "linkage.dat").read_text() if (folder / "linkage.dat").exists() else ""
     rows = re.findall(r"^ +\d+ +[\d.E+-]+ +[\d.E+-]+ +([\d.E+-]+) +[\d.E+-]+$", found, re.M)
     if len(rows) < n_modes:
-        raise RuntimeError(f"CalculiX found no modes; it said:\n{run.stdout[-2000:]}")
+        raise RuntimeError(f"CalculiX found no modes; it printed:\n{run.stdout[-2000:]}")
     return np.array(rows[:n_modes], dtype=float)
 
 
 class _Deck:
-    """An input deck of CalculiX, written line by line with running numbers."""
+    """An input deck of CalculiX, with consecutive numbers of nodes and elements."""
 
     def __init__(self) -> None:
         self.lines: list[str] = []
@@ -152,7 +152,7 @@ class _Deck:
         mesh: SolidMesh,
         pins: Mapping[str, int],
     ) -> list[tuple[int, int]]:
-        """Add a link tied to its pins; return what is held of its rotations."""
+        """Add a link tied to its pins; return its fixed rotations."""
         x, z = configuration.place(link.name, (0.0, 0.0))
         angle = configuration.angle(link.name)
         cos, sin = math.cos(angle), math.sin(angle)
@@ -165,8 +165,8 @@ class _Deck:
         for row in mesh.tetrahedra + first:
             self._elements += 1
             self._add(",".join(map(str, [self._elements, *row])))
-        # Links side by side move as one: one that is as many times as stiff and as heavy.
-        assert isinstance(link.body, Beam)  # as its mesh was made from
+        # Parallel links move as one link with that many times the stiffness and the mass.
+        assert isinstance(link.body, Beam)  # the mesh was made from it
         material = link.body.material
         self._add(
             f"*MATERIAL, NAME={link.name}",
@@ -185,7 +185,7 @@ class _Deck:
     def _implement(
         self, body: RigidBody, configuration: Configuration, pins: Mapping[str, int]
     ) -> tuple[list[int], list[tuple[int, int]]]:
-        """Add the rigid body; return the pins that follow it and what is held of its rotation."""
+        """Add the rigid body; return the pins that follow it and its fixed rotations."""
         x, z = configuration.place(body.name, body.centre_of_gravity)
         radius = math.sqrt(body.inertia / body.mass)
         first = self._add_nodes([(x - radius, 0.0, z), (x + radius, 0.0, z)])
@@ -198,7 +198,7 @@ class _Deck:
 
     def _follow(self, name: str, nodes: Iterable[int], pin: int) -> int:
         """Make nodes follow a pin as a rigid body; return the node that carries its rotation."""
-        rotation = self._add_nodes([(0.0, 0.0, 0.0)])  # where it is does not matter
+        rotation = self._add_nodes([(0.0, 0.0, 0.0)])  # its position is irrelevant
         self._add(f"*NSET, NSET=N_{name}", *(f"{node}," for node in nodes))
         self._add(f"*RIGID BODY, NSET=N_{name}, REF NODE={pin}, ROT NODE={rotation}")
         return rotation
@@ -209,7 +209,7 @@ class _Deck:
         self._add("*NODE")
         for place in places:
             self._nodes += 1
-            # CalculiX reads 20 characters of a number, and cuts the exponent off a longer one.
+            # CalculiX reads 20 characters of a number and ignores the exponent of a longer one.
             self._add(",".join([str(self._nodes), *(f"{value:.12g}" for value in place)]))
         return first
 

@@ -1,10 +1,10 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Natural frequencies of linkages of beams against Exudyn, a flexible multibody code.
+"""Compares natural frequencies of beam linkages with those of Exudyn, a flexible multibody code.
 
-Exudyn gets dimensions, positions and section properties alone: its own geometrically exact beams
-(three nodes, shear deformable, with rotary inertia), its own joints, springs and point masses, its
-own projection on the null space of the joints and its own eigen-solution.
+Exudyn receives only dimensions, positions and section properties. Everything else is its own: the
+geometrically exact beams (three nodes, shear deformable, with rotary inertia), the joints, springs
+and point masses, the projection on the null space of the joints and the eigenvalue solution.
 """
 
 import itertools
@@ -34,28 +34,28 @@ ANGLES_DEG = {
     "stephenson_six_bar": (50.0, 90.0, 130.0),
 }
 MODES = 6
-EXUDYN_ELEMENTS = 32  # a link; 48 move no frequency by more than 1.1e-5
-REFINEMENT = 4  # of our mesh, to tell its error from a difference of the codes
+EXUDYN_ELEMENTS = 32  # per link; 48 change no frequency by more than 1.1e-5
+REFINEMENT = 4  # of our mesh, to separate its error from a difference of the codes
 
 
 class ExudynModel:
-    """A linkage of beams in one configuration, unloaded, as Exudyn sees it.
+    """Exudyn's model of a linkage of beams in one configuration, unloaded.
 
     Parameters
     ----------
     mechanism : Mechanism
-        Its links are beams.
+        A mechanism whose links are beams.
     configuration : Configuration
-        Where its bodies are.
+        Positions of its bodies.
     elements : int
-        Three-node elements a link.
+        Three-node elements per link.
     """
 
     def __init__(self, mechanism: Mechanism, configuration: Configuration, elements: int) -> None:
-        self._container = exudyn.SystemContainer()  # it owns the system, so it has to be kept
+        self._container = exudyn.SystemContainer()  # it owns the system, so keep it
         self._system = self._container.AddSystem()
         self._configuration = configuration
-        # Markers, by body and point: where it is, and how the body turns there.
+        # Markers of position and of rotation, by body and point.
         self._places: dict[tuple[str, str], int] = {}
         self._turns: dict[tuple[str, str], int] = {}
         self._add_ground(mechanism)
@@ -84,7 +84,7 @@ class ExudynModel:
     def _add_link(self, link: Link, elements: int) -> None:
         beam = link.body
         if not isinstance(beam, Beam):
-            raise TypeError(f"{link.name} is no beam.")
+            raise TypeError(f"Link {link.name} is not a beam, so Exudyn cannot model it.")
         stations = {x for _, (x, _) in link.points} | {segment.end for segment in beam.segments}
         places = _places(sorted(stations), elements)
         nodes = [self._add_node(link.name, (float(x), 0.0)) for x in places]
@@ -108,7 +108,7 @@ class ExudynModel:
             )
         for point, (x, z) in link.points:
             node = nodes[int(np.abs(places - x).argmin())]
-            # A body without mass carries the pin beside the axis.
+            # A massless body carries a pin that is not on the axis.
             arm = items.ObjectRigidBody2D(mass=0.0, inertia=0.0, nodeNumber=node)
             self._mark(link.name, point, self._system.AddObject(arm), (0.0, z), node, 2)
         for point, mass in link.masses:
@@ -163,7 +163,7 @@ class ExudynModel:
     def _mark(
         self, body: str, point: str, number: int, arm: tuple[float, float], node: int, turn: int
     ) -> None:
-        """Mark a point on object ``number``, and the coordinate of a node that turns it."""
+        """Mark a point on object ``number``, and the coordinate that rotates it."""
         self._places[body, point] = self._system.AddMarker(
             items.MarkerBodyPosition(bodyNumber=number, localPosition=[*arm, 0.0])
         )
@@ -173,7 +173,7 @@ class ExudynModel:
 
 
 def _places(stations: list[float], elements: int) -> FloatArray:
-    """Places of the nodes along a link: each station is the end of an element."""
+    """Return the positions of the nodes along a link; each station is the end of an element."""
     total = stations[-1] - stations[0]
     places = [np.array(stations[:1])]
     for start, end in itertools.pairwise(stations):
@@ -183,21 +183,22 @@ def _places(stations: list[float], elements: int) -> FloatArray:
 
 
 def _refined(mechanism: Mechanism) -> Mechanism:
-    """Return the mechanism with more elements a link."""
+    """Return the mechanism with more elements per link."""
     links = []
     for link in mechanism.links:
-        assert isinstance(link.body, Beam)  # Exudyn has taken it
+        assert isinstance(link.body, Beam)  # ExudynModel has checked it
         body = replace(link.body, elements=REFINEMENT * link.body.elements)
         links.append(replace(link, body=body))
     return replace(mechanism, links=tuple(links))
 
 
 def main() -> None:
-    """Compare and write the result file."""
+    """Compare the shipped linkages and publish the result."""
     parts = [
-        f"The linkages that ship, in both codes: Exudyn with {EXUDYN_ELEMENTS} three-node beams a "
-        "link, ours with the elements and the fixed-interface modes of the description, and (finer "
-        f"mesh) with {REFINEMENT} times as many elements, unreduced."
+        "This page compares the natural frequencies of the shipped linkages with those of Exudyn, "
+        f"a flexible multibody code. Exudyn has {EXUDYN_ELEMENTS} three-node beams per link. Ours "
+        "has the elements and fixed-interface modes of the mechanism file; the finer mesh has "
+        f"{REFINEMENT} times as many elements and is not reduced."
     ]
     columns = ["alpha3, deg", "", *(f"mode {i + 1}" for i in range(MODES))]
     with tqdm(total=sum(map(len, ANGLES_DEG.values())), unit="angle") as progress:
@@ -229,7 +230,7 @@ def main() -> None:
             ]
     publish(
         "validation.exudyn_beams",
-        "Natural frequencies against Exudyn",
+        "Natural frequencies compared with Exudyn",
         parts,
         machine("exudyn"),
     )

@@ -1,12 +1,12 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Lagrange-multiplier frequency-based substructuring against SDynPy's.
+"""Compares Lagrange-multiplier frequency-based substructuring with that of SDynPy.
 
-Both get the same component FRFs on all interface DoFs and the same compatibility matrix. SDynPy
-takes a pseudo-inverse where ours solves. The dynamic stiffness of the assembled matrices, inverted
-at every frequency, tells which of the two a difference belongs to.
+Both receive the same component FRFs on all interface DoFs and the same compatibility matrix. SDynPy
+uses a pseudo-inverse; ours solves linear equations. The inverse of the assembled dynamic stiffness
+at every frequency shows which of the two has the larger error.
 
-SDynPy is under the GPL: it serves to check here, and the package neither needs nor imports it.
+SDynPy has the GPL licence. It is used only for this check; the package does not import it.
 """
 
 import math
@@ -27,7 +27,7 @@ from linkage_vibration.mechanics.fbs import component_frf, couple_frfs
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.readers.mechanism import read_mechanism
 
-os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")  # SDynPy loads Qt, screen or none
+os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")  # SDynPy loads Qt
 
 import sdynpy
 
@@ -37,20 +37,20 @@ ComplexArray = NDArray[np.complex128]
 MECHANISM = Path(__file__).parents[2] / "config" / "three_point_linkage.yaml"
 ANGLES_DEG = (90.0, 140.0, 180.0)
 FREQUENCIES = np.linspace(0.5, 200.0, 400)  # Hz
-DIRECTIONS = {"x": 1, "z": 3, "theta": 5}  # X+, Z+ and RY+ of SDynPy
+DIRECTIONS = {"x": 1, "z": 3, "theta": 5}  # SDynPy's X+, Z+ and RY+
 
 
 def sdynpy_coupled(
     blocks: Sequence[ComplexArray], components: Sequence[Component], compatibility: FloatArray
 ) -> ComplexArray:
-    """Couple component FRFs by SDynPy.
+    """Couple component FRFs with SDynPy.
 
     Parameters
     ----------
     blocks : sequence of ndarray, (n_freq, n_r, n_r)
         Receptances on the interface DoFs of each component.
     components : sequence of Component
-        Whose DoFs these are.
+        The components, with their DoFs.
     compatibility : ndarray, (n_constraints, n)
         B.
 
@@ -59,7 +59,7 @@ def sdynpy_coupled(
     ndarray, (n_freq, n, n)
         Receptances of the assembly on all interface DoFs.
     """
-    # SDynPy tells DoFs by the number of a node and a direction, and sorts them by both.
+    # SDynPy identifies a DoF by the number of a node and a direction, and sorts them by both.
     nodes: dict[tuple[str, str], int] = {}
     for component in components:
         for dof in component.dofs:
@@ -81,7 +81,7 @@ def sdynpy_coupled(
 
 
 def assembled(system: CoupledSystem, n_interface: int) -> ComplexArray:
-    """Invert the assembly's dynamic stiffness, (n_freq, n_interface, n_interface)."""
+    """Return the assembly's receptances, (n_freq, n_interface, n_interface)."""
     rows = system.restrict(np.eye(n_interface))
     omega = 2.0 * math.pi * FREQUENCIES[:, np.newaxis, np.newaxis]
     dynamic = system.stiffness + 1j * (omega * system.damping + system.loss)
@@ -90,14 +90,14 @@ def assembled(system: CoupledSystem, n_interface: int) -> ComplexArray:
 
 
 def difference(first: ComplexArray, second: ComplexArray) -> str:
-    """Return the largest difference at any frequency, over the largest receptance there."""
+    """Return the largest difference at any frequency, relative to the largest receptance there."""
     apart = np.abs(first - second).max(axis=(1, 2)) / np.abs(second).max(axis=(1, 2))
     worst = int(apart.argmax())
     return f"{apart[worst]:.1e} at {FREQUENCIES[worst]:g} Hz"
 
 
 def main() -> None:
-    """Compare at three angles and write the result file."""
+    """Compare at three angles and publish the result."""
     mechanism = read_mechanism(MECHANISM)
     model = LinkageModel(mechanism)
     components = [c for c in model.components if isinstance(c, Component)]
@@ -138,12 +138,13 @@ def main() -> None:
     ]
     publish(
         "validation.sdynpy_fbs",
-        "Coupling by FRFs against SDynPy",
+        "Coupling by FRFs compared with SDynPy",
         [
-            f"`{mechanism.name}`, all {n} x {n} receptances at {len(FREQUENCIES)} frequencies from "
-            f"{FREQUENCIES[0]:g} to {FREQUENCIES[-1]:g} Hz, from the same component FRFs. The "
-            "largest difference is that of any receptance over the largest receptance at that "
-            "frequency; the assembly is the primal one of the same components.",
+            "This page compares coupled FRFs with those of SDynPy, computed from the same "
+            f"component FRFs: all {n} x {n} receptances of `{mechanism.name}` at "
+            f"{len(FREQUENCIES)} frequencies from {FREQUENCIES[0]:g} to {FREQUENCIES[-1]:g} Hz. "
+            "The largest difference is that of any receptance, relative to the largest receptance "
+            "at that frequency. The assembly is the primal assembly of the same components.",
             table(columns, rows),
         ],
         machine("sdynpy"),

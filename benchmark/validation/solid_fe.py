@@ -1,9 +1,9 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Substructured solid links against the assembled solid model in CalculiX, on the same meshes.
+"""Compares substructured solid links with one assembled CalculiX model of the same meshes.
 
-The counterpart of the paper's Table 3. CalculiX has one model of all links; ours reduces each link
-once, to its pins and 20 fixed-interface modes, and couples them by B(alpha3).
+This is the counterpart of the paper's Table 3. CalculiX has one model of all links; ours reduces
+each link once, to its pins and 20 fixed-interface modes, and couples the links by B(alpha3).
 """
 
 import math
@@ -30,13 +30,13 @@ from linkage_vibration.readers.meshes import mesh_matrices
 MECHANISM = Path(__file__).parents[2] / "config" / "three_point_linkage.yaml"
 ANGLES_DEG = (90.0, 140.0, 180.0)
 MODES = 3
-FIXED_INTERFACE_MODES = 20  # a link, the paper's Table 2
+FIXED_INTERFACE_MODES = 20  # per link, as in the paper's Table 2
 FEWER = (1, 3, 5, 10)
 
 
 def solid_link(link: Link, mesh: Path, rotations: frozenset[str]) -> Link:
-    """Return a link of beams as one of the solid in a mesh, reduced."""
-    assert isinstance(link.body, Beam)  # as its mesh was made from
+    """Return a link with the reduced body of a solid mesh instead of beams."""
+    assert isinstance(link.body, Beam)  # the mesh was made from it
     body = mesh_matrices(
         mesh,
         link.body.material,
@@ -49,9 +49,9 @@ def solid_link(link: Link, mesh: Path, rotations: frozenset[str]) -> Link:
 
 
 def main() -> None:
-    """Compare at three angles and write the result file."""
+    """Compare at three angles and publish the result."""
     if shutil.which("ccx") is None:
-        sys.exit("This benchmark needs CalculiX: apt-get install calculix-ccx")
+        sys.exit("This benchmark needs CalculiX; run apt-get install calculix-ccx.")
     mechanism = read_mechanism(MECHANISM)
     beams = LinkageModel(mechanism)
     rows, worst = [], np.zeros(1 + len(FEWER))
@@ -86,28 +86,30 @@ def main() -> None:
                 [f"{angle_deg:g}", "CalculiX, assembled, Hz", *(f"{f:.4f}" for f in whole)],
                 ["", "ours, substructured, Hz", *(f"{f:.4f}" for f in ours)],
                 ["", "relative difference", *(f"{d:+.1e}" for d in difference)],
-                ["", "for orientation: beams, Hz", *(f"{f:.4f}" for f in straight)],
+                ["", "for comparison: beams, Hz", *(f"{f:.4f}" for f in straight)],
             ]
             progress.update()
     n_nodes = sum(len(mesh.nodes) for mesh in meshes.values())
     n_elements = sum(len(mesh.tetrahedra) for mesh in meshes.values())
-    told = subprocess.run(["ccx", "-v"], capture_output=True, text=True, check=False).stdout
+    version = subprocess.run(["ccx", "-v"], capture_output=True, text=True, check=False).stdout
     publish(
         "validation.solid_fe",
-        "Substructured solids against the assembled solid model",
+        "Substructured solids compared with the assembled solid model",
         [
-            f"`{mechanism.name}`, each link a bar with an eye around every pin: {n_elements} "
-            f"ten-node tetrahedra with {n_nodes} nodes in all, the same in both. In-plane modes.",
+            "This page compares the in-plane natural frequencies of solid links, reduced and "
+            "coupled by us, with those of one assembled model in CalculiX. The linkage is "
+            f"`{mechanism.name}`; each link is a bar with an eye around every pin. Both codes have "
+            f"the same mesh of {n_elements} ten-node tetrahedra with {n_nodes} nodes in all.",
             table(["alpha3, deg", "", *(f"mode {i + 1}" for i in range(MODES))], rows),
-            "Largest relative difference with so many fixed-interface modes a link:",
+            "Largest relative difference by the number of fixed-interface modes per link:",
             table(
                 ["modes", *map(str, FEWER), str(FIXED_INTERFACE_MODES)],
                 [["difference", *(f"{value:.1e}" for value in worst)]],
             ),
-            f"CalculiX took {assembling:.1f} s a configuration; ours {reducing:.1f} s once, and "
-            f"then {1e3 * coupling:.1f} ms a configuration.",
+            f"CalculiX took {assembling:.1f} s per configuration. Ours took {reducing:.1f} s once, "
+            f"and then {1e3 * coupling:.1f} ms per configuration.",
         ],
-        machine("scikit-fem", "gmsh", f"CalculiX {told.split()[-1]}"),
+        machine("scikit-fem", "gmsh", f"CalculiX {version.split()[-1]}"),
     )
 
 
@@ -120,7 +122,7 @@ def _solid(mechanism: Mechanism, files: dict[str, Path]) -> Mechanism:
 
 
 def _keep(mechanism: Mechanism, modes: int) -> Mechanism:
-    """Return the mechanism with fewer fixed-interface modes a link."""
+    """Return the mechanism with fewer fixed-interface modes per link."""
     return replace(mechanism, links=tuple(replace(link, modes=modes) for link in mechanism.links))
 
 

@@ -1,9 +1,9 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Solid meshes of straight links, with gmsh: a bar with an eye around every pin.
+"""Meshes straight links with gmsh: solid bars with an eye around every pin.
 
-Each segment is a box with the area and the second moment of the beam that the link is elsewhere;
-eyes and bores add what beams leave out, so the solids' frequencies are near the beams', not theirs.
+Each segment is a box with the area and the second moment of area of the beam. Beams have no eyes
+and bores, so the natural frequencies of the solids are close to the beams', but not equal.
 """
 
 import math
@@ -14,8 +14,8 @@ import gmsh
 from linkage_vibration.mechanics.bodies.beam import Beam
 from linkage_vibration.mechanics.description import Link
 
-EYE = 0.75  # its radius over the height of the bar
-BORE = 0.5  # its radius over that of the eye
+EYE = 0.75  # radius of the eye / height of the bar
+BORE = 0.5  # radius of the bore / radius of the eye
 LEAST_EYE = 0.025  # m
 
 
@@ -25,14 +25,14 @@ def write_mesh(path: Path, link: Link) -> None:
     Parameters
     ----------
     path : Path
-        ``.msh`` to write. It is in the link's own axes: x along it, z across it in the plane of
-        motion, y along the pins. The bore at every point is a physical surface of its name.
+        The ``.msh`` file. It has the link's axes: x along it, z across it in the plane of motion,
+        y along the pins. The bore at every point is a physical surface of the point's name.
     link : Link
         A beam with its pins on the axis.
     """
     beam = link.body
     if not isinstance(beam, Beam) or any(z != 0.0 for _, (_, z) in link.points):
-        raise ValueError(f"{link.name} is no beam with its pins on the axis.")
+        raise ValueError(f"Link {link.name} is not a beam with its pins on the axis.")
     places = {point: x for point, (x, _) in link.points}
     heights = [math.sqrt(12.0 * s.section.second_moment / s.section.area) for s in beam.segments]
     widths = [s.section.area / height for s, height in zip(beam.segments, heights, strict=True)]
@@ -64,7 +64,7 @@ def write_mesh(path: Path, link: Link) -> None:
         gmsh.model.addPhysicalGroup(3, [tag for _, tag in solid], name=link.name)
         gmsh.option.setNumber("Mesh.MeshSizeMax", size)
         gmsh.option.setNumber("Mesh.MeshSizeFromCurvature", 10)
-        # Straight sides: both codes then integrate the same elements exactly.
+        # With straight sides both codes integrate the same elements exactly.
         gmsh.option.setNumber("Mesh.SecondOrderLinear", 1)
         gmsh.model.mesh.generate(3)
         gmsh.model.mesh.setOrder(2)

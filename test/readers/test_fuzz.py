@@ -14,26 +14,32 @@ import pytest
 for name in ("pyuff", "meshio", "skfem", "rosbags"):
     pytest.importorskip(name, reason="reads or writes files of one kind (extras uff, fe and bags)")
 
-from benchmark.file_readers import Reader, all_readers  # noqa: E402
-from benchmark.fuzz import ACCEPTED, REFUSED, outcome, spoilt, write  # noqa: E402
-from benchmark.spoiling import BOMBS  # noqa: E402
 from linkage_vibration.errors import LinkageVibrationError  # noqa: E402
+from test.support.damage import (  # noqa: E402
+    ACCEPTED,
+    BOMBS,
+    REFUSED,
+    damaged,
+    read_outcome,
+    write_files,
+)
+from test.support.file_readers import Reader, all_readers  # noqa: E402
 
 READERS = {reader.name: reader for reader in all_readers()}
 INPUTS = 80
 
 
 @pytest.mark.parametrize("reader", READERS.values(), ids=READERS)
-def test_spoilt_files(tmp_path: Path, reader: Reader) -> None:
+def test_damaged_files(tmp_path: Path, reader: Reader) -> None:
     """Valid files are damaged at random; most give an error, and always one of the package."""
     for main, files in reader.seeds:
-        write(tmp_path, files)
-        assert outcome(reader, tmp_path / main) == (ACCEPTED, "")
+        write_files(tmp_path, files)
+        assert read_outcome(reader, tmp_path / main) == (ACCEPTED, "")
     outcomes = Counter[str]()
     for number in range(INPUTS):
-        main, files = spoilt(reader, number)
-        write(tmp_path, files)
-        found, trace = outcome(reader, tmp_path / main)
+        main, files = damaged(reader, number)
+        write_files(tmp_path, files)
+        found, trace = read_outcome(reader, tmp_path / main)
         assert found in (REFUSED, ACCEPTED), f"input {number}: {trace}"
         outcomes[found] += 1
     assert outcomes[REFUSED] > INPUTS / 4
@@ -47,7 +53,7 @@ def test_each_byte_of_a_table(tmp_path: Path) -> None:
         content = bytearray(files[main])
         content[at] ^= 0xFF
         (tmp_path / main).write_bytes(content)
-        found, trace = outcome(reader, tmp_path / main)
+        found, trace = read_outcome(reader, tmp_path / main)
         assert found in (REFUSED, ACCEPTED), f"byte {at}: {trace}"
 
 

@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmark.browser import CHROMIUM, NAMES, Browser
 from linkage_vibration.bags.writing import Attachment, LogWriter, Topic, offered_qos_profiles
 from linkage_vibration.messages.definitions import message_definition, type_hash
 from linkage_vibration.messages.encoding import encode_prediction, encode_resonance
@@ -19,6 +18,7 @@ from linkage_vibration.prediction.resonance import ResonanceMonitor
 from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.support.resources import DEFAULT_MECHANISM, DEFAULT_TABLE, config_file
 from linkage_vibration.table.table import load_table, table_bytes
+from test.support.browser import CHROMIUM, NAMES, Browser
 from test.support.drive import engine_and_pto_speed, hitch_duty_cycle
 
 START = 1_767_225_600 * 10**9  # ns

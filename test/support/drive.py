@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Generates the shipped drive: a bag of a hitch duty cycle.
+"""Writes the shipped drive, a hitch duty cycle: ``python -m test.support.drive FILE``.
 
 A tractor ploughs, lifts its implement at the headland, drives on a road, lowers the implement and
 ploughs again. The far ends of the lower links are lowest at alpha3 = 180 deg (0.32 m below their
@@ -9,18 +9,18 @@ range. The PTO drives the implement while it works.
 """
 
 import heapq
-import tempfile
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from rosbags.typesys import Stores, get_typestore
 
 from linkage_vibration.bags.message_types import FLOAT64, JOINT_STATE
 from linkage_vibration.bags.writing import LogWriter
 from linkage_vibration.demo.demo import ENGINE_SPEED, HITCH_JOINT, PTO_SPEED
-from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.messages.topics import log_topic
 
 JOINTS = "/joint_states"
@@ -37,10 +37,6 @@ ENGINE_WORKING, ENGINE_IDLE, ENGINE_ROAD = 2000.0, 1300.0, 2050.0  # rpm
 ENGINE_STEP = 0.125  # rpm, of the J1939 bus
 PTO_RATIO = 540.0 / 1950.0  # of the PTO's speed to the engine's
 ENCODER_NOISE = np.deg2rad(0.02)  # rad, standard deviation
-
-
-class DriveError(LinkageVibrationError):
-    """The drive cannot be written."""
 
 
 def hitch_duty_cycle() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -108,44 +104,18 @@ def engine_and_pto_speed() -> tuple[NDArray[np.float64], NDArray[np.float64], ND
 
 
 def write_drive(path: Path) -> None:
-    """Write the hitch duty cycle as an MCAP file, which replaces an existing one.
+    """Write the hitch duty cycle as a new MCAP file.
 
     As with a real joint_state_broadcaster, there are other joints beside the hitch, the order of
     names changes, and efforts, which nothing measures, are NaN. ``config/drives`` holds the result.
-
-    Raises
-    ------
-    DriveError
-        If the file cannot be written, or rosbags, which encodes messages, is not installed.
     """
-    try:
-        from rosbags.typesys import Stores, get_typestore
-    except ImportError:
-        raise DriveError(
-            "Writing the drive needs rosbags; `pip install linkage_vibration[bags]`."
-        ) from None
     store = get_typestore(Stores.ROS2_HUMBLE)
-    topics = [
-        log_topic(name, message_type)
-        for name, message_type in (
-            (JOINTS, JOINT_STATE),
-            (ENGINE_SPEED, FLOAT64),
-            (PTO_SPEED, FLOAT64),
-        )
-    ]
-    try:
-        with tempfile.TemporaryDirectory(dir=path.parent) as folder:
-            unfinished = Path(folder) / path.name
-            with LogWriter(unfinished, topics) as log:
-                for time, topic, data in heapq.merge(_joint_states(store), *_speeds(store)):
-                    log.write(topic, data, time, time)
-            if log.error is not None:
-                raise log.error
-            unfinished.replace(path)
-    except OSError as error:
-        raise DriveError(
-            f"{path} could not be written: {error.strerror}; give a folder that can be written."
-        ) from None
+    types = {JOINTS: JOINT_STATE, ENGINE_SPEED: FLOAT64, PTO_SPEED: FLOAT64}
+    with LogWriter(path, [log_topic(*topic) for topic in types.items()]) as log:
+        for time, topic, data in heapq.merge(_joint_states(store), *_speeds(store)):
+            log.write(topic, data, time, time)
+    if log.error is not None:
+        raise log.error
 
 
 def _joint_states(store: Any) -> Iterator[tuple[int, str, bytes]]:
@@ -206,3 +176,7 @@ def _sum_of_sines(
     waves = np.sin(2 * np.pi * np.outer(times, frequencies) + phases)
     noise: NDArray[np.float64] = waves.sum(axis=1) * np.sqrt(2 / frequencies.size)
     return noise
+
+
+if __name__ == "__main__":
+    write_drive(Path(sys.argv[1]))

@@ -20,7 +20,6 @@ from test.support.drive import (
     ENGINE_SPEED,
     HITCH_JOINT,
     PTO_SPEED,
-    DriveError,
     engine_and_pto_speed,
     hitch_duty_cycle,
     write_drive,
@@ -81,20 +80,6 @@ def test_bag_holds_the_duty_cycle_among_other_joints() -> None:
     velocities = [record.velocity[k] for record, k in zip(records, places, strict=True)]
     np.testing.assert_allclose(velocities, np.gradient(alpha3, times), rtol=1e-6, atol=1e-9)
     assert all(np.isnan(record.effort).all() for record in records)
-
-
-def test_existing_bag_is_replaced_whole(tmp_path: Path) -> None:
-    """An older file of the same name is replaced, and no other file remains."""
-    (tmp_path / "drive.mcap").write_text("old")
-    write_drive(tmp_path / "drive.mcap")
-    assert [path.name for path in tmp_path.iterdir()] == ["drive.mcap"]
-    assert sum(1 for _ in read_joint_states(tmp_path / "drive.mcap")) == 2000
-
-
-def test_folder_that_does_not_exist(tmp_path: Path) -> None:
-    """The error names the file."""
-    with pytest.raises(DriveError, match=r"nowhere/drive\.mcap"):
-        write_drive(tmp_path / "nowhere" / "drive.mcap")
 
 
 def test_engine_and_pto_speed() -> None:

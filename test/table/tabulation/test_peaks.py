@@ -7,15 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-pytest.importorskip("matplotlib", reason="benchmark.stability draws")
-
-from benchmark.stability.crossing import STROKE, crossing_crank
 from linkage_vibration.mechanics.description import Mechanism, rayleigh_damping
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.resources import config_file
 from linkage_vibration.table.tabulation import build_table
 from linkage_vibration.table.tabulation.peaks import notable
+from test.support.crossing import STROKE, crossing_crank
 
 
 def test_jump_from_one_mode_to_the_other() -> None:

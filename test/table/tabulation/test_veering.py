@@ -6,15 +6,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-pytest.importorskip("matplotlib", reason="benchmark.stability draws")
-
-from benchmark.stability.crossing import STROKE, crossing_crank, exact_frequencies
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.modes import track
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.resources import config_file
 from linkage_vibration.table.table import TableError
 from linkage_vibration.table.tabulation import build_table
+from test.support.crossing import STROKE, crossing_crank, exact_frequencies
 
 AT = 0.8137  # rad, where the crank's modes meet: on no even grid
 

@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Every reader of files with small files that it accepts, and what it must never hand on."""
+"""Every reader of files, with small files that it accepts and a check of what it returns."""
 
 import io
 import itertools
@@ -47,7 +47,7 @@ Seeds = tuple[tuple[str, Files], ...]
 _NODES = {1: "A", 2: "B"}
 _STEEL = Material(210e9, 7800.0, 0.3)
 _LENGTH = 0.3  # m, of the meshed bar
-_EDGES = [(0, 1), (1, 2), (0, 2), (0, 3), (2, 3), (1, 3)]  # gmsh's order of the nodes between
+_EDGES = [(0, 1), (1, 2), (0, 2), (0, 3), (2, 3), (1, 3)]  # order of the middle nodes in gmsh
 
 
 @dataclass(frozen=True)
@@ -57,11 +57,11 @@ class Reader:
     Attributes
     ----------
     name : str
-        For people.
+        What a report calls it.
     make : callable
-        Makes its seeds.
+        Returns its seeds.
     read : callable
-        Reads a path; raises AssertionError where the result is not valid.
+        Reads a path; raises AssertionError if the result is invalid.
     """
 
     name: str
@@ -70,7 +70,7 @@ class Reader:
 
     @cached_property
     def seeds(self) -> Seeds:
-        """What it accepts: the path to give, and all files by name, one of which is spoilt."""
+        """Inputs that it accepts: the path to read, and the contents of all files by name."""
         return self.make()
 
 
@@ -122,7 +122,7 @@ def _read_excitations(path: Path) -> None:
 
 
 def _read_table(path: Path) -> None:
-    """Read a table, which is the one that was written or none at all."""
+    """Read a table; it must equal the one that was written."""
     assert table_bytes(load_table(path)) == _tables()[0][1]["t.npz"]
 
 
@@ -183,7 +183,7 @@ def _sweeps() -> Seeds:
 
 
 def _with_mechanism(path: Path) -> Seeds:
-    """Return a file and beside it the mechanism that it names."""
+    """Return a file and the mechanism that it names."""
     content = path.read_bytes().replace(b"../", b"")
     mechanism = config_file("three_point_linkage.yaml")
     return ((path.name, {path.name: content, mechanism.name: mechanism.read_bytes()}),)
@@ -201,7 +201,7 @@ def _tables() -> Seeds:
 
 
 def _chain() -> dict[str, FloatArray]:
-    """Return three masses on a line with springs between them, the middle one inside."""
+    """Return the matrices of three masses on a line, joined by springs; the last is internal."""
     spring = np.array([[1.0, 0.0, -1.0], [0.0, 1.0, -1.0], [-1.0, -1.0, 2.0]])
     return {
         "mass": np.diag([2.0, 2.0, 1.0]),
@@ -254,7 +254,7 @@ def _matrices_mtx() -> Seeds:
 
 
 def _receptance(frequencies: FloatArray) -> NDArray[np.complex128]:
-    """Return that of the chain between its ends."""
+    """Return the receptance of the chain between its ends."""
     omega = 2.0 * np.pi * frequencies[:, None, None]
     m, k, c = (_chain()[name] for name in ("mass", "stiffness", "damping"))
     return np.asarray(np.linalg.inv(k - omega**2 * m + 1j * omega * c)[:, :2, :2])
@@ -300,7 +300,7 @@ def _mesh(version: str, order: int) -> str:
     numbers: dict[tuple[float, ...], int] = {}
 
     def numbered(corners: list[FloatArray]) -> list[int]:
-        """Return the numbers of an element's nodes, whose places count in bricks."""
+        """Return the numbers of an element's nodes, whose coordinates are in bricks."""
         edges = _EDGES if len(corners) == 4 else _EDGES[:3]
         between = [(corners[a] + corners[b]) / 2.0 for a, b in edges] if order == 2 else []
         return [numbers.setdefault(tuple(p), len(numbers) + 1) for p in [*corners, *between]]

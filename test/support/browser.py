@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""A headless Chromium to look at pages with."""
+"""A headless Chromium that opens pages and sends them the input of a person."""
 
 import base64
 import itertools
@@ -25,7 +25,7 @@ class Browser:
     Attributes
     ----------
     problems : list of str
-        Errors and warnings of the console, exceptions, and requests to elsewhere, so far.
+        Console messages, exceptions and network requests so far.
     """
 
     def __init__(self, width: int = 1280, height: int = 900) -> None:
@@ -72,7 +72,7 @@ class Browser:
         self._profile.cleanup()
 
     def open(self, page: Path) -> None:
-        """Load a page and wait until it stands."""
+        """Load a page and wait until it is drawn."""
         self.send("Page.navigate", url=page.resolve().as_uri())
         self._wait("Page.loadEventFired")
         self.settle()
@@ -89,14 +89,14 @@ class Browser:
 
     def evaluate(self, expression: str) -> Any:
         """Return what an expression of JavaScript gives in the page."""
-        told = self.send(
+        answer = self.send(
             "Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=True
         )
-        assert "exceptionDetails" not in told, told["exceptionDetails"]
-        return told["result"].get("value")
+        assert "exceptionDetails" not in answer, answer["exceptionDetails"]
+        return answer["result"].get("value")
 
     def settle(self) -> None:
-        """Wait until the page has drawn what it was told."""
+        """Wait until the page has drawn its last changes."""
         frame = "requestAnimationFrame"
         self.evaluate(f"new Promise(done => {frame}(() => {frame}(() => {frame}(() => done()))))")
 
@@ -105,7 +105,7 @@ class Browser:
         return str(self.evaluate(f"document.querySelector({json.dumps(selector)}).textContent"))
 
     def place(self, selector: str, across: float = 0.5, down: float = 0.5) -> tuple[float, float]:
-        """Return a point of an element, which is scrolled into sight."""
+        """Scroll an element into view and return a point of it."""
         box = self.evaluate(
             f"(() => {{ const e = document.querySelector({json.dumps(selector)});"
             "e.scrollIntoView({block: 'center'}); const b = e.getBoundingClientRect();"
@@ -135,7 +135,7 @@ class Browser:
     def drag(
         self, start: tuple[float, float], end: tuple[float, float], modifiers: int = 0
     ) -> None:
-        """Drag from a point to another."""
+        """Drag from one point to another."""
         self.mouse("mouseMoved", start, modifiers=modifiers)
         self.mouse("mousePressed", start, modifiers=modifiers)
         for share in (0.3, 0.7, 1.0):
@@ -152,16 +152,16 @@ class Browser:
         self.settle()
 
     def screenshot(self, path: Path, *, whole: bool = False) -> None:
-        """Write a PNG of what is in sight, or of the whole page."""
-        told = self.send("Page.captureScreenshot", captureBeyondViewport=whole)
-        path.write_bytes(base64.b64decode(told["data"]))
+        """Write a PNG of the visible part, or of the whole page."""
+        answer = self.send("Page.captureScreenshot", captureBeyondViewport=whole)
+        path.write_bytes(base64.b64decode(answer["data"]))
 
     def pdf(self, path: Path) -> None:
         """Print to a PDF of A4 pages."""
-        told = self.send(
+        answer = self.send(
             "Page.printToPDF", paperWidth=8.27, paperHeight=11.69, printBackground=True
         )
-        path.write_bytes(base64.b64decode(told["data"]))
+        path.write_bytes(base64.b64decode(answer["data"]))
 
     def send(self, method: str, **parameters: Any) -> Any:
         """Send a command and return its result."""
@@ -186,23 +186,23 @@ class Browser:
 
     def _note(self, event: dict[str, Any]) -> None:
         self._events.append(event)
-        told = event.get("params", {})
+        details = event.get("params", {})
         if event.get("method") == "Runtime.exceptionThrown":
-            self.problems.append(str(told["exceptionDetails"]))
+            self.problems.append(str(details["exceptionDetails"]))
         elif event.get("method") == "Runtime.consoleAPICalled":
-            self.problems.append(f"console.{told['type']}: {told['args']}")
+            self.problems.append(f"console.{details['type']}: {details['args']}")
         elif event.get("method") == "Log.entryAdded":
-            self.problems.append(f"{told['entry']['level']}: {told['entry']['text']}")
-        elif event.get("method") == "Network.requestWillBeSent" and not told["request"][
-            "url"
-        ].startswith(("file:", "data:", "about:")):
-            self.problems.append(f"request: {told['request']['url']}")
+            self.problems.append(f"{details['entry']['level']}: {details['entry']['text']}")
+        elif event.get("method") == "Network.requestWillBeSent":
+            url = details["request"]["url"]
+            if not url.startswith(("file:", "data:", "about:")):
+                self.problems.append(f"request: {url}")
 
     def _message(self) -> dict[str, Any]:
         deadline = time.monotonic() + TIMEOUT
         while b"\0" not in self._held:
             ready, _, _ = select.select([self._read], [], [], max(0.0, deadline - time.monotonic()))
-            assert ready, "Chromium does not answer."
+            assert ready, f"Chromium did not answer within {TIMEOUT:g} s."
             data = os.read(self._read, 2**20)
             assert data, "Chromium has ended."
             self._held += data
