@@ -95,7 +95,7 @@ def environment_of(
     folder = tmp_path_factory.mktemp("wheel")
     unwanted = shutil.ignore_patterns(".*", "__pycache__", "*.egg-info", "build", "install", "log")
     shutil.copytree(ROOT, folder / "source", ignore=unwanted)
-    command = [sys.executable, "-m", "pip", "wheel", "-qq", "--no-deps", "-w", folder]
+    command: list[Any] = [sys.executable, "-m", "pip", "wheel", "-qq", "--no-deps", "-w", folder]
     subprocess.run([*command, folder / "source"], check=True)
     (wheel,) = folder.glob("*.whl")
     made: dict[frozenset[str], dict[str, str]] = {}

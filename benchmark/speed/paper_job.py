@@ -219,7 +219,7 @@ def side_by_side(names: list[str], step: Callable[[], object]) -> dict[str, Outc
     outcomes = {}
     for name in names:
         memory = peak_memory(name)
-        outcomes[name] = Outcome(taken[name], *map(float, errors[name]), memory)
+        outcomes[name] = Outcome(taken[name], *map(float, errors[name]), memory)  # type: ignore[call-arg]
         step()
     return outcomes
 

@@ -163,7 +163,7 @@ def _receptance_rate(solution: Solution, omega: float) -> tuple[ComplexArray, Co
     force_rate[n:] = -scale * b_rate @ x[:n_interface]
     x_rate = np.linalg.solve(matrix, force_rate)
     u, u_rate = x[:n_interface], x_rate[:n_interface]
-    return outputs @ u, out_rate @ u + outputs @ u_rate
+    return outputs @ u, out_rate @ u + outputs @ u_rate  # type: ignore[return-value]
 
 
 def _row_rates(model: LinkageModel, solution: Solution) -> tuple[FloatArray, FloatArray]:

@@ -146,4 +146,4 @@ def standard_scene() -> Scene:
 def off_grid(stroke: tuple[float, float], n: int) -> FloatArray:
     """Angles spread evenly over the stroke that no equispaced grid repeats, by the golden ratio."""
     share = (np.arange(1, n + 1) * (math.sqrt(5.0) - 1.0) / 2.0) % 1.0
-    return stroke[0] + (stroke[1] - stroke[0]) * share
+    return stroke[0] + (stroke[1] - stroke[0]) * share  # type: ignore[return-value]

@@ -47,7 +47,7 @@ def section(pictures: Path) -> str:
     blocks = component_frfs(model, LINES)
     once = couple_frfs(blocks, b, rows, rows)
     told = []
-    spectra: dict[str, FloatArray] = {"as it is": np.linalg.svd(b, compute_uv=False)}
+    spectra: dict[str, FloatArray] = {"as it is": np.linalg.svd(b, compute_uv=False)}  # type: ignore[dict-item]
     for words, (extra, names) in further.items():
         more = np.vstack([b, extra])
         spectra[words] = np.linalg.svd(more, compute_uv=False)

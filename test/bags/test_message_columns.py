@@ -33,7 +33,7 @@ def test_strings_of_any_length(tmp_path: Path) -> None:
     with LogWriter(path, [topic("/r")]) as log:
         for k, name in enumerate(names):
             numbers = np.arange(6.0) + k
-            resonance = Resonance(
+            resonance = Resonance(  # type: ignore[call-arg]
                 ResonanceState(k % 3), name, numbers[0], k, *numbers[1:4], -(k % 2), numbers[4], "t"
             )
             log.write("/r", encode_resonance(resonance, k, 7 * k, "frame"[: k % 5]), k, k)

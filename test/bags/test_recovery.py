@@ -262,7 +262,7 @@ def test_recovered_log_opens_everywhere(tmp_path: Path) -> None:
     recover(tmp_path / "cut.mcap", tmp_path / "whole.mcap")
     with AnyReader([tmp_path / "whole.mcap"]) as reader:
         by_rosbags = [
-            (c.topic, time, reader.deserialize(data, c.msgtype).data)
+            (c.topic, time, reader.deserialize(data, c.msgtype).data)  # type: ignore[attr-defined]
             for c, time, data in reader.messages()
         ]
         assert reader.message_count == len(by_rosbags)

@@ -58,7 +58,7 @@ def read(paths: list[Path], topics: list[str]) -> Found:
     with open_bags(paths) as bags:
         for block in bags.blocks(topics):
             for row in range(len(block)):
-                value = STORE.deserialize_cdr(block.message(row), FLOAT64).data
+                value = STORE.deserialize_cdr(block.message(row), FLOAT64).data  # type: ignore[attr-defined]
                 found.append((int(block.log_times[row]), topics[block.topics[row]], value))
     return found
 

@@ -201,7 +201,7 @@ def test_offered_qos(tmp_path: Path, reliable: bool) -> None:
     one = Topic("/a", JOINT_STATE, message_definition(JOINT_STATE), "", text)
     LogWriter(tmp_path / "log.mcap", [one]).close()
     with Reader(tmp_path / "log.mcap") as reader:
-        [qos] = reader.connections[0].ext.offered_qos_profiles
+        [qos] = reader.connections[0].ext.offered_qos_profiles  # type: ignore[union-attr]
     assert qos.history is QosHistory.KEEP_LAST
     assert qos.depth == 7
     assert qos.reliability is (QosReliability.RELIABLE if reliable else QosReliability.BEST_EFFORT)

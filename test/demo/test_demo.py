@@ -55,8 +55,8 @@ def demo(output: Path, *arguments: str) -> str:
 def written(output: Path, printed: str) -> Path:
     """Check that the log and its picture are where the demo says, and return the log."""
     [log], [picture] = output.glob("*.mcap"), output.glob("*.png")
-    assert re.search(r"^log +(.*)$", printed, re.MULTILINE)[1] == str(log)
-    assert re.search(r"^picture +(.*)$", printed, re.MULTILINE)[1] == str(picture)
+    assert re.search(r"^log +(.*)$", printed, re.MULTILINE)[1] == str(log)  # type: ignore[index]
+    assert re.search(r"^picture +(.*)$", printed, re.MULTILINE)[1] == str(picture)  # type: ignore[index]
     assert picture.read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
     return log
 

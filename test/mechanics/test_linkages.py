@@ -212,7 +212,7 @@ def test_the_planar_model_is_the_in_plane_part_of_the_spatial_one(
     mechanism = request.getfixturevalue(which)
     planar = LinkageModel(mechanism, reduced=False)
     spatial = LinkageModel(mechanism, spatial=True, reduced=False)
-    for alpha3 in np.linspace(*mechanism.stroke, 3):
+    for alpha3 in np.linspace(*mechanism.stroke, 3):  # type: ignore[call-overload]
         flat, full = planar.solve(alpha3), spatial.solve(alpha3)
         inside = full.natural_frequencies[full.in_plane]
         np.testing.assert_allclose(inside[:10], flat.natural_frequencies[:10], rtol=1e-7)

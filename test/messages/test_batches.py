@@ -48,7 +48,7 @@ def assert_same(
     stamps = np.array(sec, np.int32), np.array(nanosec, np.uint32)
     encoded = encode_predictions(predictions, *stamps, frame)
     for i, (angle, stddev, *stamp) in enumerate(rows):
-        single = encode_prediction(predictor.predict(angle, stddev), *stamp, frame)
+        single = encode_prediction(predictor.predict(angle, stddev), *stamp, frame)  # type: ignore[call-arg]
         assert encoded[i].tobytes() == single
 
 

@@ -179,7 +179,7 @@ def test_burst_makes_no_rate_of_its_own(prediction: Prediction) -> None:
             # At most 0.02 Hz of noise in 5 ms, on 1 Hz/s
             assert -found.margin / found.time_to_crossing <= 1.0 + 4.01
     jammed = monitor()
-    for time, apart in ((0.0, -2.0), (0.1, -1.9), (0.1001, -1.8), (0.1002, -1.7)):
+    for time, apart in ((0.0, -2.0), (0.1, -1.9), (0.1001, -1.8), (0.1002, -1.7)):  # type: ignore[assignment]
         jammed.set_speed(Source.ENGINE, rpm(natural + apart), round(time * SECOND))
     found = jammed.assess(prediction, 0.0, SECOND // 10)
     assert found.margin == pytest.approx(-1.7)

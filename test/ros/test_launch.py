@@ -30,7 +30,7 @@ def overrides() -> dict[str, str]:
         assert isinstance(name, ast.Constant)
         assert isinstance(value, ast.Tuple)
         found[name.value] = ast.unparse(value.elts[0])
-    return found
+    return found  # type: ignore[return-value]
 
 
 def launched() -> Any:
@@ -71,7 +71,7 @@ def test_python_file_describes_a_launch() -> None:
 def test_arguments_that_were_not_given() -> None:
     """Where launch_ros is installed: only arguments that were given become parameters."""
     pytest.importorskip("launch_ros", reason="launch_ros comes with a ROS 2 install only")
-    from launch import LaunchContext
+    from launch import LaunchContext  # type: ignore[attr-defined]
 
     context = LaunchContext(argv=[])
     context.launch_configurations.update(dict.fromkeys(overrides(), ""))

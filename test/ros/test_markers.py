@@ -72,7 +72,10 @@ def viewer(domain: int) -> Iterator[Viewer]:
             markers,
             served,
             lambda: looking.create_subscription(
-                MarkerArray, "drawing/markers", lambda m: viewer.pictures.append(m), 10
+                MarkerArray,
+                "drawing/markers",
+                lambda m: viewer.pictures.append(m),  # type: ignore[attr-defined]
+                10,
             ),
             looking.destroy_subscription,
             executors[1].spin_once,

@@ -466,7 +466,7 @@ def test_two_parameters_that_are_one_number(space: Callable[..., Path], tmp_path
         read_designs(path)
     text = path.read_text()
     path.write_text(yaml.safe_dump({**yaml.safe_load(text), "parameters": {DENSITY: [7900.0]}}))
-    densities = {link.body.material.density for link in read_designs(path).mechanism(0).links}
+    densities = {link.body.material.density for link in read_designs(path).mechanism(0).links}  # type: ignore[attr-defined]
     assert densities == {7900.0}
     both = {f"{DENSITY}, {rocker}": [7900.0]}
     path.write_text(yaml.safe_dump({**yaml.safe_load(text), "parameters": both}))

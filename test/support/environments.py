@@ -38,8 +38,12 @@ def make_environment(folder: Path, wheel: Path, requirements: Iterable[str]) -> 
     venv.create(folder, with_pip=False, symlinks=True)
     python = folder / "bin" / "python"
     kept = {k: v for k, v in os.environ.items() if not k.startswith(("AMENT", "PYTHON", "VIRTUAL"))}
-    command = [sys.executable, "-m", "pip", "--python", python, "install", "-qq", "--no-deps"]
-    subprocess.run([*command, "--no-index", "--ignore-installed", wheel], check=True, env=kept)
+    command: list[str | Path] = [sys.executable, "-m", "pip", "--python", python, "install"]
+    subprocess.run(
+        [*command, "-qq", "--no-deps", "--no-index", "--ignore-installed", wheel],
+        check=True,
+        env=kept,
+    )
     (site,) = folder.glob("lib/python*/site-packages")
     (ours,) = importlib.metadata.distributions(path=[str(site)])
     for distribution in required({ours.name: ours}, requirements):

@@ -278,7 +278,7 @@ def _frfs_uff() -> Seeds:
             ends = {"rsp_node": i + 1, "rsp_dir": 1, "ref_node": j + 1, "ref_dir": 1}
             values = {"x": f, "data": (2j * np.pi * f) ** power * frf[:, i, j]}
             kinds = {"type": 58, "func_type": 4, "binary": binary, "abscissa_spacing": spacing}
-            kinds |= {"abscissa_spec_data_type": 18, "abscissa_axis_units_lab": "Hz"}
+            kinds |= {"abscissa_spec_data_type": 18, "abscissa_axis_units_lab": "Hz"}  # type: ignore[dict-item]
             kinds |= {"ordinate_spec_data_type": quantity, "orddenom_spec_data_type": 13}
             sets.append({**kinds, **ends, **values})
         with tempfile.TemporaryDirectory() as folder:
@@ -315,7 +315,7 @@ def _mesh(version: str, order: int) -> str:
                 corners[1], corners[2] = corners[2], corners[1]
             tetrahedra.append(numbered(corners))
     faces = []
-    for x in (0.0, 3.0):
+    for x in (0.0, 3.0):  # type: ignore[assignment]
         square = [np.array([x, y, z]) for y, z in ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0))]
         faces.append([numbered([square[k] for k in three]) for three in ((0, 1, 2), (0, 2, 3))])
     triangle, tetrahedron = (2, 4) if order == 1 else (9, 11)

@@ -263,7 +263,9 @@ def peer_of(name: str, domain: int, number: int = 0) -> Iterator[Peer]:
         try:
             peer.spin(client.service_is_ready, f"the node {name}")
             until(
-                lambda: peer.predictions, "a prediction", lambda: peer.publish() and peer.pause(0.5)
+                lambda: peer.predictions,
+                "a prediction",
+                lambda: peer.publish() and peer.pause(0.5),  # type: ignore[func-returns-value]
             )
             # Predictions come in the order of the joint states, so no other follows this one.
             peer.ask()

@@ -16,7 +16,7 @@ from linkage_vibration.prediction.resonance import Resonance, ResonanceMonitor, 
 from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.support.resources import DEFAULT_TABLE, config_file
 from linkage_vibration.table.table import load_table
-from test.support.drive import (
+from test.support.drive import (  # type: ignore[attr-defined]
     ENGINE_SPEED,
     HITCH_JOINT,
     PTO_SPEED,
@@ -103,7 +103,7 @@ def test_bag_holds_the_speeds() -> None:
         for connection, _, data in reader.messages():
             if connection.topic in speeds:
                 message = reader.deserialize(data, connection.msgtype)
-                speeds[connection.topic].append(message.data)
+                speeds[connection.topic].append(message.data)  # type: ignore[attr-defined]
     assert speeds == {ENGINE_SPEED: engine.tolist(), PTO_SPEED: pto.tolist()}
 
 
@@ -117,7 +117,7 @@ def replayed() -> list[tuple[float, Resonance]]:
         for connection, time, data in reader.messages():
             message = reader.deserialize(data, connection.msgtype)
             if connection.topic in sources:
-                monitor.set_speed(sources[connection.topic], message.data, time)
+                monitor.set_speed(sources[connection.topic], message.data, time)  # type: ignore[attr-defined]
             else:
                 reading = joint.reading(message)
                 assert reading is not None

@@ -147,7 +147,7 @@ def test_damage_in_any_byte_is_refused(model: LinkageModel, tmp_path: Path) -> N
 
 @pytest.mark.parametrize("length", [0, 1, 100, -1])
 def test_truncation_is_refused(file: Path, length: int) -> None:
-    """A file cut short is refused in words."""
+    """A file cut short is rejected with an error."""
     file.write_bytes(file.read_bytes()[:length])
     with pytest.raises(TableError, match="build"):
         load_table(file)
