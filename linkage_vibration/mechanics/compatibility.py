@@ -14,16 +14,14 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import null_space
 
 from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.mechanics.arrays import BoolArray, FloatArray
 from linkage_vibration.mechanics.components import CENTRE_OF_GRAVITY, Component, FrfComponent
 from linkage_vibration.mechanics.description import GROUND, Mechanism, MechanismError, Spring
 from linkage_vibration.mechanics.dofs import InterfaceDof
 from linkage_vibration.mechanics.kinematics import Configuration, rotation, rotation_derivative
-
-FloatArray = NDArray[np.float64]
 
 _ZERO = 1e-12  # of the largest singular value of B: a direction below is a repetition
 _CLEAR = 1e-6  # of the same: a direction above is a constraint; between the two it is unclear
@@ -36,47 +34,23 @@ class CouplingError(LinkageVibrationError):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Joining:
-    """All that joins the components in one configuration, on the interface DoFs u.
+    """All that joins the components in one configuration, on the interface DoFs u."""
 
-    Attributes
-    ----------
-    compatibility : ndarray, (n_constraints, n)
-        B, of B u = 0.
-    labels : tuple of str, (n_constraints,)
-        What each row of B belongs to.
-    elongation : ndarray, (n_springs, n)
-        G; G u is how far the springs are stretched (m) or twisted (rad).
-    stiffness, damping : ndarray, (n_springs,)
-        Of the springs, SI.
-    """
-
-    compatibility: FloatArray
-    labels: tuple[str, ...]
-    elongation: FloatArray
-    stiffness: FloatArray
-    damping: FloatArray
+    compatibility: FloatArray  # (n_constraints, n): B, of B u = 0
+    labels: tuple[str, ...]  # (n_constraints,): what each row of B belongs to
+    elongation: FloatArray  # (n_springs, n): G; G u is the stretch (m) or twist (rad) of springs
+    stiffness: FloatArray  # (n_springs,): of the springs, SI
+    damping: FloatArray  # (n_springs,)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RowSpace:
-    """The independent constraints in the rows of B.
+    """The independent constraints in the rows of B."""
 
-    Attributes
-    ----------
-    rows : ndarray, (rank, n)
-        An orthonormal basis of what the rows span: rows @ u = 0 where B u = 0.
-    null_space : ndarray, (n, n - rank)
-        An orthonormal basis of the motions that open no joint.
-    redundant : tuple of int
-        The rows of B that follow from the rows before them.
-    cutoff : float
-        The singular value of B up to which a direction counts as a repetition.
-    """
-
-    rows: FloatArray
-    null_space: FloatArray
-    redundant: tuple[int, ...]
-    cutoff: float
+    rows: FloatArray  # (rank, n): an orthonormal basis of what the rows of B span
+    null_space: FloatArray  # (n, n - rank): an orthonormal basis of the motions that open no joint
+    redundant: tuple[int, ...]  # the rows of B that follow from the rows before them
+    cutoff: float  # the singular value of B up to which a direction counts as a repetition
 
 
 def row_space(compatibility: FloatArray, labels: Sequence[str]) -> RowSpace:
@@ -176,12 +150,12 @@ class InterfaceMap:
         return len(self._index)
 
     @property
-    def out_of_plane(self) -> NDArray[np.bool_]:
+    def out_of_plane(self) -> BoolArray:
         """Which interface DoFs are displacements out of plane, (n,)."""
         return np.array([dof.direction == "y" for _, dof in self._index], dtype=bool)
 
     @cached_property
-    def held(self) -> NDArray[np.bool_]:
+    def held(self) -> BoolArray:
         """Which interface DoFs of links the ground holds in every configuration, (n,).
 
         A pin to the ground holds a point at every angle of the link, and a clamp its rotation.

@@ -7,15 +7,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
+from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray, IntArray
 from linkage_vibration.mechanics.compatibility import CouplingError, Joining, row_space
 from linkage_vibration.mechanics.components import Component
-
-FloatArray = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
-IntArray = NDArray[np.intp]
 
 _CHUNK = 2**20  # complex numbers of dynamic stiffness held at a time, 16 MB
 _ROUNDING_LIMIT = 1e-6  # of the motion, 1: an error by rounding that is refused
@@ -23,49 +19,27 @@ _ROUNDING_LIMIT = 1e-6  # of the motion, 1: an error by rounding that is refused
 
 @dataclass(frozen=True, slots=True, eq=False)
 class UncoupledSystem:
-    """All components side by side, uncoupled and so the same in every configuration.
+    """All components side by side, uncoupled and so the same in every configuration."""
 
-    Attributes
-    ----------
-    n_interface : int
-        Interface DoFs of all components; they come first, then all inner coordinates.
-    rows : dict of str to ndarray of int, (n_component,)
-        Indices of the coordinates of each component.
-    mass, stiffness, damping, loss : ndarray, (n, n)
-        SI; ``loss`` is the imaginary part of the stiffness.
-    """
-
-    n_interface: int
-    rows: dict[str, IntArray]
-    mass: FloatArray
-    stiffness: FloatArray
-    damping: FloatArray
-    loss: FloatArray
+    n_interface: int  # interface DoFs of all components; they come first, then inner coordinates
+    rows: dict[str, IntArray]  # indices of the coordinates of each component, (n_component,)
+    mass: FloatArray  # (n, n), SI; ``loss`` is the imaginary part of the stiffness
+    stiffness: FloatArray  # (n, n)
+    damping: FloatArray  # (n, n)
+    loss: FloatArray  # (n, n)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CoupledSystem:
-    """The assembly in one configuration.
+    """The assembly in one configuration."""
 
-    Attributes
-    ----------
-    mass, stiffness, damping, loss : ndarray, (m, m)
-        On the generalised coordinates q; SI.
-    basis : ndarray, (n_interface, m - n_inner)
-        Interface DoFs u = basis @ q[: m - n_inner]; the inner coordinates are the rest of q.
-    redundant : tuple of str
-        Labels of the constraints that repeat others, which have no effect.
-    cutoff : float
-        The singular value of B up to which a constraint counts as a repetition.
-    """
-
-    mass: FloatArray
-    stiffness: FloatArray
-    damping: FloatArray
-    loss: FloatArray
-    basis: FloatArray
-    redundant: tuple[str, ...] = ()
-    cutoff: float = 0.0
+    mass: FloatArray  # (m, m): on the generalised coordinates q; SI
+    stiffness: FloatArray  # (m, m)
+    damping: FloatArray  # (m, m)
+    loss: FloatArray  # (m, m)
+    basis: FloatArray  # (n_interface, m - n_inner): u = basis @ q[: m - n_inner]; then inner ones
+    redundant: tuple[str, ...] = ()  # labels of constraints that repeat others, without effect
+    cutoff: float = 0.0  # the singular value of B up to which a constraint counts as a repetition
 
     def expand(self, coordinates: FloatArray) -> FloatArray:
         """Turn columns of q, (m, k), into columns of u and inner coordinates, (n, k)."""

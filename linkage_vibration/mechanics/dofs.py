@@ -9,20 +9,15 @@ DIRECTIONS = ("x", "y", "z", "theta")
 
 @dataclass(frozen=True, slots=True, order=True)
 class InterfaceDof:
-    """One physical DoF of a component.
+    """One physical DoF of a component: how one of its points moves.
 
-    Attributes
-    ----------
-    point : str
-        The point that moves.
-    direction : str
-        "x", "y" or "z": displacement along the component's own axes (x along a link from its first
-        point, z across it in the plane of motion, y out of that plane), in m; "theta": rotation
-        about the joint axis, from x towards z, in rad.
+    x, y and z are displacements (m) along the component's own axes: x along a link from its first
+    point, z across it in the plane of motion, y out of that plane. theta is the rotation (rad)
+    about the joint axis, from x towards z.
     """
 
     point: str
-    direction: str
+    direction: str  # of DIRECTIONS
 
     def __str__(self) -> str:
         """Return the DoF as files and errors write it, such as ``P1 x``."""

@@ -11,14 +11,11 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray, IntArray
 from linkage_vibration.mechanics.compatibility import row_space
 
-FloatArray = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
-IntArray = NDArray[np.intp]
 Matrix = FloatArray | ComplexArray
 
 _CHUNK = 2**20  # complex numbers of dynamic stiffness held at a time, 16 MB

@@ -27,14 +27,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import null_space
 
 from linkage_vibration.errors import LinkageVibrationError
-
-FloatArray = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
-BoolArray = NDArray[np.bool_]
+from linkage_vibration.mechanics.arrays import BoolArray, ComplexArray, FloatArray
 
 _STEADY = 0.2  # by which a pole may move from order to order, of its decay rate
 _ALIKE = 0.9  # least MAC of its shape with that at another order
@@ -60,20 +56,11 @@ class IdentifiedModes:
     """Modes found in a band, ascending.
 
     H(w) = sum over modes of R / (i w - p) + conj(R) / (i w - conj(p)), plus modes outside the band.
-
-    Attributes
-    ----------
-    poles : complex ndarray, (n_modes,)
-        p = -zeta w0 + i w0 sqrt(1 - zeta^2), rad/s.
-    residues : complex ndarray, (n_modes, n_out, n_in)
-        R, m/(N s) between displacements.
-    shapes : ndarray, (n_out, n_modes)
-        Real and mass-normalised, 1/sqrt(kg) for displacements; positive at the drive point.
     """
 
-    poles: ComplexArray
-    residues: ComplexArray
-    shapes: FloatArray
+    poles: ComplexArray  # (n_modes,): p = -zeta w0 + i w0 sqrt(1 - zeta^2), rad/s
+    residues: ComplexArray  # (n_modes, n_out, n_in): R, m/(N s) between displacements
+    shapes: FloatArray  # (n_out, n_modes): real, mass-normalised, positive at the drive point
 
     @property
     def omega(self) -> FloatArray:

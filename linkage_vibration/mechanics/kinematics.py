@@ -15,14 +15,12 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq
 
 from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.description import GROUND, Mechanism, MechanismError, Point
-
-FloatArray = NDArray[np.float64]
 
 _STEP = 0.3  # of arc length, with lengths scaled by the largest body: about 10 deg of rotation
 _LEAST_STEP = 1e-6  # where shorter ones still fail, another branch crosses
@@ -34,22 +32,11 @@ _BRANCH_MARGIN = math.radians(45.0)  # how far a body may turn away from the des
 
 @dataclass(frozen=True, slots=True)
 class Toggle:
-    """An input angle at which the linkage locks and turns back, or may continue on another branch.
+    """An input angle at which the linkage locks and turns back, or may take another branch."""
 
-    Attributes
-    ----------
-    alpha3 : float
-        rad.
-    aligned : tuple of str
-        Joints of a stretched or folded arm, which are in line there; empty if more than two bodies
-        lock one another.
-    bodies : tuple of str
-        The bodies that could move there with the input held still.
-    """
-
-    alpha3: float
-    aligned: tuple[str, ...]
-    bodies: tuple[str, ...]
+    alpha3: float  # rad
+    aligned: tuple[str, ...]  # joints in line; empty if more than two bodies lock one another
+    bodies: tuple[str, ...]  # those that could move there with the input held still
 
     def __str__(self) -> str:
         """Return where it is and why."""
@@ -85,33 +72,15 @@ class KinematicsError(LinkageVibrationError):
 
 @dataclass(frozen=True, slots=True)
 class Configuration:
-    """The pose of every body at one input angle, and its rate of change with that angle.
+    """The pose of every body at one input angle, and its rate of change with that angle."""
 
-    Attributes
-    ----------
-    alpha3 : float
-        Input angle, rad.
-    bodies : tuple of str, (n,)
-        Names, in the order of the rows below.
-    origins : ndarray, (n, 2)
-        Global x and z of each body's own origin, m.
-    angles : ndarray, (n,)
-        Angle of each body's own x axis, rad, continuous between the toggles.
-    origin_rates : ndarray, (n, 2)
-        d(origin)/d(alpha3), m/rad.
-    velocity_ratios : ndarray, (n,)
-        d(angle)/d(alpha3), 1.
-    toggle_distance : float
-        Distance of alpha3 from the nearer toggle, rad; infinite if there is none.
-    """
-
-    alpha3: float
-    bodies: tuple[str, ...]
-    origins: FloatArray
-    angles: FloatArray
-    origin_rates: FloatArray
-    velocity_ratios: FloatArray
-    toggle_distance: float
+    alpha3: float  # input angle, rad
+    bodies: tuple[str, ...]  # (n,): names, in the order of the rows below
+    origins: FloatArray  # (n, 2): global x and z of each body's own origin, m
+    angles: FloatArray  # (n,): angle of each body's own x axis, rad, continuous between the toggles
+    origin_rates: FloatArray  # (n, 2): d(origin)/d(alpha3), m/rad
+    velocity_ratios: FloatArray  # (n,): d(angle)/d(alpha3), 1
+    toggle_distance: float  # of alpha3 from the nearer toggle, rad; infinite if there is none
 
     def angle(self, body: str) -> float:
         """Return the angle of a body's own x axis, rad; that of the ground is 0."""
@@ -168,22 +137,14 @@ class _Pins:
     """The gap between the two ends of every pin, with scaled lengths.
 
     It is linear in the positions, cosines and sines of a pose (x, z and angle of each body), with
-    matrices that are the same in every pose. The last row is free for another condition.
-
-    Attributes
-    ----------
-    positions : ndarray, (2 n_pins + 1, 3 n_bodies)
-        d(gap)/d(pose); the columns of the angles are zero.
-    cosines, sines : ndarray, (2 n_pins + 1, n_bodies)
-        d(gap)/d(cosine of each angle), and of each sine.
-    ground : ndarray, (2 n_pins + 1,)
-        Contribution of the ends on the ground.
+    matrices that are the same in every pose. There are two rows for each pin, and a
+    last one that is free for another condition.
     """
 
-    positions: FloatArray
-    cosines: FloatArray
-    sines: FloatArray
-    ground: FloatArray
+    positions: FloatArray  # (n_rows, 3 n_bodies): d(gap)/d(pose); zero for the angles
+    cosines: FloatArray  # (n_rows, n_bodies): d(gap)/d(cosine of each angle)
+    sines: FloatArray  # (n_rows, n_bodies): the same of the sines
+    ground: FloatArray  # (n_rows,): contribution of the ends on the ground
 
     def at(self, pose: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the gaps, (2 n_pins + 1,), and d(gaps)/d(pose), (2 n_pins + 1, 3 n_bodies)."""

@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.mechanics.arrays import BoolArray, ComplexArray, FloatArray
 from linkage_vibration.mechanics.compatibility import InterfaceMap, Joining
 from linkage_vibration.mechanics.components import Component, FrfComponent
 from linkage_vibration.mechanics.coupling import (
@@ -39,9 +39,6 @@ from linkage_vibration.mechanics.response import (
     oscillators,
     pole_residue,
 )
-
-FloatArray = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 _STILL = 1e-6  # of the largest response: below it a DoF is held
 _NOISE = 0.5  # of coupled FRFs, root mean square over lines: the largest noise accepted
@@ -329,7 +326,7 @@ class LinkageModel:
         )
 
     @cached_property
-    def _held(self) -> NDArray[np.bool_]:
+    def _held(self) -> BoolArray:
         """Interface DoFs, (n,), that the ground holds, of components that have matrices."""
         known = [
             np.full(len(component.dofs), isinstance(component, Component))
@@ -483,7 +480,7 @@ class Solution:
         return self.drive_point.peak(band)
 
     @cached_property
-    def in_plane(self) -> NDArray[np.bool_]:
+    def in_plane(self) -> BoolArray:
         """Which modes move in the plane of motion rather than out of it, (n_modes,).
 
         The two kinds do not mix as long as every link is symmetric about the plane.
@@ -598,7 +595,7 @@ class Solution:
 
 
 def _component_frf(
-    component: Component | FrfComponent, frequencies: FloatArray, held: NDArray[np.bool_]
+    component: Component | FrfComponent, frequencies: FloatArray, held: BoolArray
 ) -> ComplexArray | Measured:
     """Return the FRFs of a component, some of whose DoFs are held and do not respond."""
     if isinstance(component, Component):

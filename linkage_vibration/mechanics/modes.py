@@ -6,16 +6,12 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import eig, eigh
 from scipy.optimize import linear_sum_assignment
 
 from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.mechanics.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from linkage_vibration.mechanics.coupling import CoupledSystem
-
-FloatArray = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
-IntArray = NDArray[np.intp]
 
 MECHANISM = 2.0 * math.pi * 1e-2
 """rad/s; below it, 0.01 Hz, a mode is that of a mechanism, at 0 Hz apart from rounding."""
@@ -36,22 +32,14 @@ class ModesError(LinkageVibrationError):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Modes:
-    """Undamped modes in one configuration.
+    """Undamped modes in one configuration, scaled to unit modal mass."""
 
-    Attributes
-    ----------
-    omega : ndarray, (n_modes,)
-        Natural frequencies, rad/s.
-    shapes : ndarray, (n, n_modes)
-        Columns of interface DoFs (each in its component's own axes) and inner coordinates,
-        scaled to unit modal mass; 1/sqrt(kg) for displacements.
-    """
-
-    omega: FloatArray
+    omega: FloatArray  # (n_modes,): natural frequencies, rad/s
+    # (n, n_modes): interface DoFs (in their components' own axes), then inner coordinates.
     shapes: FloatArray
 
     @property
-    def mechanism(self) -> NDArray[np.bool_]:
+    def mechanism(self) -> BoolArray:
         """Which modes strain nothing and are at 0 Hz apart from rounding, (n_modes,)."""
         return self.omega < MECHANISM
 
@@ -73,24 +61,14 @@ class DampedModes:
     Between outputs o and inputs i, both as rows on the undamped modes,
     H(w) = sum over r of (a_oir + i w b_oir) / (k_r - w^2 + i w c_r); `response.pole_residue` finds
     a and b. Term r is the one most like undamped mode r.
-
-    Attributes
-    ----------
-    stiffness : complex ndarray, (n_modes,)
-        k, (rad/s)^2; its imaginary part is structural damping.
-    decay : ndarray, (n_modes,)
-        c = 2 zeta w, rad/s.
-    shapes : complex ndarray, (2, n_modes, n_modes), (1, n_modes, n_modes), or None
-        The damped modes of each term by the undamped ones: two where viscous damping
-        couples the modes, one where structural damping does, None where they are the same.
-    poles : complex ndarray, (2, n_modes), or None
-        The two poles of each term where viscous damping couples the modes, rad/s.
     """
 
-    stiffness: ComplexArray
-    decay: FloatArray
+    stiffness: ComplexArray  # (n_modes,): k, (rad/s)^2; its imaginary part is structural damping
+    decay: FloatArray  # (n_modes,): c = 2 zeta w, rad/s
+    # (2 or 1, n_modes, n_modes): the damped modes of each term by the undamped ones: two where
+    # viscous damping couples the modes, one where structural damping does, None where neither does.
     shapes: ComplexArray | None
-    poles: ComplexArray | None
+    poles: ComplexArray | None  # (2, n_modes), rad/s, where viscous damping couples the modes
 
     @property
     def damping_ratios(self) -> FloatArray:

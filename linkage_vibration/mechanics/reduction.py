@@ -5,13 +5,10 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve, eigh
 
 from linkage_vibration.errors import LinkageVibrationError
-
-FloatArray = NDArray[np.float64]
-
+from linkage_vibration.mechanics.arrays import FloatArray
 
 _SINGULAR = 1e-12  # a pivot this small beside its diagonal entry is rounding
 
@@ -22,19 +19,11 @@ class ReductionError(LinkageVibrationError):
 
 @dataclass(frozen=True, slots=True)
 class Reduction:
-    """A component on its interface DoFs and the amplitudes of its fixed-interface modes.
+    """A component on its interface DoFs and the amplitudes of its fixed-interface modes."""
 
-    Attributes
-    ----------
-    mass, stiffness : ndarray, (n_interface + n_modes, n_interface + n_modes)
-        Interface DoFs first; SI.
-    transformation : ndarray, (n_interface + n_interior, n_interface + n_modes)
-        u = T q, interface DoFs first on both sides.
-    """
-
-    mass: FloatArray
-    stiffness: FloatArray
-    transformation: FloatArray
+    mass: FloatArray  # (m, m), m = n_interface + n_modes, interface DoFs first; SI
+    stiffness: FloatArray  # (m, m)
+    transformation: FloatArray  # (n, m): u = T q, interface DoFs first on both sides
 
 
 def craig_bampton(

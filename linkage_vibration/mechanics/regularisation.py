@@ -18,15 +18,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import block_diag, null_space, orth
 
 from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray
 from linkage_vibration.mechanics.dofs import InterfaceDof
 from linkage_vibration.mechanics.identification import fit_poles
-
-FloatArray = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 _LEAST_LINES = 30
 _MAX_ORDER = 60  # poles in the largest model of a link
@@ -45,20 +42,11 @@ class Measured:
 
     With noise N of the measurement and E = K (N + N^T) / 2 K^T, the error is E plus that of a fit,
     whose variance is the leverage times that of (N + N^T) / 2 - E.
-
-    Attributes
-    ----------
-    frf : complex ndarray, (n_freq, n, n)
-        m/N between displacements.
-    kept : ndarray, (n, n)
-        K, the identity for FRFs that are as measured.
-    leverage : ndarray, (n_freq,)
-        From 0 to 1.
     """
 
-    frf: ComplexArray
-    kept: FloatArray
-    leverage: FloatArray
+    frf: ComplexArray  # (n_freq, n, n), m/N between displacements
+    kept: FloatArray  # (n, n): K, the identity for FRFs that are as measured
+    leverage: FloatArray  # (n_freq,): from 0 to 1
 
 
 def as_measured(frf: ComplexArray) -> Measured:
@@ -122,10 +110,7 @@ def noise_level(frequencies: FloatArray, frf: ComplexArray) -> float:
 
 
 def regularise(
-    dofs: Sequence[InterfaceDof],
-    frequencies: FloatArray,
-    frf: ComplexArray,
-    motions: FloatArray,
+    dofs: Sequence[InterfaceDof], frequencies: FloatArray, frf: ComplexArray, motions: FloatArray
 ) -> Measured:
     """Fit the elastic part of the receptances of a free body.
 

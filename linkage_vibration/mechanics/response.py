@@ -6,13 +6,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import brentq
 
+from linkage_vibration.mechanics.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from linkage_vibration.mechanics.modes import MECHANISM, DampedModes
-
-FloatArray = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 _REACH = 1.3  # of the upper end of a band: modes up to there keep their own poles
 _MARGIN = 0.95  # between configurations the lowest mode may be lower still
@@ -101,7 +98,7 @@ class PoleResidue:
             frf[line][(self.residues[:, :, mode] != 0.0) | (self.rates[:, :, mode] != 0.0)] = np.inf
         return np.asarray(frf)
 
-    def condensed(self, kept: NDArray[np.bool_], far: "FarPoles") -> "PoleResidue":
+    def condensed(self, kept: BoolArray, far: "FarPoles") -> "PoleResidue":
         """Keep some modes, and replace the sum of all others by far poles and a static residual.
 
         Parameters
@@ -140,7 +137,7 @@ class PoleResidue:
             self.stiffness, self.decay, self.residues[at], self.rates[at], self.residual[at]
         )
 
-    def _only(self, which: NDArray[np.bool_]) -> "PoleResidue":
+    def _only(self, which: BoolArray) -> "PoleResidue":
         """Return some of the modes, without the residual."""
         return PoleResidue(
             self.stiffness[which],
@@ -212,7 +209,7 @@ class PoleResidue:
         return np.asarray(np.unique(every) / (2.0 * math.pi))
 
     def local_peaks(
-        self, modes: NDArray[np.intp], band: tuple[float, float] = (0.0, math.inf)
+        self, modes: IntArray, band: tuple[float, float] = (0.0, math.inf)
     ) -> tuple[FloatArray, FloatArray]:
         """Return the maximum near the resonance of some modes, of a single FRF.
 
@@ -256,7 +253,7 @@ class PoleResidue:
 
     def _climb(
         self, start: FloatArray, stride: FloatArray, reach: FloatArray
-    ) -> tuple[FloatArray, NDArray[np.bool_]]:
+    ) -> tuple[FloatArray, BoolArray]:
         """Return maxima of abs(H) by Newton's method, rad/s, and whether each was found."""
         omega = start.copy()
         for _ in range(_NEWTON):
@@ -300,20 +297,11 @@ class FarPoles:
     next, their sum within the band is smooth. It is a * 1 + sum over j of b_j k_j / (k_j - w^2 +
     i w c_j) to a good approximation, where 1 / k_j are the Chebyshev nodes between 0 and 1 / k of
     the lowest of those modes; each pole divides the error by about ten.
-
-    Attributes
-    ----------
-    stiffness : complex ndarray, (n_far,)
-        k, (rad/s)^2.
-    decay : ndarray, (n_far,)
-        c, rad/s.
-    frequencies : ndarray, (n_lines,)
-        Hz, at which a sum is fitted.
     """
 
-    stiffness: ComplexArray
-    decay: FloatArray
-    frequencies: FloatArray
+    stiffness: ComplexArray  # (n_far,): k, (rad/s)^2
+    decay: FloatArray  # (n_far,): c, rad/s
+    frequencies: FloatArray  # (n_lines,), Hz, at which a sum is fitted
     _inverse: ComplexArray
     _real_inverse: FloatArray
 
@@ -365,7 +353,7 @@ def far_poles(
     return FarPoles(k, c, frequencies, inverse, real_inverse)
 
 
-def in_reach(stiffness: FloatArray | ComplexArray, band: tuple[float, float]) -> NDArray[np.bool_]:
+def in_reach(stiffness: FloatArray | ComplexArray, band: tuple[float, float]) -> BoolArray:
     """Return which modes are in a band, or too close above it for far poles, (n_modes,).
 
     Parameters

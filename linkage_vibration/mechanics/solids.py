@@ -27,18 +27,16 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 from scipy.linalg import eigh
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import LinearOperator, eigsh, splu
 from scipy.spatial import cKDTree
 
+from linkage_vibration.mechanics.arrays import FloatArray, IntArray
 from linkage_vibration.mechanics.bodies.matrices import Matrices
 from linkage_vibration.mechanics.dofs import InterfaceDof
 from linkage_vibration.mechanics.reduction import Reduction, ReductionError
-
-FloatArray = NDArray[np.float64]
 
 _DENSE = 400  # coordinates up to which LAPACK finds all modes at once
 # A pin's six coordinates in the mirror y = 0: rotations turn over where displacements do not.
@@ -51,21 +49,11 @@ _SAME_FREQUENCY = 0.02
 
 @dataclass(frozen=True, slots=True)
 class Pin:
-    """A point of a solid and the nodes of the surface that moves with it.
+    """A point of a solid and the nodes of the surface that moves with it."""
 
-    Attributes
-    ----------
-    point : str
-        Its name.
-    place : tuple of float
-        x and z, m; the pin's node lies there in the plane y = 0.
-    nodes : ndarray of int, (n,)
-        Indices of the nodes that are tied to it.
-    """
-
-    point: str
-    place: tuple[float, float]
-    nodes: NDArray[np.intp]
+    point: str  # its name
+    place: tuple[float, float]  # x and z, m; the pin's node lies there in the plane y = 0
+    nodes: IntArray  # (n,): indices of the nodes that are tied to it
 
 
 def solid_matrices(
@@ -123,15 +111,14 @@ def solid_matrices(
         tied = np.concatenate([pin.nodes for pin in pins])
         free = np.delete(nodes, tied, axis=0)
         mirror = sparse.block_diag(
-            [turning.T @ np.diag(_PIN_IMAGE * len(pins)) @ turning, _mirror(free)],
-            format="csr",
+            [turning.T @ np.diag(_PIN_IMAGE * len(pins)) @ turning, _mirror(free)], format="csr"
         )
     reduction = sparse_craig_bampton(mass, stiffness, len(dofs), n_modes, mirror)
     return Matrices(dofs, reduction.mass, reduction.stiffness, None)
 
 
 def rigid_ties(
-    nodes: FloatArray, groups: Sequence[NDArray[np.intp]], places: FloatArray
+    nodes: FloatArray, groups: Sequence[IntArray], places: FloatArray
 ) -> sparse.csc_array:
     """Move groups of nodes as rigid bodies: u = T q for small displacements.
 
@@ -204,10 +191,7 @@ def sparse_craig_bampton(
     try:
         # Without pivoting the factor of a positive definite matrix stays symmetric and sparse.
         factor = splu(
-            k_ii,
-            permc_spec="MMD_AT_PLUS_A",
-            diag_pivot_thresh=0.0,
-            options={"SymmetricMode": True},
+            k_ii, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
         )
         pivots = factor.U.diagonal()[factor.perm_c] / k_ii.diagonal()
     except RuntimeError:

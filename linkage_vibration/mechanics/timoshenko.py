@@ -14,12 +14,10 @@ out of it (v, chi) is one element with other numbers, and so are extension (u) a
 """
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import hilbert
 
+from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.description import Material, Section
-
-FloatArray = NDArray[np.float64]
 
 U, W, THETA, V, CHI, PSI = range(6)
 """Order of the coordinates of a node; the first three are those of the plane."""

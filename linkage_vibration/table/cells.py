@@ -10,10 +10,9 @@ from bisect import bisect_right
 from collections.abc import Iterable
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-FloatArray = NDArray[np.float64]
+from linkage_vibration.mechanics.arrays import FloatArray
 
 
 class Cells:

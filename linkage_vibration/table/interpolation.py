@@ -5,9 +5,8 @@
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from linkage_vibration.mechanics.arrays import FloatArray
 
 _EVEN = 1e-6  # of a logarithm: products that differ by less are equal
 _LARGE = 600.0  # the logarithm of a number that a float can still hold

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.mechanics.arrays import BoolArray, ComplexArray, FloatArray
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.model import Place
 from linkage_vibration.mechanics.response import PoleResidue
@@ -31,8 +32,6 @@ from linkage_vibration.table.interpolation import (
     stroke_variable,
 )
 
-FloatArray = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 IntArray = NDArray[np.int64]
 
 FORMAT = "linkage_vibration table 2"
@@ -123,7 +122,7 @@ class Table:
     damping_ratios: FloatArray
     peak_frequencies: FloatArray
     peak_magnitudes: FloatArray
-    peak_notable: NDArray[np.bool_]
+    peak_notable: BoolArray
     interpolation_error: FloatArray
     peak_error: float
     frf_error: float
@@ -320,7 +319,7 @@ class Table:
             pieces.append((at, self._resampled(at, self.peak_notable[piece])))
         return Cells(pieces)
 
-    def _resampled(self, at: FloatArray, notable: NDArray[np.bool_]) -> FloatArray:
+    def _resampled(self, at: FloatArray, notable: BoolArray) -> FloatArray:
         """Evaluate the polynomials of a piece, (n, 2 n_modes + 2 n_peaks), at its angles, (n,)."""
         points, matrix = self._polynomial(at)
         frequencies = interpolate_positive(matrix, self.natural_frequencies[points])

@@ -8,8 +8,8 @@ from dataclasses import astuple, dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.bodies.matrices import Matrices, component_of
 from linkage_vibration.mechanics.components import Component, Drawing
 from linkage_vibration.mechanics.description import (
@@ -25,8 +25,6 @@ from linkage_vibration.mechanics.keys import Keys
 from linkage_vibration.mechanics.material import read_material
 from linkage_vibration.mechanics.sections import SHAPES
 from linkage_vibration.mechanics.timoshenko import CHI, PSI, THETA, U, V, W, element_matrices
-
-FloatArray = NDArray[np.float64]
 
 _COORDINATE = {"x": U, "y": V, "z": W, "theta": THETA}
 _SAME_PLACE = 1e-9  # of the beam's length: what lies closer together is one place
@@ -88,25 +86,13 @@ class Beam:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BeamMatrices:
-    """A free beam on its interface DoFs and inner coordinates.
+    """A free beam on its interface DoFs and inner coordinates."""
 
-    Attributes
-    ----------
-    mass, stiffness : ndarray, (n, n)
-        Symmetric to the last bit; ``dofs`` first and in their order, then inner coordinates; SI.
-    dofs : tuple of InterfaceDof, (n_dofs,)
-        Point by point x, (y,) z and, where asked for, theta.
-    nodes : ndarray, (n_nodes,)
-        Places along the axis, ascending, m.
-    displacement : ndarray, (n_nodes, 3, n)
-        Local x, y and z displacement of the nodes for each coordinate; y is zero in the plane.
-    """
-
-    mass: FloatArray
-    stiffness: FloatArray
-    dofs: tuple[InterfaceDof, ...]
-    nodes: FloatArray
-    displacement: FloatArray
+    mass: FloatArray  # (n, n), ``dofs`` first, SI; symmetric to the last bit
+    stiffness: FloatArray  # (n, n)
+    dofs: tuple[InterfaceDof, ...]  # point by point x, (y,) z and, where asked for, theta
+    nodes: FloatArray  # (n_nodes,): places along the axis, ascending, m
+    displacement: FloatArray  # (n_nodes, 3, n): local x, y and z of the nodes per coordinate
 
 
 def read(keys: Keys, places: dict[str, Point]) -> Beam:

@@ -4,9 +4,7 @@
 
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
+from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray
 from linkage_vibration.mechanics.components import FrfComponent
 from linkage_vibration.mechanics.description import Link, Mechanism, MechanismError
 from linkage_vibration.mechanics.dofs import InterfaceDof
@@ -17,27 +15,14 @@ from linkage_vibration.mechanics.regularisation import (
     rigid_motions,
 )
 
-FloatArray = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Frfs:
-    """An elastic body known by its frequency response functions alone, measured or computed.
+    """An elastic body known by its frequency response functions alone, measured or computed."""
 
-    Attributes
-    ----------
-    dofs : tuple of InterfaceDof, (n_dofs,)
-        Rows (responses) and columns (forces).
-    frequencies : ndarray, (n_freq,)
-        Hz, ascending.
-    frf : ndarray, (n_freq, n_dofs, n_dofs)
-        Receptances of the free body in its own axes; m/N between displacements.
-    """
-
-    dofs: tuple[InterfaceDof, ...]
-    frequencies: FloatArray
-    frf: ComplexArray
+    dofs: tuple[InterfaceDof, ...]  # (n_dofs,): rows (responses) and columns (forces)
+    frequencies: FloatArray  # (n_freq,), Hz, ascending
+    frf: ComplexArray  # (n_freq, n_dofs, n_dofs): receptances of the free body in its axes, m/N
 
     @property
     def elements(self) -> None:

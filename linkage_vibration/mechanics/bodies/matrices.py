@@ -5,38 +5,24 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.components import Component, Drawing
 from linkage_vibration.mechanics.description import Link, Mechanism, MechanismError
 from linkage_vibration.mechanics.dofs import InterfaceDof
 from linkage_vibration.mechanics.reduction import ReductionError, craig_bampton
 
-FloatArray = NDArray[np.float64]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Matrices:
-    """An elastic body known by its matrices.
+    """An elastic body known by its matrices."""
 
-    Attributes
-    ----------
-    dofs : tuple of InterfaceDof, (n_dofs,)
-        The first rows and columns; all others are inner coordinates of any kind.
-    mass, stiffness : ndarray, (n, n)
-        SI.
-    damping : ndarray, (n, n), or None
-        Viscous damping; None leaves it to the damping rule.
-    digest : str
-        Digest of what the matrices were computed from, where they were computed: their last bits
-        may differ from machine to machine, and the model's hash with them. If it is empty, the
-        bytes of the matrices enter the hash.
-    """
-
-    dofs: tuple[InterfaceDof, ...]
-    mass: FloatArray
-    stiffness: FloatArray
-    damping: FloatArray | None = None
+    dofs: tuple[InterfaceDof, ...]  # the first rows and columns; all others are inner coordinates
+    mass: FloatArray  # (n, n), SI
+    stiffness: FloatArray  # (n, n)
+    damping: FloatArray | None = None  # (n, n), viscous; None leaves it to the damping rule
+    # Digest of what the matrices were computed from, as their last bits may differ from machine to
+    # machine, and the model's hash with them. If it is empty, their bytes enter the hash.
     digest: str = ""
 
     @property

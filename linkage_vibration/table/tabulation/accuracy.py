@@ -23,15 +23,9 @@ _EQUAL_AT_MOST = 0.1  # of a height: maxima that differ by more are never of one
 
 @dataclass(frozen=True, slots=True)
 class Accuracy:
-    """Relative errors that a table may have.
+    """Relative errors that a table may have."""
 
-    Attributes
-    ----------
-    frequency : float
-        Tolerance of the natural frequencies.
-    """
-
-    frequency: float
+    frequency: float  # tolerance of the natural frequencies
 
     @property
     def peak(self) -> float:

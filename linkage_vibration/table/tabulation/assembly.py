@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 import linkage_vibration
+from linkage_vibration.mechanics.arrays import BoolArray, ComplexArray, IntArray
 from linkage_vibration.mechanics.response import FarPoles, PoleResidue, far_poles
 from linkage_vibration.table.table import Table
 from linkage_vibration.table.tabulation.accuracy import Accuracy
@@ -17,9 +17,6 @@ from linkage_vibration.table.tabulation.peaks import SILENT, notable
 from linkage_vibration.table.tabulation.refinement import Piece
 from linkage_vibration.table.tabulation.sampling import Sampler, Terms
 from linkage_vibration.table.tabulation.tracking import Tracked
-
-ComplexArray = NDArray[np.complex128]
-IntArray = NDArray[np.intp]
 
 
 def assemble(sampler: Sampler, pieces: list[Piece], tracked: Tracked, accuracy: Accuracy) -> Table:
@@ -74,7 +71,7 @@ def assemble(sampler: Sampler, pieces: list[Piece], tracked: Tracked, accuracy: 
 
 def _notable(
     tracked: Tracked, piece: Piece, band: tuple[float, float], equal: float
-) -> NDArray[np.bool_] | None:
+) -> BoolArray | None:
     """Return which maxima are needed to find the highest peak in a piece."""
     own = tracked.at(piece.fitted + piece.held)
     at, sizes = tracked.peak_frequencies[own], tracked.peak_magnitudes[own]
@@ -114,7 +111,7 @@ def _with_frfs(table: Table, sampler: Sampler, tracked: Tracked, terms: Sequence
     )
 
 
-def _mask(order: IntArray, count: int) -> NDArray[np.bool_]:
+def _mask(order: IntArray, count: int) -> BoolArray:
     """Return which of ``count`` modes are in an order, (count,)."""
     mask = np.zeros(count, dtype=np.bool_)
     mask[order] = True
@@ -129,7 +126,7 @@ def _participation(term: Terms, tracked: Tracked, sample: int) -> ComplexArray:
     return (term.rows @ shapes).astype(np.complex128)
 
 
-def _far_residues(frf: PoleResidue, kept: NDArray[np.bool_], far: FarPoles) -> ComplexArray:
+def _far_residues(frf: PoleResidue, kept: BoolArray, far: FarPoles) -> ComplexArray:
     """Return static flexibility and residues of far poles, as a table has them."""
     condensed, n = frf.condensed(kept, far), len(frf.residual)
     tail = condensed.residues[:, :, len(condensed.decay) - len(far.decay) :]

@@ -9,12 +9,7 @@ from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.table.table import Table, TableError
 from linkage_vibration.table.tabulation.accuracy import TOLERANCE, Accuracy
 from linkage_vibration.table.tabulation.assembly import assemble
-from linkage_vibration.table.tabulation.refinement import (
-    Piece,
-    first_points,
-    more_points,
-    refine,
-)
+from linkage_vibration.table.tabulation.refinement import Piece, first_points, more_points, refine
 from linkage_vibration.table.tabulation.sampling import Sampler
 from linkage_vibration.table.tabulation.tracking import Tracker
 from linkage_vibration.table.tabulation.verification import verify

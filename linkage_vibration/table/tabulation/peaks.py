@@ -8,12 +8,10 @@ merges with another or vanishes.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from linkage_vibration.mechanics.arrays import BoolArray, FloatArray
 from linkage_vibration.mechanics.response import RIVAL
 from linkage_vibration.table.table import widened
-
-FloatArray = NDArray[np.float64]
 
 SILENT = float(np.finfo(float).tiny)
 """m/N; a maximum that is not higher is ignored."""
@@ -50,7 +48,7 @@ def apart(found: FloatArray | float, exact: FloatArray | float) -> FloatArray:
 
 def notable(
     at: FloatArray, sizes: FloatArray, band: tuple[float, float], equal: float, strict: bool
-) -> NDArray[np.bool_] | None:
+) -> BoolArray | None:
     """Return which maxima give the highest peak over some points of the stroke.
 
     A maximum can be used if it exists at every point. As few as possible are chosen, so that each
@@ -95,7 +93,7 @@ def notable(
     return chosen
 
 
-def _cover(reached: NDArray[np.bool_]) -> NDArray[np.bool_] | None:
+def _cover(reached: BoolArray) -> BoolArray | None:
     """Choose columns, the fullest first, until each row is reached; None if that is impossible."""
     chosen = np.zeros(reached.shape[1], dtype=np.bool_)
     missing = np.ones(len(reached), dtype=np.bool_)

@@ -7,8 +7,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from linkage_vibration.mechanics.arrays import BoolArray, FloatArray
 from linkage_vibration.table.interpolation import (
     interpolate_positive,
     interpolation_matrix,
@@ -19,8 +19,6 @@ from linkage_vibration.table.tabulation.peaks import apart, heights, notable
 from linkage_vibration.table.tabulation.tracking import Tracked, Tracker, unclear_steps
 from linkage_vibration.table.tabulation.veering import GRID, crossing_gaps, mix_closely
 
-FloatArray = NDArray[np.float64]
-
 _BATCH = 3  # points that measure the error of the previous ones: one alone may be where it is zero
 _FIRST = 2 * _BATCH  # first points of a piece
 _MOST = 48  # points of a piece; if a polynomial needs more, halving the piece needs fewer
@@ -30,21 +28,11 @@ _LONG = 0.01  # of the stroke: in longer pieces, maxima that may be the highest 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Piece:
-    """Stroke variables of a piece, and its error where modes cross.
+    """Stroke variables of a piece, and its error where modes cross."""
 
-    Attributes
-    ----------
-    fitted : list of float
-        Ascending: the points of its polynomials.
-    held : list of float
-        The points that measure their error.
-    gap : float
-        Relative error of frequencies where modes cross that veer by a negligible gap.
-    """
-
-    fitted: list[float]
-    held: list[float]
-    gap: float
+    fitted: list[float]  # ascending: the points of its polynomials
+    held: list[float]  # the points that measure their error
+    gap: float  # relative error of frequencies where modes cross that veer by a negligible gap
 
     @property
     def ends(self) -> tuple[float, float]:
@@ -142,7 +130,7 @@ class _Polynomials:
     """Compares polynomials with the samples that they represent."""
 
     tracked: Tracked
-    maxima: NDArray[np.bool_]
+    maxima: BoolArray
     n_modes: int
     band: tuple[float, float]
     accuracy: Accuracy

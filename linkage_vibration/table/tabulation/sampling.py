@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray, IntArray
 from linkage_vibration.mechanics.description import GROUND
 from linkage_vibration.mechanics.model import LinkageModel, Place, Solution
 from linkage_vibration.mechanics.modes import Modes
@@ -18,10 +18,6 @@ from linkage_vibration.table.interpolation import stroke_angle, stroke_variable
 from linkage_vibration.table.table import TableError
 from linkage_vibration.table.tabulation.peaks import SILENT, heights
 
-FloatArray = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
-IntArray = NDArray[np.intp]
-
 _SPARE = 4  # further modes, which may continue a tracked one
 _MANY = 8  # points of a mechanism up to which all have FRFs in the table by default
 _SHORTEST = 1e-7  # of the stroke: 1e-5 deg of 90 deg, which no joint sensor resolves
@@ -29,54 +25,27 @@ _SHORTEST = 1e-7  # of the stroke: 1e-5 deg of 90 deg, which no joint sensor res
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Terms:
-    """The terms of the FRFs between the places at one angle.
+    """The terms of the FRFs between the places at one angle."""
 
-    Attributes
-    ----------
-    frf : PoleResidue
-        Between all places, with every mode.
-    rows : ndarray, (n_places, n_interface)
-        Matrix that turns shapes into participations.
-    complex_shapes : complex ndarray, (n_places, n_modes), or None
-        Participations where viscous damping couples the modes.
-    """
-
-    frf: PoleResidue
-    rows: FloatArray
-    complex_shapes: ComplexArray | None
+    frf: PoleResidue  # between all places, with every mode
+    rows: FloatArray  # (n_places, n_interface): matrix that turns shapes into participations
+    complex_shapes: ComplexArray | None  # (n_places, n_modes) where viscous damping couples them
 
 
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """The solution of the model at one angle, as far as a table needs it.
+    """The solution of the model at one angle, as far as a table needs it."""
 
-    Attributes
-    ----------
-    alpha3 : float
-        rad.
-    modes : Modes
-        The lowest elastic modes: those in reach of the band, and a few more.
-    frequencies, ratios : ndarray, (n,)
-        Their natural frequencies (Hz) and damping ratios (1).
-    peaks : ndarray, (2, n)
-        Frequency (Hz) and magnitude (m/N) of the maximum of the drive-point receptance near each
-        of them; NaN where there is none.
-    edges : ndarray, (2, 2)
-        The same at the ends of the band.
-    drive : PoleResidue
-        The drive-point receptance.
-    terms : Terms or None
-        None if the model has no such terms.
-    """
-
-    alpha3: float
-    modes: Modes
-    frequencies: FloatArray
-    ratios: FloatArray
+    alpha3: float  # rad
+    modes: Modes  # the lowest elastic modes: those in reach of the band, and a few more
+    frequencies: FloatArray  # (n,), Hz
+    ratios: FloatArray  # (n,): their damping ratios
+    # (2, n): frequency (Hz) and magnitude (m/N) of the maximum of the drive-point receptance near
+    # each mode; NaN where there is none.
     peaks: FloatArray
-    edges: FloatArray
-    drive: PoleResidue
-    terms: Terms | None
+    edges: FloatArray  # (2, 2): the same at the ends of the band
+    drive: PoleResidue  # the drive-point receptance
+    terms: Terms | None  # None if the model has no such terms
 
     @cached_property
     def peak(self) -> Peak:
@@ -92,17 +61,6 @@ class Sampler:
     ----------
     model, points, solved
         As in `build_table`.
-
-    Attributes
-    ----------
-    places : tuple of (point, direction)
-        Places between which the table has FRFs.
-    mass : ndarray, (n, n)
-        Mass of the uncoupled components, to compare shapes; the identity for identified shapes.
-    ends : tuple of float
-        The stroke.
-    samples : dict of float to Sample
-        The solutions so far.
     """
 
     def __init__(
@@ -112,6 +70,7 @@ class Sampler:
         self.response = model.mechanism.response
         self._from_frfs = model.measured_frequencies is not None
         self.places = () if self._from_frfs else _places(model, points)
+        # Compares shapes; those that are identified need no mass.
         self.mass = np.eye(len(model.interface)) if self._from_frfs else model.system.mass
         toggles = model.kinematics.toggles
         self.toggles = None if toggles is None else (toggles[0].alpha3, toggles[1].alpha3)

@@ -7,16 +7,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from linkage_vibration.mechanics.arrays import BoolArray, FloatArray, IntArray
 from linkage_vibration.mechanics.modes import align, track
 from linkage_vibration.mechanics.response import in_reach
 from linkage_vibration.table.table import TableError
 from linkage_vibration.table.tabulation.peaks import SILENT
 from linkage_vibration.table.tabulation.sampling import Sample, Sampler
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.intp]
 
 _VEERING = 0.03  # of the tolerance: coupling left out of shapes once modes veer by little more
 
@@ -26,42 +23,25 @@ UNCLEAR = 0.5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tracked:
-    """The modes of each of n samples that continue the k modes of the first, and their values.
+    """The modes of each of n samples that continue the k modes of the first, and their values."""
 
-    Attributes
-    ----------
-    variables : ndarray, (n,)
-        Stroke variables of the samples, ascending.
-    orders : list of ndarray of int, (k,)
-        Indices of the modes of each sample.
-    signs : list of ndarray, (k,)
-        1 or -1, which align their shapes with those of the first.
-    shapes : list of ndarray, (n_interface, k)
-        The aligned shapes.
-    mac : ndarray, (n - 1, k)
-        MAC from each sample to the next.
-    log_frequencies, ratios : ndarray, (n, k)
-        Logarithms of natural frequencies in Hz, and damping ratios.
-    peak_frequencies, peak_magnitudes : ndarray, (n, k + 2)
-        Maxima near each mode and at the ends of the band, Hz and m/N; NaN where there is none.
-    """
+    variables: FloatArray  # (n,): stroke variables of the samples, ascending
+    orders: list[IntArray]  # indices of the modes of each sample, (k,)
+    signs: list[FloatArray]  # 1 or -1, which align their shapes with those of the first, (k,)
+    shapes: list[FloatArray]  # the aligned shapes, (n_interface, k)
+    mac: FloatArray  # (n - 1, k): MAC from each sample to the next
+    log_frequencies: FloatArray  # (n, k): logarithms of natural frequencies in Hz
+    ratios: FloatArray  # (n, k): damping ratios
+    # (n, k + 2): maxima near each mode and at the ends of the band; NaN where there is none.
+    peak_frequencies: FloatArray  # Hz
+    peak_magnitudes: FloatArray  # m/N
 
-    variables: FloatArray
-    orders: list[IntArray]
-    signs: list[FloatArray]
-    shapes: list[FloatArray]
-    mac: FloatArray
-    log_frequencies: FloatArray
-    ratios: FloatArray
-    peak_frequencies: FloatArray
-    peak_magnitudes: FloatArray
-
-    def at(self, variables: Sequence[float]) -> NDArray[np.bool_]:
+    def at(self, variables: Sequence[float]) -> BoolArray:
         """Return which of the samples are at some stroke variables, (n,)."""
         wanted = set(variables)
         return np.array([x in wanted for x in self.variables.tolist()], dtype=np.bool_)
 
-    def only(self, rows: NDArray[np.bool_]) -> "Tracked":
+    def only(self, rows: BoolArray) -> "Tracked":
         """Return the modes at some of the samples, (n,), as tracked through all of them."""
         kept = np.flatnonzero(rows)
         return Tracked(

@@ -5,14 +5,12 @@
 import itertools
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import brentq
 
+from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.table.interpolation import interpolation_matrix
 from linkage_vibration.table.tabulation.sampling import Sampler
 from linkage_vibration.table.tabulation.tracking import Tracked
-
-FloatArray = NDArray[np.float64]
 
 _MIXED = 0.9  # MAC: it is lower where a shape has mixed with another
 _NARROW = 100.0  # tolerances: modes that mix and are closer than that veer

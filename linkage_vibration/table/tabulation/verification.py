@@ -6,8 +6,8 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray
 from linkage_vibration.mechanics.response import PoleResidue
 from linkage_vibration.table.table import Table
 from linkage_vibration.table.tabulation.accuracy import Accuracy
@@ -15,9 +15,6 @@ from linkage_vibration.table.tabulation.peaks import apart
 from linkage_vibration.table.tabulation.refinement import Piece
 from linkage_vibration.table.tabulation.sampling import Sample, Sampler
 from linkage_vibration.table.tabulation.tracking import Tracked
-
-FloatArray = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 _LINES = 201  # frequencies at which FRFs are compared, in addition to those near resonances
 _SILENT = 1e-6  # of the drive-point FRFs of two places: an FRF between them that is only rounding
