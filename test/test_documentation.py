@@ -209,6 +209,17 @@ def test_every_block_is_tested() -> None:
                 assert page.name in {"excitation.md", "mechanisms.md"}, where
 
 
+def test_the_tests_that_are_named_exist() -> None:
+    """Every test that a page names as evidence exists, in the file that it names."""
+    code = {path.relative_to(ROOT): path.read_text() for path in (ROOT / "test").rglob("*.py")}
+    for page in PAGES:
+        text = (ROOT / page).read_text()
+        for file in re.findall(r"`(test/[\w/]+\.py)", text):
+            assert Path(file) in code, f"{page}: {file}"
+        for name in re.findall(r"(?:`|::)(test_\w+)`", text):
+            assert any(f"def {name}(" in body for body in code.values()), f"{page}: {name}"
+
+
 def test_the_site_can_be_built(tmp_path: Path) -> None:
     """Sphinx builds the site without a warning: every link leads to a page."""
     pytest.importorskip("sphinx", reason="the extra docs is not installed")

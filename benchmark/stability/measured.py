@@ -115,7 +115,7 @@ def section(pictures: Path) -> str:
     _draw(lower, pictures)
     columns = [
         "link, noise",
-        "told",
+        "found",
         "raw",
         "SVD cut",
         "ours",
@@ -155,7 +155,7 @@ Poles below 10 Hz are fitted together with those above: {_low(model)}
 Tests: `test/mechanics/test_regularisation.py::test_noise_in_a_link`,
 `::test_truncating_the_interface_flexibility_is_no_cure`, `::test_gain_of_raw_frfs` (Monte Carlo),
 `::test_gain_of_regularised_frfs`, `::test_lines_that_show_no_flexibility`,
-`::test_faults_are_refused`, `test/readers/test_frfs.py::test_what_uff_cannot_be_right`,
+`::test_faults_are_refused`, `test/readers/test_frfs.py::test_invalid_uff`,
 `test/mechanics/test_identification.py::test_lines_short_of_the_band`,
 `::test_lines_too_coarse_for_light_damping`, `::test_modes_below_ten_hertz`,
 `::test_modes_that_noise_hides_are_told`.

@@ -78,7 +78,7 @@ def section(pictures: Path) -> str:
             "the assembly replaces LM-FBS where it loses digits (0.1 Hz). Matrices in single "
             f"precision are rejected: *{_single_matrices()}*",
             "**Units.** The default linkage in other units than SI causes these errors:",
-            table(["mistake", "told"], told),
+            table(["mistake", "error"], told),
             "Large or small values in SI units are accepted: implements of 1 g or 100 t, "
             "linkages of 25 m, bars of 1e15 Pa or 0.001 kg/m3. A mass *and* its inertia in t, or "
             "a spring in N/mm, are possible values in SI units, so they are accepted, too.",
@@ -92,7 +92,7 @@ def section(pictures: Path) -> str:
             table([f"{ratio:g}" for ratio in slenderness], bars),
             f"Therefore a bar that is deeper than long is rejected: *{_too_short()}*",
             "![Errors over frequency and over the length of a bar](stability/precision.png)",
-            "Tests: `test/mechanics/test_precision.py` and by `test_units_are_told`, "
+            "Tests: `test/mechanics/test_precision.py`, `test_wrong_units_are_refused`, "
             "`test_large_and_small_is_not_refused` in `test/mechanics/test_parsing.py`.",
         ]
     )

@@ -40,7 +40,7 @@ def section(pictures: Path) -> str:
     e2 = model.interface.displacement("implement", "E2", solution.configuration)[[0, 2]]
     further: dict[str, tuple[FloatArray, list[str]]] = {
         "pin V1 closed twice": (b[v1], [labels[i] for i in v1]),
-        "V1 once more, aslant": (0.6 * b[v1[:1]] + 0.8 * b[v1[1:]], ["V1 aslant"]),
+        "V1 once more, at an angle": (0.6 * b[v1[:1]] + 0.8 * b[v1[1:]], ["V1 aslant"]),
         "E2 of the implement on itself": (e2 - e2, ["E2 on itself in x", "E2 on itself in z"]),
         "every joint closed twice": (b, list(labels)),
     }
