@@ -1,12 +1,14 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Makes the chart of error against time: CSV, picture and tables."""
+"""Measures the chart of error against time, and writes its CSV, pictures and tables."""
 
 import csv
 import io
 import math
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from tqdm import tqdm
@@ -37,29 +39,29 @@ from linkage_vibration.table.tabulation import build_table
 
 PICTURES = Path(__file__).parents[2] / "docs" / "pictures"
 CSV = RESULTS / "speed.csv"
-_SHOWN = "46 points"  # of the tables, in the page's list of predictions
+_SHOWN = "46 points"  # size of the tables that the page lists for predictions
 
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """How far a run of the chart goes.
+    """The settings of the methods in one run.
 
     Attributes
     ----------
     modes : tuple of int
-        Fixed-interface modes a link.
+        Numbers of fixed-interface modes per link.
     elements : tuple of int
-        Beam elements a link.
+        Numbers of beam elements per link.
     exudyn_elements : tuple of int
-        Of Exudyn's, with three nodes.
+        Numbers of Exudyn's three-node elements per link.
     peer_modes : tuple of int
-        Modes a link where peers get ours.
+        Numbers of modes per link for peers that use our reduced links.
     table_points : tuple of int
-        Points of tables.
+        Numbers of points of tables.
     tolerances : tuple of float
-        Of the package's own tables.
+        Tolerances of the package's own tables.
     rounds : int
-        How often each method is timed.
+        Number of rounds in which each method is timed.
     """
 
     modes: tuple[int, ...] = (0, 1, 2, 3, 5, 10, 20, 40)
@@ -82,13 +84,13 @@ def run(
     Parameters
     ----------
     scene : Scene
-        What is solved.
+        The linkage and its angles.
     settings : Settings
-        How far to go.
+        The settings of the methods.
     with_peers : bool
-        Whether other codes run too.
+        Whether other codes are measured, too.
     progress : callable
-        Called with shares of the run, which sum up to 1.
+        Called with shares of the run, whose sum is 1.
     """
     methods = assembled.methods(scene, settings.elements)
     methods += coupled.methods(scene, settings.modes, settings.elements)
@@ -99,9 +101,9 @@ def run(
     model = scene.model()
     built: list[tuple[Table, int]] = []
     for tolerance in settings.tolerances:
-        solved: list[None] = []
-        made = build_table(model, tolerance, solved=lambda solved=solved: solved.append(None))
-        built.append((made, len(solved)))
+        solved = Counter[str]()
+        made = build_table(model, tolerance, solved=partial(solved.update, ["solutions"]))
+        built.append((made, solved.total()))
     unit = cycling(build_table(model).interpolate, scene.live_angles)
     points = measure(scene, methods, unit, settings.rounds, lambda share: progress(0.6 * share))
     points += measure_live(
@@ -137,7 +139,7 @@ def as_csv(points: Sequence[Point]) -> str:
 
 
 def tables(points: Sequence[Point]) -> list[str]:
-    """Return the points as Markdown, answer by answer."""
+    """Return the points as Markdown tables, one for each part."""
     parts = []
     for part in (CONFIGURATION, FRFS):
         own = [p for p in points if p.part == part]
@@ -197,12 +199,12 @@ def _error(error: float) -> str:
 
 
 def _figures(value: float) -> str:
-    """Three significant digits, without an exponent."""
+    """Return three significant digits, without an exponent."""
     return f"{value:,.0f}" if value >= 100.0 else f"{value:.3g}"
 
 
 def main() -> None:
-    """Run, and write the CSV, the picture and the tables."""
+    """Measure everything, and write the CSV, the pictures and the tables."""
     pin_threads("benchmark.speed")
     scene, settings = standard_scene(), Settings()
     with tqdm(total=1.0, bar_format="{percentage:3.0f}% |{bar}| {elapsed}") as bar:
@@ -215,16 +217,17 @@ def main() -> None:
         "speed",
         "Error against time",
         [
-            f"`{scene.mechanism.name}`, {len(scene.lines)} lines from {scene.lines[0]:g} to "
-            f"{scene.lines[-1]:g} Hz, eleven FRFs. Errors are relative to the same linkage with "
-            f"{scene.fine} elements a link, unreduced: of the worst of modes 1 to 3, and of FRFs "
-            f"in the L2 norm of all eleven, each at the worst of {len(scene.angles)} angles (of "
-            f"{len(scene.live_angles)} for predictions). Costs count lookups of the package's "
-            f"table (here {1e6 * lookup.median:.2g} us), timed in the same round; medians of "
+            "This page compares the error and the cost of methods that compute natural frequencies "
+            f"and FRFs of `{scene.mechanism.name}`: eleven FRFs on {len(scene.lines)} lines from "
+            f"{scene.lines[0]:g} to {scene.lines[-1]:g} Hz. The reference is the same linkage with "
+            f"{scene.fine} elements per link, unreduced. Errors are relative: that of the worst of "
+            "modes 1 to 3, and that of all eleven FRFs in the L2 norm, each at the worst of "
+            f"{len(scene.angles)} angles ({len(scene.live_angles)} for predictions). Costs are "
+            "processor times, in units of one lookup of the package's table (here "
+            f"{1e6 * lookup.median:.2g} us), timed in the same round. They are medians of "
             f"{settings.rounds} rounds in which the methods take turns, after a warm-up "
-            f"(`{CSV.name}` has the quartiles). Times are of the processor. A configuration "
-            "includes its kinematics and B; reduced links, their FRFs, meshes and tables are made "
-            "before.",
+            f"(`{CSV.name}` has the quartiles). The cost of a configuration includes its "
+            "kinematics and B, but not the reduced links, their FRFs, the meshes and the tables.",
             *tables(points),
         ],
         f"{machine(*peers.installed())}; one BLAS thread",

@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""The assembled finite-element model, unreduced: sparse eigen-solution, sparse direct FRFs."""
+"""The assembled finite-element model, unreduced, with sparse eigenvalue and direct solvers."""
 
 import math
 from functools import partial
@@ -24,7 +24,7 @@ _SHIFT = (2.0 * math.pi) ** 2  # (rad/s)^2
 
 
 def methods(scene: Scene, elements: tuple[int, ...]) -> list[Method]:
-    """Return the assembly with so many elements a link."""
+    """Return the assembly with these numbers of elements per link."""
     found = []
     for n in elements:
         model = scene.model(elements=n, reduced=False)
@@ -47,13 +47,13 @@ def sparse_frequencies(model: LinkageModel, alpha3: float) -> FloatArray:
 
 
 def sparse_frf(model: LinkageModel, alpha3: float, lines: FloatArray) -> ComplexArray:
-    """Return the eleven FRFs, (n_lines, 11), one sparse factorisation a line."""
+    """Return the eleven FRFs, (n_lines, 11), with one sparse factorisation per line."""
     configuration = model.kinematics.at(alpha3)
     mass, stiffness, damping, basis = _assemble(model, configuration)
     outputs, inputs = eleven(model, configuration)
     n = len(model.interface)
     outputs, force = outputs @ basis[:n], basis[:n].T @ inputs[0]
-    # One pattern for all three matrices, so that a line costs a sum of numbers alone.
+    # All three matrices share one pattern, so each line only adds numbers.
     pattern = (abs(mass) + abs(stiffness) + abs(damping)).tocoo()
     dynamic = csc_matrix((np.ones(pattern.nnz, dtype=complex), (pattern.row, pattern.col)))
     at = dynamic.tocoo()
@@ -68,7 +68,7 @@ def sparse_frf(model: LinkageModel, alpha3: float, lines: FloatArray) -> Complex
 def _assemble(
     model: LinkageModel, configuration: Configuration
 ) -> tuple[csc_matrix, csc_matrix, csc_matrix, csc_matrix]:
-    """Mass, stiffness, damping and the basis on which they stand; without springs."""
+    """Return mass, stiffness, damping and their basis, without springs."""
     joining = model.interface.join(configuration)
     mass, stiffness, damping = _matrices(model)
     inner = eye(mass.shape[0] - len(model.interface))
@@ -78,7 +78,7 @@ def _assemble(
 
 
 def _matrices(model: LinkageModel) -> tuple[csc_matrix, csc_matrix, csc_matrix]:
-    """Return the uncoupled matrices, kept with the model."""
+    """Return the uncoupled matrices, which are cached for each model."""
     kept = model.__dict__
     if "_sparse" not in kept:
         system = model.system

@@ -1,12 +1,13 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Measures error and cost of every method, in one run: the points of the chart."""
+"""Measures the error and the cost of every method: the points of the chart."""
 
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import cycle
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,26 +31,26 @@ INTERPOLATED = ("table: frequencies", "table: peak", "table: whole FRFs")
 EXACT = "exact solution a message"
 PACKAGE = "the package's table, to a tolerance"
 CHOSEN = ", chosen points"
-_AT_LEAST = 5e-3  # s, of a sample
-_SLOW = 2.0  # s: a job that takes longer is timed once
+_AT_LEAST = 5e-3  # s, least time of a sample
+_SLOW = 2.0  # s, a job that takes longer is timed only once
 
 
 @dataclass(frozen=True, slots=True)
 class Point:
-    """A method at a setting: one point of the chart.
+    """One point of the chart: a method with one setting.
 
     Attributes
     ----------
     part : str
-        What it answers.
+        The quantity that is computed.
     family, setting : str
-        Line and point.
+        The line of the chart and the point on it.
     error : float
-        Relative; NaN where the method has no such answer.
+        Relative error; NaN if the method cannot compute the quantity.
     cost : Spread
-        In lookups of a table; of tables' errors, in solutions of the model.
+        Cost in lookups of a table; for errors of tables, in solutions of the model.
     missing : str
-        Why there is no answer.
+        The reason if the quantity cannot be computed.
     """
 
     part: str
@@ -70,28 +71,31 @@ def measure(
     rounds: int,
     progress: Progress,
 ) -> list[Point]:
-    """Compare methods with the reference, a configuration and an FRF set at a time.
+    """Compare methods with the reference, for natural frequencies and for FRFs.
 
     Parameters
     ----------
     scene : Scene
-        What is solved.
+        The linkage and its angles.
     methods : sequence of Method
-        Ways to solve it.
+        The methods.
     unit : callable
-        What costs are counted in.
+        A call whose time is the unit of costs.
     rounds : int
-        How often each is timed.
+        Number of rounds in which each method is timed.
     progress : callable
         See `Progress`.
     """
     frequencies, frfs = scene.reference(scene.angles)
-    points, jobs = [], {}
+    points: list[Point] = []
+    jobs: dict[tuple[str, str, str], Callable[[], object]] = {}
+    parts: tuple[tuple[str, str, Callable[[Any, Any], float], Any], ...] = (
+        (CONFIGURATION, "frequencies", worst_frequency, frequencies),
+        (FRFS, "frf", frf_error, frfs),
+    )
     for method in methods:
-        for part, answer, error, exact in (
-            (CONFIGURATION, method.frequencies, worst_frequency, frequencies),
-            (FRFS, method.frf, frf_error, frfs),
-        ):
+        for part, attribute, error, exact in parts:
+            answer = getattr(method, attribute)
             if answer is None:
                 points.append(
                     Point(part, method.family, method.setting, math.nan, _NONE, method.missing)
@@ -117,8 +121,8 @@ def measure_live(
 ) -> list[Point]:
     """Compare predictions by tables and by exact solutions with the reference.
 
-    The tables hold the linkage as shipped, reduced; so their errors as tables are told apart, as
-    the parts `INTERPOLATED`.
+    The tables contain the shipped linkage, reduced. Their interpolation errors are separate points,
+    in the parts `INTERPOLATED`.
     """
     model = scene.model()
     fine = scene.model(elements=scene.fine, reduced=False)
@@ -160,7 +164,7 @@ def measure_live(
 def measure_package(
     scene: Scene, built: Sequence[tuple[Table, int]], unit: Callable[[], object], rounds: int
 ) -> list[Point]:
-    """Compare the package's own tables, with how many solutions each took to build."""
+    """Compare the package's own tables; each comes with the number of solutions that it needed."""
     model = scene.model()
     fine = scene.model(elements=scene.fine, reduced=False)
     exact = np.array([sparse_frequencies(fine, float(a)) for a in scene.live_angles])
@@ -199,7 +203,7 @@ def measure_package(
 
 
 def solved(model: LinkageModel, alpha3: float) -> FloatArray:
-    """Return what a prediction tells, from the model: (8,), as `samples.Sample.live`."""
+    """Return the values of a prediction from the model, (8,), as in `samples.Sample.live`."""
     solution = model.solve(alpha3)
     peak = solution.peak(model.mechanism.response.band)
     return np.array(
@@ -213,7 +217,7 @@ def solved(model: LinkageModel, alpha3: float) -> FloatArray:
 
 
 def cycling(answer: Callable[[float], object], angles: FloatArray) -> Callable[[], object]:
-    """Ask for one angle after the other."""
+    """Return a call that gives the answer at one angle after the other."""
     turn = cycle(angles.tolist())
     return lambda: answer(next(turn))
 
@@ -225,7 +229,7 @@ def _timed(
     rounds: int,
     progress: Progress,
 ) -> list[Point]:
-    """Fill in the costs, counted in the unit of the same round."""
+    """Return the points with their costs, in the unit of the same round."""
     names = {" / ".join(key): key for key in jobs}
     todo = {"": unit, **{name: jobs[key] for name, key in names.items()}}
     share = 1.0 / (rounds * len(todo))

@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Reduced links, coupled: by their FRFs (LM-FBS), and on the null space of B with pole-residue."""
+"""Reduced links, coupled by their FRFs (LM-FBS) or on the null space of B."""
 
 import math
 from collections.abc import Sequence
@@ -33,12 +33,12 @@ FAR_POLES = "null space, below 260 Hz, far poles"
 BATCHED = "LM-FBS, batched"
 AS_WRITTEN = "LM-FBS as written, eq. 19"
 REDUCED_MESH = "null space, 20 modes, coarser mesh"
-KEPT = 3.0  # modes are kept below so many times the highest line
+KEPT = 3.0  # modes are kept below this multiple of the highest line
 NO_MODES = "LM-FBS couples FRFs; natural frequencies would have to be identified from them"
 
 
 def methods(scene: Scene, modes: Sequence[int], elements: Sequence[int]) -> list[Method]:
-    """Return every way with so many modes a link, reduced from fine meshes, or coarser meshes."""
+    """Return every method, with these numbers of modes or elements per link."""
     found = []
     for n in modes:
         model = scene.model(elements=scene.fine, modes=n)
@@ -83,7 +83,7 @@ def modal_frf(model: LinkageModel, alpha3: float, lines: FloatArray) -> ComplexA
 
 
 def eleven_functions(model: LinkageModel, alpha3: float, rows: Rows = eleven) -> PoleResidue:
-    """Return the eleven FRFs as poles and residues."""
+    """Return the eleven FRFs in pole-residue form."""
     solution = model.solve(alpha3)
     outputs, inputs = rows(model, solution.configuration)
     shapes = solution.modes.shapes[: len(model.interface)]
@@ -93,9 +93,9 @@ def eleven_functions(model: LinkageModel, alpha3: float, rows: Rows = eleven) ->
 def truncated_frf(
     model: LinkageModel, lines: FloatArray, residual: bool, alpha3: float
 ) -> ComplexArray:
-    """Return the eleven FRFs by modes up to three times the band, (n_lines, 11).
+    """Return the eleven FRFs from modes up to three times the band, (n_lines, 11).
 
-    The residual of the others is 1/(k - w^2 + i w c) = 1/k + (w^2 - i w c)/k^2 + ...
+    The residual of the other modes is 1/(k - w^2 + i w c) = 1/k + (w^2 - i w c)/k^2 + ...
     """
     functions = eleven_functions(model, alpha3)
     kept = np.abs(functions.stiffness) < (2.0 * math.pi * KEPT * lines[-1]) ** 2
@@ -126,7 +126,7 @@ def condensed_frf(model: LinkageModel, alpha3: float, lines: FloatArray) -> Comp
 
 
 def component_frfs(model: LinkageModel, lines: FloatArray) -> list[ComplexArray]:
-    """Return the FRFs of all components on all interface DoFs, made once, block by block."""
+    """Return the FRFs of all components on their interface DoFs, one block each."""
     return [
         component_frf(c.mass, c.stiffness, c.damping, len(c.dofs), lines, c.loss_factor)
         for c in model.components
@@ -135,7 +135,7 @@ def component_frfs(model: LinkageModel, lines: FloatArray) -> list[ComplexArray]
 
 
 def held_frfs(model: LinkageModel, lines: FloatArray) -> list[ComplexArray]:
-    """Return the FRFs of all components, what the ground holds being held, on all other DoFs."""
+    """Return the FRFs of all components, fixed where the ground holds them, on other DoFs."""
     blocks, start = [], 0
     for c in model.components:
         assert isinstance(c, Component)
@@ -149,7 +149,7 @@ def held_frfs(model: LinkageModel, lines: FloatArray) -> list[ComplexArray]:
 
 
 def joints_left(model: LinkageModel, compatibility: FloatArray) -> FloatArray:
-    """Return the rows of B that join what the ground does not hold, on those DoFs."""
+    """Return the rows of B that do not belong to the ground, on those DoFs."""
     on_free = compatibility[:, ~model.interface.held]
     return np.asarray(on_free[on_free.any(axis=1)])
 

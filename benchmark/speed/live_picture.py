@@ -27,13 +27,13 @@ class _Label:
     Attributes
     ----------
     part, family, setting : str
-        Which `Point` it is; the package's own table has the setting of its default tolerance.
+        The `Point`; the package's own table has the setting of its default tolerance.
     text : str
-        What stands beside the point.
+        The text beside the point.
     colour : str
-        Of point and text.
+        Colour of point and text.
     offset : tuple of float
-        From the point to the text, in points of 1/72 inch.
+        Distance from the point to the text, in points of 1/72 inch.
     """
 
     part: str

@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the chart knows of a way to get an answer."""
+"""A method of the chart, with one setting."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,20 +14,20 @@ ComplexArray = NDArray[np.complex128]
 
 @dataclass(frozen=True, slots=True)
 class Method:
-    """A method at one setting; what is made once is made before.
+    """A method with one setting; its preparation is finished.
 
     Attributes
     ----------
     family : str
-        Line of the chart.
+        Name of the line in the chart.
     setting : str
-        Point on the line.
+        Name of the point on the line.
     frequencies : callable or None
         From an angle (rad) to the first three natural frequencies, (3,), Hz.
     frf : callable or None
-        From an angle to the eleven FRFs on the lines, (n_lines, 11).
+        From an angle (rad) to the eleven FRFs on the lines, (n_lines, 11).
     missing : str
-        Why a part is missing.
+        The reason if a part is missing.
     """
 
     family: str
@@ -38,7 +38,7 @@ class Method:
 
 
 def counted(n: int, what: str) -> str:
-    """Return a number of things in words.
+    """Return a number with its noun.
 
     Examples
     --------

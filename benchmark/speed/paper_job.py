@@ -1,9 +1,9 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""The paper's job side by side, and how its cost grows with lines, configurations and links.
+"""Compares methods on the paper's job, and measures how the cost of the job grows.
 
-The job: 11 FRFs in 46 configurations on the lines from 0 to 200 Hz by 0.1 Hz, from the description
-on: kinematics, reduction and component FRFs are part of it.
+The job is 11 FRFs in 46 configurations on the lines from 0 to 200 Hz in steps of 0.1 Hz. It begins
+with the mechanism file, so it includes kinematics, reduction and component FRFs.
 """
 
 import io
@@ -48,8 +48,8 @@ ComplexArray = NDArray[np.complex128]
 
 PICTURE = Path(__file__).parents[2] / "docs" / "pictures" / "paper_job.png"
 ROUNDS = 5
-MODES = 5  # a link, with which all FRFs together meet 1e-4
-MORE = 10  # a link, with which each of them does
+MODES = 5  # per link, with which all FRFs together are within 1e-4
+MORE = 10  # per link, with which each FRF is within 1e-4
 _BLOCK = 64  # configurations that share far poles
 FAST, SHIPPED = f"null space, {MODES} modes a link", "null space, as shipped, all modes"
 FINER = f"null space, {MORE} modes a link"
@@ -57,12 +57,12 @@ BATCHED, WRITTEN = "LM-FBS, batched", "LM-FBS as written, eq. 19"
 SDYNPY, SDYNPY_MODES = "SDynPy by FRFs", "SDynPy by modes"
 SDYNPY_HELD = "SDynPy by FRFs, ground held before"
 PYFBS, SPARSE = "pyFBS", "assembled, unreduced, sparse"
-_AT_ONCE = {SPARSE}  # run once: it takes longer than all others together
+_AT_ONCE = {SPARSE}  # run only once, because it takes longer than all others together
 
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """What is asked for."""
+    """The FRFs to compute."""
 
     mechanism: Mechanism
     angles: FloatArray  # rad
@@ -75,7 +75,7 @@ Method = Callable[[Job], Iterator[ComplexArray]]
 
 
 def by_modes(job: Job, modes: int) -> Iterator[ComplexArray]:
-    """Null space and pole-residue; modes above the band are stood for by shared far poles."""
+    """Null space and pole-residue form; shared far poles replace the modes above the band."""
     model = LinkageModel(changed(job.mechanism, modes=modes))
     band = (float(job.lines[0]), float(job.lines[-1]))
     for start in range(0, len(job.angles), _BLOCK):
@@ -95,14 +95,14 @@ def by_modes(job: Job, modes: int) -> Iterator[ComplexArray]:
 
 
 def shipped(job: Job) -> Iterator[ComplexArray]:
-    """Null space and pole-residue with every mode of the linkage as described."""
+    """Null space and pole-residue form with every mode of the shipped linkage."""
     model = LinkageModel(job.mechanism)
     for alpha3 in job.angles:
         yield coupled.eleven_functions(model, float(alpha3), job.rows).frf(job.lines)[:, :, 0]
 
 
 def batched(job: Job) -> Iterator[ComplexArray]:
-    """LM-FBS, all lines at once; what the ground holds is held before."""
+    """LM-FBS on all lines at once; the ground's constraints are applied to the components."""
     model = LinkageModel(job.mechanism)
     blocks = coupled.held_frfs(model, job.lines[1:])
     for alpha3 in job.angles:
@@ -110,7 +110,7 @@ def batched(job: Job) -> Iterator[ComplexArray]:
 
 
 def as_written(job: Job) -> Iterator[ComplexArray]:
-    """LM-FBS line by line, with all matrices in full."""
+    """LM-FBS line by line, with full matrices."""
     model = LinkageModel(job.mechanism)
     blocks = coupled.component_frfs(model, job.lines[1:])
     full = np.stack([block_diag(*matrices) for matrices in zip(*blocks, strict=True)])
@@ -127,7 +127,7 @@ def sdynpy_frfs(job: Job, held: bool = False) -> Iterator[ComplexArray]:
 
 
 def sdynpy_modes(job: Job) -> Iterator[ComplexArray]:
-    """SDynPy's assembly and superposition of modes."""
+    """SDynPy's assembly and modal superposition."""
     couple = peers.SdynpyModes(LinkageModel(job.mechanism))
     for alpha3 in job.angles:
         yield couple.frf(float(alpha3), job.lines)
@@ -141,7 +141,7 @@ def pyfbs(job: Job) -> Iterator[ComplexArray]:
 
 
 def sparse(job: Job) -> Iterator[ComplexArray]:
-    """Solve the assembly without any reduction."""
+    """Solve the assembly without reduction."""
     model = LinkageModel(job.mechanism, reduced=False)
     for alpha3 in job.angles:
         yield sparse_frf(model, float(alpha3), job.lines)
@@ -163,7 +163,7 @@ _NEEDS = {SDYNPY: "sdynpy", SDYNPY_HELD: "sdynpy", SDYNPY_MODES: "sdynpy", PYFBS
 
 
 def run(method: Method, job: Job) -> None:
-    """Do a job and keep nothing of it."""
+    """Do a job and discard the result."""
     for _ in method(job):
         pass
 
@@ -175,18 +175,18 @@ def paper_job() -> Job:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """A method on the paper's job.
+    """The cost and the error of a method on the paper's job.
 
     Attributes
     ----------
     seconds : list of float
-        Round by round.
+        Time of each round, s.
     error : float
-        Relative L2 of all FRFs, worst configuration.
+        Relative L2 error of all FRFs in the worst configuration.
     worst_frf : float
-        The same of the worst single FRF.
+        Relative L2 error of the worst single FRF.
     memory : tuple of float
-        Peak of a process that does nothing else, and what the job added to it, MB.
+        Peak of a process that does only this job, and the part that the job added, MB.
     """
 
     seconds: list[float]
@@ -207,7 +207,7 @@ def side_by_side(names: list[str], step: Callable[[], object]) -> dict[str, Outc
             (frf_error(frf, right), _worst_frf(frf, right))
             for frf, right in zip(METHODS[name](job), exact, strict=True)
         ]
-        errors[name] = np.max(found, axis=0)
+        errors[name] = [max(column) for column in zip(*found, strict=True)]
         step()
     jobs = {name: partial(run, METHODS[name], job) for name in names}
     repeated = {name: work for name, work in jobs.items() if name not in _AT_ONCE}
@@ -219,7 +219,8 @@ def side_by_side(names: list[str], step: Callable[[], object]) -> dict[str, Outc
     outcomes = {}
     for name in names:
         memory = peak_memory(name)
-        outcomes[name] = Outcome(taken[name], *map(float, errors[name]), memory)  # type: ignore[call-arg]
+        error, worst_frf = errors[name]
+        outcomes[name] = Outcome(taken[name], error, worst_frf, memory)
         step()
     return outcomes
 
@@ -231,39 +232,39 @@ def _worst_frf(found: ComplexArray, exact: ComplexArray) -> float:
 
 
 def peak_memory(name: str) -> tuple[float, float]:
-    """Return the peak memory of a process that does the job, and what the job added, MB."""
+    """Return the peak memory of a process that does the job, and the part of the job, MB."""
     command = [sys.executable, "-m", "benchmark.speed.paper_job", "--memory", name]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     before, after = map(float, done.stdout.split()[-2:])
     return after, after - before
 
 
-def _tell_memory(name: str) -> None:
+def _print_memory(name: str) -> None:
     """Do the job once and print the memory before it and its peak, MB (Linux)."""
     tiny = Job(read_mechanism(MECHANISM), SWEEP[:1], LINES[:3])
     run(METHODS[name], tiny)  # imports what the method needs
-    Path("/proc/self/clear_refs").write_text("5")  # sets the peak back to what is in use
+    Path("/proc/self/clear_refs").write_text("5")  # resets the peak to the present use
     before = _peak()
     run(METHODS[name], paper_job())
     print(before, _peak())
 
 
 def _peak() -> float:
-    """Peak of this process's own memory, MB; the kernel's usage counters inherit the parent's."""
+    """Return the peak memory of this process, MB; `getrusage` would inherit the parent's."""
     status = Path("/proc/self/status").read_text()
     return float(status.split("VmHWM:")[1].split()[0]) / 1024.0
 
 
 @dataclass(frozen=True, slots=True)
 class Growth:
-    """Cost against size, along one way of growing.
+    """The cost of the job over its size.
 
     Attributes
     ----------
     sizes : list of float
-        How many lines, configurations or links.
+        Number of lines, configurations or links.
     seconds : list of float
-        Of the whole job.
+        Time of the whole job, s.
     """
 
     sizes: list[float]
@@ -271,12 +272,12 @@ class Growth:
 
     @property
     def slope(self) -> float:
-        """Of the straight line through the logarithms."""
+        """Slope of the straight line through the logarithms."""
         return float(np.polyfit(np.log(self.sizes), np.log(self.seconds), 1)[0])
 
     @property
     def last_slope(self) -> float:
-        """Between the two largest sizes, where what is fixed matters least."""
+        """Slope between the two largest sizes, where fixed costs matter least."""
         x, y = np.log(self.sizes[-2:]), np.log(self.seconds[-2:])
         return float((y[1] - y[0]) / (x[1] - x[0]))
 
@@ -338,9 +339,10 @@ def job_of_train(n_cells: int) -> Job:
 
 
 def _put_together(method: Method, job: Job) -> float:
-    """Tell the time of a job of LM-FBS from runs on few lines, s.
+    """Return the time (s) of an LM-FBS job, calculated from runs on few lines.
 
-    Reduction counts once; component FRFs with the lines; coupling with lines and configurations.
+    Reduction is done once, component FRFs for each line, and coupling for each line and
+    configuration.
     """
     lines = np.linspace(job.lines[0], job.lines[-1], _FEW)
     share = len(job.lines) / _FEW
@@ -360,13 +362,13 @@ def _put_together(method: Method, job: Job) -> float:
 def _rows_of_train(
     n_cells: int, model: LinkageModel, configuration: Configuration
 ) -> tuple[FloatArray, FloatArray]:
-    """Eleven responses at the pins of a train, and a force at the end of its first coupler."""
+    """Return the rows of eleven responses at a train's pins and a force at its first coupler."""
     places = [(f"B{1 + i // 2 % n_cells}", "xz"[i % 2]) for i in range(11)]
     return model.rows(places, configuration), model.rows([("B1", "x")], configuration)
 
 
 def draw(outcomes: Mapping[str, Outcome], grown: Mapping[tuple[str, str], Growth]) -> None:
-    """Write the picture: the job side by side, and how it grows."""
+    """Draw the cost of the job by method, and its growth."""
     figure = Figure(figsize=(15.0, 4.9), layout="constrained")
     panels = figure.subplots(1, 4, width_ratios=[1.5, 1.0, 1.0, 1.0])
     unit = spread(outcomes[FAST].seconds).median
@@ -425,7 +427,7 @@ def draw(outcomes: Mapping[str, Outcome], grown: Mapping[tuple[str, str], Growth
 def report(
     outcomes: Mapping[str, Outcome], grown: Mapping[tuple[str, str], Growth], missing: list[str]
 ) -> list[str]:
-    """Return the result page's parts."""
+    """Return the parts of the result page."""
     unit = spread(outcomes[FAST].seconds).median
     rows = []
     for name, outcome in outcomes.items():
@@ -443,15 +445,16 @@ def report(
         )
     columns = ["method", "time", "error", "worst FRF", "peak, MB", "of it the job's, MB"]
     parts = [
-        "11 FRFs of `three_point_linkage` in 46 configurations on 2001 lines from 0 to 200 Hz "
-        "(from 0.1 Hz for LM-FBS: floating links have no receptance at 0 Hz), from the "
-        "description on: kinematics, reduction and component FRFs included. Times are in that of "
-        f"'{FAST}': medians (and quartiles) of {ROUNDS} rounds in which the methods take turns, "
-        "after a warm-up; of the processor, on one thread. Errors are against the linkage with 96 "
-        "elements a link, unreduced: relative L2 of all eleven FRFs, and of the worst single one, "
-        "in the worst configuration. Where no number of modes is said, links have 20 "
-        "fixed-interface modes as shipped. Peak memory is that of a process that does this job "
-        "alone, its imports included.",
+        "This page compares methods on the job of the paper: 11 FRFs of `three_point_linkage` in "
+        "46 configurations on 2001 lines from 0 to 200 Hz. LM-FBS begins at 0.1 Hz, because "
+        "floating links have no receptance at 0 Hz. The job begins with the mechanism file, so it "
+        "includes kinematics, reduction and component FRFs. Times are processor times on one "
+        f"thread, in units of that of '{FAST}': medians (and quartiles) of {ROUNDS} rounds in "
+        "which the methods take turns, after a warm-up. Errors are relative to the linkage with 96 "
+        "elements per link, unreduced: the L2 norm of all eleven FRFs, and of the worst single "
+        "one, in the worst configuration. If no number of modes is given, links have 20 "
+        "fixed-interface modes as shipped. Peak memory is that of a process that does only this "
+        "job, including its imports.",
         table(columns, rows),
     ]
     if SDYNPY in outcomes:
@@ -480,28 +483,29 @@ def report(
         for (name, way), growth in grown.items()
     ]
     parts += [
-        "## How it grows",
-        "One of the three grows, the others stay the paper's; links are those of a train of "
-        f"four-bars with {MODES} modes a link. The slope is that of the logarithms, by least "
-        f"squares and between the two largest sizes. LM-FBS on trains was run on {_FEW} lines in "
-        "1 and 3 configurations, from which the job's time is put together; LM-FBS was left out "
-        "where it would take minutes.",
+        "## Growth of the cost",
+        "The table shows how the cost grows with the number of lines, configurations or links, "
+        "while the other two stay as in the paper. The links are those of a train of four-bars "
+        f"with {MODES} modes per link. The slope is that of the logarithms, by least squares and "
+        f"between the two largest sizes. LM-FBS on trains was run on {_FEW} lines in 1 and 3 "
+        "configurations, from which the time of the job is calculated. LM-FBS was left out if it "
+        "would take minutes.",
         table(["grows", "method", "sizes", "time", "slope", "at the end"], rows),
     ]
     return parts
 
 
 def _ratio(first: Outcome, second: Outcome) -> Spread:
-    """Return how many times as long the first takes, round by round."""
-    pairs = zip(first.seconds, second.seconds, strict=False)  # one was run once
+    """Return the ratio of the times of two methods, computed in each round."""
+    pairs = zip(first.seconds, second.seconds, strict=False)  # one of them was run only once
     return spread([one / other for one, other in pairs])
 
 
 def main() -> None:
-    """Run all, and write the page and the picture."""
+    """Measure everything, and write the page and the picture."""
     pin_threads("benchmark.speed.paper_job")
     if sys.argv[1:2] == ["--memory"]:
-        _tell_memory(sys.argv[2])
+        _print_memory(sys.argv[2])
         return
     lacking = {name for name, package in _NEEDS.items() if peers.lacks(package)}
     names = [name for name in METHODS if name not in lacking]

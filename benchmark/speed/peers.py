@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Other codes on the same linkage; one that is not installed, or cannot do a part, says so."""
+"""Other codes on the same linkage; a code that is missing or cannot compute a part says so."""
 
 import importlib.util
 import os
@@ -29,7 +29,7 @@ SUBSTRUCTURED = "solid links, substructured"
 
 
 def methods(scene: Scene, exudyn_elements: tuple[int, ...], modes: tuple[int, ...]) -> list[Method]:
-    """Return the peers, with so many elements or modes a link where that can be chosen."""
+    """Return the peers, with these numbers of elements or modes per link."""
     return [
         *_exudyn(scene, exudyn_elements),
         *_sdynpy(scene, modes),
@@ -39,7 +39,7 @@ def methods(scene: Scene, exudyn_elements: tuple[int, ...], modes: tuple[int, ..
 
 
 def lacks(package: str) -> bool:
-    """Whether a package is not installed."""
+    """Return whether a package is not installed."""
     return importlib.util.find_spec(package) is None
 
 
@@ -89,14 +89,14 @@ def _sdynpy(scene: Scene, modes: tuple[int, ...]) -> list[Method]:
 
 
 def _load_sdynpy() -> Any:
-    os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")  # it loads Qt, screen or none
+    os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")  # it loads Qt
     import sdynpy
 
     return sdynpy
 
 
 class SdynpyFrfs:
-    """LM-FBS by SDynPy, which takes a pseudo-inverse.
+    """LM-FBS by SDynPy, which uses a pseudo-inverse.
 
     Parameters
     ----------
@@ -107,7 +107,7 @@ class SdynpyFrfs:
     rows : callable
         Responses and force.
     held : bool
-        Give it components that the ground holds already, as we couple them.
+        Whether the ground's constraints are applied to the components before, as in ours.
     """
 
     def __init__(
@@ -122,7 +122,7 @@ class SdynpyFrfs:
         self._model, self._rows, self._held = model, rows, held
         blocks = held_frfs(model, lines) if held else component_frfs(model, lines)
         stacked = [block_diag(*matrices) for matrices in zip(*blocks, strict=True)]
-        # A node for every DoF, so that its order is ours.
+        # With one node for every DoF, SDynPy keeps our order.
         self._dofs = sdynpy.coordinate_array(np.arange(stacked[0].shape[0]) + 1, 1)
         self._functions = sdynpy.data_array(
             sdynpy.data.FunctionTypes.FREQUENCY_RESPONSE_FUNCTION,
@@ -141,17 +141,17 @@ class SdynpyFrfs:
             outputs, inputs = (given[:, ~model.interface.held] for given in (outputs, inputs))
             compatibility = joints_left(model, compatibility)
         coupled = self._functions.substructure_by_constraint_matrix(self._dofs, compatibility)
-        # The force first: a product of a matrix and a vector a line.
+        # With the force first, each line is a product of a matrix and a vector.
         return np.asarray((outputs @ (coupled.ordinate.transpose(2, 0, 1) @ inputs[0]).T).T)
 
 
 class SdynpyModes:
-    """Assembly, modes and their superposition by SDynPy.
+    """Assembly, modes and modal superposition by SDynPy.
 
     Parameters
     ----------
     model : LinkageModel
-        Its components' matrices.
+        The model with the components' matrices.
     """
 
     def __init__(self, model: LinkageModel) -> None:
@@ -199,7 +199,7 @@ def _pyfbs(scene: Scene, modes: tuple[int, ...]) -> list[Method]:
 
 
 class PyfbsCoupling:
-    """LM-FBS written with pyFBS's pseudo-inverse; it has no function that takes B.
+    """LM-FBS with pyFBS's pseudo-inverse; pyFBS has no function for a given B.
 
     Parameters
     ----------
@@ -227,7 +227,7 @@ class PyfbsCoupling:
 
 
 def _solids(scene: Scene) -> list[Method]:
-    """Return CalculiX on meshes of solid links, and the same meshes substructured by us."""
+    """Return CalculiX on solid meshes, and our substructuring of the same meshes."""
     if lacks("gmsh") or shutil.which("ccx") is None:
         return [Method(CALCULIX, "", missing="gmsh or CalculiX (ccx) is not installed")]
     from benchmark.validation.calculix import calculix_frequencies, read_mesh
@@ -253,12 +253,12 @@ def _solids(scene: Scene) -> list[Method]:
 
     n = sum(len(mesh.nodes) for mesh in meshes.values())
     return [
-        Method(CALCULIX, counted(n, "node"), assembled, None, "frequencies alone were asked of it"),
+        Method(CALCULIX, counted(n, "node"), assembled, None, "only frequencies were computed"),
         Method(
             SUBSTRUCTURED,
             "20 modes",
             lambda alpha3: model.solve(alpha3).natural_frequencies[:MODES],
             None,
-            "frequencies alone",
+            "only frequencies were computed",
         ),
     ]

@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Draws the chart: error against cost, and what the points of a table buy."""
+"""Draws the chart of six panels: error against cost, and error against points of a table."""
 
 import io
 import math
@@ -93,7 +93,7 @@ def draw(points: Sequence[Point], path: Path) -> None:
     figure.supxlabel(
         "Panels 1 to 3 compare with the same linkage with 96 elements a link, unreduced.\n"
         "The grey line joins the methods that no other beats in both error and cost. Numbers are\n"
-        "modes or elements a link, and bars are quartiles. Panels 4 to 6 compare with the model\n"
+        "modes or elements per link, and bars are quartiles. Panels 4 to 6 compare with the model\n"
         "that is tabulated; dashed lines have their points where the error is largest.",
         fontsize=_SIZE,
         color=GREY,
@@ -172,7 +172,7 @@ def _draw_front(axes: Axes, points: Sequence[Point]) -> None:
     """Join the points that no other beats in both cost and error."""
     front: list[Point] = []
     for point in sorted(points, key=lambda p: p.cost.median):
-        if not front or point.error < 0.95 * front[-1].error:  # not by rounding alone
+        if not front or point.error < 0.95 * front[-1].error:  # a difference beyond rounding
             front.append(point)
     axes.plot(
         [p.cost.median for p in front],

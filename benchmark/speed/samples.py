@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""The model solved where a table wants it, with derivatives for Hermite interpolation."""
+"""Solves the model at the angles of a table, with derivatives for Hermite interpolation."""
 
 import math
 from dataclasses import dataclass
@@ -16,14 +16,14 @@ from linkage_vibration.mechanics.model import LinkageModel, Solution
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
-POLES = 6  # modes whose poles a table of FRFs holds; the others make its static residual
+POLES = 6  # modes whose poles are in a table of FRFs; the others form its static residual
 N_LIVE = 2 * MODES + 2
-_STEP = 1e-4  # of the peak's frequency, for differences over frequency
+_STEP = 1e-4  # step relative to the peak's frequency, for finite differences
 
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """What a table holds at one angle.
+    """The values of a table at one angle.
 
     Attributes
     ----------
@@ -31,7 +31,7 @@ class Sample:
         Natural frequencies (Hz), damping ratios, the peak's frequency (Hz) and the logarithm of its
         magnitude in m/N.
     terms : ndarray, (12 + 77,)
-        Of the FRFs: logarithms of k, decay c, residues and static residuals (`unpacked`).
+        Terms of the FRFs: logarithms of k, decay c, residues and static residuals (`unpacked`).
     """
 
     live: FloatArray
@@ -39,14 +39,14 @@ class Sample:
 
 
 class Sampler:
-    """A model solved once at every angle asked for.
+    """A model that is solved once at each requested angle.
 
-    Modes are in the order of their frequencies: in this linkage no two of the first six cross.
+    Modes are in the order of their frequencies, since the first six of this linkage do not cross.
 
     Parameters
     ----------
     model : LinkageModel
-        Of beams with Rayleigh damping, without springs.
+        A linkage of beams with Rayleigh damping, without springs.
     """
 
     def __init__(self, model: LinkageModel) -> None:
@@ -121,8 +121,8 @@ def _rates(solution: Solution) -> Sample:
 def _peak_rate(solution: Solution) -> tuple[float, float]:
     """Return d/d(alpha3) of the peak's frequency (Hz/rad) and of its logarithm (1/rad).
 
-    At the peak g = d(abs(H)^2)/dw / 2 vanishes and stays so, whence dw/d(alpha3) = -g_alpha / g_w;
-    the magnitude changes as that at a fixed frequency does.
+    At the peak g = d(abs(H)^2)/dw / 2 is zero at every angle, so dw/d(alpha3) = -g_alpha / g_w. The
+    rate of the magnitude is that at a fixed frequency.
     """
     peak = solution.peak(solution.model.mechanism.response.band)
     w = 2.0 * math.pi * peak.frequency
@@ -142,7 +142,7 @@ def _peak_rate(solution: Solution) -> tuple[float, float]:
 def _receptance_rate(solution: Solution, omega: float) -> tuple[ComplexArray, ComplexArray]:
     """Return the eleven receptances at a frequency and d/d(alpha3) of them, (11,) each.
 
-    [[Z, B^T], [B, 0]] (u, mu) = (f, 0), of which B and f alone change with the angle.
+    In [[Z, B^T], [B, 0]] (u, mu) = (f, 0) only B and f change with the angle.
     """
     model, system = solution.model, solution.model.system
     n, n_interface = len(system.mass), len(model.interface)
@@ -163,7 +163,7 @@ def _receptance_rate(solution: Solution, omega: float) -> tuple[ComplexArray, Co
     force_rate[n:] = -scale * b_rate @ x[:n_interface]
     x_rate = np.linalg.solve(matrix, force_rate)
     u, u_rate = x[:n_interface], x_rate[:n_interface]
-    return outputs @ u, out_rate @ u + outputs @ u_rate  # type: ignore[return-value]
+    return np.asarray(outputs @ u), np.asarray(out_rate @ u + outputs @ u_rate)
 
 
 def _row_rates(model: LinkageModel, solution: Solution) -> tuple[FloatArray, FloatArray]:

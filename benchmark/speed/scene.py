@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""The linkage that all methods solve, and the reference that they are measured against."""
+"""The linkage that all methods solve, and the reference for their errors."""
 
 import math
 from collections.abc import Callable
@@ -25,7 +25,7 @@ MECHANISM = Path(__file__).parents[2] / "config" / "three_point_linkage.yaml"
 LINES: FloatArray = np.linspace(0.0, 200.0, 2001)  # Hz, the paper's
 SWEEP: FloatArray = np.radians(np.linspace(90.0, 180.0, 46))  # the paper's configurations
 MODES = 3
-FINE = 96  # elements a link of the reference
+FINE = 96  # elements per link of the reference
 Rows = Callable[[LinkageModel, Configuration], tuple[FloatArray, FloatArray]]
 """Rows on the interface DoFs of responses, (n_out, n), and of the force, (1, n)."""
 RESPONSES = tuple((point, direction) for point in ("V1", "V2", "E1", "E2") for direction in "xz")
@@ -35,7 +35,7 @@ FORCE = ("E1", "z")
 def changed(
     mechanism: Mechanism, *, elements: int | None = None, modes: int | None = None
 ) -> Mechanism:
-    """Return the mechanism with other elements or fixed-interface modes on every link."""
+    """Return the mechanism with another number of elements or fixed-interface modes per link."""
     links = []
     for link in mechanism.links:
         body = link.body
@@ -47,10 +47,10 @@ def changed(
 
 
 def eleven(model: LinkageModel, configuration: Configuration) -> tuple[FloatArray, FloatArray]:
-    """Return rows on the interface DoFs of the eleven responses, (11, n), and the force, (1, n).
+    """Return the rows on the interface DoFs of eleven responses, (11, n), and a force, (1, n).
 
-    x and z of V1, V2, E1 and E2, and x, z and the rotation of the implement's centre of gravity, to
-    a force at E1 along z. The paper does not say which eleven it took.
+    The responses are x and z of V1, V2, E1 and E2, and x, z and the rotation of the implement's
+    centre of gravity. The force is at E1 along z. The paper does not name its eleven responses.
     """
     n = len(model.interface)  # rigid bodies come last
     outputs = np.vstack([model.rows(RESPONSES, configuration), np.eye(n)[n - 3 :]])
@@ -58,14 +58,14 @@ def eleven(model: LinkageModel, configuration: Configuration) -> tuple[FloatArra
 
 
 def worst_frequency(found: FloatArray, exact: FloatArray) -> float:
-    """Largest relative error of the natural frequencies."""
+    """Return the largest relative error of the natural frequencies."""
     return float(np.abs(found / exact - 1.0).max())
 
 
 def frf_error(found: ComplexArray, exact: ComplexArray) -> float:
-    """Relative L2 error of FRFs, (n_lines, 11).
+    """Return the relative L2 error of FRFs, (n_lines, 11).
 
-    LM-FBS leaves out 0 Hz, where links that float have no receptance: its lines are the last ones.
+    LM-FBS omits 0 Hz, where floating links have no receptance, so the last lines are compared.
     """
     exact = exact[len(exact) - len(found) :]
     return float(np.linalg.norm(found - exact) / np.linalg.norm(exact))
@@ -78,15 +78,15 @@ class Scene:
     Attributes
     ----------
     mechanism : Mechanism
-        As shipped.
-    lines : ndarray, (n_lines,)
-        Of the FRFs, Hz, from 0 up.
-    angles : ndarray, (n_angles,)
-        At which FRFs are compared, rad.
-    live_angles : ndarray, (n_live,)
-        At which predictions are compared, rad; on no table's grid.
+        The shipped linkage.
+    lines : ndarray, (n_lines,), Hz
+        Frequency lines of the FRFs, from 0 upwards.
+    angles : ndarray, (n_angles,), rad
+        Angles at which FRFs are compared.
+    live_angles : ndarray, (n_live,), rad
+        Angles at which predictions are compared; they are on no table's grid.
     fine : int
-        Elements a link of the reference.
+        Elements per link of the reference.
     """
 
     mechanism: Mechanism
@@ -97,13 +97,13 @@ class Scene:
 
     @cached_property
     def kinematics(self) -> Kinematics:
-        """Closed positions, the same for every method."""
+        """The kinematics of the linkage, the same for every method."""
         return Kinematics(self.mechanism)
 
     def model(
         self, *, elements: int | None = None, modes: int | None = None, reduced: bool = True
     ) -> LinkageModel:
-        """Return the linkage with other elements or modes a link."""
+        """Return the model with another number of elements or modes per link."""
         mechanism = changed(self.mechanism, elements=elements, modes=modes)
         return LinkageModel(mechanism, kinematics=self.kinematics, reduced=reduced)
 
@@ -144,6 +144,6 @@ def standard_scene() -> Scene:
 
 
 def off_grid(stroke: tuple[float, float], n: int) -> FloatArray:
-    """Angles spread evenly over the stroke that no equispaced grid repeats, by the golden ratio."""
+    """Return angles spread over the stroke by the golden ratio, which are on no even grid."""
     share = (np.arange(1, n + 1) * (math.sqrt(5.0) - 1.0) / 2.0) % 1.0
-    return stroke[0] + (stroke[1] - stroke[0]) * share  # type: ignore[return-value]
+    return np.asarray(stroke[0] + (stroke[1] - stroke[0]) * share, dtype=float)

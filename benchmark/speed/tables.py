@@ -17,7 +17,7 @@ from benchmark.speed.scene import MODES
 
 FloatArray = NDArray[np.float64]
 
-DEGREE = 5  # of a piecewise Chebyshev polynomial
+DEGREE = 5  # degree of a piecewise Chebyshev polynomial
 _START = 5  # points from which others are chosen
 
 
@@ -60,14 +60,14 @@ Make = Callable[[Sampler, FloatArray, bool], Interpolant]
 
 
 def values(sampler: Sampler, points: FloatArray, terms: bool, *, rates: bool = False) -> FloatArray:
-    """Return what is tabulated at points, or its derivatives, (n_points, n_columns)."""
+    """Return the tabulated values or their derivatives at points, (n_points, n_columns)."""
     read = sampler.rate if rates else sampler.at
     samples = [read(float(alpha3)) for alpha3 in points]
     return np.array([sample.terms if terms else sample.live for sample in samples])
 
 
 def linear(sampler: Sampler, points: FloatArray, terms: bool) -> Interpolant:
-    """Return straight lines from point to point."""
+    """Return a piecewise linear interpolation."""
     y = values(sampler, points, terms)
     slopes = np.diff(y, axis=0) / np.diff(points)[:, np.newaxis]
     return PolynomialTable(points.tolist(), np.stack([slopes, y[:-1]], axis=1))
@@ -107,20 +107,20 @@ def chebyshev(sampler: Sampler, breaks: FloatArray, degree: int, terms: bool) ->
 def chosen(
     sampler: Sampler, stroke: tuple[float, float], n: int, make: Make, per_piece: int = 1
 ) -> FloatArray:
-    """Choose points (or ends of pieces) by halving the intervals whose middles are worst.
+    """Choose points (or ends of pieces) by halving the intervals with the largest errors.
 
     Parameters
     ----------
     sampler : Sampler
-        What is tabulated.
+        The model that is tabulated.
     stroke : tuple of float
-        rad.
+        First and last angle, rad.
     n : int
-        How many points to choose.
+        Number of points.
     make : callable
         The interpolation.
     per_piece : int
-        Points in a piece, where it is not its ends that are fitted.
+        Points per piece, if a piece does not interpolate at its ends.
     """
     points = np.linspace(*stroke, _START if per_piece == 1 else 2)
     while True:
@@ -128,7 +128,7 @@ def chosen(
         if room <= 0:
             return points
         table = make(sampler, points, False)
-        # Off the very middle, where odd errors vanish.
+        # Not exactly in the middle, where odd errors are zero.
         probes = points[:-1] + 0.45 * np.diff(points)
         errors = [_error(table(float(a)), sampler.at(float(a)).live) for a in probes]
         count = max(1, min(room, len(points) // 4))
@@ -137,7 +137,7 @@ def chosen(
 
 
 def _error(found: FloatArray, exact: FloatArray) -> float:
-    """Relative error of the worst natural frequency."""
+    """Return the relative error of the worst natural frequency."""
     return float(np.abs(found[:MODES] / exact[:MODES] - 1.0).max())
 
 
@@ -146,7 +146,7 @@ def tables(
 ) -> dict[tuple[str, bool], tuple[Interpolant, Interpolant]]:
     """Return tables of n points by interpolation and whether the points are chosen.
 
-    Each is of live values and of FRF terms.
+    There is one table of live values and one of FRF terms for each.
     """
 
     def both(make: Make, points: FloatArray) -> tuple[Interpolant, Interpolant]:

@@ -1,9 +1,9 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Times as medians with quartiles, methods taking turns so that all see the same machine.
+"""Times methods in turns, and reports medians with quartiles.
 
-Times are of the processor, not of the wall: with one thread the two are the same on an idle
-machine, and on a busy one what others run counts for less.
+Times are processor times, not wall-clock times. With one thread both are equal on an idle machine,
+and on a busy machine other processes have less influence.
 """
 
 import gc
@@ -32,18 +32,18 @@ class Spread:
         return f"{self.median:.3g} ({self.low:.3g} to {self.high:.3g})"
 
     def over(self, unit: float) -> "Spread":
-        """Return it in another unit."""
+        """Return the same spread in another unit."""
         return Spread(self.median / unit, self.low / unit, self.high / unit)
 
 
 def spread(samples: ArrayLike) -> Spread:
     """Return the median and the quartiles of samples."""
-    low, median, high = np.percentile(samples, [25.0, 50.0, 75.0])
+    low, median, high = np.percentile(np.asarray(samples, dtype=float), [25.0, 50.0, 75.0])
     return Spread(float(median), float(low), float(high))
 
 
 def pin_threads(module: str) -> None:
-    """Run a module anew with one BLAS thread, unless it has one; NumPy reads that when it loads."""
+    """Restart a module with one BLAS thread if it has more; NumPy reads the setting at import."""
     if os.environ.get("OPENBLAS_NUM_THREADS") != "1":
         threads = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
         command = [sys.executable, "-m", module, *sys.argv[1:]]
@@ -51,14 +51,14 @@ def pin_threads(module: str) -> None:
 
 
 def clock() -> float:
-    """Return the processor's time of this process and of those that it has run, s."""
+    """Return the processor time of this process and its finished children, s."""
     children = resource.getrusage(resource.RUSAGE_CHILDREN)
     return time.process_time() + children.ru_utime + children.ru_stime
 
 
 @contextmanager
 def quiet() -> Iterator[None]:
-    """Keep the garbage collector out of what is timed."""
+    """Switch the garbage collector off while something is timed."""
     gc.collect()
     gc.disable()
     try:
@@ -68,14 +68,14 @@ def quiet() -> Iterator[None]:
 
 
 def seconds(job: Callable[[], object], at_least: float = 0.0) -> float:
-    """Time a job, repeated until that takes long enough for the clock.
+    """Time a job; repeat it until the total is long enough for the clock.
 
     Parameters
     ----------
     job : callable
-        What to time.
+        The job.
     at_least : float
-        s.
+        Least total time, s.
     """
     repeats = 1
     while True:
@@ -96,25 +96,25 @@ def turns(
     slow: float = float("inf"),
     step: Callable[[], object] = lambda: None,
 ) -> dict[str, list[float]]:
-    """Time jobs in turn, round after round, after a warm-up.
+    """Time jobs in turn in several rounds, after a warm-up.
 
     Parameters
     ----------
     jobs : mapping of str to callable
-        What to time.
+        The jobs by name.
     rounds : int
-        How often each.
+        Number of rounds.
     at_least : float
-        s, that one sample takes, by repetition.
+        Least time of one sample, s; the job is repeated for it.
     slow : float
-        s; a job that takes longer than this is run in the first round alone, without a warm-up.
+        A job that takes longer than this (s) is run only in the first round, without a warm-up.
     step : callable
         Called after each sample, for a progress bar.
 
     Returns
     -------
     dict of str to list of float
-        s, sample by sample.
+        Times of the samples, s.
     """
     samples: dict[str, list[float]] = {}
     with quiet():

@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Linkages of any size: a train of four-bars, to see how cost grows with the links."""
+"""A train of four-bars, a linkage of any size, for the growth of cost with the links."""
 
 import math
 
@@ -19,17 +19,17 @@ _STEEL = Material(210e9, 7800.0, 0.3)
 
 
 def train(n_cells: int, modes: int) -> Mechanism:
-    """Return a crank that swings n rockers side by side, each by a coupler from the one before.
+    """Return a crank that moves n rockers in a row, each by a coupler from the previous one.
 
-    The first cell is a crank-rocker; all others are parallelograms, whose rockers stay far from
-    the line of their couplers. So the linkage has one input, 2 n + 1 bars and no toggle.
+    The first cell is a crank-rocker. All others are parallelograms, whose rockers stay far from
+    the line of their couplers, so the linkage has one input, 2 n + 1 bars and no toggle.
 
     Parameters
     ----------
     n_cells : int
-        How many couplers.
+        Number of couplers.
     modes : int
-        Fixed-interface modes a link.
+        Fixed-interface modes per link.
 
     Examples
     --------

@@ -178,7 +178,7 @@ def _draw(model: LinkageModel, built: Table, jump: float, picture: Path) -> None
     left, right = figure.subplots(1, 2)
     frequency = 30.0 + _LINE / 2.0
     one = oscillators([2.0 * math.pi * frequency], [_RATIO], [1.0])
-    fine, lines = np.linspace(29.7, 30.4, 4001), 29.7 + _LINE * np.arange(8)
+    fine, lines = np.linspace(29.7, 30.4, 4001), 29.7 + _LINE * np.arange(8.0)
     left.semilogy(fine, np.abs(one.frf(fine)[:, 0, 0]), color=INK, lw=1.6, label="exact")
     seen = np.abs(one.frf(lines)[:, 0, 0])
     left.semilogy(lines, seen, "o--", color=COLOURS[1], ms=5, lw=1.2, label="0.1 Hz lines")

@@ -38,7 +38,7 @@ def section(pictures: Path) -> str:
     b, labels = joining.compatibility, joining.labels
     v1 = [i for i, label in enumerate(labels) if "pin V1" in label]
     e2 = model.interface.displacement("implement", "E2", solution.configuration)[[0, 2]]
-    further: dict[str, tuple[FloatArray, list[str]]] = {
+    further: dict[str, tuple[NDArray[np.floating], list[str]]] = {
         "pin V1 closed twice": (b[v1], [labels[i] for i in v1]),
         "V1 once more, at an angle": (0.6 * b[v1[:1]] + 0.8 * b[v1[1:]], ["V1 aslant"]),
         "E2 of the implement on itself": (e2 - e2, ["E2 on itself in x", "E2 on itself in z"]),
@@ -46,8 +46,8 @@ def section(pictures: Path) -> str:
     }
     blocks = component_frfs(model, LINES)
     once = couple_frfs(blocks, b, rows, rows)
-    told = []
-    spectra: dict[str, FloatArray] = {"as it is": np.linalg.svd(b, compute_uv=False)}  # type: ignore[dict-item]
+    table_rows: list[list[str]] = []
+    spectra: dict[str, NDArray[np.floating]] = {"as it is": np.linalg.svd(b, compute_uv=False)}
     for words, (extra, names) in further.items():
         more = np.vstack([b, extra])
         spectra[words] = np.linalg.svd(more, compute_uv=False)
@@ -57,7 +57,7 @@ def section(pictures: Path) -> str:
         assert coupled.redundant == tuple(names)
         omega = solve_modes(coupled)[0].omega[:10]
         plain = [share(plain_lm_fbs(blocks, more, rows, how), once) for how in ("solve", "inv")]
-        told.append(
+        table_rows.append(
             [
                 words,
                 f"{len(coupled.redundant)} of {len(more)}",
@@ -88,7 +88,7 @@ and equation 19 then silently gives wrong results. The table shows on how many o
 with an error, on how many its error exceeds 1e-6 of the largest of 16 FRFs, and the error of ours
 on the worst line:
 
-{table(columns, told)}
+{table(columns, table_rows)}
 
 Ours replaces the rows by a basis of their span, by an SVD of B that drops singular values below
 1e-12 of the largest one, in the assembly and in LM-FBS. `CoupledSystem.redundant` names the joints
@@ -117,7 +117,7 @@ def _of_lines(errors: FloatArray) -> str:
     )
 
 
-def _draw(path: Path, spectra: dict[str, FloatArray]) -> None:
+def _draw(path: Path, spectra: dict[str, NDArray[np.floating]]) -> None:
     figure = picture_of("Singular values of B at 140 deg, zeros drawn at 1e-18")
     ax = figure.subplots()
     ax.axhspan(1e-12, 1e-6, color="#f3dede", zorder=0)

@@ -269,8 +269,8 @@ def _frfs_npz() -> Seeds:
 def _frfs_uff() -> Seeds:
     f = np.linspace(100.0, 800.0, 8)
     frf = _receptance(f)
-    system = {"type": 164, "units_code": 1, "units_description": "SI", "temp_mode": 1}
-    system |= {"length": 1.0, "force": 1.0, "temp": 1.0, "temp_offset": 273.15}
+    system: dict[str, Any] = {"type": 164, "units_code": 1, "units_description": "SI"}
+    system |= {"temp_mode": 1, "length": 1.0, "force": 1.0, "temp": 1.0, "temp_offset": 273.15}
     contents = []
     for spacing, binary, quantity, power in ((1, 0, 8, 0), (0, 0, 12, 2), (1, 1, 8, 0)):
         sets: list[dict[str, Any]] = [system]
@@ -315,8 +315,10 @@ def _mesh(version: str, order: int) -> str:
                 corners[1], corners[2] = corners[2], corners[1]
             tetrahedra.append(numbered(corners))
     faces = []
-    for x in (0.0, 3.0):  # type: ignore[assignment]
-        square = [np.array([x, y, z]) for y, z in ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0))]
+    for end in (0.0, 3.0):
+        square = [
+            np.array([end, y, z]) for y, z in ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0))
+        ]
         faces.append([numbered([square[k] for k in three]) for three in ((0, 1, 2), (0, 2, 3))])
     triangle, tetrahedron = (2, 4) if order == 1 else (9, 11)
     blocks = [(2, triangle, faces[0]), (2, triangle, faces[1]), (3, tetrahedron, tetrahedra)]
@@ -381,7 +383,7 @@ def _bags_mcap() -> Seeds:
         channel = writer.register_channel("/joints", "cdr", schema)
         for k, message in enumerate(_joint_states(store)):
             writer.add_message(channel, k, bytes(store.serialize_cdr(message, JOINT_STATE)), k)
-        writer.finish()
+        writer.finish()  # type: ignore[no-untyped-call]
         contents.append(stream.getvalue())
     folder = _recorded(StoragePlugin.MCAP)
     return (*_alone("a.mcap", *contents), (".", folder))
