@@ -18,6 +18,7 @@ COMMANDS = ROOT / "docs" / "commands"
 
 project = "linkage_vibration"
 author = "The linkage_vibration authors"
+copyright = "2026, The linkage_vibration authors (Apache-2.0)"
 release = linkage_vibration.__version__
 
 extensions = ["myst_parser", "sphinx.ext.autodoc", "numpydoc"]
