@@ -27,7 +27,8 @@ rows = "".join(
     if count
 )
 (ROOT / "docs" / "coverage.md").write_text(
-    "---\norphan: true\n---\n\n# Coverage\n\nOn this page you can look up which share of each room the tests run. "
+    "---\norphan: true\n---\n\n# Coverage\n\n"
+    "On this page you can look up which share of each room the tests run. "
     f"`make coverage` writes it.\n\n{summary}\n\n"
     f"| room | statements | run by the tests |\n|---|---|---|\n{rows}"
 )
