@@ -7,8 +7,9 @@ imported when it is first used, so that importing the package is fast.
 """
 
 from importlib import import_module
-from importlib.metadata import version
 from typing import TYPE_CHECKING
+
+from linkage_vibration.support.version import VERSION
 
 if TYPE_CHECKING:
     from linkage_vibration.errors import LinkageVibrationError
@@ -42,7 +43,7 @@ _MODULES = {
 }
 _HOMES = {name: f"{__name__}.{module}" for module, names in _MODULES.items() for name in names}
 
-__version__ = version("linkage_vibration")
+__version__ = VERSION
 # fmt: off
 __all__ = [
     "Failure", "IdentifiedSolution", "Limits", "LinkageModel", "LinkageVibrationError", "Log",

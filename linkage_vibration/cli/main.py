@@ -8,8 +8,8 @@ import sys
 from collections.abc import Sequence
 from importlib import import_module
 
-import linkage_vibration
 from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.support.version import VERSION
 
 # Each is a module of this room. Its docstring is the help text, `add_arguments` declares what it
 # takes, and `run` does the work and returns the exit code. The modules import nothing slow at their
@@ -50,7 +50,7 @@ def argument_parser() -> argparse.ArgumentParser:
         prog="linkage-vibration",
         description="Predict how a linkage vibrates in each of its configurations.",
     )
-    parser.add_argument("--version", action="version", version=linkage_vibration.__version__)
+    parser.add_argument("--version", action="version", version=VERSION)
     subparsers = parser.add_subparsers(required=True, metavar="COMMAND")
     for name in SUBCOMMANDS:
         module = import_module(f"linkage_vibration.cli.{name}")

@@ -11,7 +11,6 @@ from typing import Any, TypeVar, cast
 
 import yaml
 
-import linkage_vibration
 from linkage_vibration.bags.recorder import Limits
 from linkage_vibration.bags.writing import COMPRESSIONS
 from linkage_vibration.errors import LinkageVibrationError
@@ -24,6 +23,7 @@ from linkage_vibration.support.resources import (
     DEFAULT_TABLE,
     config_file,
 )
+from linkage_vibration.support.version import VERSION
 
 Value = TypeVar("Value", bool, int, float, str, tuple[float, ...])
 
@@ -409,7 +409,7 @@ def parameters_yaml(parameters: Parameters, node_name: str) -> str:
     """
     values = {f.name: _plain(getattr(parameters, f.name)) for f in fields(parameters)}
     sections = {node_name: {"ros__parameters": values}}
-    return f"# linkage_vibration {linkage_vibration.__version__}\n" + yaml.safe_dump(
+    return f"# linkage_vibration {VERSION}\n" + yaml.safe_dump(
         sections, sort_keys=False, default_flow_style=None
     )
 

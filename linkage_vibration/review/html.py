@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-import linkage_vibration
 from linkage_vibration.review.log import ReviewError
 from linkage_vibration.support.atomic_files import write_text
+from linkage_vibration.support.version import VERSION
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -78,7 +78,7 @@ def page_html(page: Page) -> str:
     }
     texts = {
         "title": html.escape(page.title),
-        "version": linkage_vibration.__version__,
+        "version": VERSION,
         "uplot_css": _file("uPlot.min.css"),
         "css": _file("page.css"),
         # A text of a log must not end the script that contains it.

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from rclpy.serialization import deserialize_message
 
-import linkage_vibration
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.messages.definitions import OWN_PACKAGE
 from linkage_vibration.messages.encoding import encode_prediction, encode_resonance
@@ -17,6 +16,7 @@ from linkage_vibration.messages.topics import PREDICTION, RESONANCE, TABLE_INFO
 from linkage_vibration.prediction.predictor import Prediction, Status
 from linkage_vibration.prediction.resonance import Resonance, ResonanceState
 from linkage_vibration.ros.endpoints import message_class
+from linkage_vibration.support.version import VERSION
 
 
 class InterfaceError(LinkageVibrationError):
@@ -71,7 +71,7 @@ def _check_values(type_name: str, example: object, encoded: bytes) -> None:
 
 
 def _mismatch(type_name: str, difference: str) -> InterfaceError:
-    version = linkage_vibration.__version__
+    version = VERSION
     return InterfaceError(
         f"The installed {type_name} {difference}, so {OWN_PACKAGE} has another version than "
         f"linkage_vibration {version}; install {OWN_PACKAGE} {version}, or rebuild the workspace."

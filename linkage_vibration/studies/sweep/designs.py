@@ -18,12 +18,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-import linkage_vibration
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.description import Mechanism, MechanismError
 from linkage_vibration.mechanics.keys import Keys
 from linkage_vibration.readers.mechanism import load_yaml, mechanism_of
 from linkage_vibration.studies.yaml_editing import number_at, split_paths, with_numbers
+from linkage_vibration.support.version import VERSION
 from linkage_vibration.table.tabulation import TOLERANCE
 
 FloatArray = NDArray[np.float64]
@@ -90,7 +90,7 @@ class Designs:
 
     def digest(self, *hashes: str) -> str:
         """Return a digest of what results depend on, beside the hashes of the designs' models."""
-        version = linkage_vibration.__version__
+        version = VERSION
         content = [FORMAT, version, hashes, self.alpha3.tolist(), self.tolerance]
         return hashlib.sha256(json.dumps(content).encode()).hexdigest()
 

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.io import netcdf_file
 
-import linkage_vibration
 from linkage_vibration.studies.sweep.designs import Designs
 from linkage_vibration.studies.yaml_editing import split_paths
+from linkage_vibration.support.version import VERSION
 
 FloatArray = NDArray[np.float64]
 
@@ -78,7 +78,7 @@ def netcdf(designs: Designs, hashes: Sequence[str], outcomes: Sequence[Outcome])
     content = io.BytesIO()
     file = netcdf_file(content, "w", version=2)
     file.title = "Natural frequencies and FRF peaks over a grid of designs"
-    file.source = f"linkage_vibration {linkage_vibration.__version__}"
+    file.source = f"linkage_vibration {VERSION}"
     file.mechanism = json.dumps(designs.mapping, default=str)
     file.digest = designs.digest(*hashes)
     file.tolerance = designs.tolerance

@@ -8,9 +8,9 @@ from dataclasses import replace
 
 import numpy as np
 
-import linkage_vibration
 from linkage_vibration.mechanics.arrays import BoolArray, ComplexArray, IntArray
 from linkage_vibration.mechanics.response import FarPoles, PoleResidue, far_poles
+from linkage_vibration.support.version import VERSION
 from linkage_vibration.table.table import Table
 from linkage_vibration.table.tabulation.accuracy import Accuracy
 from linkage_vibration.table.tabulation.peaks import SILENT, notable
@@ -63,7 +63,7 @@ def assemble(sampler: Sampler, pieces: list[Piece], tracked: Tracked, accuracy: 
         far_residues=np.zeros((len(variables), 1, 0)),
         model_hash=sampler.model.mechanism.model_hash,
         mechanism_name=sampler.model.mechanism.name,
-        package_version=linkage_vibration.__version__,
+        package_version=VERSION,
     )
     terms = [found for x in variables if (found := sampler.at(x).terms) is not None]
     return table if len(terms) < len(variables) else _with_frfs(table, sampler, fitted, terms)
