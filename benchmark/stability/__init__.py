@@ -1,3 +1,3 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Where the plain methods fail, and what ours do there: the sections of docs/stability.md."""
+"""Cases in which common methods fail: each module writes one section of docs/stability.md."""

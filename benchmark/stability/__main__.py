@@ -37,8 +37,8 @@ in every run, and ten thousand for each invariant with `pytest -m nightly`.
 
 
 def main() -> None:
-    """Write the sections named on the command line, or all, and keep the others as they are."""
-    asked = sys.argv[1:] or list(CASES)
+    """Write the sections that the command line names, or all; the others stay unchanged."""
+    chosen = sys.argv[1:] or list(CASES)
     pictures = DOCS / "stability"
     pictures.mkdir(exist_ok=True)
     page = DOCS / "stability.md"
@@ -47,7 +47,7 @@ def main() -> None:
     for number, name in enumerate(tqdm(CASES, unit="case"), start=1):
         case = import_module(f"benchmark.stability.{name}")
         heading = f"{number}. {case.TITLE}"
-        body = case.section(pictures).strip() if name in asked else old.get(heading, "")
+        body = case.section(pictures).strip() if name in chosen else old.get(heading, "")
         parts += [f"## {heading}", body]
     parts.append(f"`make bench ONLY=stability` wrote this page on: {machine()}.")
     draft = page.with_suffix(".part")
@@ -56,7 +56,7 @@ def main() -> None:
 
 
 def _sections(text: str) -> dict[str, str]:
-    """Return the bodies of a page's sections by their headings."""
+    """Return the sections of a page by their headings."""
     body = text[: text.rindex("\n\n")]
     parts = [part.partition("\n") for part in body.split("\n## ")[1:]]
     return {heading: section.strip() for heading, _, section in parts}

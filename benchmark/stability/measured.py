@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Links known by measured FRFs: noise, faults of the measurement, lines that do not suffice."""
+"""Measured FRFs of links: noise, faults of the measurement, and too few lines."""
 
 import math
 import tempfile
@@ -51,7 +51,7 @@ _CUTS = (1e-7, 1e-6, 1e-5, 1e-4)  # of the largest singular value of B H B^T
 
 @dataclass(frozen=True)
 class _Bench:
-    """The default linkage at 140 deg, one of whose links is measured."""
+    """The default linkage at 140 deg with one measured link."""
 
     solution: Solution
     lines: FloatArray
@@ -108,7 +108,7 @@ class _Bench:
 
 
 def section(pictures: Path) -> str:
-    """Spoil the FRFs of one link in every way, couple them plainly and ours, and tell."""
+    """Damage the FRFs of one link in several ways, couple them by each method, and report."""
     model = linkage()
     rod, lower = _bench(model, "lift_rod"), _bench(model, "lower_link")
     rows = [_noise(case, share) for case in (rod, lower) for share in (1e-3, 1e-2, 0.1)]
@@ -250,8 +250,8 @@ def _faults(model: LinkageModel) -> str:
             """Return the refusal of a file, without the folder."""
             dofs = np.array([str(dof) for dof in case.link.dofs])[:keep]
             np.savez(path, frequencies=case.lines, frf=2.0 * frf[:, :keep, :keep], dofs=dofs)
-            told = _refusal(lambda: read_frfs(path, case.link.dofs))
-            return told.replace(f"{folder}/", "")
+            message = _refusal(lambda: read_frfs(path, case.link.dofs))
+            return message.replace(f"{folder}/", "")
 
         unequal = clean.copy()
         unequal[:, 1, 5] *= 1.3
@@ -274,7 +274,7 @@ def _faults(model: LinkageModel) -> str:
     ]
     light = np.concatenate([one.frf(_LINES)[:, 0] for one in sharp], axis=1)[:, :, None]
     peak = sharp[0].peak(_BAND)
-    told = {
+    faults = {
         "**A DoF is missing**, E1 z": [
             f"joint left open: error {case.error(case.couple(clean, b[held])):.2g}",
             missing,
@@ -301,7 +301,7 @@ def _faults(model: LinkageModel) -> str:
         ],
     }
     return "\n".join(
-        f"- {fault}. Plain: {plain}. Ours: {ours}" for fault, (plain, ours) in told.items()
+        f"- {fault}. Plain: {plain}. Ours: {ours}" for fault, (plain, ours) in faults.items()
     )
 
 

@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Peaks between frequency lines, two of one height, at a band's edge, and in a band without one."""
+"""Peaks between lines, of equal height, at the edge of a band, and a band without a peak."""
 
 import math
 from dataclasses import replace
@@ -31,7 +31,7 @@ _GAP, _AT = 1.0, 0.8  # Hz and rad, of the crank
 
 
 def section(pictures: Path) -> str:
-    """Miss peaks by lines, smear a jump by splines, leave the band, and tell."""
+    """Measure the errors of lines and splines at peaks and at edges of bands, and report."""
     crank = LinkageModel(crossing_crank(_GAP, _AT))
     built = build_table(crank)
     jump = _jump(crank)
@@ -83,23 +83,23 @@ def _sharp(frequency: float) -> tuple[float, float]:
 
 
 def _missed(step: float) -> list[str]:
-    told = []
+    texts = []
     for around in (3.0, 30.0, 150.0):
         frequency = around + step / 2.0
         one = oscillators([2.0 * math.pi * frequency], [_RATIO], [1.0])
         lines = np.array([around, around + step])
         seen = np.abs(one.frf(lines)).max() / _sharp(frequency)[1]
-        told.append(f"{100.0 * (1.0 - seen):.1f} %")
-    return told
+        texts.append(f"{100.0 * (1.0 - seen):.1f} %")
+    return texts
 
 
 def _exact() -> list[str]:
-    told = []
+    texts = []
     for around in (3.0, 30.0, 150.0):
         one = oscillators([2.0 * math.pi * (around + _LINE / 2.0)], [_RATIO], [1.0])
         error = one.peak((0.0, 200.0)).magnitude / _sharp(around + _LINE / 2.0)[1] - 1.0
-        told.append(f"{100.0 * abs(error):.0e} %")
-    return told
+        texts.append(f"{100.0 * abs(error):.0e} %")
+    return texts
 
 
 def _over_the_stroke() -> str:
@@ -130,7 +130,7 @@ def _at(model: LinkageModel, angle: float) -> float:
 
 
 def _jump(model: LinkageModel) -> float:
-    """Return where the highest peak passes from one mode to the other, rad."""
+    """Return the angle (rad) at which the highest peak changes from one mode to the other."""
 
     def higher(angle: float) -> float:
         sizes = model.solve(angle).drive_point.local_peaks(np.arange(2))[1]
@@ -156,15 +156,15 @@ def _table_error(model: LinkageModel, built: Table, jump: float) -> float:
 
 
 def _edges() -> str:
-    """Return what a resonance just outside and just inside a band is told as."""
+    """Return how a resonance just outside and just inside a band is reported."""
     one = oscillators([2.0 * math.pi * 50.0], [0.01], [1.0])
-    told = []
+    texts = []
     for band in ((0.0, 49.99), (0.0, 50.0), (50.0, 80.0)):
         peak = one.peak(band)
-        told.append(f"{band[0]:g} to {band[1]:g} Hz, {peak.frequency:.4f} Hz, {_kind(peak)}")
+        texts.append(f"{band[0]:g} to {band[1]:g} Hz, {peak.frequency:.4f} Hz, {_kind(peak)}")
     return (
         "The highest value of an oscillator whose resonance peaks at 49.995 Hz, by band: "
-        f"{'; '.join(told)}."
+        f"{'; '.join(texts)}."
     )
 
 

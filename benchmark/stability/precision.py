@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Single precision, units that are not SI, extremes of mass and stiffness, beams that are none."""
+"""Single precision, wrong units, extreme masses and stiffnesses, and beams that are too short."""
 
 import dataclasses
 import functools
@@ -55,7 +55,7 @@ def section(pictures: Path) -> str:
     _draw(single, slenderness, theory, pictures / "precision.png")
     at = np.searchsorted(_LINES, _TOLD - 1e-6)
     single_rows = [[name, *(f"{errors[i]:.0e}" for i in at)] for name, errors in single.items()]
-    told = [[name, f"`{words}`"] for name, words in _mistakes()]
+    texts = [[name, f"`{words}`"] for name, words in _mistakes()]
     limits = [
         [
             case.name,
@@ -78,7 +78,7 @@ def section(pictures: Path) -> str:
             "the assembly replaces LM-FBS where it loses digits (0.1 Hz). Matrices in single "
             f"precision are rejected: *{_single_matrices()}*",
             "**Units.** The default linkage in other units than SI causes these errors:",
-            table(["mistake", "error"], told),
+            table(["mistake", "error"], texts),
             "Large or small values in SI units are accepted: implements of 1 g or 100 t, "
             "linkages of 25 m, bars of 1e15 Pa or 0.001 kg/m3. A mass *and* its inertia in t, or "
             "a spring in N/mm, are possible values in SI units, so they are accepted, too.",
@@ -156,7 +156,7 @@ def with_frfs_from_file(
 
 
 def _single_matrices() -> str:
-    """Tell what is said of a file of matrices in single precision."""
+    """Return the error for a file of matrices in single precision."""
     link = linkage().mechanism.links[0]
     assert isinstance(link.body, Beam)
     beam = beam_matrices(link.body, link.points)
@@ -168,11 +168,11 @@ def _single_matrices() -> str:
             stiffness=beam.stiffness.astype(np.float32),
             dofs=np.array([str(dof) for dof in beam.dofs]),
         )
-        words = _told(lambda: read_matrices(path))
+        words = _message(lambda: read_matrices(path))
     return words.removeprefix(f"{path}: ")
 
 
-def _told(call: Callable[[], object]) -> str:
+def _message(call: Callable[[], object]) -> str:
     try:
         call()
     except LinkageVibrationError as error:
@@ -208,7 +208,7 @@ def _times(value: Any, factor: float) -> Any:
 
 
 def _mistakes() -> list[tuple[str, str]]:
-    """Descriptions in other units, and what is said of them."""
+    """Return descriptions in wrong units with their errors."""
 
     def material(key: str, value: float) -> Any:
         mapping = description()
@@ -234,14 +234,14 @@ def _mistakes() -> list[tuple[str, str]]:
         "implement's inertia in kg mm2": implement(inertia=200e6),
     }
     return [
-        (name, _told(functools.partial(mechanism_from_mapping, mapping)))
+        (name, _message(functools.partial(mechanism_from_mapping, mapping)))
         for name, mapping in cases.items()
     ]
 
 
 @dataclasses.dataclass(frozen=True)
 class Extreme:
-    """A linkage out of the common, and one of its natural frequencies by other means."""
+    """An extreme linkage, and one of its natural frequencies from an independent computation."""
 
     name: str
     against: str
@@ -250,7 +250,7 @@ class Extreme:
 
 
 def extremes() -> list[Extreme]:
-    """Return linkages at 140 deg whose first mode, but for the thin rod's, has a simple limit."""
+    """Return linkages at 140 deg; the first mode has a simple limit, except for the thin rod."""
     base = first_frequency(description())
     found = [
         Extreme(
@@ -301,7 +301,7 @@ def solved(mapping: Any, *, reduced: bool = True) -> Solution:
 
 
 def nearest(extreme: Extreme) -> float:
-    """Return the natural frequency that is nearest to the one expected, Hz."""
+    """Return the natural frequency that is nearest to the expected one, Hz."""
     found = solved(extreme.mapping).natural_frequencies
     return float(found[np.abs(found / extreme.expected - 1.0).argmin()])
 
@@ -368,7 +368,7 @@ def _lift_rod(diameter: float) -> Any:
 
 
 def _static(mapping: Any) -> float:
-    """First frequency on the shapes of static forces on the implement, as if links had no modes."""
+    """Return the first frequency from static shapes, as if links had no modes."""
     solution = solved(mapping)
     interface, coupled = solution.model.interface, solution.coupled
     body = solution.model.components[-1]
@@ -436,17 +436,17 @@ def pinned_beam(length: float, depth: float) -> tuple[float, float]:
 def _slender() -> str:
     ratios = (10.0, 1e3, 1e6)
     off = [abs(ours / exact - 1.0) for ours, exact in (pinned_beam(1.0, 1.0 / r) for r in ratios)]
-    told = ", ".join(f"{o:.0e} at {r:g}" for r, o in zip(ratios, off, strict=True))
+    texts = ", ".join(f"{o:.0e} at {r:g}" for r, o in zip(ratios, off, strict=True))
     return (
         "Slenderness causes no error: a bar of 24 elements between pins differs from the exact "
-        f"solution of Timoshenko's equations, by length / depth, by {told}."
+        f"solution of Timoshenko's equations, by length / depth, by {texts}."
     )
 
 
 def _too_short() -> str:
     mapping = description()
     mapping["links"]["input_crank"]["section"]["height"] = 0.210
-    return _told(lambda: mechanism_from_mapping(mapping))
+    return _message(lambda: mechanism_from_mapping(mapping))
 
 
 def _beams_against_solids() -> tuple[FloatArray, FloatArray]:
@@ -476,7 +476,7 @@ def _free_sheet(ratio: float) -> float:
     plane_stress = 2.0 * lame * shear / (lame + 2.0 * shear)
     stiffness = linear_elasticity(plane_stress, shear).assemble(basis)
     mass = BilinearForm(lambda u, v, _: _STEEL.density * dot(u, v)).assemble(basis)
-    # Rigid motions stand at 0, or at what rounding makes of it.
+    # Rigid motions are at 0 Hz, except for rounding.
     squared = eigsh(stiffness, k=6, M=mass, sigma=-1e6, return_eigenvectors=False)
     return math.sqrt(np.sort(squared)[3]) / (2.0 * math.pi)
 

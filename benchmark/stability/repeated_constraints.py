@@ -31,7 +31,7 @@ LINES = np.linspace(0.5, 200.0, 400)
 
 
 def section(pictures: Path) -> str:
-    """Repeat constraints of the default linkage in several ways, draw B's spectra, and tell."""
+    """Repeat constraints of the default linkage in several ways, draw B's spectra, and report."""
     model = linkage()
     solution = model.solve(ALPHA3)
     rows, joining = model.rows(PLACES, solution.configuration), solution.joining
@@ -109,7 +109,7 @@ Tests: `test/mechanics/test_coupling.py::test_linkage_with_joints_closed_twice`,
 
 
 def _of_lines(errors: FloatArray) -> str:
-    """Return on how many lines there was no answer or a wrong one, and how wrong."""
+    """Return the numbers of lines with an error or a wrong result, and the largest error."""
     stopped, wrong = int(np.isnan(errors).sum()), int((errors > 1e-6).sum())
     words = [f"stops on {stopped}"] if stopped else []
     return ", ".join(

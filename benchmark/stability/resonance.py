@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Lines on a component's own resonance, undamped peaks, coincident poles, identical links."""
+"""Lines at a component's resonance, undamped peaks, coincident poles and identical links."""
 
 import math
 from dataclasses import replace
@@ -42,7 +42,7 @@ TITLE = "On a component's own resonance, and poles that coincide"
 
 
 def section(pictures: Path) -> str:
-    """Measure LM-FBS ever nearer to a free link's resonance, two linkages at once, and tell."""
+    """Measure LM-FBS closer and closer to a free link's resonance, and report."""
     model = linkage(Rayleigh(0.0, 0.0))
     solution = model.solve(ALPHA3)
     rows, b = model.rows(PLACES, solution.configuration), solution.joining.compatibility
@@ -73,11 +73,11 @@ def section(pictures: Path) -> str:
     figure.legend(loc="outside lower center", ncols=3, fontsize=8, frameon=False)
     figure.savefig(pictures / "resonance.png")
 
-    told = [
+    texts = [
         [f"{distance:.0e}", *(f"{value:.0e}" for value in values)]
         for distance, *values in zip(away, plain, estimate, ours, strict=True)
     ]
-    chosen = [told[int(np.abs(np.log10(away) + power).argmin())] for power in (2, 6, 10, 14)]
+    chosen = [texts[int(np.abs(np.log10(away) + power).argmin())] for power in (2, 6, 10, 14)]
     columns = ["distance / frequency", "LM-FBS", "its estimate", "assembly"]
     apart, summed = _two_linkages()
     return f"""\
@@ -136,7 +136,7 @@ def _peak(solution: Solution, rows: FloatArray) -> str:
 
 
 def _two_rods(solution: Solution, rows: FloatArray) -> str:
-    """Tell what becomes of the two lift rods as two components with the same poles."""
+    """Return the errors for the two lift rods as two components with the same poles."""
     model, b = solution.model, solution.joining.compatibility
     rod, n = _component(model, "lift_rod"), b.shape[1]
     start = 0
@@ -145,7 +145,7 @@ def _two_rods(solution: Solution, rows: FloatArray) -> str:
             break
         start += len(component.dofs)
     own = slice(start, start + len(rod.dofs))
-    # The other rod ends where the first does: its DoFs, behind all others, follow those.
+    # The other rod has the same ends, so its DoFs (the last ones) follow the first's.
     other = np.zeros((len(rod.dofs), n + len(rod.dofs)))
     other[:, own], other[:, n:] = np.eye(len(rod.dofs)), -np.eye(len(rod.dofs))
     both = np.vstack([np.pad(b, ((0, 0), (0, len(rod.dofs)))), other])
@@ -166,7 +166,7 @@ def _two_rods(solution: Solution, rows: FloatArray) -> str:
 
 
 def _two_linkages() -> tuple[float, float]:
-    """Return how far poles that coincide come apart, and the share of error of the FRFs."""
+    """Return the distance of coincident poles, and the relative error of the FRFs."""
     model = linkage()
     alone = model.solve(ALPHA3)
     parts = [c for c in model.components if isinstance(c, Component)]

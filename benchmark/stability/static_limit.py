@@ -69,7 +69,7 @@ def plain_lm_fbs(
 def saddle_point_frf(solution: Solution, frequencies: FloatArray, rows: FloatArray) -> ComplexArray:
     """Solve [[Z, B^T], [B, 0]] of the uncoupled components, refined in extended precision.
 
-    It shares neither the coordinates nor the receptances of what is measured against it.
+    It uses neither the coordinates nor the receptances of the methods that are compared with it.
     """
     system, b = solution.model.system, solution.joining.compatibility
     n, scale = len(system.mass), float(np.diag(system.stiffness).max())
@@ -104,11 +104,11 @@ def picture_of(title: str, width: float = 8.0, height: float = 4.4) -> Figure:
 
 
 def section(pictures: Path) -> str:
-    """Measure LM-FBS and the assembly towards 0 Hz, draw them, and tell."""
+    """Measure LM-FBS and the assembly towards 0 Hz, draw the errors, and report."""
     lines = np.logspace(-4, 1, 41)
     figure = picture_of("Error of the linkage's FRFs towards 0 Hz, alpha3 = 140 deg")
     ax = figure.subplots()
-    rows_told = []
+    table_rows = []
     for damping, colour, words in (
         (ModalRatio(0.01), COLOURS[1], "modal damping of the links"),
         (None, COLOURS[4], "Rayleigh damping"),
@@ -145,10 +145,10 @@ def section(pictures: Path) -> str:
         static = np.zeros(1)
         exact = saddle_point_frf(solution, static, rows)
         at_rest = float(share(assembled_frf(solution.coupled, static, rows, rows), exact)[0])
-        rows_told.append(["0", "singular", "-", f"{at_rest:.0e}"])
+        table_rows.append(["0", "singular", "-", f"{at_rest:.0e}"])
         few = np.array([1e-4, 1e-3, 1e-2, 1e-1, 1.0])
-        for frequency, *told in zip(few, *measured(few), strict=True):
-            rows_told.append([f"{frequency:g}", *(f"{value:.0e}" for value in told)])
+        for frequency, *values in zip(few, *measured(few), strict=True):
+            table_rows.append([f"{frequency:g}", *(f"{value:.0e}" for value in values)])
     ax.axhline(1e-6, color=GREY, linewidth=1.0)
     ax.annotate("above this line, FRFs alone are rejected", (10.0, 1.5e-6), color=GREY, ha="right")
     ax.set(xlabel="frequency [Hz]", ylabel="error / largest FRF [1]", ylim=(1e-17, 1.0))
@@ -165,7 +165,7 @@ rounding of this motion. The table shows the error relative to the largest of 16
 for links with 1 % modal damping, compared with the saddle-point system of the uncoupled components
 in extended precision:
 
-{table(columns, rows_told)}
+{table(columns, table_rows)}
 
 The digits are lost in the FRFs of the components, no matter which method couples them. Where all
 components have matrices, the assembly is used on such lines, 0 Hz included. If a link is known only
@@ -182,7 +182,7 @@ Tests: `test/mechanics/test_coupling.py::test_static_limit_of_the_linkage`,
 
 
 def _fbs_refusal() -> str:
-    """Return what component FRFs at 0 Hz and their coupling at 1 mHz are refused with."""
+    """Return the error for component FRFs at 0 Hz."""
     model = linkage(ModalRatio(0.01))
     try:
         component_frfs(model, np.zeros(1))
@@ -192,7 +192,7 @@ def _fbs_refusal() -> str:
 
 
 def _mechanism() -> str:
-    """Return what becomes of the linkage whose crank is free."""
+    """Return the results for the linkage with a free crank."""
     mechanism = read_mechanism(config_file("three_point_linkage.yaml"))
     links = tuple(replace(link, clamped=None) for link in mechanism.links)
     model = LinkageModel(replace(mechanism, links=links))

@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""The table's end points and past them, angles off by a turn, foreign and damaged files."""
+"""Angles at and beyond the edges of a table, wrong revolutions, wrong and damaged files."""
 
 import math
 import tempfile
@@ -25,12 +25,12 @@ _STEP = math.radians(2.0)  # of the plain table
 
 
 def section(pictures: Path) -> str:
-    """Ask beside the table, a turn off, of another mechanism's, of a damaged one, and tell."""
+    """Test angles outside the table, tables of another mechanism and damaged tables, and report."""
     model = linkage()
     predictor = Predictor(build_table(model))
     low, high = predictor.table.alpha3_range
     turn = 2.0 * math.pi
-    asked = {
+    angles = {
         "the first angle": low,
         "the last angle": high,
         "one ulp below": math.nextafter(low, 0.0),
@@ -41,7 +41,7 @@ def section(pictures: Path) -> str:
         "NaN": math.nan,
     }
     columns = ["angle", "clamped", "extrapolated", "ours"]
-    rows = [[name, *_beside(model, predictor, angle)] for name, angle in asked.items()]
+    rows = [[name, *_errors(model, predictor, angle)] for name, angle in angles.items()]
     crank = Predictor(build_table(LinkageModel(read_mechanism(config_file("four_bar.yaml"))), 1e-4))
     apart = np.subtract(
         crank.predict(1.0 - 3.0 * turn).natural_frequencies, crank.predict(1.0).natural_frequencies
@@ -54,7 +54,7 @@ Extrapolated is a cubic spline on the same steps.
 {table(columns, rows)}
 
 - If an angle is wrong by one revolution, because the encoder wraps elsewhere, the error says so:
-  "{_told(predictor, 2.0 + turn)}".
+  "{_message(predictor, 2.0 + turn)}".
 - If a crank can rotate completely, its table covers one revolution and is used for every
   revolution. Three revolutions earlier, its frequencies differ by {np.abs(apart).max():.0e} Hz.
 - A table of another mechanism is rejected: "{_foreign(model)}"
@@ -67,8 +67,8 @@ Tests: `test/prediction/test_predictor.py`, `test/table/test_table.py`
 """
 
 
-def _beside(model: LinkageModel, predictor: Predictor, angle: float) -> list[str]:
-    """Return the errors of plain tables at an angle, and what ours says."""
+def _errors(model: LinkageModel, predictor: Predictor, angle: float) -> list[str]:
+    """Return the errors of common tables at an angle, and the error or the status of ours."""
     low, high = predictor.table.alpha3_range
     grid = np.arange(low, high + _STEP / 2.0, _STEP)
     values = np.array([model.solve(float(a)).natural_frequencies[:3] for a in grid])
@@ -79,19 +79,19 @@ def _beside(model: LinkageModel, predictor: Predictor, angle: float) -> list[str
         return ["NaN", "NaN", prediction.status.name]
     same = angle - 2.0 * math.pi if angle > 2.0 * math.pi else angle
     exact = model.solve(same).natural_frequencies[:3]
-    told = [f"{np.abs(np.sort(found) / exact - 1.0).max():.0e}" for found in (clamped, extended)]
+    texts = [f"{np.abs(np.sort(found) / exact - 1.0).max():.0e}" for found in (clamped, extended)]
     if prediction.status is Status.OK:
         error = np.abs(np.sort(prediction.natural_frequencies) / exact - 1.0).max()
-        return [*told, f"{error:.0e}"]
-    return [*told, prediction.status.name]
+        return [*texts, f"{error:.0e}"]
+    return [*texts, prediction.status.name]
 
 
-def _told(predictor: Predictor, angle: float) -> str:
+def _message(predictor: Predictor, angle: float) -> str:
     return fault(predictor.predict(angle), predictor.table.alpha3_range)
 
 
 def _foreign(model: LinkageModel) -> str:
-    """Return what a table of the as-printed linkage is refused with."""
+    """Return the error for a table of the as-printed linkage."""
     printed = read_mechanism(config_file("three_point_linkage_as_printed.yaml"))
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "printed.npz"
@@ -104,7 +104,7 @@ def _foreign(model: LinkageModel) -> str:
 
 
 def _damage(model: LinkageModel) -> str:
-    """Flip a bit of each byte of a small table, kept as plain numbers and as ours."""
+    """Flip a bit of each byte of a small table, saved as plain numbers and as ours."""
     smallest = _bare(build_table(model, 0.5))
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "frequencies.npy"
@@ -112,9 +112,9 @@ def _damage(model: LinkageModel) -> str:
         plain = bytearray(path.read_bytes())
         silent = 0
         for at in range(len(plain)):
-            spoilt = plain.copy()
-            spoilt[at] ^= 1 << at % 8
-            path.write_bytes(spoilt)
+            damaged = plain.copy()
+            damaged[at] ^= 1 << at % 8
+            path.write_bytes(damaged)
             try:
                 found = np.load(path)
             except Exception:
@@ -125,9 +125,9 @@ def _damage(model: LinkageModel) -> str:
         sound = bytearray(ours.read_bytes())
         refused = other = 0
         for at in range(len(sound)):
-            spoilt = sound.copy()
-            spoilt[at] ^= 1 << at % 8
-            ours.write_bytes(spoilt)
+            damaged = sound.copy()
+            damaged[at] ^= 1 << at % 8
+            ours.write_bytes(damaged)
             try:
                 other += load_table(ours).checksum != smallest.checksum
             except TableError:

@@ -124,7 +124,7 @@ def newton(
     angles : ndarray, (4,)
         Solved for, or of the last step.
     steps : int
-        20 where it did not come to an end.
+        20 if it did not converge.
     """
     p1, p2, p3 = (np.array(place) for _, place in mechanism.ground)
     crank, rod, lower, v1_at, upper, mast = _lengths(mechanism)
@@ -178,7 +178,7 @@ class _Errors:
 
 
 def _closure_errors(mechanism: Mechanism) -> _Errors:
-    """Measure each method against extended precision, ever nearer to the upper toggle."""
+    """Measure each method's error closer and closer to the upper toggle."""
     kinematics = Kinematics(mechanism)
     toggle = kinematics.closable_range[1]
     distance_deg = 10.0 ** np.arange(1, -12, -1.0)
@@ -200,7 +200,7 @@ def _closure_errors(mechanism: Mechanism) -> _Errors:
             errors[name].append(float(abs(np.longdouble(angle) - exact)))
         ratios.append(ours.velocity_ratio("implement"))
     return _Errors(
-        distance_deg, {name: np.array(some) for name, some in errors.items()}, np.array(ratios)
+        distance_deg, {name: np.array(values) for name, values in errors.items()}, np.array(ratios)
     )
 
 
@@ -208,7 +208,7 @@ def _closure_table(errors: _Errors) -> str:
     rows = []
     for i in range(0, len(errors.distance_deg), 2):
         distance = math.radians(errors.distance_deg[i])
-        cells = [f"{some[i]:.0e}" for some in errors.methods.values()]
+        cells = [f"{values[i]:.0e}" for values in errors.methods.values()]
         least = np.finfo(float).eps / math.sqrt(distance)
         ratio = f"{errors.velocity_ratio[i]:.3g}"
         rows.append([f"{errors.distance_deg[i]:g}", *cells, f"{least:.0e}", ratio])
@@ -218,7 +218,7 @@ def _closure_table(errors: _Errors) -> str:
 
 
 def _beyond(mechanism: Mechanism) -> str:
-    """Tell what each method says half a degree past the toggle."""
+    """Return what each method gives half a degree beyond the toggle."""
     kinematics = Kinematics(mechanism)
     toggle = kinematics.closable_range[1]
     alpha3 = toggle + math.radians(0.5)
@@ -226,7 +226,7 @@ def _beyond(mechanism: Mechanism) -> str:
         by_circles = place_mast(mechanism, alpha3)
     angles, steps = newton(mechanism, alpha3, _angles(kinematics, toggle - math.radians(0.5)), 1e-9)
     turned = abs(angles[3] - _angles(kinematics, toggle - math.radians(0.5))[3])
-    ours = _told(lambda: kinematics.at(alpha3))
+    ours = _message(lambda: kinematics.at(alpha3))
     return (
         f"(by 0.5 deg) the circles do not meet: the mast's angle is `{by_circles}`. Newton's "
         f"method, started from the previous angle, fails after {steps} steps, with the mast "
@@ -234,7 +234,7 @@ def _beyond(mechanism: Mechanism) -> str:
     )
 
 
-def _told(call: Callable[[], object]) -> str:
+def _message(call: Callable[[], object]) -> str:
     try:
         call()
     except (KinematicsError, TableError) as error:
@@ -266,7 +266,9 @@ def _velocity_ratios(kinematics: Kinematics, upper: bool) -> FloatArray:
     toggle, way = (kinematics.closable_range[upper], -1.0 if upper else 1.0)
     distances = 10.0 ** np.linspace(1.3, -4.0, 54)
     found = [kinematics.at(float(toggle + way * d)) for d in np.radians(distances)]
-    return np.column_stack([distances, [abs(some.velocity_ratio("implement")) for some in found]])
+    return np.column_stack(
+        [distances, [abs(turned.velocity_ratio("implement")) for turned in found]]
+    )
 
 
 def _change_table(changes: dict[str, FloatArray]) -> str:
@@ -274,7 +276,10 @@ def _change_table(changes: dict[str, FloatArray]) -> str:
     rows = [
         [
             f"{distance:g}",
-            *(f"{100.0 * some[i, 2]:.1f} % of {some[i, 1]:.2f} Hz" for some in changes.values()),
+            *(
+                f"{100.0 * values[i, 2]:.1f} % of {values[i, 1]:.2f} Hz"
+                for values in changes.values()
+            ),
             f"{100.0 * math.degrees(_CRANK_ERROR) / (2.0 * distance):.1f} %",
         ]
         for i, distance in enumerate(distances)
@@ -283,20 +288,20 @@ def _change_table(changes: dict[str, FloatArray]) -> str:
 
 
 def _keep(changes: dict[str, FloatArray], share: float) -> str:
-    """Return the least distance of those measured from which on no toggle changes more."""
-    worst = np.max([some[:, 2] for some in changes.values()], axis=0)
+    """Return the least measured distance beyond which no change is larger than a limit."""
+    worst = np.max([values[:, 2] for values in changes.values()], axis=0)
     fine = np.logical_and.accumulate(worst <= share)
     return f"{next(iter(changes.values()))[fine, 0][-1]:g} deg"
 
 
 def _locking(model: LinkageModel) -> str:
-    """Tell what becomes of the first modes, and where rounding takes over."""
+    """Return a text about the first modes near a toggle."""
     toggle = model.kinematics.closable_range[1]
     whole = LinkageModel(model.mechanism, reduced=False)
     words = []
     for distance in (1e-2, 1e-6, 1e-10):
         alpha3 = toggle - math.radians(distance)
-        ours, other = (some.solve(alpha3).natural_frequencies[0] for some in (model, whole))
+        ours, other = (each.solve(alpha3).natural_frequencies[0] for each in (model, whole))
         words.append(f"{distance:g} deg before it {ours:.2g} Hz ({other:.2g})")
     return (
         "With the two bars in line, the mast can move while the crank is at rest. Therefore the "
@@ -307,7 +312,7 @@ def _locking(model: LinkageModel) -> str:
 
 
 def _tables(mechanism: Mechanism) -> str:
-    """Build tables from 170 deg to ever nearer the toggle."""
+    """Build tables from 170 deg up to angles closer and closer to the toggle."""
     toggle = Kinematics(mechanism).closable_range[1]
     words = []
     for distance in (5.0, 1.0, 0.1, 0.01, 1e-4):
@@ -337,8 +342,10 @@ def _draw(
     figure = Figure(figsize=(8.4, 3.0), dpi=110, layout="constrained")
     left, middle, right = figure.subplots(1, 3)
     markers = ("o", "v", "^", "s")
-    for (name, some), colour, marker in zip(errors.methods.items(), COLOURS, markers, strict=False):
-        left.loglog(errors.distance_deg, some, marker, color=colour, ms=5, label=name)
+    for (name, values), colour, marker in zip(
+        errors.methods.items(), COLOURS, markers, strict=False
+    ):
+        left.loglog(errors.distance_deg, values, marker, color=colour, ms=5, label=name)
     least = np.finfo(float).eps / np.sqrt(np.radians(errors.distance_deg))
     left.loglog(errors.distance_deg, least, color=GREY, lw=1, label="eps / sqrt(distance)")
     left.set_ylim(1e-17, 1e4)

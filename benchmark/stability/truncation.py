@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Few modes in the sum, few modes a link: antiresonances and the static limit."""
+"""Few modes in the sum or per link: errors at antiresonances and of the static limit."""
 
 import math
 from dataclasses import replace
@@ -28,7 +28,7 @@ _DRAWN = (PLACES.index(("E1", "x")), PLACES.index(("E2", "x")))
 
 
 def section(pictures: Path) -> str:
-    """Leave modes out of the sum and out of the links, with and without residual, and tell."""
+    """Leave modes out of the sum and out of the links, with and without residual, and report."""
     model = linkage()
     solution = model.solve(ALPHA3)
     complete = solution.frf(PLACES, PLACES)
@@ -37,7 +37,7 @@ def section(pictures: Path) -> str:
     rows = [
         [
             f"{n} of {len(complete.decay)}",
-            *_told([_truncated(complete, n, k) for k in range(3)], exact),
+            *_texts([_truncated(complete, n, k) for k in range(3)], exact),
         ]
         for n in _MODES
     ]
@@ -90,8 +90,8 @@ def _worst(found: ComplexArray, exact: ComplexArray) -> float:
     return float((np.abs(found - exact) / np.abs(exact)).max())
 
 
-def _told(found: list[ComplexArray], exact: ComplexArray) -> list[str]:
-    """Return the worst errors of each, then those at 0 Hz of the first two."""
+def _texts(found: list[ComplexArray], exact: ComplexArray) -> list[str]:
+    """Return the largest error of each, then the errors of the first two at 0 Hz."""
     return [f"{_worst(frf, exact):.1g}" for frf in found] + _at_zero(found[:2], exact)
 
 
@@ -110,7 +110,7 @@ def _of_links(model: LinkageModel, n: int, exact: ComplexArray) -> list[str]:
 def _draw(
     exact: ComplexArray, sums: list[ComplexArray], ours: ComplexArray, pictures: Path
 ) -> None:
-    """Draw one FRF, and what is wrong with it."""
+    """Draw one FRF with different numbers of modes."""
     out, into = _DRAWN
     figure = picture_of(
         "Response of E1 in x to a force at E2 in x, modes 1 to 3 in the sum", 8, 5.6

@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Modes that cross and modes that veer, shapes whose signs flip, FRFs between angles."""
+"""Modes that cross or veer, shapes that lose their sign, and FRFs between angles."""
 
 import math
 from pathlib import Path
@@ -32,15 +32,15 @@ _LINES: FloatArray = np.linspace(0.5, 200.0, 1996)  # Hz
 
 
 def section(pictures: Path) -> str:
-    """Meet two modes ever more closely, lose signs, interpolate FRFs, and tell."""
-    asked = [(0.0, 1e-6), (1e-6, 1e-6), (1e-6, 1e-9), (1e-3, 1e-6), (0.1, 1e-6), (1.0, 1e-6)]
-    rows = [_crank(gap, tolerance) for gap, tolerance in asked]
+    """Measure the errors of tables where modes veer, and of interpolated FRFs, and report."""
+    cases = [(0.0, 1e-6), (1e-6, 1e-6), (1e-6, 1e-9), (1e-3, 1e-6), (0.1, 1e-6), (1.0, 1e-6)]
+    rows = [_crank(gap, tolerance) for gap, tolerance in cases]
     model = linkage()
     tables = {"ours": build_table(model)}
     between = [_between(model, tables["ours"], step) for step in (10.0, 2.0, 1.0, 0.5)]
     _draw(model, tables["ours"], pictures / "veering.png")
     columns = ["gap [Hz]", "sorted, spline", "tracked, spline"]
-    columns += ["asked of ours", "ours", "it says", "solutions"]
+    columns += ["tolerance of ours", "ours", "its estimate", "solutions"]
     steps = ["step", "FRFs, linear", "modes, signs lost", "modes, signs kept"]
     return f"""\
 The mode of a crank rises with alpha3 past that of a tuned mass, from 20 to 23 Hz in 0.9 rad. The
@@ -91,8 +91,8 @@ def _crank(gap: float, tolerance: float) -> list[str]:
     ours = build_table(model, tolerance, solved=lambda: solutions.append(None))
     found = np.sort(ours.evaluate(angles)[:, :2], axis=1)
     errors = [np.abs(frequencies / exact - 1.0).max() for frequencies in (*plain, found)]
-    told = [f"{error:.0e}" for error in (*errors, ours.interpolation_error.max())]
-    return [f"{gap:g}", *told[:2], f"{tolerance:.0e}", *told[2:], f"{len(solutions)}"]
+    texts = [f"{error:.0e}" for error in (*errors, ours.interpolation_error.max())]
+    return [f"{gap:g}", *texts[:2], f"{tolerance:.0e}", *texts[2:], f"{len(solutions)}"]
 
 
 def _at_even_angles(model: LinkageModel, tracked: bool) -> tuple[FloatArray, FloatArray]:
@@ -110,7 +110,7 @@ def _at_even_angles(model: LinkageModel, tracked: bool) -> tuple[FloatArray, Flo
 
 
 def _planes() -> str:
-    """Return what becomes of modes in and out of the plane of the Stephenson linkage."""
+    """Return a text about modes in and out of the plane of the Stephenson linkage."""
     model = LinkageModel(read_mechanism(config_file("stephenson_six_bar.yaml")), spatial=True)
     stroke = model.mechanism.stroke
     swapped = []
@@ -136,7 +136,7 @@ def _planes() -> str:
 
 
 def _refused() -> str:
-    """Return what a veering that no step resolves is refused with."""
+    """Return the error for a veering that no step resolves."""
     try:
         build_table(LinkageModel(crossing_crank(1e-9, _AT)), 1e-11)
     except TableError as error:
@@ -151,10 +151,10 @@ def _terms(model: LinkageModel, angles: FloatArray) -> list[PoleResidue]:
 def _between(model: LinkageModel, ours: Table, step: float) -> list[str]:
     """Return the errors of plain methods halfway between the points of a grid, step in deg."""
     grid = np.radians(np.arange(90.0, 180.0 + step / 2.0, step))
-    some = np.unique(np.linspace(0, len(grid) - 2, 30).astype(int))
-    halfway = (grid[some] + grid[some + 1]) / 2.0
+    sample = np.unique(np.linspace(0, len(grid) - 2, 30).astype(int))
+    halfway = (grid[sample] + grid[sample + 1]) / 2.0
     exact = np.array([terms.frf(_LINES) for terms in _terms(model, halfway)])
-    linear = np.array([_linear(model, grid[i], grid[i + 1]) for i in some])
+    linear = np.array([_linear(model, grid[i], grid[i + 1]) for i in sample])
     lost, kept = (_splines(model, grid, halfway, kept) for kept in (False, True))
     return [f"{step:g} deg", *(f"{_apart(frf, exact):.1e}" for frf in (linear, lost, kept))]
 
@@ -166,7 +166,7 @@ def _linear(model: LinkageModel, first: float, last: float) -> ComplexArray:
 
 
 def _splines(model: LinkageModel, grid: FloatArray, at: FloatArray, signs: bool) -> ComplexArray:
-    """Return FRFs of modes interpolated by splines; without signs these are what chance gives."""
+    """Return FRFs of modes interpolated by splines, with their signs or with random ones."""
     chance = np.random.default_rng(8)
     shapes, squared, decay, shares = None, [], [], []
     for angle in grid:

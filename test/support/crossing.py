@@ -1,9 +1,9 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""A crank with a tuned mass inside, whose two modes come as near to one another as is asked.
+"""A crank with a tuned mass, whose two modes have a gap of a given width.
 
-The crank's end is held by a spring to the ground, along which it yields the less the more the
-crank turns, so that its mode rises with alpha3. The tuned mass has a mode that stays.
+A spring holds the crank's end to the ground. It becomes stiffer across the crank as the crank
+turns, so the mode of the crank rises with alpha3. The mode of the tuned mass is constant.
 """
 
 import math
