@@ -30,6 +30,7 @@ from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.support.resources import DEFAULT_TABLE, config_file
 from linkage_vibration.table.table import load_table
 from test.support.drive import hitch_duty_cycle
+from test.support.messages import plain
 
 PACKAGES = ["@mcap/core", "@mcap/nodejs", "@mcap/support", "@foxglove/rosmsg"]
 PACKAGES += ["@foxglove/rosmsg2-serialization"]
@@ -76,16 +77,6 @@ def record(folder: Path, compression: str, limits: Limits) -> None:
         data = encode_prediction(predictor.predict(alpha3), sec, nanosec, "hitch")
         recorder.write("/prediction", data, at + 500, at + 400)
     recorder.stop()
-
-
-def plain(value: Any) -> Any:
-    """Return a decoded message of any reader as dicts, lists and numbers; NaN as a string."""
-    for names in (getattr(value, "__slots__", ()), getattr(value, "__dataclass_fields__", ())):
-        if fields := [name for name in names if name.islower() and name[0] != "_"]:
-            return {name: plain(getattr(value, name)) for name in fields}
-    if isinstance(value, np.ndarray | list | tuple):
-        return [plain(item) for item in value]
-    return "NaN" if value != value else value
 
 
 def by_mcap(path: Path) -> list[Message]:

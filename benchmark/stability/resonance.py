@@ -3,7 +3,6 @@
 """Lines at a component's resonance, undamped peaks, coincident poles and identical links."""
 
 import math
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -22,9 +21,9 @@ from benchmark.stability.static_limit import (
     share,
 )
 from linkage_vibration.drawing.palette import COLOURS, GREY
-from linkage_vibration.mechanics.compatibility import CouplingError, Joining
+from linkage_vibration.mechanics.compatibility import CouplingError
 from linkage_vibration.mechanics.components import Component
-from linkage_vibration.mechanics.coupling import assembled_frf, couple, uncoupled_system
+from linkage_vibration.mechanics.coupling import assembled_frf
 from linkage_vibration.mechanics.description import Rayleigh
 from linkage_vibration.mechanics.fbs import (
     FbsError,
@@ -35,6 +34,7 @@ from linkage_vibration.mechanics.fbs import (
 from linkage_vibration.mechanics.model import LinkageModel, Solution
 from linkage_vibration.mechanics.modes import damp_modes, solve_modes
 from linkage_vibration.mechanics.response import pole_residue
+from test.support.two_linkages import two_linkages
 
 FloatArray = NDArray[np.float64]
 
@@ -169,13 +169,8 @@ def _two_linkages() -> tuple[float, float]:
     """Return the distance of coincident poles, and the relative error of the FRFs."""
     model = linkage()
     alone = model.solve(ALPHA3)
-    parts = [c for c in model.components if isinstance(c, Component)]
-    system = uncoupled_system([*parts, *(replace(c, name=f"other {c.name}") for c in parts)])
     b = alone.joining.compatibility
-    none = np.zeros((0, 2 * b.shape[1]))
-    labels = 2 * alone.joining.labels
-    both = Joining(block_diag(b, b), labels, none, np.zeros(0), np.zeros(0))
-    coupled = couple(system, both)
+    coupled = two_linkages(model, alone)
     modes, vectors = solve_modes(coupled)
     pairs = modes.omega[:20].reshape(-1, 2) / alone.modes.omega[:10, np.newaxis]
     rows = model.rows(PLACES, alone.configuration)

@@ -31,6 +31,7 @@ from linkage_vibration.bags.writing import (
     offered_qos_profiles,
 )
 from linkage_vibration.messages.definitions import message_definition, type_hash
+from test.support.messages import plain
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 PREDICTION = "linkage_vibration_interfaces/msg/VibrationPrediction"
@@ -107,17 +108,6 @@ def read_with_mcap_ros2(path: Path) -> list[tuple[str, int, int, Any]]:
             (channel.topic, raw.log_time, raw.publish_time, message)
             for _, channel, raw, message in reader.iter_decoded_messages()
         ]
-
-
-def plain(value: Any) -> Any:
-    """Return a decoded message of any reader as nested lists and numbers, NaN as text."""
-    # Constants have capital letters; additions of a reader begin with an underscore.
-    for names in (getattr(value, "__slots__", ()), getattr(value, "__dataclass_fields__", ())):
-        if fields := [name for name in names if name.islower() and name[0] != "_"]:
-            return {name: plain(getattr(value, name)) for name in fields}
-    if isinstance(value, np.ndarray | list | tuple):
-        return [plain(item) for item in value]
-    return "NaN" if value != value else value
 
 
 def test_mcap_ros2_support_reads_every_message(tmp_path: Path) -> None:

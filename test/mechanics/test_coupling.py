@@ -21,6 +21,7 @@ from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.modes import damp_modes, solve_modes
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
 from linkage_vibration.mechanics.response import pole_residue
+from test.support.two_linkages import two_linkages
 
 FloatArray = NDArray[np.float64]
 
@@ -185,13 +186,7 @@ def test_undamped_resonance_of_the_assembly_is_refused(undamped: LinkageModel) -
 def test_coincident_poles(model: LinkageModel) -> None:
     """Two equal linkages side by side: each mode twice, and neither answers for the other."""
     alone = model.solve(math.radians(140.0))
-    parts = [c for c in model.components if isinstance(c, Component)]
-    system = uncoupled_system([*parts, *(replace(c, name=f"other {c.name}") for c in parts)])
-    b = alone.joining.compatibility
-    none = np.zeros((0, 2 * b.shape[1]))
-    labels = 2 * alone.joining.labels
-    both = Joining(block_diag(b, b), labels, none, np.zeros(0), np.zeros(0))
-    coupled = couple(system, both)
+    coupled = two_linkages(model, alone)
     modes, vectors = solve_modes(coupled)
     np.testing.assert_allclose(
         modes.omega[:20].reshape(-1, 2).T, [alone.modes.omega[:10]] * 2, rtol=1e-9
