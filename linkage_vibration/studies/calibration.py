@@ -89,26 +89,15 @@ class Calibration:
 class CalibrationResult:
     """The result of a fit.
 
-    Attributes
-    ----------
-    values : ndarray, (n_parameters,)
-        SI, as in the description.
-    frequencies : ndarray, (n_targets,)
-        Natural frequencies of the calibrated mechanism, from its full model, Hz.
-    covariance : ndarray, (n_parameters, n_parameters)
-        Covariance of the parameters' logarithms, from the targets' deviations. The diagonal is
-        infinite for parameters that the targets do not determine, and zero for those on a bound.
-    undetermined : tuple of tuple of str
-        Sets of parameters that can change together without an effect on the targets.
-    on_bound : tuple of str
-        Parameters that the fit pushed to a bound.
+    The covariance of the parameters' logarithms follows from the targets' deviations. Its diagonal
+    is infinite for parameters that the targets do not determine, and zero for those on a bound.
     """
 
-    values: FloatArray
-    frequencies: FloatArray
-    covariance: FloatArray
-    undetermined: tuple[tuple[str, ...], ...]
-    on_bound: tuple[str, ...]
+    values: FloatArray  # (n_parameters,), SI, as in the description
+    frequencies: FloatArray  # (n_targets,), Hz, from the full model of the calibrated mechanism
+    covariance: FloatArray  # (n_parameters, n_parameters)
+    undetermined: tuple[tuple[str, ...], ...]  # can change together without an effect on targets
+    on_bound: tuple[str, ...]  # parameters that the fit pushed to a bound
 
 
 def read_calibration(path: Path) -> Calibration:
@@ -146,7 +135,6 @@ def calibrate(
     Parameters
     ----------
     calibration : Calibration
-        The parameters and the targets.
     starts : int
         Number of starting points. The first is the description itself; the others are random
         points within the bounds, from a fixed seed.
@@ -167,13 +155,9 @@ def calibrate(
     for start in range(starts):
         guess = np.clip(np.log(own), low, high) if start == 0 else random.uniform(low, high)
         try:
-            fit = least_squares(
-                lambda logs: _residuals(calibration, logs, closed),
-                guess,
-                bounds=(low - 1e-12, high + 1e-12),
-                x_scale="jac",
-                max_nfev=60,
-            )
+            wider = (low - 1e-12, high + 1e-12)
+            options = {"bounds": wider, "x_scale": "jac", "max_nfev": 60}
+            fit = least_squares(lambda x: _residuals(calibration, x, closed), guess, **options)
         except LinkageVibrationError as error:
             problem = str(error)
         else:
@@ -194,9 +178,7 @@ def summary(calibration: Calibration, result: CalibrationResult) -> str:
     Parameters
     ----------
     calibration : Calibration
-        The parameters and the targets.
     result : CalibrationResult
-        Their fit.
     """
     lines = [f"{'target':24}{'wanted [Hz]':>12}{'found [Hz]':>12}{'difference':>12}"]
     for target, found in zip(calibration.targets, result.frequencies, strict=True):
@@ -225,7 +207,6 @@ def apply(calibration: Calibration, values: Sequence[float]) -> dict[str, Any]:
     Parameters
     ----------
     calibration : Calibration
-        The description and its parameters.
     values : sequence of float, (n_parameters,)
         SI, as in the description.
     """
@@ -241,15 +222,11 @@ def write_mechanism(calibration: Calibration, values: Sequence[float], path: Pat
     Parameters
     ----------
     calibration : Calibration
-        The description and its parameters.
     values : sequence of float, (n_parameters,)
         SI, as in the description.
     path : Path
-        The file to write.
     """
-    numbers = [
-        (place.split("."), [f"{value:.6g}"]) for place, value in _numbers(calibration, values)
-    ]
+    numbers = [(at.split("."), [f"{value:.6g}"]) for at, value in _numbers(calibration, values)]
     write_text(path, edit_text(calibration.text, numbers, CalibrationError), CalibrationError)
 
 
@@ -259,9 +236,7 @@ def natural_frequencies(model: LinkageModel, targets: Sequence[Target]) -> Float
     Parameters
     ----------
     model : LinkageModel
-        The model to solve.
     targets : sequence of Target
-        The modes, and where each is taken.
 
     Raises
     ------
@@ -279,28 +254,21 @@ def natural_frequencies(model: LinkageModel, targets: Sequence[Target]) -> Float
             f"targets: mode {highest} is not among the {fewest} modes of the model that is fitted; "
             "give a lower mode."
         )
-    curves = [
-        np.array([solved[alpha3][target.mode - 1] for alpha3 in at])
-        for target, at in zip(targets, asked, strict=True)
-    ]
-    return np.array([_extreme(c, t.at == "lowest") for c, t in zip(curves, targets, strict=True)])
+    found = []
+    for target, at in zip(targets, asked, strict=True):
+        curve = np.array([solved[alpha3][target.mode - 1] for alpha3 in at])
+        found.append(_extreme(curve, target.at == "lowest"))
+    return np.array(found)
 
 
 def coarse(mechanism: Mechanism) -> Mechanism:
     """Return a mechanism whose beams are meshed no finer than a fit needs."""
-    return replace(
-        mechanism,
-        links=tuple(
-            replace(
-                link,
-                body=link.body.with_elements(min(link.body.elements, COARSE_ELEMENTS)),
-                modes=min(link.modes, COARSE_MODES),
-            )
-            if link.body.elements is not None
-            else link
-            for link in mechanism.links
-        ),
-    )
+    links = list(mechanism.links)
+    for i, link in enumerate(links):
+        if link.body.elements is not None:
+            body = link.body.with_elements(min(link.body.elements, COARSE_ELEMENTS))
+            links[i] = replace(link, body=body, modes=min(link.modes, COARSE_MODES))
+    return replace(mechanism, links=tuple(links))
 
 
 def _numbers(calibration: Calibration, values: Sequence[float]) -> list[tuple[str, float]]:
@@ -357,13 +325,10 @@ def _result(
     covariance, undetermined = _covariance(np.array(columns).T, np.flatnonzero(~bound))
     names = [parameter.path for parameter in calibration.parameters]
     mechanism = mechanism_from_mapping(apply(calibration, np.exp(logs).tolist()))
-    return CalibrationResult(
-        values=np.exp(logs),
-        frequencies=natural_frequencies(LinkageModel(mechanism), calibration.targets),
-        covariance=covariance,
-        undetermined=tuple(tuple(names[i] for i in members) for members in undetermined),
-        on_bound=tuple(names[i] for i in np.flatnonzero(bound)),
-    )
+    frequencies = natural_frequencies(LinkageModel(mechanism), calibration.targets)
+    together = tuple(tuple(names[i] for i in members) for members in undetermined)
+    on_bound = tuple(names[i] for i in np.flatnonzero(bound))
+    return CalibrationResult(np.exp(logs), frequencies, covariance, together, on_bound)
 
 
 def _covariance(

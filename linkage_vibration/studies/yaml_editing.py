@@ -31,7 +31,6 @@ def number_at(mapping: Any, path: str) -> float:
     mapping : Any
         The description, as read from YAML.
     path : str
-        A single path.
 
     Raises
     ------

@@ -24,14 +24,12 @@ from linkage_vibration.studies.plan import (
     Scene,
     measure,
     plan,
-    planned_frf,
-    planned_mechanism,
     solve_reference,
     summary,
     write_planned,
 )
 from linkage_vibration.studies.plan.choice import ELEMENTS, MODES
-from linkage_vibration.studies.plan.results import Result
+from linkage_vibration.studies.plan.results import Result, shorten
 from linkage_vibration.support.resources import config_file
 
 PLACES = (("E1", "z"), ("V1", "x"))
@@ -120,7 +118,7 @@ def test_what_each_scene_gets(mechanism: Mechanism, job: Job) -> None:
     assert job.measured.points == job.plan.points
     assert (job.plan.points > 0) == live
     assert not job.plan.scene.spatial
-    for link in planned_mechanism(job.plan).links:
+    for link in job.plan.mechanism.links:
         assert isinstance(link.body, Beam)
         assert (link.body.elements, link.modes) == (job.plan.elements, job.plan.modes)
     text = summary(job.plan, job.measured)
@@ -160,13 +158,13 @@ def test_motion_out_of_the_plane_makes_it_spatial(mechanism: Mechanism) -> None:
     assert 0.0 < measured.errors.share(chosen.scene.allowed) <= 1.0
 
 
-def test_planned_frf_is_that_of_the_plan(mechanism: Mechanism) -> None:
+def test_shortened_frf_is_that_of_the_plan(mechanism: Mechanism) -> None:
     """It has only the terms of the modes near the band, and the predicted error."""
     angle = math.radians(140.0)
     chosen = plan(Scene(mechanism, LOW, PLACES, 1e-4, (angle, angle)))
     assert chosen.residual == "static"
-    solution = LinkageModel(planned_mechanism(chosen)).solve(angle)
-    short, whole = planned_frf(chosen, solution), solution.frf(PLACES, PLACES)
+    whole = LinkageModel(chosen.mechanism).solve(angle).frf(PLACES, PLACES)
+    short = shorten(whole, chosen.residual, LOW)
     assert len(short.decay) < len(whole.decay)
     lines = np.linspace(*LOW, 2001)
     np.testing.assert_allclose(short.frf(lines[:1]), whole.frf(lines[:1]), rtol=1e-10)
@@ -184,9 +182,7 @@ def test_links_known_by_matrices_keep_them(mechanism: Mechanism) -> None:
     links = tuple(given if link is crank else link for link in mechanism.links)
     scene = Scene(replace(mechanism, links=links), LOW, (), 1e-3, (STROKE[0],) * 2)
     chosen = plan(scene)
-    assert (
-        next(x for x in planned_mechanism(chosen).links if x.name == crank.name).body == given.body
-    )
+    assert next(x for x in chosen.mechanism.links if x.name == crank.name).body == given.body
     assert measure(chosen, solve_reference(chosen)).errors.share(scene.allowed) <= 1.0
 
 
@@ -229,7 +225,7 @@ def test_written_mechanism_is_the_planned_one(tmp_path: Path, name: str) -> None
     chosen = plan(Scene(mechanism, (1.0, 300.0), (), 1e-2, (low + 0.1, low + 0.5)))
     target = tmp_path / "planned.yaml"
     write_planned(chosen, source.read_text(), target)
-    assert read_mechanism(target).model_hash == planned_mechanism(chosen).model_hash
+    assert read_mechanism(target).model_hash == chosen.mechanism.model_hash
     before = [line for line in source.read_text().splitlines() if line.startswith("#")]
     assert [x for x in target.read_text().splitlines() if x.startswith("#")] == before
 
@@ -243,7 +239,7 @@ def test_numbers_tied_by_an_alias_are_refused(tmp_path: Path, mechanism: Mechani
     )
     target = tmp_path / "planned.yaml"
     write_planned(chosen, shared, target)
-    assert read_mechanism(target).model_hash == planned_mechanism(chosen).model_hash
+    assert read_mechanism(target).model_hash == chosen.mechanism.model_hash
     assert chosen.n_modes != chosen.modes
     with pytest.raises(PlanError, match="one number in the file"):
         write_planned(chosen, shared.replace("  modes: 3", "  modes: *kept"), target)

@@ -23,13 +23,7 @@ from scipy.io import netcdf_file
 
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
-from linkage_vibration.studies.sweep import (
-    Designs,
-    SweepError,
-    dask_executor,
-    read_designs,
-    sweep,
-)
+from linkage_vibration.studies.sweep import Designs, SweepError, dask_executor, read_designs, sweep
 from linkage_vibration.studies.sweep.output import BUILT, GIVEN_UP, NOT_BUILDABLE
 from linkage_vibration.support.process_pool import LocalPool
 from linkage_vibration.support.resources import config_file

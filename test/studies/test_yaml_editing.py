@@ -22,23 +22,11 @@ links:
 @pytest.mark.parametrize(
     ("keys", "words", "line"),
     [
-        (
-            ("links", "rod", "length"),
-            ["0.7"],
-            "  rod: {length: &l 0.7, modes: 3}  # flow",
-        ),
-        (
-            ("links", "bar", "length"),
-            ["0.7"],
-            "  rod: {length: &l 0.7, modes: 3}  # flow",
-        ),
+        (("links", "rod", "length"), ["0.7"], "  rod: {length: &l 0.7, modes: 3}  # flow"),
+        (("links", "bar", "length"), ["0.7"], "  rod: {length: &l 0.7, modes: 3}  # flow"),
         (("links", "bar", "offsets"), ["1", "2.5"], "    offsets: [1, 2.5]"),
         (("links", "bar", "offsets", "1"), ["2e-07"], "    offsets: [0.1, 2.0e-07]"),
-        (
-            ("links", "rod", "mass"),
-            ["4"],
-            "  rod: {mass: 4, length: &l 0.5, modes: 3}  # flow",
-        ),
+        (("links", "rod", "mass"), ["4"], "  rod: {mass: 4, length: &l 0.5, modes: 3}  # flow"),
         (("links", "bar", "range"), ["1", "2"], "    range: [1, 2]"),
     ],
 )

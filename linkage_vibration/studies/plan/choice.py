@@ -20,15 +20,14 @@ from numpy.typing import NDArray
 
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.kinematics import Kinematics
-from linkage_vibration.mechanics.model import LinkageModel, Solution
-from linkage_vibration.mechanics.response import N_FAR, PoleResidue, in_reach
+from linkage_vibration.mechanics.model import LinkageModel
+from linkage_vibration.mechanics.response import N_FAR, in_reach
 from linkage_vibration.studies.plan.results import (
     Costs,
     Residual,
     Result,
     measure_costs,
     result_at,
-    shorten,
     table_errors,
     worst_errors,
 )
@@ -77,6 +76,11 @@ class Plan:
     reasons: tuple[tuple[str, str], ...]  # each choice and its reason, in words
 
     @property
+    def mechanism(self) -> Mechanism:
+        """The mechanism with these elements and modes, and the scene's band and range."""
+        return self.scene.with_settings(self.elements, self.modes, self.n_modes)
+
+    @property
     def method(self) -> Literal["table", "exact"]:
         """How a prediction is made."""
         return "exact" if self.table_tolerance is None else "table"
@@ -91,7 +95,6 @@ def plan(scene: Scene, solved: Callable[[], object] = lambda: None) -> Plan:
     Parameters
     ----------
     scene : Scene
-        The question.
     solved : callable
         Called after each solve, for a progress bar.
     """
@@ -102,39 +105,16 @@ def plan(scene: Scene, solved: Callable[[], object] = lambda: None) -> Plan:
     solve = measure_costs(scene, trials.model(pair), "none", 0.0).prediction
     limit = scene.seconds_per_prediction
     if scene.one_angle:
-        return _plan_of_solves(best, pair, "one angle is solved once")
-    if limit is None:
+        why = "one angle is solved once"
+    elif limit is None:
         why = f"no time is asked for, and a table takes about {_SOLVES} solves to build"
-        return _plan_of_solves(best, pair, why)
-    if solve <= limit:
+    elif solve <= limit:
         why = f"a solve takes {1e3 * solve:.2g} ms of the {1e3 * limit:.2g} allowed"
-        return _plan_of_solves(best, pair, why)
-    if scene.spatial:
-        return _plan_of_solves(best, pair, "tables contain nothing along y")
-    return _plan_of_table(best, solve, limit)
-
-
-def planned_mechanism(plan: Plan) -> Mechanism:
-    """Return the mechanism with a plan's settings.
-
-    The plan sets the elements of beams, the modes a link, the response's band and number of modes,
-    and, if the scene has a range, the stroke.
-    """
-    return plan.scene.with_settings(plan.elements, plan.modes, plan.n_modes)
-
-
-def planned_frf(plan: Plan, solution: Solution) -> PoleResidue:
-    """Return the FRFs between the scene's places with no more terms than the plan asks for.
-
-    Parameters
-    ----------
-    plan : Plan
-        Its scene has places.
-    solution : Solution
-        Of a model of the planned mechanism.
-    """
-    places = plan.scene.places
-    return shorten(solution.frf(places, places), plan.residual, plan.scene.band)
+    elif scene.spatial:
+        why = "tables contain nothing along y"
+    else:
+        return _plan_of_table(best, solve, limit)
+    return _plan_of_solves(best, pair, why)
 
 
 class _Trials:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from linkage_vibration.mechanics.model import LinkageModel
-from linkage_vibration.studies.plan.choice import Plan, planned_mechanism
+from linkage_vibration.studies.plan.choice import Plan
 from linkage_vibration.studies.plan.results import (
     Costs,
     Result,
@@ -46,7 +46,6 @@ def solve_reference(plan: Plan, solved: Callable[[], object] = lambda: None) -> 
     Parameters
     ----------
     plan : Plan
-        The plan to measure.
     solved : callable
         Called after each angle, for a progress bar.
     """
@@ -69,14 +68,13 @@ def measure(plan: Plan, against: Sequence[Result]) -> Measured:
     Parameters
     ----------
     plan : Plan
-        The plan to carry out.
     against : sequence of Result
         The reference, from `solve_reference`.
     """
     scene, setups, table = plan.scene, [], None
     for _ in range(3):
         start = time.perf_counter()
-        model = LinkageModel(planned_mechanism(plan), spatial=scene.spatial)
+        model = LinkageModel(plan.mechanism, spatial=scene.spatial)
         if plan.table_tolerance is not None:
             table = build_table(model, plan.table_tolerance, scene.points)
             table.interpolate(scene.angles[0])  # the first lookup also prepares the table
@@ -87,8 +85,6 @@ def measure(plan: Plan, against: Sequence[Result]) -> Measured:
         own = table_errors(table, full)
     else:
         own = worst_errors([result.shortened(plan.residual) for result in full], full)
-    return Measured(
-        Errors(*(worst_errors(found, against) + own).tolist()),
-        measure_costs(scene, table or model, plan.residual, float(np.median(setups))),
-        0 if table is None else len(table.alpha3),
-    )
+    errors = Errors(*(worst_errors(found, against) + own).tolist())
+    costs = measure_costs(scene, table or model, plan.residual, float(np.median(setups)))
+    return Measured(errors, costs, 0 if table is None else len(table.alpha3))

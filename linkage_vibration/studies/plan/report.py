@@ -3,10 +3,11 @@
 """Presents a plan: a summary in words, and the mechanism's file with the plan's settings."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import astuple
 from pathlib import Path
 
-from linkage_vibration.studies.plan.choice import Plan, planned_mechanism
+from linkage_vibration.studies.plan.choice import Plan
 from linkage_vibration.studies.plan.measurement import Measured
 from linkage_vibration.studies.plan.results import FRF_LINES
 from linkage_vibration.studies.plan.scene import PlanError
@@ -20,9 +21,7 @@ def summary(plan: Plan, measured: Measured) -> str:
     Parameters
     ----------
     plan : Plan
-        The choice.
     measured : Measured
-        Its measurement.
     """
     scene = plan.scene
     low, high = (math.degrees(angle) for angle in scene.angles)
@@ -61,23 +60,21 @@ def write_planned(plan: Plan, text: str, path: Path) -> None:
     Parameters
     ----------
     plan : Plan
-        The settings.
     text : str
         The text of the file that the mechanism was read from.
     path : Path
         The file to write.
     """
-    mechanism = planned_mechanism(plan)
-    numbers: list[tuple[tuple[str, ...], list[float]]] = [
-        (("response", "band_hz"), [*mechanism.response.band]),
-        (("response", "modes"), [mechanism.response.modes]),
-    ]
+    mechanism = plan.mechanism
+    numbers: dict[tuple[str, ...], Sequence[float]] = {
+        ("response", "band_hz"): mechanism.response.band,
+        ("response", "modes"): [mechanism.response.modes],
+    }
     for link in mechanism.links:
-        numbers.append((("links", link.name, "modes"), [link.modes]))
+        numbers["links", link.name, "modes"] = [link.modes]
         if link.body.elements is not None:
-            numbers.append((("links", link.name, "elements"), [link.body.elements]))
+            numbers["links", link.name, "elements"] = [link.body.elements]
     if not plan.scene.one_angle:
-        stroke = [math.degrees(angle) for angle in mechanism.stroke]
-        numbers.append((("input", "range_deg"), stroke))
-    words = [(keys, [repr(value) for value in values]) for keys, values in numbers]
+        numbers["input", "range_deg"] = [math.degrees(angle) for angle in mechanism.stroke]
+    words = [(keys, list(map(repr, values))) for keys, values in numbers.items()]
     write_text(path, edit_text(text, words, PlanError), PlanError)

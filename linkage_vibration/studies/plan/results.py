@@ -86,11 +86,9 @@ def result_at(scene: Scene, source: LinkageModel | Table, alpha3: float) -> Resu
     Parameters
     ----------
     scene : Scene
-        The question.
     source : LinkageModel or Table
         The model to solve, or the table to interpolate.
-    alpha3 : float
-        rad.
+    alpha3 : float, rad
     """
     places = scene.places
     if isinstance(source, Table):
@@ -109,7 +107,6 @@ def worst_errors(results: Sequence[Result], exact: Sequence[Result]) -> FloatArr
     Parameters
     ----------
     results, exact : sequence of Result, (n_angles,)
-        What is compared, and the references.
     """
     return np.asarray(np.max(list(map(Result.errors, results, exact)), axis=0))
 
@@ -120,7 +117,6 @@ def table_errors(table: Table, exact: Sequence[Result]) -> FloatArray:
     Parameters
     ----------
     table : Table
-        What is compared.
     exact : sequence of Result, (n_angles,)
         Results of its model.
     """
@@ -134,11 +130,8 @@ def shorten(whole: PoleResidue, residual: Residual, band: tuple[float, float]) -
     Parameters
     ----------
     whole : PoleResidue
-        FRFs with every mode.
-    residual : str
-        How to represent the modes above the band.
-    band : tuple of float
-        Hz.
+    residual : Residual
+    band : tuple of float, Hz
     """
     if residual == "every mode":
         return whole
@@ -169,15 +162,13 @@ def measure_costs(
     Parameters
     ----------
     scene : Scene
-        The question.
     source : LinkageModel or Table
-        What predicts.
-    residual : str
-        How FRFs of a model represent the modes above the band.
-    setup : float
-        The set-up's time, s, which is passed on.
+    residual : Residual
+        Of the FRFs of a model.
+    setup : float, s
+        The time of the set-up, which is passed on.
     """
-    places, lines = scene.places, np.linspace(*scene.band, FRF_LINES)
+    places, band, lines = scene.places, scene.band, np.linspace(*scene.band, FRF_LINES)
     if isinstance(source, Table):
         angles = itertools.cycle(np.linspace(*scene.angles, _LOOKUPS).tolist())
         source.interpolate(scene.angles[0])  # the first lookup also prepares the table
@@ -188,9 +179,7 @@ def measure_costs(
         prediction = _median(lambda: _predict(scene, source, middle))
         solution = source.solve(middle)
         frfs = _median(
-            lambda: (
-                places and shorten(solution.frf(places, places), residual, scene.band).frf(lines)
-            )
+            lambda: places and shorten(solution.frf(places, places), residual, band).frf(lines)
         )
     return Costs(setup, prediction, frfs if places else 0.0)
 

@@ -36,30 +36,18 @@ class Errors:
 class Scene:
     """The results that are needed, and their tolerance.
 
-    Attributes
-    ----------
-    mechanism : Mechanism
-        A plan replaces its elements, modes, band, number of natural frequencies and stroke.
-    band : tuple of float
-        Hz.
-    places : tuple of (point, direction)
-        FRFs are needed between all of these; without places, none are.
-    tolerance : float
-        Relative error allowed for every natural frequency in the band. A hundred times as much is
-        allowed for the highest peak's magnitude (at the mechanism's own drive point) and for each
-        FRF (L2 norm over the band).
-    angles : tuple of float
-        The range of alpha3, rad; for a single angle, twice the same.
-    seconds_per_prediction : float, optional
-        The time in which natural frequencies, damping ratios and the peak are needed.
+    A plan replaces the mechanism's elements, modes, band, number of natural frequencies and stroke.
+    The tolerance is the relative error allowed for every natural frequency in the band. A hundred
+    times as much is allowed for the highest peak's magnitude (at the mechanism's own drive point)
+    and for each FRF (L2 norm over the band).
     """
 
     mechanism: Mechanism
-    band: tuple[float, float]
-    places: tuple[Place, ...]
+    band: tuple[float, float]  # Hz
+    places: tuple[Place, ...]  # FRFs are needed between all of these; without places, none are
     tolerance: float
-    angles: tuple[float, float]
-    seconds_per_prediction: float | None = None
+    angles: tuple[float, float]  # the range of alpha3, rad; for a single angle, twice the same
+    seconds_per_prediction: float | None = None  # for frequencies, damping ratios and the peak
 
     @property
     def one_angle(self) -> bool:
@@ -96,23 +84,17 @@ class Scene:
 
         Parameters
         ----------
-        elements : int
-            Elements of each beam.
-        modes : int
-            Fixed-interface modes of each link.
-        n_modes : int
-            Natural frequencies that a prediction reports.
+        elements, modes, n_modes : int
+            Elements of each beam, fixed-interface modes of each link, and natural frequencies that
+            a prediction reports.
         """
-        links = (
-            replace(link, modes=modes, body=link.body.with_elements(elements))
-            for link in self.mechanism.links
-        )
-        return replace(
-            self.mechanism,
-            links=tuple(links),
-            stroke=self.mechanism.stroke if self.one_angle else self.angles,
-            response=replace(self.mechanism.response, band=self.band, modes=n_modes),
-        )
+        own = self.mechanism
+        links = [
+            replace(link, modes=modes, body=link.body.with_elements(elements)) for link in own.links
+        ]
+        stroke = own.stroke if self.one_angle else self.angles
+        response = replace(own.response, band=self.band, modes=n_modes)
+        return replace(own, links=tuple(links), stroke=stroke, response=response)
 
 
 def check_scene(scene: Scene) -> None:
@@ -121,7 +103,6 @@ def check_scene(scene: Scene) -> None:
     Raises
     ------
     PlanError
-        Naming the value that is invalid, and how to correct it.
     """
     low, high = scene.band
     if not 0.0 <= low < high < math.inf:

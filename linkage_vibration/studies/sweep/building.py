@@ -66,7 +66,6 @@ def sweep(
     Parameters
     ----------
     designs : Designs
-        The designs to build.
     output : Path
         The file to write, as ``docs/sweep.md`` describes it; a file of another sweep is replaced.
     executor : Executor, optional
@@ -204,10 +203,9 @@ def _outcome(future: Future[Outcome]) -> Outcome:
         return future.result()
     except (BrokenExecutor, CancelledError):
         raise
-    except LinkageVibrationError as problem:
-        return Outcome(GIVEN_UP, str(problem))
     except Exception as problem:
-        return Outcome(GIVEN_UP, f"{type(problem).__name__}: {problem}")
+        own = isinstance(problem, LinkageVibrationError)
+        return Outcome(GIVEN_UP, str(problem) if own else f"{type(problem).__name__}: {problem}")
 
 
 @contextmanager

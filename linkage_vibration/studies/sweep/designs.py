@@ -39,28 +39,15 @@ class SweepError(LinkageVibrationError):
 class Designs:
     """A grid of designs, and the angles at which their tables are evaluated.
 
-    Attributes
-    ----------
-    mapping : dict
-        The description that they share, as read.
-    source : Path
-        The file that it was read from; files that it names lie beside it.
-    paths : tuple of str, (n_parameters,)
-        The parameters, as `split_paths` takes them.
-    values : tuple of tuple of float, (n_parameters,)
-        The values of each parameter, as in the description; the last parameter varies fastest.
-    alpha3 : ndarray, (n_angles,)
-        rad.
-    tolerance : float
-        Of each table, relative.
+    The values of each parameter are those of the description; the last parameter varies fastest.
     """
 
-    mapping: dict[str, Any]
-    source: Path
-    paths: tuple[str, ...]
-    values: tuple[tuple[float, ...], ...]
-    alpha3: FloatArray
-    tolerance: float
+    mapping: dict[str, Any]  # the description that they share, as read
+    source: Path  # the file that it was read from; files that it names lie beside it
+    paths: tuple[str, ...]  # the parameters, as `split_paths` takes them
+    values: tuple[tuple[float, ...], ...]  # of each parameter
+    alpha3: FloatArray  # (n_angles,), rad
+    tolerance: float  # of each table, relative
 
     @property
     def shape(self) -> tuple[int, ...]:

@@ -39,17 +39,13 @@ class Outcome:
 def earlier_messages(output: Path, digest: str) -> dict[int, str] | None:
     """Return why designs have no result, by their index, if a file holds the same sweep complete.
 
+    It is None if the file is missing or damaged, or holds another sweep or designs given up.
+
     Parameters
     ----------
     output : Path
-        The file, which may be missing.
     digest : str
         Digest of the sweep.
-
-    Returns
-    -------
-    dict of int to str, or None
-        None if the file holds another sweep, is damaged, or holds designs that were given up.
     """
     try:
         with netcdf_file(output, mmap=False) as file:
@@ -69,11 +65,9 @@ def netcdf(designs: Designs, hashes: Sequence[str], outcomes: Sequence[Outcome])
     Parameters
     ----------
     designs : Designs
-        The grid.
     hashes : sequence of str, (n_designs,)
         Of the designs' models; empty for a design that describes no mechanism.
     outcomes : sequence of Outcome, (n_designs,)
-        The results.
     """
     content = io.BytesIO()
     file = netcdf_file(content, "w", version=2)
@@ -85,10 +79,9 @@ def netcdf(designs: Designs, hashes: Sequence[str], outcomes: Sequence[Outcome])
     n_modes = designs.mapping["response"]["modes"]
     for path, numbers in zip(designs.paths, designs.values, strict=True):
         _add(file, path, (path,), np.array(numbers, dtype=float), units=_units(path))
-    angle = "angle of the input crank"
+    angle, numbering = "angle of the input crank", "as numbered, then tracked, in each table"
     _add(file, "alpha3", ("alpha3",), designs.alpha3, units="rad", long_name=angle)
     modes = np.arange(1, n_modes + 1, dtype=np.int32)
-    numbering = "as numbered, then tracked, in each table"
     _add(file, "mode", ("mode",), modes, long_name=numbering)
     _add_results(file, designs, outcomes, n_modes)
     _add_text(file, designs, "message", [o.message for o in outcomes], "why there is no result")
@@ -106,10 +99,8 @@ def _add_results(file: Any, designs: Designs, outcomes: Sequence[Outcome], n_mod
     status = np.array([outcome.status for outcome in outcomes], dtype=np.int8)
     curves, angle = ("alpha3", "mode"), ("alpha3",)
     worst = {"units": "1", "long_name": "worst, of the table"}
-    flags = {
-        "flag_values": np.array([BUILT, NOT_BUILDABLE, GIVEN_UP], dtype=np.int8),
-        "flag_meanings": "built not_buildable given_up",
-    }
+    kinds = np.array([BUILT, NOT_BUILDABLE, GIVEN_UP], dtype=np.int8)
+    flags = {"flag_values": kinds, "flag_meanings": "built not_buildable given_up"}
     columns: list[tuple[str, tuple[str, ...], NDArray[Any], dict[str, Any]]] = [
         ("natural_frequencies", curves, values[:, :, :n_modes], {"units": "Hz"}),
         ("damping_ratios", curves, values[:, :, n_modes:-2], {"units": "1"}),
