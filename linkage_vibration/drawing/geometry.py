@@ -23,20 +23,12 @@ Curves = dict[str, FloatArray]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scene:
-    """A linkage in one configuration.
+    """The curves, in m, and the positions, (n, 2), in m, that show a linkage."""
 
-    Attributes
-    ----------
-    bodies : dict of str to ndarray, (n, 2)
-        Curves of the bodies, m; see `curves`.
-    joints, ground, centres : ndarray, (n, 2)
-        Positions of moving pins, of pins on the ground, and of the centres of gravity, m.
-    """
-
-    bodies: Curves
-    joints: FloatArray
-    ground: FloatArray
-    centres: FloatArray
+    bodies: Curves  # see `curves`
+    joints: FloatArray  # moving pins
+    ground: FloatArray  # pins on the ground
+    centres: FloatArray  # centres of gravity
 
 
 def scene(model: LinkageModel, configuration: Configuration) -> Scene:
@@ -45,20 +37,14 @@ def scene(model: LinkageModel, configuration: Configuration) -> Scene:
     Parameters
     ----------
     model : LinkageModel
-        The linkage.
     configuration : Configuration
-        The positions of its bodies.
     """
     mechanism = model.mechanism
     ground = dict(mechanism.ground)
     pins = {point: body for point, _, body in mechanism.joints if point not in ground}
-    joints = [
-        configuration.place(body, mechanism.local_points(body)[point])
-        for point, body in pins.items()
-    ]
-    centres = [
-        configuration.place(body.name, body.centre_of_gravity) for body in mechanism.rigid_bodies
-    ]
+    place = configuration.place
+    joints = [place(body, mechanism.local_points(body)[point]) for point, body in pins.items()]
+    centres = [place(body.name, body.centre_of_gravity) for body in mechanism.rigid_bodies]
     bodies = curves(model, configuration)
     return Scene(bodies, _rows(joints), _rows(list(ground.values())), _rows(centres))
 
@@ -72,9 +58,7 @@ def curves(model: LinkageModel, configuration: Configuration) -> Curves:
     Parameters
     ----------
     model : LinkageModel
-        The linkage.
     configuration : Configuration
-        The positions of its bodies.
     """
     found = {}
     for component in model.components:
@@ -100,7 +84,6 @@ def mode_curves(solution: Solution, mode: int) -> Curves:
     Parameters
     ----------
     solution : Solution
-        The modes of a linkage in a configuration.
     mode : int
         Index of the mode, counted from 0.
     """
@@ -139,13 +122,12 @@ def _beside(axis: FloatArray, points: Mapping[str, Point]) -> list[tuple[int, st
 def nearest_mode(solution: Solution, frequency: float) -> int:
     """Return the index of the mode whose natural frequency is nearest to a frequency.
 
+    The frequency of a prediction gives the mode that the table tracks, even where modes crossed.
+
     Parameters
     ----------
     solution : Solution
-        The modes of a linkage in a configuration.
-    frequency : float
-        Hz. The frequency of a prediction gives the mode that the table tracks, also where modes
-        have crossed.
+    frequency : float, Hz
     """
     return int(np.abs(solution.natural_frequencies - frequency).argmin())
 

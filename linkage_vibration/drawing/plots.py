@@ -47,11 +47,29 @@ class PlotError(LinkageVibrationError):
     """A picture cannot be drawn."""
 
 
+def require_matplotlib() -> None:
+    """Import matplotlib before anything long begins.
+
+    Raises
+    ------
+    PlotError
+        If it is missing.
+    """
+    try:
+        import matplotlib.figure  # noqa: F401
+    except ImportError:
+        raise PlotError(
+            "Drawing needs matplotlib; `pip install linkage_vibration[plots]`."
+        ) from None
+
+
 def plot_predictions(log: Path, picture: Path) -> None:
     """Draw crank angle, natural frequencies and FRF peak of a log over the time of its stamps.
 
     Excitations are drawn where they are near a natural frequency. Where predictions are missing
-    or have no numbers, the lines break and the background is shaded.
+    or have no numbers, the lines break and the background is shaded. A `PlotError` is raised if
+    matplotlib is missing, if the log holds no prediction, or if the picture cannot be written, and
+    a `BagError` if the log cannot be read.
 
     Parameters
     ----------
@@ -59,37 +77,18 @@ def plot_predictions(log: Path, picture: Path) -> None:
         An MCAP file, as the node or a replay writes it.
     picture : Path
         The PNG file to write. An existing file is replaced.
-
-    Raises
-    ------
-    PlotError
-        If matplotlib is missing, if the log holds no prediction, or if the picture cannot be
-        written.
-    BagError
-        If the log cannot be read.
     """
-    try:
-        from matplotlib.figure import Figure
-    except ImportError:
-        raise PlotError(
-            "Drawing needs matplotlib; `pip install linkage_vibration[plots]`."
-        ) from None
+    require_matplotlib()
+    from matplotlib.figure import Figure
+
     predictions, resonances = _read(log)
     figure = Figure(figsize=(10, 8.6), dpi=150, layout="constrained")
     _draw(figure, predictions, resonances)
-    figure.suptitle(
-        "Natural frequencies and FRF peak of the linkage as its crank turns",
-        x=0.01,
-        horizontalalignment="left",
-        fontweight="bold",
-    )
+    title = "Natural frequencies and FRF peak of the linkage as its crank turns"
+    figure.suptitle(title, x=0.01, horizontalalignment="left", fontweight="bold")
     table_ids = predictions["table_id"]
-    figure.axes[0].set_title(
-        f"{len(table_ids)} predictions of table {table_ids[0]}, from {log.name}",
-        loc="right",
-        fontsize=9,
-        color=GREY,
-    )
+    about = f"{len(table_ids)} predictions of table {table_ids[0]}, from {log.name}"
+    figure.axes[0].set_title(about, loc="right", fontsize=9, color=GREY)
     png = io.BytesIO()
     figure.savefig(png, format="png")
     write_bytes(picture, png.getvalue(), PlotError)
@@ -119,16 +118,14 @@ def _draw(figure: "Figure", predictions: Columns, resonances: Columns) -> None:
         at = (header_stamps(resonances) - stamps[0]) / 1e9
         for mode, ax in enumerate(axes[-2:0:-1]):
             own = near & (resonances["mode"] == mode)
-            [dots] = ax.plot(
-                at[own], resonances["excitation_frequency"][own], ".", color=_NEAR, markersize=3
-            )
+            values = resonances["excitation_frequency"][own]
+            [dots] = ax.plot(at[own], values, ".", color=_NEAR, markersize=3)
             keys["excitation near a natural frequency"] = dots
     invalid = np.isin(predictions["status"], (Status.OUT_OF_RANGE, Status.INVALID_ANGLE))
     for ax in axes:
         for i in gaps:
-            keys["no prediction"] = ax.axvspan(
-                times[i], times[i + 1], facecolor=GAP_SHADE, edgecolor=GREY, hatch="//", lw=0
-            )
+            hatched = {"facecolor": GAP_SHADE, "edgecolor": GREY, "hatch": "//", "lw": 0}
+            keys["no prediction"] = ax.axvspan(times[i], times[i + 1], **hatched)
         for start, end in runs(invalid):
             # The edge keeps a single prediction visible.
             keys[f"angle out of range or invalid ({invalid.sum()} predictions)"] = ax.axvspan(
@@ -140,14 +137,8 @@ def _draw(figure: "Figure", predictions: Columns, resonances: Columns) -> None:
         ax.yaxis.label.set(rotation=0, horizontalalignment="right", verticalalignment="center")
         ax.yaxis.labelpad = 12
     figure.align_ylabels(axes)
-    figure.legend(
-        keys.values(),
-        keys.keys(),
-        loc="outside lower right",
-        ncols=len(keys),
-        frameon=False,
-        markerscale=3.0,
-    )
+    style = {"ncols": len(keys), "frameon": False, "markerscale": 3.0}
+    figure.legend(keys.values(), keys.keys(), loc="outside lower right", **style)
 
 
 def _draw_lines(

@@ -40,22 +40,6 @@ _UPRIGHT = math.radians(10.0)  # a well-built hitch keeps its mast this near to 
 _MOVING = ("V1", "V2", "E1", "E2")
 
 
-def require_matplotlib() -> None:
-    """Import matplotlib before anything long begins.
-
-    Raises
-    ------
-    PlotError
-        If it is missing.
-    """
-    try:
-        import matplotlib.figure  # noqa: F401
-    except ImportError:
-        raise PlotError(
-            "Drawing needs matplotlib; `pip install linkage_vibration[plots]`."
-        ) from None
-
-
 def draw_figures(
     output: Path,
     sweeps: Sweeps,
@@ -71,7 +55,6 @@ def draw_figures(
     sweeps : mapping of str to sequence of Solution
         See `Sweeps`; of two geometries of the three-point linkage.
     fits : sequence of FreedFit
-        For the chart of freed dimensions.
     progress : callable
         Called with the number of figures done, and of all figures.
     """
@@ -107,9 +90,7 @@ def generalised_inertia(mechanism: Mechanism, configuration: Configuration) -> f
     Parameters
     ----------
     mechanism : Mechanism
-        Its rigid bodies are summed over.
     configuration : Configuration
-        Their rates.
     """
     return sum(
         body.mass * float(np.sum(configuration.place_rate(body.name, body.centre_of_gravity) ** 2))
@@ -208,9 +189,8 @@ def _configurations(solutions: Sequence[Solution], label: str) -> "Figure":
     )
     axes = figure.subplots(1, 3, sharey=True)
     for ax, solution, angle in zip(axes, solutions, _ANGLES_DEG, strict=True):
-        for (body, places), colour in zip(
-            curves(solution.model, solution.configuration).items(), (*_COLOURS, GREY), strict=True
-        ):
+        bodies = curves(solution.model, solution.configuration).items()
+        for (body, places), colour in zip(bodies, (*_COLOURS, GREY), strict=True):
             width = 1.5 if body == "implement" else 3
             ax.plot(*places.T, color=colour, linewidth=width, label=body.replace("_", " "))
         points = _points(solution)
@@ -229,8 +209,7 @@ def _link_angles(solutions: Sequence[Solution], label: str) -> "Figure":
     figure = _figure("Angles of the links over the stroke (figure 4)", label, (8, 4.6))
     ax = figure.subplots()
     alpha3 = _degrees(solutions)
-    names = ("α_1", "α_2", "α_4", "α_5")
-    for body, name, colour in zip(_BODIES, names, _COLOURS, strict=True):
+    for body, name, colour in zip(_BODIES, ("α_1", "α_2", "α_4", "α_5"), _COLOURS, strict=True):
         angles = np.degrees([s.configuration.angle(body) for s in solutions])
         ax.plot(alpha3, angles, color=colour, linewidth=2)
         text, at = f"${name}$, {body.replace('_', ' ')}", (alpha3[-1], angles[-1])
@@ -246,10 +225,8 @@ def _drive_point_frf(solutions: Sequence[Solution], label: str) -> "Figure":
         (8, 5.6),
     )
     magnitude, phase = figure.subplots(2, sharex=True, height_ratios=[2.4, 1])
-    styles = ("-", "--", "-")
-    for solution, angle, colour, style in zip(
-        solutions, _ANGLES_DEG, (_COLOURS[0], _COLOURS[2], _COLOURS[1]), styles, strict=True
-    ):
+    styles = zip((_COLOURS[0], _COLOURS[2], _COLOURS[1]), ("-", "--", "-"), strict=True)
+    for solution, angle, (colour, style) in zip(solutions, _ANGLES_DEG, styles, strict=True):
         frf = solution.drive_point.frf(_LINES)[:, 0, 0]
         about = {"color": colour, "linestyle": style, "linewidth": 1.6}
         magnitude.semilogy(_LINES, np.abs(frf), label=f"$α_3$ = {angle:g} deg", **about)
@@ -384,8 +361,7 @@ def _animate(path: Path, solution: Solution, mode: int, label: str) -> None:
         canvas = FigureCanvasAgg(figure)
         canvas.draw()  # type: ignore[no-untyped-call]
         pixels = np.asarray(canvas.buffer_rgba())  # type: ignore[no-untyped-call]
-        image = Image.fromarray(pixels).convert("RGB")
-        frames.append(image.quantize(colors=32))
+        frames.append(Image.fromarray(pixels).convert("RGB").quantize(colors=32))
     gif = io.BytesIO()
     frames[0].save(gif, format="GIF", save_all=True, append_images=frames[1:], duration=60, loop=0)
     write_bytes(path, gif.getvalue(), PlotError)
@@ -393,9 +369,8 @@ def _animate(path: Path, solution: Solution, mode: int, label: str) -> None:
 
 def _styled(sweeps: Sweeps) -> Iterator[tuple[Sequence[Solution], dict[str, Any]]]:
     """Yield the solutions of each geometry, with the style of its curves."""
-    for (label, solutions), colour, line in zip(
-        sweeps.items(), _COLOURS, ("-", "--"), strict=False
-    ):
+    styles = zip(_COLOURS, ("-", "--"), strict=False)
+    for (label, solutions), (colour, line) in zip(sweeps.items(), styles, strict=False):
         yield solutions, {"color": colour, "linestyle": line, "linewidth": 2, "label": label}
 
 

@@ -70,7 +70,8 @@ def scan_freed_dimensions(
 ) -> list[FreedFit]:
     """Fit the sections and one dimension of Table 1 at a time to the nine printed frequencies.
 
-    A misprinted dimension is one that, freed alone, lets the frequencies be met.
+    A misprinted dimension is one that, freed alone, lets the frequencies be met. The first fit that
+    is returned has no dimension freed.
 
     Parameters
     ----------
@@ -80,11 +81,6 @@ def scan_freed_dimensions(
         Called with the number of fits done, and of all fits.
     evaluations : int
         Steps of least squares while the dimension is held; twice as many once it is free.
-
-    Returns
-    -------
-    list of FreedFit, (1 + n_keys,)
-        The first one has no dimension freed.
     """
     described = load_yaml(config_file(PRINTED_FILE))[0]
     total = 1 + len(keys)
@@ -119,12 +115,11 @@ def _fit_held(
 ) -> FloatArray:
     """Fit the sections alone, which leaves the loops closed as they are."""
     closed: Closed = {}
-    fit = least_squares(
-        lambda sections: _residuals(np.append(sections, value), described, key, closed),
-        start,
-        bounds=(_LOW, _HIGH),
-        max_nfev=evaluations,
-    )
+
+    def residuals(sections: FloatArray) -> FloatArray:
+        return _residuals(np.append(sections, value), described, key, closed)
+
+    fit = least_squares(residuals, start, bounds=(_LOW, _HIGH), max_nfev=evaluations)
     return np.append(fit.x, value)
 
 
@@ -135,13 +130,11 @@ def _best_fit(
     bounds: tuple[FloatArray, FloatArray],
     evaluations: int,
 ) -> FreedFit:
-    fits = [
-        least_squares(
-            _residuals, x, bounds=bounds, max_nfev=2 * evaluations, args=(described, key, {})
-        )
-        for x in starts
-    ]
-    return min((_fit(described, key, fit.x) for fit in fits), key=lambda fit: fit.cost)
+    fits = []
+    for x in starts:
+        options = {"bounds": bounds, "max_nfev": 2 * evaluations, "args": (described, key, {})}
+        fits.append(_fit(described, key, least_squares(_residuals, x, **options).x))
+    return min(fits, key=lambda fit: fit.cost)
 
 
 def _fit(described: Any, key: str, x: FloatArray) -> FreedFit:

@@ -121,7 +121,6 @@ def frequencies(over: NDArray[np.float64], at_140: NDArray[np.float64]) -> dict[
     over : ndarray, (n, 3)
         Modes 1 to 3 from 90 to 180 deg.
     at_140 : ndarray, (>= 3,)
-        At 140 deg.
     """
     ends = [*over[[0, -1], 0], *over[[0, -1], 1], over[:, 2].min(), over[:, 2].max()]
     numbers = (*FULL_FE, *SUBSTRUCTURING, *OVER_THE_SWEEP)

@@ -7,18 +7,20 @@ import io
 import math
 import time
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from linkage_vibration.drawing.plots import require_matplotlib
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.components import Component
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.model import LinkageModel, Solution
 from linkage_vibration.mechanics.response import pole_residue
-from linkage_vibration.paper.figures import draw_figures, require_matplotlib
+from linkage_vibration.paper.figures import draw_figures
 from linkage_vibration.paper.freed_dimensions import PRINTED_FILE, scan_freed_dimensions
 from linkage_vibration.paper.numbers import NUMBERS, PLACES, SOURCE, Number, frequencies
 from linkage_vibration.readers.mechanism import load_yaml, mechanism_of
@@ -88,10 +90,8 @@ def reproduce(output: Path, progress: Progress = lambda what, done, total: None)
         numbers[label] = {**geometry(mapping), **found}
     progress("stroke", len(FILES), len(FILES))
     write_numbers(output, numbers)
-    fits = scan_freed_dimensions(
-        progress=lambda done, total: progress("freed dimensions", done, total)
-    )
-    draw_figures(output, sweeps, fits, lambda done, total: progress("figures", done, total))
+    fits = scan_freed_dimensions(progress=partial(progress, "freed dimensions"))
+    draw_figures(output, sweeps, fits, partial(progress, "figures"))
 
 
 def geometry(mapping: Any) -> dict[str, float]:
@@ -104,18 +104,14 @@ def sweep(
 ) -> tuple[list[Solution], dict[str, float]]:
     """Solve a three-point linkage over its stroke.
 
+    It returns the solutions and our numbers under the keys of the printed ones.
+
     Parameters
     ----------
     mechanism : Mechanism
         Its bodies and points have the names of the linkage that ships.
     alpha3 : ndarray, (n,)
         Input angles from one end of the stroke to the other, rad.
-
-    Returns
-    -------
-    solutions : list of Solution, (n,)
-    numbers : dict of str to float
-        Our numbers under the keys of the printed ones.
     """
     start = time.perf_counter()
     model = LinkageModel(mechanism)
@@ -146,7 +142,6 @@ def write_numbers(output: Path, numbers: Mapping[str, Mapping[str, float]]) -> N
     Parameters
     ----------
     output : Path
-        The folder.
     numbers : mapping of str to mapping of str to float
         Our numbers, by the name of the geometry and by their keys.
     """
