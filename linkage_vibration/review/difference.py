@@ -26,24 +26,14 @@ _A, _B = COLOURS[:2]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Quantity:
-    """A quantity in two logs A and B, at the stamps that both logs have.
+    """A quantity in two logs A and B, at the stamps that both logs have."""
 
-    Attributes
-    ----------
-    key, name, unit : str
-        Its key in the page, its name for people, and the unit in which it is shown.
-    factor : float
-        Shown value over value in the log.
-    a, b : ndarray, (n,)
-        Values in the logs.
-    """
-
-    key: str
-    name: str
-    unit: str
-    factor: float
-    a: FloatArray
-    b: FloatArray
+    key: str  # in the page
+    name: str  # for people
+    unit: str  # in which it is shown
+    factor: float  # shown value over value in the log
+    a: FloatArray  # (n,), values in log A
+    b: FloatArray  # (n,), values in log B
 
     @property
     def compared(self) -> int:
@@ -87,29 +77,15 @@ class Quantity:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Difference:
-    """Two logs A and B, whose predictions are matched by their stamps.
-
-    Attributes
-    ----------
-    a, b : Log
-        The logs.
-    stamps : ndarray of int, (n,)
-        The stamps that both logs have, ns.
-    rows_a, rows_b : ndarray of int, (n,)
-        The indices of the predictions with these stamps in each log.
-    quantities : tuple of Quantity
-        The quantities that both logs have.
-    status_changes : int
-        Number of stamps at which the statuses differ.
-    """
+    """Two logs A and B, whose predictions are matched by their stamps."""
 
     a: Log
     b: Log
-    stamps: IntArray
-    rows_a: IntArray
-    rows_b: IntArray
-    quantities: tuple[Quantity, ...]
-    status_changes: int
+    stamps: IntArray  # (n,), ns, that both logs have
+    rows_a: IntArray  # (n,), indices of the predictions with these stamps in log A
+    rows_b: IntArray  # (n,), the same in log B
+    quantities: tuple[Quantity, ...]  # that both logs have
+    status_changes: int  # number of stamps at which the statuses differ
 
     @property
     def times(self) -> FloatArray:
@@ -118,7 +94,7 @@ class Difference:
 
 
 def compare(path_a: Path, path_b: Path) -> Difference:
-    """Compare two logs of the same drive.
+    """Compare two logs of the same drive; a `BagError` is raised if one cannot be read.
 
     Parameters
     ----------
@@ -127,8 +103,6 @@ def compare(path_a: Path, path_b: Path) -> Difference:
 
     Raises
     ------
-    BagError
-        If a log cannot be read.
     ReviewError
         If a log holds no prediction, or if the logs have no stamp in common.
     """
@@ -163,25 +137,21 @@ def summary(found: Difference) -> str:
 
 def difference_page(found: Difference) -> Page:
     """Return what a page shows of a difference."""
-    kept = thinned(
-        [values for q in found.quantities for values in (q.a, q.b, q.b - q.a)],
-        np.array([q.farthest or 0 for q in found.quantities], dtype=np.int64),
-    )
+    values = [values for q in found.quantities for values in (q.a, q.b, q.b - q.a)]
+    kept = thinned(values, np.array([q.farthest or 0 for q in found.quantities], dtype=np.int64))
     times = found.times
     gaps = gap_starts(times) if len(kept) == len(times) else np.empty(0, np.int64)
     columns: dict[str, NDArray[Any]] = {"time": times[kept]}
-    charts: Items = []
     readings: Items = []
     for q in found.quantities:
         columns |= {f"a_{q.key}": q.a[kept], f"b_{q.key}": q.b[kept]}
-        charts += _charts(q)
         readings += _readings(q)
     for part, log, rows in (("A", found.a, found.rows_a), ("B", found.b, found.rows_b)):
         key = f"{part.lower()}_status"
         columns[key] = log.status[rows][kept].astype(np.uint8)
         readings.append({"id": key, "label": f"Status, {part}", "column": key, "words": STATUSES})
     content: dict[str, Any] = {
-        "charts": charts,
+        "charts": [chart for q in found.quantities for chart in _charts(q)],
         "overview": {"column": "a_angle", "factor": DEG, "label": "α3"},
         "readings": readings,
         "brief": [f"d_{q.key}" for q in found.quantities[1:3]],
@@ -230,10 +200,8 @@ def _charts(q: Quantity) -> Items:
     chart = {"id": q.key, "title": title, "unit": q.unit, "series": both, "key": key}
     less = {"column": f"b_{q.key}", "minus": f"a_{q.key}", "factor": q.factor, "colour": INK}
     small = {"id": f"d_{q.key}", "title": f"{title}, B \N{MINUS SIGN} A", "unit": q.unit}
-    return [
-        chart | {"log": q.unit == "m/N"},
-        small | {"series": [less], "guides": [0.0], "height": 90},
-    ]
+    small |= {"series": [less], "guides": [0.0], "height": 90}
+    return [chart | {"log": q.unit == "m/N"}, small]
 
 
 def _readings(q: Quantity) -> Items:
@@ -296,8 +264,8 @@ def _cards(found: Difference) -> Items:
     for q in found.quantities:
         equal = "none" if q.compared else "cannot be compared"
         value = f"{q.factor * q.largest:+.4g} {q.unit}" if q.differs else equal
-        texts = {"label": f"Largest difference, {q.name}", "value": value}
-        cards.append(texts | {"alert": q.differs})
+        label = f"Largest difference, {q.name}"
+        cards.append({"label": label, "value": value, "alert": q.differs})
     return cards
 
 
@@ -321,13 +289,13 @@ def _changed_files(found: Difference) -> dict[str, list[str]]:
     return {name: changed for name, changed in changes.items() if changed}
 
 
-def _changes(a: str, b: str) -> list[str]:
+def _changes(*texts: str) -> list[str]:
     """Return the values that differ between two YAML texts, by the paths of their keys."""
-    values_a, values_b = (dict(_values(yaml.safe_load(text), "")) for text in (a, b))
+    a, b = (dict(_values(yaml.safe_load(text), "")) for text in texts)
     return [
-        f"{path}: {values_a.get(path, 'absent')} -> {values_b.get(path, 'absent')}"
-        for path in dict.fromkeys([*values_a, *values_b])
-        if values_a.get(path) != values_b.get(path)
+        f"{path}: {a.get(path, 'absent')} -> {b.get(path, 'absent')}"
+        for path in a | b
+        if a.get(path) != b.get(path)
     ]
 
 

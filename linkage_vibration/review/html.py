@@ -37,30 +37,17 @@ _SCRIPTS = (
 class Page:
     """What a page shows.
 
-    Attributes
-    ----------
-    title, subtitle : str
-        The heading of the page.
-    columns : mapping of str to ndarray, (n,)
-        The quantities, of type float64, float32 or uint8. ``time`` (s) ascends.
-    start_ns : int
-        Stamp at time 0, ns.
-    breaks : sequence of int
-        Indices of the samples before which samples are missing.
-    modes : sequence of str
-        Colours of the modes, whose columns are ``f1``, ``f2`` and so on.
-    content : mapping
-        All that the scripts in ``page`` read besides: ``charts``, ``overview``, ``readings``,
-        ``tables``, ``summary``, ``histograms``, ``provenance``, ``shades``, and where they are
-        known ``excitations``, ``frf`` and ``linkage``. Arrays in it are packed.
+    The content is all that the scripts in ``page`` read besides: ``charts``, ``overview``,
+    ``readings``, ``tables``, ``summary``, ``histograms``, ``provenance``, ``shades``, and where
+    they are known ``excitations``, ``frf`` and ``linkage``. Arrays in it are packed.
     """
 
     title: str
     subtitle: str
-    columns: Mapping[str, NDArray[Any]]
-    start_ns: int
-    breaks: Sequence[int]
-    modes: Sequence[str]
+    columns: Mapping[str, NDArray[Any]]  # (n,), float64, float32 or uint8; "time" (s) ascends
+    start_ns: int  # stamp at time 0
+    breaks: Sequence[int]  # indices of the samples before which samples are missing
+    modes: Sequence[str]  # colours of the modes, whose columns are "f1", "f2" and so on
     content: Mapping[str, Any]
 
 
@@ -76,6 +63,8 @@ def page_html(page: Page) -> str:
         "subtitle": page.subtitle,
         **page.content,
     }
+    # The parts of the page's own script are in one function, so that nothing in them is global.
+    script = "\n".join(_file(f"{name}.js") for name in _SCRIPTS)
     texts = {
         "title": html.escape(page.title),
         "version": VERSION,
@@ -84,25 +73,19 @@ def page_html(page: Page) -> str:
         # A text of a log must not end the script that contains it.
         "data": json.dumps(data, allow_nan=False, default=packed).replace("<", "\\u003c"),
         "uplot_js": f"/*{_file('uPlot.LICENSE.txt')}*/\n{_file('uPlot.iife.min.js')}",
-        "js": _script(),
+        "js": f'"use strict";\n(() => {{\n{script}}})();\n',
     }
     return re.sub(r"{{(\w+)}}", lambda name: texts[name[1]], _file("page.html"))
 
 
 def write_page(page: Page, path: Path) -> None:
-    """Write a page to a file.
+    """Write a page to a file; a `ReviewError` is raised if it cannot be written.
 
     Parameters
     ----------
     page : Page
-        What the page shows.
     path : Path
         The file, which is replaced only when the page is complete.
-
-    Raises
-    ------
-    ReviewError
-        If the file cannot be written.
     """
     write_text(path, page_html(page), ReviewError)
 
@@ -137,11 +120,8 @@ def thinned(
     for values in quantities:
         # Padding and missing values are never the extreme value of a stretch.
         for unknown, extreme in ((np.inf, np.argmin), (-np.inf, np.argmax)):
-            known = np.pad(
-                np.where(np.isnan(values), unknown, values),
-                (0, len(starts) * length - n),
-                constant_values=unknown,
-            )
+            known = np.where(np.isnan(values), unknown, values)
+            known = np.pad(known, (0, len(starts) * length - n), constant_values=unknown)
             kept.append(starts + extreme(known.reshape(-1, length), axis=1))
     return np.unique(np.concatenate(kept))
 
@@ -153,12 +133,6 @@ def _column(values: NDArray[Any]) -> dict[str, Any]:
     if values.dtype.kind == "f" and np.isnan(values).all():
         return {"type": packed(values[:1])["type"], "constant": None}
     return packed(values)
-
-
-def _script() -> str:
-    """Return the page's own script: all parts in one function, so that nothing is global."""
-    parts = "\n".join(_file(f"{name}.js") for name in _SCRIPTS)
-    return f'"use strict";\n(() => {{\n{parts}}})();\n'
 
 
 def _file(name: str) -> str:

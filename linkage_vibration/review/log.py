@@ -230,17 +230,13 @@ def durations(log: Log) -> FloatArray:
 def write_csv(log: Log, path: Path) -> None:
     """Write a log as CSV: one line for each prediction, in SI units and radians.
 
+    A `ReviewError` is raised if the file cannot be written.
+
     Parameters
     ----------
     log : Log
-        The log.
     path : Path
         The file, which is replaced only when the table is complete.
-
-    Raises
-    ------
-    ReviewError
-        If the file cannot be written.
     """
     names = ["stamp_ns", "status", "crank_angle_rad"]
     columns: list[NDArray[np.generic]] = [log.stamps, log.status, log.crank_angle]

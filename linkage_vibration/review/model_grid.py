@@ -19,6 +19,8 @@ FRF_ANGLES = 361  # of the receptance
 def linkage_grid(mechanism: Mechanism, table: Table) -> dict[str, Any] | None:
     """Return the linkage and its modes over the range of a table, as the page draws them.
 
+    It is None if the model has no shapes, as with links that are known by FRFs alone.
+
     Parameters
     ----------
     mechanism : Mechanism
@@ -34,8 +36,6 @@ def linkage_grid(mechanism: Mechanism, table: Table) -> dict[str, Any] | None:
         (n_angles, n_points, 2), the points of all curves along x and z, m. ``shapes``: (n_modes,
         n_angles, n_points, 2), their displacements, of which the largest is 1. ``joints``,
         ``centres``: (n_angles, n, 2), and ``ground``: (n, 2), see `Scene`.
-
-        None if the model has no shapes, as with links that are known by FRFs alone.
     """
     angles = np.linspace(*table.alpha3_range, DRAWN_ANGLES)
     try:
@@ -75,12 +75,13 @@ def linkage_grid(mechanism: Mechanism, table: Table) -> dict[str, Any] | None:
 def receptance_grid(mechanism: Mechanism, table: Table) -> dict[str, Any] | None:
     """Return the receptance at the drive point over the range of a table, as the page sums it.
 
+    It is None if the table does not hold the receptance at the drive point.
+
     Parameters
     ----------
     mechanism : Mechanism
         It names the drive point and its direction.
     table : Table
-        The table that holds the receptance.
 
     Returns
     -------
@@ -89,8 +90,6 @@ def receptance_grid(mechanism: Mechanism, table: Table) -> dict[str, Any] | None
         (n_angles,), rad. ``terms``: (n_angles, n_terms, 7), stiffness (real, imaginary), decay,
         residue (real, imaginary) and rate (real, imaginary), see `PoleResidue`. ``residual``:
         (n_angles, 2), real and imaginary part. ``frequencies``: (n_angles, n_modes), Hz.
-
-        None if the table does not hold the receptance at the drive point.
     """
     place = (mechanism.response.point, mechanism.response.direction)
     if place not in table.places:

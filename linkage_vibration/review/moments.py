@@ -25,35 +25,17 @@ _MARGIN_TOP = 0.5  # relative; the last bin also holds all larger margins
 
 @dataclass(frozen=True, slots=True)
 class Moment:
-    """One warning: a period in which an excitation was near a natural frequency.
+    """One warning: a period in which an excitation was near a natural frequency."""
 
-    Attributes
-    ----------
-    start, end : float
-        s since the first stamp.
-    nearest : int
-        Index of the prediction with the smallest margin; the numbers below are those at it.
-    excitation : str
-        Name of the excitation.
-    mode : int
-        Index of the natural frequency, counted from 0.
-    excitation_frequency, natural_frequency : float
-        Hz.
-    relative_margin : float
-        Excitation frequency less natural frequency, over natural frequency, 1.
-    crossed : bool
-        Whether the excitation frequency crossed the natural frequency.
-    """
-
-    start: float
-    end: float
-    nearest: int
-    excitation: str
-    mode: int
-    excitation_frequency: float
-    natural_frequency: float
-    relative_margin: float
-    crossed: bool
+    start: float  # s since the first stamp
+    end: float  # s since the first stamp
+    nearest: int  # prediction with the smallest margin; the numbers below are those at it
+    excitation: str  # name
+    mode: int  # index of the natural frequency, counted from 0
+    excitation_frequency: float  # Hz
+    natural_frequency: float  # Hz
+    relative_margin: float  # excitation frequency less natural frequency, over the latter, 1
+    crossed: bool  # whether the excitation frequency crossed the natural frequency
 
 
 def moments(log: Log) -> list[Moment]:
@@ -61,25 +43,16 @@ def moments(log: Log) -> list[Moment]:
     found = log.resonances
     if found is None:
         return []
-    times = log.times
-    warning = found.state == ResonanceState.WARNING
-    result = []
-    for start, end in runs(warning, found.excitation, found.mode):
+    times, result = log.times, []
+    for start, end in runs(found.state == ResonanceState.WARNING, found.excitation, found.mode):
         margins = found.relative_margin[start:end]
         nearest = start + int(np.abs(margins).argmin())
-        result.append(
-            Moment(
-                float(times[start]),
-                float(times[end - 1]),
-                nearest,
-                str(found.excitation[nearest]),
-                int(found.mode[nearest]),
-                float(found.excitation_frequency[nearest]),
-                float(found.natural_frequency[nearest]),
-                float(found.relative_margin[nearest]),
-                bool(margins.min() <= 0.0 <= margins.max()),
-            )
-        )
+        period = float(times[start]), float(times[end - 1])
+        about = str(found.excitation[nearest]), int(found.mode[nearest])
+        at = (found.excitation_frequency, found.natural_frequency, found.relative_margin)
+        frequency, own, margin = (float(column[nearest]) for column in at)
+        crossed = bool(margins.min() <= 0.0 <= margins.max())
+        result.append(Moment(*period, nearest, *about, frequency, own, margin, crossed))
     return result
 
 

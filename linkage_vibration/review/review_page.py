@@ -68,11 +68,9 @@ def review_page(log: Log) -> Page:
         "stale_after": _number(log, "stale_after", _STALE_AFTER),
     }
     if log.mechanism and log.table:
-        grids = {
-            "frf": receptance_grid(log.mechanism, log.table),
-            "linkage": linkage_grid(log.mechanism, log.table),
-        }
-        content |= {key: grid for key, grid in grids.items() if grid}
+        for key, grid in (("frf", receptance_grid), ("linkage", linkage_grid)):
+            if terms := grid(log.mechanism, log.table):
+                content[key] = terms
     name = log.table.mechanism_name.replace("_", " ") if log.table else "the linkage"
     return Page(
         title=f"Vibration review: {name}",
@@ -116,10 +114,8 @@ def clock(time: float, whole: float) -> str:
 
     Parameters
     ----------
-    time : float
-        s since the first stamp.
-    whole : float
-        Duration of the log, s, which decides on the form.
+    time, whole : float, s
+        Time since the first stamp, and duration of the log, which decides on the form.
     """
     if whole < 120.0:
         return f"{time:.2f}"
@@ -347,7 +343,7 @@ def _provenance(log: Log, n_kept: int) -> dict[str, Any]:
 
 def _shades(log: Log, missing: list[tuple[float, float]]) -> list[list[Any]]:
     times = log.times.tolist()
-    shades: list[list[Any]] = [[start, end, "gap"] for start, end in missing]
+    shades: list[list[Any]] = [[*gap, "gap"] for gap in missing]
     for kind, statuses in (("range", _INVALID), ("toggle", (Status.NEAR_TOGGLE,))):
         for start, end in runs(np.isin(log.status, statuses)):
             shades.append([times[start], times[min(end, len(times) - 1)], kind])
