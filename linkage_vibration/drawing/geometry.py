@@ -6,14 +6,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.components import Component
 from linkage_vibration.mechanics.description import Point
 from linkage_vibration.mechanics.kinematics import Configuration
 from linkage_vibration.mechanics.model import LinkageModel, Solution
-
-FloatArray = NDArray[np.float64]
 
 _ON = 1e-6  # of the length of an axis; a point that is nearer to a node lies on the axis
 

@@ -27,6 +27,7 @@ from linkage_vibration.drawing.palette import (
     mode_colours,
 )
 from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.messages.topics import PREDICTION, RESONANCE
 from linkage_vibration.prediction.predictor import Status
 from linkage_vibration.prediction.resonance import ResonanceState
@@ -38,7 +39,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
 
-FloatArray = NDArray[np.float64]
 
 _NEAR = "#CC3311"  # an excitation near a natural frequency
 

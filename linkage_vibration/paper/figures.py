@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from linkage_vibration.drawing.geometry import curves, largest, mode_curves
 from linkage_vibration.drawing.palette import COLOURS, GREY, INK
 from linkage_vibration.drawing.plots import PlotError
+from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.kinematics import Configuration
 from linkage_vibration.mechanics.model import Solution
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-FloatArray = NDArray[np.float64]
 Sweeps = Mapping[str, Sequence[Solution]]
 """Solutions over the stroke by the name of the geometry; the most plausible one comes first."""
 

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.coupling import couple
 from linkage_vibration.mechanics.description import Mechanism, MechanismError
 from linkage_vibration.mechanics.kinematics import Configuration, Kinematics
@@ -27,7 +27,6 @@ from linkage_vibration.readers.mechanism import load_yaml
 from linkage_vibration.studies.yaml_editing import number_at, with_numbers
 from linkage_vibration.support.resources import config_file
 
-FloatArray = NDArray[np.float64]
 Closed = dict[float, tuple[Kinematics, list[Configuration]]]
 """Kinematics and configurations by the value of the freed dimension, because they take longest."""
 

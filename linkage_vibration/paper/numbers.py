@@ -9,8 +9,7 @@ cross-sections nor damping.
 
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
+from linkage_vibration.mechanics.arrays import FloatArray
 
 SOURCE = "Brunetti, D'Ambrogio, Fregolent, Machines 2022, 10(12), 1146"
 
@@ -113,7 +112,7 @@ FITTED = (*SUBSTRUCTURING, *OVER_THE_SWEEP)
 """The nine natural frequencies that a choice of sections has to meet."""
 
 
-def frequencies(over: NDArray[np.float64], at_140: NDArray[np.float64]) -> dict[str, float]:
+def frequencies(over: FloatArray, at_140: FloatArray) -> dict[str, float]:
     """Return natural frequencies in Hz under the keys of the printed ones.
 
     Parameters

@@ -12,10 +12,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from linkage_vibration.drawing.plots import require_matplotlib
 from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray
 from linkage_vibration.mechanics.components import Component
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.model import LinkageModel, Solution
@@ -28,7 +28,6 @@ from linkage_vibration.studies.yaml_editing import number_at
 from linkage_vibration.support.atomic_files import write_text
 from linkage_vibration.support.resources import DEFAULT_MECHANISM, config_file
 
-FloatArray = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
 """Called with the name of a task, the number of its steps that are done, and of all its steps."""
 
@@ -181,7 +180,7 @@ def _cells(number: Number, value: float | None) -> tuple[str, str, str, str]:
     return f"{value:.9g}", "" if math.isnan(off) else f"{off:.6g}", f"{value:.4g}", difference
 
 
-def _eleven_frfs(solution: Solution) -> NDArray[np.complex128]:
+def _eleven_frfs(solution: Solution) -> ComplexArray:
     """Return FRFs to a force at E1 along z, (n_freq, 11, 1), in m/N and rad/N.
 
     The responses are x and z of V1, V2, E1 and E2, and x, z and the rotation of the implement's

@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 
 from linkage_vibration.drawing.intervals import gap_starts
 from linkage_vibration.drawing.palette import COLOURS, INK
+from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.review.html import Page, thinned
 from linkage_vibration.review.log import Log, ReviewError, read_log
 from linkage_vibration.review.review_page import DEG, STATUSES, Items, clock, provenance_rows
 
-FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 _A, _B = COLOURS[:2]

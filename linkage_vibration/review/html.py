@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.review.log import ReviewError
 from linkage_vibration.support.atomic_files import write_text
 from linkage_vibration.support.version import VERSION
 
-FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 MAX_SAMPLES = 400_000  # with three modes, a page of so many samples has less than 50 MB

@@ -25,6 +25,7 @@ from linkage_vibration.bags.message_columns import (
 )
 from linkage_vibration.drawing.intervals import gap_starts
 from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.messages.provenance import EXCITATIONS, PARAMETERS
 from linkage_vibration.messages.topics import PREDICTION, RESONANCE, SPEEDS
@@ -34,7 +35,6 @@ from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.atomic_files import write_text
 from linkage_vibration.table.table import Table, TableError, load_table
 
-FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 

@@ -5,13 +5,12 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from linkage_vibration.drawing.intervals import runs
+from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.prediction.resonance import ResonanceState
 from linkage_vibration.review.log import Log, durations
 
-FloatArray = NDArray[np.float64]
 Shares = tuple[FloatArray, FloatArray]
 """The edges of bins, (n_bins + 1,), and the share of the time in each bin, (n_bins,).
 

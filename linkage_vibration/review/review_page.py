@@ -18,6 +18,7 @@ from linkage_vibration.drawing.palette import (
     TOGGLE_SHADE,
     mode_colours,
 )
+from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.predictor import Status
 from linkage_vibration.prediction.resonance import ResonanceState
@@ -34,7 +35,6 @@ from linkage_vibration.review.moments import (
     worst,
 )
 
-FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 Items = list[dict[str, Any]]  # as the scripts of the page read them
 

@@ -19,10 +19,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.mechanics.arrays import BoolArray, FloatArray, IntArray
 from linkage_vibration.mechanics.description import Mechanism, MechanismError
 from linkage_vibration.mechanics.keys import Keys
 from linkage_vibration.mechanics.kinematics import Kinematics
@@ -31,8 +31,6 @@ from linkage_vibration.mechanics.parsing import mechanism_from_mapping
 from linkage_vibration.readers.mechanism import load_yaml
 from linkage_vibration.studies.yaml_editing import edit_text, number_at, split_paths, with_numbers
 from linkage_vibration.support.atomic_files import write_text
-
-FloatArray = NDArray[np.float64]
 
 COARSE_ELEMENTS, COARSE_MODES = 10, 4  # within the fit; they change frequencies by about 1e-5
 STROKE_ANGLES = 13  # angles at which an extreme is sought, before a parabola refines it
@@ -315,9 +313,7 @@ def _residuals(
     return np.asarray(np.log(found / wanted) / deviations)
 
 
-def _result(
-    calibration: Calibration, logs: FloatArray, bound: NDArray[np.bool_]
-) -> CalibrationResult:
+def _result(calibration: Calibration, logs: FloatArray, bound: BoolArray) -> CalibrationResult:
     columns = []
     for step in _STEP * np.eye(len(logs)):
         before, after = (_residuals(calibration, end, {}) for end in (logs - step, logs + step))
@@ -331,9 +327,7 @@ def _result(
     return CalibrationResult(np.exp(logs), frequencies, covariance, together, on_bound)
 
 
-def _covariance(
-    jacobian: FloatArray, free: NDArray[np.intp]
-) -> tuple[FloatArray, list[NDArray[np.intp]]]:
+def _covariance(jacobian: FloatArray, free: IntArray) -> tuple[FloatArray, list[IntArray]]:
     """Return the covariance of all parameters, and the sets that the targets do not determine.
 
     ``jacobian`` is (n_targets, n_parameters); ``free`` lists the parameters that are on no bound.

@@ -16,8 +16,8 @@ from functools import cache
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.kinematics import Kinematics
 from linkage_vibration.mechanics.model import LinkageModel
@@ -35,8 +35,6 @@ from linkage_vibration.studies.plan.scene import Errors, PlanError, Scene, check
 from linkage_vibration.table.table import Table, TableError
 from linkage_vibration.table.tabulation import build_table
 from linkage_vibration.table.tabulation.accuracy import FRF_FLOOR, LOOSER
-
-FloatArray = NDArray[np.float64]
 
 Pair = tuple[int, int]
 """Elements and modes a link."""

@@ -11,16 +11,13 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.response import PoleResidue, far_poles, in_reach
 from linkage_vibration.studies.plan.scene import PlanError, Scene
 from linkage_vibration.table.table import Table
 from linkage_vibration.table.tabulation.verification import frf_lines, worst_frf_error
-
-FloatArray = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 Residual = Literal["none", "static", "far poles", "every mode"]
 """How an FRF represents the modes above the band."""

@@ -18,9 +18,9 @@ from pathlib import Path
 from queue import SimpleQueue
 
 import numpy as np
-from numpy.typing import NDArray
 
 from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.studies.sweep.designs import Designs, SweepError
@@ -35,8 +35,6 @@ from linkage_vibration.studies.sweep.output import (
 from linkage_vibration.support.atomic_files import write_bytes
 from linkage_vibration.support.process_pool import LocalPool
 from linkage_vibration.table.tabulation import build_table
-
-FloatArray = NDArray[np.float64]
 
 IN_FLIGHT = 4096  # designs submitted to an executor at a time: enough for a large cluster
 

@@ -14,11 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.io import netcdf_file
 
+from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.studies.sweep.designs import Designs
 from linkage_vibration.studies.yaml_editing import split_paths
 from linkage_vibration.support.version import VERSION
-
-FloatArray = NDArray[np.float64]
 
 BUILT, NOT_BUILDABLE, GIVEN_UP = 0, 1, 2
 
