@@ -17,15 +17,8 @@ from linkage_vibration.bags.message_columns import (
     read_columns,
     topic_types,
 )
+from linkage_vibration.drawing import palette
 from linkage_vibration.drawing.intervals import gap_starts, runs
-from linkage_vibration.drawing.palette import (
-    GAP_SHADE,
-    GREY,
-    INK,
-    INVALID_SHADE,
-    PEAK,
-    mode_colours,
-)
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.messages.topics import PREDICTION, RESONANCE
@@ -63,6 +56,13 @@ def require_matplotlib() -> None:
         ) from None
 
 
+def tidy(ax: "Axes") -> None:
+    """Draw a grid behind the curves, and no frame at the top and on the right."""
+    ax.grid(color="#dddddd", linewidth=0.6)
+    ax.set_axisbelow(True)
+    ax.spines[["top", "right"]].set_visible(False)
+
+
 def plot_predictions(log: Path, picture: Path) -> None:
     """Draw crank angle, natural frequencies and FRF peak of a log over the time of its stamps.
 
@@ -88,7 +88,7 @@ def plot_predictions(log: Path, picture: Path) -> None:
     figure.suptitle(title, x=0.01, horizontalalignment="left", fontweight="bold")
     table_ids = predictions["table_id"]
     about = f"{len(table_ids)} predictions of table {table_ids[0]}, from {log.name}"
-    figure.axes[0].set_title(about, loc="right", fontsize=9, color=GREY)
+    figure.axes[0].set_title(about, loc="right", fontsize=9, color=palette.GREY)
     png = io.BytesIO()
     figure.savefig(png, format="png")
     write_bytes(picture, png.getvalue(), PlotError)
@@ -124,16 +124,14 @@ def _draw(figure: "Figure", predictions: Columns, resonances: Columns) -> None:
     invalid = np.isin(predictions["status"], (Status.OUT_OF_RANGE, Status.INVALID_ANGLE))
     for ax in axes:
         for i in gaps:
-            hatched = {"facecolor": GAP_SHADE, "edgecolor": GREY, "hatch": "//", "lw": 0}
-            keys["no prediction"] = ax.axvspan(times[i], times[i + 1], **hatched)
+            shade = {"facecolor": palette.GAP_SHADE, "edgecolor": palette.GREY, "hatch": "//"}
+            keys["no prediction"] = ax.axvspan(times[i], times[i + 1], lw=0, **shade)
         for start, end in runs(invalid):
             # The edge keeps a single prediction visible.
-            keys[f"angle out of range or invalid ({invalid.sum()} predictions)"] = ax.axvspan(
-                times[start], times[min(end, len(times) - 1)], color=INVALID_SHADE, lw=1, zorder=0
-            )
-        ax.grid(color="#dddddd", linewidth=0.6)
-        ax.set_axisbelow(True)
-        ax.spines[["top", "right"]].set_visible(False)
+            ends = times[start], times[min(end, len(times) - 1)]
+            shaded = ax.axvspan(*ends, color=palette.INVALID_SHADE, lw=1, zorder=0)
+            keys[f"angle out of range or invalid ({invalid.sum()} predictions)"] = shaded
+        tidy(ax)
         ax.yaxis.label.set(rotation=0, horizontalalignment="right", verticalalignment="center")
         ax.yaxis.labelpad = 12
     figure.align_ylabels(axes)
@@ -152,26 +150,26 @@ def _draw_lines(
         [drawn] = ax.plot(*with_breaks, **style)
         return drawn
 
-    angles = columns["crank_angle"]
-    line(axes[0], np.rad2deg(np.where(np.isfinite(angles), angles, np.nan)), color=INK, lw=1.6)
+    angles = np.where(np.isfinite(columns["crank_angle"]), columns["crank_angle"], np.nan)
+    line(axes[0], np.rad2deg(angles), color=palette.INK, lw=1.6)
     axes[0].set_ylabel("crank angle\n$α_3$ [deg]")
     frequencies = columns["natural_frequencies"].T
-    colours = mode_colours(len(frequencies))
+    colours = palette.mode_colours(len(frequencies))
     for mode, ax in reversed(list(enumerate(axes[-2:0:-1]))):
         line(ax, frequencies[mode], color=colours[mode], lw=3)
         # The row of the peak's own mode shows the peak; it must not stretch the other rows.
         limits = ax.get_ylim()
-        dashed: dict[str, Any] = {"color": INK, "lw": 1.2, "linestyle": (0, (3, 3))}
+        dashed: dict[str, Any] = {"color": palette.INK, "lw": 1.2, "linestyle": (0, (3, 3))}
         peak = line(ax, columns["frf_peak_frequency"], **dashed)
         ax.set_ylim(limits)
         ax.set_ylabel(f"mode {mode + 1}\n$f_{mode + 1}$ [Hz]", color=colours[mode])
     last = axes[-1]
-    line(last, columns["frf_peak_magnitude"], color=PEAK, lw=2)
+    line(last, columns["frf_peak_magnitude"], color=palette.PEAK, lw=2)
     last.set_yscale("log")
     last.yaxis.set_major_locator(LogLocator(subs=(1, 1.5, 2, 3, 5, 7)))
     last.yaxis.set_major_formatter("{x:.2g}")
     last.yaxis.set_minor_locator(NullLocator())
-    last.set_ylabel("FRF peak\n[m/N]", color=PEAK)
+    last.set_ylabel("FRF peak\n[m/N]", color=palette.PEAK)
     last.set_xlabel("time [s]")
     last.set_xlim(times[0], max(times[-1], times[0] + 1e-3))
     return {"frequency of the FRF peak": peak}

@@ -12,7 +12,7 @@ import numpy as np
 
 from linkage_vibration.drawing.geometry import curves, largest, mode_curves
 from linkage_vibration.drawing.palette import COLOURS, GREY, INK
-from linkage_vibration.drawing.plots import PlotError
+from linkage_vibration.drawing.plots import PlotError, tidy
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.kinematics import Configuration
@@ -81,15 +81,10 @@ def draw_figures(
     progress(len(drawings) + 1, len(drawings) + 1)
 
 
-def generalised_inertia(mechanism: Mechanism, configuration: Configuration) -> float:
+def _generalised_inertia(mechanism: Mechanism, configuration: Configuration) -> float:
     """Return J = sum of m v^2 + I theta'^2 of the rigid bodies, kg m2, rates per rad of alpha3.
 
     It is the inertia at the input: the lower it is, the higher the first natural frequency.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-    configuration : Configuration
     """
     return sum(
         body.mass * float(np.sum(configuration.place_rate(body.name, body.centre_of_gravity) ** 2))
@@ -109,14 +104,8 @@ def _figure(title: str, note: str, size: tuple[float, float]) -> "Figure":
     return figure
 
 
-def _tidy(ax: "Axes") -> None:
-    ax.grid(color="#dddddd", linewidth=0.6)
-    ax.set_axisbelow(True)
-    ax.spines[["top", "right"]].set_visible(False)
-
-
 def _stroke_axis(ax: "Axes", **labels: str) -> None:
-    _tidy(ax)
+    tidy(ax)
     ax.set(xlim=(90.0, 180.0), xticks=range(90, 181, 15), **labels)
 
 
@@ -165,7 +154,7 @@ def _frame(ax: "Axes", solution: Solution) -> None:
     for _, place in solution.model.mechanism.ground:
         ax.plot(*place, marker="^", markersize=8, color=INK, zorder=6)
     ax.set(aspect="equal", xlim=(-2.1, 0.2), ylim=(-0.75, 0.95), xlabel="x [m]")
-    _tidy(ax)
+    tidy(ax)
 
 
 def _label(
@@ -181,11 +170,8 @@ def _legend(figure: "Figure", ax: "Axes", columns: int) -> None:
 
 
 def _configurations(solutions: Sequence[Solution], label: str) -> "Figure":
-    figure = _figure(
-        "Three configurations of the linkage (figure 3)",
-        f"{label}; the tractor is to the right, M is the implement's centre of gravity",
-        (10, 3.9),
-    )
+    note = f"{label}; the tractor is to the right, M is the implement's centre of gravity"
+    figure = _figure("Three configurations of the linkage (figure 3)", note, (10, 3.9))
     axes = figure.subplots(1, 3, sharey=True)
     for ax, solution, angle in zip(axes, solutions, _ANGLES_DEG, strict=True):
         bodies = curves(solution.model, solution.configuration).items()
@@ -218,11 +204,8 @@ def _link_angles(solutions: Sequence[Solution], label: str) -> "Figure":
 
 
 def _drive_point_frf(solutions: Sequence[Solution], label: str) -> "Figure":
-    figure = _figure(
-        "Drive-point FRF of E1 along z (figure 5)",
-        f"{label}; damping is assumed, the paper prints none",
-        (8, 5.6),
-    )
+    note = f"{label}; damping is assumed, the paper prints none"
+    figure = _figure("Drive-point FRF of E1 along z (figure 5)", note, (8, 5.6))
     magnitude, phase = figure.subplots(2, sharex=True, height_ratios=[2.4, 1])
     styles = zip((_COLOURS[0], _COLOURS[2], _COLOURS[1]), ("-", "--", "-"), strict=True)
     for solution, angle, (colour, style) in zip(solutions, _ANGLES_DEG, styles, strict=True):
@@ -235,16 +218,13 @@ def _drive_point_frf(solutions: Sequence[Solution], label: str) -> "Figure":
     phase.set(xlabel="frequency [Hz]", xlim=(0, 200))
     phase.set(ylabel="phase [deg]", yticks=[-180, -90, 0], ylim=(-190, 10))
     for ax in (magnitude, phase):
-        _tidy(ax)
+        tidy(ax)
     return figure
 
 
 def _natural_frequencies(sweeps: Sweeps) -> "Figure":
-    figure = _figure(
-        "First three natural frequencies over the stroke (figure 6)",
-        "both geometries with the same sections; markers and band: what the paper prints",
-        (8, 8),
-    )
+    note = "both geometries with the same sections; markers and band: what the paper prints"
+    figure = _figure("First three natural frequencies over the stroke (figure 6)", note, (8, 8))
     axes = figure.subplots(3, sharex=True)
     printed = {number.key.split("over_the_sweep.")[-1]: number.value for number in OVER_THE_SWEEP}
     for row, ax in enumerate(axes[::-1]):
@@ -267,11 +247,9 @@ def _natural_frequencies(sweeps: Sweeps) -> "Figure":
 
 
 def _mode_shapes(solutions: Sequence[Solution], mode: int, label: str) -> "Figure":
-    figure = _figure(
-        f"Mode {mode + 1} in three configurations (figure {7 + mode})",
-        f"{label}; dashed: at rest; colours: extremes, magnified; dots: V1, V2, E1, E2",
-        (10, 3.7),
-    )
+    title = f"Mode {mode + 1} in three configurations (figure {7 + mode})"
+    note = f"{label}; dashed: at rest; colours: extremes, magnified; dots: V1, V2, E1, E2"
+    figure = _figure(title, note, (10, 3.7))
     axes = figure.subplots(1, 3, sharey=True)
     for ax, solution, angle in zip(axes, solutions, _ANGLES_DEG, strict=True):
         scale = _scale(solution, mode)
@@ -289,18 +267,15 @@ def _scale(solution: Solution, mode: int) -> float:
 
 
 def _mast_and_inertia(sweeps: Sweeps) -> "Figure":
-    figure = _figure(
-        "What the length of the upper link does to the implement",
-        "without any section: kinematics and the implement's printed mass and inertia alone",
-        (8, 6),
-    )
+    note = "without any section: kinematics and the implement's printed mass and inertia alone"
+    figure = _figure("What the length of the upper link does to the implement", note, (8, 6))
     mast, inertia = figure.subplots(2, sharex=True)
     alpha3 = np.linspace(90.0, 180.0, 181)
     for solutions, style in _styled(sweeps):
         model = solutions[0].model
         places = [model.kinematics.at(math.radians(alpha)) for alpha in alpha3]
         mast.plot(alpha3, np.degrees([place.angle("implement") for place in places]), **style)
-        inertias = [generalised_inertia(model.mechanism, place) for place in places]
+        inertias = [_generalised_inertia(model.mechanism, place) for place in places]
         inertia.plot(alpha3, inertias, **style)
     mast.axhline(90.0, color=GREY, linewidth=1, linestyle=":")
     mast.annotate("upright", (91, 90.4), fontsize=8, color=GREY)
@@ -312,11 +287,9 @@ def _mast_and_inertia(sweeps: Sweeps) -> "Figure":
 
 
 def _freed_dimensions(fits: Sequence[FreedFit]) -> "Figure":
-    figure = _figure(
-        "The printed frequencies with one dimension of Table 1 freed at a time",
-        "fitted with all sections; degrees: how far the mast leans, orange: up to 10 deg",
-        (8, 5.6),
-    )
+    title = "The printed frequencies with one dimension of Table 1 freed at a time"
+    note = "fitted with all sections; degrees: how far the mast leans, orange: up to 10 deg"
+    figure = _figure(title, note, (8, 5.6))
     printed = {number.key: number for number in GEOMETRY}
     ordered = sorted(fits, key=lambda fit: fit.cost, reverse=True)
     names = ["none" if not fit.key else _change(printed[fit.key], fit.value) for fit in ordered]
@@ -327,7 +300,7 @@ def _freed_dimensions(fits: Sequence[FreedFit]) -> "Figure":
         lean = f"{math.degrees(fit.lean):.0f} deg"
         text = f"{fit.cost:.3f}  within {100 * fit.worst:.0f} %, {lean}"
         _label(ax, text, (fit.cost, row), (4, 0), va="center", fontsize=8)
-    _tidy(ax)
+    tidy(ax)
     ax.grid(visible=False, axis="y")
     ax.tick_params(axis="y", labelsize=7.5, length=0)
     label = "half the sum of squared ln(ours / the paper's)"
@@ -347,12 +320,9 @@ def _animate(path: Path, solution: Solution, mode: int, label: str) -> None:
     frames = []
     scale = _scale(solution, mode)
     alpha3 = math.degrees(solution.configuration.alpha3)
+    title = f"Mode {mode + 1} at {alpha3:g} deg, {solution.natural_frequencies[mode]:.1f} Hz"
     for share in np.sin(2.0 * np.pi * np.arange(_FRAMES) / _FRAMES):
-        figure = _figure(
-            f"Mode {mode + 1} at {alpha3:g} deg, {solution.natural_frequencies[mode]:.1f} Hz",
-            f"{label}; slowed down and magnified",
-            (6, 4.8),
-        )
+        figure = _figure(title, f"{label}; slowed down and magnified", (6, 4.8))
         figure.set_dpi(80)
         ax = figure.subplots()
         _draw_mode(ax, solution, mode, {_COLOURS[0]: float(share) * scale}, 2)

@@ -85,10 +85,10 @@ def reproduce(output: Path, progress: Progress = lambda what, done, total: None)
     for done, (label, name) in enumerate(FILES.items()):
         progress("stroke", done, len(FILES))
         mapping = load_yaml(config_file(name))[0]
-        sweeps[label], found = sweep(mechanism_of(mapping, config_file(name)))
+        sweeps[label], found = _sweep(mechanism_of(mapping, config_file(name)))
         numbers[label] = {**geometry(mapping), **found}
     progress("stroke", len(FILES), len(FILES))
-    write_numbers(output, numbers)
+    _write_numbers(output, numbers)
     fits = scan_freed_dimensions(progress=partial(progress, "freed dimensions"))
     draw_figures(output, sweeps, fits, partial(progress, "figures"))
 
@@ -98,19 +98,12 @@ def geometry(mapping: Any) -> dict[str, float]:
     return {key: number_at(mapping, place) for key, place in PLACES.items()}
 
 
-def sweep(
+def _sweep(
     mechanism: Mechanism, alpha3: FloatArray = SWEEP
 ) -> tuple[list[Solution], dict[str, float]]:
-    """Solve a three-point linkage over its stroke.
+    """Return the solutions of a three-point linkage, and our numbers under the printed ones' keys.
 
-    It returns the solutions and our numbers under the keys of the printed ones.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-        Its bodies and points have the names of the linkage that ships.
-    alpha3 : ndarray, (n,)
-        Input angles from one end of the stroke to the other, rad.
+    The angles, in rad, lead from one end of the stroke to the other.
     """
     start = time.perf_counter()
     model = LinkageModel(mechanism)
@@ -133,17 +126,8 @@ def sweep(
     }
 
 
-def write_numbers(output: Path, numbers: Mapping[str, Mapping[str, float]]) -> None:
-    """Write ``numbers.csv`` and ``numbers.md``: every printed number beside ours.
-
-    A `ReproductionError` is raised if they cannot be written.
-
-    Parameters
-    ----------
-    output : Path
-    numbers : mapping of str to mapping of str to float
-        Our numbers, by the name of the geometry and by their keys.
-    """
+def _write_numbers(output: Path, numbers: Mapping[str, Mapping[str, float]]) -> None:
+    """Write ``numbers.csv`` and ``numbers.md``: every printed number beside ours, by its key."""
     table = io.StringIO()
     writer = csv.writer(table, lineterminator="\n")
     head = [title for name in numbers for title in (name, f"relative difference, {name}")]

@@ -178,11 +178,10 @@ def _quantities(log: Log, rows: IntArray) -> dict[str, tuple[str, str, float, Fl
     """Return the name, the unit, the factor and the values of each quantity of a log."""
     angles = np.where(np.isfinite(log.crank_angle), log.crank_angle, np.nan)
     found = {"angle": ("crank angle", "deg", DEG, angles[rows])}
-    for mode, values in enumerate(log.natural_frequencies[rows].T):
-        found[f"f{mode + 1}"] = (f"mode {mode + 1}", "Hz", 1.0, values)
-    frequencies, magnitudes = log.peak_frequency[rows], log.peak_magnitude[rows]
-    found["peak_frequency"] = ("FRF peak frequency", "Hz", 1.0, frequencies)
-    found["peak_magnitude"] = ("FRF peak", "m/N", 1.0, magnitudes)
+    for mode, values in enumerate(log.natural_frequencies[rows].T, 1):
+        found[f"f{mode}"] = (f"mode {mode}", "Hz", 1.0, values)
+    found["peak_frequency"] = ("FRF peak frequency", "Hz", 1.0, log.peak_frequency[rows])
+    found["peak_magnitude"] = ("FRF peak", "m/N", 1.0, log.peak_magnitude[rows])
     if log.resonances is not None:
         margins = log.resonances.relative_margin[rows]
         found["margin"] = ("margin to resonance", "%", 100.0, margins)
@@ -250,13 +249,9 @@ def _table(found: Difference, kept: IntArray) -> dict[str, Any]:
             index = int(np.searchsorted(kept, q.farthest))
             row |= {"time": float(found.times[q.farthest]), "index": index, "length": 0.0}
         rows.append(row)
-    return {
-        "id": "differences",
-        "title": "Differences, B \N{MINUS SIGN} A",
-        "note": "Choose a row to go to its largest difference.",
-        "head": ["quantity", "largest", "at", "relative to A", "rms"],
-        "rows": rows,
-    }
+    title, note = "Differences, B \N{MINUS SIGN} A", "Choose a row to go to its largest difference."
+    head = ["quantity", "largest", "at", "relative to A", "rms"]
+    return {"id": "differences", "title": title, "note": note, "head": head, "rows": rows}
 
 
 def _cards(found: Difference) -> Items:

@@ -8,16 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from linkage_vibration.drawing import palette
 from linkage_vibration.drawing.intervals import runs
-from linkage_vibration.drawing.palette import (
-    COLOURS,
-    GAP_SHADE,
-    INK,
-    INVALID_SHADE,
-    PEAK,
-    TOGGLE_SHADE,
-    mode_colours,
-)
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.predictor import Status
@@ -78,7 +70,7 @@ def review_page(log: Log) -> Page:
         columns=_columns(log, rows),
         start_ns=int(log.stamps[0]),
         breaks=np.searchsorted(log.times[rows], [end for _, end in missing]).tolist(),
-        modes=mode_colours(log.n_modes),
+        modes=palette.mode_colours(log.n_modes),
         content=content,
     )
 
@@ -171,12 +163,13 @@ def _has_spread(log: Log) -> bool:
 
 
 def _charts(log: Log, margin: float | None) -> Items:
+    invalid, toggle = np.isin(log.status, _INVALID).any(), (log.status == Status.NEAR_TOGGLE).any()
     shades = [
         {"label": label, "colour": colour, "fill": True}
         for label, colour, shown in (
-            ("no prediction", GAP_SHADE, bool(gaps(log))),
-            ("angle out of range or invalid", INVALID_SHADE, np.isin(log.status, _INVALID).any()),
-            ("near a toggle", TOGGLE_SHADE, (log.status == Status.NEAR_TOGGLE).any()),
+            ("no prediction", palette.GAP_SHADE, bool(gaps(log))),
+            ("angle out of range or invalid", palette.INVALID_SHADE, invalid),
+            ("near a toggle", palette.TOGGLE_SHADE, toggle),
         )
         if shown
     ]
@@ -184,9 +177,9 @@ def _charts(log: Log, margin: float | None) -> Items:
     def chart(name: str, title: str, unit: str, **more: Any) -> dict[str, Any]:
         return {"id": name, "title": title, "unit": unit, **more}
 
-    angle = {"column": "crank_angle", "factor": DEG, "colour": INK}
+    angle = {"column": "crank_angle", "factor": DEG, "colour": palette.INK}
     charts = [chart("angle", "Crank angle α3", "deg", series=[angle], key=shades)]
-    for mode, colour in enumerate(mode_colours(log.n_modes)):
+    for mode, colour in enumerate(palette.mode_colours(log.n_modes)):
         name, title = f"f{mode + 1}", f"Natural frequency of mode {mode + 1}"
         line: dict[str, Any] = {"column": name, "colour": colour, "width": 2}
         key: Items = []
@@ -195,11 +188,11 @@ def _charts(log: Log, margin: float | None) -> Items:
             key.append({"label": "± 2 standard deviations", "colour": f"{colour}40", "fill": True})
         key.append({"label": "excitations", "colour": "#555555"})
         charts.append(chart(name, title, "Hz", mode=mode, series=[line], key=key))
-    peak = {"column": "peak_magnitude", "colour": PEAK, "width": 1.8}
+    peak = {"column": "peak_magnitude", "colour": palette.PEAK, "width": 1.8}
     charts.append(chart("peak", "FRF peak", "m/N", log=True, series=[peak]))
     if log.resonances is not None:
         title = "Margin of the nearest excitation to its natural frequency"
-        series = [{"column": "margin", "factor": 100.0, "colour": COLOURS[0]}]
+        series = [{"column": "margin", "factor": 100.0, "colour": palette.COLOURS[0]}]
         guides = [] if margin is None else [100.0 * margin, 0.0, -100.0 * margin]
         key = [{"label": "warning", "colour": "#5f5f5f", "style": "dashed"}] if guides else []
         charts.append(chart("margin", title, "%", series=series, guides=guides, key=key))
@@ -215,7 +208,7 @@ def _readings(log: Log) -> Items:
         reading("crank_angle", "Crank angle α3", **angle),
         reading("status", "Status", column="status", words=STATUSES),
     ]
-    for mode, colour in enumerate(mode_colours(log.n_modes)):
+    for mode, colour in enumerate(palette.mode_colours(log.n_modes)):
         name, spread = f"f{mode + 1}", {"spread": f"s{mode + 1}"} if _has_spread(log) else {}
         line = {"colour": colour, "column": name, "unit": "Hz", "digits": 8, **spread}
         readings.append(reading(name, f"Mode {mode + 1}", **line))
@@ -251,25 +244,15 @@ def _moments_table(
     if any(m.crossed for m in shown):
         note += " × marks a crossing."
     times = log.times
-    lines = [
-        {
-            "cells": [
-                clock(float(times[m.nearest]), float(times[-1])),
-                m.excitation,
-                str(m.mode + 1),
-                f"{m.natural_frequency:.2f}",
-                f"{100.0 * m.relative_margin:+.1f}" + (" ×" if m.crossed else ""),
-                f"{m.end - m.start:.2f}",
-            ],
-            "time": float(times[m.nearest]),
-            "length": m.end - m.start,
-            "index": int(np.searchsorted(rows, m.nearest)),
-            "mode": m.mode,
-            "y": m.natural_frequency,
-            "margin": m.relative_margin,
-        }
-        for m in shown
-    ]
+    lines = []
+    for m in shown:
+        time, length = float(times[m.nearest]), m.end - m.start
+        margin = f"{100.0 * m.relative_margin:+.1f}" + (" ×" if m.crossed else "")
+        cells = [clock(time, float(times[-1])), m.excitation, str(m.mode + 1)]
+        cells += [f"{m.natural_frequency:.2f}", margin, f"{length:.2f}"]
+        index = int(np.searchsorted(rows, m.nearest))
+        at = {"cells": cells, "time": time, "length": length, "index": index, "mode": m.mode}
+        lines.append(at | {"y": m.natural_frequency, "margin": m.relative_margin})
     head = ["time", "excitation", "mode", "Hz", "margin %", "duration s"]
     title = f"Moments of resonance ({len(found)})"
     return {"id": "moments", "title": title, "note": note, "head": head, "rows": lines}

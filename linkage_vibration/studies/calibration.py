@@ -199,15 +199,8 @@ def summary(calibration: Calibration, result: CalibrationResult) -> str:
     return "\n".join(lines)
 
 
-def apply(calibration: Calibration, values: Sequence[float]) -> dict[str, Any]:
-    """Return the description with other values of the parameters.
-
-    Parameters
-    ----------
-    calibration : Calibration
-    values : sequence of float, (n_parameters,)
-        SI, as in the description.
-    """
+def _apply(calibration: Calibration, values: Sequence[float]) -> dict[str, Any]:
+    """Return the description with other values of the parameters, SI."""
     return with_numbers(calibration.mapping, _numbers(calibration, values))
 
 
@@ -228,19 +221,8 @@ def write_mechanism(calibration: Calibration, values: Sequence[float], path: Pat
     write_text(path, edit_text(calibration.text, numbers, CalibrationError), CalibrationError)
 
 
-def natural_frequencies(model: LinkageModel, targets: Sequence[Target]) -> FloatArray:
-    """Return the natural frequency that each target asks for, (n_targets,), Hz.
-
-    Parameters
-    ----------
-    model : LinkageModel
-    targets : sequence of Target
-
-    Raises
-    ------
-    CalibrationError
-        If a target asks for a mode that the model does not have.
-    """
+def _natural_frequencies(model: LinkageModel, targets: Sequence[Target]) -> FloatArray:
+    """Return the natural frequency that each target asks for, (n_targets,), Hz."""
     stroke = np.linspace(*model.mechanism.stroke, STROKE_ANGLES).tolist()
     asked = [stroke if isinstance(target.at, str) else [target.at] for target in targets]
     angles = dict.fromkeys(itertools.chain(*asked))
@@ -259,7 +241,7 @@ def natural_frequencies(model: LinkageModel, targets: Sequence[Target]) -> Float
     return np.array(found)
 
 
-def coarse(mechanism: Mechanism) -> Mechanism:
+def _coarse(mechanism: Mechanism) -> Mechanism:
     """Return a mechanism whose beams are meshed no finer than a fit needs."""
     links = list(mechanism.links)
     for i, link in enumerate(links):
@@ -289,9 +271,8 @@ def _target(keys: Keys) -> Target:
 def _positive_number(mapping: Any, path: str) -> float:
     value = number_at(mapping, path)
     if value <= 0:
-        raise MechanismError(
-            f"parameters.{path}", f"{value!r} is not above zero, so it has no logarithm; drop it."
-        )
+        what = f"{value!r} is not above zero, so it has no logarithm; drop it."
+        raise MechanismError(f"parameters.{path}", what)
     return float(value)
 
 
@@ -302,13 +283,13 @@ def _residuals(
 
     ``closed`` keeps the kinematics, which take longest, while no point of the linkage changes.
     """
-    mechanism = coarse(mechanism_from_mapping(apply(calibration, np.exp(logs).tolist())))
+    mechanism = _coarse(mechanism_from_mapping(_apply(calibration, np.exp(logs).tolist())))
     geometry = mechanism.ground, tuple((body.name, body.points) for body in mechanism.bodies)
     if geometry not in closed:
         closed.clear()
         closed[geometry] = Kinematics(mechanism)
     model = LinkageModel(mechanism, kinematics=closed[geometry])
-    found = natural_frequencies(model, calibration.targets)
+    found = _natural_frequencies(model, calibration.targets)
     wanted, deviations = np.array([(t.frequency, t.deviation) for t in calibration.targets]).T
     return np.asarray(np.log(found / wanted) / deviations)
 
@@ -320,8 +301,8 @@ def _result(calibration: Calibration, logs: FloatArray, bound: BoolArray) -> Cal
         columns.append((after - before) / (2.0 * _STEP))
     covariance, undetermined = _covariance(np.array(columns).T, np.flatnonzero(~bound))
     names = [parameter.path for parameter in calibration.parameters]
-    mechanism = mechanism_from_mapping(apply(calibration, np.exp(logs).tolist()))
-    frequencies = natural_frequencies(LinkageModel(mechanism), calibration.targets)
+    mechanism = mechanism_from_mapping(_apply(calibration, np.exp(logs).tolist()))
+    frequencies = _natural_frequencies(LinkageModel(mechanism), calibration.targets)
     together = tuple(tuple(names[i] for i in members) for members in undetermined)
     on_bound = tuple(names[i] for i in np.flatnonzero(bound))
     return CalibrationResult(np.exp(logs), frequencies, covariance, together, on_bound)

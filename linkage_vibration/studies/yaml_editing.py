@@ -46,9 +46,8 @@ def number_at(mapping: Any, path: str) -> float:
                 f"parameters.{path}", f"the mechanism has no key {key!r} there; check the path."
             ) from None
     if isinstance(below, bool) or not isinstance(below, int | float):
-        raise MechanismError(
-            f"parameters.{path}", f"{below!r} is not a number; give the path of a number."
-        )
+        what = f"{below!r} is not a number; give the path of a number."
+        raise MechanismError(f"parameters.{path}", what)
     return below
 
 

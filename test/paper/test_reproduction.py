@@ -20,7 +20,7 @@ from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.kinematics import Kinematics
 from linkage_vibration.mechanics.model import Solution
 from linkage_vibration.paper import reproduction
-from linkage_vibration.paper.figures import draw_figures, generalised_inertia
+from linkage_vibration.paper.figures import _generalised_inertia, draw_figures
 from linkage_vibration.paper.freed_dimensions import FreedFit, scan_freed_dimensions
 from linkage_vibration.paper.numbers import GEOMETRY, NUMBERS
 from linkage_vibration.paper.reproduction import (
@@ -28,10 +28,10 @@ from linkage_vibration.paper.reproduction import (
     FILES,
     PRINTED,
     ReproductionError,
+    _sweep,
+    _write_numbers,
     geometry,
     reproduce,
-    sweep,
-    write_numbers,
 )
 from linkage_vibration.readers.mechanism import load_yaml
 from linkage_vibration.support.resources import config_file
@@ -54,7 +54,7 @@ def sweeps(mechanism: Mechanism, printed: Mechanism) -> SWEEPS:
     """Return seven coarse solutions of both geometries, and our numbers."""
     solutions, numbers = {}, {}
     for label, one in ((CORRECTED, mechanism), (PRINTED, printed)):
-        solutions[label], found = sweep(coarse(one), np.radians(np.linspace(90.0, 180.0, 7)))
+        solutions[label], found = _sweep(coarse(one), np.radians(np.linspace(90.0, 180.0, 7)))
         numbers[label] = {**geometry(load_yaml(config_file(FILES[label]))[0]), **found}
     return solutions, numbers
 
@@ -88,7 +88,7 @@ def test_every_published_number_is_held() -> None:
 
 def test_table_has_every_number(tmp_path: Path, sweeps: SWEEPS) -> None:
     """Each printed number has a row with our number and the relative difference."""
-    write_numbers(tmp_path, sweeps[1])
+    _write_numbers(tmp_path, sweeps[1])
     with (tmp_path / "numbers.csv").open() as file:
         rows = {row["key"]: row for row in csv.DictReader(file)}
     assert list(rows) == [number.key for number in NUMBERS]
@@ -136,7 +136,7 @@ def test_generalised_inertia_is_that_of_moving_places(mechanism: Mechanism) -> N
     )
     turned = after.angle(body.name) - before.angle(body.name)
     expected = (body.mass * float(moved @ moved) + body.inertia * turned**2) / (2.0 * step) ** 2
-    assert generalised_inertia(mechanism, kinematics.at(2.0)) == pytest.approx(expected, rel=1e-7)
+    assert _generalised_inertia(mechanism, kinematics.at(2.0)) == pytest.approx(expected, rel=1e-7)
 
 
 def test_figures_are_written(tmp_path: Path, sweeps: SWEEPS) -> None:

@@ -19,10 +19,10 @@ from linkage_vibration.studies.calibration import (
     CalibrationError,
     Parameter,
     Target,
-    apply,
+    _apply,
+    _coarse,
+    _natural_frequencies,
     calibrate,
-    coarse,
-    natural_frequencies,
     read_calibration,
     summary,
     write_mechanism,
@@ -45,7 +45,7 @@ def measured(mechanism: Mechanism) -> list[Target]:
     """Return the frequencies that a measurement of the linkage would give, meshed as in a fit."""
     asked = [Target(mode, math.radians(a), 1.0, 0.01) for mode in (1, 2, 3) for a in (90, 130, 175)]
     asked += [Target(3, "lowest", 1.0, 0.01), Target(2, "highest", 1.0, 0.01)]
-    found = natural_frequencies(LinkageModel(coarse(mechanism)), asked)
+    found = _natural_frequencies(LinkageModel(_coarse(mechanism)), asked)
     return [
         Target(target.mode, target.at, float(hz), target.deviation)
         for target, hz in zip(asked, found, strict=True)
@@ -103,7 +103,7 @@ def test_paper_gives_the_default_sections(mechanism: Mechanism) -> None:
     assert result.values == pytest.approx(default, rel=0.08)
     wanted = np.array([target.frequency for target in paper.targets])
     assert np.abs(result.frequencies / wanted - 1.0).max() < 0.101
-    own = natural_frequencies(LinkageModel(mechanism), paper.targets)
+    own = _natural_frequencies(LinkageModel(mechanism), paper.targets)
     assert np.abs(own / wanted - 1.0).max() < 0.102
 
 
@@ -128,7 +128,7 @@ def test_written_mechanism_keeps_its_comments(mapping: Any, tmp_path: Path) -> N
     before, after = fit.text.splitlines(), path.read_text().splitlines()
     assert len(before) == len(after)
     assert sum(a != b for a, b in zip(before, after, strict=True)) == 3
-    changed = apply(fit, [0.0351234, 912.5, 2.05e11])
+    changed = _apply(fit, [0.0351234, 912.5, 2.05e11])
     # An alias makes the links share one material, in the file and in the data read from it.
     assert read_mechanism(path).model_hash == mechanism_from_mapping(changed).model_hash
     with pytest.raises(CalibrationError, match="cannot be written"):

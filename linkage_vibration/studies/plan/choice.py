@@ -348,11 +348,9 @@ def _fewest_terms(best: _Reference, pair: Pair) -> tuple[Residual, float, list[t
 def _reasons(best: _Reference, pair: Pair) -> list[tuple[str, str]]:
     elements, modes = pair
     y = [point for point, direction in best.trials.scene.places if direction == "y"]
-    reasons = [
-        ("spatial", f"{y[0]} y is out of the plane")
-        if y
-        else ("planar", "nothing out of the plane is asked for")
-    ]
+    reasons = [("planar", "nothing out of the plane is asked for")]
+    if y:
+        reasons = [("spatial", f"{y[0]} y is out of the plane")]
     for count, steps, name in ((elements, ELEMENTS, "elements"), (modes, MODES, "modes")):
         why = "the fewest"
         if count > steps[0]:

@@ -37,14 +37,8 @@ class Result:
     frf: PoleResidue | None  # None without places
 
     @cached_property
-    def weighted_frf(self) -> tuple[FloatArray, FloatArray, ComplexArray]:
-        """Lines in Hz, (n,), the weights of an L2 norm, (n, 1, 1), and the weighted FRFs there.
-
-        Raises
-        ------
-        PlanError
-            If an FRF is infinite in the band.
-        """
+    def _weighted_frf(self) -> tuple[FloatArray, FloatArray, ComplexArray]:
+        """Lines in Hz, (n,), the weights of an L2 norm, (n, 1, 1), and the weighted FRFs there."""
         assert self.frf is not None
         lines, weights = frf_lines(self.frf, self.scene.band)
         frf = self.frf.frf(lines)
@@ -66,7 +60,7 @@ class Result:
         peak = abs(self.peak / exact.peak - 1.0) if 0.0 < exact.peak < math.inf else 0.0
         frf = 0.0
         if self.frf is not None:
-            lines, weights, wanted = exact.weighted_frf
+            lines, weights, wanted = exact._weighted_frf
             frf = worst_frf_error(weights * self.frf.frf(lines), wanted)
         return np.array([apart.max(initial=0.0), peak, frf])
 
@@ -74,7 +68,7 @@ class Result:
         """Return the result with fewer terms in its FRFs."""
         if self.frf is None:
             return self
-        return replace(self, frf=shorten(self.frf, residual, self.scene.band))
+        return replace(self, frf=_shorten(self.frf, residual, self.scene.band))
 
 
 def result_at(scene: Scene, source: LinkageModel | Table, alpha3: float) -> Result:
@@ -121,15 +115,8 @@ def table_errors(table: Table, exact: Sequence[Result]) -> FloatArray:
     return np.maximum(errors, [table.interpolation_error.max(), table.peak_error, 0.0])
 
 
-def shorten(whole: PoleResidue, residual: Residual, band: tuple[float, float]) -> PoleResidue:
-    """Return FRFs with fewer terms for the modes above a band.
-
-    Parameters
-    ----------
-    whole : PoleResidue
-    residual : Residual
-    band : tuple of float, Hz
-    """
+def _shorten(whole: PoleResidue, residual: Residual, band: tuple[float, float]) -> PoleResidue:
+    """Return FRFs with fewer terms for the modes above a band in Hz."""
     if residual == "every mode":
         return whole
     kept = in_reach(whole.stiffness, band)
@@ -176,7 +163,7 @@ def measure_costs(
         prediction = _median(lambda: _predict(scene, source, middle))
         solution = source.solve(middle)
         frfs = _median(
-            lambda: places and shorten(solution.frf(places, places), residual, band).frf(lines)
+            lambda: places and _shorten(solution.frf(places, places), residual, band).frf(lines)
         )
     return Costs(setup, prediction, frfs if places else 0.0)
 

@@ -110,10 +110,8 @@ def _read(path: Path) -> Designs:
         raise MechanismError("parameters", "is empty; name at least one.")
     if alpha3.min() < base.stroke[0] or alpha3.max() > base.stroke[1]:
         low, high = (math.degrees(angle) for angle in base.stroke)
-        raise MechanismError(
-            "angles_deg",
-            f"leaves the stroke of {base.name}; give angles from {low:g} to {high:g} deg.",
-        )
+        what = f"leaves the stroke of {base.name}; give angles from {low:g} to {high:g} deg."
+        raise MechanismError("angles_deg", what)
     return Designs(mapping, source, names, values, alpha3, tolerance)
 
 
@@ -148,14 +146,10 @@ def _check_places(mapping: dict[str, Any], paths: tuple[str, ...]) -> None:
     for place, _ in marks:
         number_at(mapping, place)
         if place == "response.modes":
-            raise MechanismError(
-                f"parameters.{place}",
-                "all designs need the same number of modes; set it in the mechanism.",
-            )
+            what = "all designs need the same number of modes; set it in the mechanism."
+            raise MechanismError(f"parameters.{place}", what)
     marked = with_numbers(mapping, marks)
     for place, mark in marks:
         if number_at(marked, place) != mark:
-            raise MechanismError(
-                f"parameters.{place}",
-                "another parameter is the same number, perhaps by an alias; remove one of them.",
-            )
+            what = "another parameter is the same number, perhaps by an alias; remove one of them."
+            raise MechanismError(f"parameters.{place}", what)

@@ -121,16 +121,14 @@ def _add_text(file: Any, designs: Designs, name: str, texts: Iterable[str], mean
     _add(file, name, dims, letters, long_name=meaning, _Encoding="utf-8")
 
 
-def _add(
-    file: Any, name: str, dims: tuple[str, ...], array: NDArray[Any], **attributes: Any
-) -> None:
+def _add(file: Any, name: str, dims: tuple[str, ...], array: NDArray[Any], **about: Any) -> None:
     """Add a variable, and its dimensions if the file lacks them."""
     for dim, length in zip(dims, array.shape, strict=True):
         if dim not in file.dimensions:
             file.createDimension(dim, length)
     variable = file.createVariable(name, array.dtype.newbyteorder(">"), dims)
     variable[:] = array
-    for attribute, value in attributes.items():
+    for attribute, value in about.items():
         setattr(variable, attribute, value)
 
 
