@@ -82,8 +82,7 @@ def mode_curves(solution: Solution, mode: int) -> Curves:
     Parameters
     ----------
     solution : Solution
-    mode : int
-        Index of the mode, counted from 0.
+    mode : int, from 0
     """
     model, shape = solution.model, solution.modes.shapes[:, mode]
     found = {name: moved[:, ::2] for name, (_, moved) in solution.link_shapes(mode).items()}

@@ -51,8 +51,8 @@ def draw_figures(
     ----------
     output : Path
         The folder; figures in it are replaced.
-    sweeps : mapping of str to sequence of Solution
-        See `Sweeps`; of two geometries of the three-point linkage.
+    sweeps : Sweeps
+        Two geometries of the three-point linkage.
     fits : sequence of FreedFit
     progress : callable
         Called with the number of figures done, and of all figures.

@@ -66,8 +66,7 @@ def reproduce(output: Path, progress: Progress = lambda what, done, total: None)
     ----------
     output : Path
         The folder to write to; it is made if it is missing.
-    progress : callable
-        See `Progress`.
+    progress : Progress
 
     Raises
     ------

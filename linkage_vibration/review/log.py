@@ -54,7 +54,7 @@ class Resonances:
     state, mode, approach : ndarray of int, (n,)
         The message's constants, and the index of the mode, counted from 0.
     excitation : ndarray of str, (n,)
-        Name of the excitation.
+        Its name.
     excitation_frequency, natural_frequency, margin : ndarray, (n,)
         Hz.
     relative_margin : ndarray, (n,)
@@ -82,10 +82,8 @@ class Log:
     ----------
     path : Path
         The file.
-    stamps : ndarray of int, (n,)
-        ns.
-    status : ndarray of int, (n,)
-        The message's constants.
+    stamps, status : ndarray of int, (n,)
+        ns, and the message's constants.
     crank_angle : ndarray, (n,)
         rad.
     natural_frequencies, damping_ratios : ndarray, (n, n_modes)
@@ -103,10 +101,8 @@ class Log:
         times are those of their receipt, less the median delay of the predictions.
     excitations : tuple of Excitation
         All excitations that were monitored; empty if the log does not describe them.
-    table : Table or None
-        The table that made the predictions, if the log holds it.
-    table_id : str
-        The name of that table.
+    table, table_id : Table or None, str
+        The table that made the predictions, if the log holds it, and its name.
     mechanism : Mechanism or None
         The mechanism that the table was built from, if the log holds it.
     parameters : dict of str

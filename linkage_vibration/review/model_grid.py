@@ -24,7 +24,6 @@ def linkage_grid(mechanism: Mechanism, table: Table) -> dict[str, Any] | None:
     Parameters
     ----------
     mechanism : Mechanism
-        The mechanism that the table was built from.
     table : Table
         Its natural frequencies say which mode of the model is which.
 

@@ -213,8 +213,7 @@ def write_mechanism(calibration: Calibration, values: Sequence[float], path: Pat
     Parameters
     ----------
     calibration : Calibration
-    values : sequence of float, (n_parameters,)
-        SI, as in the description.
+    values : sequence of float, (n_parameters,), SI
     path : Path
     """
     numbers = [(at.split("."), [f"{value:.6g}"]) for at, value in _numbers(calibration, values)]

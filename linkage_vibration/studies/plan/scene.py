@@ -106,14 +106,11 @@ def check_scene(scene: Scene) -> None:
     """
     low, high = scene.band
     if not 0.0 <= low < high < math.inf:
-        raise PlanError(
-            f"The band from {low:g} to {high:g} Hz is invalid; give two frequencies that ascend "
-            "from 0 or above."
-        )
+        what = f"The band from {low:g} to {high:g} Hz is invalid"
+        raise PlanError(f"{what}; give two frequencies that ascend from 0 or above.")
     if not 1e-9 <= scene.tolerance < 1.0:
-        raise PlanError(
-            f"The tolerance {scene.tolerance:g} is invalid; give a relative error from 1e-9 to 1."
-        )
+        what = f"The tolerance {scene.tolerance:g} is invalid"
+        raise PlanError(f"{what}; give a relative error from 1e-9 to 1.")
     if not scene.angles[0] <= scene.angles[1]:
         raise PlanError("The range of angles does not ascend; give the smaller one first.")
     for link in scene.mechanism.links:

@@ -44,7 +44,7 @@ def earlier_messages(output: Path, digest: str) -> dict[int, str] | None:
     ----------
     output : Path
     digest : str
-        Digest of the sweep.
+        Of the sweep.
     """
     try:
         with netcdf_file(output, mmap=False) as file:
