@@ -199,8 +199,8 @@ def _charts(q: Quantity) -> Items:
     chart = {"id": q.key, "title": title, "unit": q.unit, "series": both, "key": key}
     less = {"column": f"b_{q.key}", "minus": f"a_{q.key}", "factor": q.factor, "colour": INK}
     small = {"id": f"d_{q.key}", "title": f"{title}, B \N{MINUS SIGN} A", "unit": q.unit}
-    small |= {"series": [less], "guides": [0.0], "height": 90}
-    return [chart | {"log": q.unit == "m/N"}, small]
+    own = {"series": [less], "guides": [0.0], "height": 90}
+    return [chart | {"log": q.unit == "m/N"}, small | own]
 
 
 def _readings(q: Quantity) -> Items:
