@@ -61,10 +61,8 @@ def row_space(compatibility: FloatArray, labels: Sequence[str]) -> RowSpace:
 
     Parameters
     ----------
-    compatibility : ndarray, (n_constraints, n)
-        B.
-    labels : sequence of str, (n_constraints,)
-        Names of the rows, for the error.
+    compatibility, labels
+        B, (n_constraints, n), and names of its rows, for the error.
 
     Raises
     ------
@@ -112,10 +110,8 @@ class InterfaceMap:
 
     Parameters
     ----------
-    mechanism : Mechanism
-        It has the pins, the springs and the points of rigid bodies.
-    components : sequence of Component or FrfComponent
-        Their interface DoFs, component by component, are the entries of u.
+    mechanism, components
+        The interface DoFs of the components, one component after the other, are the entries of u.
     spatial : bool
         Whether they have displacements out of the plane.
     """
@@ -178,10 +174,8 @@ class InterfaceMap:
 
         Parameters
         ----------
-        body, point : str
-            A point of a body.
-        configuration : Configuration
-            Where the bodies are.
+        body, point, configuration
+            A point of a body, and where the bodies are.
         rate : bool
             Return the derivative with respect to alpha3 instead.
         """
@@ -199,9 +193,8 @@ class InterfaceMap:
         x, z = self._places[body, point][:2]
         turn = rotation(configuration.angle(body))
         if rate:
-            turn = configuration.velocity_ratio(body) * rotation_derivative(
-                configuration.angle(body)
-            )
+            slope = rotation_derivative(configuration.angle(body))
+            turn = configuration.velocity_ratio(body) * slope
         (rows[0, x], rows[0, z]), (rows[2, x], rows[2, z]) = turn
         if self._spatial and not rate:
             rows[1, self._at(body, point, "y")] = 1.0
@@ -279,11 +272,8 @@ class InterfaceMap:
         rate: bool = False,
     ) -> FloatArray:
         """Return the displacement of the second end relative to the first in x and z, (2, n)."""
-        first, second = (
-            self.displacement(body, point, configuration, rate=rate)[[0, 2]]
-            for body, point, _ in ends
-        )
-        return np.asarray(second - first)
+        first, second = (self.displacement(*e[:2], configuration, rate=rate) for e in ends)
+        return np.asarray((second - first)[[0, 2]])
 
     def _turn(self, body: str, point: str) -> FloatArray:
         """Return the row that picks the rotation of a body at a point, (n,)."""

@@ -67,9 +67,7 @@ def uncoupled_system(components: Sequence[Component]) -> UncoupledSystem:
     ends = np.cumsum([0] + [len(component.mass) for component in components])
     return UncoupledSystem(
         n_interface=len(interface),
-        rows={
-            component.name: place[ends[i] : ends[i + 1]] for i, component in enumerate(components)
-        },
+        rows={c.name: place[ends[i] : ends[i + 1]] for i, c in enumerate(components)},
         mass=block_diag(*(c.mass for c in components))[order],
         stiffness=block_diag(*(c.stiffness for c in components))[order],
         damping=block_diag(*(c.damping for c in components))[order],
@@ -84,15 +82,8 @@ def couple(system: UncoupledSystem, joining: Joining) -> CoupledSystem:
 
     Parameters
     ----------
-    system : UncoupledSystem
-        The components.
-    joining : Joining
-        What joins them in one configuration.
-
-    Raises
-    ------
-    CouplingError
-        If constraints nearly repeat others; see `row_space`.
+    system, joining
+        The components, and what joins them in one configuration.
     """
     constraints = row_space(joining.compatibility, joining.labels)
     basis = constraints.null_space
@@ -114,21 +105,14 @@ def assembled_frf(
     """Receptances of the assembly by solving (K + i (D + w C) - w^2 M) q = f line by line.
 
     It needs no receptance of a component, so it also works at 0 Hz, where free components have
-    none, and at an undamped resonance of a component.
+    none, and at an undamped resonance of a component. Returns m/N, (n_freq, n_out, n_in).
 
     Parameters
     ----------
-    system : CoupledSystem
-        With any damping.
-    frequencies : ndarray, (n_freq,)
-        Hz; 0 gives the static limit.
+    system, frequencies
+        The assembly, with any damping; Hz, (n_freq,), where 0 gives the static limit.
     outputs, inputs : ndarray, (n_out, n_interface) and (n_in, n_interface)
         Rows that pick or combine interface DoFs into responses and forces.
-
-    Returns
-    -------
-    complex ndarray, (n_freq, n_out, n_in)
-        m/N between displacements.
 
     Raises
     ------

@@ -77,17 +77,21 @@ class Section:
     torsion_constant: float  # m4
 
 
-@dataclass(frozen=True, slots=True)
-class Rayleigh:
-    """C = a M + b K; the same a and b for all components leaves the modes real."""
-
-    mass_coefficient: float  # a, 1/s
-    stiffness_coefficient: float  # b, s
+class _ViscousDamping:
+    __slots__ = ()
 
     @property
     def loss_factor(self) -> float:
         """There is no structural damping."""
         return 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Rayleigh(_ViscousDamping):
+    """C = a M + b K; the same a and b for all components leaves the modes real."""
+
+    mass_coefficient: float  # a, 1/s
+    stiffness_coefficient: float  # b, s
 
     def viscous(self, mass: FloatArray, stiffness: FloatArray) -> FloatArray:
         """Return the viscous damping matrix of a component.
@@ -101,15 +105,10 @@ class Rayleigh:
 
 
 @dataclass(frozen=True, slots=True)
-class ModalRatio:
+class ModalRatio(_ViscousDamping):
     """One damping ratio for every elastic mode of the free component."""
 
     ratio: float  # 1
-
-    @property
-    def loss_factor(self) -> float:
-        """There is no structural damping."""
-        return 0.0
 
     def viscous(self, mass: FloatArray, stiffness: FloatArray) -> FloatArray:
         """Return C = sum over r of 2 zeta w_r M phi_r phi_r^T M, which damps no rigid motion.
@@ -158,9 +157,11 @@ class Body(Protocol):
     @property
     def elements(self) -> int | None:
         """How many elements its mesh has; None if it has no mesh that could be changed."""
+        return None
 
     def with_elements(self, elements: int) -> "Body":
         """Return the body with another number of elements; itself if it has no mesh."""
+        return self
 
     def component(
         self, link: "Link", mechanism: "Mechanism", *, spatial: bool, reduced: bool
@@ -169,10 +170,8 @@ class Body(Protocol):
 
         Parameters
         ----------
-        link : Link
-            The link that is made of it.
-        mechanism : Mechanism
-            Its mechanism, for the damping rule and the rotations that joints hold.
+        link, mechanism
+            The link that is made of it, and the mechanism, for damping and rotations that are held.
         spatial : bool
             Keep the displacement out of the plane as well.
         reduced : bool
@@ -199,7 +198,7 @@ class Link:
         Parameters
         ----------
         wanted, have : sequence of InterfaceDof
-            The DoFs that the linkage needs, and those of the body.
+            DoFs that the linkage needs, and those of the body.
 
         Raises
         ------
@@ -371,10 +370,8 @@ def rayleigh_damping(ratio: float, low: float, high: float) -> Rayleigh:
 
     Parameters
     ----------
-    ratio : float
-        Damping ratio zeta, 1.
-    low, high : float
-        The two frequencies, Hz.
+    ratio, low, high : float
+        Damping ratio zeta, 1; the two frequencies, Hz.
 
     Examples
     --------

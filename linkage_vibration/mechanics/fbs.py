@@ -42,10 +42,8 @@ def component_frf(
     ----------
     mass, stiffness, damping : ndarray, (n, n)
         Symmetric, SI; the damping is viscous, of any kind.
-    n_dofs : int
-        Number of coordinates to keep, the first ones.
-    frequencies : ndarray, (n_freq,)
-        Hz.
+    n_dofs, frequencies
+        Number of coordinates to keep, the first ones; Hz, (n_freq,).
     loss_factor : float
         eta, of structural damping, 1.
 
@@ -130,7 +128,7 @@ def couple_frfs(
 
     H is block diagonal and never assembled: each block is only multiplied with the rows of B,
     outputs and inputs that involve it. Rigid rows of B that repeat others are left out, as in
-    `row_space`.
+    `row_space`. Returns m/N, (n_freq, n_out, n_in).
 
     Parameters
     ----------
@@ -146,11 +144,6 @@ def couple_frfs(
         beside it; 0 is rigid.
     frequencies : ndarray, (n_freq,), optional
         Hz, for errors.
-
-    Returns
-    -------
-    complex ndarray, (n_freq, n_out, n_in)
-        m/N between displacements.
 
     Raises
     ------
@@ -202,11 +195,6 @@ def couple_frfs_with_error(
         m/N between displacements; NaN where B H B^T + S is singular.
     error : ndarray, (n_freq,)
         Estimate of the largest error by rounding, m/N; infinite where the matrix is singular.
-
-    Raises
-    ------
-    CouplingError, FbsError
-        As `couple_frfs` raises them, except for rounding.
     """
     n_freq = _check_sizes(blocks, (compatibility, outputs, inputs))
     compatibility, compliance = _independent(compatibility, compliance)

@@ -63,7 +63,7 @@ class Keys:
         Parameters
         ----------
         key, problem : str
-            The key, and what is wrong with it and what to do about it.
+            The problem says what is wrong with the key and what to do about it.
         """
         return MechanismError(self._at(key), problem)
 
@@ -89,10 +89,8 @@ class Keys:
 
         Parameters
         ----------
-        key : str
-            The key.
-        allowed : collection of str
-            The keys that may occur here.
+        key, allowed
+            The key, and the keys that may occur here.
         """
         if key not in allowed:
             raise self.error(key, f"{key!r} is not one of: {', '.join(allowed)}.")
@@ -103,10 +101,8 @@ class Keys:
 
         Parameters
         ----------
-        key : str
-            The key.
-        positive : bool
-            Refuse 0 and less.
+        key, positive
+            The key, and whether to refuse 0 and less.
         default : float, optional
             The number if the key is missing.
         """
@@ -129,12 +125,8 @@ class Keys:
 
         Parameters
         ----------
-        key : str
-            The key.
-        default : int, optional
-            The number if the key is missing.
-        least : int
-            The smallest number allowed.
+        key, default, least
+            The key, the number if it is missing, and the smallest number allowed.
         """
         value = default if default is not None and key not in self else self._get(key)
         if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= 10_000:
@@ -160,12 +152,8 @@ class Keys:
 
         Parameters
         ----------
-        key : str
-            The key.
-        allowed : collection of str
-            The texts allowed.
-        default : str, optional
-            The text if the key is missing.
+        key, allowed, default
+            The key, the texts allowed, and the text if the key is missing.
         """
         value = default if default is not None and key not in self else self._get(key)
         if not isinstance(value, str) or value not in allowed:
@@ -187,10 +175,8 @@ class Keys:
 
         Parameters
         ----------
-        key : str
-            The key.
-        positive : bool
-            Refuse 0 and less.
+        key, positive
+            The key, and whether to refuse 0 and less.
         """
         low, high = self._pair(key, "an interval [from, to]")
         if high <= low or (positive and low <= 0.0):
@@ -228,9 +214,8 @@ class Keys:
 
     def _finite(self, key: str, value: Any) -> float:
         if isinstance(value, str):
-            raise self.error(
-                key, f"{value!r} is text, not a number; YAML needs 2.1e+11, not 2.1e11 or 21e10."
-            )
+            hint = "YAML needs 2.1e+11, not 2.1e11 or 21e10"
+            raise self.error(key, f"{value!r} is text, not a number; {hint}.")
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise self.error(key, f"{value!r} is not a number.")
         try:
@@ -240,7 +225,6 @@ class Keys:
         if not math.isfinite(number):
             raise self.error(key, f"{value!r} is not a finite number.")
         if abs(number) > _LARGEST:
-            raise self.error(
-                key, f"{number:g} is larger than any number of a mechanism; check its unit."
-            )
+            hint = "is larger than any number of a mechanism; check its unit"
+            raise self.error(key, f"{number:g} {hint}.")
         return number

@@ -63,9 +63,8 @@ class KinematicsError(LinkageVibrationError):
         if nearest is None:
             super().__init__(f"{where}give a finite angle.")
         else:
-            super().__init__(
-                f"{where}the nearest angle at which it can is its toggle at {nearest}."
-            )
+            nearest_text = f"the nearest angle at which it can is its toggle at {nearest}."
+            super().__init__(where + nearest_text)
         self.alpha3 = alpha3
         self.nearest = nearest
 
@@ -95,10 +94,8 @@ class Configuration:
 
         Parameters
         ----------
-        body : str
-            Name of a body, or the ground.
-        local : (x, z)
-            The point in the body's own axes, m.
+        body, local
+            Name of a body, or the ground, and x and z of the point in its own axes, m.
         """
         if body == GROUND:
             return np.array(local)
@@ -228,12 +225,7 @@ class Kinematics:
         return self._toggles[0].alpha3, self._toggles[1].alpha3
 
     def at(self, alpha3: float) -> Configuration:
-        """Return the configuration at an input angle.
-
-        Parameters
-        ----------
-        alpha3 : float
-            Input angle, rad.
+        """Return the configuration at an input angle in rad.
 
         Raises
         ------

@@ -11,13 +11,7 @@ _STIFF, _FLIMSY = 1e9, (0.5, 25.0)  # Pa, and kg/m3 that no solid so stiff has; 
 
 
 def read_material(keys: Keys) -> Material:
-    """Read an isotropic material.
-
-    Raises
-    ------
-    MechanismError
-        If a key is missing or invalid, or its unit is unlikely.
-    """
+    """Read an isotropic material."""
     poisson = keys.number("poisson_ratio")
     if not -1.0 < poisson < 0.5:
         raise keys.error("poisson_ratio", f"{poisson:g} is not between -1 and 0.5; steel has 0.3.")

@@ -108,10 +108,8 @@ class LinkageModel:
 
         Parameters
         ----------
-        places : sequence of (point, direction)
-            Along the global axes.
-        configuration : Configuration
-            Where the bodies are.
+        places, configuration
+            Points and directions along the global axes; where the bodies are.
 
         Raises
         ------
@@ -180,12 +178,8 @@ class LinkageModel:
             If the FRFs have too few digits for the result.
         """
         configuration = self.kinematics.at(alpha3)
-        return self._couple(
-            configuration,
-            np.asarray(frequencies, dtype=float),
-            self.rows(outputs, configuration),
-            self.rows(inputs, configuration),
-        )
+        rows = self.rows(outputs, configuration), self.rows(inputs, configuration)
+        return self._couple(configuration, np.asarray(frequencies, dtype=float), *rows)
 
     @cached_property
     def measured_frequencies(self) -> FloatArray | None:
@@ -272,20 +266,16 @@ class LinkageModel:
     ) -> FloatArray:
         """Return the ratio of the relative noise of `coupled_frf` to that of the measured FRFs.
 
+        It is (n_freq, n_out, n_in); see `regularisation.noise_gain`.
+
         Parameters
         ----------
         alpha3, frequencies, outputs, inputs
             As `coupled_frf` takes them.
-
-        Returns
-        -------
-        ndarray, (n_freq, n_out, n_in)
-            1; see `regularisation.noise_gain`.
         """
         configuration = self.kinematics.at(alpha3)
-        blocks, rows, compliance = self._blocks(
-            self.interface.join(configuration), np.asarray(frequencies, dtype=float)
-        )
+        joining = self.interface.join(configuration)
+        blocks, rows, compliance = self._blocks(joining, np.asarray(frequencies, dtype=float))
         left, right = self.rows(outputs, configuration), self.rows(inputs, configuration)
         return noise_gain(blocks, rows, left, right, compliance)
 
@@ -297,9 +287,8 @@ class LinkageModel:
         compliance: ComplexArray,
     ) -> None:
         """Refuse measured FRFs whose noise dominates the coupled ones where the forces act."""
-        link = max(
-            (c for c in self.components if isinstance(c, FrfComponent)), key=lambda c: c.noise
-        )
+        measured = [c for c in self.components if isinstance(c, FrfComponent)]
+        link = max(measured, key=lambda c: c.noise)
         gain = noise_gain(blocks, rows, inputs, inputs, compliance)
         frf = couple_frfs_with_error(receptances(blocks), rows, inputs, inputs, compliance)[0]
         share = link.noise * float(np.linalg.norm(gain * frf) / np.linalg.norm(frf))
@@ -328,10 +317,7 @@ class LinkageModel:
     @cached_property
     def _held(self) -> BoolArray:
         """Interface DoFs, (n,), that the ground holds, of components that have matrices."""
-        known = [
-            np.full(len(component.dofs), isinstance(component, Component))
-            for component in self.components
-        ]
+        known = [np.full(len(c.dofs), isinstance(c, Component)) for c in self.components]
         return np.asarray(self.interface.held & np.concatenate(known))
 
     def _frf(
@@ -506,7 +492,7 @@ class Solution:
             Each (n_points, 3) along the global x, y and z axes, in m and 1/sqrt(kg); beams point by
             point, other bodies by their named points in order.
         """
-        shapes = {}
+        shapes, interface = {}, self.model.interface
         for component in self.model.components:
             body = component.name
             if isinstance(component, Component) and component.drawing is not None:
@@ -519,13 +505,8 @@ class Solution:
             else:
                 points = self.model.mechanism.local_points(body)
                 places = np.array([self.configuration.place(body, p) for p in points.values()])
-                u = self.modes.shapes[: len(self.model.interface), mode]
-                moved = np.array(
-                    [
-                        self.model.interface.displacement(body, p, self.configuration) @ u
-                        for p in points
-                    ]
-                )
+                u, move = self.modes.shapes[: len(interface), mode], interface.displacement
+                moved = np.array([move(body, p, self.configuration) @ u for p in points])
             shapes[body] = (np.insert(places, 1, 0.0, axis=1), moved)
         return shapes
 
@@ -614,12 +595,7 @@ def _component_frf(
         except FbsError as error:
             raise FbsError(f"{component.name}: {error}") from None
         return frf
-    at = np.searchsorted(component.frequencies, frequencies).clip(0, len(component.frequencies) - 1)
-    before = np.maximum(at - 1, 0)
-    nearer = np.abs(component.frequencies[before] - frequencies) < np.abs(
-        component.frequencies[at] - frequencies
-    )
-    at = np.where(nearer, before, at)
+    at = np.abs(np.subtract.outer(component.frequencies, frequencies)).argmin(axis=0)
     off = np.abs(component.frequencies[at] - frequencies)
     if (off > 1e-9 * frequencies).any():
         worst = float(frequencies[int(off.argmax())])

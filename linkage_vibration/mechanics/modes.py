@@ -19,9 +19,7 @@ MECHANISM = 2.0 * math.pi * 1e-2
 _SHIFT = (2.0 * math.pi * 1.0) ** 2  # (rad/s)^2, 1 Hz
 _SLOWEST = 1e-3  # rad/s, the frequency given to a mechanism mode if damping couples it to others
 _COINCIDENT = 1e-9  # of a natural frequency: modes nearer than that coincide within rounding
-_CLOSE = (
-    0.1  # of a natural frequency: modes farther apart do not mix if their coupling is negligible
-)
+_CLOSE = 0.1  # of a natural frequency: modes farther apart mix only if they are coupled
 _TURNED = 1e-9  # rad, by which shapes differ through rounding
 _DIAGONAL = 1e-9  # of the modal damping: off-diagonal terms below this are rounding
 
@@ -49,7 +47,7 @@ class Modes:
         Parameters
         ----------
         order, signs : ndarray, (k,)
-            Indices of the modes, and 1 or -1 for each.
+            Indices, and 1 or -1 for each.
         """
         return Modes(self.omega[order], self.shapes[:, order] * signs)
 
@@ -85,13 +83,7 @@ def solve_modes(system: CoupledSystem) -> tuple[Modes, FloatArray]:
     It is solved as M phi = mu (K + s M) phi with mu = 1 / (omega^2 + s), which gives the lowest
     frequencies to full relative precision: in the original form, rounding of the highest (about
     100 kHz) would leave an error of 1e-7 in the first. The small shift s allows a mechanism mode.
-
-    Returns
-    -------
-    modes : Modes
-        On interface DoFs and inner coordinates.
-    vectors : ndarray, (m, m)
-        The same shapes on the generalised coordinates.
+    Also returned are the same shapes on the generalised coordinates, (m, m).
     """
     mu, vectors = eigh(system.mass, system.stiffness + _SHIFT * system.mass)
     # Where mu is only rounding, the compliance phi^2 / omega^2 of the mode is still right.
@@ -109,10 +101,8 @@ def damp_modes(system: CoupledSystem, omega: FloatArray, vectors: FloatArray) ->
 
     Parameters
     ----------
-    system : CoupledSystem
-        Viscous and structural damping on its generalised coordinates.
-    omega, vectors : ndarray, (m,) and (m, m)
-        The undamped modes, mass-normalised, on the same coordinates.
+    system, omega, vectors
+        The assembly, and its undamped modes, (m,) and (m, m), on its generalised coordinates.
 
     Raises
     ------
@@ -145,19 +135,15 @@ def track(
 
     Parameters
     ----------
-    previous : ndarray, (n, k)
-        Mass-normalised shapes of the tracked modes there.
+    previous, mass : ndarray, (n, k) and (n, n)
+        Mass-normalised shapes of the tracked modes there; mass of the uncoupled components.
     modes : Modes
         All modes here.
-    mass : ndarray, (n, n)
-        Of the uncoupled components.
 
     Returns
     -------
-    order : ndarray of int, (k,)
-        Which of the modes here continue the k there.
-    signs : ndarray, (k,)
-        1 or -1, to align each shape with that which it continues.
+    order, signs : ndarray, (k,)
+        Which of the modes here continue the k there, and 1 or -1, to align their shapes with these.
     mac : ndarray, (k,)
         The criterion of each pair. Over all modes here it adds up to no more than 1, so a pair
         above one half has no rival; at or below it the step was too long to decide.
@@ -182,26 +168,17 @@ def align(
     Modes of one frequency have no unique shapes: any mixture is valid. Modes that cross with
     negligible coupling mix likewise near the crossing. Two such shapes are rotated in their plane
     to be nearest to the neighbour's (orthogonal Procrustes problem), unless that would leave out a
-    coupling that matters.
+    coupling that matters. The same object is returned if no shape had to be rotated.
 
     Parameters
     ----------
-    previous : ndarray, (n, k)
-        Mass-normalised shapes there.
-    modes : Modes
-        Modes here, ascending.
-    mass : ndarray, (n, n)
-        Of the uncoupled components.
+    previous, modes, mass
+        As `track` takes them; the modes are ascending.
     order, signs : ndarray, (k,)
         From `track`.
     coupling : float
         Coupling that may be left out: the gap between two modes at the point where they would
         cross without it, relative to their frequency.
-
-    Returns
-    -------
-    Modes
-        The same object if no shape had to be rotated.
     """
     omega = modes.omega
     close = np.abs(omega[:, np.newaxis] - omega) < _CLOSE * omega
@@ -226,9 +203,8 @@ def align(
             if abs(angle) < _TURNED or apart * abs(math.sin(2.0 * angle)) > coupling:
                 continue
             still, turned = False, True
-            turn = np.array(
-                [[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]]
-            )
+            c, s = math.cos(angle), math.sin(angle)
+            turn = np.array([[c, -s], [s, c]])
             shapes[:, [a, b]] = shapes[:, [a, b]] @ turn
             product[:, [a, b]] = product[:, [a, b]] @ turn
         if still:

@@ -38,10 +38,8 @@ def craig_bampton(
     ----------
     mass, stiffness : ndarray, (n, n)
         Symmetric, interface DoFs first.
-    n_interface : int
-        Number of interface DoFs.
-    n_modes : int
-        Fixed-interface modes to keep, the lowest; all of them if there are fewer.
+    n_interface, n_modes : int
+        Number of interface DoFs, and of modes to keep, the lowest; all if there are fewer.
 
     Raises
     ------

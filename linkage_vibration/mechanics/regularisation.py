@@ -67,10 +67,8 @@ def rigid_motions(
 
     Parameters
     ----------
-    dofs : sequence of InterfaceDof, (n,)
-        DoFs at the points.
-    points : sequence of (name, (x, z))
-        Places in the body's own axes, m.
+    dofs, points
+        DoFs, (n,), and the places of their points in the body's own axes, m.
     """
     places = dict(points)
     rows = []
@@ -95,10 +93,8 @@ def noise_level(frequencies: FloatArray, frf: ComplexArray) -> float:
 
     Parameters
     ----------
-    frequencies : ndarray, (n_freq,)
-        Hz, above 0.
-    frf : complex ndarray, (n_freq, n, n)
-        Receptances.
+    frequencies, frf
+        Hz, (n_freq,), above 0, and receptances, (n_freq, n, n).
     """
     accelerance = np.asarray(frequencies)[:, np.newaxis, np.newaxis] ** 2 * frf
     steps = np.median(np.abs(np.diff(accelerance, n=3, axis=0)), axis=0)
@@ -121,14 +117,10 @@ def regularise(
 
     Parameters
     ----------
-    dofs : sequence of InterfaceDof, (n,)
-        Rows and columns, for errors.
-    frequencies : ndarray, (n_freq,)
-        Hz, ascending, above 0.
-    frf : complex ndarray, (n_freq, n, n)
-        Receptances, with noise.
-    motions : ndarray, (n, k)
-        As `rigid_motions` returns them.
+    dofs, motions
+        Rows and columns, (n,), for errors; their `rigid_motions`, (n, k).
+    frequencies, frf
+        Hz, (n_freq,), ascending, above 0, and receptances with noise, (n_freq, n, n).
 
     Raises
     ------
@@ -229,7 +221,7 @@ def noise_gain(
     In first order H_c changes by T dH U with T = O - O H B^T Z B, U = I^T - B^T Z B H I^T and
     Z = (B H B^T + S)^-1. Errors dH of measured FRFs are independent, complex, and of standard
     deviation e abs(H_kl); the gain is the standard deviation of H_c over e abs(H_c). Where gain
-    times noise comes near 1, the coupled FRF is noise.
+    times noise comes near 1, the coupled FRF is noise. The poles of a fit are taken as exact.
 
     Parameters
     ----------
@@ -237,11 +229,6 @@ def noise_gain(
         Receptances of the components; arrays are exact.
     compatibility, outputs, inputs, compliance
         As `couple_frfs` takes them.
-
-    Returns
-    -------
-    ndarray, (n_freq, n_out, n_in)
-        1; the poles of a fit are taken as exact.
     """
     frfs = receptances(blocks)
     frf = np.array([block_diag(*lines) for lines in zip(*frfs, strict=True)])

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.optimize import brentq
 
 from linkage_vibration.mechanics.arrays import BoolArray, ComplexArray, FloatArray, IntArray
@@ -23,9 +24,7 @@ _NOTHING = 1e-15  # of the largest residue
 _NEWTON = 6  # largest number of steps to a maximum; three or four are enough
 _GRID = 200  # frequencies over the band in which a peak is sought first
 _BESIDE = 1e-6  # of a frequency: just above 0 Hz
-_WIDER = np.arange(
-    -32.0, 33.0
-)  # quarters of half-widths, where a maximum is sought if Newton fails
+_WIDER = np.arange(-32.0, 33.0)  # quarter half-widths: where to seek a maximum if Newton fails
 _AROUND = np.linspace(-2.0, 2.0, 9)  # lines about each resonance, in half-power half-widths
 
 
@@ -103,16 +102,13 @@ class PoleResidue:
 
         Parameters
         ----------
-        kept : ndarray of bool, (n_modes,)
-            Which modes keep their poles.
-        far : FarPoles
-            Chosen for the band in which the result is used, and for the lowest mode not kept.
+        kept, far
+            Which modes keep their poles, (n_modes,); the poles chosen for the band and the others.
         """
         shape = self.residues.shape[:2]
         others = self._only(~kept).frf(far.frequencies).reshape(len(far.frequencies), -1)
-        complex_modes = any(
-            part.any() for part in (self.residues.imag, self.rates, self.stiffness.imag)
-        )
+        parts = self.residues.imag, self.rates, self.stiffness.imag
+        complex_modes = any(part.any() for part in parts)
         weights = far.fit(others) if complex_modes else far.fit_real(others).astype(complex)
         poles = weights[1:].T.reshape(*shape, len(far.stiffness))
         near = self._only(kept)
@@ -130,7 +126,7 @@ class PoleResidue:
         Parameters
         ----------
         output, into : int
-            Indices of the output and of the input.
+            Indices.
         """
         at = slice(output, output + 1), slice(into, into + 1)
         return PoleResidue(
@@ -148,15 +144,10 @@ class PoleResidue:
         )
 
     def peak(self, band: tuple[float, float]) -> Peak:
-        """Find the largest magnitude within a band, its ends included, of a single FRF.
+        """Find the largest magnitude of a single FRF within a band (Hz), its ends included.
 
         A grid, refined about each resonance in the band, brackets its maxima; the zeros of the
         derivative of abs(H)^2 in the brackets of the highest ones are compared.
-
-        Parameters
-        ----------
-        band : tuple of float
-            Hz.
         """
         low, high = 2.0 * math.pi * band[0], 2.0 * math.pi * band[1]
         omega = np.sqrt(np.abs(self.stiffness))
@@ -194,10 +185,8 @@ class PoleResidue:
 
         Parameters
         ----------
-        band : tuple of float
-            Hz.
-        count : int
-            Number of evenly spaced ones, including the ends of the band.
+        band, count
+            Hz; number of evenly spaced ones, including the ends of the band.
         """
         low, high = 2.0 * math.pi * band[0], 2.0 * math.pi * band[1]
         omega = np.sqrt(np.abs(self.stiffness))
@@ -215,10 +204,8 @@ class PoleResidue:
 
         Parameters
         ----------
-        modes : ndarray of int, (n,)
-            Indices of the modes.
-        band : tuple of float
-            Hz. Maxima that other modes have shifted are only sought for resonances in the band.
+        modes, band
+            Indices, (n,), and Hz: maxima that other modes shifted are only sought in the band.
 
         Returns
         -------
@@ -323,10 +310,8 @@ def far_poles(
     ----------
     stiffness, decay : ndarray, (n_modes,)
         k and c of the modes that they represent, in one configuration or in several.
-    band : tuple of float
-        Hz.
-    n_far : int
-        Number of poles.
+    band, n_far
+        Hz; number of poles.
     """
     n_lines = 3 * n_far + 4
     nodes = (1.0 - np.cos(np.pi * (np.arange(n_lines) + 0.5) / n_lines)) / 2.0
@@ -358,10 +343,8 @@ def in_reach(stiffness: FloatArray | ComplexArray, band: tuple[float, float]) ->
 
     Parameters
     ----------
-    stiffness : ndarray, (n_modes,)
-        k, (rad/s)^2.
-    band : tuple of float
-        Hz.
+    stiffness, band
+        k, (n_modes,), (rad/s)^2; Hz.
     """
     return np.asarray(np.abs(stiffness) < (2.0 * math.pi * _REACH * band[1]) ** 2)
 
@@ -373,10 +356,8 @@ def pole_residue(damped: DampedModes, outputs: FloatArray, inputs: FloatArray) -
     ----------
     damped : DampedModes
         As `damp_modes` returns them.
-    outputs : ndarray, (n_out, n_modes)
-        Displacement of the undamped, mass-normalised modes at each output.
-    inputs : ndarray, (n_in, n_modes)
-        The same at each input.
+    outputs, inputs : ndarray, (n_out, n_modes) and (n_in, n_modes)
+        Displacement of the undamped, mass-normalised modes there.
     """
     if damped.shapes is None:
         pairs = [(outputs.astype(complex), inputs.astype(complex))]
@@ -402,11 +383,7 @@ def pole_residue(damped: DampedModes, outputs: FloatArray, inputs: FloatArray) -
     )
 
 
-def oscillators(
-    omega: "FloatArray | list[float]",
-    damping_ratios: "FloatArray | list[float]",
-    residues: "FloatArray | list[float]",
-) -> PoleResidue:
+def oscillators(omega: ArrayLike, damping_ratios: ArrayLike, residues: ArrayLike) -> PoleResidue:
     """Return one FRF, the sum of viscously damped oscillators.
 
     Parameters

@@ -66,7 +66,9 @@ def solid_matrices(
     rotations: Collection[str] = (),
     spatial: bool = False,
 ) -> Matrices:
-    """Connect a free solid rigidly to its pins, and reduce it to them.
+    """Connect a free solid rigidly to its pins, and reduce it to them, without damping.
+
+    Coordinates are x, (y,) z and, where wanted, theta, point by point, then the modes.
 
     Parameters
     ----------
@@ -82,11 +84,6 @@ def solid_matrices(
         Points whose rotation is an interface DoF.
     spatial : bool
         Keep y too.
-
-    Returns
-    -------
-    Matrices
-        x, (y,) z and, where wanted, theta, point by point, then the modes; no damping.
 
     Raises
     ------
@@ -124,12 +121,10 @@ def rigid_ties(
 
     Parameters
     ----------
-    nodes : ndarray, (n_nodes, 3)
-        m.
+    nodes, places : ndarray, (n_nodes, 3) and (n_groups, 3)
+        m; places are the reference points of the rigid bodies.
     groups : sequence of ndarray of int
         Nodes of each rigid body.
-    places : ndarray, (n_groups, 3)
-        The reference point of each rigid body, m.
 
     Returns
     -------
@@ -174,10 +169,8 @@ def sparse_craig_bampton(
     ----------
     mass, stiffness : sparse array, (n, n)
         Symmetric, interface DoFs first.
-    n_interface : int
-        Number of interface DoFs.
-    n_modes : int
-        Fixed-interface modes to keep, the lowest; all of them if there are fewer.
+    n_interface, n_modes : int
+        Number of interface DoFs, and of modes to keep, the lowest; all if there are fewer.
     mirror : sparse array, (n, n), optional
         The reflection; modes that equal the negative of their image are left out.
 

@@ -30,12 +30,8 @@ def element_matrices(
 
     Parameters
     ----------
-    length : float
-        Distance of its two nodes, m.
-    section : Section
-        Its cross-section.
-    material : Material
-        Its material.
+    length, section, material
+        Distance of its two nodes, m; its cross-section and its material.
     spatial : bool
         Whether the element moves out of the plane of motion too. Coordinates are u, w, theta (and
         v, chi, psi) of the first node, then of the second.

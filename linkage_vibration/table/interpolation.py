@@ -22,12 +22,10 @@ def leja_points(points: Sequence[float], low: float, high: float, count: int) ->
 
     Parameters
     ----------
-    points : sequence of float
-        The points so far, at least one.
+    points, count
+        The points so far, at least one, and the number of points to add.
     low, high : float
         Ends of the interval.
-    count : int
-        Number of points to add.
 
     Examples
     --------
@@ -46,21 +44,15 @@ def leja_points(points: Sequence[float], low: float, high: float, count: int) ->
 
 
 def interpolation_matrix(points: FloatArray, at: FloatArray) -> FloatArray:
-    """Return the matrix that turns values at points into those of their polynomial elsewhere.
+    """Return the matrix, (n, n_points), that turns values at points into those of a polynomial.
 
     It is the barycentric formula of the second kind (Berrut and Trefethen 2004), stable for points
     that are denser towards the ends of their interval, such as Leja's and Chebyshev's.
 
     Parameters
     ----------
-    points : ndarray, (n_points,)
-        Distinct, in any order.
-    at : ndarray, (n,)
-        Where the polynomial is evaluated.
-
-    Returns
-    -------
-    ndarray, (n, n_points)
+    points, at : ndarray, (n_points,) and (n,)
+        Distinct, in any order; where the polynomial is evaluated.
 
     Examples
     --------
@@ -108,10 +100,8 @@ def stroke_variable(alpha3: FloatArray, toggles: tuple[float, float] | None) -> 
 
     Parameters
     ----------
-    alpha3 : ndarray
-        rad, between the toggles.
-    toggles : tuple of float or None
-        rad.
+    alpha3, toggles
+        rad, between the toggles; rad, or None.
     """
     if toggles is None:
         return alpha3
@@ -124,10 +114,8 @@ def stroke_angle(variable: FloatArray, toggles: tuple[float, float] | None) -> F
 
     Parameters
     ----------
-    variable : ndarray, (n,)
-        From `stroke_variable`.
-    toggles : tuple of float or None
-        rad.
+    variable, toggles
+        From `stroke_variable`, (n,); rad, or None.
     """
     if toggles is None:
         return variable

@@ -75,10 +75,8 @@ class Table:
         Angles, rad, ascending.
     pieces : ndarray of int, (n_pieces + 1,)
         Indices of the points that bound the pieces; from 0 to n - 1.
-    natural_frequencies : ndarray, (n, n_modes)
-        Hz; ascending at the first angle, then tracked by shape.
-    damping_ratios : ndarray, (n, n_modes)
-        1.
+    natural_frequencies, damping_ratios : ndarray, (n, n_modes)
+        Hz, ascending at the first angle, then tracked by shape; 1.
     peak_frequencies, peak_magnitudes : ndarray, (n, n_peaks)
         Maxima of the drive-point receptance that are the highest in the band at some angle: near
         resonances, and at the ends of the band; Hz and m/N. Each is smooth, while the highest may
@@ -88,14 +86,11 @@ class Table:
     interpolation_error : ndarray, (n_pieces,)
         Largest relative error of a natural frequency, 1, measured against the model at points to
         which the piece was not fitted, where the error of a polynomial is largest.
-    peak_error : float
-        The same for frequency and magnitude of the highest peak, the largest of all pieces.
-    frf_error : float
-        The same for single FRFs: relative L2 norm over the band; NaN without FRFs.
-    toggles : tuple of float or None
-        Where the linkage locks, rad.
-    band : tuple of float
-        Hz, in which peaks are sought and FRFs are valid.
+    peak_error, frf_error : float
+        The same for the highest peak, frequency and magnitude, and for single FRFs (L2 norm over
+        the band; NaN without FRFs), the largest of all pieces.
+    toggles, band : tuple of float
+        Where the linkage locks, rad, or None; where peaks are sought and FRFs are valid, Hz.
     places : tuple of (point, direction)
         Between which FRFs are available; empty if the model has no such terms.
     term_stiffness, term_decay : ndarray, (n, n_terms)
@@ -108,12 +103,8 @@ class Table:
         Poles that represent all modes above the band (`response.FarPoles`).
     far_residues : ndarray, (n, 1 + n_far, n_places (n_places + 1) / 2)
         Static flexibility and residues of those, the upper triangle row by row.
-    model_hash : str
-        Hash of the mechanism from which it was built.
-    mechanism_name : str
-        Name of that mechanism.
-    package_version : str
-        Version of the package that built it.
+    model_hash, mechanism_name, package_version : str
+        Of the mechanism from which it was built, and of the package that built it.
     """
 
     alpha3: FloatArray
@@ -174,12 +165,7 @@ class Table:
         return digest.hexdigest()
 
     def interpolate(self, alpha3: float) -> tuple[list[float], float, float, float]:
-        """Evaluate the values of a prediction at an angle within the range.
-
-        Parameters
-        ----------
-        alpha3 : float
-            rad; outside `alpha3_range` the result has no meaning.
+        """Evaluate the values of a prediction at an angle (rad) within the range.
 
         Returns
         -------
@@ -200,12 +186,7 @@ class Table:
         return values[:n], frequency, magnitude, errors[bisect_right(starts, alpha3) - 1]
 
     def evaluate(self, alpha3: FloatArray) -> FloatArray:
-        """Evaluate the values of a prediction at many angles at once.
-
-        Parameters
-        ----------
-        alpha3 : ndarray, (n,)
-            rad, within the range.
+        """Evaluate the values of a prediction at many angles, (n,), rad, within the range.
 
         Returns
         -------
@@ -367,10 +348,8 @@ def save_table(table: Table, path: str | Path) -> None:
 
     Parameters
     ----------
-    table : Table
-        The table.
-    path : str or Path
-        The `.npz` file to write; an existing file is replaced.
+    table, path
+        The table, and the `.npz` file to write; an existing one is replaced.
 
     Raises
     ------

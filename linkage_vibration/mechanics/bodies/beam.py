@@ -100,10 +100,8 @@ def read(keys: Keys, places: dict[str, Point]) -> Beam:
 
     Parameters
     ----------
-    keys : Keys
-        With ``material``, ``section`` or ``sections``, and ``elements``.
-    places : dict of str to (x, z)
-        The points of the link, m.
+    keys, places
+        With ``material``, ``section`` or ``sections``, and ``elements``; the points, x and z, m.
 
     Raises
     ------
@@ -186,18 +184,14 @@ def beam_matrices(
 
     Parameters
     ----------
-    beam : Beam
-        Its segments ascend and reach the last point.
-    points : sequence of (name, (x, z))
-        In m and in any order, two or more; no two at the same x.
-    rotations : collection of str
-        Points whose rotation theta is an interface DoF.
-    masses : sequence of (name, mass)
-        Point masses at points, kg.
-    clamped : str, optional
-        A point that in space does not turn out of the plane (chi and psi).
-    spatial : bool
-        Whether the beam moves out of the plane of motion too.
+    beam, points
+        Segments that ascend and reach the last point; two or more points in any order, with x and
+        z in m, no two at the same x.
+    rotations, masses
+        Points whose rotation theta is an interface DoF; point masses at points, kg.
+    clamped, spatial
+        A point that in space does not turn out of the plane (chi and psi); whether the beam moves
+        out of the plane of motion too.
 
     Raises
     ------

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray
 from linkage_vibration.mechanics.components import FrfComponent
-from linkage_vibration.mechanics.description import Link, Mechanism, MechanismError
+from linkage_vibration.mechanics.description import Body, Link, Mechanism, MechanismError
 from linkage_vibration.mechanics.dofs import InterfaceDof
 from linkage_vibration.mechanics.regularisation import (
     RegularisationError,
@@ -17,20 +17,12 @@ from linkage_vibration.mechanics.regularisation import (
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Frfs:
+class Frfs(Body):
     """An elastic body known by its frequency response functions alone, measured or computed."""
 
     dofs: tuple[InterfaceDof, ...]  # (n_dofs,): rows (responses) and columns (forces)
     frequencies: FloatArray  # (n_freq,), Hz, ascending
     frf: ComplexArray  # (n_freq, n_dofs, n_dofs): receptances of the free body in its axes, m/N
-
-    @property
-    def elements(self) -> None:
-        """There is no mesh that could be changed."""
-
-    def with_elements(self, elements: int) -> "Frfs":
-        """Return the body itself."""
-        return self
 
     def component(
         self, link: Link, mechanism: Mechanism, *, spatial: bool, reduced: bool

@@ -8,13 +8,13 @@ import numpy as np
 
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.components import Component, Drawing
-from linkage_vibration.mechanics.description import Link, Mechanism, MechanismError
+from linkage_vibration.mechanics.description import Body, Link, Mechanism, MechanismError
 from linkage_vibration.mechanics.dofs import InterfaceDof
 from linkage_vibration.mechanics.reduction import ReductionError, craig_bampton
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Matrices:
+class Matrices(Body):
     """An elastic body known by its matrices."""
 
     dofs: tuple[InterfaceDof, ...]  # the first rows and columns; all others are inner coordinates
@@ -24,14 +24,6 @@ class Matrices:
     # Digest of what the matrices were computed from, as their last bits may differ from machine to
     # machine, and the model's hash with them. If it is empty, their bytes enter the hash.
     digest: str = ""
-
-    @property
-    def elements(self) -> None:
-        """There is no mesh that could be changed."""
-
-    def with_elements(self, elements: int) -> "Matrices":
-        """Return the body itself."""
-        return self
 
     def component(
         self, link: Link, mechanism: Mechanism, *, spatial: bool, reduced: bool
@@ -81,15 +73,11 @@ def component_of(
     ----------
     link, mechanism, spatial, reduced
         As `description.Body.component` takes them.
-    body : Matrices
-        One of the equal bodies of the link.
-    drawing : Drawing, optional
-        How its coordinates move the points by which it is drawn.
+    body, drawing
+        One of the equal bodies of the link, and how its coordinates move the points drawn.
 
     Raises
     ------
-    MechanismError
-        If the body lacks a DoF that the linkage needs.
     ReductionError
         If the body has too few points to be held by them.
     """

@@ -13,10 +13,8 @@ def read(keys: Keys, poisson_ratio: float) -> Section:
 
     Parameters
     ----------
-    keys : Keys
-        With ``area`` and ``second_moment``, and optional others.
-    poisson_ratio : float
-        Not used.
+    keys, poisson_ratio
+        With ``area`` and ``second_moment``, and optional others; see `SHAPES`.
     """
     return Section(
         area=keys.number("area", positive=True),

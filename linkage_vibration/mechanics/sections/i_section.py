@@ -15,16 +15,18 @@ def i_section(
     The shear coefficient in the plane follows from the energy of the shear flow (Jourawski's
     formula in the web, linear flow along the flanges), times the effect that Poisson's ratio has
     on a rectangle (Cowper, J. Appl. Mech. 33, 1966, 335-340). It is exact for a web as wide as the
-    flanges. Rolled profiles are within 7 % of the elastic solution, where Cowper's thin-walled
-    formula is 4 to 9 % too low. Out of the plane the flanges alone carry the shear, and the torsion
-    constant is the sum over the flanges and the web: both are a few percent too low.
+    flanges. For rolled profiles (IPE, HEA, HEB) it is 1 to 7 % above the elastic solution, and
+    Cowper's thin-walled formula 3 to 9 % below; wide flanges and thick webs make it up to 23 %.
+
+    The coefficient out of the plane is a lower bound that counts the flanges alone. It is 2 to 15 %
+    too low for rolled profiles up to 300 mm high, 31 to 46 % for higher ones (IPE 600, HEB 1000),
+    and up to 92 % for thick webs between thin flanges. The torsion constant is the sum over the
+    flanges and the web: 1 to 3 % too low for rolled profiles, up to 37 % too high for thick webs.
 
     Parameters
     ----------
-    height, width : float
-        Over all in the plane of motion, and of the flanges across it, m.
-    web, flange : float
-        Thicknesses, m.
+    height, width, web, flange : float
+        Over all in the plane of motion; of the flanges across it; their thicknesses, m.
     poisson_ratio : float
         Of the material, 1.
 
@@ -63,10 +65,8 @@ def read(keys: Keys, poisson_ratio: float) -> Section:
 
     Parameters
     ----------
-    keys : Keys
-        With ``height``, ``width``, ``web_thickness`` and ``flange_thickness``.
-    poisson_ratio : float
-        Of the material, 1.
+    keys, poisson_ratio
+        With ``height``, ``width``, ``web_thickness`` and ``flange_thickness``; see `SHAPES`.
     """
     height, width = keys.number("height", positive=True), keys.number("width", positive=True)
     web, flange = (keys.number(f"{part}_thickness", positive=True) for part in ("web", "flange"))

@@ -52,10 +52,8 @@ def read(keys: Keys, poisson_ratio: float) -> Section:
 
     Parameters
     ----------
-    keys : Keys
-        With ``width`` and ``height``.
-    poisson_ratio : float
-        Of the material, 1.
+    keys, poisson_ratio
+        With ``width`` and ``height``; see `SHAPES`.
     """
     width, height = keys.number("width", positive=True), keys.number("height", positive=True)
     return rectangle(width, height, poisson_ratio)

@@ -39,18 +39,16 @@ def read(keys: Keys, poisson_ratio: float) -> Section:
 
     Parameters
     ----------
-    keys : Keys
-        With ``outer_diameter`` and ``inner_diameter``.
-    poisson_ratio : float
-        Of the material, 1.
+    keys, poisson_ratio
+        With ``outer_diameter`` and ``inner_diameter``; see `SHAPES`.
     """
     outer = keys.number("outer_diameter", positive=True)
     inner = keys.number("inner_diameter", positive=True)
     if inner >= outer:
         raise keys.error(
             "inner_diameter",
-            f"{inner:g} m does not fit into the outer diameter of {outer:g} m; exchange or "
-            "correct them.",
+            f"{inner:g} m does not fit into the outer diameter of {outer:g} m; exchange or correct "
+            "them.",
         )
     return tube(outer, inner, poisson_ratio)
 
@@ -60,9 +58,7 @@ def read_round(keys: Keys, poisson_ratio: float) -> Section:
 
     Parameters
     ----------
-    keys : Keys
-        With ``diameter``.
-    poisson_ratio : float
-        Of the material, 1.
+    keys, poisson_ratio
+        With ``diameter``; see `SHAPES`.
     """
     return tube(keys.number("diameter", positive=True), 0.0, poisson_ratio)

@@ -24,14 +24,10 @@ def assemble(sampler: Sampler, pieces: list[Piece], tracked: Tracked, accuracy: 
 
     Parameters
     ----------
-    sampler : Sampler
-        The samples of the model.
-    pieces : list of Piece
-        The pieces of the whole stroke, ascending.
+    sampler, pieces, accuracy
+        The samples, the pieces of the whole stroke, ascending, and the accuracy of these.
     tracked : Tracked
         The modes at all their points, also those to which they are not fitted.
-    accuracy : Accuracy
-        The accuracy to which they were refined.
     """
     band, equal = sampler.response.band, accuracy.equal_height
     notables = np.array([_notable(tracked, piece, band, equal) for piece in pieces])

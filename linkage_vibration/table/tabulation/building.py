@@ -14,10 +14,7 @@ from linkage_vibration.table.tabulation.sampling import Sampler
 from linkage_vibration.table.tabulation.tracking import Tracker
 from linkage_vibration.table.tabulation.verification import verify
 
-_FINEST, _COARSEST = (
-    1e-11,
-    1.0,
-)  # tolerances: below, rounding dominates; above, the table has no use
+_FINEST, _COARSEST = 1e-11, 1.0  # finer: rounding dominates; coarser: the table has no use
 _TOTAL = 3000  # solutions in total, ten times those of the most difficult of the shipped linkages
 
 
@@ -67,9 +64,7 @@ def build_table(
     tried: set[tuple[float, float]] = set()  # pieces that have received more points
     while True:
         pieces.sort(key=lambda piece: piece.ends)
-        tracked = tracker.follow(
-            sorted({x for piece in pieces for x in (*piece.fitted, *piece.held)})
-        )
+        tracked = tracker.follow(sorted({x for p in pieces for x in (*p.fitted, *p.held)}))
         table = assemble(sampler, pieces, tracked, accuracy)
         table, poor = verify(table, sampler, pieces, tracked, accuracy)
         if not poor:
@@ -99,8 +94,7 @@ def _refined(tracker: Tracker, waiting: list[list[float]], accuracy: Accuracy) -
             raise TableError(
                 f"{sampler.model.mechanism.name} changes too quickly at alpha3 = "
                 f"{math.degrees(sampler.angle(low)):.4f} deg for a tolerance of "
-                f"{accuracy.frequency:g}; "
-                "give a larger tolerance."
+                f"{accuracy.frequency:g}; give a larger tolerance."
             )
         waiting += _halves(sampler, low, high)
     return pieces

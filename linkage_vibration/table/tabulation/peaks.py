@@ -25,10 +25,8 @@ def heights(at: FloatArray, sizes: FloatArray, band: tuple[float, float]) -> Flo
 
     Parameters
     ----------
-    at, sizes : ndarray, (..., n_peaks)
-        Hz and m/N of the maxima; NaN where there is none.
-    band : tuple of float
-        Hz.
+    at, sizes, band
+        Hz and m/N of the maxima, (..., n_peaks), NaN where there is none; Hz.
     """
     low, high = widened(band)
     return np.where((low <= at) & (at <= high), sizes, -1.0)
@@ -49,26 +47,20 @@ def apart(found: FloatArray | float, exact: FloatArray | float) -> FloatArray:
 def notable(
     at: FloatArray, sizes: FloatArray, band: tuple[float, float], equal: float, strict: bool
 ) -> BoolArray | None:
-    """Return which maxima give the highest peak over some points of the stroke.
+    """Return which maxima, (n_peaks,), give the highest peak over some points of the stroke.
 
     A maximum can be used if it exists at every point. As few as possible are chosen, so that each
-    point has its highest peak among them, and other maxima that are nearly as high.
+    point has its highest peak among them, and other maxima that are nearly as high. Returns None if
+    the maxima that exist at every point do not suffice.
 
     Parameters
     ----------
     at, sizes : ndarray, (n, n_peaks)
         Hz and m/N of each maximum at each point; NaN where there is none. The band's ends are last.
-    band : tuple of float
-        Hz.
-    equal : float
-        Relative difference up to which two maxima are of one height.
+    band, equal
+        Hz; relative difference up to which two maxima are of one height.
     strict : bool
         Leave out no maximum that is nearly the highest at a point, and may be between points.
-
-    Returns
-    -------
-    ndarray of bool, (n_peaks,), or None
-        None if the maxima that exist at every point do not suffice.
     """
     level, size = 1.0 - equal, heights(at, sizes, band)
     highest = size.max(axis=1, keepdims=True)

@@ -45,10 +45,8 @@ def first_points(solved: Iterable[float], low: float, high: float) -> list[float
 
     Parameters
     ----------
-    solved : iterable of float
-        Stroke variables at which the model is solved.
-    low, high : float
-        Stroke variables of the ends.
+    solved, low, high
+        Stroke variables at which the model is solved, and of the ends.
     """
     points, free = [low, high], [x for x in solved if low < x < high]
     while len(points) < _FIRST or (free and len(points) < _MOST // 2):
@@ -75,22 +73,15 @@ def refine(tracker: Tracker, fitted: list[float], accuracy: Accuracy) -> Piece |
 
     Parameters
     ----------
-    tracker : Tracker
-        The tracker over the whole stroke.
+    tracker, accuracy
+        The tracker over the whole stroke, and the accuracy to be met.
     fitted : list of float
         The first stroke variables, ascending; the first and the last bound the piece.
-    accuracy : Accuracy
-        The accuracy to be met.
 
     Returns
     -------
     Piece or None
         None if it needs too many points, or points elsewhere: the piece must be halved.
-
-    Raises
-    ------
-    TableError
-        If a mode cannot be followed.
     """
     sampler, tolerance = tracker.sampler, accuracy.frequency
     band, n_modes = sampler.response.band, sampler.response.modes

@@ -98,13 +98,7 @@ class Sampler:
         return float(stroke_angle(np.array([variable]), self.toggles)[0])
 
     def at(self, variable: float) -> Sample:
-        """Return the sample at a stroke variable, which is solved once.
-
-        Raises
-        ------
-        TableError
-            If the model has too few modes there, has no damping, or does not respond.
-        """
+        """Return the sample at a stroke variable, which is solved once."""
         if variable not in self.samples:
             self.samples[variable] = self._solve(self.angle(variable))
             self._solved()

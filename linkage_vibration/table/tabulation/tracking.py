@@ -140,10 +140,8 @@ def unclear_steps(sampler: Sampler, tracked: Tracked) -> list[float]:
 
     Parameters
     ----------
-    sampler : Sampler
-        The samples.
-    tracked : Tracked
-        The modes at some of them.
+    sampler, tracked
+        The samples, and the modes at some of them.
 
     Raises
     ------

@@ -24,10 +24,8 @@ def mix_closely(tracked: Tracked, tolerance: float) -> bool:
 
     Parameters
     ----------
-    tracked : Tracked
-        The modes.
-    tolerance : float
-        Relative tolerance of natural frequencies.
+    tracked, tolerance
+        The modes, and the relative tolerance of natural frequencies.
     """
     mixed = np.flatnonzero((tracked.mac <= _MIXED).any(axis=1))
     beside = np.sort(tracked.log_frequencies[[*mixed, *(mixed + 1)]], axis=1)
@@ -41,12 +39,8 @@ def crossing_gaps(sampler: Sampler, fitted: list[float], tracked: Tracked) -> di
 
     Parameters
     ----------
-    sampler : Sampler
-        Solves the model.
-    fitted : list of float
-        Stroke variables of the polynomials.
-    tracked : Tracked
-        The modes, at least at these.
+    sampler, fitted, tracked
+        The samples, the stroke variables of the polynomials, and the modes, at least at these.
 
     Returns
     -------
@@ -60,20 +54,16 @@ def crossing_gaps(sampler: Sampler, fitted: list[float], tracked: Tracked) -> di
     def curve(at: FloatArray, values: FloatArray) -> FloatArray:
         return np.asarray(interpolation_matrix(points, at) @ values)
 
+    def gap(at: float, values: FloatArray) -> float:
+        return float(curve(np.array([at]), values)[0])
+
     grid = np.linspace(points[0], points[-1], GRID)
     curves, gaps = curve(grid, logarithms), {}
     for one, other in itertools.combinations(range(curves.shape[1]), 2):
         apart = curves[:, one] - curves[:, other]
         difference = logarithms[:, one] - logarithms[:, other]
         for i in np.flatnonzero(apart[:-1] * apart[1:] < 0.0):
-            x = float(
-                brentq(
-                    lambda at, values=difference: curve(np.array([at]), values)[0],
-                    grid[i],
-                    grid[i + 1],
-                    xtol=1e-15,
-                )
-            )
+            x = float(brentq(gap, grid[i], grid[i + 1], args=(difference,), xtol=1e-15))
             level = curve(np.array([x]), logarithms)[0, one]
             # The two modes are the nearest ones, and the second is half the gap away.
             off = np.abs(np.log(sampler.at(x).frequencies) - level)

@@ -29,17 +29,13 @@ def verify(
     ----------
     table : Table
         The assembled table.
-    sampler, pieces, tracked
+    sampler, pieces, tracked, accuracy
         The arguments from which it was assembled.
-    accuracy : Accuracy
-        The accuracy to be met.
 
     Returns
     -------
-    table : Table
-        The table with its errors.
-    poor : list of Piece
-        The pieces that are not accurate enough.
+    tuple of (Table, list of Piece)
+        The table with its errors, and the pieces that are not accurate enough.
     """
     frequencies = np.exp(tracked.log_frequencies[:, : table.n_modes])
     exact = dict(zip(tracked.variables.tolist(), frequencies, strict=True))
@@ -70,10 +66,8 @@ def frf_lines(exact: PoleResidue, band: tuple[float, float]) -> tuple[FloatArray
 
     Parameters
     ----------
-    exact : PoleResidue
-        The exact FRFs, whose resonances have more lines.
-    band : tuple of float
-        Hz.
+    exact, band
+        The exact FRFs, whose resonances have more lines; Hz.
     """
     lines = exact.lines(band, _LINES)
     return lines, np.sqrt(np.gradient(lines))[:, np.newaxis, np.newaxis]
