@@ -9,15 +9,10 @@ from pathlib import Path
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("calibration", type=Path, help="YAML file of parameters and targets")
-    parser.add_argument(
-        "-o", "--output", type=Path, help="mechanism to write (default: only print the fit)"
-    )
-    parser.add_argument(
-        "--starts",
-        type=int,
-        default=8,
-        help="number of starting points of the search (default: %(default)s)",
-    )
+    text = "mechanism to write (default: only print the fit)"
+    parser.add_argument("-o", "--output", type=Path, help=text)
+    text = "number of starting points of the search (default: %(default)s)"
+    parser.add_argument("--starts", type=int, default=8, help=text)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -31,14 +26,14 @@ def run(options: argparse.Namespace) -> int:
         write_mechanism,
     )
 
-    calibration = read_calibration(options.calibration)
-    with tqdm(total=max(1, options.starts), unit="start") as bar:
+    calibration, starts = read_calibration(options.calibration), max(1, options.starts)
+    with tqdm(total=starts, unit="start") as bar:
 
         def show(cost: float) -> None:
             bar.set_postfix(cost=f"{cost:.4g}")
             bar.update(1)
 
-        result = calibrate(calibration, max(1, options.starts), show)
+        result = calibrate(calibration, starts, show)
     print(summary(calibration, result))
     if options.output:
         write_mechanism(calibration, result.values.tolist(), options.output)

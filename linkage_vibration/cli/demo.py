@@ -9,16 +9,10 @@ from pathlib import Path
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("--bag", type=Path, help="bag to play (default: the shipped drive)")
-    parser.add_argument(
-        "--joint", help="joint to follow; its range of motion is mapped onto the stroke"
-    )
-    parser.add_argument(
-        "-o",
-        "--output",
-        type=Path,
-        default=Path("demo"),
-        help="folder to write to (default: %(default)s)",
-    )
+    text = "joint to follow; its range of motion is mapped onto the stroke"
+    parser.add_argument("--joint", help=text)
+    text = "folder to write to (default: %(default)s)"
+    parser.add_argument("-o", "--output", type=Path, default=Path("demo"), help=text)
 
 
 def run(options: argparse.Namespace) -> int:

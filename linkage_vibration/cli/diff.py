@@ -9,13 +9,8 @@ from pathlib import Path
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("logs", nargs=2, type=Path, metavar="LOG", help="MCAP files, A and B")
-    parser.add_argument(
-        "-o",
-        "--output",
-        type=Path,
-        default=Path("diff.html"),
-        help="HTML file to write (default: %(default)s)",
-    )
+    text = "HTML file to write (default: %(default)s)"
+    parser.add_argument("-o", "--output", type=Path, default=Path("diff.html"), help=text)
 
 
 def run(options: argparse.Namespace) -> int:

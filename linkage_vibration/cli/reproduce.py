@@ -9,13 +9,8 @@ from typing import Any
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument(
-        "-o",
-        "--output",
-        type=Path,
-        default=Path("reproduction"),
-        help="folder to write to (default: %(default)s)",
-    )
+    text = "folder to write to (default: %(default)s)"
+    parser.add_argument("-o", "--output", type=Path, default=Path("reproduction"), help=text)
 
 
 def run(options: argparse.Namespace) -> int:

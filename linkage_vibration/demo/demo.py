@@ -11,7 +11,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
@@ -19,11 +19,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from linkage_vibration.bags.reading import (
-    JointStateRecord,
-    read_joint_states,
-    read_messages,
-)
+from linkage_vibration.bags.reading import JointStateRecord, read_joint_states, read_messages
 from linkage_vibration.demo.domain import reserve_domain
 from linkage_vibration.drawing.plots import plot_predictions
 from linkage_vibration.errors import LinkageVibrationError
@@ -50,6 +46,8 @@ class DemoError(LinkageVibrationError):
 def run_demo(bag: Path | None, joint: str | None, output: Path) -> int:
     """Play a drive to the node, print what it predicts, and draw its log.
 
+    Return 0 if each joint state was answered by one prediction, 1 if not.
+
     Unless the user has set them, the variables ``ROS_AUTOMATIC_DISCOVERY_RANGE`` and
     ``ROS_DOMAIN_ID`` are set for this process and the node, so that they find only each other.
 
@@ -62,11 +60,6 @@ def run_demo(bag: Path | None, joint: str | None, output: Path) -> int:
         The joint to follow; may be None for the shipped drive.
     output : Path
         The folder for the log and the picture; it is created if it is missing.
-
-    Returns
-    -------
-    int
-        0 if each joint state was answered by one prediction, 1 if not.
 
     Raises
     ------
@@ -99,11 +92,8 @@ def run_demo(bag: Path | None, joint: str | None, output: Path) -> int:
     logs_before = set(output.glob("*.mcap"))
     print(f"Playing {followed} of {drive} to the node on ROS domain {os.environ['ROS_DOMAIN_ID']}.")
     live = _LiveLine(sys.stdout)
-    with _node(parameters, output) as check:
-        try:
-            playback = play(records, [] if bag else _speeds(drive), live.show, check)
-        finally:
-            live.end()
+    with _node(parameters, output) as check, closing(live):
+        playback = play(records, [] if bag else _speeds(drive), live.show, check)
     log = max(set(output.glob("*.mcap")) - logs_before, key=lambda path: path.stat().st_mtime)
     plot_predictions(log, log.with_suffix(".png"))
     return _report(playback, log)
@@ -203,9 +193,10 @@ def _node(parameters: dict[str, object], folder: Path) -> Iterator[Callable[[], 
 
     def check() -> None:
         if process.poll() is not None:
+            last = "\n".join(printed.read_text("utf-8", errors="replace").splitlines()[-10:])
             raise DemoError(
                 f"The node ended with exit code {process.returncode}; fix what its last messages "
-                f"({printed}) name:\n{_tail(printed)}"
+                f"({printed}) name:\n{last}"
             )
 
     try:
@@ -221,17 +212,11 @@ def _node(parameters: dict[str, object], folder: Path) -> Iterator[Callable[[], 
         check()
 
 
-def _tail(file: Path) -> str:
-    return "\n".join(file.read_text("utf-8", errors="replace").splitlines()[-10:])
-
-
 class _LiveLine:
     """Shows the newest prediction: in one line of a terminal, or in a file line once a second."""
 
     def __init__(self, stream: TextIO) -> None:
-        self._stream = stream
-        self._in_place = stream.isatty()
-        self._due = 0.0
+        self._stream, self._in_place, self._due = stream, stream.isatty(), 0.0
 
     def show(self, prediction: Any) -> None:
         """Write the line, if its time has come."""
@@ -242,7 +227,7 @@ class _LiveLine:
         self._stream.write(f"\r{_line(prediction)}" if self._in_place else f"{_line(prediction)}\n")
         self._stream.flush()
 
-    def end(self) -> None:
+    def close(self) -> None:
         """End the line."""
         if self._in_place and self._due:
             self._stream.write("\n")

@@ -10,6 +10,7 @@ import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
 from linkage_vibration.bags.recorder import Recorder
+from linkage_vibration.prediction.answers import Served
 from linkage_vibration.prediction.resonance import Resonance, ResonanceState
 
 LATENCIES = 1_000  # the percentiles are those of this many latest latencies
@@ -22,10 +23,8 @@ class Second:
 
     Attributes
     ----------
-    rate : float
-        Predictions a second, Hz.
-    without_numbers : float
-        Share of predictions without numbers, 0 to 1.
+    rate, without_numbers : float
+        Predictions a second, Hz, and the share of them without numbers, 0 to 1.
     clock_jumps, qos_mismatches : int
         As in `Statistics`.
     """
@@ -78,10 +77,8 @@ class Statistics:
         ----------
         now : float
             Time by the steady clock, s.
-        sec, nanosec : int
-            Stamp of the reading.
-        received : int
-            When the reading arrived, by the node's clock, ns.
+        sec, nanosec, received : int
+            Stamp of the reading, and its arrival by the node's clock, ns.
         """
         stamp = 1_000_000_000 * sec + nanosec
         if stamp < self._last_stamp:
@@ -122,10 +119,8 @@ class Health:
 
     Attributes
     ----------
-    state : str
-        State of the lifecycle.
-    problem : str
-        Why the node could not be configured or activated; empty if it could.
+    state, problem : str
+        State of the lifecycle, and why the node could not reach another one; empty if it could.
     reading : str
         Name of the input, such as "joint hitch on /joint_states".
     age, stale_after : float
@@ -134,10 +129,8 @@ class Health:
         What happened since the last status.
     resonance : Resonance or None
         The last resonance.
-    recorder : Recorder or None
+    recorder, served : Recorder, Served or None
         None while the node is not configured.
-    table_id, interpolation_error : str, float
-        Name of the table and its error.
     """
 
     state: str
@@ -148,20 +141,11 @@ class Health:
     second: Second
     resonance: Resonance | None
     recorder: Recorder | None
-    table_id: str
-    interpolation_error: float
+    served: Served | None
 
 
-def judge(health: Health, statistics: Statistics) -> tuple[bytes, str]:
-    """Return the level of a status, and a sentence about the most serious problem.
-
-    Parameters
-    ----------
-    health : Health
-        The state of the node.
-    statistics : Statistics
-        Its counts.
-    """
+def _judge(health: Health, statistics: Statistics) -> tuple[bytes, str]:
+    """Return the level of a status, and a sentence about the most serious problem."""
     if health.problem:
         return DiagnosticStatus.ERROR, health.problem
     if health.state != "active":
@@ -200,19 +184,18 @@ def _warning(health: Health, statistics: Statistics) -> str:
     return ""
 
 
-def status(name: str, hardware_id: str, health: Health, statistics: Statistics) -> DiagnosticStatus:
+def status(name: str, health: Health, statistics: Statistics) -> DiagnosticStatus:
     """Return the status with all its values.
 
     Parameters
     ----------
-    name, hardware_id : str
-        Names of the status and of the mechanism.
-    health : Health
-        The state of the node.
-    statistics : Statistics
-        Its counts.
+    name : str
+        Name of the status.
+    health, statistics : Health, Statistics
+        The state of the node, and its counts.
     """
-    level, message = judge(health, statistics)
+    level, message = _judge(health, statistics)
+    table = None if health.served is None else health.served.table
     latencies, log = 1e3 * np.array(statistics.latencies or math.nan), health.recorder
     median, high = np.percentile(latencies, [50.0, 99.0])
     mismatches = sorted(statistics.qos_mismatches.items())
@@ -229,8 +212,8 @@ def status(name: str, hardware_id: str, health: Health, statistics: Statistics) 
         "stamps that went back": str(statistics.stamps_back),
         "clock jumps": str(statistics.clock_jumps),
         "QoS mismatches": ", ".join(f"{topic} {count}" for topic, count in mismatches) or "0",
-        "table id": health.table_id,
-        "table error": f"{health.interpolation_error:.1e}",
+        "table id": "" if table is None else table.table_id,
+        "table error": f"{math.nan if table is None else table.interpolation_error.max():.1e}",
     }
     if health.resonance is not None:
         values["resonance"] = health.resonance.state.name.lower()
@@ -245,6 +228,6 @@ def status(name: str, hardware_id: str, health: Health, statistics: Statistics) 
         level=level,
         name=name,
         message=message,
-        hardware_id=hardware_id,
+        hardware_id="" if health.served is None else health.served.mechanism.name,
         values=[KeyValue(key=key, value=value) for key, value in values.items()],
     )

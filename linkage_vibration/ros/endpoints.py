@@ -3,7 +3,6 @@
 """Publishers and subscriptions with the node's QoS."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import wraps
 from importlib import import_module
 from typing import Any, cast
@@ -25,71 +24,53 @@ from rclpy.qos import (
 from linkage_vibration.bags.writing import QUEUE_DEPTH
 from linkage_vibration.ros.diagnostics import Statistics
 from linkage_vibration.ros.throttle import Throttle
-from linkage_vibration_interfaces.msg import Resonance, VibrationPrediction
 
 
-@dataclass(frozen=True, slots=True)
-class Publishers:
-    """The publishers of live predictions, which exist as long as the node in whatever state.
+def advertise(node: Node, kind: Any, name: str, statistics: Statistics, throttle: Throttle) -> Any:
+    """Return a reliable publisher that reports subscribers whose QoS does not match.
 
     In rclpy 9.1 a publisher or subscription with QoS events must not be destroyed while the events
-    executor works, because an event at that moment ends the process. Only these have QoS events.
-    """
-
-    predictions: Any
-    resonances: Any
-
-
-def publishers(node: Node, statistics: Statistics, throttle: Throttle) -> Publishers:
-    """Return reliable publishers that report subscribers whose QoS does not match.
+    executor works, because an event at that moment ends the process. So this publisher exists as
+    long as its node, and no other publisher or subscription has QoS events.
 
     Parameters
     ----------
     node : Node
         The node that publishes.
-    statistics : Statistics
-        Counts these subscribers.
-    throttle : Throttle
-        Warns of them.
+    kind, name : type, str
+        Class of the messages and name of the topic.
+    statistics, throttle : Statistics, Throttle
+        Count these subscribers, and warn of them.
     """
+    topic = node.resolve_topic_name(name)
 
-    def advertise(kind: Any, name: str) -> Any:
-        topic = node.resolve_topic_name(name)
+    def on_mismatch(event: QoSOfferedIncompatibleQoSInfo) -> None:
+        statistics.qos_mismatches[topic] += event.total_count_change
+        throttle.warn(
+            f"subscriber of {topic}",
+            f"A subscriber of {topic} asks for a QoS that this node does not offer "
+            f"({qos_policy_name_from_kind(event.last_policy_kind)}), so it receives nothing. "
+            "Subscribe volatile, and reliable or best effort.",
+        )
 
-        def on_mismatch(event: QoSOfferedIncompatibleQoSInfo) -> None:
-            statistics.qos_mismatches[topic] += event.total_count_change
-            throttle.warn(
-                f"subscriber of {topic}",
-                f"A subscriber of {topic} asks for a QoS that this "
-                f"node does not offer ({qos_policy_name_from_kind(event.last_policy_kind)}), so it "
-                "receives nothing. Subscribe volatile, and reliable or best effort.",
-            )
-
-        events = PublisherEventCallbacks(incompatible_qos=on_mismatch)
-        qos = _qos(ReliabilityPolicy.RELIABLE)
-        return node.create_publisher(kind, name, qos, event_callbacks=events)
-
-    return Publishers(
-        advertise(VibrationPrediction, "~/prediction"), advertise(Resonance, "~/resonance")
-    )
+    events = PublisherEventCallbacks(incompatible_qos=on_mismatch)
+    qos = _qos(ReliabilityPolicy.RELIABLE)
+    return node.create_publisher(kind, name, qos, event_callbacks=events)
 
 
 def publisher(node: Node, kind: Any, name: str, *, latched: bool = False) -> Any:
-    """Return a reliable publisher that may be destroyed at any time.
+    """Return a reliable publisher of one message, which may be destroyed at any time.
 
     Parameters
     ----------
     node : Node
         The node that publishes.
-    kind : type
-        Class of the messages.
-    name : str
-        Name of the topic.
+    kind, name : type, str
+        Class of the messages and name of the topic.
     latched : bool
         Whether later subscribers receive the last message.
     """
-    qos = _qos(ReliabilityPolicy.RELIABLE)
-    qos.depth = 1
+    qos = _qos(ReliabilityPolicy.RELIABLE, 1)
     if latched:
         qos.durability = DurabilityPolicy.TRANSIENT_LOCAL
     events = PublisherEventCallbacks(use_default_callbacks=False)
@@ -103,10 +84,8 @@ def subscribe(node: Node, kind: Any, topic: str, on_message: Callable[..., None]
     ----------
     node : Node
         The node that subscribes.
-    kind : type
-        Class of the messages.
-    topic : str
-        Name of the topic.
+    kind, topic : type, str
+        Class of the messages and name of the topic.
     on_message : callable
         Called with the bytes of a message and its `MessageInfo`.
     """
@@ -116,15 +95,10 @@ def subscribe(node: Node, kind: Any, topic: str, on_message: Callable[..., None]
         # The events executor (rclpy 9.1) passes both in one tuple.
         on_message(*(args if len(args) == 2 else args[0]))
 
+    events = SubscriptionEventCallbacks(use_default_callbacks=False)  # see `advertise`
+    qos, bytes_call = _qos(ReliabilityPolicy.BEST_EFFORT), cast(Any, call)
     # The type hints of rclpy do not know that `raw` passes bytes.
-    return node.create_subscription(
-        kind,
-        topic,
-        cast(Any, call),
-        _qos(ReliabilityPolicy.BEST_EFFORT),
-        raw=True,
-        event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),  # see Publishers
-    )
+    return node.create_subscription(kind, topic, bytes_call, qos, raw=True, event_callbacks=events)
 
 
 def message_class(type_name: str) -> Any:
@@ -139,11 +113,11 @@ def message_class(type_name: str) -> Any:
     return getattr(import_module(f"{package}.msg"), name)
 
 
-def _qos(reliability: ReliabilityPolicy) -> QoSProfile:
+def _qos(reliability: ReliabilityPolicy, depth: int = QUEUE_DEPTH) -> QoSProfile:
     """Return a new profile, because the overrides of rclpy change shared profiles in place."""
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST,
-        depth=QUEUE_DEPTH,
+        depth=depth,
         reliability=reliability,
         durability=DurabilityPolicy.VOLATILE,
     )

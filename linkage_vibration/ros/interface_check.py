@@ -32,12 +32,9 @@ def check_interfaces() -> None:
         If a message class has other fields, or reads other values.
     """
     one, two, three, four = np.array([[2.0, 3.0], [4.0, 5.0], [6.0, 7.0], [8.0, 9.0]])
-    prediction = Prediction(
-        1.0, Status.NEAR_TOGGLE, one, two, three, four, 10.0, 11.0, 12.0, "table"
-    )
-    resonance = Resonance(
-        ResonanceState.WARNING, "engine 1", 1.0, 2, 3.0, 4.0, 5.0, -1, 6.0, "table"
-    )
+    near, warning = Status.NEAR_TOGGLE, ResonanceState.WARNING
+    prediction = Prediction(1.0, near, one, two, three, four, 10.0, 11.0, 12.0, "table")
+    resonance = Resonance(warning, "engine 1", 1.0, 2, 3.0, 4.0, 5.0, -1, 6.0, "table")
     _check_names(TABLE_INFO)
     _check_values(PREDICTION, prediction, encode_prediction(prediction, 1, 2, "frame"))
     _check_values(RESONANCE, resonance, encode_resonance(resonance, 1, 2, "frame"))
@@ -59,11 +56,8 @@ def _check_values(type_name: str, example: object, encoded: bytes) -> None:
         decoded = deserialize_message(encoded, message_class(type_name))
     except RuntimeError as error:
         raise _mismatch(type_name, f"cannot read our messages ({error})") from None
-    header: dict[str, Any] = {
-        "header.stamp.sec": 1,
-        "header.stamp.nanosec": 2,
-        "header.frame_id": "frame",
-    }
+    stamp: dict[str, Any] = {"header.stamp.sec": 1, "header.stamp.nanosec": 2}
+    header = stamp | {"header.frame_id": "frame"}
     for field in message_fields(type_name):
         expected = header.get(field.name) or getattr(example, field.name)
         if not np.array_equal(attrgetter(field.name)(decoded), expected):

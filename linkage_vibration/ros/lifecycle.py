@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.clock import Clock, JumpThreshold
 from rclpy.clock_type import ClockType
@@ -19,22 +20,22 @@ from std_msgs.msg import String
 from linkage_vibration.bags.recorder import Provenance, Recorder, package_versions
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.messages.provenance import attachments
-from linkage_vibration.prediction.answers import Served
+from linkage_vibration.prediction.answers import Served, place_name
 from linkage_vibration.prediction.resonance import ResonanceMonitor
 from linkage_vibration.prediction.settings import NODE_NAME, without_markers
 from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.readers.served import read_served
 from linkage_vibration.ros.diagnostics import Health, Statistics, status
-from linkage_vibration.ros.endpoints import publisher, publishers
+from linkage_vibration.ros.endpoints import advertise, publisher
 from linkage_vibration.ros.interface_check import check_interfaces
 from linkage_vibration.ros.log_control import Recording
 from linkage_vibration.ros.markers import Markers
 from linkage_vibration.ros.message_path import Predicting, own_topics
 from linkage_vibration.ros.parameter_server import changed, declare_parameters, in_own_types
 from linkage_vibration.ros.services import Services
-from linkage_vibration.ros.table_info import table_info
 from linkage_vibration.ros.throttle import Throttle
-from linkage_vibration_interfaces.msg import TableInfo
+from linkage_vibration.table.table import Table
+from linkage_vibration_interfaces.msg import Resonance, TableInfo, VibrationPrediction
 
 
 class LinkageVibrationNode(LifecycleNode):
@@ -66,7 +67,10 @@ class LinkageVibrationNode(LifecycleNode):
         self._state = "unconfigured"
         self._statistics = Statistics()
         self._throttle = Throttle(self.get_logger())
-        self._outputs = publishers(self, self._statistics, self._throttle)
+        self._outputs = (
+            advertise(self, VibrationPrediction, "~/prediction", self._statistics, self._throttle),
+            advertise(self, Resonance, "~/resonance", self._statistics, self._throttle),
+        )
         # These exist while the node is configured.
         self._served: Served | None = None
         self._excitations = ""
@@ -142,10 +146,8 @@ class LinkageVibrationNode(LifecycleNode):
         recording, counts = self._recording, self._statistics
         self._deactivate()
         self._clean_up()
-        logger = self.get_logger()
-        logger.info(
-            f"{counts.received} messages received, {counts.predicted} predictions published."
-        )
+        summary = f"{counts.received} messages received, {counts.predicted} predictions published."
+        self.get_logger().info(summary)
         if recording is not None:
             recording.report_end()
         self.destroy_node()
@@ -162,10 +164,10 @@ class LinkageVibrationNode(LifecycleNode):
             if not self.autostart:
                 self.get_logger().error(self.problem)
             return TransitionCallbackReturn.FAILURE
+        except ExternalShutdownException:
+            undo()
+            return TransitionCallbackReturn.FAILURE
         except Exception as defect:
-            if isinstance(defect, ExternalShutdownException):
-                undo()
-                return TransitionCallbackReturn.FAILURE
             self.problem = f"{type(defect).__name__}: {defect}; please report this."
             self.get_logger().error(self.problem)
             raise
@@ -186,8 +188,8 @@ class LinkageVibrationNode(LifecycleNode):
         excitations = read_excitations(path)
         self._excitations = path.read_text(encoding="utf-8")
         self._served = served = read_served(settings, self.get_logger().info, self._check_signals)
-        statistics, throttle = self._statistics, self._throttle
         topics = own_topics(self)
+        extra_topics = set(map(self.resolve_topic_name, settings.extra_topics.split()))
         recorder = Recorder(
             settings.log_path(),
             topics,
@@ -195,24 +197,19 @@ class LinkageVibrationNode(LifecycleNode):
             settings.limits(),
             settings.compression,
         )
-        self._recording = recording = Recording(
-            self,
-            recorder,
-            {topic.name for topic in topics},
-            set(map(self.resolve_topic_name, settings.extra_topics.split())),
-            throttle,
-        )
+        extra_topics -= {topic.name for topic in topics}
+        self._recording = recording = Recording(self, recorder, extra_topics, self._throttle)
         self._markers = markers = Markers(self, self._serving, self._settings)
         self._predicting = Predicting(
             self,
-            self._outputs,
+            *self._outputs,
             settings,
             served.predictor,
             ResonanceMonitor(excitations),
             recording.write,
             markers.update,
-            statistics,
-            throttle,
+            self._statistics,
+            self._throttle,
         )
         self._offered = Services(self, self._serving, self._swap)
         self._latched = [
@@ -265,7 +262,7 @@ class LinkageVibrationNode(LifecycleNode):
 
     def _publish_model(self, served: Served) -> None:
         info, mechanism = self._latched
-        info.publish(table_info(served.table, self.get_clock().now().to_msg()))
+        info.publish(_table_info(served.table, self.get_clock().now().to_msg()))
         mechanism.publish(String(data=served.mechanism_text))
 
     def _provenance(self, served: Served) -> Provenance:
@@ -292,25 +289,13 @@ class LinkageVibrationNode(LifecycleNode):
 
     def _on_second(self) -> None:
         now, counts = time.monotonic(), self._statistics
+        recording, predicting = self._recording, self._predicting
         counts.watch_wall_clock(time.time(), now)
-        if self._recording is not None:
-            self._recording.watch()
-        if self._predicting is not None:
-            self._predicting.report_missing(now)
-        own = status(
-            f"{self.get_fully_qualified_name()}: predictions",
-            "" if self._served is None else self._served.mechanism.name,
-            self._health(now),
-            counts,
-        )
-        message = DiagnosticArray(status=[own])
-        message.header.stamp = self.get_clock().now().to_msg()
-        self._diagnostics.publish(message)
-
-    def _health(self, now: float) -> Health:
-        counts, served, predicting = self._statistics, self._served, self._predicting
-        table = None if served is None else served.table
-        return Health(
+        if recording is not None:
+            recording.watch()
+        if predicting is not None:
+            predicting.report_missing(now)
+        health = Health(
             state=self._state,
             problem=self.problem,
             reading="" if predicting is None else predicting.input_name,
@@ -318,12 +303,38 @@ class LinkageVibrationNode(LifecycleNode):
             stale_after=self._settings.stale_after,
             second=counts.since_last_time(now),
             resonance=None if predicting is None else predicting.resonance,
-            recorder=None if self._recording is None else self._recording.recorder,
-            table_id="" if table is None else table.table_id,
-            interpolation_error=math.nan
-            if table is None
-            else float(table.interpolation_error.max()),
+            recorder=None if recording is None else recording.recorder,
+            served=self._served,
         )
+        own = status(f"{self.get_fully_qualified_name()}: predictions", health, counts)
+        message = DiagnosticArray(status=[own])
+        message.header.stamp = self.get_clock().now().to_msg()
+        self._diagnostics.publish(message)
 
     def _on_jump(self, _: Any) -> None:
         self._statistics.clock_jumps += 1
+
+
+def _table_info(table: Table, stamp: Time) -> TableInfo:
+    """Return the message that describes a table, which is in use since a time."""
+    first, last = table.alpha3_range
+    sound_first, sound_last = table.sound_range
+    return TableInfo(
+        stamp=stamp,
+        table_id=table.table_id,
+        mechanism_name=table.mechanism_name,
+        model_hash=table.model_hash,
+        package_version=table.package_version,
+        crank_angle_first=first,
+        crank_angle_last=last,
+        sound_first=max(first, sound_first),
+        sound_last=min(last, sound_last),
+        band_low=table.band[0],
+        band_high=table.band[1],
+        n_modes=table.n_modes,
+        n_points=len(table.alpha3),
+        interpolation_error=float(table.interpolation_error.max()),
+        peak_error=table.peak_error,
+        frf_error=table.frf_error,
+        places=[place_name(place) for place in table.places],
+    )

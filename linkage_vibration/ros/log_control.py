@@ -4,7 +4,6 @@
 
 import time
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 from rclpy.node import Node
@@ -28,25 +27,17 @@ class Recording:
         The node that offers the services.
     recorder : Recorder
         A recorder that is not started yet, which is the attribute `recorder`.
-    own_topics : set of str
-        The topics for which `write` is called.
     extra_topics : set of str
-        Further topics to record, as soon as their types are known.
+        Topics to record beside those for which `write` is called, once their types are known.
     throttle : Throttle
         Warns of topics that cannot be recorded.
     """
 
     def __init__(
-        self,
-        node: Node,
-        recorder: Recorder,
-        own_topics: set[str],
-        extra_topics: set[str],
-        throttle: Throttle,
+        self, node: Node, recorder: Recorder, extra_topics: set[str], throttle: Throttle
     ) -> None:
-        self.recorder = recorder
+        self.recorder, self._extra_topics = recorder, extra_topics
         self._node, self._throttle = node, throttle
-        self._extra_topics = extra_topics - own_topics
         self._subscriptions: dict[str, Any] = {}
         self._active = self._error_reported = False
         self._services = [
@@ -55,13 +46,7 @@ class Recording:
         ]
 
     def activate(self, *, begin: bool) -> None:
-        """Allow recording, and start it if ``begin`` is true.
-
-        Raises
-        ------
-        LogError
-            If it cannot start.
-        """
+        """Allow recording, and start it if ``begin`` is true; raise a `LogError` if it fails."""
         if begin:
             self._start()
         self._active = True
@@ -84,10 +69,8 @@ class Recording:
 
         Parameters
         ----------
-        topic : str
-            Its topic.
-        data : bytes
-            Its CDR.
+        topic, data : str, bytes
+            Its topic and its CDR.
         received : int
             When it, or the message that it answers, was received, ns.
         info : MessageInfo or None
@@ -124,29 +107,27 @@ class Recording:
         except (LinkageVibrationError, ImportError, AttributeError) as error:
             self._throttle.warn(topic, f"{topic} cannot be recorded: {error}")
             return
-        self._subscriptions[topic] = subscribe(
-            self._node, kind, topic, partial(self._on_message, topic)
-        )
+        on_message = partial(self._on_message, topic)
+        self._subscriptions[topic] = subscribe(self._node, kind, topic, on_message)
 
     def _on_message(self, topic: str, data: bytes, info: MessageInfo) -> None:
         self.write(topic, data, self._node.get_clock().now().nanoseconds, info)
 
-    def _start(self) -> Path | None:
+    def _start(self) -> None:
         self._error_reported = False
         self.recorder.start()
         self._node.get_logger().info(f"Recording to {self.recorder.path}")
-        return self.recorder.path
 
     def _on_start(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         if not self._active:
             response.message = "The node is inactive; activate it first."
             return response
         try:
-            response.message = str(self._start())
+            self._start()
         except LogError as error:
             response.message = str(error)
-        else:
-            response.success = True
+            return response
+        response.success, response.message = True, str(self.recorder.path)
         return response
 
     def _on_stop(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:

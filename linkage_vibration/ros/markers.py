@@ -17,15 +17,8 @@ from rclpy.node import Node
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
-from linkage_vibration.drawing.geometry import (
-    Curves,
-    corners,
-    largest,
-    mode_curves,
-    nearest_mode,
-    scene,
-    size,
-)
+from linkage_vibration.drawing import geometry
+from linkage_vibration.drawing.geometry import Curves, size
 from linkage_vibration.drawing.palette import COLOURS, GREY
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.prediction.answers import Served
@@ -59,8 +52,7 @@ class Markers:
     """
 
     def __init__(self, node: Node, served: Callable[[], Served], settings: Parameters) -> None:
-        self._node, self._served, self._settings = node, served, settings
-        self._angle = math.nan
+        self._node, self._served, self._settings, self._angle = node, served, settings, math.nan
         self._before: FloatArray | None = None  # the mode in the last picture, for its sign
         self._thread = ThreadPoolExecutor(1, "linkage_vibration_markers")
         self._drawing: Future[None] | None = None
@@ -93,9 +85,7 @@ class Markers:
         period = round(1e9 / self._settings.marker_rate) if seen else round(1e9 * _UNSEEN_PERIOD)
         if self._timer.timer_period_ns != period:
             self._timer.timer_period_ns = period
-        if not seen:
-            return
-        if self._drawing is None or self._drawing.done():
+        if seen and (self._drawing is None or self._drawing.done()):
             self._drawing = self._thread.submit(self._draw, self._angle, self._settings)
 
     def _draw(self, angle: float, settings: Parameters) -> None:
@@ -116,7 +106,7 @@ class Markers:
             )
 
     def _markers(self, served: Served, angle: float, settings: Parameters) -> list[Marker]:
-        drawn = scene(served.model, served.model.kinematics.at(angle))
+        drawn = geometry.scene(served.model, served.model.kinematics.at(angle))
         scale = size(drawn.bodies)
         line, pin = _LINE * scale, _PIN * scale
         rigid = {body.name for body in served.mechanism.rigid_bodies}
@@ -142,7 +132,7 @@ class Markers:
             return []
         frequency = float(prediction.natural_frequencies[mode])
         solution = served.model.solve(angle)
-        moved = mode_curves(solution, nearest_mode(solution, frequency))
+        moved = geometry.mode_curves(solution, geometry.nearest_mode(solution, frequency))
         shape = np.vstack(list(moved.values()))
         # The sign of a mode shape is arbitrary, so it follows the last picture.
         sign, before = 1.0, self._before
@@ -151,18 +141,15 @@ class Markers:
         self._before = sign * shape
         scale = size(bodies)
         phase = 2.0 * math.pi * SWINGS_PER_SECOND * time.monotonic()
-        factor = sign * math.sin(phase) * SWING * scale / largest(moved)
+        factor = sign * math.sin(phase) * SWING * scale / geometry.largest(moved)
+        colour, line, letter = COLOURS[1], _LINE * scale, 2.0 * _PIN * scale
         markers = [
-            _marker(
-                "mode", i, Marker.LINE_STRIP, COLOURS[1], _LINE * scale, at + factor * moved[name]
-            )
+            _marker("mode", i, Marker.LINE_STRIP, colour, line, at + factor * moved[name])
             for i, (name, at) in enumerate(bodies.items())
         ]
-        low, high = corners(bodies)
+        low, high = geometry.corners(bodies)
         above = np.array([[(low[0] + high[0]) / 2.0, high[1] + 2.0 * SWING * scale]])
-        text = _marker(
-            "mode_text", 0, Marker.TEXT_VIEW_FACING, COLOURS[1], 2.0 * _PIN * scale, above
-        )
+        text = _marker("mode_text", 0, Marker.TEXT_VIEW_FACING, colour, letter, above)
         text.text = f"mode {mode + 1}: {frequency:.1f} Hz"
         return [*markers, text]
 
@@ -171,12 +158,8 @@ def _marker(name: str, number: int, kind: int, colour: str, width: float, at: Fl
     """Return a marker, which replaces the marker of the same name and number."""
     marker = Marker(ns=name, id=number, type=kind, action=Marker.ADD)
     marker.scale.x = marker.scale.y = marker.scale.z = width
-    marker.color = ColorRGBA(
-        r=int(colour[1:3], 16) / 255.0,
-        g=int(colour[3:5], 16) / 255.0,
-        b=int(colour[5:7], 16) / 255.0,
-        a=1.0,
-    )
+    red, green, blue = (value / 255.0 for value in bytes.fromhex(colour[1:]))
+    marker.color = ColorRGBA(r=red, g=green, b=blue, a=1.0)
     points = [Point(x=x, y=0.0, z=z) for x, z in at.tolist()]
     if kind == Marker.TEXT_VIEW_FACING:
         marker.pose.position = points[0]

@@ -23,7 +23,7 @@ from linkage_vibration.prediction.predictor import Predictor, Status, fault
 from linkage_vibration.prediction.resonance import Resonance, ResonanceMonitor
 from linkage_vibration.prediction.settings import Parameters
 from linkage_vibration.ros.diagnostics import Statistics
-from linkage_vibration.ros.endpoints import Publishers, message_class, subscribe
+from linkage_vibration.ros.endpoints import message_class, subscribe
 from linkage_vibration.ros.throttle import Throttle
 
 MISSING_AFTER = 5.0  # s without the joint, before a warning says that it is missing
@@ -50,7 +50,7 @@ class Predicting:
     ----------
     node : Node
         The node that subscribes.
-    publishers : Publishers
+    predictions, resonances : Publisher
         The publishers of both topics.
     settings : Parameters
         The parameters at the start; `apply` changes them.
@@ -63,10 +63,8 @@ class Predicting:
         of every message that is used or published.
     show : callable
         Called with each crank angle that has a prediction, rad.
-    statistics : Statistics
-        Counts the messages.
-    throttle : Throttle
-        Warns of messages that cannot be answered.
+    statistics, throttle : Statistics, Throttle
+        Count the messages, and warn of those that cannot be answered.
 
     Attributes
     ----------
@@ -77,7 +75,8 @@ class Predicting:
     def __init__(
         self,
         node: Node,
-        publishers: Publishers,
+        predictions: Any,
+        resonances: Any,
         settings: Parameters,
         predictor: Predictor,
         monitor: ResonanceMonitor,
@@ -89,17 +88,15 @@ class Predicting:
         self.predictor = predictor
         self.resonance: Resonance | None = None
         self._node, self._monitor, self._record, self._show = node, monitor, record, show
-        self._statistics, self._throttle = statistics, throttle
-        self._settings = settings
+        self._settings, self._statistics, self._throttle = settings, statistics, throttle
         self._input: CrankInput
         self._subscriptions: list[Any] = []
         self._other_names: set[str] = set()
         self._began = 0.0
         self._input_topics = {i: node.resolve_topic_name(i.topic) for i in INPUTS.values()}
         self._speed_topics = {s: node.resolve_topic_name(n) for n, s in SPEEDS.items()}
-        self._predictions, self._resonances = publishers.predictions, publishers.resonances
-        self._prediction_topic = self._predictions.topic_name
-        self._resonance_topic = self._resonances.topic_name
+        self._predictions, self._prediction_topic = predictions, predictions.topic_name
+        self._resonances, self._resonance_topic = resonances, resonances.topic_name
         self.apply(settings)
 
     @property
@@ -174,9 +171,8 @@ class Predicting:
             self._throttle.warn("reading", str(error))
             return
         except RuntimeError as error:
-            self._throttle.warn(
-                "bytes", f"A message of {len(data)} bytes on {topic} is not valid CDR: {error}"
-            )
+            problem = f"A message of {len(data)} bytes on {topic} is not valid CDR: {error}"
+            self._throttle.warn("bytes", problem)
             return
         if reading is None:
             # Several nodes may share the topic; `report_missing` warns if none sends the joint.
@@ -190,20 +186,15 @@ class Predicting:
 
     def _on_speed(self, source: Source, topic: str, data: bytes, info: MessageInfo) -> None:
         received = self._node.get_clock().now().nanoseconds
-        value = self._float(data)
-        if value is not None:
-            if self._settings.fixed_speed(source) is None:
-                self._monitor.set_speed(source, value, received)
-            self._record(topic, data, received, info)
-
-    def _float(self, data: bytes) -> float | None:
         try:
-            return float(deserialize_message(data, Float64).data)
+            value = deserialize_message(data, Float64).data
         except RuntimeError as error:
-            self._throttle.warn(
-                "bytes", f"A Float64 of {len(data)} bytes is not valid CDR: {error}"
-            )
-            return None
+            problem = f"A Float64 of {len(data)} bytes is not valid CDR: {error}"
+            self._throttle.warn("bytes", problem)
+            return
+        if self._settings.fixed_speed(source) is None:
+            self._monitor.set_speed(source, value, received)
+        self._record(topic, data, received, info)
 
     def _answer(
         self, reading: Reading, sec: int, nanosec: int, frame: str, source: _Message, began: float

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Declares, describes and sets the node's parameters in ROS 2."""
 
-from collections.abc import Iterable, Mapping
 from dataclasses import fields
 from typing import Any
 
@@ -25,14 +24,9 @@ from linkage_vibration.prediction.settings import (
 
 
 def declare_parameters(node: Node) -> tuple[Parameters, dict[str, ParameterError]]:
-    """Declare every parameter on a node.
+    """Declare every parameter on a node, and return their values.
 
-    Returns
-    -------
-    settings : Parameters
-        The given values, and the default values of invalid parameters.
-    faults : dict of str to ParameterError
-        The errors of invalid parameters, by name.
+    Invalid parameters get their defaults; their errors are also returned, by name.
     """
     values: dict[str, Any] = {}
     faults: dict[str, ParameterError] = {}
@@ -58,18 +52,17 @@ def _descriptor(parameter: Any) -> ParameterDescriptor:
     description = words["description"] + (f" Unit: {unit}." if unit else "")
     if not words["live"]:
         description += " Read at start." if fixed else " Read when the node is configured."
-    descriptor = ParameterDescriptor(
-        description=description,
-        additional_constraints=f"Must be {words['valid']}.",
-        read_only=fixed,
+    valid = f"Must be {words['valid']}."
+    found = ParameterDescriptor(
+        description=description, additional_constraints=valid, read_only=fixed
     )
-    if between is not None and type(parameter.default) is int:
-        descriptor.integer_range = [IntegerRange(from_value=between[0], to_value=between[1])]
-    elif between is not None:
-        descriptor.floating_point_range = [
-            FloatingPointRange(from_value=between[0], to_value=between[1])
-        ]
-    return descriptor
+    if between is not None:
+        ends = {"from_value": between[0], "to_value": between[1]}
+        if type(parameter.default) is int:
+            found.integer_range = [IntegerRange(**ends)]
+        else:
+            found.floating_point_range = [FloatingPointRange(**ends)]
+    return found
 
 
 def in_own_types(asked: "list[Parameter[Any]]") -> "list[Parameter[Any]]":
@@ -82,30 +75,29 @@ def in_own_types(asked: "list[Parameter[Any]]") -> "list[Parameter[Any]]":
 
 
 def changed(
-    settings: Parameters, asked: "Iterable[Parameter[Any]]", *, configured: bool
+    settings: Parameters, asked: "list[Parameter[Any]]", *, configured: bool
 ) -> tuple[Parameters, SetParametersResult]:
     """Return the parameters after a change, and whether the change is allowed.
 
     Parameters
     ----------
-    settings : Parameters
-        The current parameters.
-    asked : iterable of rclpy.parameter.Parameter
-        New values, possibly also of parameters that every node has.
+    settings, asked : Parameters, list of rclpy.parameter.Parameter
+        The current parameters, and new values, also of parameters that every node has.
     configured : bool
         Whether the node is configured, so that only live parameters may be set.
     """
-    known = {parameter.name: parameter.metadata for parameter in fields(Parameters)}
-    values: Mapping[str, Any] = {p.name: p.value for p in asked if p.name in known}
-    reason = ""
+    live = {parameter.name: parameter.metadata["live"] for parameter in fields(Parameters)}
+    values = {p.name: p.value for p in asked if p.name in live}
     try:
         found = with_values(settings, values)
         if configured:
             found.crank_input()
     except ParameterError as error:
         reason = str(error)
+    else:
+        reason = ""
     for name in values:
-        if configured and not known[name]["live"]:
+        if configured and not live[name]:
             reason = (
                 f"Parameter {name} is read when the node is configured; clean the node up first "
                 "(`ros2 lifecycle set`), or give the parameter at the start."

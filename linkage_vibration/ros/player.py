@@ -76,10 +76,8 @@ def play(
         The joint states in the order of their log times.
     speeds : sequence of (int, str, float)
         Log time (ns), topic and value (rpm or m/s) of each speed in the same order.
-    on_prediction : callable
-        Called with every prediction that arrives.
-    check : callable
-        Called repeatedly; raises an exception to stop.
+    on_prediction, check : callable
+        Called with every prediction that arrives, and repeatedly; `check` may raise to stop.
 
     Raises
     ------
@@ -94,9 +92,9 @@ def play(
         executor = SingleThreadedExecutor(context=context)
         executor.add_node(node)
         try:
-            player = _Player(node, executor, {topic for _, topic, _ in speeds}, on_prediction)
-            player.wait_for_node(check)
-            return player.play(records, speeds, check)
+            player = _Player(node, executor, speeds, on_prediction, check)
+            player.wait_for_node()
+            return player.play(records)
         finally:
             executor.shutdown()
             node.destroy_node()
@@ -111,16 +109,19 @@ class _Player:
         self,
         node: Node,
         executor: SingleThreadedExecutor,
-        speed_topics: set[str],
+        speeds: Sequence[Speed],
         on_prediction: Callable[[VibrationPrediction], None],
+        check: Callable[[], None],
     ) -> None:
-        self._executor, self._on_prediction = executor, on_prediction
+        self._executor, self._on_prediction, self._check = executor, on_prediction, check
+        self._waiting = deque(speeds)
         self._sent_at: defaultdict[tuple[int, int], deque[float]] = defaultdict(deque)
         self._latencies: list[float] = []
         self._lateness: list[float] = []
         self._received, self._last_arrival = 0, 0.0
         qos = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
-        self._speeds = {name: node.create_publisher(Float64, name, qos) for name in speed_topics}
+        names = {name for _, name, _ in speeds}
+        self._speeds = {name: node.create_publisher(Float64, name, qos) for name in names}
         self._publisher = node.create_publisher(JointState, "joint_states", qos)
         topic = f"{NODE_NAME}/prediction"
         node.create_subscription(VibrationPrediction, topic, self._arrived, PREDICTIONS_DEPTH)
@@ -128,11 +129,11 @@ class _Player:
         # node answers it, the node also knows the publishers and the subscription.
         self._client: Any = node.create_client(PredictVibration, f"{NODE_NAME}/predict")
 
-    def wait_for_node(self, check: Callable[[], None]) -> None:
+    def wait_for_node(self) -> None:
         """Return when the node receives what is published from now on."""
         deadline = time.monotonic() + MATCH_TIMEOUT
         while time.monotonic() < deadline:
-            check()
+            self._check()
             self._executor.spin_once(0.05)
             if self._client.service_is_ready() and self._publisher.get_subscription_count() > 0:
                 # Answers are lost until the node has found the client, so it asks each second.
@@ -145,39 +146,33 @@ class _Player:
             "blocks UDP on this machine, and check ROS_DOMAIN_ID and ROS_AUTOMATIC_DISCOVERY_RANGE."
         )
 
-    def play(
-        self,
-        records: Iterable[JointStateRecord],
-        speeds: Sequence[Speed],
-        check: Callable[[], None],
-    ) -> Playback:
+    def play(self, records: Iterable[JointStateRecord]) -> Playback:
         """Publish everything when it is due, and wait for the answers."""
-        waiting = deque(speeds)
         start, first = time.monotonic(), None
         for record in records:
-            check()
+            self._check()
             first = record.log_time if first is None else first
             due = start + 1e-9 * (record.log_time - first)
             # It spins at least once, so that predictions are read even if publishing is late.
             self._executor.spin_once(max(due - time.monotonic(), 0.0))
             while (wait := due - time.monotonic()) > 0.0:
                 self._executor.spin_once(wait)
-            self._wait_for_answers(MAX_UNANSWERED, check)  # so that a slow machine loses none
-            while waiting and waiting[0][0] <= record.log_time:
-                _, topic, value = waiting.popleft()
+            self._wait_for_answers(MAX_UNANSWERED)  # so that a slow machine loses none
+            while self._waiting and self._waiting[0][0] <= record.log_time:
+                _, topic, value = self._waiting.popleft()
                 self._speeds[topic].publish(Float64(data=value))
             self._publish(record, due)
-        self._wait_for_answers(0, check)
+        self._wait_for_answers(0)
         return Playback(self._received, np.array(self._latencies), np.array(self._lateness))
 
-    def _wait_for_answers(self, unanswered: int, check: Callable[[], None]) -> None:
+    def _wait_for_answers(self, unanswered: int) -> None:
         """Return when at most so many joint states are unanswered, or no answer arrives."""
         self._last_arrival = time.monotonic()
         while (
             len(self._lateness) - self._received > unanswered
             and time.monotonic() < self._last_arrival + ANSWER_TIMEOUT
         ):
-            check()
+            self._check()
             self._executor.spin_once(0.1)
 
     def _publish(self, record: JointStateRecord, due: float) -> None:

@@ -7,8 +7,9 @@ from array import array
 from collections.abc import Callable
 from concurrent.futures import CancelledError, ThreadPoolExecutor
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
-from typing import ParamSpec, TypeVar
+from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -80,17 +81,13 @@ class Services:
         self._threads = ThreadPoolExecutor(2, "linkage_vibration_services")
         self._waiting = 0
         self._wanted: Path | None = None  # a folder; its removal stops the building of a table
-        group = ReentrantCallbackGroup()
+        offer: Any = partial(node.create_service, callback_group=ReentrantCallbackGroup())
         self._services = [
             node.create_service(PredictVibration, "~/predict", self._predict),
-            node.create_service(GetFrf, "~/get_frf", self._get_frf, callback_group=group),
-            node.create_service(
-                GetModeShapes, "~/get_mode_shapes", self._get_mode_shapes, callback_group=group
-            ),
-            node.create_service(GetTable, "~/get_table", self._get_table, callback_group=group),
-            node.create_service(
-                SetImplement, "~/set_implement", self._set_implement, callback_group=group
-            ),
+            offer(GetFrf, "~/get_frf", self._get_frf),
+            offer(GetModeShapes, "~/get_mode_shapes", self._get_mode_shapes),
+            offer(GetTable, "~/get_table", self._get_table),
+            offer(SetImplement, "~/set_implement", self._set_implement),
         ]
 
     def close(self) -> None:
@@ -137,26 +134,19 @@ class Services:
         failed = [i for i, p in enumerate(predictions) if not p.status.has_numbers]
         response.success = not failed
         if failed:
-            first = failed[0]
+            problem = fault(predictions[failed[0]], predictor.table.alpha3_range)
             response.message = (
                 f"{len(failed)} of {len(angles)} angles have no prediction, the first is "
-                f"crank_angles[{first}]: "
-                f"{fault(predictions[first], predictor.table.alpha3_range)}."
+                f"crank_angles[{failed[0]}]: {problem}."
             )
         return response
 
     async def _get_frf(self, request: GetFrf.Request, response: GetFrf.Response) -> GetFrf.Response:
         try:
-            served = self._served()
-            answer = await self._away(
-                answer_frf,
-                served,
-                request.crank_angle,
-                request.outputs,
-                request.inputs,
-                np.array(request.frequencies),
-                exact=request.exact,
-            )
+            served, frequencies = self._served(), np.array(request.frequencies)
+            places = request.outputs, request.inputs
+            angle, exact = request.crank_angle, request.exact
+            answer = await self._away(answer_frf, served, angle, *places, frequencies, exact=exact)
         except LinkageVibrationError as error:
             response.message = str(error)
             return response
@@ -186,9 +176,7 @@ class Services:
         response.shapes = _doubles(modes.shapes)
         return response
 
-    async def _get_table(
-        self, _: GetTable.Request, response: GetTable.Response
-    ) -> GetTable.Response:
+    async def _get_table(self, _: object, response: GetTable.Response) -> GetTable.Response:
         try:
             served = self._served()
             data = await self._away(table_bytes, served.table)
@@ -204,17 +192,13 @@ class Services:
         self, request: SetImplement.Request, response: SetImplement.Response
     ) -> SetImplement.Response:
         implement = Implement(
-            request.rigid_body,
-            request.mass,
-            request.inertia,
-            tuple(request.centre_of_gravity),
+            request.rigid_body, request.mass, request.inertia, tuple(request.centre_of_gravity)
         )
         try:
             await self._replace(self._served(), implement)
+            response.success = True
         except LinkageVibrationError as error:
             response.message = f"The table is unchanged: {error}"
-        else:
-            response.success = True
         with suppress(LinkageVibrationError):
             response.table_id = self._served().table.table_id
         return response

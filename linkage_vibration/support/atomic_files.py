@@ -13,10 +13,8 @@ def write_bytes(path: Path, data: bytes, error: type[LinkageVibrationError]) -> 
 
     Parameters
     ----------
-    path : Path
-        The file to write; it is replaced if it exists.
-    data : bytes
-        Its content.
+    path, data : Path, bytes
+        The file to write, which is replaced if it exists, and its content.
     error : type
         The exception to raise if it cannot be written.
     """
@@ -36,11 +34,7 @@ def write_text(path: Path, text: str, error: type[LinkageVibrationError]) -> Non
 
     Parameters
     ----------
-    path : Path
-        The file to write; it is replaced if it exists.
-    text : str
-        Its content.
-    error : type
-        The exception to raise if it cannot be written.
+    path, text, error : Path, str, type
+        The file, its content, and the exception to raise if it cannot be written.
     """
     write_bytes(path, text.encode(), error)

@@ -11,18 +11,12 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
 from linkage_vibration.prediction.resonance import Resonance, ResonanceState
-from linkage_vibration.ros.diagnostics import (
-    LATENCIES,
-    Health,
-    Second,
-    Statistics,
-    judge,
-    status,
-)
+from linkage_vibration.ros.diagnostics import LATENCIES, Health, Second, Statistics, status
 from test.support.ros_process import until
 
 OK, WARN, ERROR, STALE = (
@@ -52,8 +46,10 @@ SOUND = Health(
     second=QUIET,
     resonance=replace(NEAR, state=ResonanceState.CLEAR),
     recorder=recorder(),
-    table_id="a table",
-    interpolation_error=4.6e-7,
+    served=SimpleNamespace(  # type: ignore[arg-type]
+        table=SimpleNamespace(table_id="a table", interpolation_error=np.array([1e-9, 4.6e-7])),
+        mechanism=SimpleNamespace(name="a linkage"),
+    ),
 )
 
 
@@ -78,16 +74,16 @@ SOUND = Health(
 def test_most_serious_problem_first(changes: dict[str, Any], level: bytes, words: str) -> None:
     """Each problem has a level and a sentence; of two problems the more serious one is reported."""
     statistics = Statistics(qos_mismatches=Counter({"/prediction": 2}))
-    found, message = judge(replace(SOUND, **changes), statistics)
-    assert found == level
-    assert re.search(words, message)
+    found = status("a", replace(SOUND, **changes), statistics)
+    assert found.level == level
+    assert re.search(words, found.message)
 
 
 def test_numbers() -> None:
     """Percentiles, counts, table and log have names."""
     statistics = Statistics(received=7, predicted=6, clock_jumps=2)
     statistics.latencies.extend(1e-3 * i for i in range(1, 101))
-    values = {v.key: v.value for v in status("a", "b", SOUND, statistics).values}
+    values = {v.key: v.value for v in status("a", SOUND, statistics).values}
     assert float(values["latency p50 [ms]"]) == pytest.approx(50.5)
     assert float(values["latency p99 [ms]"]) == pytest.approx(99.01)
     names = ("messages received", "predictions", "clock jumps", "table id", "table error", "log")

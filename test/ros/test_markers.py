@@ -156,12 +156,15 @@ def test_picture(viewer: Viewer) -> None:
 
 def test_other_settings(viewer: Viewer) -> None:
     """Mode, rate and frame can change; without a mode or outside the table no mode is drawn."""
+    assert viewer.markers._timer.timer_period_ns == 10**9  # without a subscriber
     viewer.look()
     viewer.markers.update(ANGLE)
     viewer.next()
+    assert viewer.markers._timer.timer_period_ns == 10**9 // 20
     viewer.markers.configure(Parameters(marker_mode=0, marker_rate=50.0, marker_frame="tractor"))
     picture = viewer.next(lambda p: p.markers[0].header.frame_id == "tractor")
     assert "mode" not in {marker.ns for marker in picture.markers}
+    until(lambda: viewer.markers._timer.timer_period_ns == 10**9 // 50, "50 pictures in a second")
     assert picture.markers[0].lifetime.nanosec == 60_000_000
     viewer.markers.configure(Parameters(marker_mode=1, marker_rate=50.0, marker_frame="tractor"))
     viewer.next(lambda p: "mode" in {marker.ns for marker in p.markers})

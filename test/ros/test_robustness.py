@@ -193,24 +193,23 @@ def test_resonance_follows_the_engine(peer: Any, predictor: Predictor) -> None:
 
 
 def test_hitch_position_in_percent(
-    start: Callable[..., Any], meet: Callable[[str], Any], predictor: Predictor
+    start: Callable[..., Any], peer: Any, predictor: Predictor
 ) -> None:
     """A calibration turns percent into angles; an error value of the bus becomes a status."""
     points, angles = "[0.0, 40.0, 100.0]", "[3.1, 2.6, 1.6]"
     process = start(name="percent", input="percent", percent_points=points, percent_angles=angles)
     process.wait_for("Predicting for hitch position on /hitch_position")
     hitch = PercentInput((0.0, 40.0, 100.0), (3.1, 2.6, 1.6))
-    other = meet("robust")
     received: list[Any] = []
-    other.node.create_subscription(VibrationPrediction, "percent/prediction", received.append, 100)
-    publisher = other.node.create_publisher(Float64, "hitch_position", SENSOR)
+    peer.node.create_subscription(VibrationPrediction, "percent/prediction", received.append, 100)
+    publisher = peer.node.create_publisher(Float64, "hitch_position", SENSOR)
 
     def answer(percent: float, fits: Callable[[Any], bool]) -> Any:
         """Publish a position until a prediction fits it."""
 
         def publish() -> None:
             publisher.publish(Float64(data=percent))
-            other.pause(0.2)
+            peer.pause(0.2)
 
         until(lambda: any(map(fits, received)), f"a prediction at {percent} %", publish)
         return next(filter(fits, received))
