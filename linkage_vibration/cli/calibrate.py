@@ -19,23 +19,18 @@ def run(options: argparse.Namespace) -> int:
     """Fit, print the fit, and write the fitted mechanism; return the exit code."""
     from tqdm import tqdm
 
-    from linkage_vibration.studies.calibration import (
-        calibrate,
-        read_calibration,
-        summary,
-        write_mechanism,
-    )
+    from linkage_vibration.studies import calibration as study
 
-    calibration, starts = read_calibration(options.calibration), max(1, options.starts)
+    calibration, starts = study.read_calibration(options.calibration), max(1, options.starts)
     with tqdm(total=starts, unit="start") as bar:
 
         def show(cost: float) -> None:
             bar.set_postfix(cost=f"{cost:.4g}")
             bar.update(1)
 
-        result = calibrate(calibration, starts, show)
-    print(summary(calibration, result))
+        result = study.calibrate(calibration, starts, show)
+    print(study.summary(calibration, result))
     if options.output:
-        write_mechanism(calibration, result.values.tolist(), options.output)
+        study.write_mechanism(calibration, result.values.tolist(), options.output)
         print(f"\nWritten: {options.output}")
     return 0

@@ -59,26 +59,18 @@ def run(options: argparse.Namespace) -> int:
     from tqdm import tqdm
 
     from linkage_vibration.readers.mechanism import load_yaml, read_mechanism
-    from linkage_vibration.studies.plan import (
-        PlanError,
-        Scene,
-        measure,
-        plan,
-        solve_reference,
-        summary,
-        write_planned,
-    )
+    from linkage_vibration.studies import plan
     from linkage_vibration.support.resources import DEFAULT_MECHANISM, config_file
 
     words = options.points
     if len(words) % 2:
-        raise PlanError("--points takes a direction after each point, as in: E1 z V1 x.")
+        raise plan.PlanError("--points takes a direction after each point, as in: E1 z V1 x.")
     places = tuple(zip(words[::2], words[1::2], strict=True))
     source = options.mechanism or config_file(DEFAULT_MECHANISM)
     mechanism = read_mechanism(source, spatial="y" in words[1::2])
     low, high = options.range_deg or [options.angle_deg, options.angle_deg]
     limit = options.microseconds_per_prediction
-    scene = Scene(
+    scene = plan.Scene(
         mechanism,
         tuple(options.band_hz or mechanism.response.band),
         places,
@@ -87,11 +79,11 @@ def run(options: argparse.Namespace) -> int:
         None if limit is None else 1e-6 * limit,
     )
     with tqdm(desc=mechanism.name, unit=" solves", delay=2.0) as bar:
-        chosen = plan(scene, lambda: bar.update(1))
-        measured = measure(chosen, solve_reference(chosen, lambda: bar.update(1)))
-    print(summary(chosen, measured))
+        chosen = plan.plan(scene, lambda: bar.update(1))
+        measured = plan.measure(chosen, plan.solve_reference(chosen, lambda: bar.update(1)))
+    print(plan.summary(chosen, measured))
     if options.output:
-        write_planned(chosen, load_yaml(source)[1], options.output)
+        plan.write_planned(chosen, load_yaml(source)[1], options.output)
         print(f"\nWritten: {options.output}")
         if chosen.table_tolerance is not None:
             points = " ".join(dict.fromkeys(words[::2]))

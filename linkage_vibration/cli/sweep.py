@@ -5,6 +5,7 @@
 import argparse
 import sys
 from pathlib import Path
+from typing import Any
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -20,8 +21,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Build what is missing in the file; return 1 if another run should try some designs again."""
-    from contextlib import ExitStack
-
     from tqdm import tqdm
 
     from linkage_vibration.studies.sweep import dask_executor, read_designs, sweep
@@ -29,12 +28,8 @@ def run(options: argparse.Namespace) -> int:
 
     designs = read_designs(options.designs)
     output = options.output or Path(options.designs.name).with_suffix(".nc")
-    with ExitStack() as stack:
-        if options.dask:
-            executor = stack.enter_context(dask_executor(options.dask))
-        else:
-            executor = stack.enter_context(LocalPool(options.workers))
-        bar = stack.enter_context(tqdm(total=designs.size, unit="design"))
+    pool: Any = dask_executor(options.dask) if options.dask else LocalPool(options.workers)
+    with pool as executor, tqdm(total=designs.size, unit="design") as bar:
         result = sweep(designs, output, executor, bar.update)
     print(
         f"{output}: {designs.size} designs at {len(designs.alpha3)} angles; {result.built} were "

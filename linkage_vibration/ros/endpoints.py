@@ -1,7 +1,8 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Publishers and subscriptions with the node's QoS."""
+"""What the parts of the node share: endpoints with its QoS, and warnings that are not repeated."""
 
+import time
 from collections.abc import Callable
 from functools import wraps
 from importlib import import_module
@@ -12,6 +13,7 @@ from rclpy.event_handler import (
     QoSOfferedIncompatibleQoSInfo,
     SubscriptionEventCallbacks,
 )
+from rclpy.impl.rcutils_logger import RcutilsLogger
 from rclpy.node import Node
 from rclpy.qos import (
     DurabilityPolicy,
@@ -23,10 +25,13 @@ from rclpy.qos import (
 
 from linkage_vibration.bags.writing import QUEUE_DEPTH
 from linkage_vibration.ros.diagnostics import Statistics
-from linkage_vibration.ros.throttle import Throttle
+
+WARN_PERIOD = 5.0  # s, between two warnings about the same subject
 
 
-def advertise(node: Node, kind: Any, name: str, statistics: Statistics, throttle: Throttle) -> Any:
+def advertise(
+    node: Node, kind: Any, name: str, statistics: Statistics, throttle: "Throttle"
+) -> Any:
     """Return a reliable publisher that reports subscribers whose QoS does not match.
 
     In rclpy 9.1 a publisher or subscription with QoS events must not be destroyed while the events
@@ -121,3 +126,29 @@ def _qos(reliability: ReliabilityPolicy, depth: int = QUEUE_DEPTH) -> QoSProfile
         reliability=reliability,
         durability=DurabilityPolicy.VOLATILE,
     )
+
+
+class Throttle:
+    """Logs warnings, at most one in WARN_PERIOD about each subject.
+
+    The throttle of rclpy takes longer to suppress a message than a whole prediction takes.
+    """
+
+    def __init__(self, logger: RcutilsLogger) -> None:
+        self._logger = logger
+        self._next: dict[str, float] = {}
+
+    def warn(self, subject: str, text: str) -> None:
+        """Log a warning, unless there was one about the same subject just before.
+
+        Parameters
+        ----------
+        subject : str
+            Identifies warnings that replace each other.
+        text : str
+            The warning.
+        """
+        now = time.monotonic()
+        if now >= self._next.get(subject, 0.0):
+            self._next[subject] = now + WARN_PERIOD
+            self._logger.warning(text)

@@ -26,14 +26,13 @@ from linkage_vibration.prediction.settings import NODE_NAME, without_markers
 from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.readers.served import read_served
 from linkage_vibration.ros.diagnostics import Health, Statistics, status
-from linkage_vibration.ros.endpoints import advertise, publisher
+from linkage_vibration.ros.endpoints import Throttle, advertise, publisher
 from linkage_vibration.ros.interface_check import check_interfaces
 from linkage_vibration.ros.log_control import Recording
 from linkage_vibration.ros.markers import Markers
 from linkage_vibration.ros.message_path import Predicting, own_topics
 from linkage_vibration.ros.parameter_server import changed, declare_parameters, in_own_types
 from linkage_vibration.ros.services import Services
-from linkage_vibration.ros.throttle import Throttle
 from linkage_vibration.table.table import Table
 from linkage_vibration_interfaces.msg import Resonance, TableInfo, VibrationPrediction
 
@@ -97,10 +96,8 @@ class LinkageVibrationNode(LifecycleNode):
 
         Raises
         ------
-        LinkageVibrationError
-            If it cannot be configured or activated.
-        ExternalShutdownException
-            If a signal has arrived.
+        LinkageVibrationError, ExternalShutdownException
+            If it cannot be configured or activated, or if a signal has arrived.
         """
         for step in (self.trigger_configure, self.trigger_activate):
             done = step()
@@ -190,13 +187,8 @@ class LinkageVibrationNode(LifecycleNode):
         self._served = served = read_served(settings, self.get_logger().info, self._check_signals)
         topics = own_topics(self)
         extra_topics = set(map(self.resolve_topic_name, settings.extra_topics.split()))
-        recorder = Recorder(
-            settings.log_path(),
-            topics,
-            self._provenance(served),
-            settings.limits(),
-            settings.compression,
-        )
+        folder, provenance = settings.log_path(), self._provenance(served)
+        recorder = Recorder(folder, topics, provenance, settings.limits(), settings.compression)
         extra_topics -= {topic.name for topic in topics}
         self._recording = recording = Recording(self, recorder, extra_topics, self._throttle)
         self._markers = markers = Markers(self, self._serving, self._settings)

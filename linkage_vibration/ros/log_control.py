@@ -14,8 +14,7 @@ from linkage_vibration.bags.recorder import Recorder
 from linkage_vibration.bags.writing import LogError
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.messages.topics import log_topic
-from linkage_vibration.ros.endpoints import message_class, subscribe
-from linkage_vibration.ros.throttle import Throttle
+from linkage_vibration.ros.endpoints import Throttle, message_class, subscribe
 
 
 class Recording:

@@ -23,8 +23,7 @@ from linkage_vibration.drawing.palette import COLOURS, GREY
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.prediction.answers import Served
 from linkage_vibration.prediction.settings import Parameters
-from linkage_vibration.ros.endpoints import publisher
-from linkage_vibration.ros.throttle import WARN_PERIOD
+from linkage_vibration.ros.endpoints import WARN_PERIOD, publisher
 
 FloatArray = NDArray[np.float64]
 

@@ -23,8 +23,7 @@ from linkage_vibration.prediction.predictor import Predictor, Status, fault
 from linkage_vibration.prediction.resonance import Resonance, ResonanceMonitor
 from linkage_vibration.prediction.settings import Parameters
 from linkage_vibration.ros.diagnostics import Statistics
-from linkage_vibration.ros.endpoints import message_class, subscribe
-from linkage_vibration.ros.throttle import Throttle
+from linkage_vibration.ros.endpoints import Throttle, message_class, subscribe
 
 MISSING_AFTER = 5.0  # s without the joint, before a warning says that it is missing
 MAX_NAMES = 20  # of other joints, in that warning

@@ -92,10 +92,9 @@ def changed(
         found = with_values(settings, values)
         if configured:
             found.crank_input()
+        reason = ""
     except ParameterError as error:
         reason = str(error)
-    else:
-        reason = ""
     for name in values:
         if configured and not live[name]:
             reason = (

@@ -22,15 +22,8 @@ from rclpy.task import Future
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.messages.encoding import encode_prediction
-from linkage_vibration.prediction.answers import (
-    Implement,
-    Served,
-    answer_frf,
-    answer_mode_shapes,
-    place_name,
-    rebuilt,
-    with_implement,
-)
+from linkage_vibration.prediction import answers
+from linkage_vibration.prediction.answers import Served, place_name
 from linkage_vibration.prediction.predictor import Predictor, fault
 from linkage_vibration.support.process_pool import LocalPool
 from linkage_vibration.table.table import table_bytes
@@ -146,7 +139,9 @@ class Services:
             served, frequencies = self._served(), np.array(request.frequencies)
             places = request.outputs, request.inputs
             angle, exact = request.crank_angle, request.exact
-            answer = await self._away(answer_frf, served, angle, *places, frequencies, exact=exact)
+            answer = await self._away(
+                answers.answer_frf, served, angle, *places, frequencies, exact=exact
+            )
         except LinkageVibrationError as error:
             response.message = str(error)
             return response
@@ -163,7 +158,7 @@ class Services:
     ) -> GetModeShapes.Response:
         try:
             served = self._served()
-            modes = await self._away(answer_mode_shapes, served, request.crank_angle)
+            modes = await self._away(answers.answer_mode_shapes, served, request.crank_angle)
         except LinkageVibrationError as error:
             response.message = str(error)
             return response
@@ -191,9 +186,8 @@ class Services:
     async def _set_implement(
         self, request: SetImplement.Request, response: SetImplement.Response
     ) -> SetImplement.Response:
-        implement = Implement(
-            request.rigid_body, request.mass, request.inertia, tuple(request.centre_of_gravity)
-        )
+        centre = tuple(request.centre_of_gravity)
+        implement = answers.Implement(request.rigid_body, request.mass, request.inertia, centre)
         try:
             await self._replace(self._served(), implement)
             response.success = True
@@ -203,13 +197,13 @@ class Services:
             response.table_id = self._served().table.table_id
         return response
 
-    async def _replace(self, served: Served, implement: Implement) -> None:
+    async def _replace(self, served: Served, implement: answers.Implement) -> None:
         """Build the table for another implement, and use it."""
         if self._wanted is not None:
             raise ServiceError(
                 "The table of another implement is being built; ask again when it is in use."
             )
-        changed = with_implement(served.mechanism, served.mechanism_text, implement)
+        changed = answers.with_implement(served.mechanism, served.mechanism_text, implement)
         with tempfile.TemporaryDirectory(prefix="linkage_vibration_") as folder:
             self._wanted = Path(folder)
             try:
@@ -261,7 +255,7 @@ def _rebuild(mechanism: Mechanism, text: str, served: Served, wanted: Path) -> S
     A thread would block the interpreter, and so the live predictions, again and again.
     """
     with LocalPool(1) as pool:
-        table = pool.submit(rebuilt, mechanism, served.table, wanted).result()
+        table = pool.submit(answers.rebuilt, mechanism, served.table, wanted).result()
     return Served(Predictor(table), mechanism, text)
 
 

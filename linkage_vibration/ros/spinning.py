@@ -3,7 +3,7 @@
 """Spins the node until a signal arrives, and returns its exit code."""
 
 from collections.abc import Callable
-from contextlib import suppress
+from contextlib import closing, suppress
 from importlib.metadata import PackageNotFoundError, version
 
 import rclpy
@@ -50,20 +50,16 @@ def run(args: list[str] | None, stop_asked: Callable[[], bool]) -> int:
 
 
 def _spin(stop_asked: Callable[[], bool]) -> None:
-    node = LinkageVibrationNode(stop_asked)
-    try:
+    with closing(LinkageVibrationNode(stop_asked)) as node:
         if node.autostart:
             node.start()
-        executor = _executor()
-        node.executor = executor
+        node.executor = executor = _executor()
         try:
             while rclpy.ok() and not stop_asked():
                 with suppress(InvalidHandle):  # a message arrived as its subscription was destroyed
                     executor.spin_once(WATCH_PERIOD)
         finally:
             executor.shutdown()  # before the node's entities are destroyed
-    finally:
-        node.close()
 
 
 def _executor() -> Executor:

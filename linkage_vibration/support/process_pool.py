@@ -73,10 +73,8 @@ class LocalPool(Executor):
 
         Parameters
         ----------
-        wait : bool
-            Whether to return only after that.
-        cancel_futures : bool
-            Whether to cancel the tasks that have not started.
+        wait, cancel_futures : bool
+            Whether to return only after that, and to cancel the tasks that have not started.
         """
         self._threads.shutdown(wait, cancel_futures=cancel_futures)
         while not self._idle.empty():
