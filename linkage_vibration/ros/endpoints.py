@@ -143,10 +143,8 @@ class Throttle:
 
         Parameters
         ----------
-        subject : str
-            Identifies warnings that replace each other.
-        text : str
-            The warning.
+        subject, text : str
+            What identifies warnings that replace each other, and the warning.
         """
         now = time.monotonic()
         if now >= self._next.get(subject, 0.0):

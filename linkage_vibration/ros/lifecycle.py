@@ -274,7 +274,7 @@ class LinkageVibrationNode(LifecycleNode):
             self._faults.pop(parameter.name, None)
         if self._predicting is None or self._recording is None or self._markers is None:
             return
-        self._markers.configure(self._settings)
+        self._markers.settings = self._settings
         if without_markers(self._settings) != without_markers(before):
             self._predicting.apply(self._settings)
             self._recording.recorder.change_provenance(self._provenance(self._serving()))

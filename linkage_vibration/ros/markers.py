@@ -47,11 +47,11 @@ class Markers:
     served : callable
         Returns the current mechanism and table.
     settings : Parameters
-        The node's parameters, of which it uses those of markers; `configure` changes them.
+        The node's parameters; the attribute `settings` may be replaced at any time.
     """
 
     def __init__(self, node: Node, served: Callable[[], Served], settings: Parameters) -> None:
-        self._node, self._served, self._settings, self._angle = node, served, settings, math.nan
+        self._node, self._served, self.settings, self._angle = node, served, settings, math.nan
         self._before: FloatArray | None = None  # the mode in the last picture, for its sign
         self._thread = ThreadPoolExecutor(1, "linkage_vibration_markers")
         self._drawing: Future[None] | None = None
@@ -60,10 +60,6 @@ class Markers:
         self._timer = node.create_timer(
             _UNSEEN_PERIOD, self._on_timer, clock=Clock(clock_type=ClockType.STEADY_TIME)
         )
-
-    def configure(self, settings: Parameters) -> None:
-        """Draw with other settings from now on."""
-        self._settings = settings
 
     def update(self, crank_angle: float) -> None:
         """Draw this crank angle (rad) from now on."""
@@ -81,11 +77,11 @@ class Markers:
             return
         seen = self._publisher.get_subscription_count() > 0
         # Ten calls a second without a subscriber would cost as much as ten predictions.
-        period = round(1e9 / self._settings.marker_rate) if seen else round(1e9 * _UNSEEN_PERIOD)
+        period = round(1e9 / self.settings.marker_rate) if seen else round(1e9 * _UNSEEN_PERIOD)
         if self._timer.timer_period_ns != period:
             self._timer.timer_period_ns = period
         if seen and (self._drawing is None or self._drawing.done()):
-            self._drawing = self._thread.submit(self._draw, self._angle, self._settings)
+            self._drawing = self._thread.submit(self._draw, self._angle, self.settings)
 
     def _draw(self, angle: float, settings: Parameters) -> None:
         try:

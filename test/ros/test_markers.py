@@ -161,16 +161,16 @@ def test_other_settings(viewer: Viewer) -> None:
     viewer.markers.update(ANGLE)
     viewer.next()
     assert viewer.markers._timer.timer_period_ns == 10**9 // 20
-    viewer.markers.configure(Parameters(marker_mode=0, marker_rate=50.0, marker_frame="tractor"))
+    viewer.markers.settings = Parameters(marker_mode=0, marker_rate=50.0, marker_frame="tractor")
     picture = viewer.next(lambda p: p.markers[0].header.frame_id == "tractor")
     assert "mode" not in {marker.ns for marker in picture.markers}
     until(lambda: viewer.markers._timer.timer_period_ns == 10**9 // 50, "50 pictures in a second")
     assert picture.markers[0].lifetime.nanosec == 60_000_000
-    viewer.markers.configure(Parameters(marker_mode=1, marker_rate=50.0, marker_frame="tractor"))
+    viewer.markers.settings = Parameters(marker_mode=1, marker_rate=50.0, marker_frame="tractor")
     viewer.next(lambda p: "mode" in {marker.ns for marker in p.markers})
-    viewer.markers.configure(Parameters(marker_mode=4, marker_rate=50.0, marker_frame="tractor"))
+    viewer.markers.settings = Parameters(marker_mode=4, marker_rate=50.0, marker_frame="tractor")
     viewer.next(lambda p: "mode" not in {marker.ns for marker in p.markers})
-    viewer.markers.configure(Parameters(marker_mode=1, marker_rate=50.0, marker_frame="tractor"))
+    viewer.markers.settings = Parameters(marker_mode=1, marker_rate=50.0, marker_frame="tractor")
     viewer.markers.update(3.3)  # the linkage closes there, but the table ends before it
     viewer.next(lambda p: "mode" not in {marker.ns for marker in p.markers})
     viewer.markers.update(5.0)  # the linkage does not close there
