@@ -187,9 +187,9 @@ class LinkageVibrationNode(LifecycleNode):
         self._served = served = read_served(settings, self.get_logger().info, self._check_signals)
         topics = own_topics(self)
         extra_topics = set(map(self.resolve_topic_name, settings.extra_topics.split()))
+        extra_topics -= {topic.name for topic in topics}
         folder, provenance = settings.log_path(), self._provenance(served)
         recorder = Recorder(folder, topics, provenance, settings.limits(), settings.compression)
-        extra_topics -= {topic.name for topic in topics}
         self._recording = recording = Recording(self, recorder, extra_topics, self._throttle)
         self._markers = markers = Markers(self, self._serving, self._settings)
         self._predicting = Predicting(
