@@ -10,31 +10,15 @@ writes smaller chunks, so that a crash loses little.
 import struct
 import zlib
 from collections.abc import Mapping, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
 
 import numpy as np
 import zstandard
+from mcap import records as mcap
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
-from mcap.records import Attachment as AttachmentRecord
-from mcap.records import AttachmentIndex as AttachmentIndexRecord
-from mcap.records import (
-    Channel,
-    ChunkIndex,
-    DataEnd,
-    Footer,
-    Header,
-    McapRecord,
-    Metadata,
-    MetadataIndex,
-    Schema,
-    Statistics,
-    SummaryOffset,
-)
-from mcap.writer import LIBRARY_IDENTIFIER
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
@@ -47,6 +31,7 @@ from linkage_vibration.bags.mcap_records import (
     RECORD,
 )
 from linkage_vibration.bags.writing import (
+    LIBRARY,
     ROSBAG2_METADATA,
     Attachment,
     Topic,
@@ -59,12 +44,10 @@ Integers = NDArray[np.int64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Messages:
-    """Messages of one topic and one size.
+    """Messages of one topic of the log and one size.
 
     Attributes
     ----------
-    topic : str
-        Name of a topic of the log.
     data : ndarray of uint8, (n, n_bytes)
         In CDR, with encapsulation headers.
     place : ndarray, (n,)
@@ -88,7 +71,7 @@ class ChunkLog:
     path : Path
         The file to create.
     topics : sequence of Topic
-        Its topics.
+        Topics of the log.
     attachments : sequence of Attachment
         Files to store in the log.
     metadata : mapping of str to (mapping of str to str)
@@ -111,19 +94,21 @@ class ChunkLog:
         self._topics = tuple(topics)
         self._counts = dict.fromkeys((topic.name for topic in topics), 0)
         self._first, self._last = 2**63 - 1, 0
-        self._chunks: list[ChunkIndex] = []
-        self._attachments: list[AttachmentIndexRecord] = []
-        self._metadata: list[MetadataIndex] = []
+        self._chunks: list[mcap.ChunkIndex] = []
+        self._attachments: list[mcap.AttachmentIndex] = []
+        self._metadata: list[mcap.MetadataIndex] = []
         self._file = path.open("xb")
         self._pool = ThreadPoolExecutor(1)
-        self._under_way: Future[None] | None = None
+        self._under_way = self._pool.submit(lambda: None)
         self._file.write(MAGIC)
-        self._write(Header("ros2", f"linkage_vibration {LIBRARY_IDENTIFIER}"))
+        self._write(mcap.Header("ros2", LIBRARY))
         self._definitions = _definitions(self._topics)
         for definition in self._definitions:
             self._write(definition)
-        for attachment in attachments:
-            self._attach(attachment)
+        for stored in attachments:
+            name, kind, data = stored.name, stored.media_type, stored.data
+            position = self._write(mcap.Attachment(0, 0, name, kind, data))
+            self._attachments.append(mcap.AttachmentIndex(*position, 0, 0, len(data), name, kind))
         for name, facts in metadata.items():
             self._add_metadata(name, facts)
 
@@ -133,22 +118,19 @@ class ChunkLog:
         if not messages:
             return
         records, offsets = self._records(messages)
-        if self._under_way is not None:
-            self._under_way.result()
+        self._under_way.result()
         self._under_way = self._pool.submit(self._write_chunk, messages, records, offsets)
 
     def close(self) -> None:
         """Write the summary, and close the file."""
-        if self._under_way is not None:
-            self._under_way.result()
+        self._under_way.result()
         counts = list(self._counts.values())
         first = self._first if sum(counts) else 0
         self._add_metadata(
-            ROSBAG2_METADATA,
-            rosbag2_metadata(self._path, self._topics, counts, first, self._last),
+            ROSBAG2_METADATA, rosbag2_metadata(self._path, self._topics, counts, first, self._last)
         )
-        self._write(DataEnd(0))
-        statistics = Statistics(
+        self._write(mcap.DataEnd(0))
+        statistics = mcap.Statistics(
             attachment_count=len(self._attachments),
             channel_count=len(self._topics),
             channel_message_counts=dict(enumerate(counts, 1)),
@@ -157,7 +139,7 @@ class ChunkLog:
             message_end_time=self._last,
             message_start_time=first,
             metadata_count=len(self._metadata),
-            schema_count=sum(isinstance(record, Schema) for record in self._definitions),
+            schema_count=sum(isinstance(record, mcap.Schema) for record in self._definitions),
         )
         self._write_summary(
             [*self._definitions, statistics, *self._chunks, *self._attachments, *self._metadata]
@@ -168,15 +150,10 @@ class ChunkLog:
         """Return the log itself."""
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         """Complete the log, unless an error occurred."""
         try:
-            if error is None:
+            if kind is None:
                 self.close()
         finally:
             self._pool.shutdown()
@@ -185,12 +162,8 @@ class ChunkLog:
     def _records(self, messages: Sequence[Messages]) -> tuple[bytes, list[Integers]]:
         """Return the records of a chunk, and the positions of those of each topic and size."""
         places = np.concatenate([group.place for group in messages])
-        lengths = np.concatenate(
-            [
-                np.full(len(group.place), group.data.shape[1] + MESSAGE_RECORD.itemsize)
-                for group in messages
-            ]
-        )
+        sizes = [group.data.shape[1] + MESSAGE_RECORD.itemsize for group in messages]
+        lengths = np.repeat(sizes, [len(group.place) for group in messages])
         order = np.argsort(places, kind="stable")
         begins = np.empty(len(order), np.int64)
         begins[order] = np.cumsum(lengths[order]) - lengths[order]
@@ -228,7 +201,7 @@ class ChunkLog:
         self._file.write(compressed)
         indexes = begin + RECORD.size + len(head) + len(compressed)
         self._chunks.append(
-            ChunkIndex(
+            mcap.ChunkIndex(
                 chunk_length=indexes - begin,
                 chunk_start_offset=begin,
                 compression="zstd",
@@ -243,13 +216,9 @@ class ChunkLog:
         for topic in dict.fromkeys(group.topic for group in messages):
             channel = self._channel(topic)
             self._chunks[-1].message_index_offsets[channel] = self._file.tell()
-            pairs = np.vstack(
-                [
-                    np.column_stack([group.log_times, offset])
-                    for group, offset in zip(messages, offsets, strict=True)
-                    if group.topic == topic
-                ]
-            ).astype("<u8")
+            groups = zip(messages, offsets, strict=True)
+            mine = [(group.log_times, at) for group, at in groups if group.topic == topic]
+            pairs = np.hstack(mine).T.astype("<u8")
             pairs = pairs[np.argsort(pairs[:, 1])]
             head = MESSAGE_INDEX.pack(channel, pairs.nbytes)
             self._file.write(RECORD.pack(Opcode.MESSAGE_INDEX, len(head) + pairs.nbytes) + head)
@@ -259,66 +228,47 @@ class ChunkLog:
     def _channel(self, topic: str) -> int:
         return 1 + list(self._counts).index(topic)
 
-    def _write(self, record: McapRecord) -> tuple[int, int]:
+    def _write(self, record: mcap.McapRecord) -> tuple[int, int]:
         """Write a record; return its position and its number of bytes."""
         begin = self._file.tell()
         self._file.write(_encoded(record))
         return begin, self._file.tell() - begin
 
-    def _attach(self, attachment: Attachment) -> None:
-        name, kind, data = attachment.name, attachment.media_type, attachment.data
-        begin, length = self._write(AttachmentRecord(0, 0, name, kind, data))
-        self._attachments.append(
-            AttachmentIndexRecord(
-                create_time=0,
-                data_size=len(data),
-                length=length,
-                log_time=0,
-                media_type=kind,
-                name=name,
-                offset=begin,
-            )
-        )
-
     def _add_metadata(self, name: str, facts: Mapping[str, str]) -> None:
-        begin, length = self._write(Metadata(name, dict(facts)))
-        self._metadata.append(MetadataIndex(length=length, name=name, offset=begin))
+        position = self._write(mcap.Metadata(name, dict(facts)))
+        self._metadata.append(mcap.MetadataIndex(*position, name))
 
-    def _write_summary(self, records: Sequence[McapRecord]) -> None:
+    def _write_summary(self, records: Sequence[mcap.McapRecord]) -> None:
         """Write the summary of these records, grouped by kind, and the footer."""
         start = self._file.tell()
         summary, groups = b"", []
         for kind in dict.fromkeys(type(record) for record in records):
             group = b"".join(_encoded(record) for record in records if type(record) is kind)
-            groups.append(SummaryOffset(group[0], start + len(summary), len(group)))
+            groups.append(mcap.SummaryOffset(group[0], start + len(summary), len(group)))
             summary += group
         offsets = start + len(summary)
         summary += b"".join(map(_encoded, groups))
         footer = struct.pack("<BQQQ", Opcode.FOOTER, 20, start, offsets)
         self._file.write(summary)
-        self._write(Footer(start, offsets, zlib.crc32(footer, zlib.crc32(summary))))
+        self._write(mcap.Footer(start, offsets, zlib.crc32(footer, zlib.crc32(summary))))
         self._file.write(MAGIC)
 
 
-def _definitions(topics: Sequence[Topic]) -> list[McapRecord]:
+def _definitions(topics: Sequence[Topic]) -> list[mcap.McapRecord]:
     """Return the schemas and the channels, both numbered from 1."""
     types = dict.fromkeys((topic.type, topic.definition) for topic in topics)
     numbers = {key: number for number, key in enumerate(types, 1)}
-    records: list[McapRecord] = [
-        Schema(id=number, data=text.encode(), encoding="ros2msg", name=name)
+    records: list[mcap.McapRecord] = [
+        mcap.Schema(number, text.encode(), "ros2msg", name)
         for (name, text), number in numbers.items()
     ]
     for number, topic in enumerate(topics, 1):
-        metadata = {
-            "offered_qos_profiles": topic.offered_qos_profiles,
-            "topic_type_hash": topic.type_hash,
-        }
         schema = numbers[topic.type, topic.definition]
-        records.append(Channel(number, topic.name, "cdr", metadata, schema))
+        records.append(mcap.Channel(number, topic.name, "cdr", topic.metadata(), schema))
     return records
 
 
-def _encoded(record: McapRecord) -> bytes:
+def _encoded(record: mcap.McapRecord) -> bytes:
     builder = RecordBuilder()
     record.write(builder)
     return bytes(builder.end())  # type: ignore[no-untyped-call]

@@ -27,20 +27,10 @@ from mcap import records
 from mcap.data_stream import ReadDataStream, RecordBuilder
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import (
-    Attachment,
-    Channel,
-    Footer,
-    Header,
-    McapRecord,
-    Metadata,
-    Schema,
-    Statistics,
-)
-from mcap.writer import LIBRARY_IDENTIFIER, Writer
+from mcap.writer import Writer
 
 from linkage_vibration.bags.mcap_records import CHUNK, MAGIC, MESSAGE, MESSAGE_INDEX, RECORD
-from linkage_vibration.bags.writing import ROSBAG2_METADATA, Topic, rosbag2_metadata
+from linkage_vibration.bags.writing import LIBRARY, ROSBAG2_METADATA, Topic, rosbag2_metadata
 from linkage_vibration.errors import LinkageVibrationError
 
 RECOVERY_METADATA = "linkage_vibration.recovery"  # the name of a record
@@ -81,10 +71,8 @@ class Recovery:
     ----------
     path : Path
         The new file.
-    saved : dict of str to int
-        Number of its messages for each topic.
-    lost : dict of str to int
-        Known number of lost messages for each topic that lost any.
+    saved, lost : dict of str to int
+        Number of its messages for each topic; known number of lost messages, if any.
     damages : tuple of str
         Damaged places, in the order of the file.
     """
@@ -106,17 +94,10 @@ def recover(
 
     Parameters
     ----------
-    source : Path
-        The file to read.
-    output : Path
-        The file to write; it must not exist.
+    source, output : Path
+        The file to read, and the file to write, which must not exist.
     progress : callable
         It is called with the number of bytes that were read since the last call.
-
-    Returns
-    -------
-    Recovery
-        The saved and the lost part.
 
     Raises
     ------
@@ -134,8 +115,7 @@ def recover(
     with file:
         try:
             with beside.open("wb") as stream:
-                rescue = _Rescue(_Source(source, file), output, stream, progress)
-                result = rescue.run()
+                result = _Rescue(_Source(source, file), output, stream, progress).run()
             beside.replace(output)
         except OSError as error:
             raise RecoveryError(
@@ -212,18 +192,17 @@ class _Rescue:
         self._begun = False
         self._profile: str | None = None
         # By the ids of the input: the definition, and whether a CRC confirms it.
-        self._schemas: dict[int, tuple[Schema, bool]] = {}
-        self._channels: dict[int, tuple[Channel, bool]] = {}
+        self._schemas: dict[int, tuple[records.Schema, bool]] = {}
+        self._channels: dict[int, tuple[records.Channel, bool]] = {}
         # From the ids of the input to those of the output.
         self._schema_ids: dict[int, int] = {0: 0}
         self._channel_ids: dict[int, int] = {}
         self._saved: Counter[int] = Counter()
         self._lost: Counter[int] = Counter()
-        self._statistics: Statistics | None = None
+        self._statistics: records.Statistics | None = None
         self._chunked = False
-        self._chunk: Counter[int] = (
-            Counter()
-        )  # messages of the last chunk that no index has counted yet
+        # Messages of the last chunk that no index has counted yet.
+        self._chunk: Counter[int] = Counter()
         self._first_time, self._last_time = 2**64, 0
         self._damages: list[str] = []
 
@@ -250,7 +229,7 @@ class _Rescue:
             return
         record = _parse(Opcode.FOOTER, footer[RECORD.size : -len(MAGIC)])
         end = size - _FOOTER_BYTES
-        if not isinstance(record, Footer) or not 0 < record.summary_start <= end:
+        if not isinstance(record, records.Footer) or not 0 < record.summary_start <= end:
             return
         if end - record.summary_start > LONGEST_RECORD:
             return
@@ -260,9 +239,9 @@ class _Rescue:
             return
         for opcode, body in _split(summary):
             found = _parse(opcode, body)
-            if isinstance(found, Schema | Channel):
+            if isinstance(found, records.Schema | records.Channel):
                 self._define(found, verified=True)
-            elif isinstance(found, Statistics):
+            elif isinstance(found, records.Statistics):
                 self._statistics = found
 
     def _records(self) -> Iterator[tuple[int, int, bytes, bool]]:
@@ -307,12 +286,9 @@ class _Rescue:
     def _end_of_sound(self, offset: int) -> int | None:
         """Return the end of a record if its content agrees with its length."""
         source = self._source
-        header = source.read(offset, RECORD.size)
-        if len(header) < RECORD.size:
-            return None
-        opcode, length = RECORD.unpack(header)
+        opcode, length = self._head(offset)
         start = offset + RECORD.size
-        end: int = start + length
+        end = start + length
         if length > LONGEST_RECORD or end > source.size:
             return None
         if opcode == Opcode.CHUNK:
@@ -329,6 +305,12 @@ class _Rescue:
             sound = opcode in _RECORDS and _parse(opcode, source.read(start, length)) is not None
         return end if sound else None
 
+    def _head(self, offset: int) -> tuple[int, int]:
+        """Return the opcode and the length of a record; 0 and 0 if the file ends before them."""
+        header = self._source.read(offset, RECORD.size)
+        opcode, length = RECORD.unpack(header.ljust(RECORD.size, b"\0"))
+        return opcode, length
+
     def _is_likely(self, offset: int) -> bool:
         """Return whether the end of the file, or what looks like a record, is at an offset."""
         return offset == self._source.size or (
@@ -336,13 +318,10 @@ class _Rescue:
         )
 
     def _is_cut_chunk(self, offset: int) -> bool:
-        header = self._source.read(offset, RECORD.size)
-        if len(header) < RECORD.size:
-            return False
-        opcode, length = RECORD.unpack(header)
+        opcode, length = self._head(offset)
         start = offset + RECORD.size
         cut = start + length > self._source.size
-        return bool(opcode == Opcode.CHUNK and cut and self._chunk_length(start) == length)
+        return opcode == Opcode.CHUNK and cut and self._chunk_length(start) == length
 
     def _chunk_length(self, start: int) -> int | None:
         """Return the length of a chunk's content that its own fields give."""
@@ -387,7 +366,7 @@ class _Rescue:
                 self._take_message(content)
             elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
                 found = _parse(opcode, content)
-                if isinstance(found, Schema | Channel):
+                if isinstance(found, records.Schema | records.Channel):
                     self._define(found, verified=not cut and crc != 0)
 
     def _take_message(self, body: bytes) -> None:
@@ -405,24 +384,25 @@ class _Rescue:
         self._first_time = min(self._first_time, log_time)
         self._last_time = max(self._last_time, log_time)
 
-    def _take_other(self, offset: int, record: McapRecord | None) -> None:
-        if isinstance(record, Header):
+    def _take_other(self, offset: int, record: records.McapRecord | None) -> None:
+        if isinstance(record, records.Header):
             self._profile = record.profile
-        elif isinstance(record, Schema | Channel):
+        elif isinstance(record, records.Schema | records.Channel):
             self._define(record, verified=False)
-        elif isinstance(record, Attachment):
+        elif isinstance(record, records.Attachment):
             self._begin()
             self._writer.add_attachment(
                 record.create_time, record.log_time, record.name, record.media_type, record.data
             )
         # The metadata of rosbag2 are written again, as their counts change.
-        elif isinstance(record, Metadata) and record.name != ROSBAG2_METADATA:
+        elif isinstance(record, records.Metadata) and record.name != ROSBAG2_METADATA:
             self._begin()
             self._writer.add_metadata(record.name, record.metadata)
 
-    def _define(self, record: Schema | Channel, verified: bool) -> None:
+    def _define(self, record: records.Schema | records.Channel, verified: bool) -> None:
         """Keep a schema or channel; one that a CRC confirms replaces another one."""
-        known: dict[int, Any] = self._schemas if isinstance(record, Schema) else self._channels
+        is_schema = isinstance(record, records.Schema)
+        known: dict[int, Any] = self._schemas if is_schema else self._channels
         if record.id not in known or (verified and not known[record.id][1]):
             known[record.id] = record, verified
 
@@ -439,10 +419,7 @@ class _Rescue:
                 self._damages.append(f"the type of {found.topic}: its definition is missing")
                 self._schema_ids[found.schema_id] = 0
         self._channel_ids[channel] = self._writer.register_channel(
-            found.topic,
-            found.message_encoding,
-            self._schema_ids[found.schema_id],
-            found.metadata,
+            found.topic, found.message_encoding, self._schema_ids[found.schema_id], found.metadata
         )
 
     def _begin(self) -> None:
@@ -452,7 +429,7 @@ class _Rescue:
             if self._profile is None:
                 ros = any(schema.encoding == "ros2msg" for schema, _ in self._schemas.values())
                 self._profile = "ros2" if ros else ""
-            self._writer.start(self._profile, f"linkage_vibration {LIBRARY_IDENTIFIER}")
+            self._writer.start(self._profile, LIBRARY)
 
     def _finish(self) -> Recovery:
         self._begin()
@@ -491,7 +468,7 @@ class _Rescue:
                 Topic(
                     channel.topic,
                     schema[0].name if schema else "",
-                    schema[0].data.decode(errors="replace") if schema else "",
+                    "",  # the metadata have no definitions
                     channel.metadata.get("topic_type_hash", ""),
                     channel.metadata.get("offered_qos_profiles", ""),
                 )
@@ -513,10 +490,10 @@ def _split(records: bytes) -> Iterator[tuple[int, bytes]]:
         yield opcode, records[start:offset]
 
 
-def _parse(opcode: int, body: bytes) -> McapRecord | None:
+def _parse(opcode: int, body: bytes) -> records.McapRecord | None:
     """Return a record, or None unless it gives the same bytes when it is written again."""
     try:
-        record: McapRecord = _RECORDS[opcode].read(ReadDataStream(io.BytesIO(body)))
+        record: records.McapRecord = _RECORDS[opcode].read(ReadDataStream(io.BytesIO(body)))
         builder = RecordBuilder()
         record.write(builder)
         written = builder.end()[RECORD.size :]  # type: ignore[no-untyped-call]

@@ -4,10 +4,9 @@
 
 import contextlib
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
 
 import yaml
 from mcap.data_stream import RecordBuilder
@@ -24,6 +23,7 @@ CHUNK_BYTES = 64 * 1024
 QUEUE_DEPTH = 1000
 # The newest version of rosbag2 metadata with integer policies, see offered_qos_profiles.
 ROSBAG2_METADATA_VERSION = 7
+LIBRARY = f"linkage_vibration {LIBRARY_IDENTIFIER}"  # what the header of a log names
 ROSBAG2_METADATA = "rosbag2"  # the name of its record
 COMPRESSIONS = tuple(kind.name.lower() for kind in CompressionType)
 
@@ -46,16 +46,12 @@ class Topic:
 
     Attributes
     ----------
-    name : str
-        Absolute name, such as ``/joint_states``.
-    type : str
-        Full name of its message type, such as ``sensor_msgs/msg/JointState``.
+    name, type : str
+        Its absolute name, and the full name of its message type, such as ``std_msgs/msg/Float64``.
     definition : str
         The ``ros2msg`` text of the type with its dependencies, see `message_definition`.
-    type_hash : str
-        Hash of the type, see `type_hash`.
-    offered_qos_profiles : str
-        QoS of its publishers, see `offered_qos_profiles`.
+    type_hash, offered_qos_profiles : str
+        Hash of the type and QoS of the publishers, see the functions of these names.
     """
 
     name: str
@@ -64,6 +60,11 @@ class Topic:
     type_hash: str
     offered_qos_profiles: str
 
+    def metadata(self) -> dict[str, str]:
+        """Return what rosbag2 stores with the channel."""
+        qos = self.offered_qos_profiles
+        return {"offered_qos_profiles": qos, "topic_type_hash": self.type_hash}
+
 
 @dataclass(frozen=True, slots=True)
 class Attachment:
@@ -71,12 +72,10 @@ class Attachment:
 
     Attributes
     ----------
-    name : str
-        File name.
-    media_type : str
-        Media type, such as ``application/yaml``.
+    name, media_type : str
+        Name and media type of the file, such as ``application/yaml``.
     data : bytes
-        Content of the file.
+        Its content.
     """
 
     name: str
@@ -85,7 +84,7 @@ class Attachment:
 
 
 def offered_qos_profiles(*, reliable: bool, depth: int) -> str:
-    """Return the QoS of one volatile keep-last publisher as rosbag2 stores it in a log.
+    """Return the QoS of one volatile keep-last publisher as the YAML list that rosbag2 stores.
 
     The policies are the integers of ``rmw/types.h``, as rosbag2 wrote them up to Iron. Humble and
     Iron read only these; Jazzy and later read both these and names.
@@ -96,52 +95,35 @@ def offered_qos_profiles(*, reliable: bool, depth: int) -> str:
         Whether the publisher is reliable or best effort.
     depth : int
         Number of messages that it keeps.
-
-    Returns
-    -------
-    str
-        A YAML list of one profile.
     """
-    infinite = 2**63 - 1
+    infinite = dict(zip(("sec", "nsec"), divmod(2**63 - 1, 10**9), strict=True))
     profile = {
         "history": 1,
         "depth": depth,
         "reliability": 1 if reliable else 2,
         "durability": 2,
-        "deadline": _duration(infinite),
-        "lifespan": _duration(infinite),
+        "deadline": infinite.copy(),  # a copy, as YAML would refer to an object that it has already
+        "lifespan": infinite.copy(),
         "liveliness": 1,
-        "liveliness_lease_duration": _duration(infinite),
+        "liveliness_lease_duration": infinite,
         "avoid_ros_namespace_conventions": False,
     }
     return yaml.safe_dump([profile], sort_keys=False)
 
 
-def _duration(nanoseconds: int) -> dict[str, int]:
-    seconds, nanoseconds = divmod(nanoseconds, 10**9)
-    return {"sec": seconds, "nsec": nanoseconds}
-
-
 def rosbag2_metadata(
     path: Path, topics: Sequence[Topic], counts: Sequence[int], first_time: int, last_time: int
 ) -> dict[str, str]:
-    """Return the content of the metadata record that rosbag2 stores in its MCAP files.
+    """Return the content of the record `ROSBAG2_METADATA` that rosbag2 stores in its MCAP files.
 
     Parameters
     ----------
     path : Path
         The log, of which the name is stored.
-    topics : sequence of Topic
-        Its topics.
-    counts : sequence of int
-        Number of messages of each.
+    topics, counts : sequence
+        Its topics, and the number of messages of each.
     first_time, last_time : int
         Least and greatest log time, ns; 0 if there are no messages.
-
-    Returns
-    -------
-    dict of str to str
-        The content; the name of the record is `ROSBAG2_METADATA`.
     """
     metadata = {
         "version": ROSBAG2_METADATA_VERSION,
@@ -183,10 +165,8 @@ class LogWriter:
     ----------
     path : Path
         The file to create; its folder must exist.
-    topics : sequence of Topic
-        Topics of the log.
-    attachments : sequence of Attachment
-        Files to store in the log.
+    topics, attachments : sequence of Topic, of Attachment
+        Topics of the log, and files to store in it.
     compression : str
         Compression of chunks, one of `COMPRESSIONS`.
 
@@ -194,10 +174,8 @@ class LogWriter:
     ----------
     error : LogError or None
         The first failure, after which nothing is written.
-    written : int
-        Number of messages that were handed to the operating system.
-    dropped : int
-        Number of messages that the failure lost.
+    written, dropped : int
+        Numbers of messages that the operating system has received, and that the failure lost.
 
     Raises
     ------
@@ -273,10 +251,7 @@ class LogWriter:
             self._schemas[definition] = self._writer.register_schema(topic.type, "ros2msg", data)
             Schema(self._schemas[definition], data, "ros2msg", topic.type).write(records)
         schema = self._schemas[definition]
-        metadata = {
-            "offered_qos_profiles": topic.offered_qos_profiles,
-            "topic_type_hash": topic.type_hash,
-        }
+        metadata = topic.metadata()
         channel = self._writer.register_channel(topic.name, "cdr", schema, metadata)
         Channel(channel, topic.name, "cdr", metadata, schema).write(records)
         self._topics.append(topic)
@@ -286,10 +261,8 @@ class LogWriter:
         # so that the other chunks can be read without that one.
         data = records.end()  # type: ignore[no-untyped-call]
         self._definition_bytes += len(data)
-        try:
+        with self._failures():
             self._stream.write(data)
-        except OSError as error:
-            self._fail(error)
 
     def add_metadata(self, name: str, data: Mapping[str, str]) -> None:
         """Add a metadata record; it does not replace an earlier one of the same name.
@@ -302,11 +275,9 @@ class LogWriter:
             Its content.
         """
         if self.error is None:
-            try:
+            with self._failures():
                 self._writer.add_metadata(name, dict(data))
                 self._index_bytes += _PER_INDEX + len(name.encode())
-            except OSError as error:
-                self._fail(error)
 
     def write(self, topic: str, data: bytes, log_time: int, publish_time: int) -> None:
         """Add a message, or count it as dropped after a failure.
@@ -340,15 +311,10 @@ class LogWriter:
     def flush(self) -> None:
         """Hand all messages to the operating system; a killed process then loses none of them."""
         if self.error is None:
-            try:
+            with self._failures():
                 self._writer.flush()  # type: ignore[no-untyped-call]
-                removed = os.fstat(self._stream.fileno()).st_nlink == 0
-            except OSError as error:
-                self._fail(error)
-                return
-            if removed:
-                self._fail(FileNotFoundError())
-            else:
+                if os.fstat(self._stream.fileno()).st_nlink == 0:
+                    raise FileNotFoundError
                 self._chunks += self._held > 0
                 self.written += self._held
                 self._held = self._held_bytes = 0
@@ -356,58 +322,41 @@ class LogWriter:
     def sync(self) -> None:
         """Wait until the disk has all flushed messages; a power failure then loses none of them."""
         if self.error is None:
-            try:
+            with self._failures():
                 os.fsync(self._stream.fileno())
-            except OSError as error:
-                self._fail(error)
 
     def close(self) -> None:
         """Write the indexes and close the file; a failure is stored in `error`, not raised."""
         if self._stream.closed:
             return
         self.flush()
-        try:
+        with self._failures():
             # After a failure the file ends in an incomplete chunk, to which no index may point.
             if self.error is None:
                 self._add_rosbag2_metadata()
                 self._writer.finish()  # type: ignore[no-untyped-call]
             self._stream.close()
-        except OSError as error:
-            self._fail(error)
 
     def __enter__(self) -> "LogWriter":
         """Return the log itself."""
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Close the log."""
         self.close()
 
     def _begin(self, topics: Sequence[Topic], attachments: Sequence[Attachment]) -> None:
-        try:
-            self._writer.start(profile="ros2", library=f"linkage_vibration {LIBRARY_IDENTIFIER}")
+        with self._failures():
+            self._writer.start(profile="ros2", library=LIBRARY)
             for topic in topics:
                 self.add_topic(topic)
             # For logs that are never closed, as in rosbag2; `close` writes the counts.
             self._add_rosbag2_metadata()
             for attachment in attachments:
-                self._writer.add_attachment(
-                    create_time=0,
-                    log_time=0,
-                    name=attachment.name,
-                    media_type=attachment.media_type,
-                    data=attachment.data,
-                )
-                names = attachment.name + attachment.media_type
-                self._index_bytes += _PER_INDEX + len(names.encode())
+                name, kind = attachment.name, attachment.media_type
+                self._writer.add_attachment(0, 0, name, kind, attachment.data)
+                self._index_bytes += _PER_INDEX + len((name + kind).encode())
             self._writer.flush()  # type: ignore[no-untyped-call]
-        except OSError as error:
-            self._fail(error)
 
     def _add_rosbag2_metadata(self) -> None:
         counts = [self._counts[topic.name] for topic in self._topics]
@@ -415,6 +364,14 @@ class LogWriter:
             ROSBAG2_METADATA,
             rosbag2_metadata(self.path, self._topics, counts, self._first_time, self._last_time),
         )
+
+    @contextlib.contextmanager
+    def _failures(self) -> Iterator[None]:
+        """Store a failure inside of this context as the log's error."""
+        try:
+            yield
+        except OSError as error:
+            self._fail(error)
 
     def _fail(self, error: OSError) -> None:
         self.dropped += self._held

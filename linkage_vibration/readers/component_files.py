@@ -3,7 +3,8 @@
 """What the readers of components share: errors, names of DoFs, and arrays of bounded size."""
 
 import zipfile
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from scipy import sparse
 
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.dofs import DIRECTIONS, InterfaceDof
+from linkage_vibration.mechanics.reduction import ReductionError
 
 INNER = "-"
 """In a list of DoFs, marks a row that is not an interface DoF."""
@@ -21,20 +23,42 @@ MAX_BYTES = 2**30
 
 
 class ComponentFileError(LinkageVibrationError):
-    """A file of a component cannot be read, or its content is not plausible.
+    """A file of a component cannot be read, or its content is not plausible."""
+
+
+class FileError(LinkageVibrationError):
+    """What is wrong with a file, and how to fix it; `file_errors` adds the path."""
+
+
+@contextmanager
+def file_errors(path: Path, *damage: type[Exception]) -> Iterator[None]:
+    """Turn each error of reading a file into a `ComponentFileError` that names the file.
 
     Parameters
     ----------
     path : Path
         The file.
-    problem : str
-        What is wrong with it, and how to fix it.
-    """
+    *damage : type
+        What a damaged file makes its reader raise.
 
-    def __init__(self, path: Path, problem: str) -> None:
-        super().__init__(f"{path}: {problem}")
-        self.path = path
-        self.problem = problem
+    Raises
+    ------
+    ComponentFileError
+        If a `FileError`, a `ReductionError`, an `OSError` or such damage occurs inside.
+    """
+    try:
+        yield
+    except ComponentFileError:
+        raise
+    except (FileError, ReductionError) as error:
+        raise ComponentFileError(f"{path}: {error}") from None
+    except damage as error:
+        text = " ".join(str(error).split()) or type(error).__name__
+        raise ComponentFileError(
+            f"{path}: is damaged or has another format than its name says ({text}); write it again."
+        ) from None
+    except OSError as error:
+        raise ComponentFileError(f"{path}: cannot be opened: {error.strerror}.") from None
 
 
 def check_file(path: Path) -> None:
@@ -42,54 +66,27 @@ def check_file(path: Path) -> None:
 
     Raises
     ------
-    ComponentFileError
-        If the file is missing, cannot be read, or is larger than `MAX_BYTES`.
+    FileError
+        If the file is missing or larger than `MAX_BYTES`.
     """
-    try:
-        if not path.is_file():
-            raise ComponentFileError(path, "does not exist; check the path.")
-        check_size(path, path.stat().st_size)
-    except OSError as error:
-        raise ComponentFileError(path, f"cannot be opened: {error.strerror}.") from None
+    if not path.is_file():
+        raise FileError("does not exist; check the path.")
+    check_size(path.stat().st_size)
 
 
-def check_size(path: Path, size: int) -> None:
-    """Raise an error for more bytes than `MAX_BYTES`.
-
-    Parameters
-    ----------
-    path : Path
-        The file that the error names.
-    size : int
-        Its bytes after unpacking.
+def check_size(size: int) -> None:
+    """Raise an error for a file that has more bytes than `MAX_BYTES` after unpacking.
 
     Raises
     ------
-    ComponentFileError
+    FileError
         If it is too large.
     """
     if size > MAX_BYTES:
-        raise ComponentFileError(
-            path,
+        raise FileError(
             f"holds {size / 2**20:.0f} MiB, more than {MAX_BYTES / 2**20:.0f} MiB; reduce the "
-            "component before you write the file.",
+            "component before you write the file."
         )
-
-
-def damaged(path: Path, error: Exception) -> ComponentFileError:
-    """Return the error for a file whose content cannot be read.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    error : Exception
-        What its reader raised.
-    """
-    text = " ".join(str(error).split()) or type(error).__name__
-    return ComponentFileError(
-        path, f"is damaged or has another format than its name says ({text}); write it again."
-    )
 
 
 def load_npz(path: Path, known: Collection[str]) -> dict[str, NDArray[Any]]:
@@ -104,28 +101,26 @@ def load_npz(path: Path, known: Collection[str]) -> dict[str, NDArray[Any]]:
 
     Raises
     ------
-    ComponentFileError
+    ComponentFileError, FileError
         If it is missing, damaged, too large when unpacked, or holds a pickle or an unknown name.
     """
     check_file(path)
-    try:
+    with file_errors(path, Exception):  # of zipfile, zlib, struct, tokenize and NumPy
         with zipfile.ZipFile(path) as archive:
-            check_size(path, sum(member.file_size for member in archive.infolist()))
-        with np.load(path, allow_pickle=False) as arrays:
-            check_known(path, arrays.files, known)
-            found = {name: np.asarray(arrays[name]) for name in arrays.files}
-            if not all(map(_is_text, found.values())):
-                raise ComponentFileError(path, "holds text that is not Unicode; write it again.")
-            return found
-    except ComponentFileError:
-        raise
-    # A damaged archive raises errors of zipfile, zlib, struct, tokenize and NumPy.
-    except Exception as error:
-        if "allow_pickle" in str(error):
-            raise ComponentFileError(
-                path, "holds pickled objects, which can run code; save plain numbers and text."
+            check_size(sum(member.file_size for member in archive.infolist()))
+        try:
+            with np.load(path, allow_pickle=False) as arrays:
+                check_known(arrays.files, known)
+                found = {name: np.asarray(arrays[name]) for name in arrays.files}
+        except ValueError as error:
+            if "allow_pickle" not in str(error):
+                raise
+            raise FileError(
+                "holds pickled objects, which can run code; save plain numbers and text."
             ) from None
-        raise damaged(path, error) from None
+        if not all(map(_is_text, found.values())):
+            raise FileError("holds text that is not Unicode; write it again.")
+        return found
 
 
 def _is_text(array: NDArray[Any]) -> bool:
@@ -179,78 +174,61 @@ def compressed_columns(
     )
 
 
-def check_known(path: Path, names: Iterable[str], known: Collection[str]) -> None:
+def check_known(names: Iterable[str], known: Collection[str]) -> None:
     """Raise an error for a name that is not used.
 
     Parameters
     ----------
-    path : Path
-        The file.
     names, known : collection of str
         Names that it holds, and names that it may hold.
 
     Raises
     ------
-    ComponentFileError
+    FileError
         If a name is unknown.
     """
     for name in names:
         if name not in known:
-            raise ComponentFileError(
-                path, f"holds {name!r}, which is unknown; use only {', '.join(known)}."
-            )
+            raise FileError(f"holds {name!r}, which is unknown; use only {', '.join(known)}.")
 
 
-def parse_dofs(path: Path, names: Sequence[object]) -> list[InterfaceDof | None]:
-    """Turn texts such as ``P1 x`` into DoFs, and ``-`` into None.
-
-    Parameters
-    ----------
-    path : Path
-        The file that they are from.
-    names : sequence of object
-        The texts, one for each row.
+def parse_dofs(names: Sequence[object]) -> list[InterfaceDof | None]:
+    """Turn the text of each row, such as ``P1 x``, into a DoF, and ``-`` into None.
 
     Raises
     ------
-    ComponentFileError
+    FileError
         If an entry is not a point and a direction, or occurs twice.
     """
     dofs: list[InterfaceDof | None] = []
     for i, name in enumerate(names):
         if not isinstance(name, str):
-            raise ComponentFileError(
-                path, f"entry {i + 1} of dofs is not text; write it as 'P1 x'."
-            )
+            raise FileError(f"entry {i + 1} of dofs is not text; write it as 'P1 x'.")
         if name.strip() == INNER:
             dofs.append(None)
             continue
         parts = name.rsplit(None, 1)
         if len(parts) != 2 or parts[1] not in DIRECTIONS:
-            raise ComponentFileError(
-                path,
+            raise FileError(
                 f"entry {i + 1} of dofs is {name!r}; write a point and one of "
-                f"{', '.join(DIRECTIONS)}, such as 'P1 x', or {INNER} for an inner coordinate.",
+                f"{', '.join(DIRECTIONS)}, such as 'P1 x', or {INNER} for an inner coordinate."
             )
         dof = InterfaceDof(parts[0].strip(), parts[1])
         if dof in dofs:
-            raise ComponentFileError(
-                path,
-                f"entries {dofs.index(dof) + 1} and {i + 1} of dofs are both {dof}; remove one.",
+            raise FileError(
+                f"entries {dofs.index(dof) + 1} and {i + 1} of dofs are both {dof}; remove one."
             )
         dofs.append(dof)
     return dofs
 
 
 def choose_rows(
-    path: Path, found: Sequence[InterfaceDof | None], wanted: Sequence[InterfaceDof] | None
+    found: Sequence[InterfaceDof | None], wanted: Sequence[InterfaceDof] | None
 ) -> tuple[tuple[InterfaceDof, ...], list[int]]:
     """Return the interface DoFs and the row of each.
 
     Parameters
     ----------
-    path : Path
-        The file.
     found : sequence of InterfaceDof or None
         The DoF of each of its rows.
     wanted : sequence of InterfaceDof, optional
@@ -258,18 +236,17 @@ def choose_rows(
 
     Raises
     ------
-    ComponentFileError
+    FileError
         If a wanted DoF is missing, or there is none at all.
     """
     named = [dof for dof in found if dof is not None]
     dofs = tuple(named if wanted is None else wanted)
     for dof in dofs:
         if dof not in named:
-            raise ComponentFileError(
-                path,
+            raise FileError(
                 f"has no DoF {dof}; add it to dofs, which now holds "
-                f"{', '.join(map(str, named)) or 'none'}.",
+                f"{', '.join(map(str, named)) or 'none'}."
             )
     if not dofs:
-        raise ComponentFileError(path, "has no interface DoF in dofs; write them as 'P1 x'.")
+        raise FileError("has no interface DoF in dofs; write them as 'P1 x'.")
     return dofs, [found.index(dof) for dof in dofs]

@@ -31,9 +31,10 @@ from linkage_vibration.mechanics.bodies.frfs import Frfs
 from linkage_vibration.mechanics.dofs import InterfaceDof
 from linkage_vibration.readers.component_files import (
     ComponentFileError,
+    FileError,
     check_file,
     choose_rows,
-    damaged,
+    file_errors,
     load_npz,
     parse_dofs,
 )
@@ -41,7 +42,6 @@ from linkage_vibration.readers.component_files import (
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
-_UFF = (".uff", ".unv")
 _FRF = 4  # function type
 _DIRECTIONS = {1: ("x", 1.0), 2: ("y", 1.0), 3: ("z", 1.0), 5: ("theta", -1.0)}
 # Power of i omega in the response, by the specific data type of the ordinate.
@@ -76,9 +76,7 @@ class _Function:
 
 
 def read_frfs(
-    path: Path,
-    dofs: Sequence[InterfaceDof] | None = None,
-    nodes: Mapping[int, str] | None = None,
+    path: Path, dofs: Sequence[InterfaceDof] | None = None, nodes: Mapping[int, str] | None = None
 ) -> Frfs:
     """Read and check the receptances of a component.
 
@@ -99,14 +97,13 @@ def read_frfs(
         missing; if frequencies differ or do not ascend; if a value is not finite; if the units are
         not SI or are implausible; if H_ij and H_ji differ.
     """
-    if path.suffix.lower() == ".npz":
-        frfs = _read_npz(path, dofs)
-    elif path.suffix.lower() in _UFF:
-        frfs = _read_uff(path, dofs, nodes or {})
-    else:
-        raise ComponentFileError(path, "is not a file of FRFs; give a .npz, .uff or .unv file.")
-    _check_values(path, frfs)
-    _check_physics(path, frfs)
+    kind = path.suffix.lower()
+    if kind not in (".npz", ".uff", ".unv"):
+        raise ComponentFileError(f"{path}: is not a file of FRFs; give a .npz, .uff or .unv file.")
+    with file_errors(path):
+        frfs = _read_npz(path, dofs) if kind == ".npz" else _read_uff(path, dofs, nodes or {})
+        _check_values(frfs)
+        _check_physics(frfs)
     return frfs
 
 
@@ -115,23 +112,20 @@ def _read_npz(path: Path, wanted: Sequence[InterfaceDof] | None) -> Frfs:
     arrays = load_npz(path, known)
     for name in known:
         if name not in arrays:
-            raise ComponentFileError(path, f"has no {name}; add it.")
+            raise FileError(f"has no {name}; add it.")
     frequencies, frf = arrays["frequencies"], arrays["frf"]
     if frequencies.ndim != 1 or frequencies.dtype.kind not in "fiu":
-        raise ComponentFileError(
-            path, "has frequencies that are not a list of real numbers; give them in Hz."
-        )
+        raise FileError("has frequencies that are not a list of real numbers; give them in Hz.")
     if frf.dtype.kind != "c":
-        raise ComponentFileError(path, "has a real frf; give complex receptances in m/N.")
-    found = parse_dofs(path, np.ravel(arrays["dofs"]).tolist())
+        raise FileError("has a real frf; give complex receptances in m/N.")
+    found = parse_dofs(np.ravel(arrays["dofs"]).tolist())
     if frf.shape != (len(frequencies), len(found), len(found)):
-        raise ComponentFileError(
-            path,
+        raise FileError(
             f"has an frf of {' by '.join(map(str, frf.shape))}; write one of {len(frequencies)} "
             f"by {len(found)} by {len(found)}, as there are {len(frequencies)} frequencies and "
-            f"{len(found)} dofs.",
+            f"{len(found)} dofs."
         )
-    dofs, rows = choose_rows(path, found, wanted)
+    dofs, rows = choose_rows(found, wanted)
     chosen = frf[:, rows][:, :, rows].astype(np.complex128)
     return Frfs(dofs, frequencies.astype(np.float64), chosen)
 
@@ -140,42 +134,39 @@ def _read_uff(path: Path, wanted: Sequence[InterfaceDof] | None, nodes: Mapping[
     functions: dict[tuple[InterfaceDof, InterfaceDof], _Function] = {}
     for data_set in _data_sets(path):
         if data_set["type"] == 164:
-            _check_system(path, data_set)
+            _check_system(data_set)
             continue
-        function = _function(path, data_set, nodes)
+        function = _function(data_set, nodes)
         if function is None or not _asked(function, wanted):
             continue
         pair = (function.response, function.reference)
         if pair in functions:
-            raise ComponentFileError(path, f"has the FRF of {_pair(*pair)} twice; remove one.")
+            raise FileError(f"has the FRF of {_pair(*pair)} twice; remove one.")
         functions[pair] = function
     found = list(dict.fromkeys(dof for pair in functions for dof in pair))
     if not found:
-        raise ComponentFileError(
-            path,
+        raise FileError(
             "holds no FRF (function type 4) between nodes that are mapped to points "
-            f"({', '.join(f'{node}: {point}' for node, point in nodes.items()) or 'none'}).",
+            f"({', '.join(f'{node}: {point}' for node, point in nodes.items()) or 'none'})."
         )
-    dofs, _ = choose_rows(path, found, wanted)
+    dofs, _ = choose_rows(found, wanted)
     first = next(iter(functions.values()))
     for pair, function in functions.items():
         if len(function.frequencies) != len(first.frequencies) or not np.allclose(
             function.frequencies, first.frequencies, rtol=1e-5, atol=0.0
         ):
-            raise ComponentFileError(
-                path,
+            raise FileError(
                 f"the FRF of {_pair(*pair)} has other frequencies ({_axis(function)}) than that of "
                 f"{_pair(first.response, first.reference)} ({_axis(first)}); measure or resample "
-                "them alike.",
+                "them alike."
             )
     frf = np.empty((len(first.frequencies), len(dofs), len(dofs)), dtype=np.complex128)
     for i, response in enumerate(dofs):
         for j, reference in enumerate(dofs):
             there = functions.get((response, reference)) or functions.get((reference, response))
             if there is None:
-                raise ComponentFileError(
-                    path,
-                    f"has no FRF of {_pair(response, reference)}, nor the reverse; measure one.",
+                raise FileError(
+                    f"has no FRF of {_pair(response, reference)}, nor the reverse; measure one."
                 )
             frf[:, i, j] = there.values
     return Frfs(dofs, first.frequencies, frf)
@@ -186,31 +177,28 @@ def _data_sets(path: Path) -> list[dict[str, Any]]:
     try:
         import pyuff
     except ImportError:
-        raise ComponentFileError(
-            path, "needs pyuff to be read; run `pip install linkage_vibration[uff]`."
+        raise FileError(
+            "needs pyuff to be read; run `pip install linkage_vibration[uff]`."
         ) from None
     check_file(path)
-    try:
+    # pyuff raises plain exceptions; infinite numbers are reported later.
+    with file_errors(path, Exception), np.errstate(all="ignore"):
         file = pyuff.UFF(str(path))
         types = [int(kind) for kind in file.get_set_types()]
-        with np.errstate(all="ignore"):  # infinite numbers are reported later
-            return [file.read_sets(i) for i, kind in enumerate(types) if kind in (58, 164)]
-    except Exception as error:  # pyuff raises plain exceptions
-        raise damaged(path, error) from None
+        return [file.read_sets(i) for i, kind in enumerate(types) if kind in (58, 164)]
 
 
-def _check_system(path: Path, units: Mapping[str, Any]) -> None:
+def _check_system(units: Mapping[str, Any]) -> None:
     """Raise an error unless the units are SI; the factors of the set divide values into SI."""
     code = units["units_code"]
     if code in _UNITS or abs(units["length"] - 1.0) > 1e-6 or abs(units["force"] - 1.0) > 1e-6:
-        raise ComponentFileError(
-            path,
+        raise FileError(
             f"has units of {_UNITS.get(code, 'its own')} in data set 164 (code {code}, length "
-            f"factor {units['length']:g}, force factor {units['force']:g}); export it in SI.",
+            f"factor {units['length']:g}, force factor {units['force']:g}); export it in SI."
         )
 
 
-def _function(path: Path, data: Mapping[str, Any], nodes: Mapping[int, str]) -> _Function | None:
+def _function(data: Mapping[str, Any], nodes: Mapping[int, str]) -> _Function | None:
     """Return a data set 58 as receptance, or None if it is no FRF between mapped DoFs."""
     if data["func_type"] != _FRF:
         return None
@@ -228,32 +216,30 @@ def _function(path: Path, data: Mapping[str, Any], nodes: Mapping[int, str]) -> 
 
     kind = data["ordinate_spec_data_type"]
     if kind not in _POWERS:
-        raise ComponentFileError(
-            path,
+        raise FileError(
             f"{where} has the ordinate data type {kind}; export it as displacement (8), velocity "
-            "(11) or acceleration (12).",
+            "(11) or acceleration (12)."
         )
     if data["orddenom_spec_data_type"] not in _FORCES:
-        raise ComponentFileError(
-            path,
+        raise FileError(
             f"{where} has the ordinate denominator data type {data['orddenom_spec_data_type']}; "
-            "export it per excitation force (13).",
+            "export it per excitation force (13)."
         )
-    _check_label(path, where, data["ordinate_axis_units_lab"], _RESPONSE_LABELS[kind], kind)
-    _check_label(path, where, data["orddenom_axis_units_lab"], _FORCE_LABELS, None)
+    _check_label(where, data["ordinate_axis_units_lab"], _RESPONSE_LABELS[kind], kind)
+    _check_label(where, data["orddenom_axis_units_lab"], _FORCE_LABELS, None)
     abscissa = _plain_label(data["abscissa_axis_units_lab"])
     if data["abscissa_spec_data_type"] not in _FREQUENCY or abscissa not in ("", "none", "hz"):
-        raise ComponentFileError(path, f"{where} is not over frequency in Hz; export it that way.")
+        raise FileError(f"{where} is not over frequency in Hz; export it that way.")
 
     if "x" not in data or "data" not in data:
-        raise ComponentFileError(path, f"{where} has no numbers that can be read; export it again.")
+        raise FileError(f"{where} has no numbers that can be read; export it again.")
     x, y = np.asarray(data["x"], dtype=np.float64), np.asarray(data["data"])
     if len(x) != data["num_pts"] or len(y) != data["num_pts"]:
-        raise ComponentFileError(
-            path, f"{where} has {len(y)} lines instead of {data['num_pts']}; export it again."
+        raise FileError(
+            f"{where} has {len(y)} lines instead of {data['num_pts']}; export it again."
         )
     if y.dtype.kind != "c":
-        raise ComponentFileError(path, f"{where} is not complex; export real and imaginary parts.")
+        raise FileError(f"{where} is not complex; export real and imaginary parts.")
     power = _POWERS[kind]
     if power and len(x) and x[0] == 0.0:
         x, y = x[1:], y[1:]
@@ -262,17 +248,14 @@ def _function(path: Path, data: Mapping[str, Any], nodes: Mapping[int, str]) -> 
     return _Function(response, reference, x, values)
 
 
-def _check_label(
-    path: Path, where: str, label: str, allowed: Sequence[str], kind: int | None
-) -> None:
+def _check_label(where: str, label: str, allowed: Sequence[str], kind: int | None) -> None:
     """Raise an error if a label names a unit that is not the SI unit of the quantity."""
     plain = _plain_label(label)
     numerator = plain.split("/n")[0] if kind is not None else plain
     if numerator not in ("", "none", *allowed):
         what = "a force" if kind is None else _QUANTITIES[kind]
-        raise ComponentFileError(
-            path,
-            f"{where} has the unit {label.strip()!r}, not the SI unit of {what}; export it in SI.",
+        raise FileError(
+            f"{where} has the unit {label.strip()!r}, not the SI unit of {what}; export it in SI."
         )
 
 
@@ -284,30 +267,27 @@ def _asked(function: _Function, wanted: Sequence[InterfaceDof] | None) -> bool:
     return wanted is None or (function.response in wanted and function.reference in wanted)
 
 
-def _check_values(path: Path, frfs: Frfs) -> None:
+def _check_values(frfs: Frfs) -> None:
     """Raise an error unless frequencies ascend and all values are finite."""
     f = frfs.frequencies
     if len(f) < 2:
-        raise ComponentFileError(path, f"has {len(f)} frequencies; give 2 or more.")
+        raise FileError(f"has {len(f)} frequencies; give 2 or more.")
     if not ((f >= 0.0) & (f < 1e9)).all():
-        raise ComponentFileError(path, "has frequencies below 0 or above 1 GHz; give them in Hz.")
+        raise FileError("has frequencies below 0 or above 1 GHz; give them in Hz.")
     if (np.diff(f) <= 0.0).any():
         k = int(np.argmax(np.diff(f) <= 0.0))
-        raise ComponentFileError(
-            path, f"has {f[k + 1]:g} Hz after {f[k]:g} Hz; sort the frequencies."
-        )
+        raise FileError(f"has {f[k + 1]:g} Hz after {f[k]:g} Hz; sort the frequencies.")
     finite = (np.abs(frfs.frf.real) < _FINITE) & (np.abs(frfs.frf.imag) < _FINITE)
     wrong = np.argwhere(~finite)
     if len(wrong):
         k, i, j = wrong[0]
-        raise ComponentFileError(
-            path,
+        raise FileError(
             f"the FRF of {_pair(frfs.dofs[i], frfs.dofs[j])} is not finite at {f[k]:g} Hz; remove "
-            "that line from all FRFs.",
+            "that line from all FRFs."
         )
 
 
-def _check_physics(path: Path, frfs: Frfs) -> None:
+def _check_physics(frfs: Frfs) -> None:
     """Raise an error for FRFs that no passive part has in SI units.
 
     They are compared as accelerances, whose noise is about the same at every frequency.
@@ -318,23 +298,19 @@ def _check_physics(path: Path, frfs: Frfs) -> None:
         drive = accelerance[:, j, j]
         size = float(np.abs(drive).sum())
         if size == 0.0:
-            raise ComponentFileError(
-                path, f"the FRF of {_pair(dof, dof)} is zero; measure it again."
-            )
+            raise FileError(f"the FRF of {_pair(dof, dof)} is zero; measure it again.")
         if float(drive.imag.sum()) > _ACTIVE * size:
-            raise ComponentFileError(
-                path,
+            raise FileError(
                 f"the FRF of {_pair(dof, dof)} gives out power, as its imaginary part is mostly "
                 "positive; look for a wrong sign, exp(-i omega t), or a velocity or acceleration "
-                "that is labelled as a displacement.",
+                "that is labelled as a displacement."
             )
         mass = 1.0 / max(float(np.median(np.abs(drive))), 1e-300)
         if dof.direction != "theta" and not _MASSES[0] < mass < _MASSES[1]:
             unit = "mm/N or um/N, or an acceleration" if mass <= _MASSES[0] else "m/kN"
-            raise ComponentFileError(
-                path,
+            raise FileError(
                 f"the FRF of {_pair(dof, dof)} belongs to a mass of {mass:.2g} kg, which no link "
-                f"has; convert it to m/N if it is in {unit}.",
+                f"has; convert it to m/N if it is in {unit}."
             )
     sizes = np.linalg.norm(np.diagonal(accelerance, axis1=1, axis2=2), axis=0)
     for i, one in enumerate(frfs.dofs):
@@ -343,18 +319,16 @@ def _check_physics(path: Path, frfs: Frfs) -> None:
             odd, even = (float(np.linalg.norm(v)) for v in (there - back, there + back))
             noise = _COUPLED * math.sqrt(sizes[i] * sizes[j])
             if odd > max(_RECIPROCITY * even, noise):
-                raise ComponentFileError(
-                    path,
+                raise FileError(
                     f"the FRF of {_pair(one, other)} and its reverse are unrelated but should be "
-                    "equal; look for a wrong direction, sign or unit in one of them.",
+                    "equal; look for a wrong direction, sign or unit in one of them."
                 )
             unequal = 2.0 * abs(np.vdot(there + back, there - back)) / max(even**2, 1e-300)
             if even > noise and unequal > _UNEQUAL:
-                raise ComponentFileError(
-                    path,
+                raise FileError(
                     f"the FRF of {_pair(one, other)} and its reverse differ by "
                     f"{100.0 * unequal:.0f} % on average but should be equal; look for a wrong "
-                    "gain of a sensor, or measure them again.",
+                    "gain of a sensor, or measure them again."
                 )
 
 

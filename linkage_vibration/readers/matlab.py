@@ -2,10 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Reads real matrices and text from MATLAB 5 files (``save -v6`` and ``-v7``).
 
-Own code because `scipy.io.loadmat` crashed Python on 9 of 500 damaged files, and reading in
-another process takes five times as long (`python -m benchmark.libraries`). Full and sparse
-matrices, character matrices and cell arrays are read; the layout is that of MathWorks' "MAT-File
-Format", level 5.
+Own code because `scipy.io.loadmat` crashed Python on 9 of 500 damaged files (`python -m
+benchmark.libraries`), and reading in another process is slower. Full and sparse matrices, character
+matrices and cell arrays are read; the layout is that of MathWorks' "MAT-File Format", level 5.
 """
 
 import math
@@ -22,11 +21,11 @@ from scipy import sparse
 
 from linkage_vibration.readers.component_files import (
     MAX_BYTES,
-    ComponentFileError,
+    FileError,
     check_file,
     check_size,
     compressed_columns,
-    damaged,
+    file_errors,
 )
 
 _HEADER = 128
@@ -37,7 +36,7 @@ _TEXT = {1: "utf-8", 2: "utf-8", 4: "utf-16", 16: "utf-8", 17: "utf-16", 18: "ut
 _CELL, _CHAR, _SPARSE = 1, 4, 5
 _FULL = range(6, 16)  # double, single, and the integers
 _COMPLEX = 0x800
-_DAMAGE = (LookupError, OSError, RecursionError, StopIteration, ValueError)
+_DAMAGE = (LookupError, RecursionError, StopIteration, ValueError, struct.error, zlib.error)
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,32 +62,31 @@ def read_matlab(path: Path) -> dict[str, Any]:
         If the file is missing, damaged, of another version, or too large after unpacking, or if
         it holds anything else.
     """
-    check_file(path)
-    try:
+    with file_errors(path, *_DAMAGE):
+        check_file(path)
         content = path.read_bytes()
-        if content[124:126] in (b"\x00\x02", b"\x02\x00"):
-            raise ComponentFileError(path, "is a MATLAB 7.3 file; save it with `save -v7`.")
-        if content[124:128] not in (b"\x00\x01IM", b"\x01\x00MI"):
-            raise ComponentFileError(path, "is not a MATLAB 5 file; save it with `save -v7`.")
-        order = "<" if content[126:128] == b"IM" else ">"
-        variables = {}
+        order = _byte_order(content[:_HEADER])
+        variables: dict[str, Any] = {}
         unpacked = 0
         for element in _elements(content[_HEADER:], order):
             if element.kind == _COMPRESSED:
                 tag = zlib.decompressobj().decompress(element.data, 8)
-                check_size(path, unpacked + struct.unpack(f"{order}II", tag)[1])
+                check_size(unpacked + struct.unpack(f"{order}II", tag)[1])
                 data = zlib.decompressobj().decompress(element.data, MAX_BYTES + 1 - unpacked)
                 unpacked += len(data)
-                check_size(path, unpacked)
+                check_size(unpacked)
                 element = next(_elements(data, order))
             if element.kind == _MATRIX:
-                name, value = _variable(path, element.data, order)
-                variables[name] = value
+                variables.update([_variable(element.data, order)])
         return variables
-    except ComponentFileError:
-        raise
-    except (*_DAMAGE, struct.error, zlib.error) as error:
-        raise damaged(path, error) from None
+
+
+def _byte_order(header: bytes) -> str:
+    if header[124:126] in (b"\x00\x02", b"\x02\x00"):
+        raise FileError("is a MATLAB 7.3 file; save it with `save -v7`.")
+    if header[124:] not in (b"\x00\x01IM", b"\x01\x00MI"):
+        raise FileError("is not a MATLAB 5 file; save it with `save -v7`.")
+    return "<" if header[126:] == b"IM" else ">"
 
 
 def _elements(data: bytes, order: str) -> Iterator[_Element]:
@@ -108,7 +106,7 @@ def _elements(data: bytes, order: str) -> Iterator[_Element]:
         at = end
 
 
-def _variable(path: Path, data: bytes, order: str) -> tuple[str, Any]:
+def _variable(data: bytes, order: str) -> tuple[str, Any]:
     """Return the name and the value of a matrix element."""
     flags, dimensions, label, *rest = _elements(data, order)
     (bits,) = struct.unpack_from(f"{order}I", flags.data)
@@ -118,11 +116,11 @@ def _variable(path: Path, data: bytes, order: str) -> tuple[str, Any]:
     if len(shape) < 2 or min(shape) < 0:
         raise ValueError(f"{name} has the dimensions {shape}")
     if bits & _COMPLEX:
-        raise ComponentFileError(
-            path, f"has a complex {name}; write a real one, and damping as a matrix of its own."
+        raise FileError(
+            f"has a complex {name}; write a real one, and damping as a matrix of its own."
         )
     if kind == _CELL:
-        return name, [_variable(path, cell.data, order)[1] for cell in rest]
+        return name, [_variable(cell.data, order)[1] for cell in rest]
     if kind == _CHAR:
         return name, _rows(rest[0], shape, order)
     if kind == _SPARSE:
@@ -132,9 +130,7 @@ def _variable(path: Path, data: bytes, order: str) -> tuple[str, Any]:
         if values.size != math.prod(shape):
             raise ValueError(f"{name} holds {values.size} numbers for the dimensions {shape}")
         return name, values.reshape(shape, order="F")
-    raise ComponentFileError(
-        path, f"holds {name!r}, which is not a matrix, text or cell array; remove it."
-    )
+    raise FileError(f"holds {name!r}, which is not a matrix, text or cell array; remove it.")
 
 
 def _numbers(element: _Element, order: str) -> NDArray[Any]:

@@ -38,11 +38,12 @@ from linkage_vibration.mechanics.reduction import ReductionError
 from linkage_vibration.mechanics.solids import sparse_craig_bampton
 from linkage_vibration.readers.component_files import (
     ComponentFileError,
+    FileError,
     check_file,
     check_known,
     choose_rows,
     compressed_columns,
-    damaged,
+    file_errors,
     load_npz,
     parse_dofs,
 )
@@ -104,59 +105,49 @@ def read_matrices(
         twice; if a matrix is not square, real, finite, symmetric and positive (semi-)definite, or
         has another size than the others; if mass and stiffness are implausible in kg and N/m.
     """
-    readers: dict[str, Callable[[Path], tuple[dict[str, Any], list[object]]]] = {
-        ".npz": _read_npz,
-        ".mat": _read_mat,
-        ".mtx": _read_mtx,
-    }
-    if path.suffix.lower() not in readers:
-        raise ComponentFileError(path, "is not a file of matrices; give a .npz, .mat or .mtx file.")
-    matrices, names = readers[path.suffix.lower()](path)
-    matrices = _plain_matrices(path, matrices)
-    dofs, order, labels = _order(path, names, dofs, matrices["mass"].shape[0], spatial)
-    for name, matrix in matrices.items():
-        matrix = matrix[order][:, order]
-        _check(path, labels, name, matrix, matrices["mass"])
-        matrices[name] = (matrix + matrix.T) / 2.0
-    if sparse.issparse(matrices["mass"]):
-        matrices = _reduce(path, matrices, len(dofs), modes)
-    _check_units(path, dofs, matrices["mass"], matrices["stiffness"])
+    reader = _READERS.get(path.suffix.lower())
+    if reader is None:
+        raise ComponentFileError(
+            f"{path}: is not a file of matrices; give a .npz, .mat or .mtx file."
+        )
+    with file_errors(path):
+        matrices, names = reader(path)
+        matrices = _plain_matrices(matrices)
+        dofs, order, labels = _order(names, dofs, matrices["mass"].shape[0], spatial)
+        for name, matrix in matrices.items():
+            matrix = matrix[order][:, order]
+            _check(labels, name, matrix, matrices["mass"])
+            matrices[name] = (matrix + matrix.T) / 2.0
+        if sparse.issparse(matrices["mass"]):
+            matrices = _reduce(matrices, len(dofs), modes)
+        _check_units(dofs, matrices["mass"], matrices["stiffness"])
     return Matrices(dofs, matrices["mass"], matrices["stiffness"], matrices.get("damping"))
 
 
-def _plain_matrices(path: Path, matrices: dict[str, Any]) -> dict[str, Any]:
+def _plain_matrices(matrices: dict[str, Any]) -> dict[str, Any]:
     """Return mass, stiffness and perhaps damping as matrices of floats of one size."""
     for name in ("mass", "stiffness"):
         if name not in matrices:
-            raise ComponentFileError(path, f"has no {name}; add it.")
-    matrices = {name: _plain(path, name, matrices[name]) for name in _NAMES if name in matrices}
-    n = matrices["mass"].shape[0]
+            raise FileError(f"has no {name}; add it.")
+    matrices = {name: _plain(name, matrices[name]) for name in _NAMES if name in matrices}
+    size = _size(matrices["mass"])
     for name, matrix in matrices.items():
-        if matrix.shape != (n, n):
-            raise ComponentFileError(
-                path,
-                f"{name} is {_size(matrix)}, but mass is {_size(matrices['mass'])}; correct one.",
-            )
+        if _size(matrix) != size:
+            raise FileError(f"{name} is {_size(matrix)}, but mass is {size}; correct one.")
     return matrices
 
 
 def _order(
-    path: Path,
-    names: Sequence[object],
-    wanted: Sequence[InterfaceDof] | None,
-    n: int,
-    spatial: bool,
+    names: Sequence[object], wanted: Sequence[InterfaceDof] | None, n: int, spatial: bool
 ) -> tuple[tuple[InterfaceDof, ...], NDArray[np.intp], list[str]]:
     """Return the interface DoFs, and the row and the name of each row to keep, theirs first."""
     if len(names) > n:
-        raise ComponentFileError(
-            path, f"has {len(names)} entries in dofs for {n} rows; remove some."
-        )
-    found = parse_dofs(path, names)
+        raise FileError(f"has {len(names)} entries in dofs for {n} rows; remove some.")
+    found = parse_dofs(names)
     out_of_plane = [row for row, dof in enumerate(found) if dof and dof.direction == "y"]
     held = set() if spatial else set(out_of_plane)
     there = [None if row in held else dof for row, dof in enumerate(found)]
-    dofs, rows = choose_rows(path, there, wanted)
+    dofs, rows = choose_rows(there, wanted)
     order = np.array(rows + sorted(set(range(n)) - held.union(rows)))
     labels = [
         str(found[row])
@@ -174,65 +165,70 @@ def _read_npz(path: Path) -> tuple[dict[str, Any], list[object]]:
         parts = [f"{name}_{part}" for part in _PARTS]
         there = [part for part in parts if part in arrays]
         if name in arrays and there:
-            raise ComponentFileError(path, f"has both {name} and {there[0]}; remove one.")
+            raise FileError(f"has both {name} and {there[0]}; remove one.")
         if name in arrays:
             matrices[name] = arrays[name]
         elif there:
             if there != parts:
-                raise ComponentFileError(
-                    path, f"has a sparse {name} without all of {', '.join(parts)}; add them."
-                )
+                raise FileError(f"has a sparse {name} without all of {', '.join(parts)}; add them.")
             data, indices, indptr = (arrays[part] for part in parts)
             n = indptr.size - 1
             if n > MAX_ROWS:
-                raise ComponentFileError(
-                    path, f"{name} has {n} rows; reduce it to {MAX_ROWS} or fewer."
-                )
+                raise FileError(f"{name} has {n} rows; reduce it to {MAX_ROWS} or fewer.")
             try:
                 matrices[name] = compressed_columns(data, indices, indptr, n)
             except ValueError as error:
-                raise ComponentFileError(
-                    path, f"{name} is invalid, as {error}; write it again."
-                ) from None
-    return matrices, np.ravel(_dofs(path, arrays)).tolist()
+                raise FileError(f"{name} is invalid, as {error}; write it again.") from None
+    return matrices, np.ravel(_dofs(arrays)).tolist()
 
 
 def _read_mat(path: Path) -> tuple[dict[str, Any], list[object]]:
     arrays = read_matlab(path)
-    check_known(path, arrays, ("dofs", *_NAMES))
-    names = _dofs(path, arrays)
+    check_known(arrays, ("dofs", *_NAMES))
+    names = _dofs(arrays)
     if not isinstance(names, list):
-        raise ComponentFileError(
-            path, "has dofs that are not text; write a cell array such as {'P1 x'; 'P1 z'}."
-        )
+        raise FileError("has dofs that are not text; write a cell array such as {'P1 x'; 'P1 z'}.")
     # Each cell holds a character matrix of one row.
     cells = [cell[0] if isinstance(cell, list) and len(cell) == 1 else cell for cell in names]
     matrices = {name: arrays[name] for name in _NAMES if name in arrays}
     for name, matrix in matrices.items():
         if isinstance(matrix, list):
-            raise ComponentFileError(path, f"{name} is text; write a matrix of numbers.")
+            raise FileError(f"{name} is text; write a matrix of numbers.")
     return matrices, cells
 
 
 def _read_mtx(path: Path) -> tuple[dict[str, Any], list[object]]:
     if not path.stem.endswith("_mass"):
-        raise ComponentFileError(path, "is not a mass matrix; give the path of NAME_mass.mtx.")
+        raise FileError("is not a mass matrix; give the path of NAME_mass.mtx.")
     start = path.stem.removesuffix("mass")
     matrices = {}
     for name in _NAMES:
         beside = path.with_name(f"{start}{name}{path.suffix}")
         if name != "damping" or beside.exists():
             matrices[name] = _read_matrix_market(beside)
-    names = _text(path.with_name(f"{start}dofs.txt")).splitlines()
+    beside = path.with_name(f"{start}dofs.txt")
+    with file_errors(beside):
+        check_file(beside)
+        try:
+            names = beside.read_text(encoding="utf-8").splitlines()
+        except UnicodeDecodeError:
+            raise FileError("is not text in UTF-8; write it again.") from None
     return matrices, [name for name in names if name.strip()]
+
+
+_READERS: dict[str, Callable[[Path], tuple[dict[str, Any], list[object]]]] = {
+    ".npz": _read_npz,
+    ".mat": _read_mat,
+    ".mtx": _read_mtx,
+}
 
 
 def _read_matrix_market(path: Path) -> Any:
     """Read a real matrix; `scipy.io.mmread` is faster, but a damaged file can crash it."""
-    check_file(path)
-    try:
+    with file_errors(path, ValueError, OverflowError):
+        check_file(path)
         with path.open(encoding="utf-8") as file:
-            layout, symmetry = _market_kind(path, file.readline())
+            layout, symmetry = _market_kind(file.readline())
             lines = (line for line in file if line.strip() and not line.startswith("%"))
             size = [int(number) for number in next(lines, "").split()]
             with warnings.catch_warnings():
@@ -242,8 +238,8 @@ def _read_matrix_market(path: Path) -> Any:
             return _filled(size, values.ravel(), symmetry)
         rows, columns, count = size
         if max(rows, columns) > MAX_ROWS:
-            raise ComponentFileError(
-                path, f"has {rows} rows and {columns} columns; reduce it to {MAX_ROWS} or fewer."
+            raise FileError(
+                f"has {rows} rows and {columns} columns; reduce it to {MAX_ROWS} or fewer."
             )
         entries = values.reshape(count, 3)
         whole = np.rint(entries[:, :2])
@@ -254,26 +250,20 @@ def _read_matrix_market(path: Path) -> Any:
         if symmetry == "symmetric":
             matrix = matrix + matrix.T - sparse.diags(matrix.diagonal())
         return sparse.csc_array(matrix)
-    except (OSError, ValueError, OverflowError) as error:
-        raise damaged(path, error) from None
 
 
-def _market_kind(path: Path, line: str) -> tuple[str, str]:
+def _market_kind(line: str) -> tuple[str, str]:
     """Return the layout and the symmetry that the first line of a file states."""
     words = line.lower().split()
     if len(words) != 5 or words[:2] != ["%%matrixmarket", "matrix"]:
-        raise ComponentFileError(
-            path, "does not begin with %%MatrixMarket; give a Matrix Market file."
-        )
+        raise FileError("does not begin with %%MatrixMarket; give a Matrix Market file.")
     layout, field, symmetry = words[2:]
     if (
         layout not in ("coordinate", "array")
         or field not in ("real", "integer", "double")
         or symmetry not in ("general", "symmetric")
     ):
-        raise ComponentFileError(
-            path, f"is {' '.join(words[2:])}; write it as real, general or symmetric."
-        )
+        raise FileError(f"is {' '.join(words[2:])}; write it as real, general or symmetric.")
     return layout, symmetry
 
 
@@ -289,31 +279,21 @@ def _filled(size: list[int], values: FloatArray, symmetry: str) -> FloatArray:
     return np.asarray(matrix + np.triu(matrix, 1).T)
 
 
-def _text(path: Path) -> str:
-    check_file(path)
-    try:
-        return path.read_text(encoding="utf-8")
-    except UnicodeDecodeError:
-        raise ComponentFileError(path, "is not text in UTF-8; write it again.") from None
-    except OSError as error:
-        raise ComponentFileError(path, f"cannot be opened: {error.strerror}.") from None
-
-
-def _dofs(path: Path, arrays: dict[str, Any]) -> Any:
+def _dofs(arrays: dict[str, Any]) -> Any:
     if "dofs" not in arrays:
-        raise ComponentFileError(path, "has no dofs; add one for each row.")
+        raise FileError("has no dofs; add one for each row.")
     return arrays["dofs"]
 
 
-def _plain(path: Path, name: str, matrix: Any) -> Any:
+def _plain(name: str, matrix: Any) -> Any:
     """Return a matrix of floats, sparse if it is too large to be used as it is."""
     if matrix.dtype.kind not in "fiu":
         what = "complex" if matrix.dtype.kind == "c" else "not of numbers"
-        raise ComponentFileError(
-            path, f"{name} is {what}; write real numbers, and damping as a matrix of its own."
+        raise FileError(
+            f"{name} is {what}; write real numbers, and damping as a matrix of its own."
         )
     if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1] or matrix.shape[0] == 0:
-        raise ComponentFileError(path, f"{name} is {_size(matrix)}; write a square matrix.")
+        raise FileError(f"{name} is {_size(matrix)}; write a square matrix.")
     if matrix.shape[0] > MAX_WHOLE:
         return sparse.csc_array(matrix, dtype=np.float64)
     whole = matrix.toarray() if sparse.issparse(matrix) else matrix
@@ -330,40 +310,36 @@ def _accepted(name: str, matrix: Any, mass: Any) -> Any:
     return max(_ACCEPTED[name], _ROUNDING * largest) * mass
 
 
-def _check(path: Path, labels: Sequence[str], name: str, matrix: Any, mass: Any) -> None:
+def _check(labels: Sequence[str], name: str, matrix: Any, mass: Any) -> None:
     """Raise an error unless a matrix is finite, symmetric and positive; check the mass first."""
     entries = sparse.coo_array(matrix)
     wrong = np.flatnonzero(~np.isfinite(entries.data))
     if wrong.size:
         i, j = entries.row[wrong[0]], entries.col[wrong[0]]
-        raise ComponentFileError(
-            path, f"{name} is not finite at {labels[i]}, {labels[j]}; write it again."
-        )
+        raise FileError(f"{name} is not finite at {labels[i]}, {labels[j]}; write it again.")
 
     if name != "mass":
         with np.errstate(over="ignore"):
             rates = matrix.diagonal() / mass.diagonal()
         if rates.max() > _FASTEST:
             label = labels[int(rates.argmax())]
-            raise ComponentFileError(
-                path,
+            raise FileError(
                 f"{name} is {rates.max():.1g} times the mass at {label}, which is implausible; "
-                "write both in kg, m, N, s.",
+                "write both in kg, m, N, s."
             )
     whole = matrix if name == "mass" else matrix + _accepted(name, matrix, mass)
     diagonal = whole.diagonal()
-    _check_positive(path, labels, name, diagonal)
+    _check_positive(labels, name, diagonal)
     odd = sparse.coo_array(matrix - matrix.T)
     with np.errstate(over="ignore"):
         sizes = np.abs(odd.data) / np.sqrt(diagonal[odd.row]) / np.sqrt(diagonal[odd.col])
     if sizes.max(initial=0.0) > _ASYMMETRY:
         worst = int(sizes.argmax())
         i, j = odd.row[worst], odd.col[worst]
-        raise ComponentFileError(
-            path,
+        raise FileError(
             f"{name} is not symmetric: {matrix[i, j]:.6g} at {labels[i]}, {labels[j]} and "
             f"{matrix[j, i]:.6g} at {labels[j]}, {labels[i]} differ by {sizes[worst]:.1e} of "
-            "their diagonal entries; write it again.",
+            "their diagonal entries; write it again."
         )
 
     if sparse.issparse(whole):
@@ -375,45 +351,42 @@ def _check(path: Path, labels: Sequence[str], name: str, matrix: Any, mass: Any)
                 options={"SymmetricMode": True},
             )
         except RuntimeError:
-            raise _not_positive(path, name, "some DoF") from None
+            raise _not_positive(name, "some DoF") from None
         # SuperLU has its pivots in the order of perm_c.
-        _check_positive(path, labels, name, factor.U.diagonal()[factor.perm_c])
+        _check_positive(labels, name, factor.U.diagonal()[factor.perm_c])
     else:
         _, info = dpotrf(whole)
         if info:
-            raise _not_positive(path, name, labels[info - 1])
+            raise _not_positive(name, labels[info - 1])
 
 
-def _check_positive(path: Path, labels: Sequence[str], name: str, pivots: FloatArray) -> None:
+def _check_positive(labels: Sequence[str], name: str, pivots: FloatArray) -> None:
     worst = int(pivots.argmin())
     if pivots[worst] <= 0.0:
-        raise _not_positive(path, name, labels[worst])
+        raise _not_positive(name, labels[worst])
 
 
-def _not_positive(path: Path, name: str, label: str) -> ComponentFileError:
+def _not_positive(name: str, label: str) -> FileError:
     if name == "mass":
         problem, fix = "definite", "remove massless coordinates, or reduce them statically"
     else:
         problem = "semi-definite"
         fix = "look for a wrong sign or row, and write every digit (%.17g)"
-    return ComponentFileError(path, f"{name} is not positive {problem} at {label}; {fix}.")
+    return FileError(f"{name} is not positive {problem} at {label}; {fix}.")
 
 
-def _reduce(
-    path: Path, matrices: dict[str, Any], n_interface: int, modes: int | None
-) -> dict[str, Any]:
+def _reduce(matrices: dict[str, Any], n_interface: int, modes: int | None) -> dict[str, Any]:
     if modes is None:
-        raise ComponentFileError(
-            path,
+        raise FileError(
             f"has {matrices['mass'].shape[0]} rows, more than {MAX_WHOLE}; set the number of "
-            "fixed-interface modes to keep.",
+            "fixed-interface modes to keep."
         )
     try:
         reduction = sparse_craig_bampton(
             matrices["mass"], matrices["stiffness"], n_interface, modes
         )
     except ReductionError as error:
-        raise ComponentFileError(path, str(error)) from None
+        raise FileError(str(error)) from None
     reduced = {"mass": reduction.mass, "stiffness": reduction.stiffness}
     if "damping" in matrices:
         damping = reduction.transformation.T @ (matrices["damping"] @ reduction.transformation)
@@ -421,9 +394,7 @@ def _reduce(
     return reduced
 
 
-def _check_units(
-    path: Path, dofs: Sequence[InterfaceDof], mass: FloatArray, stiffness: FloatArray
-) -> None:
+def _check_units(dofs: Sequence[InterfaceDof], mass: FloatArray, stiffness: FloatArray) -> None:
     """Raise an error for a rigid mass or a stiffness between the points that no part has in SI.
 
     Millimetres and tonnes keep the natural frequencies but divide mass and stiffness by a
@@ -440,10 +411,9 @@ def _check_units(
             cho_factor(inner - _accepted("stiffness", inner, mass[i, i]))
             extension[i] = -cho_solve(cho_factor(inner), stiffness[i, b])
         except np.linalg.LinAlgError:
-            raise ComponentFileError(
-                path,
+            raise FileError(
                 f"can still move when {', '.join(map(str, dofs))} are held; make more rows "
-                "interface DoFs, or fix them before you write the matrices.",
+                "interface DoFs, or fix them before you write the matrices."
             ) from None
     rigid, static = extension.T @ mass @ extension, extension.T @ stiffness @ extension
     along = [[float(dof.direction == direction) for dof in dofs] for direction in ("x", "y", "z")]
@@ -462,8 +432,7 @@ def _check_units(
     elif frequency > 1e6:
         units = "an elastic modulus in Pa with lengths in millimetres"
     if units:
-        raise ComponentFileError(
-            path,
+        raise FileError(
             f"has a rigid mass of {m:.3g} kg and a stiffness of {k:.3g} N/m between its points, "
-            f"which no link has; convert it to kg, m and N, probably from {units}.",
+            f"which no link has; convert it to kg, m and N, probably from {units}."
         )

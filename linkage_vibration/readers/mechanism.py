@@ -135,11 +135,7 @@ def _mesh(keys: Keys, points: dict[str, Point], path: Path, spatial: bool) -> Bo
     return replace(matrices, digest=digest)
 
 
-_FILES = {
-    "matrices": _matrices,
-    "frfs": _frfs,
-    "mesh": _mesh,
-}
+_FILES = {"matrices": _matrices, "frfs": _frfs, "mesh": _mesh}
 """What reads the body of a link from a file, by the ``kind`` of the file."""
 
 

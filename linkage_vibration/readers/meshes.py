@@ -20,9 +20,8 @@ from numpy.typing import NDArray
 
 from linkage_vibration.mechanics.bodies.matrices import Matrices
 from linkage_vibration.mechanics.description import Material
-from linkage_vibration.mechanics.reduction import ReductionError
 from linkage_vibration.mechanics.solids import Pin, solid_matrices
-from linkage_vibration.readers.component_files import ComponentFileError, check_file, damaged
+from linkage_vibration.readers.component_files import FileError, check_file, file_errors
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]
@@ -73,20 +72,13 @@ def mesh_matrices(
         If scikit-fem or meshio is missing; if the file is damaged or not such a mesh; if a
         surface is missing or not at its point; if the pins do not hold the solid.
     """
-    nodes, elements, surfaces = _read_mesh(path)
-    for point in pins:
-        if point not in dict(points):
-            raise ComponentFileError(
-                path, f"has pins for {point}, which is not a point of the link; remove it."
-            )
-    tied = [_pin(path, point, place, pins, nodes, surfaces) for point, place in points]
-    mass, stiffness = _assemble(path, nodes, elements, material)
-    try:
+    with file_errors(path):
+        nodes, elements, surfaces = _read_mesh(path)
+        tied = _pins(points, pins, nodes, surfaces)
+        mass, stiffness = _assemble(path, nodes, elements, material)
         return solid_matrices(
             mass, stiffness, nodes, tied, modes, rotations=rotations, spatial=spatial
         )
-    except ReductionError as error:
-        raise ComponentFileError(path, str(error)) from None
 
 
 def _read_mesh(path: Path) -> tuple[FloatArray, IntArray, dict[str, IntArray]]:
@@ -94,17 +86,11 @@ def _read_mesh(path: Path) -> tuple[FloatArray, IntArray, dict[str, IntArray]]:
     try:
         import meshio
     except ImportError:
-        raise ComponentFileError(path, _INSTALL) from None
+        raise FileError(_INSTALL) from None
     check_file(path)
     _check_text(path)
-    try:
-        mesh = meshio.gmsh.read(path)
-        return _select(path, mesh)
-    except ComponentFileError:
-        raise
-    # A damaged file raises errors of meshio, NumPy, shlex and of plain indexing.
-    except Exception as error:
-        raise damaged(path, error) from None
+    with file_errors(path, Exception):  # of meshio, NumPy, shlex and plain indexing
+        return _select(meshio.gmsh.read(path))
 
 
 def _check_text(path: Path) -> None:
@@ -112,68 +98,54 @@ def _check_text(path: Path) -> None:
 
     meshio allocates memory for as many nodes and elements as a file says it has.
     """
-    try:
-        text = path.read_bytes()
-    except OSError as error:
-        raise ComponentFileError(path, f"cannot be opened: {error.strerror}.") from None
+    text = path.read_bytes()
     head = re.match(rb"\s*\$MeshFormat\s+(\S+)\s+(\d)", text)
     if path.suffix.lower() != ".msh" or head is None:
-        raise ComponentFileError(path, "is not a gmsh mesh; give a .msh file that gmsh saved.")
+        raise FileError("is not a gmsh mesh; give a .msh file that gmsh saved.")
     if head[1] not in (b"2", b"2.2", b"4.1") or head[2] != b"0":
-        raise ComponentFileError(
-            path,
+        raise FileError(
             "is binary or has another version; save it as ASCII, version 2.2 or 4.1 "
-            "(`gmsh -save -format msh41`).",
+            "(`gmsh -save -format msh41`)."
         )
     sections = re.findall(rb"^\$(\w+)", text, re.MULTILINE)
     for section in sections:
         if not section.startswith(b"End") and b"End" + section not in sections:
-            raise ComponentFileError(
-                path, f"ends within its section ${section.decode()}; save it again."
-            )
+            raise FileError(f"ends within its section ${section.decode()}; save it again.")
     for section in (b"PhysicalNames", b"Nodes", b"Elements"):
         if section not in sections:
-            raise ComponentFileError(
-                path,
+            raise FileError(
                 f"has no section ${section.decode()}; save a mesh with physical groups for its "
-                "volume and for the surface of each pin.",
+                "volume and for the surface of each pin."
             )
     large = re.search(rb"(?<![\d.])\d{8,}(?![\d.])", text)
     if large:
-        raise ComponentFileError(
-            path,
+        raise FileError(
             f"has the number {large[0][:20].decode()}; it is damaged, or has more than 10 million "
-            "nodes or elements and needs a coarser mesh.",
+            "nodes or elements and needs a coarser mesh."
         )
 
 
-def _select(path: Path, mesh: Any) -> tuple[FloatArray, IntArray, dict[str, IntArray]]:
+def _select(mesh: Any) -> tuple[FloatArray, IntArray, dict[str, IntArray]]:
     kinds = {block.type for block in mesh.cells if block.dim == 3}
     if not kinds:
-        raise ComponentFileError(
-            path, "has no volume elements; define a physical group for its volume."
-        )
+        raise FileError("has no volume elements; define a physical group for its volume.")
     if len(kinds) > 1 or not kinds <= {*_VOLUMES}:
-        raise ComponentFileError(
-            path, f"has {', '.join(sorted(kinds))} elements; use tetrahedra of one order only."
+        raise FileError(
+            f"has {', '.join(sorted(kinds))} elements; use tetrahedra of one order only."
         )
     elements = np.vstack([block.data for block in mesh.cells if block.dim == 3]).astype(np.intp)
     # Version 2.2 repeats an element for every physical group that it is in.
     _, first = np.unique(np.sort(elements, axis=1), axis=0, return_index=True)
     elements = elements[np.sort(first)]
     if elements.min() < 0 or elements.max() >= len(mesh.points):
-        raise ComponentFileError(path, "has elements with unknown nodes; mesh it again.")
+        raise FileError("has elements with unknown nodes; mesh it again.")
     used = np.unique(elements)
     nodes = np.asarray(mesh.points, dtype=np.float64)[used]
     if not np.isfinite(nodes).all():
-        raise ComponentFileError(
-            path, "has a node whose coordinates are not finite; mesh it again."
-        )
+        raise FileError("has a node whose coordinates are not finite; mesh it again.")
     extent = np.ptp(nodes, axis=0).max()
     if extent > _MAX_EXTENT:
-        raise ComponentFileError(
-            path, f"is {extent:.4g} m long, which no link is; convert it to metres."
-        )
+        raise FileError(f"is {extent:.4g} m long, which no link is; convert it to metres.")
 
     surfaces = {}
     for name, (tag, dimension) in mesh.field_data.items():
@@ -189,16 +161,27 @@ def _select(path: Path, mesh: Any) -> tuple[FloatArray, IntArray, dict[str, IntA
                 corners.append(block.data[chosen].ravel().astype(np.intp))
         tied = np.unique(np.concatenate(corners))
         if not np.isin(tied, used).all():
-            raise ComponentFileError(
-                path,
-                f"has a surface {name!r} with nodes outside of the volume; mesh them together.",
+            raise FileError(
+                f"has a surface {name!r} with nodes outside of the volume; mesh them together."
             )
         surfaces[name] = np.searchsorted(used, tied)
     return nodes, np.searchsorted(used, elements), surfaces
 
 
+def _pins(
+    points: Sequence[tuple[str, tuple[float, float]]],
+    pins: Mapping[str, str],
+    nodes: FloatArray,
+    surfaces: Mapping[str, IntArray],
+) -> list[Pin]:
+    """Return the surface of each point."""
+    for point in pins:
+        if point not in dict(points):
+            raise FileError(f"has pins for {point}, which is not a point of the link; remove it.")
+    return [_pin(point, place, pins, nodes, surfaces) for point, place in points]
+
+
 def _pin(
-    path: Path,
     point: str,
     place: tuple[float, float],
     pins: Mapping[str, str],
@@ -207,24 +190,22 @@ def _pin(
 ) -> Pin:
     """Return the surface of a point; raise an error if it lies elsewhere."""
     if point not in pins:
-        raise ComponentFileError(path, f"has no pin for the point {point}; add it to pins.")
+        raise FileError(f"has no pin for the point {point}; add it to pins.")
     surface = surfaces.get(pins[point], np.zeros(0, dtype=np.intp))
     if len(surface) < 3:
-        raise ComponentFileError(
-            path,
+        raise FileError(
             f"has no physical surface {pins[point]!r} for the point {point}; choose one of "
-            f"{', '.join(surfaces) or 'none'}, or add it.",
+            f"{', '.join(surfaces) or 'none'}, or add it."
         )
     low, high = nodes[surface].min(axis=0), nodes[surface].max(axis=0)
     slack = 0.01 * np.linalg.norm(high - low)
     target = np.array([place[0], 0.0, place[1]])
     if (target < low - slack).any() or (target > high + slack).any():
         centre = (low + high) / 2.0
-        raise ComponentFileError(
-            path,
+        raise FileError(
             f"has its surface {pins[point]!r} around x, y, z = {centre[0]:.4g}, {centre[1]:.4g}, "
             f"{centre[2]:.4g} m and the point {point} at {place[0]:.4g}, 0, {place[1]:.4g} m; "
-            "place the mesh in the link's own axes, in metres.",
+            "place the mesh in the link's own axes, in metres."
         )
     return Pin(point, place, surface)
 
@@ -238,26 +219,23 @@ def _assemble(
         from skfem.helpers import dot
         from skfem.models.elasticity import lame_parameters, linear_elasticity
     except ImportError:
-        raise ComponentFileError(path, _INSTALL) from None
+        raise FileError(_INSTALL) from None
 
     corners = nodes[elements[:, :4]]
     edges = corners[:, 1:] - corners[:, :1]
     volumes = np.linalg.det(edges) / 6.0
     if (volumes <= 1e-9 * np.linalg.norm(edges, axis=2).max(axis=1) ** 3).any():
-        raise ComponentFileError(
-            path, "has flat or inverted elements; mesh it again with `Mesh.Optimize = 1`."
-        )
+        raise FileError("has flat or inverted elements; mesh it again with `Mesh.Optimize = 1`.")
     second = elements.shape[1] == 10
-    try:
+    # For example, neighbours may share corners but not mid-side nodes.
+    with file_errors(path, Exception):
         mesh = (skfem.MeshTet2 if second else skfem.MeshTet1)(nodes.T, elements.T)
         element = skfem.ElementVector(skfem.ElementTetP2() if second else skfem.ElementTetP1())
         basis = skfem.Basis(mesh, element)
         upright = not second or (basis.mapping.detDF(basis.X) > 0.0).all()
-    except Exception as error:  # for example neighbours that share corners but not mid-side nodes
-        raise damaged(path, error) from None
     if not upright:
-        raise ComponentFileError(
-            path, "has inverted curved elements; mesh it again with `Mesh.HighOrderOptimize = 1`."
+        raise FileError(
+            "has inverted curved elements; mesh it again with `Mesh.HighOrderOptimize = 1`."
         )
 
     def inertia(u: Any, v: Any, _: Any) -> Any:
@@ -267,8 +245,6 @@ def _assemble(
     numbers = np.empty((len(nodes), 3), dtype=np.intp)  # of each node's x, y, z in scikit-fem
     numbers[elements.T] = basis.element_dofs.reshape(-1, 3, len(elements)).transpose(0, 2, 1)
     order = numbers.ravel()
-    mass, stiffness = (
-        skfem.BilinearForm(inertia).assemble(basis),
-        linear_elasticity(*lame).assemble(basis),
-    )
-    return mass[order][:, order], stiffness[order][:, order]
+    forms = skfem.BilinearForm(inertia), linear_elasticity(*lame)
+    mass, stiffness = (form.assemble(basis)[order][:, order] for form in forms)
+    return mass, stiffness
