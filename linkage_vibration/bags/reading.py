@@ -189,7 +189,20 @@ def _topic_list(connections: "Sequence[Connection]") -> str:
 def open_bag(path: Path) -> "Iterator[Reader1 | Reader2]":
     """Open a bag; every failure until it is closed is a `BagError`."""
     with bag_errors(path), bag_reader(path) as bag:
+        check_topics(bag)
         yield bag
+
+
+def check_topics(bag: "Reader1 | Reader2") -> None:
+    """Raise an error for an open bag whose messages have no topics, as rosbags would skip them.
+
+    Raises
+    ------
+    ValueError
+        If the summary of an MCAP file omits its channels.
+    """
+    if bag.message_count and not bag.connections:
+        raise ValueError("its summary has no channels")
 
 
 def bag_reader(path: Path, *, by_chunks: bool = False) -> "Reader1 | Reader2":

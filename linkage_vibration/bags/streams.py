@@ -29,7 +29,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from linkage_vibration.bags.mcap_records import CHUNK, MESSAGE, MESSAGE_RECORD, RECORD
-from linkage_vibration.bags.reading import bag_errors, bag_reader, mcap_files
+from linkage_vibration.bags.reading import bag_errors, bag_reader, check_topics, mcap_files
 
 if TYPE_CHECKING:
     from rosbags.interfaces import Connection
@@ -176,6 +176,7 @@ def open_bags(paths: Sequence[Path]) -> Iterator[Bags]:
             with bag_errors(path):
                 bags.append(bag_reader(path, by_chunks=True))
                 stack.enter_context(bags[-1])
+                check_topics(bags[-1])
         yield Bags(paths, bags)
 
 

@@ -17,6 +17,7 @@ from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_typestore
 
 from linkage_vibration.bags.reading import BagError
+from linkage_vibration.bags.recovery import recover
 from linkage_vibration.bags.streams import open_bags
 
 FLOAT64 = "std_msgs/msg/Float64"
@@ -35,10 +36,13 @@ def write_mcap(
     entries: list[tuple[str, int, float]],
     compression: CompressionType = CompressionType.ZSTD,
     chunk: int = 400,
+    repeat_channels: bool = True,
 ) -> Path:
     """Write messages (topic, time in ns, value) of type Float64 in this order."""
     with path.open("wb") as file:
-        writer = Writer(file, chunk_size=chunk, compression=compression)
+        writer = Writer(
+            file, chunk_size=chunk, compression=compression, repeat_channels=repeat_channels
+        )
         writer.start("ros2", "test")
         text = STORE.generate_msgdef(FLOAT64, ros_version=2)[0].encode()
         schema = writer.register_schema(FLOAT64, "ros2msg", text)
@@ -61,6 +65,22 @@ def read(paths: list[Path], topics: list[str]) -> Found:
                 value = STORE.deserialize_cdr(block.message(row), FLOAT64).data  # type: ignore[attr-defined]
                 found.append((int(block.log_times[row]), topics[block.topics[row]], value))
     return found
+
+
+def test_summary_without_channels(tmp_path: Path) -> None:
+    """A file whose summary omits its channels is refused, and recovery completes it."""
+    entries = [(topic, 10 * k, float(k)) for k in range(300) for topic in ("/a", "/b")]
+    path = write_mcap(tmp_path / "bag.mcap", entries, repeat_channels=False)
+    with path.open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    assert summary.chunk_indexes
+    assert not summary.channels
+    with pytest.raises(BagError, match=r"summary has no channels.*linkage-vibration recover"):
+        read([path], ["/b"])
+    recover(path, tmp_path / "complete.mcap")
+    expected = [(10 * k, "/b", float(k)) for k in range(300)]
+    assert read([tmp_path / "complete.mcap"], ["/b"]) == expected
 
 
 @pytest.mark.parametrize("compression", list(CompressionType))
