@@ -46,14 +46,10 @@ class JointStateRecord:
 
     Attributes
     ----------
-    log_time : int
-        Time of its recording, ns.
-    stamp : int
-        Stamp of its header, ns.
-    frame_id : str
-        Frame of its header.
-    topic : str
-        Topic of the message.
+    log_time, stamp : int
+        Time of its recording, and stamp of its header, ns.
+    frame_id, topic : str
+        Frame of its header, and its topic.
     name : tuple of str
         Joint names.
     position, velocity, effort : ndarray, (n_joints,) or (0,)
@@ -71,7 +67,7 @@ class JointStateRecord:
 
 
 def read_joint_states(path: Path, topic: str | None = None) -> Iterator[JointStateRecord]:
-    """Yield the joint states of a bag.
+    """Yield the joint states of a bag in the order of their log times.
 
     Parameters
     ----------
@@ -79,11 +75,6 @@ def read_joint_states(path: Path, topic: str | None = None) -> Iterator[JointSta
         A bag file or a ROS 2 bag folder.
     topic : str, optional
         The topic to read; by default the only one with joint states.
-
-    Yields
-    ------
-    JointStateRecord
-        In the order of their log times.
 
     Raises
     ------
@@ -103,7 +94,9 @@ def read_joint_states(path: Path, topic: str | None = None) -> Iterator[JointSta
 
 
 def read_messages(path: Path, topic: str) -> Iterator[tuple[int, Any]]:
-    """Yield the messages of one topic of a bag, of any type.
+    """Yield the log times, ns, and the messages of one topic of a bag, of any type.
+
+    The fields of a message are attributes; the definition in the bag decodes it.
 
     Parameters
     ----------
@@ -111,13 +104,6 @@ def read_messages(path: Path, topic: str) -> Iterator[tuple[int, Any]]:
         A bag file or a ROS 2 bag folder.
     topic : str
         The topic to read.
-
-    Yields
-    ------
-    log_time : int
-        Time of the recording, ns.
-    message : object
-        The message with its fields as attributes, decoded by the definition in the bag.
 
     Raises
     ------

@@ -2,11 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Reads ROS 1 bags by the chunk, and converts their joint states to CDR in large groups.
 
-Own code because rosbags takes 10 times as long for each message, and its index takes 170 bytes of
-memory for each (`python -m benchmark.libraries`). Damage may raise any exception.
+Own code because rosbags takes 10 times as long for each message (`python -m benchmark.libraries`),
+and keeps an index of all messages in memory. Damage may raise any exception.
 """
 
 import struct
+from collections import Counter
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -31,14 +32,10 @@ class ChunkReader(Reader):
     def open(self) -> None:
         """Open the bag, and count its messages."""
         super().open()
-        self.connections = [
-            connection._replace(
-                msgcount=sum(
-                    chunk.connection_counts.get(connection.id, 0) for chunk in self.chunk_infos
-                )
-            )
-            for connection in self.connections
-        ]
+        counts: Counter[int] = Counter()
+        for chunk in self.chunk_infos:
+            counts.update(chunk.connection_counts)
+        self.connections = [c._replace(msgcount=counts[c.id]) for c in self.connections]
 
     def read_index_data(self, *_: Any) -> None:
         """Skip the index of the messages."""
@@ -141,10 +138,8 @@ def many_to_cdr(
 
     Yields
     ------
-    which : ndarray, (m,)
-        Indices of the messages in one group.
-    encoded : ndarray of uint8, (m, n_bytes)
-        What ``to_cdr`` returns for each.
+    which, encoded : ndarray, (m,); ndarray of uint8, (m, n_bytes)
+        Indices of the messages in one group, and what ``to_cdr`` returns for each.
     """
     left = np.arange(len(messages))
     while len(left):

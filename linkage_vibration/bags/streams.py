@@ -12,9 +12,10 @@ import heapq
 import io
 import itertools
 import zlib
+from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO, TypeAlias
 
@@ -87,13 +88,15 @@ class Block:
 
     def rows(self, which: Integers) -> "Block":
         """Return the messages with these indices, in their order."""
-        columns = self.starts, self.sizes, self.topics, self.log_times, self.publish_times
-        return Block(self.buffer, *(column[which] for column in columns))
+        return Block(self.buffer, *(column[which] for column in self.columns()))
+
+    def columns(self) -> tuple[Integers, ...]:
+        """Return everything except the buffer."""
+        return self.starts, self.sizes, self.topics, self.log_times, self.publish_times
 
 
-_Rank: TypeAlias = tuple[
-    int, int
-]  # order of messages with the same time: number of the bag, place in it
+# Order of messages with the same time: number of the bag, place in it.
+_Rank: TypeAlias = tuple[int, int]
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,11 +139,9 @@ class Bags:
     def __init__(self, paths: Sequence[Path], bags: "Sequence[Reader1 | Reader2]") -> None:
         self.paths = tuple(paths)
         self._bags = tuple(bags)
-        counts: dict[tuple[str, str], int] = {}
-        for bag in bags:
-            for connection in bag.connections:
-                key = connection.topic, connection.msgtype
-                counts[key] = counts.get(key, 0) + connection.msgcount
+        counts: Counter[tuple[str, str]] = Counter()
+        for connection in itertools.chain.from_iterable(bag.connections for bag in bags):
+            counts[connection.topic, connection.msgtype] += connection.msgcount
         self.topics = tuple(BagTopic(*key, count) for key, count in sorted(counts.items()))
 
     def blocks(self, names: Sequence[str]) -> Iterator[Block]:
@@ -208,26 +209,18 @@ def _joined(blocks: Sequence[Block]) -> Block:
     """Return one block with the messages of all."""
     if len(blocks) == 1:
         return blocks[0]
-    offsets = itertools.accumulate([len(block.buffer) for block in blocks[:-1]], initial=0)
-    return Block(
-        np.concatenate([block.buffer for block in blocks]),
-        np.concatenate([b.starts + offset for b, offset in zip(blocks, offsets, strict=True)]),
-        np.concatenate([block.sizes for block in blocks]),
-        np.concatenate([block.topics for block in blocks]),
-        np.concatenate([block.log_times for block in blocks]),
-        np.concatenate([block.publish_times for block in blocks]),
-    )
+    lengths = [len(block.buffer) for block in blocks]
+    starts, *columns = map(np.concatenate, zip(*(block.columns() for block in blocks), strict=True))
+    starts += np.repeat(np.cumsum(lengths) - lengths, [len(block) for block in blocks])
+    return Block(np.concatenate([block.buffer for block in blocks]), starts, *columns)
 
 
 def _compact(block: Block) -> Block:
     """Return a block without the bytes of other messages, unless they are few."""
     if 2 * block.sizes.sum() > len(block.buffer):
         return block
-    data = b"".join(map(block.message, range(len(block))))
-    starts = np.cumsum(block.sizes) - block.sizes
-    buffer = np.frombuffer(data, np.uint8)
-    times = block.log_times, block.publish_times
-    return Block(buffer, starts, block.sizes, block.topics, *times)
+    buffer = np.frombuffer(b"".join(map(block.message, range(len(block)))), np.uint8)
+    return replace(block, buffer=buffer, starts=np.cumsum(block.sizes) - block.sizes)
 
 
 def _parts(
