@@ -314,7 +314,8 @@ class LogWriter:
             with self._failures():
                 self._writer.flush()  # type: ignore[no-untyped-call]
                 if os.fstat(self._stream.fileno()).st_nlink == 0:
-                    raise FileNotFoundError
+                    self._fail(FileNotFoundError())
+                    return
                 self._chunks += self._held > 0
                 self.written += self._held
                 self._held = self._held_bytes = 0
