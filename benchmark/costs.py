@@ -75,8 +75,8 @@ def _resonance_costs(predictor: Predictor) -> tuple[float, float]:
         ReportedSpeed(i, Source.ENGINE, 1800.0 + i, int(times[i])) for i in range(0, BLOCK, 10)
     ]
     many = _lowest(lambda: monitor.assess_many(*numbers, speeds), 1) / BLOCK
-    row = found.row(0)
-    return _lowest(lambda: monitor.assess(row, 0.0, SECOND), 200), many
+    first = predictor.predict(1.6)
+    return _lowest(lambda: monitor.assess(first, 0.0, SECOND), 200), many
 
 
 def _twelve_excitations(predictor: Predictor) -> float:

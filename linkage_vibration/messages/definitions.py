@@ -10,6 +10,7 @@ import json
 import os
 import re
 import sys
+from contextlib import suppress
 from pathlib import Path
 
 from linkage_vibration.errors import LinkageVibrationError
@@ -26,18 +27,10 @@ class DefinitionError(LinkageVibrationError):
 
 
 def message_definition(type_name: str) -> str:
-    """Return the definition of a message type with those of all types that it contains.
+    """Return a message type such as ``sensor_msgs/msg/JointState`` as the text of an MCAP schema.
 
-    Parameters
-    ----------
-    type_name : str
-        Full name such as ``sensor_msgs/msg/JointState``.
-
-    Returns
-    -------
-    str
-        The ``ros2msg`` text of an MCAP schema: the type's own ``.msg``, then each dependency once,
-        after a line of 80 ``=`` and a line ``MSG: package/Type``.
+    The ``ros2msg`` text is the type's own ``.msg``, then that of each type that it contains, once,
+    after a line of 80 ``=`` and a line ``MSG: package/Type``.
 
     Raises
     ------
@@ -74,11 +67,10 @@ def message_text(type_name: str) -> str:
     installed = _installed(type_name)
     if installed is not None:
         return installed.read_text(encoding="utf-8")
-    try:
+    known = None
+    with suppress(ImportError):
         from rosbags.typesys import Stores, get_typestore
-    except ImportError:
-        known = None
-    else:
+
         known = get_typestore(Stores.LATEST)
     if known is None or type_name not in known.types:
         file = f"share/{package}/msg/{name}.msg"
@@ -94,16 +86,8 @@ def message_text(type_name: str) -> str:
 def type_hash(type_name: str) -> str:
     """Return the RIHS01 hash of a message type (REP 2016).
 
-    Parameters
-    ----------
-    type_name : str
-        Full name such as ``sensor_msgs/msg/JointState``.
-
-    Returns
-    -------
-    str
-        ``RIHS01_`` and 64 hexadecimal digits. It is empty where the type is installed by a ROS 2
-        before Iron, which introduced the hashes, or where neither ROS 2 nor rosbags has it.
+    It is empty where the type is installed by a ROS 2 before Iron, which introduced the hashes, or
+    where neither ROS 2 nor rosbags has it.
 
     Raises
     ------

@@ -43,10 +43,8 @@ def encode_prediction(prediction: Prediction, sec: int, nanosec: int, frame_id: 
     ----------
     prediction : Prediction
         It has at least one mode, as CDR pads an empty sequence differently.
-    sec, nanosec : int
-        Stamp of the header, s and ns.
-    frame_id : str
-        Frame of the header.
+    sec, nanosec, frame_id : int, int and str
+        Stamp (s and ns) and frame of the header.
 
     Returns
     -------
@@ -62,16 +60,8 @@ def encode_resonance(resonance: Resonance, sec: int, nanosec: int, frame_id: str
     Parameters
     ----------
     resonance : Resonance
-        A resonance of any state.
-    sec, nanosec : int
-        Stamp of the header, s and ns.
-    frame_id : str
-        Frame of the header.
-
-    Returns
-    -------
-    bytes
-        The message with its encapsulation header.
+    sec, nanosec, frame_id : int, int and str
+        As in `encode_prediction`.
     """
     return _encoder(RESONANCE)(resonance, sec, nanosec, frame_id)
 
@@ -79,21 +69,15 @@ def encode_resonance(resonance: Resonance, sec: int, nanosec: int, frame_id: str
 def encode_predictions(
     predictions: Predictions, sec: NDArray[np.int32], nanosec: NDArray[np.uint32], frame_id: str
 ) -> Bytes:
-    """Encode many predictions whose headers have the same frame.
+    """Return what `encode_prediction` gives for each of many predictions, as rows of bytes.
 
     Parameters
     ----------
     predictions : Predictions
-        The predictions, by columns.
     sec, nanosec : ndarray, (n,)
         Stamps of the headers, s and ns.
     frame_id : str
-        Frame of the headers.
-
-    Returns
-    -------
-    ndarray of uint8, (n, n_bytes)
-        Each row is what `encode_prediction` returns.
+        Frame of all headers.
     """
     texts = {"header.frame_id": frame_id, "table_id": predictions.table_id}
     return _encode_columns(PREDICTION, predictions, texts, sec, nanosec)
@@ -112,22 +96,16 @@ def encode_resonances(
     Parameters
     ----------
     resonances : Resonances
-        The resonances, by columns.
-    excitations : sequence of Excitation
-        The excitations of the monitor.
-    table_id : str
-        Identifies the table of the predictions.
-    sec, nanosec : ndarray, (n,)
-        Stamps of the headers, s and ns.
-    frame_id : str
-        Frame of the headers.
+    excitations, table_id : sequence of Excitation and str
+        Those of the monitor, and the table of the predictions.
+    sec, nanosec, frame_id : ndarray, (n,), ndarray, (n,), and str
+        As in `encode_predictions`.
 
     Yields
     ------
-    which : ndarray, (m,)
-        Indices of the resonances of one excitation, whose messages have the same size.
-    encoded : ndarray of uint8, (m, n_bytes)
-        Each row is what `encode_resonance` returns.
+    which, encoded : ndarray, (m,), and ndarray of uint8, (m, n_bytes)
+        Indices of the resonances of one excitation, whose messages have the same size, and what
+        `encode_resonance` returns for each of them.
     """
     for number in np.unique(resonances.excitation).tolist():
         [which] = np.nonzero(resonances.excitation == number)

@@ -16,11 +16,8 @@ CODES = {"bool": "u1", "float32": "f4", "float64": "f8", "string": "u1"}
 CODES |= {f"{kind}{8 * size}": f"{kind[0]}{size}" for kind in ("int", "uint") for size in (1, 2, 4)}
 
 # Our messages contain these two messages of other packages, and they never change.
-_TIME = "int32 sec\nuint32 nanosec"
-_NESTED = {
-    "builtin_interfaces/Time": _TIME,
-    "std_msgs/Header": "builtin_interfaces/Time stamp\nstring frame_id",
-}
+_NESTED = {"std_msgs/Header": "builtin_interfaces/Time stamp\nstring frame_id"}
+_NESTED["builtin_interfaces/Time"] = "int32 sec\nuint32 nanosec"
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,11 +27,10 @@ class Field:
     Attributes
     ----------
     name : str
-        Its name; ``header.stamp.sec`` for a field of a nested message.
+        Such as ``header.stamp.sec`` for a field of a nested message.
     type : str
         ``string``, or the name of a number type such as ``float64``.
     is_sequence : bool
-        Whether it holds any number of values.
     """
 
     name: str

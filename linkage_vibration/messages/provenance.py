@@ -20,10 +20,8 @@ def attachments(
     ----------
     served : Served
         The mechanism and its table; the table's file is named by its ``table_id``.
-    settings : Parameters
-        The parameters of the node, or of the replay.
-    node_name : str
-        Name of the node with its namespace.
+    settings, node_name : Parameters and str
+        Those of the node, or of the replay; the name has its namespace.
     excitations : str, optional
         YAML of the excitations; None if resonances are not assessed.
     """

@@ -28,13 +28,9 @@ class NodeTopic:
     Attributes
     ----------
     name : str
-        Its name; ``~/`` stands for the name of the node.
-    type : str
-        Type of its messages.
-    qos : str
-        Its quality of service, in words.
-    meaning : str
-        One sentence for the manual.
+        ``~/`` stands for the name of the node.
+    type, qos, meaning : str
+        Type of its messages, its quality of service, and a sentence for the manual.
     logged : bool
         Whether the node logs it.
     """
@@ -51,10 +47,7 @@ _LATCHED = "reliable, transient local"
 
 INPUT_TOPICS = (
     *(NodeTopic(i.topic, i.type, _INPUT_QOS, i.description) for i in INPUTS.values()),
-    *(
-        NodeTopic(name, FLOAT64, _INPUT_QOS, f"Speed in {source.unit}.")
-        for name, source in SPEEDS.items()
-    ),
+    *(NodeTopic(n, FLOAT64, _INPUT_QOS, f"Speed in {s.unit}.") for n, s in SPEEDS.items()),
 )
 OUTPUT_TOPICS = (
     NodeTopic(
@@ -113,10 +106,8 @@ def log_topic(name: str, type_name: str) -> Topic:
 
     Parameters
     ----------
-    name : str
-        Full name of the topic.
-    type_name : str
-        Type of its messages, such as ``std_msgs/msg/Float64``.
+    name, type_name : str
+        Full names of the topic and of its type, such as ``std_msgs/msg/Float64``.
 
     Raises
     ------

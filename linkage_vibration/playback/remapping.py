@@ -43,7 +43,6 @@ def choose_topics(
     Parameters
     ----------
     bags : Bags
-        The bags to read.
     settings : Parameters
         They choose the input, and may fix speeds.
     remaps : mapping of str to str

@@ -49,10 +49,8 @@ class Replayed(LeftOut):
     ----------
     topic : str
         The topic of the readings.
-    statuses : list of int, (4,)
-        How many predictions have each `Status`.
-    resonances : int
-        How many resonances were written.
+    statuses, resonances : list of int, (4,), and int
+        How many predictions have each `Status`, and how many resonances were written.
     """
 
     topic: str = ""
@@ -108,11 +106,6 @@ def replay(
         Another implement than the mechanism has; the table is then rebuilt.
     progress : callable
         It is called with the number of messages that are done, and of all messages.
-
-    Returns
-    -------
-    Replayed
-        How many messages were predicted for, and how many were left out.
 
     Raises
     ------
@@ -180,12 +173,11 @@ class _Replay:
     def messages(self, block: Block) -> list[Messages]:
         """Return the input messages of a block, and what is predicted for them."""
         found: list[Messages] = []
+        predicted: list[Predictions] = []
         rows = np.flatnonzero(block.topics == 0)
         groups = list(self._input.read_block(block, rows, self.done))
-        predicted: list[Predictions] = []
         for group in groups:
-            log_times = block.log_times[group.rows]
-            sent = block.publish_times[group.rows]
+            log_times, sent = block.log_times[group.rows], block.publish_times[group.rows]
             predictions = predict_many(self._predictor, group.crank_angle, group.stddev)
             predicted.append(predictions)
             encoded = encode_predictions(predictions, group.sec, group.nanosec, group.frame_id)
@@ -277,8 +269,8 @@ def _refuse_empty(done: Replayed, bags: Bags, settings: Parameters) -> None:
 
 def _monitor(settings: Parameters, topics: Mapping[str, BagTopic]) -> ResonanceMonitor | None:
     """Return a monitor of resonance; None if no speed is known."""
-    fixed = {s: speed for s in Source if (speed := settings.fixed_speed(s)) is not None}
-    if not fixed and not topics.keys() & SPEEDS.keys():
+    fixed = {source: settings.fixed_speed(source) for source in Source}
+    if set(fixed.values()) == {None} and not topics.keys() & SPEEDS.keys():
         return None
     limits = settings.warning_margin, settings.hysteresis, settings.stale_after
     monitor = ResonanceMonitor(read_excitations(settings.excitation_path()), *limits)

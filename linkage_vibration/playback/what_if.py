@@ -37,9 +37,7 @@ def served_model(settings: Parameters, what_if: WhatIf) -> Served:
     Parameters
     ----------
     settings : Parameters
-        They name the files.
     what_if : WhatIf
-        Other values for the implement.
 
     Raises
     ------

@@ -24,6 +24,7 @@ from linkage_vibration.table.tabulation import TOLERANCE, build_table
 
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
+Places = tuple[Place, ...]
 
 MAX_FREQUENCIES = 10_000
 MAX_VALUES = 100_000
@@ -43,11 +44,8 @@ class Served:
     Attributes
     ----------
     predictor : Predictor
-        Looks up the table.
-    mechanism : Mechanism
-        The mechanism of the table.
-    mechanism_text : str
-        The mechanism as YAML.
+    mechanism, mechanism_text : Mechanism and str
+        The mechanism of the table, and the same as YAML.
     """
 
     predictor: Predictor
@@ -72,15 +70,14 @@ class FrfAnswer:
     Attributes
     ----------
     outputs, inputs : tuple of (point, direction)
-        Responses and excitations.
     frequencies : ndarray, (n_freq,)
         Hz.
     frf : complex ndarray, (n_freq, n_out, n_in)
         m/N.
     """
 
-    outputs: tuple[Place, ...]
-    inputs: tuple[Place, ...]
+    outputs: Places
+    inputs: Places
     frequencies: FloatArray
     frf: ComplexArray
 
@@ -103,7 +100,7 @@ class ModeShapes:
 
     natural_frequencies: FloatArray
     damping_ratios: FloatArray
-    places: tuple[Place, ...]
+    places: Places
     positions: FloatArray
     shapes: FloatArray
 
@@ -142,7 +139,6 @@ def answer_frf(
     Parameters
     ----------
     served : Served
-        The mechanism and its table.
     alpha3 : float
         rad.
     outputs, inputs : sequence of str
@@ -160,8 +156,7 @@ def answer_frf(
         If the model cannot be solved at the angle.
     """
     table = served.table
-    if not math.isfinite(alpha3):
-        raise ServingError(f"crank_angle is {alpha3}; give a finite angle in rad.")
+    _check_angle(alpha3)
     if bool(outputs) != bool(inputs):
         empty, given = ("inputs", "outputs") if outputs else ("outputs", "inputs")
         raise ServingError(
@@ -170,8 +165,8 @@ def answer_frf(
     known = _moving_places(served.mechanism) if exact else table.places
     places = _places("outputs", outputs, known, exact), _places("inputs", inputs, known, exact)
     if not outputs:
-        response = served.mechanism.response
-        places = ((response.point, response.direction),), ((response.point, response.direction),)
+        drive = served.mechanism.response
+        places = ((drive.point, drive.direction),), ((drive.point, drive.direction),)
     if len(frequencies) == 0:
         frequencies = np.linspace(*table.band, _LINES)
     _check_frequencies(frequencies, None if exact else table.band)
@@ -198,19 +193,15 @@ def answer_mode_shapes(served: Served, alpha3: float) -> ModeShapes:
     Parameters
     ----------
     served : Served
-        The mechanism and its table.
     alpha3 : float
         rad.
 
     Raises
     ------
-    ServingError
-        If the angle is not finite.
     LinkageVibrationError
         If the linkage cannot reach the angle, or has links that are described by FRFs.
     """
-    if not math.isfinite(alpha3):
-        raise ServingError(f"crank_angle is {alpha3}; give a finite angle in rad.")
+    _check_angle(alpha3)
     solution = served.model.solve(alpha3)
     elastic = np.flatnonzero(~solution.modes.mechanism)
     in_band = int((solution.natural_frequencies[elastic] <= served.table.band[1]).sum())
@@ -240,12 +231,9 @@ def with_implement(
 
     Parameters
     ----------
-    mechanism : Mechanism
-        The present mechanism.
-    mechanism_text : str
-        The present mechanism as YAML.
+    mechanism, mechanism_text : Mechanism and str
+        The present mechanism, and the same as YAML.
     implement : Implement
-        The new properties.
 
     Raises
     ------
@@ -279,7 +267,6 @@ def rebuilt(mechanism: Mechanism, like: Table, wanted: Path) -> Table:
     Parameters
     ----------
     mechanism : Mechanism
-        The changed mechanism.
     like : Table
         The old table. Its measured error is the tolerance, if that exceeds the default.
     wanted : Path
@@ -306,6 +293,11 @@ def place_name(place: Place) -> str:
     return ".".join(place)
 
 
+def _check_angle(alpha3: float) -> None:
+    if not math.isfinite(alpha3):
+        raise ServingError(f"crank_angle is {alpha3}; give a finite angle in rad.")
+
+
 def _rigid_body(mechanism: Mechanism, asked: str) -> str:
     names = [body.name for body in mechanism.rigid_bodies]
     if not names:
@@ -323,10 +315,8 @@ def _rigid_body(mechanism: Mechanism, asked: str) -> str:
 def _mechanism(mapping: dict[str, Any], known: Mechanism) -> Mechanism:
     """Validate a description whose links from files are those of a known mechanism."""
     bodies = {f"links.{link.name}": link.body for link in known.links}
-    links = {
-        name: {**link, "file": {}} if "file" in link else link
-        for name, link in mapping["links"].items()
-    }
+    given = mapping["links"].items()
+    links = {name: {**link, "file": {}} if "file" in link else link for name, link in given}
 
     def body(keys: Keys, points: dict[str, Point]) -> Body:
         keys["file"].refuse_unknown()
@@ -335,16 +325,14 @@ def _mechanism(mapping: dict[str, Any], known: Mechanism) -> Mechanism:
     return mechanism_from_mapping({**mapping, "links": links}, body)
 
 
-def _moving_places(mechanism: Mechanism) -> tuple[Place, ...]:
+def _moving_places(mechanism: Mechanism) -> Places:
     """Return every point that is not on the ground, along x and z."""
     ground = mechanism.local_points(GROUND)
     points = dict.fromkeys(p for body in mechanism.bodies for p, _ in body.points)
     return tuple((p, direction) for p in points if p not in ground for direction in ("x", "z"))
 
 
-def _places(
-    where: str, names: Sequence[str], known: Sequence[Place], exact: bool
-) -> tuple[Place, ...]:
+def _places(where: str, names: Sequence[str], known: Sequence[Place], exact: bool) -> Places:
     """Return places by their names."""
     by_name = {place_name(place): place for place in known}
     for i, name in enumerate(names):

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from linkage_vibration.prediction.predictor import Prediction, Predictor, Status
+from linkage_vibration.prediction.predictor import Predictor, Status
 
 FloatArray = NDArray[np.float64]
 Bytes = NDArray[np.uint8]
@@ -15,24 +15,15 @@ Bytes = NDArray[np.uint8]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Predictions:
-    """Predictions by columns; see `Prediction`.
+    """Predictions by columns, whose names and units are those of `Prediction`.
 
     Attributes
     ----------
-    crank_angle : ndarray, (n,)
-        rad.
+    crank_angle, frf_peak_frequency, frf_peak_magnitude, interpolation_error : ndarray, (n,)
     status : ndarray of uint8, (n,)
-        Values of `Status`.
     natural_frequencies, damping_ratios : ndarray, (n, n_modes)
-        Hz and 1.
     frequency_slopes, frequency_stddev : ndarray, (n, n_modes)
-        Hz/rad and Hz.
-    frf_peak_frequency, frf_peak_magnitude : ndarray, (n,)
-        Hz and m/N.
-    interpolation_error : ndarray, (n,)
-        1.
     table_id : str
-        Identifies the table.
     """
 
     crank_angle: FloatArray
@@ -46,21 +37,6 @@ class Predictions:
     interpolation_error: FloatArray
     table_id: str
 
-    def row(self, i: int) -> Prediction:
-        """Return one prediction."""
-        return Prediction(
-            crank_angle=float(self.crank_angle[i]),
-            status=Status(int(self.status[i])),
-            natural_frequencies=self.natural_frequencies[i],
-            damping_ratios=self.damping_ratios[i],
-            frequency_slopes=self.frequency_slopes[i],
-            frequency_stddev=self.frequency_stddev[i],
-            frf_peak_frequency=float(self.frf_peak_frequency[i]),
-            frf_peak_magnitude=float(self.frf_peak_magnitude[i]),
-            interpolation_error=float(self.interpolation_error[i]),
-            table_id=self.table_id,
-        )
-
 
 def predict_many(predictor: Predictor, alpha3: FloatArray, stddev: FloatArray) -> Predictions:
     """Predict at many angles.
@@ -68,7 +44,6 @@ def predict_many(predictor: Predictor, alpha3: FloatArray, stddev: FloatArray) -
     Parameters
     ----------
     predictor : Predictor
-        Looks up the table.
     alpha3, stddev : ndarray, (n,)
         Angles and their standard deviations, rad.
     """
@@ -87,23 +62,18 @@ def predict_many(predictor: Predictor, alpha3: FloatArray, stddev: FloatArray) -
     per_mode = np.empty((4, n, modes))
     single = np.empty((3, n))
     status[inside] = np.where(sound, Status.OK, Status.NEAR_TOGGLE)
-    per_mode[0, inside] = values[:, :modes]
-    per_mode[1, inside] = values[:, modes : 2 * modes]
-    per_mode[2, inside] = slopes
-    per_mode[3, inside] = np.abs(slopes) * stddev[inside, np.newaxis]
+    ratios = values[:, modes : 2 * modes]
+    stddevs = np.abs(slopes) * stddev[inside, np.newaxis]
+    per_mode[:, inside] = values[:, :modes], ratios, slopes, stddevs
     single[:2, inside] = values[:, 2 * modes :].T
     single[2, inside] = table.interpolation_error[piece]
     # The rest is out of range, not finite, or belongs to a crank that turns all the way.
-    outside = np.ones(n, bool)
-    outside[inside] = False
-    for i in np.flatnonzero(outside):
+    for i in np.flatnonzero(~((low <= alpha3) & (alpha3 <= high))):
         one = predictor.predict(float(alpha3[i]), float(stddev[i]))
         status[i] = one.status
-        per_mode[0, i], per_mode[1, i] = one.natural_frequencies, one.damping_ratios
-        per_mode[2, i], per_mode[3, i] = one.frequency_slopes, one.frequency_stddev
+        per_mode[:2, i] = one.natural_frequencies, one.damping_ratios
+        per_mode[2:, i] = one.frequency_slopes, one.frequency_stddev
         single[:, i] = one.frf_peak_frequency, one.frf_peak_magnitude, one.interpolation_error
     frequencies, ratios, rates, stddevs = per_mode
-    at, size, error = single
-    return Predictions(
-        alpha3, status, frequencies, ratios, rates, stddevs, at, size, error, table.table_id
-    )
+    columns = alpha3, status, frequencies, ratios, rates, stddevs, single[0], single[1], single[2]
+    return Predictions(*columns, table.table_id)

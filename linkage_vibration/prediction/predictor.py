@@ -47,7 +47,7 @@ class Prediction:
     frequency_slopes : ndarray, (n_modes,)
         Change of the natural frequencies with alpha3, Hz/rad.
     frequency_stddev : ndarray, (n_modes,)
-        Standard deviation of the natural frequencies through that of alpha3, Hz.
+        Standard deviation of the natural frequencies, Hz.
     frf_peak_frequency, frf_peak_magnitude : float
         Hz and m/N.
     interpolation_error : float
@@ -74,7 +74,6 @@ def fault(prediction: Prediction, alpha3_range: tuple[float, float]) -> str:
     Parameters
     ----------
     prediction : Prediction
-        A prediction of any status.
     alpha3_range : (float, float)
         First and last angle of the table, rad.
     """
@@ -100,11 +99,6 @@ class Predictor:
     """Predicts from a table.
 
     A table over a whole turn belongs to a crank that turns all the way, and holds for every turn.
-
-    Parameters
-    ----------
-    table : Table
-        A table that was built or loaded.
     """
 
     def __init__(self, table: Table) -> None:
@@ -163,16 +157,7 @@ class Predictor:
         )
 
     def _refuse(self, alpha3: float) -> Prediction:
-        unknown = np.full(self._n_modes, np.nan)
-        return Prediction(
-            crank_angle=alpha3,
-            status=Status.OUT_OF_RANGE if math.isfinite(alpha3) else Status.INVALID_ANGLE,
-            natural_frequencies=unknown,
-            damping_ratios=unknown,
-            frequency_slopes=unknown,
-            frequency_stddev=unknown,
-            frf_peak_frequency=math.nan,
-            frf_peak_magnitude=math.nan,
-            interpolation_error=math.nan,
-            table_id=self._table_id,
-        )
+        unknown, nan = np.full(self._n_modes, math.nan), math.nan
+        status = Status.OUT_OF_RANGE if math.isfinite(alpha3) else Status.INVALID_ANGLE
+        modes = unknown, unknown, unknown, unknown
+        return Prediction(alpha3, status, *modes, nan, nan, nan, self._table_id)

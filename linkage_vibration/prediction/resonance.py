@@ -5,7 +5,7 @@
 import enum
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,11 +39,9 @@ class Resonance:
         If it is STALE, every number below is NaN and the mode is 0.
     excitation : str
         Its name; empty when stale.
-    excitation_frequency : float
-        Hz.
     mode : int
         Index of the natural frequency, from 0.
-    natural_frequency : float
+    excitation_frequency, natural_frequency : float
         Hz.
     margin, relative_margin : float
         Excitation minus natural frequency, Hz, and the same over the natural frequency, 1.
@@ -69,24 +67,14 @@ class Resonance:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Resonances:
-    """Resonances by columns; see `Resonance`.
+    """Resonances by columns of shape (n,), whose names and units are those of `Resonance`.
 
     Attributes
     ----------
-    state : ndarray of uint8, (n,)
-        Values of `ResonanceState`.
-    excitation : ndarray, (n,)
+    excitation : ndarray
         Index of the excitation in the monitor; -1 if stale.
-    excitation_frequency : ndarray, (n,)
-        Hz.
-    mode : ndarray, (n,)
-        Index of the natural frequency, from 0.
-    natural_frequency, margin, relative_margin : ndarray, (n,)
-        Hz, Hz and 1.
-    approach : ndarray of int8, (n,)
-        1, -1 or 0.
-    time_to_crossing : ndarray, (n,)
-        s.
+    state, excitation_frequency, mode, natural_frequency, margin : ndarray
+    relative_margin, approach, time_to_crossing : ndarray
     """
 
     state: NDArray[np.uint8]
@@ -101,17 +89,7 @@ class Resonances:
 
     def rows(self, which: Integers | slice) -> "Resonances":
         """Return the resonances with these indices."""
-        return Resonances(
-            self.state[which],
-            self.excitation[which],
-            self.excitation_frequency[which],
-            self.mode[which],
-            self.natural_frequency[which],
-            self.margin[which],
-            self.relative_margin[which],
-            self.approach[which],
-            self.time_to_crossing[which],
-        )
+        return Resonances(*(getattr(self, column.name)[which] for column in fields(self)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,12 +100,8 @@ class ReportedSpeed:
     ----------
     before : int
         How many predictions precede it.
-    source : Source
-        Whose speed.
-    value : float
-        rpm or m/s.
-    time : int
-        When it was reported, ns.
+    source, value, time : Source, float and int
+        As those of `ResonanceMonitor.set_speed`.
     """
 
     before: int
@@ -154,7 +128,6 @@ class ResonanceMonitor:
     Parameters
     ----------
     excitations : sequence of Excitation
-        The excitations to compare.
     warning_margin : float
         Relative margin below which the state is WARNING, 1.
     hysteresis : float
@@ -176,7 +149,8 @@ class ResonanceMonitor:
         self.hysteresis = hysteresis
         self.stale_after = stale_after
         self._speeds: dict[Source, _Speed] = {}
-        self._warning = self._any_speed_reported = False
+        self._warning = False
+        self.any_speed_reported = False  # without a speed there is nothing to assess
 
     def set_speed(self, source: Source, value: float, time: int) -> None:
         """Use a reported speed; its rate follows from the last two values.
@@ -184,14 +158,13 @@ class ResonanceMonitor:
         Parameters
         ----------
         source : Source
-            Whose speed.
         value : float
             rpm or m/s; if it is negative, infinite or NaN, the speed becomes unknown.
         time : int
             When it was reported, ns. Values within 5 ms count as one for the rate, which restarts
             when the clock jumps back, or after `stale_after`.
         """
-        self._any_speed_reported = True
+        self.any_speed_reported = True
         if not 0.0 <= value < math.inf:
             self._speeds.pop(source, None)
             return
@@ -206,32 +179,20 @@ class ResonanceMonitor:
                 rate = (value - before) / apart
         self._speeds[source] = _Speed(value, time, rate, earlier)
 
-    @property
-    def any_speed_reported(self) -> bool:
-        """Whether any speed has been reported; without one, there is nothing to assess."""
-        return self._any_speed_reported
-
-    def is_fixed(self, source: Source) -> bool:
-        """Return whether a speed is fixed."""
-        speed = self._speeds.get(source)
-        return speed is not None and speed.time is None
-
-    def set_fixed(self, source: Source, value: float) -> None:
-        """Fix a speed.
+    def set_fixed(self, source: Source, value: float | None) -> None:
+        """Fix a speed (rpm or m/s); with None, a fixed speed becomes unknown.
 
         Parameters
         ----------
         source : Source
-            Whose speed.
-        value : float
-            rpm or m/s.
+        value : float, optional
         """
-        self._any_speed_reported = True
-        self._speeds[source] = _Speed(value, None)
-
-    def forget(self, source: Source) -> None:
-        """Forget a speed."""
-        self._speeds.pop(source, None)
+        last = self._speeds.get(source)
+        if value is not None:
+            self.any_speed_reported = True
+            self._speeds[source] = _Speed(value, None)
+        elif last is not None and last.time is None:
+            del self._speeds[source]
 
     def assess(self, prediction: Prediction, velocity: float, time: int) -> Resonance:
         """Return the excitation that is nearest to a natural frequency.
@@ -239,7 +200,6 @@ class ResonanceMonitor:
         Parameters
         ----------
         prediction : Prediction
-            A prediction of any status.
         velocity : float
             Of the crank, rad/s; if it is NaN, the crank is assumed to stand still.
         time : int
@@ -259,18 +219,15 @@ class ResonanceMonitor:
                     nearest, best, mode = apart, excitation, i
         if best is None:
             self._warning = False
-            nan = math.nan
-            return Resonance(
-                ResonanceState.STALE, "", nan, 0, nan, nan, nan, 0, nan, prediction.table_id
-            )
+            nan, stale = math.nan, ResonanceState.STALE
+            return Resonance(stale, "", nan, 0, nan, nan, nan, 0, nan, prediction.table_id)
         limit = self.warning_margin + (self.hysteresis if self._warning else 0.0)
         self._warning = nearest < limit
         speed = fresh[best.source]
         frequency, natural = best.ratio * speed.value, naturals[mode]
         margin = frequency - natural
-        turning = 0.0
-        if velocity == velocity:  # it is not NaN
-            turning = float(prediction.frequency_slopes[mode]) * velocity
+        known = velocity == velocity  # it is not NaN
+        turning = float(prediction.frequency_slopes[mode]) * velocity if known else 0.0
         rate = best.ratio * speed.rate - turning
         closing = float(-rate if margin > 0.0 else rate)  # Hz/s, rate at which the distance shrinks
         return Resonance(
@@ -325,10 +282,8 @@ class ResonanceMonitor:
             warning = self._warnings(nearest, stale)
             frequency, following = np.full(n, math.nan), np.full(n, math.nan)
             for k, excitation in enumerate(self.excitations):
-                of_it = best == k
-                source = excitation.source
-                np.multiply(excitation.ratio, value[source], out=frequency, where=of_it)
-                np.multiply(excitation.ratio, rate[source], out=following, where=of_it)
+                for column, out in ((value, frequency), (rate, following)):
+                    np.multiply(excitation.ratio, column[excitation.source], out, where=best == k)
             rows = np.arange(n)
             natural = np.where(stale, math.nan, natural_frequencies[rows, mode])
             margin = frequency - natural

@@ -50,38 +50,50 @@ def _parameter(
     check: Callable[[Value], bool] = lambda value: True,
     *,
     between: tuple[float, float] | None = None,
-    live: bool = False,
+    live: bool = True,
 ) -> Value:
     """Return a dataclass field with its unit, its valid values and its description.
 
     ``between`` is a range that includes its ends. A ``live`` parameter can be set while the node
     is active; the node reads all others when it is configured.
     """
-    if between is not None:
-        valid = f"{between[0]:g} to {between[1]:g}"
-    metadata = {
-        "unit": unit,
-        "valid": valid,
-        "description": description,
-        "check": check,
-        "between": between,
-        "live": live,
-    }
-    found: Any = field(default=default, metadata=metadata)
+    words = {"unit": unit, "valid": valid, "description": description, "live": live}
+    found: Any = field(default=default, metadata={**words, "check": check, "between": between})
     return found  # type: ignore[no-any-return]
 
 
-def _speed(source: Source, topic: str) -> float:
+def _ranged(default: Value, least: float, largest: float, unit: str, description: str) -> Value:
+    """Return the field of a number in a range that includes its ends."""
+    valid = f"{least:g} to {largest:g}"
+    return _parameter(default, unit, valid, description, between=(least, largest))
+
+
+def _switch(default: bool, description: str) -> bool:
+    """Return the field of a truth value, which is not live."""
+    return _parameter(default, "", "true or false", description, live=False)
+
+
+def _text(valid: str, description: str) -> str:
+    """Return the field of a text that may be empty, which is not live."""
+    return _parameter("", "", f"{valid}, or empty", description, live=False)
+
+
+def _limit(default: Value, unit: str, description: str) -> Value:
+    """Return the field of a limit of the logs, where 0 means no limit; it is not live."""
+    valid = f"a {'whole' if isinstance(default, int) else 'finite'} number, 0 for no limit"
+    return _parameter(default, unit, valid, description, _is_limit, live=False)
+
+
+def _is_limit(value: Any) -> bool:
+    return bool(0 <= value < math.inf)
+
+
+def _speed(source: Source) -> float:
     """Return the field of a speed that may be fixed."""
     name = "PTO" if source is Source.PTO else source.value
-    return _parameter(
-        -1.0,
-        source.unit,
-        "a finite number",
-        f"Fixed {name} speed. If negative, the speed is read from `{topic}` (std_msgs/Float64).",
-        math.isfinite,
-        live=True,
-    )
+    topic = f"`{source.value}_speed` (std_msgs/Float64)"
+    description = f"Fixed {name} speed. If negative, the speed is read from {topic}."
+    return _parameter(-1.0, source.unit, "a finite number", description, math.isfinite)
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,11 +103,8 @@ class Parameters:
     The metadata of each field describe the parameter.
     """
 
-    autostart: bool = _parameter(
-        True,
-        "",
-        "true or false",
-        "Configure and activate the node at start, without a lifecycle manager.",
+    autostart: bool = _switch(
+        True, "Configure and activate the node at start, without a lifecycle manager."
     )
     input: str = _parameter(
         "joint_state",
@@ -104,7 +113,6 @@ class Parameters:
         "The source of the crank angle: a joint on `joint_states`, or the hitch position in "
         "percent on `hitch_position` (std_msgs/Float64, from 0 for down to 100 for up).",
         lambda value: value in INPUTS,
-        live=True,
     )
     joint_name: str = _parameter(
         "hitch_rockshaft_joint",
@@ -112,7 +120,6 @@ class Parameters:
         "the name of a joint",
         "Name of the joint that turns the input crank.",
         lambda name: name != "",
-        live=True,
     )
     sign: int = _parameter(
         1,
@@ -120,7 +127,6 @@ class Parameters:
         "1 or -1",
         "Direction of the joint: crank angle = sign * scale * position + offset.",
         lambda sign: sign in (1, -1),
-        live=True,
     )
     scale: float = _parameter(
         1.0,
@@ -128,96 +134,66 @@ class Parameters:
         "a finite number greater than 0",
         "Change of the crank angle per unit of joint position.",
         lambda scale: 0.0 < scale < math.inf,
-        live=True,
     )
     offset: float = _parameter(
-        0.0,
-        "rad",
-        "a finite number",
-        "Crank angle at joint position 0.",
-        math.isfinite,
-        live=True,
+        0.0, "rad", "a finite number", "Crank angle at joint position 0.", math.isfinite
     )
     percent_points: tuple[float, ...] = _parameter(
         (0.0, 100.0),
         "%",
         "ascending numbers from 0 to 100",
         "Hitch positions of the calibration that converts percent to the crank angle.",
-        live=True,
     )
     percent_angles: tuple[float, ...] = _parameter(
         (3.14159, 1.5708),
         "rad",
         "as many numbers, all ascending or all descending",
         "Crank angles at these hitch positions; a monotone curve connects them.",
-        live=True,
     )
-    angle_stddev: float = _parameter(
+    angle_stddev: float = _ranged(
         0.0,
+        0.0,
+        1.0,
         "rad",
-        "",
         "Standard deviation of the crank angle, from which that of the frequencies follows. With "
         "the input `percent`, the uncertainty of its steps of 0.4 % is added.",
-        between=(0.0, 1.0),
-        live=True,
     )
-    mechanism_file: str = _parameter(
-        "",
-        "",
-        "the path of a YAML file, or empty",
+    mechanism_file: str = _text(
+        "the path of a YAML file",
         "The mechanism. If it is empty, the three-point linkage of the package is used.",
     )
-    table_file: str = _parameter(
-        "",
-        "",
-        "the path of an .npz file, or empty",
+    table_file: str = _text(
+        "the path of an .npz file",
         "The table of this mechanism, as `linkage-vibration build` saves it. If it is empty, the "
         "table of the package is used, or, if mechanism_file is given, a table is built at start.",
     )
-    excitation_file: str = _parameter(
-        "",
-        "",
-        "the path of a YAML file, or empty",
+    excitation_file: str = _text(
+        "the path of a YAML file",
         "The excitations. If it is empty, the excitations of the package are used.",
     )
-    engine_speed: float = _speed(Source.ENGINE, "engine_speed")
-    pto_speed: float = _speed(Source.PTO, "pto_speed")
-    ground_speed: float = _speed(Source.GROUND, "ground_speed")
-    warning_margin: float = _parameter(
+    engine_speed: float = _speed(Source.ENGINE)
+    pto_speed: float = _speed(Source.PTO)
+    ground_speed: float = _speed(Source.GROUND)
+    warning_margin: float = _ranged(
         0.1,
-        "1",
-        "",
-        "Warn when an excitation frequency is within this fraction of a natural frequency.",
-        between=(0.0, 1.0),
-        live=True,
-    )
-    hysteresis: float = _parameter(
-        0.02,
-        "1",
-        "",
-        "The warning ends when the margin exceeds warning_margin by this much.",
-        between=(0.0, 1.0),
-        live=True,
-    )
-    stale_after: float = _parameter(
+        0.0,
         1.0,
-        "s",
-        "",
-        "A speed or a crank angle that is older than this is not used.",
-        between=(0.01, 3600.0),
-        live=True,
+        "1",
+        "Warn when an excitation frequency is within this fraction of a natural frequency.",
     )
-    record: bool = _parameter(
+    hysteresis: float = _ranged(
+        0.02, 0.0, 1.0, "1", "The warning ends when the margin exceeds warning_margin by this much."
+    )
+    stale_after: float = _ranged(
+        1.0, 0.01, 3600.0, "s", "A speed or a crank angle that is older than this is not used."
+    )
+    record: bool = _switch(
         False,
-        "",
-        "true or false",
         "Start an MCAP log when the node is activated. `~/start_recording` and `~/stop_recording` "
         "start and stop a log at any time.",
     )
-    log_directory: str = _parameter(
-        "",
-        "",
-        "the path of a folder that exists, or empty",
+    log_directory: str = _text(
+        "the path of a folder that exists",
         "The folder of the logs. If it is empty, the current directory is used.",
     )
     compression: str = _parameter(
@@ -226,55 +202,30 @@ class Parameters:
         ", ".join(COMPRESSIONS),
         "Compression of the logs.",
         lambda value: value in COMPRESSIONS,
+        live=False,
     )
-    split_size: int = _parameter(
-        0,
-        "byte",
-        "a whole number, 0 for no limit",
-        "A log continues in a new file when it reaches this size.",
-        lambda size: size >= 0,
+    split_size: int = _limit(0, "byte", "A log continues in a new file when it reaches this size.")
+    split_duration: float = _limit(0.0, "s", "A log continues in a new file after this time.")
+    disk_limit: int = _limit(
+        0, "byte", "Recording stops when all logs in the folder together reach this size."
     )
-    split_duration: float = _parameter(
-        0.0,
-        "s",
-        "a finite number, 0 for no limit",
-        "A log continues in a new file after this time.",
-        lambda duration: 0.0 <= duration < math.inf,
+    delete_oldest: bool = _switch(
+        False, "Delete the oldest logs instead of stopping at disk_limit."
     )
-    disk_limit: int = _parameter(
-        0,
-        "byte",
-        "a whole number, 0 for no limit",
-        "Recording stops when all logs in the folder together reach this size.",
-        lambda size: size >= 0,
-    )
-    delete_oldest: bool = _parameter(
-        False, "", "true or false", "Delete the oldest logs instead of stopping at disk_limit."
-    )
-    extra_topics: str = _parameter(
-        "",
-        "",
-        "names of topics, separated by spaces, or empty",
+    extra_topics: str = _text(
+        "names of topics, separated by spaces",
         "Topics to log in addition to those that the node uses.",
     )
-    marker_mode: int = _parameter(
-        2,
-        "1",
-        "",
-        "Mode that `~/markers` shows, counted from 1; 0 for no mode.",
-        between=(0, 1000),
-        live=True,
+    marker_mode: int = _ranged(
+        2, 0, 1000, "1", "Mode that `~/markers` shows, counted from 1; 0 for no mode."
     )
-    marker_rate: float = _parameter(
-        10.0, "Hz", "", "Rate at which `~/markers` is published.", between=(0.1, 100.0), live=True
-    )
+    marker_rate: float = _ranged(10.0, 0.1, 100.0, "Hz", "Rate at which `~/markers` is published.")
     marker_frame: str = _parameter(
         "base_link",
         "",
         "the name of a frame",
         "Frame of `~/markers`: the origin of the mechanism, with x forward and z up.",
         lambda name: name != "",
-        live=True,
     )
 
     def crank_input(self) -> CrankInput:
@@ -293,11 +244,7 @@ class Parameters:
 
     def fixed_speed(self, source: Source) -> float | None:
         """Return a fixed speed (rpm or m/s), or None if the speed is read from its topic."""
-        value = {
-            Source.ENGINE: self.engine_speed,
-            Source.PTO: self.pto_speed,
-            Source.GROUND: self.ground_speed,
-        }[source]
+        value: float = getattr(self, f"{source.value}_speed")
         return value if value >= 0.0 else None
 
     def mechanism_path(self) -> Path:
@@ -324,14 +271,11 @@ class Parameters:
 
 
 def check_value(name: str, value: object) -> Any:
-    """Return a valid value in the type of its parameter.
+    """Return a value in the type of its parameter, the field of `Parameters` with this name.
 
     Parameters
     ----------
-    name : str
-        A field of `Parameters`.
-    value : object
-        The value that was given.
+    name, value : str and object
 
     Raises
     ------
@@ -360,7 +304,6 @@ def with_values(parameters: Parameters, values: Mapping[str, object]) -> Paramet
     Parameters
     ----------
     parameters : Parameters
-        The other parameters keep the values of these.
     values : mapping of str to object
         The new values by the names of their parameters.
 
@@ -378,7 +321,6 @@ def own_type(kind: type, value: Any) -> Any:
     Parameters
     ----------
     kind : type
-        The type of a parameter.
     value : object
         A value as YAML or ROS 2 gives it.
     """
@@ -392,8 +334,8 @@ def own_type(kind: type, value: Any) -> Any:
 
 def without_markers(settings: Parameters) -> Parameters:
     """Return the parameters with default markers, on which no message of a log depends."""
-    shown = [parameter for parameter in fields(Parameters) if parameter.name.startswith("marker_")]
-    defaults: Any = {parameter.name: parameter.default for parameter in shown}
+    shown = [f for f in fields(Parameters) if f.name.startswith("marker_")]
+    defaults: Any = {f.name: f.default for f in shown}
     return replace(settings, **defaults)
 
 
@@ -403,7 +345,6 @@ def parameters_yaml(parameters: Parameters, node_name: str) -> str:
     Parameters
     ----------
     parameters : Parameters
-        The parameters.
     node_name : str
         Name of the node with its namespace.
     """
@@ -470,10 +411,8 @@ def _matches_node(section: str) -> bool:
 
 def parameter_table() -> str:
     """Return the parameters as a Markdown table, for the manual."""
-    rows = [
-        "| parameter | type | default | unit | valid | live | meaning |",
-        "|---|---|---|---|---|---|---|",
-    ]
+    rows = ["| parameter | type | default | unit | valid | live | meaning |"]
+    rows += ["|---|---|---|---|---|---|---|"]
     for parameter in fields(Parameters):
         words = parameter.metadata
         rows.append(

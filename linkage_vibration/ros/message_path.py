@@ -111,11 +111,7 @@ class Predicting:
         monitor.hysteresis = settings.hysteresis
         monitor.stale_after = settings.stale_after
         for source in Source:
-            fixed = settings.fixed_speed(source)
-            if fixed is not None:
-                monitor.set_fixed(source, fixed)
-            elif monitor.is_fixed(source):
-                monitor.forget(source)
+            monitor.set_fixed(source, settings.fixed_speed(source))
         if other_input and self._subscriptions:
             self.unsubscribe()
             self.subscribe()

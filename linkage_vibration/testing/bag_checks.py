@@ -10,7 +10,6 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from datetime import datetime, timezone
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,9 +24,6 @@ from linkage_vibration.prediction.inputs import INPUTS
 from linkage_vibration.prediction.predictor import Status
 from linkage_vibration.prediction.settings import Parameters
 from linkage_vibration.support.atomic_files import write_bytes
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 FloatArray = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -73,10 +69,9 @@ class Failure:
     ----------
     limit : str
         A field of `Limits`.
-    time : int
-        When it was exceeded most, or first if there is no degree; log time, ns.
-    seconds : float
-        The same since the first prediction of the bag, s.
+    time, seconds : int and float
+        When it was exceeded most, or first if there is no degree: log time, ns, and time since the
+        first prediction of the bag, s.
     count : int
         How many times it was exceeded.
     words : str
@@ -104,7 +99,6 @@ class Report:
     Attributes
     ----------
     bag : Path
-        The bag.
     predictions : int
         How many predictions were checked.
     failures : tuple of Failure
@@ -159,7 +153,6 @@ def check_bag(
     bag : str or Path
         A log with predictions, or any other bag, which is then replayed.
     limits : Limits
-        The limits.
     settings : Parameters, optional
         Replay the bag with these parameters, even if it has predictions.
     picture : str or Path, optional
@@ -307,14 +300,13 @@ def _draw(bag: Path, signals: _Signals, limits: Limits, failure: Failure, pictur
         ("crank angle [deg]", signals.time, signals.crank_angle, None)
     ]
     if np.isfinite(shown(signals.margin_time, signals.margin)[1]).any():
-        margin = None if limits.margin is None else 100.0 * limits.margin
+        margin = limits.margin and 100.0 * limits.margin
         rows.append(("margin [%]", signals.margin_time, 100.0 * signals.margin, margin))
-    gaps = 1e-6 * np.diff(signals.time).astype(float)
-    gap = None if limits.gap is None else 1e3 * limits.gap
+    gaps, gap = 1e-6 * np.diff(signals.time).astype(float), limits.gap and 1e3 * limits.gap
     rows.append(("since the last\nprediction [ms]", signals.time[1:], gaps, gap))
     if limits.latency is not None:
-        latency = 1e3 * limits.latency
-        rows.append(("latency [ms]", signals.time, 1e3 * signals.latency, latency))
+        latencies = 1e3 * signals.latency
+        rows.append(("latency [ms]", signals.time, latencies, 1e3 * limits.latency))
     figure = Figure(figsize=(10, 1.2 + 1.9 * len(rows)), dpi=120, layout="constrained")
     axes: NDArray[np.object_] = figure.subplots(len(rows), sharex=True, squeeze=False)[:, 0]
     for ax, (label, times, values, limit) in zip(axes, rows, strict=True):
@@ -328,7 +320,10 @@ def _draw(bag: Path, signals: _Signals, limits: Limits, failure: Failure, pictur
         if ax is not axes[0]:
             ax.set_ylim(bottom=0.0)
         ax.set_ylabel(label)
-        _plain(ax)
+        ax.grid(color="#dddddd", linewidth=0.6)
+        ax.set_axisbelow(True)
+        ax.spines[["top", "right"]].set_visible(False)
+        ax.tick_params(colors=GREY)
     wrong = limits.statuses is not None and ~np.isin(signals.status, limits.statuses)
     seconds, bad = shown(signals.time, np.where(wrong, signals.crank_angle, np.nan))
     axes[0].plot(seconds, bad, ".", color=_LIMIT, markersize=5)
@@ -341,10 +336,3 @@ def _draw(bag: Path, signals: _Signals, limits: Limits, failure: Failure, pictur
     png = io.BytesIO()
     figure.savefig(png, format="png")
     write_bytes(picture, png.getvalue(), TestKitError)
-
-
-def _plain(ax: "Axes") -> None:
-    ax.grid(color="#dddddd", linewidth=0.6)
-    ax.set_axisbelow(True)
-    ax.spines[["top", "right"]].set_visible(False)
-    ax.tick_params(colors=GREY)

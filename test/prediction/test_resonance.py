@@ -136,18 +136,29 @@ def test_any_speed_reported() -> None:
         assert not watch.any_speed_reported
         tell(watch)
         assert watch.any_speed_reported
-        watch.forget(Source.PTO)
+        watch.set_speed(Source.PTO, math.nan, 0)
         assert watch.any_speed_reported
 
 
-def test_fixed_speeds() -> None:
-    """A speed is fixed until it is forgotten or reported."""
+def test_fixed_speeds(prediction: Prediction) -> None:
+    """A speed is fixed until it is freed or reported; freeing a reported speed changes nothing."""
     watch = monitor()
-    assert not watch.is_fixed(Source.ENGINE)
+
+    def is_stale(at: int) -> bool:
+        return watch.assess(prediction, 0.0, at).state is ResonanceState.STALE
+
+    watch.set_fixed(Source.ENGINE, None)
+    assert not watch.any_speed_reported
+    assert is_stale(0)
     watch.set_fixed(Source.ENGINE, 2000.0)
-    assert watch.is_fixed(Source.ENGINE)
+    assert not is_stale(100 * SECOND)
+    watch.set_fixed(Source.ENGINE, None)
+    assert is_stale(0)
+    watch.set_fixed(Source.ENGINE, 2000.0)
     watch.set_speed(Source.ENGINE, 2000.0, 0)
-    assert not watch.is_fixed(Source.ENGINE)
+    assert is_stale(100 * SECOND)
+    watch.set_fixed(Source.ENGINE, None)
+    assert not is_stale(0)
 
 
 def test_shaft_that_stands_excites_nothing(prediction: Prediction) -> None:

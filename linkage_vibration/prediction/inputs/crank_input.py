@@ -50,10 +50,8 @@ class Readings:
 
     Attributes
     ----------
-    rows : ndarray, (n,)
-        Which messages of the block they are.
-    data : ndarray of uint8, (n, n_bytes)
-        The messages.
+    rows, data : ndarray, (n,), and ndarray of uint8, (n, n_bytes)
+        Which messages of the block they are, and their bytes.
     crank_angle, velocity, stddev : ndarray, (n,)
         As those of `Reading`.
     sec, nanosec : ndarray, (n,)
@@ -78,12 +76,9 @@ class LeftOut:
 
     Attributes
     ----------
-    others : int
-        Messages that do not concern the input, such as joint states of other joints.
-    unreadable : int
-        Messages that are not valid CDR.
-    refused : int
-        Messages that give no reliable crank angle.
+    others, unreadable, refused : int
+        Messages that do not concern the input, such as joint states of other joints; that are not
+        valid CDR; and that give no reliable crank angle.
     fault : str
         Why the first unreadable or refused message was left out.
     joints : set of str
@@ -104,12 +99,8 @@ class CrankInput(ABC):
 
     Attributes
     ----------
-    topic : str
-        The node's name of the topic.
-    type : str
-        Type of the message.
-    description : str
-        One sentence for the manual.
+    topic, type, description : str
+        The node's name of the topic, the type of the message, and a sentence for the manual.
     unique_type : bool
         Whether a bag's only topic of this type is the input, whatever its name.
     """
@@ -139,10 +130,8 @@ class CrankInput(ABC):
 
         Parameters
         ----------
-        block : Block
-            Part of a bag.
-        rows : ndarray, (n,)
-            Which of its messages to read.
+        block, rows : Block and ndarray, (n,)
+            Part of a bag, and which of its messages to read.
         left_out : LeftOut
             Counts the messages that give no crank angle.
         """
@@ -157,7 +146,10 @@ class CrankInput(ABC):
         received : int
             When it was received, ns; the stamp of a message without a header.
         """
-        return *divmod(received, 10**9), ""
+        header = getattr(message, "header", None)
+        if header is None:
+            return *divmod(received, 10**9), ""
+        return header.stamp.sec, header.stamp.nanosec, header.frame_id
 
     def other_names(self, message: Any) -> Sequence[str]:
         """Return what a message concerns instead of this input, by names."""
@@ -168,9 +160,7 @@ class CrankInput(ABC):
 
         Parameters
         ----------
-        topic : str
-            The topic that was read.
-        names : sequence of str
-            What its messages concern, see `other_names`.
+        topic, names : str and sequence of str
+            The topic that was read, and what its messages concern, see `other_names`.
         """
         return ""

@@ -18,25 +18,14 @@ _SIZE = 12  # bytes: the encapsulation header and the number
 def read_floats(
     block: Block, rows: Integers, left_out: LeftOut
 ) -> Iterator[tuple[Integers, NDArray[np.uint8], FloatArray]]:
-    """Yield numbers of a bag, those of messages of the same size together.
+    """Yield the rows, bytes (m, n_bytes) and numbers (m,) of messages that have the same size.
 
     Parameters
     ----------
-    block : Block
-        Part of a bag.
-    rows : ndarray, (n,)
-        Which of its messages to read.
+    block, rows : Block and ndarray, (n,)
+        Part of a bag, and which of its messages to read.
     left_out : LeftOut
         Counts the messages that are not valid CDR.
-
-    Yields
-    ------
-    rows : ndarray, (m,)
-        Which messages of the block they are.
-    data : ndarray of uint8, (m, n_bytes)
-        The messages.
-    values : ndarray, (m,)
-        Their numbers.
     """
     sizes = block.sizes[rows]
     for size in np.unique(sizes).tolist():

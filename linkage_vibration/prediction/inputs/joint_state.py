@@ -32,15 +32,10 @@ class JointInput(CrankInput):
     Attributes
     ----------
     joint_name : str
-        Name of the joint.
     sign : int
         1 or -1.
-    scale : float
-        rad per unit of position.
-    offset : float
-        rad.
-    angle_stddev : float
-        Standard deviation of the crank angle, rad.
+    scale, offset, angle_stddev : float
+        rad per unit of position, rad, and the standard deviation of the crank angle, rad.
     """
 
     topic = "joint_states"
@@ -83,12 +78,8 @@ class JointInput(CrankInput):
 
         Parameters
         ----------
-        block : Block
-            Part of a bag.
-        rows : ndarray, (n,)
-            Which of its messages to read.
-        left_out : LeftOut
-            Counts the messages that give no crank angle.
+        block, rows, left_out : Block, ndarray and LeftOut
+            As in `CrankInput.read_block`.
         """
         gain = self.sign * self.scale
         for states in self._reader.read(block, rows):
@@ -118,19 +109,6 @@ class JointInput(CrankInput):
         left_out.fault = left_out.fault or self._reader.fault
         self._reader.unreadable = 0
 
-    def header(self, message: Any, received: int) -> tuple[int, int, str]:
-        """Return the stamp (s and ns) and the frame of a joint state.
-
-        Parameters
-        ----------
-        message : sensor_msgs.msg.JointState
-            The message.
-        received : int
-            When it was received, ns.
-        """
-        header = message.header
-        return header.stamp.sec, header.stamp.nanosec, header.frame_id
-
     def other_names(self, message: Any) -> Sequence[str]:
         """Return the names of the joints in a joint state, at most 20."""
         return list(message.name[:_MAX_NAMES])
@@ -140,10 +118,8 @@ class JointInput(CrankInput):
 
         Parameters
         ----------
-        topic : str
-            The topic that was read.
-        names : sequence of str
-            Joints that its messages contain.
+        topic, names : str and sequence of str
+            The topic that was read, and the joints that its messages contain.
         """
         listing = ", ".join(sorted(names)[:_MAX_NAMES]) or "none"
         return (

@@ -41,10 +41,8 @@ class PercentInput(CrankInput):
 
     Attributes
     ----------
-    percent_points : tuple of float
-        Hitch positions from 0 to 100, ascending, %.
-    percent_angles : tuple of float
-        Crank angles there, ascending or descending, rad.
+    percent_points, percent_angles : tuple of float
+        Hitch positions from 0 to 100, ascending, %, and crank angles there, monotone, rad.
     angle_stddev : float
         Standard deviation of the calibrated angle, rad; the standard deviation that the bus's
         steps of 0.4 % cause is added.
@@ -132,12 +130,8 @@ class PercentInput(CrankInput):
 
         Parameters
         ----------
-        block : Block
-            Part of a bag.
-        rows : ndarray, (n,)
-            Which of its messages to read.
-        left_out : LeftOut
-            Counts the messages that give no crank angle.
+        block, rows, left_out : Block, ndarray and LeftOut
+            As in `CrankInput.read_block`.
         """
         for same, data, values in read_floats(block, rows, left_out):
             readings = [self.angle_at(value) for value in values.tolist()]
