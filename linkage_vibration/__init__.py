@@ -16,8 +16,7 @@ if TYPE_CHECKING:
     from linkage_vibration.mechanics.description import Mechanism
     from linkage_vibration.mechanics.model import IdentifiedSolution, LinkageModel, Solution
     from linkage_vibration.mechanics.response import Peak, PoleResidue
-    from linkage_vibration.playback.replay import Replayed, replay
-    from linkage_vibration.playback.what_if import WhatIf
+    from linkage_vibration.playback.replay import Replayed, WhatIf, replay
     from linkage_vibration.prediction.predictor import Prediction, Predictor, Status
     from linkage_vibration.prediction.settings import Parameters, read_parameters
     from linkage_vibration.readers.mechanism import read_mechanism
@@ -31,8 +30,7 @@ _MODULES = {
     "mechanics.description": ["Mechanism"],
     "mechanics.model": ["IdentifiedSolution", "LinkageModel", "Solution"],
     "mechanics.response": ["Peak", "PoleResidue"],
-    "playback.replay": ["Replayed", "replay"],
-    "playback.what_if": ["WhatIf"],
+    "playback.replay": ["Replayed", "WhatIf", "replay"],
     "prediction.predictor": ["Prediction", "Predictor", "Status"],
     "prediction.settings": ["Parameters", "read_parameters"],
     "readers.mechanism": ["read_mechanism"],

@@ -48,8 +48,7 @@ def run(options: argparse.Namespace) -> int:
     from tqdm import tqdm
 
     from linkage_vibration.playback.remapping import remappings
-    from linkage_vibration.playback.replay import replay, summary
-    from linkage_vibration.playback.what_if import AS_DESCRIBED, WhatIf
+    from linkage_vibration.playback.replay import WhatIf, replay, summary
     from linkage_vibration.prediction.settings import Parameters, read_parameters, with_values
 
     settings = read_parameters(options.params_file) if options.params_file else Parameters()
@@ -64,7 +63,7 @@ def run(options: argparse.Namespace) -> int:
     given = {name: value for name, value in given.items() if value is not None}
     settings = with_values(settings, given)
     what_if = WhatIf(options.implement_mass, options.implement_inertia)
-    if what_if != AS_DESCRIBED or settings.table_path() is None:
+    if what_if != WhatIf() or settings.table_path() is None:
         print("The table of this mechanism is built first.")
     with tqdm(unit=" messages", unit_scale=True, delay=1.0) as bar:
 

@@ -143,26 +143,20 @@ def _encoder(type_name: str) -> Callable[[object, int, int, str], bytes]:
 @lru_cache(maxsize=256)
 def _layout(type_name: str, *lengths: int) -> np.dtype[np.void]:
     """Return the data type of a whole message whose texts and sequences have these lengths."""
-    names, formats, offsets, position = [], [], [], 0
+    columns: list[Any] = []
     remaining = iter(lengths)
-
-    def add(name: str, code: str, count: int | None = None) -> None:
-        nonlocal position
-        size = np.dtype(code).itemsize
-        position += -position % size
-        names.append(name)
-        formats.append(code if count is None else (code, (count,)))
-        offsets.append(len(_ENCAPSULATION) + position)
-        position += size if count is None else size * count
-
     for field in message_fields(type_name):
         if field.type == "string" or field.is_sequence:
-            length = next(remaining)
-            add(f"{field.name} length", "u4")
-            add(field.name, CODES[field.type], length)
+            columns.append((f"{field.name} length", "u4"))
+            columns.append((field.name, CODES[field.type], (next(remaining),)))
         else:
-            add(field.name, CODES[field.type])
-    itemsize = len(_ENCAPSULATION) + position
+            columns.append((field.name, CODES[field.type]))
+    # CDR aligns every number to its own size, as NumPy does, but has no padding at the end.
+    aligned: Any = np.dtype(columns, align=True)
+    names = list(aligned.names)
+    formats, places = zip(*(aligned.fields[name][:2] for name in names), strict=True)
+    offsets = [len(_ENCAPSULATION) + place for place in places]
+    itemsize = offsets[-1] + formats[-1].itemsize
     return np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": itemsize})
 
 

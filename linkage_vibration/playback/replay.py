@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from linkage_vibration.bags.chunks import ChunkLog, Messages
 from linkage_vibration.bags.recorder import PROVENANCE_METADATA, package_versions
 from linkage_vibration.bags.streams import Bags, BagTopic, Block, open_bags
+from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.messages.encoding import encode_predictions, encode_resonances
 from linkage_vibration.messages.provenance import attachments
 from linkage_vibration.messages.topics import (
@@ -25,20 +26,39 @@ from linkage_vibration.messages.topics import (
     log_topic,
 )
 from linkage_vibration.playback.remapping import ReplayError, bag_paths, choose_topics
-from linkage_vibration.playback.what_if import AS_DESCRIBED, WhatIf, served_model
+from linkage_vibration.prediction.answers import Implement, Served, with_implement
 from linkage_vibration.prediction.batch import Predictions, predict_many
 from linkage_vibration.prediction.excitation import Source
-from linkage_vibration.prediction.inputs.crank_input import LeftOut, Readings
-from linkage_vibration.prediction.inputs.float64 import read_floats
+from linkage_vibration.prediction.inputs.crank_input import LeftOut, Readings, read_floats
 from linkage_vibration.prediction.predictor import Predictor, Status
 from linkage_vibration.prediction.resonance import ReportedSpeed, ResonanceMonitor
 from linkage_vibration.prediction.settings import NODE_NAME, Parameters
 from linkage_vibration.readers.excitations import read_excitations
+from linkage_vibration.readers.mechanism import load_yaml, mechanism_of
+from linkage_vibration.readers.served import read_served
+from linkage_vibration.table.tabulation import build_table
 
 Integers = NDArray[np.int64]
 
 REPLAY_METADATA = "linkage_vibration.replay"
 _PLACES = 4  # in the log for each message of a block: itself, its prediction, its resonance
+
+
+@dataclass(frozen=True, slots=True)
+class WhatIf:
+    """Other values for the only rigid body, the implement; None keeps the mechanism's value.
+
+    Attributes
+    ----------
+    mass, inertia : float, optional
+        kg, and kg m2 about the centre of gravity.
+    """
+
+    mass: float | None = None
+    inertia: float | None = None
+
+
+_AS_DESCRIBED = WhatIf()
 
 
 @dataclass(slots=True)
@@ -83,7 +103,7 @@ def replay(
     output: str | Path,
     settings: Parameters | None = None,
     remaps: Mapping[str, str] = MappingProxyType({}),
-    what_if: WhatIf = AS_DESCRIBED,
+    what_if: WhatIf = _AS_DESCRIBED,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Replayed:
     """Predict for each reading of the hitch in bags, and write a log.
@@ -121,7 +141,7 @@ def replay(
         raise ReplayError(f"{output} is one of the bags to replay; give another --output.")
     with open_bags(paths) as bags:
         topics = choose_topics(bags, settings, remaps)
-        served = served_model(settings, what_if)
+        served = _served(settings, what_if)
         log_topics = [log_topic(topic.name, topic.type) for topic in topics.values()]
         log_topics.append(log_topic(PREDICTION_TOPIC, PREDICTION))
         monitor, excitations = _monitor(settings, topics), None
@@ -252,6 +272,26 @@ class _Replay:
                 found.append(Messages(RESONANCE_TOPIC, data, _PLACES * rows + 2, *times))
                 self.done.resonances += len(rows)
         return found
+
+
+def _served(settings: Parameters, what_if: WhatIf) -> Served:
+    """Return the mechanism and its table, which is built for another implement."""
+    if what_if == _AS_DESCRIBED:
+        return read_served(settings)
+    path = settings.mechanism_path()
+    content, text = load_yaml(path)
+    mechanism = mechanism_of(content, path)
+    if len(mechanism.rigid_bodies) != 1:
+        raise ReplayError(
+            f"{path} has {len(mechanism.rigid_bodies)} rigid bodies; another mass or inertia can "
+            "be given only for a mechanism with exactly one rigid body."
+        )
+    [body] = mechanism.rigid_bodies
+    mass = body.mass if what_if.mass is None else what_if.mass
+    inertia = body.inertia if what_if.inertia is None else what_if.inertia
+    implement = Implement(body.name, mass, inertia, ())
+    changed, text = with_implement(mechanism, text, implement)
+    return Served(Predictor(build_table(LinkageModel(changed))), changed, text)
 
 
 def _refuse_empty(done: Replayed, bags: Bags, settings: Parameters) -> None:

@@ -70,10 +70,8 @@ class FrfAnswer:
     Attributes
     ----------
     outputs, inputs : tuple of (point, direction)
-    frequencies : ndarray, (n_freq,)
-        Hz.
-    frf : complex ndarray, (n_freq, n_out, n_in)
-        m/N.
+    frequencies, frf : ndarray, (n_freq,), and complex ndarray, (n_freq, n_out, n_in)
+        Hz and m/N.
     """
 
     outputs: Places
@@ -90,10 +88,8 @@ class ModeShapes:
     ----------
     natural_frequencies, damping_ratios : ndarray, (n_modes,)
         Hz, ascending, and 1.
-    places : tuple of (point, direction), (n_places,)
-        Every point that moves, along x and z.
-    positions : ndarray, (n_places,)
-        Coordinates of these points in that direction, m.
+    places, positions : tuple of (point, direction) and ndarray, (n_places,)
+        Every point that moves, along x and z, and its coordinate in that direction, m.
     shapes : ndarray, (n_modes, n_places)
         Mass-normalised displacements, 1/sqrt(kg).
     """

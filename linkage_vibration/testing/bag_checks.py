@@ -72,10 +72,8 @@ class Failure:
     time, seconds : int and float
         When it was exceeded most, or first if there is no degree: log time, ns, and time since the
         first prediction of the bag, s.
-    count : int
-        How many times it was exceeded.
-    words : str
-        What happened then, in words.
+    count, words : int and str
+        How many times it was exceeded, and what happened then.
     """
 
     limit: str
@@ -100,7 +98,6 @@ class Report:
     ----------
     bag : Path
     predictions : int
-        How many predictions were checked.
     failures : tuple of Failure
         The exceeded limits; empty if the bag passed.
     picture : Path or None
@@ -218,20 +215,16 @@ def _latencies(bag: Path, log: Path, types: Mapping[str, str]) -> FloatArray:
             f"{bag} has {len(inputs)} of the topics {', '.join(names)}; the latency needs "
             "exactly one."
         )
-    received: list[Integers] = []
-    sent: list[Integers] = []
-    answers: list[tuple[Integers, Integers]] = []
     with open_bags([log]) as bags:
-        for block in bags.blocks([*inputs, first_topic(types, PREDICTION)]):
-            reading = block.topics == 0
-            received.append(block.log_times[reading])
-            sent.append(block.publish_times[reading])
-            answers.append((block.log_times[~reading], block.publish_times[~reading]))
+        blocks = bags.blocks([*inputs, first_topic(types, PREDICTION)])
+        parts = [np.array([b.topics == 0, b.log_times, b.publish_times], int) for b in blocks]
+    of_input, logged, published = np.concatenate(parts, axis=1)
+    readings, predictions = of_input == 1, of_input == 0
     # The log time of a prediction is that of its reading.
-    of_reading = dict(zip(*(np.concatenate(x).tolist() for x in (received, sent)), strict=True))
-    log_times, published = (np.concatenate(column) for column in zip(*answers, strict=True))
-    begun = np.array([of_reading.get(time, np.nan) for time in log_times.tolist()])
-    if np.array_equal(log_times, published):
+    sent = dict(zip(logged[readings].tolist(), published[readings].tolist(), strict=True))
+    logged, published = logged[predictions], published[predictions]
+    begun = np.array([sent.get(time, np.nan) for time in logged.tolist()])
+    if np.array_equal(logged, published):
         raise TestKitError(
             f"{bag} is a replay, which has no latency; give a log that the node recorded."
         )

@@ -24,8 +24,7 @@ from linkage_vibration.cli.main import main
 from linkage_vibration.messages.encoding import encode_prediction, encode_resonance
 from linkage_vibration.messages.topics import log_topic
 from linkage_vibration.playback.remapping import ReplayError, remappings
-from linkage_vibration.playback.replay import replay
-from linkage_vibration.playback.what_if import WhatIf
+from linkage_vibration.playback.replay import WhatIf, replay
 from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.inputs import JointInput, PercentInput
 from linkage_vibration.prediction.predictor import Predictor, Status
@@ -341,7 +340,7 @@ GROWTH = """
 import resource, sys
 from pathlib import Path
 from linkage_vibration.prediction.settings import Parameters
-from linkage_vibration.playback.replay import replay
+from linkage_vibration.playback.replay import replay, WhatIf
 done = replay([Path(sys.argv[1])], Path(sys.argv[2]), Parameters())
 print(done.predictions, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024)
 """

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from linkage_vibration.cli.main import main
-from linkage_vibration.playback.replay import replay
-from linkage_vibration.playback.what_if import WhatIf
+from linkage_vibration.playback.replay import WhatIf, replay
 from linkage_vibration.prediction.settings import Parameters
 from linkage_vibration.review.difference import compare, summary
 from linkage_vibration.review.log import ReviewError, read_log

@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""What every input of the crank angle offers to the node and to the replay."""
+"""What every input of the crank angle offers to the node and to the replay, and Float64s."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
@@ -8,13 +8,18 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
+from linkage_vibration.bags.message_types import FLOAT64
 from linkage_vibration.bags.streams import Block
 from linkage_vibration.errors import LinkageVibrationError
 
 FloatArray = NDArray[np.float64]
 Integers = NDArray[np.int64]
+
+
+_FLOAT64_SIZE = 12  # bytes: the encapsulation header and the number
 
 
 class InputError(LinkageVibrationError):
@@ -90,6 +95,35 @@ class LeftOut:
     refused: int = 0
     fault: str = ""
     joints: set[str] = field(default_factory=set)
+
+
+def read_floats(
+    block: Block, rows: Integers, left_out: LeftOut
+) -> Iterator[tuple[Integers, NDArray[np.uint8], FloatArray]]:
+    """Yield the rows, bytes (m, n_bytes) and numbers (m,) of messages that have the same size.
+
+    Parameters
+    ----------
+    block, rows : Block and ndarray, (n,)
+        Part of a bag, and which of its messages to read.
+    left_out : LeftOut
+        Counts the messages that are not valid CDR.
+    """
+    sizes = block.sizes[rows]
+    for size in np.unique(sizes).tolist():
+        same = rows[sizes == size]
+        valid = np.zeros(len(same), bool)
+        if size >= _FLOAT64_SIZE:
+            data = sliding_window_view(block.buffer, size)[block.starts[same]]
+            valid = (data[:, 0] == 0) & (data[:, 1] <= 1)
+        if not valid.all():
+            left_out.unreadable += int((~valid).sum())
+            left_out.fault = left_out.fault or f"{size} bytes are not a {FLOAT64} in plain CDR"
+        if valid.any():
+            data = data[valid]
+            numbers = np.ascontiguousarray(data[:, 4:_FLOAT64_SIZE])
+            little, big = numbers.view("<f8")[:, 0], numbers.view(">f8")[:, 0]
+            yield same[valid], data, np.where(data[:, 1] == 1, little, big)
 
 
 class CrankInput(ABC):

@@ -20,8 +20,8 @@ from linkage_vibration.prediction.inputs.crank_input import (
     LeftOut,
     Reading,
     Readings,
+    read_floats,
 )
-from linkage_vibration.prediction.inputs.float64 import read_floats
 
 PERCENT_STEP = 0.4
 """Resolution of a hitch position on the ISO 11783 bus, % per bit."""
@@ -94,8 +94,8 @@ class PercentInput(CrankInput):
                 )
         steps = np.diff(angles)
         wrong = np.flatnonzero(steps * steps[0] <= 0.0)
-        if steps[0] == 0.0 or len(wrong):
-            i = 1 + (int(wrong[0]) if steps[0] != 0.0 else 0)
+        if len(wrong):
+            i = 1 + int(wrong[0])
             raise InputError(
                 f"percent_angles must all ascend or all descend, but angle {i + 1} "
                 f"({math.degrees(angles[i]):g} deg) does not continue from "
