@@ -133,8 +133,8 @@ def as_csv(points: Sequence[Point]) -> str:
     writer.writerow(["answer", "method", "setting", "relative error", *cost, "missing"])
     for p in points:
         numbers = (p.error, p.cost.median, p.cost.low, p.cost.high)
-        told = ["" if math.isnan(x) else f"{x:.4g}" for x in numbers]
-        writer.writerow([p.part, p.family, p.setting, *told, p.missing])
+        shown = ["" if math.isnan(x) else f"{x:.4g}" for x in numbers]
+        writer.writerow([p.part, p.family, p.setting, *shown, p.missing])
     return text.getvalue()
 
 

@@ -380,8 +380,8 @@ def draw(outcomes: Mapping[str, Outcome], grown: Mapping[tuple[str, str], Growth
         ours = name.startswith(("null", "LM-FBS, b"))
         axes.barh(row, cost.median, left=0.5, color=COLOURS[0] if ours else "#bbbbbb", height=0.6)
         axes.text(0.6, row + 0.42, name, fontsize=8, va="center", color=INK)
-        told = f"x {cost.median:.3g}, error {outcomes[name].error:.0e}"
-        axes.text(1.15 * (cost.median + 0.5), row, told, fontsize=8, va="center", color=INK)
+        text = f"x {cost.median:.3g}, error {outcomes[name].error:.0e}"
+        axes.text(1.15 * (cost.median + 0.5), row, text, fontsize=8, va="center", color=INK)
     axes.set_xscale("log")
     axes.set_xlim(0.5, 40.0 * max(cost.median for cost in costs.values()))
     axes.set_yticks([])

@@ -303,7 +303,7 @@ def test_modes_below_ten_hertz(modes: list[int], share: float) -> None:
     np.testing.assert_allclose(found, LOW[modes], rtol=1e-8 + share)
 
 
-def test_modes_that_noise_hides_are_told() -> None:
+def test_modes_that_noise_hides_are_reported() -> None:
     """Noise of 5 % hides the modes at 0.8 and 3.5 Hz, which would go missing without a word."""
     frf = noisy(receptances(LINES, LOW, np.full(5, 0.02), SHAPES), 0.05)
     with pytest.raises(IdentificationError, match=r"% of the FRFs unexplained near 2.3 Hz"):

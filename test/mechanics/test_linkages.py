@@ -179,7 +179,7 @@ def test_the_order_of_bodies_changes_nothing(mapping: Any, model: LinkageModel) 
         (("links", "coupler", "points", "C"), -0.1, "beyond"),
     ],
 )
-def test_wrong_descriptions_are_told(
+def test_wrong_descriptions_are_reported(
     stephenson_mapping: Any, path: tuple[str, ...], value: Any, words: str
 ) -> None:
     """Each wrong key of what the default linkage does not use names its path."""

@@ -158,7 +158,7 @@ def test_link_shapes_meet_at_the_pins(model: LinkageModel) -> None:
     np.testing.assert_allclose(found, rod[1][-1][[0, 2]], rtol=1e-7)
 
 
-def test_unknown_places_are_told(model: LinkageModel) -> None:
+def test_unknown_places_are_reported(model: LinkageModel) -> None:
     """A response asked for at no point of the linkage names it."""
     with pytest.raises(ModelError, match="no point E9"):
         model.solve(2.0).frf([("E9", "z")], [("E1", "z")])

@@ -64,7 +64,7 @@ def test_pole_residue_sum_equals_direct_solution(model: LinkageModel, frequency:
     np.testing.assert_allclose(found, found.T, rtol=1e-12)
 
 
-def test_undamped_pole_is_infinite_and_told() -> None:
+def test_undamped_pole_is_infinite_and_reported() -> None:
     """On an undamped pole the receptance is infinite, without a warning, and so is the peak."""
     one = oscillators([2 * math.pi * 50.0], [0.0], [1.0])
     at_pole, beside = one.frf(np.array([50.0, 49.0]))[:, 0, 0]

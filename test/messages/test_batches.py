@@ -81,7 +81,7 @@ def test_same_bytes_of_a_crank_that_turns(turning: Predictor) -> None:
 
 EXCITATIONS = read_excitations(config_file(DEFAULT_EXCITATIONS))
 SECOND = 10**9  # ns
-Told = tuple[Source, float, int]  # speed, time (ns)
+Reported = tuple[Source, float, int]  # speed, time (ns)
 Asked = tuple[float, float, int]  # angle, velocity, time (ns)
 ODD = [math.nan, math.inf, -math.inf, 0.0, -0.0, 5e-324, 1e300]
 TIMES = st.one_of(
@@ -95,15 +95,15 @@ READINGS = st.tuples(ANGLES, st.one_of(st.floats(-1.0, 1.0), st.sampled_from(ODD
 
 
 def assert_same_resonances(
-    monitors: Sequence[ResonanceMonitor], events: Sequence[Told | Asked]
+    monitors: Sequence[ResonanceMonitor], events: Sequence[Reported | Asked]
 ) -> None:
     """Let one monitor answer one by one and another at once, and compare the bytes."""
-    asked, told, expected = [], [], []
+    asked, reported, expected = [], [], []
     for event in events:
         first, value, time = event
         if isinstance(first, Source):
             monitors[0].set_speed(first, value, time)
-            told.append(ReportedSpeed(len(asked), first, value, time))
+            reported.append(ReportedSpeed(len(asked), first, value, time))
         else:
             asked.append(event)
             resonance = monitors[0].assess(SHIPPED.predict(first), value, time)
@@ -115,7 +115,7 @@ def assert_same_resonances(
         predictions.frequency_slopes,
         velocity.astype(float),
         times.astype(np.int64),
-        told,
+        reported,
     )
     stamps = -1 - np.arange(len(asked), dtype=np.int32), (times % SECOND).astype(np.uint32)
     found = {
@@ -135,7 +135,7 @@ def assert_same_resonances(
     st.booleans(),
 )
 def test_same_bytes_of_resonances(
-    blocks: list[list[Told | Asked]], limits: tuple[float, float, float], fixed: bool
+    blocks: list[list[Reported | Asked]], limits: tuple[float, float, float], fixed: bool
 ) -> None:
     """Any speeds among any readings, block after block, give the bytes that the node publishes."""
     monitors = [ResonanceMonitor(EXCITATIONS, *limits) for _ in range(2)]
@@ -152,7 +152,7 @@ def test_same_warnings(margins: list[float]) -> None:
     """Around both limits, a warning begins, stays and ends as it does one by one."""
     monitors = [ResonanceMonitor([Excitation("e", Source.ENGINE, 1.0)]) for _ in range(2)]
     natural = float(SHIPPED.predict(2.3).natural_frequencies[0])
-    events: list[Told | Asked] = []
+    events: list[Reported | Asked] = []
     for i, margin in enumerate(margins):
         events.append((Source.ENGINE, natural * (1.0 + margin), i * SECOND // 100))
         events.append((2.3, 0.0, i * SECOND // 100))
@@ -164,7 +164,7 @@ def test_same_warnings(margins: list[float]) -> None:
 def test_same_bytes_of_many_resonances() -> None:
     """A minute of a working tractor agrees, with noise, speeds at 50 Hz and radar drop-outs."""
     rng = np.random.default_rng(2)
-    events: list[Told | Asked] = []
+    events: list[Reported | Asked] = []
     for k in range(60_000):
         time = k * SECOND // 1000
         if k % 20 == 0:

@@ -350,7 +350,7 @@ def test_memory_does_not_grow_with_the_bag(tmp_path: Path) -> None:
     """A bag of 200 MB needs no more memory than one of 20 MB."""
     from linkage_vibration.bags.chunks import ChunkLog, Messages
 
-    told = []
+    totals = []
     rng = np.random.default_rng(1)
     for blocks in (23, 230):
         bag = tmp_path / f"{blocks}.mcap"
@@ -367,6 +367,6 @@ def test_memory_does_not_grow_with_the_bag(tmp_path: Path) -> None:
         words = [sys.executable, "-c", GROWTH, str(bag), str(tmp_path / "log.mcap")]
         predictions, peak = map(int, subprocess.check_output(words).split())
         assert predictions == blocks * 5000
-        told.append(peak)
+        totals.append(peak)
     assert len(example) * 230 * 5000 > 120e6
-    assert told[1] < told[0] + 30
+    assert totals[1] < totals[0] + 30

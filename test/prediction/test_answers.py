@@ -47,13 +47,13 @@ def test_table_and_model_agree(served: Served, alpha3: float) -> None:
     """Each FRF of the table, at the default lines of the band, is within 1e-4 of the exact one."""
     every = [f"{point}.{direction}" for point in ("E1", "E2", "V1", "V2") for direction in "xz"]
     asked: dict[str, Any] = {"outputs": every, "inputs": every, "frequencies": np.array([])}
-    told = answer_frf(served, alpha3, exact=False, **asked)
+    answer = answer_frf(served, alpha3, exact=False, **asked)
     exact = answer_frf(served, alpha3, exact=True, **asked)
-    np.testing.assert_array_equal(told.frequencies, np.linspace(0.0, 200.0, 401))
+    np.testing.assert_array_equal(answer.frequencies, np.linspace(0.0, 200.0, 401))
     np.testing.assert_array_equal(
-        told.frf, served.table.frf(alpha3, told.outputs, told.inputs).frf(told.frequencies)
+        answer.frf, served.table.frf(alpha3, answer.outputs, answer.inputs).frf(answer.frequencies)
     )
-    apart = np.linalg.norm(told.frf - exact.frf, axis=0) / np.linalg.norm(exact.frf, axis=0)
+    apart = np.linalg.norm(answer.frf - exact.frf, axis=0) / np.linalg.norm(exact.frf, axis=0)
     assert apart.max() < 1e-4
 
 
@@ -102,8 +102,8 @@ def test_frf_of_a_crank_that_turns_all_the_way() -> None:
     turning = Served(Predictor(table), mechanism, path.read_text())
     here = answer_frf(turning, math.radians(10.0), exact=False, **DRIVE)
     for degrees in (370.0, -350.0, 3610.0):
-        told = answer_frf(turning, math.radians(degrees), exact=False, **DRIVE)
-        np.testing.assert_allclose(told.frf, here.frf, rtol=1e-9)
+        answer = answer_frf(turning, math.radians(degrees), exact=False, **DRIVE)
+        np.testing.assert_allclose(answer.frf, here.frf, rtol=1e-9)
     ours = answer_frf(turning, math.radians(370.0), exact=False, **DRIVE).frf
     exact = answer_frf(turning, math.radians(370.0), exact=True, **DRIVE).frf
     assert np.linalg.norm(ours - exact) < 2.0 * table.frf_error * np.linalg.norm(exact)

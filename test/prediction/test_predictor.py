@@ -102,14 +102,16 @@ def test_uncertainty_is_that_of_samples(predictor: Predictor, degrees: float) ->
     alpha3, stddev = math.radians(degrees), math.radians(0.2)
     angles = alpha3 + np.random.default_rng(6).normal(scale=stddev, size=40_000)
     sampled = predictor.table.evaluate(angles)[:, :3].std(axis=0)
-    told = predictor.predict(alpha3, stddev).frequency_stddev
+    predicted = predictor.predict(alpha3, stddev).frequency_stddev
     # What the first order leaves out, and the scatter of 40,000 samples.
     bend = np.abs(
         predictor.predict(alpha3 + stddev).frequency_slopes
         - predictor.predict(alpha3 - stddev).frequency_slopes
     ) / (2.0 * stddev)
-    assert (np.abs(sampled - told) <= bend * stddev**2 / math.sqrt(2.0) + 0.02 * told).all()
-    assert (told > 0.0).all()
+    assert (
+        np.abs(sampled - predicted) <= bend * stddev**2 / math.sqrt(2.0) + 0.02 * predicted
+    ).all()
+    assert (predicted > 0.0).all()
 
 
 def test_uncertainty_at_an_extremum_is_of_second_order(predictor: Predictor) -> None:

@@ -13,7 +13,7 @@ from linkage_vibration.support.process_pool import LocalPool, ProcessError
 
 
 def test_task_that_kills_is_given_up() -> None:
-    """Its process is begun anew each time; the tasks beside it are done."""
+    """The pool starts its process again each time, and completes the other tasks."""
     before = multiprocessing.active_children()
     with LocalPool(1) as pool:
         tasks = [pool.submit(os._exit, 3), pool.submit(divmod, 7, 2), pool.submit(divmod, 1, 0)]
