@@ -158,7 +158,7 @@ Tests: `test/mechanics/test_regularisation.py::test_noise_in_a_link`,
 `::test_faults_are_refused`, `test/readers/test_frfs.py::test_invalid_uff`,
 `test/mechanics/test_identification.py::test_lines_short_of_the_band`,
 `::test_lines_too_coarse_for_light_damping`, `::test_modes_below_ten_hertz`,
-`::test_modes_that_noise_hides_are_told`.
+`::test_modes_that_noise_hides_are_reported`.
 
 ![Drive-point FRF from a noisy link, and the gain of its noise](stability/measured.png)
 """
