@@ -24,7 +24,8 @@ import numpy as np
 import zstandard
 from mcap.opcode import Opcode
 from mcap.reader import make_reader
-from mcap.records import ChunkIndex
+from mcap.records import Channel, Chunk, ChunkIndex
+from mcap.stream_reader import StreamReader
 from mcap.summary import Summary
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
@@ -234,11 +235,43 @@ def _parts(
             yield from _ros1_parts(path, bag, number, names)
             return
         files = [stack.enter_context(file.open("rb")) for file in mcap_files(path)]
-        summaries = [make_reader(file).get_summary() or Summary() for file in files]
+        summaries = [_summary(file) for file in files]
         if files and all(summary.chunk_indexes and summary.channels for summary in summaries):
             yield from _mcap_parts(path, list(zip(files, summaries, strict=True)), number, names)
         else:
             yield from _other_parts(bag, number, names)
+
+
+def _summary(file: BinaryIO) -> Summary:
+    """Return the chunks and the channels of an MCAP file, found by a scan if it has no index."""
+    summary = make_reader(file).get_summary() or Summary()
+    if not summary.chunk_indexes:
+        file.seek(0)
+        for record in StreamReader(file, emit_chunks=True).records:
+            if isinstance(record, Chunk):
+                summary.chunk_indexes.append(_chunk_index(record, file.tell()))
+    if summary.chunk_indexes and not summary.channels:
+        file.seek(0)
+        for record in StreamReader(file).records:
+            if isinstance(record, Channel):
+                summary.channels[record.id] = record
+    return summary
+
+
+def _chunk_index(chunk: Chunk, end: int) -> ChunkIndex:
+    """Return the index of a chunk that ends at an offset of its file."""
+    length = RECORD.size + CHUNK.size + len(chunk.compression) + 8 + len(chunk.data)
+    return ChunkIndex(
+        chunk_length=length,
+        chunk_start_offset=end - length,
+        compression=chunk.compression,
+        compressed_size=len(chunk.data),
+        message_end_time=chunk.message_end_time,
+        message_index_length=0,
+        message_index_offsets={},
+        message_start_time=chunk.message_start_time,
+        uncompressed_size=chunk.uncompressed_size,
+    )
 
 
 def _mcap_parts(

@@ -5,6 +5,7 @@
 import random
 import struct
 from pathlib import Path
+from typing import Any
 
 import pytest
 import zstandard
@@ -36,13 +37,11 @@ def write_mcap(
     entries: list[tuple[str, int, float]],
     compression: CompressionType = CompressionType.ZSTD,
     chunk: int = 400,
-    repeat_channels: bool = True,
+    **options: Any,
 ) -> Path:
     """Write messages (topic, time in ns, value) of type Float64 in this order."""
     with path.open("wb") as file:
-        writer = Writer(
-            file, chunk_size=chunk, compression=compression, repeat_channels=repeat_channels
-        )
+        writer = Writer(file, chunk_size=chunk, compression=compression, **options)
         writer.start("ros2", "test")
         text = STORE.generate_msgdef(FLOAT64, ros_version=2)[0].encode()
         schema = writer.register_schema(FLOAT64, "ros2msg", text)
@@ -81,6 +80,33 @@ def test_summary_without_channels(tmp_path: Path) -> None:
     recover(path, tmp_path / "complete.mcap")
     expected = [(10 * k, "/b", float(k)) for k in range(300)]
     assert read([tmp_path / "complete.mcap"], ["/b"]) == expected
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"index_types": IndexType.NONE},
+        {"index_types": IndexType.MESSAGE},
+        {"use_summary_offsets": False, "repeat_channels": False, "repeat_schemas": False},
+    ],
+    ids=str,
+)
+def test_file_without_an_index(tmp_path: Path, options: dict[str, Any]) -> None:
+    """A file without an index, or without channels in its summary, is read as one with them."""
+    entries = [(topic, 10 * k, float(k)) for k in range(300) for topic in ("/a", "/b")]
+    blocks = []
+    for name, more in (("with.mcap", {}), ("without.mcap", options)):
+        with open_bags([write_mcap(tmp_path / name, entries, **more)]) as bags:
+            blocks += [
+                (int(log), int(sent), block.message(k))
+                for block in bags.blocks(["/b"])
+                for k, (log, sent) in enumerate(
+                    zip(block.log_times, block.publish_times, strict=True)
+                )
+            ]
+    assert len(blocks) == 600
+    assert blocks[:300] == blocks[300:]
+    assert blocks[299][:2] == (2990, 2983)
 
 
 @pytest.mark.parametrize("compression", list(CompressionType))
