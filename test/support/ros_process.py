@@ -127,7 +127,13 @@ def start_node(
     for key, value in parameters.items():
         command += ["-p", f"{key}:={str(value).lower() if value in (True, False) else value}"]
     with output.open("wb") as file:
-        process = subprocess.Popen(command, env=environment, stdout=file, stderr=subprocess.STDOUT)
+        process = subprocess.Popen(
+            command,
+            env=environment,
+            stdout=file,
+            stderr=subprocess.STDOUT,
+            preexec_fn=_restore_hangups,
+        )
     return RunningNode(process, output)
 
 
@@ -275,3 +281,8 @@ def peer_of(name: str, domain: int, number: int = 0) -> Iterator[Peer]:
         finally:
             executor.shutdown()
             node.destroy_node()
+
+
+def _restore_hangups() -> None:
+    """Let SIGHUP end a process, although tests that ``nohup`` runs ignore it."""
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
