@@ -94,7 +94,7 @@ def draw_live(points: Sequence[Point], lookup: Spread, path: Path) -> None:
     for label in _LABELS:
         _draw_point(axes, points, lookup.median, label)
     _draw_own_table(axes, points, lookup.median)
-    axes.set_xlim(0.4e-6, 40.0)
+    axes.set_xlim(0.4e-6, 200.0)
     axes.set_ylim(3e-7, 0.5)
     axes.set_xticks([1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1, 1.0, 10.0])
     axes.xaxis.set_major_formatter(FuncFormatter(lambda seconds, _: _time(seconds)))

@@ -99,7 +99,7 @@ def summary(done: Replayed) -> str:
 
 
 def replay(
-    inputs: Sequence[str | Path],
+    inputs: str | Path | Sequence[str | Path],
     output: str | Path,
     settings: Parameters | None = None,
     remaps: Mapping[str, str] = MappingProxyType({}),
@@ -114,8 +114,8 @@ def replay(
 
     Parameters
     ----------
-    inputs : sequence of str or Path
-        Bags, which are read as one.
+    inputs : str, Path, or sequence of them
+        A bag, or several that are read as one.
     output : str or Path
         The MCAP to write; an existing file is replaced.
     settings : Parameters, optional
@@ -130,12 +130,15 @@ def replay(
     Raises
     ------
     ReplayError
-        If the bags lack a topic or the joint, if a topic is ambiguous, or if the log cannot be
-        written. Then no log is left behind.
+        If no bag is given, if the bags lack a topic or the joint, if a topic is ambiguous, or if
+        the log cannot be written. Then no log is left behind.
     LinkageVibrationError
         If a bag, the mechanism or its table cannot be used.
     """
-    paths, output = [Path(path) for path in inputs], Path(output)
+    bags_given = [inputs] if isinstance(inputs, str | Path) else inputs
+    paths, output = [Path(path) for path in bags_given], Path(output)
+    if not paths:
+        raise ReplayError("No bag was given; give at least one.")
     settings = settings or Parameters()
     if any(path.exists() and output.exists() and path.samefile(output) for path in paths):
         raise ReplayError(f"{output} is one of the bags to replay; give another --output.")

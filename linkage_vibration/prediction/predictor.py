@@ -136,6 +136,7 @@ class Predictor:
             a toggle, where frequencies vary with sqrt(d), it is too small by the fraction
             7/16 (stddev / d)^2; within a few stddev it is meaningless.
         """
+        alpha3 = float(alpha3)  # a NumPy number of another precision would change the arithmetic
         angle = self.angle_in_table(alpha3)
         if angle is None:
             return self._refuse(alpha3)

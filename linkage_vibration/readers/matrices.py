@@ -231,6 +231,8 @@ def _read_matrix_market(path: Path) -> Any:
             layout, symmetry = _market_kind(file.readline())
             lines = (line for line in file if line.strip() and not line.startswith("%"))
             size = [int(number) for number in next(lines, "").split()]
+            if min(size, default=0) < 0:
+                raise ValueError("a size is negative")
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # of no entries at all, which is a zero matrix
                 values = np.loadtxt(file, comments="%", ndmin=2)

@@ -370,3 +370,12 @@ def test_memory_does_not_grow_with_the_bag(tmp_path: Path) -> None:
         totals.append(peak)
     assert len(example) * 230 * 5000 > 120e6
     assert totals[1] < totals[0] + 30
+
+
+def test_one_bag_needs_no_list(tmp_path: Path) -> None:
+    """One path is one bag, and no path is refused."""
+    drive = config_file("drives/hitch_duty_cycle.mcap")
+    done = [replay(inputs, tmp_path / "log.mcap") for inputs in (drive, str(drive), [drive])]
+    assert done[0] == done[1] == done[2]
+    with pytest.raises(ReplayError, match="No bag was given"):
+        replay([], tmp_path / "none.mcap")

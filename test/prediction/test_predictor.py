@@ -65,6 +65,14 @@ def test_any_float_is_answered(predictor: Predictor, alpha3: float) -> None:
     assert prediction.table_id == predictor.table.table_id
 
 
+def test_numpy_numbers_are_answered_as_floats(predictor: Predictor) -> None:
+    """An angle of another precision is predicted with the arithmetic of a float."""
+    angle = np.float32(2.3)
+    answer, expected = predictor.predict(angle), predictor.predict(float(angle))
+    assert type(answer.crank_angle) is float
+    np.testing.assert_array_equal(answer.natural_frequencies, expected.natural_frequencies)
+
+
 def test_the_ends_belong_to_the_range(predictor: Predictor) -> None:
     """The ends of the range are included, and the next floats are out of range."""
     low, high = predictor.table.alpha3_range

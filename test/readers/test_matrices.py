@@ -365,6 +365,15 @@ def test_bombs(tmp_path: Path, layout: Layout, monkeypatch: pytest.MonkeyPatch) 
         read_matrices(path)
 
 
+@pytest.mark.parametrize("size", ["2 2 -1", "-2 -2 1"])
+def test_negative_sizes(tmp_path: Path, size: str) -> None:
+    """A Matrix Market file with a negative size is refused."""
+    text = f"%%MatrixMarket matrix coordinate real general\n{size}\n1 1 1.0\n"
+    (tmp_path / "bar_mass.mtx").write_text(text)
+    with pytest.raises(ComponentFileError, match="damaged or has another format"):
+        read_matrices(tmp_path / "bar_mass.mtx")
+
+
 def test_claims_that_no_memory_could_hold(tmp_path: Path) -> None:
     """A small file that claims to be huge is refused without using much memory."""
     array = io.BytesIO()
