@@ -78,10 +78,12 @@ def required(
         if requirement.marker and not requirement.marker.evaluate({"extra": extra}):
             continue
         if name not in found:
-            try:
-                found[name] = importlib.metadata.distribution(name)
-            except importlib.metadata.PackageNotFoundError:
-                raise LookupError(f"{name} is not installed from a wheel") from None
+            # ament adds an egg-info, which lists few files, to the interfaces' own metadata.
+            installed = importlib.metadata.distributions(name=name)
+            most = max(installed, key=lambda one: len(one.files or []), default=None)
+            if most is None:
+                raise LookupError(f"{name} is not installed from a wheel")
+            found[name] = most
         for wanted in {"", *requirement.extras} - {e for n, e in seen if n == name}:
             seen.add((name, wanted))
             waiting += [(Requirement(text), wanted) for text in found[name].requires or []]
