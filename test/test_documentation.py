@@ -9,6 +9,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
@@ -139,12 +140,20 @@ def run(command: list[Any], folder: Path, environment: dict[str, str]) -> None:
 @contextmanager
 def running_node(folder: Path, environment: dict[str, str]) -> Iterator[None]:
     """Keep the node running; it has to end with exit code 0."""
-    process = subprocess.Popen([NODE], cwd=folder, env=environment)
+    output = folder / "node.txt"
+    with output.open("wb") as file:
+        process = subprocess.Popen(
+            [NODE], cwd=folder, env=environment, stdout=file, stderr=subprocess.STDOUT
+        )
     try:
+        # Python handles no signal in its first moments, so the node has to be at work first.
+        while "Predicting for joint" not in output.read_text():
+            assert process.poll() is None, output.read_text()
+            time.sleep(0.1)
         yield
     finally:
         process.send_signal(signal.SIGINT)
-        assert process.wait(60.0) == 0
+        assert process.wait(120.0) == 0, output.read_text()
 
 
 def pages(*, slow: bool) -> list[Any]:
