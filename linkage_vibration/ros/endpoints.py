@@ -3,7 +3,7 @@
 """What the parts of the node share: endpoints with its QoS, and warnings that are not repeated."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import wraps
 from importlib import import_module
 from typing import Any, cast
@@ -25,6 +25,8 @@ from rclpy.qos import (
 
 from linkage_vibration.bags.writing import QUEUE_DEPTH
 from linkage_vibration.ros.diagnostics import Statistics
+
+MessageInfo = Mapping[str, Any]  # where a message comes from; rclpy 7 has no name for it
 
 WARN_PERIOD = 5.0  # s, between two warnings about the same subject
 

@@ -5,10 +5,12 @@
 import math
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
+from lifecycle_msgs.srv import ChangeState
 from rclpy.clock import Clock, JumpThreshold
 from rclpy.clock_type import ClockType
 from rclpy.duration import Duration
@@ -61,6 +63,9 @@ class LinkageVibrationNode(LifecycleNode):
 
     def __init__(self, stop_asked: Callable[[], bool] = lambda: False) -> None:
         super().__init__(NODE_NAME)
+        for service in self.services:
+            if service.srv_type is ChangeState:
+                service.callback = partial(self._change_state, service.callback)
         self.problem = ""
         self._stop_asked = stop_asked
         self._state = "unconfigured"
@@ -148,6 +153,17 @@ class LinkageVibrationNode(LifecycleNode):
         if recording is not None:
             recording.report_end()
         self.destroy_node()
+
+    def _change_state(
+        self, change: Callable[..., Any], request: ChangeState.Request, response: Any
+    ) -> Any:
+        """Answer a request of a manager; in rclpy 7 an invalid one would end the process."""
+        try:
+            return change(request, response)
+        except RuntimeError as error:
+            self.get_logger().error(" ".join(str(error).split()))
+            response.success = False
+            return response
 
     def _become(
         self, state: str, do: Callable[[], None], undo: Callable[[], None] = lambda: None

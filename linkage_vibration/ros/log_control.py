@@ -7,14 +7,13 @@ from functools import partial
 from typing import Any
 
 from rclpy.node import Node
-from rclpy.subscription import MessageInfo
 from std_srvs.srv import Trigger
 
 from linkage_vibration.bags.recorder import Recorder
 from linkage_vibration.bags.writing import LogError
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.messages.topics import log_topic
-from linkage_vibration.ros.endpoints import Throttle, message_class, subscribe
+from linkage_vibration.ros.endpoints import MessageInfo, Throttle, message_class, subscribe
 
 
 class Recording:

@@ -10,7 +10,6 @@ from typing import Any
 
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
-from rclpy.subscription import MessageInfo
 from std_msgs.msg import Float64
 
 from linkage_vibration.bags.writing import Topic
@@ -23,7 +22,7 @@ from linkage_vibration.prediction.predictor import Predictor, Status, fault
 from linkage_vibration.prediction.resonance import Resonance, ResonanceMonitor
 from linkage_vibration.prediction.settings import Parameters
 from linkage_vibration.ros.diagnostics import Statistics
-from linkage_vibration.ros.endpoints import Throttle, message_class, subscribe
+from linkage_vibration.ros.endpoints import MessageInfo, Throttle, message_class, subscribe
 
 MISSING_AFTER = 5.0  # s without the joint, before a warning says that it is missing
 MAX_NAMES = 20  # of other joints, in that warning

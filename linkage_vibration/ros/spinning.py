@@ -11,7 +11,6 @@ from rclpy.exceptions import InvalidHandle
 from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
 from rclpy.logging import get_logger
 from rclpy.signals import SignalHandlerOptions
-from rclpy.subscription import RCLError
 
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.prediction.settings import NODE_NAME
@@ -34,7 +33,7 @@ def run(args: list[str] | None, stop_asked: Callable[[], bool]) -> int:
     """
     try:
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
-    except RCLError as error:
+    except RuntimeError as error:  # of rcl, such as an invalid ROS argument
         get_logger(NODE_NAME).fatal(" ".join(str(error).split()))
         return 1
     try:
