@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Computes the points and curves that show a linkage and its modes in the plane."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -117,7 +118,7 @@ def _beside(axis: FloatArray, points: Mapping[str, Point]) -> list[tuple[int, st
 
 
 def nearest_mode(solution: Solution, frequency: float) -> int:
-    """Return the index of the mode whose natural frequency is nearest to a frequency.
+    """Return the index of the undamped mode whose frequency is nearest to a frequency.
 
     The frequency of a prediction gives the mode that the table tracks, even where modes crossed.
 
@@ -126,7 +127,7 @@ def nearest_mode(solution: Solution, frequency: float) -> int:
     solution : Solution
     frequency : float, Hz
     """
-    return int(np.abs(solution.natural_frequencies - frequency).argmin())
+    return int(np.abs(solution.modes.omega - 2.0 * math.pi * frequency).argmin())
 
 
 def largest(displacements: Curves) -> float:

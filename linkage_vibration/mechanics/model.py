@@ -407,10 +407,16 @@ class Solution:
     modes: Modes
     vectors: FloatArray
 
-    @property
+    @cached_property
     def natural_frequencies(self) -> FloatArray:
-        """Undamped natural frequencies, (n_modes,), Hz."""
-        return self.modes.omega / (2.0 * math.pi)
+        """Natural frequencies, Hz, ascending: one for each of the `modes`, 0 Hz for a mechanism.
+
+        Where damping couples the modes they are those of the oscillating poles instead,
+        abs(lambda) / 2 pi: an overdamped mode and a mechanism mode have none.
+        """
+        if self.damped.shapes is None:
+            return self.modes.omega / (2.0 * math.pi)
+        return np.abs(self.damped.oscillating) / (2.0 * math.pi)
 
     @property
     def redundant(self) -> tuple[str, ...]:
@@ -424,11 +430,19 @@ class Solution:
 
     @property
     def damping_ratios(self) -> FloatArray:
-        """Modal damping ratios, (n_modes,), 1."""
+        """Damping ratios that belong to `natural_frequencies`, 1; NaN at 0 Hz."""
         return self.damped.damping_ratios
 
+    def mode_shapes(self, places: Sequence[Place]) -> FloatArray:
+        """Displacement of the shape of each of the `natural_frequencies`, (n_places, n).
+
+        Where damping couples the modes, it is the real part of the complex shape.
+        """
+        own = self.participation(places)
+        return own if self.damped.shapes is None else own @ self.damped.real_shapes
+
     def participation(self, places: Sequence[Place]) -> FloatArray:
-        """Displacement of each mass-normalised shape at places, (n_places, n_modes)."""
+        """Displacement of each undamped, mass-normalised shape at places, (n_places, n_modes)."""
         rows = self.model.rows(places, self.configuration)
         return np.asarray(rows @ self.modes.shapes[: rows.shape[1]])
 
@@ -451,7 +465,7 @@ class Solution:
         frf = pole_residue(self.damped, self.participation(outputs), self.participation(inputs))
         if band is None:
             return frf
-        kept = in_reach(frf.stiffness, band)
+        kept = in_reach(frf.stiffness, band, frf.decay)
         return frf.condensed(kept, far_poles(frf.stiffness[~kept], frf.decay[~kept], band))
 
     @cached_property
@@ -512,7 +526,7 @@ class Solution:
 
     @cached_property
     def frequency_derivatives(self) -> FloatArray:
-        """d(natural frequency)/d(alpha3), (n_modes,), Hz/rad.
+        """d(undamped natural frequency)/d(alpha3), (n_modes,), Hz/rad.
 
         With L = phi^T (K - w^2 M) phi + 2 mu^T B phi stationary in phi and mu,
         d(w^2)/d(alpha3) = phi^T K' phi + 2 mu^T B' phi; K' is that of springs that turn. Where two

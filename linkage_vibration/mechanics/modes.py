@@ -58,7 +58,9 @@ class DampedModes:
 
     Between outputs o and inputs i, both as rows on the undamped modes,
     H(w) = sum over r of (a_oir + i w b_oir) / (k_r - w^2 + i w c_r); `response.pole_residue` finds
-    a and b. Term r is the one most like undamped mode r.
+    a and b. Where damping does not couple the modes, term r is undamped mode r. Where it does, a
+    term is a pair of conjugate poles, or two real roots that are neighbours in magnitude, and the
+    terms ascend by abs(k).
     """
 
     stiffness: ComplexArray  # (n_modes,): k, (rad/s)^2; its imaginary part is structural damping
@@ -69,8 +71,43 @@ class DampedModes:
     poles: ComplexArray | None  # (2, n_modes), rad/s, where viscous damping couples the modes
 
     @property
+    def oscillating(self) -> ComplexArray:
+        """Poles of the modes that oscillate, where damping couples modes: (n,), rad/s, ascending.
+
+        A mode that damping keeps from oscillating has two real roots instead, and is left out.
+        """
+        return np.asarray(self._upper_poles[self._oscillating_terms])
+
+    @property
+    def real_shapes(self) -> FloatArray:
+        """Their shapes by the undamped modes, (n_modes, n): the real part at unit modal mass."""
+        assert self.shapes is not None
+        terms = self._oscillating_terms
+        scale = 1.0 if self.poles is None else np.sqrt(2.0 * self._upper_poles[terms])
+        return np.asarray((self.shapes[0][:, terms] * scale).real)
+
+    @property
+    def _upper_poles(self) -> ComplexArray:
+        """One pole of each term, rad/s."""
+        return np.asarray(1j * np.sqrt(self.stiffness) if self.poles is None else self.poles[0])
+
+    @property
+    def _oscillating_terms(self) -> IntArray:
+        """Indices of the terms that oscillate, ascending by the magnitude of their poles."""
+        poles = self._upper_poles
+        found = np.flatnonzero((poles.imag > 0.0) & (np.abs(poles) >= MECHANISM))
+        return np.asarray(found[np.argsort(np.abs(poles[found]), kind="stable")])
+
+    @property
     def damping_ratios(self) -> FloatArray:
-        """Damping ratios, (n_modes,), 1; NaN for a mechanism mode (0 Hz), which has none."""
+        """Damping ratios, 1; NaN for a mechanism mode (0 Hz), which has none.
+
+        There is one for each undamped mode, or one for each of the oscillating poles where damping
+        couples the modes.
+        """
+        if self.shapes is not None:
+            poles = self.oscillating
+            return np.asarray(-poles.real / np.abs(poles))
         omega = np.sqrt(np.abs(self.stiffness))
         with np.errstate(divide="ignore", invalid="ignore"):
             ratios = self.decay / (2.0 * omega) + self.stiffness.imag / (2.0 * omega**2)
@@ -112,7 +149,8 @@ def damp_modes(system: CoupledSystem, omega: FloatArray, vectors: FloatArray) ->
     viscous = vectors.T @ system.damping @ vectors
     loss = vectors.T @ system.loss @ vectors if system.loss.any() else np.zeros_like(viscous)
     squared = omega**2
-    if _is_diagonal(viscous) and _is_diagonal(loss):
+    parts = (viscous, system.damping), (loss, system.loss)
+    if all(_is_diagonal(modal, matrix, vectors) for modal, matrix in parts):
         return DampedModes(squared + 1j * np.diag(loss), np.diag(viscous).copy(), None, None)
     if not loss.any():
         return _viscous_modes(omega, viscous)
@@ -212,12 +250,20 @@ def align(
     return Modes(omega, shapes) if turned else modes
 
 
-def _is_diagonal(matrix: FloatArray) -> bool:
+def _is_diagonal(modal: FloatArray, matrix: FloatArray, vectors: FloatArray) -> bool:
     """Return whether off-diagonal terms are small against the diagonal ones that they couple."""
-    diagonal = np.abs(np.diag(matrix))
+    diagonal = np.abs(np.diag(modal))
     scale = np.sqrt(np.outer(diagonal, diagonal))
-    off = np.abs(matrix - np.diag(np.diag(matrix)))
-    return bool((off <= _DIAGONAL * (scale + diagonal.max(initial=0.0) * 1e-9)).all())
+    off = np.abs(modal - np.diag(np.diag(modal)))
+    limit = _DIAGONAL * (scale + diagonal.max(initial=0.0) * 1e-9)
+    if (off <= limit).all():
+        return True
+    # A mechanism mode may have no damping at all, and all its terms are rounding.
+    size = np.abs(vectors)
+    rounding = len(modal) * np.finfo(float).eps * (size.T @ np.abs(matrix) @ size)
+    undamped = diagonal <= np.diag(rounding)
+    limit = np.where(undamped | undamped[:, np.newaxis], np.maximum(limit, rounding), limit)
+    return bool((off <= limit).all())
 
 
 def _viscous_modes(omega: FloatArray, viscous: FloatArray) -> DampedModes:
@@ -235,13 +281,11 @@ def _viscous_modes(omega: FloatArray, viscous: FloatArray) -> DampedModes:
     # A term has a pair of conjugate poles, or two real ones if the mode is overdamped.
     upper, lower = np.flatnonzero(poles.imag > 0.0), np.flatnonzero(poles.imag < 0.0)
     real = np.flatnonzero(poles.imag == 0.0)
-    real = real[np.argsort(poles[real].real)]
-    half = len(real) // 2
+    real = real[np.argsort(np.abs(poles[real]), kind="stable")]
     upper = upper[np.lexsort((poles[upper].imag, poles[upper].real))]
     lower = lower[np.lexsort((-poles[lower].imag, poles[lower].real))]
-    first = np.concatenate([upper, real[half:]])
-    second = np.concatenate([lower, real[:half][::-1]])
-    order = _counterparts(shapes[:, first])
+    first, second = np.concatenate([upper, real[::2]]), np.concatenate([lower, real[1::2]])
+    order = np.argsort(np.abs(poles[first] * poles[second]), kind="stable")
     first, second = first[order], second[order]
     both = np.array([poles[first], poles[second]])
     return DampedModes(
@@ -259,11 +303,5 @@ def _structural_modes(omega: FloatArray, loss: FloatArray) -> DampedModes:
     values, vectors = eig(flexibility / w**2)
     shapes = vectors / w[:, np.newaxis]
     shapes = shapes / np.sqrt((shapes**2).sum(axis=0))
-    order = _counterparts(shapes)
+    order = np.argsort(-np.abs(values), kind="stable")
     return DampedModes(1.0 / values[order], np.zeros(len(w)), shapes[np.newaxis][:, :, order], None)
-
-
-def _counterparts(shapes: ComplexArray) -> IntArray:
-    """Return for each undamped mode the damped one that is most like it."""
-    alike = np.abs(shapes) / np.linalg.norm(shapes, axis=0)
-    return np.asarray(linear_sum_assignment(alike, maximize=True)[1])

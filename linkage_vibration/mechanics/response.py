@@ -107,16 +107,19 @@ class PoleResidue:
         """
         shape = self.residues.shape[:2]
         others = self._only(~kept).frf(far.frequencies).reshape(len(far.frequencies), -1)
-        parts = self.residues.imag, self.rates, self.stiffness.imag
-        complex_modes = any(part.any() for part in parts)
-        weights = far.fit(others) if complex_modes else far.fit_real(others).astype(complex)
-        poles = weights[1:].T.reshape(*shape, len(far.stiffness))
-        near = self._only(kept)
+        rates = np.zeros((len(far.stiffness), math.prod(shape)), dtype=complex)
+        if self.rates.any():
+            weights, rates = far.fit_with_rates(others)
+        elif self.residues.imag.any() or self.stiffness.imag.any():
+            weights = far.fit(others)
+        else:
+            weights = far.fit_real(others).astype(complex)
+        near, parts = self._only(kept), (*shape, len(far.stiffness))
         return PoleResidue(
             np.concatenate([near.stiffness, far.stiffness]),
             np.concatenate([near.decay, far.decay]),
-            np.concatenate([near.residues, poles], axis=2),
-            np.concatenate([near.rates, np.zeros_like(poles)], axis=2),
+            np.concatenate([near.residues, weights[1:].T.reshape(parts)], axis=2),
+            np.concatenate([near.rates, rates.T.reshape(parts)], axis=2),
             self.residual + weights[0].reshape(shape),
         )
 
@@ -300,6 +303,16 @@ class FarPoles:
         """Return the same for real residues, which real modes have."""
         return np.asarray(self._real_inverse @ np.vstack([sums.real, sums.imag]))
 
+    def fit_with_rates(self, sums: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
+        """Return residual and residues, (1 + n_far, k), and rates, (n_far, k), of complex modes."""
+        w, k = 2.0 * math.pi * self.frequencies[:, np.newaxis], self.stiffness.real
+        terms = k / (k - w**2 + 1j * w * self.decay)
+        basis = np.hstack([np.ones((len(w), 1)), terms, 1j * w / np.sqrt(k) * terms])
+        scale = np.concatenate([[1.0], k, np.sqrt(k)])[:, np.newaxis]
+        rows, values = (np.vstack([part.real, part.imag]) for part in (basis, sums))
+        weights = scale * np.linalg.lstsq(rows, values)[0] + 0j
+        return weights[: 1 + len(k)], weights[1 + len(k) :]
+
 
 def far_poles(
     stiffness: ComplexArray, decay: FloatArray, band: tuple[float, float], n_far: int = N_FAR
@@ -338,15 +351,31 @@ def far_poles(
     return FarPoles(k, c, frequencies, inverse, real_inverse)
 
 
-def in_reach(stiffness: FloatArray | ComplexArray, band: tuple[float, float]) -> BoolArray:
+def in_reach(
+    stiffness: FloatArray | ComplexArray,
+    band: tuple[float, float],
+    decay: FloatArray | None = None,
+) -> BoolArray:
     """Return which modes are in a band, or too close above it for far poles, (n_modes,).
 
     Parameters
     ----------
     stiffness, band
         k, (n_modes,), (rad/s)^2; Hz.
+    decay : ndarray, (n_modes,), optional
+        c, rad/s. The slower root of an overdamped mode decides.
     """
-    return np.asarray(np.abs(stiffness) < (2.0 * math.pi * _REACH * band[1]) ** 2)
+    size = np.sqrt(np.abs(stiffness))
+    if decay is not None:
+        slow = decay > 2.0 * size
+        fast = decay[slow] / 2.0 + np.sqrt(decay[slow] ** 2 / 4.0 - size[slow] ** 2)
+        size[slow] = size[slow] ** 2 / fast
+    return np.asarray(size < reach(band))
+
+
+def reach(band: tuple[float, float]) -> float:
+    """Return up to which magnitude poles are tabulated one by one for a band (Hz), rad/s."""
+    return 2.0 * math.pi * _REACH * band[1]
 
 
 def pole_residue(damped: DampedModes, outputs: FloatArray, inputs: FloatArray) -> PoleResidue:

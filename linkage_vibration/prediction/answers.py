@@ -17,6 +17,7 @@ from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.description import GROUND, Body, Mechanism, Point
 from linkage_vibration.mechanics.keys import Keys
 from linkage_vibration.mechanics.model import LinkageModel, Place
+from linkage_vibration.mechanics.modes import MECHANISM
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
 from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.table.table import Table
@@ -91,7 +92,7 @@ class ModeShapes:
     places, positions : tuple of (point, direction) and ndarray, (n_places,)
         Every point that moves, along x and z, and its coordinate in that direction, m.
     shapes : ndarray, (n_modes, n_places)
-        Mass-normalised displacements, 1/sqrt(kg).
+        Mass-normalised displacements, 1/sqrt(kg); the real part where damping couples the modes.
     """
 
     natural_frequencies: FloatArray
@@ -199,7 +200,7 @@ def answer_mode_shapes(served: Served, alpha3: float) -> ModeShapes:
     """
     _check_angle(alpha3)
     solution = served.model.solve(alpha3)
-    elastic = np.flatnonzero(~solution.modes.mechanism)
+    elastic = np.flatnonzero(solution.natural_frequencies >= MECHANISM / (2.0 * math.pi))
     in_band = int((solution.natural_frequencies[elastic] <= served.table.band[1]).sum())
     modes = elastic[: max(in_band, served.table.n_modes)]
     places = _moving_places(served.mechanism)
@@ -213,7 +214,7 @@ def answer_mode_shapes(served: Served, alpha3: float) -> ModeShapes:
         solution.damping_ratios[modes],
         places,
         np.array(positions),
-        solution.participation(places)[:, modes].T,
+        solution.mode_shapes(places)[:, modes].T,
     )
 
 

@@ -137,11 +137,47 @@ def test_damped_modes_give_the_direct_response(which: str) -> None:
         z = CHAIN - w**2 * mass + 1j * w * coupled.damping + 1j * coupled.loss
         np.testing.assert_allclose(matrix @ z, np.eye(4), atol=1e-9)
     assert (damped.damping_ratios > 0.0).all()
-    if which == "overdamped":
-        assert (damped.damping_ratios > 1.0).any()
-    else:
-        assert (damped.damping_ratios < 0.2).all()
-        assert (np.diff(np.abs(damped.stiffness)) > 0.0).all()
+    assert (damped.damping_ratios < 1.0).all()
+    assert (np.diff(np.abs(damped.stiffness)) > 0.0).all()
+    assert len(damped.damping_ratios) == (2 if which == "overdamped" else 4)
+
+
+@pytest.mark.parametrize("dashpot", [0.0, 3.0, 17.3, 17.4, 1e3, 1e5])
+def test_poles_of_a_dashpot_from_zero_to_rigid(dashpot: float) -> None:
+    """Two equal masses on equal springs, and a dashpot between them, that damps one mode.
+
+    In phase the masses oscillate at 10 rad/s without damping. Against each other they have
+    s^2 + 2 c s + 300 = 0, which is overdamped from c = sqrt(300) on.
+    """
+    k = np.array([[200.0, -100.0], [-100.0, 200.0]])
+    c = dashpot * np.array([[1.0, -1.0], [-1.0, 1.0]])
+    c[0, 0] += 1e-3  # else both shapes are the undamped ones
+    modes, vectors = solve_modes(system(np.eye(2), k, c))
+    damped = damp_modes(system(np.eye(2), k, c), modes.omega, vectors)
+    exact = np.roots(_characteristic(k, c))
+    exact = exact[exact.imag > 0.0]
+    exact = exact[np.argsort(np.abs(exact))]
+    np.testing.assert_allclose(damped.oscillating, exact, rtol=1e-7)
+    assert len(exact) == (1 if dashpot > math.sqrt(300.0) else 2)
+    np.testing.assert_allclose(damped.damping_ratios, -exact.real / np.abs(exact), rtol=1e-4)
+
+
+def _characteristic(k: FloatArray, c: FloatArray) -> FloatArray:
+    """Return det(s^2 I + s C + K) of two masses, highest power first."""
+    one, other = [1.0, c[0, 0], k[0, 0]], [1.0, c[1, 1], k[1, 1]]
+    off = [c[0, 1], k[0, 1]]
+    return np.polysub(np.polymul(one, other), np.polymul(off, off))
+
+
+def test_real_roots_are_paired_with_their_neighbours() -> None:
+    """Of two overdamped modes each term has roots of one magnitude: no fast one with a slow one."""
+    omega, ratio = np.array([10.0, 1000.0]), 1.25  # roots at 0.5 and 2 times the frequency
+    turn = np.array([[1.0, 1e-4], [0.0, 1.0]])  # so that damping couples the modes, by very little
+    damping = turn.T @ np.diag(2.0 * ratio * omega) @ turn
+    damped = damp_modes(system(np.eye(2), np.diag(omega**2), damping), omega, np.eye(2))
+    assert damped.poles is not None
+    np.testing.assert_allclose(damped.poles, [[-5.0, -500.0], [-20.0, -2000.0]], rtol=1e-3)
+    assert len(damped.oscillating) == 0
 
 
 def test_mixed_damping_is_refused() -> None:

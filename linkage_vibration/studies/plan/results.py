@@ -14,6 +14,7 @@ import numpy as np
 
 from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray
 from linkage_vibration.mechanics.model import LinkageModel
+from linkage_vibration.mechanics.modes import MECHANISM
 from linkage_vibration.mechanics.response import PoleResidue, far_poles, in_reach
 from linkage_vibration.studies.plan.scene import PlanError, Scene
 from linkage_vibration.table.table import Table
@@ -87,7 +88,8 @@ def result_at(scene: Scene, source: LinkageModel | Table, alpha3: float) -> Resu
         frf = source.frf(alpha3, places, places) if places else None
         return Result(scene, alpha3, np.sort(values[: source.n_modes]), peak, frf)
     solution = source.solve(alpha3)
-    frequencies = solution.natural_frequencies[~solution.modes.mechanism]
+    frequencies = solution.natural_frequencies
+    frequencies = frequencies[frequencies >= MECHANISM / (2.0 * math.pi)]
     frf = solution.frf(places, places) if places else None
     return Result(scene, alpha3, frequencies, solution.peak(scene.band).magnitude, frf)
 
