@@ -3,9 +3,11 @@
 """The parameters of the node: one list for the node, the replay, YAML files and the manual."""
 
 import math
+import os
 import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, fields, replace
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -15,7 +17,7 @@ from linkage_vibration.bags.recorder import Limits
 from linkage_vibration.bags.writing import COMPRESSIONS
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.prediction.excitation import Source
-from linkage_vibration.prediction.inputs import INPUTS
+from linkage_vibration.prediction.inputs import INPUTS, PercentInput
 from linkage_vibration.prediction.inputs.crank_input import CrankInput, InputError
 from linkage_vibration.support.resources import (
     DEFAULT_EXCITATIONS,
@@ -36,6 +38,12 @@ TYPE_NAMES = {
     tuple: "double array",
 }
 NODE_NAME = "linkage_vibration"
+
+DEPRECATED = {"percent_points": (0.0, 100.0), "percent_angles": (3.14159, 1.5708)}
+"""The lists that release 1.0.0 had instead of the pairs of `percent_calibration`, and their
+defaults."""
+
+_TOPIC_NAME = re.compile(r"(~/|/)?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*")
 
 
 class ParameterError(LinkageVibrationError):
@@ -138,17 +146,14 @@ class Parameters:
     offset: float = _parameter(
         0.0, "rad", "a finite number", "Crank angle at joint position 0.", math.isfinite
     )
-    percent_points: tuple[float, ...] = _parameter(
-        (0.0, 100.0),
-        "%",
-        "ascending numbers from 0 to 100",
-        "Hitch positions of the calibration that converts percent to the crank angle.",
-    )
-    percent_angles: tuple[float, ...] = _parameter(
-        (3.14159, 1.5708),
-        "rad",
-        "as many numbers, all ascending or all descending",
-        "Crank angles at these hitch positions; a monotone curve connects them.",
+    percent_calibration: tuple[float, ...] = _parameter(
+        (0.0, 3.14159, 100.0, 1.5708),
+        "%, rad",
+        "a position and an angle in turn, from 0 to 100 %",
+        "Pairs of a hitch position (%) and the crank angle there (rad), one pair after the other. "
+        "The positions ascend from 0 to 100, and the angles all ascend or all descend; a monotone "
+        "curve connects them.",
+        lambda pairs: PercentInput(pairs) is not None,
     )
     angle_stddev: float = _ranged(
         0.0,
@@ -212,9 +217,13 @@ class Parameters:
     delete_oldest: bool = _switch(
         False, "Delete the oldest logs instead of stopping at disk_limit."
     )
-    extra_topics: str = _text(
-        "names of topics, separated by spaces",
+    extra_topics: str = _parameter(
+        "",
+        "",
+        "names of topics (letters, digits, _ and /), separated by spaces, or empty",
         "Topics to log in addition to those that the node uses.",
+        lambda names: all(map(_TOPIC_NAME.fullmatch, names.split())),
+        live=False,
     )
     marker_mode: int = _ranged(
         2, 0, 1000, "1", "Mode that `~/markers` shows, counted from 1; 0 for no mode."
@@ -229,18 +238,9 @@ class Parameters:
     )
 
     def crank_input(self) -> CrankInput:
-        """Return the chosen input with its parameters.
-
-        Raises
-        ------
-        ParameterError
-            If the parameters of the input cannot be used together.
-        """
+        """Return the chosen input with its parameters."""
         kind: Any = INPUTS[self.input]
-        try:
-            return cast(CrankInput, kind(**{f.name: getattr(self, f.name) for f in fields(kind)}))
-        except InputError as error:
-            raise ParameterError(f"Parameters of the input {self.input}: {error}") from None
+        return cast(CrankInput, kind(**{f.name: getattr(self, f.name) for f in fields(kind)}))
 
     def fixed_speed(self, source: Source) -> float | None:
         """Return a fixed speed (rpm or m/s), or None if the speed is read from its topic."""
@@ -262,8 +262,20 @@ class Parameters:
         return _path(self.excitation_file) or config_file(DEFAULT_EXCITATIONS)
 
     def log_path(self) -> Path:
-        """Return the folder of the logs."""
-        return _path(self.log_directory) or Path.cwd()
+        """Return the folder of the logs.
+
+        Raises
+        ------
+        ParameterError
+            If log_directory is not a folder to which this process may write.
+        """
+        folder = _path(self.log_directory)
+        if folder is not None and not (folder.is_dir() and os.access(folder, os.W_OK | os.X_OK)):
+            raise ParameterError(
+                f"Parameter log_directory must be a folder to which the node may write, not "
+                f"{folder}; create it, or name another one."
+            )
+        return folder or Path.cwd()
 
     def limits(self) -> Limits:
         """Return the limits of the size of the logs."""
@@ -280,17 +292,24 @@ def check_value(name: str, value: object) -> Any:
     Raises
     ------
     ParameterError
-        If it has another type, or is invalid.
+        If there is no such parameter, or if the value has another type or is invalid.
     """
-    parameter = next(f for f in fields(Parameters) if f.name == name)
+    known = {f.name: f for f in fields(Parameters)}
+    if name not in known:
+        raise ParameterError(f"Parameter {name} is unknown; {ask_for(name, known)}")
+    parameter = known[name]
     value = own_type(type(parameter.default), value)
     words = parameter.metadata
     between = words["between"]
-    if (
-        type(value) is not type(parameter.default)
-        or (between is not None and not between[0] <= value <= between[1])
-        or not words["check"](value)
-    ):
+    try:
+        valid = (
+            type(value) is type(parameter.default)
+            and (between is None or between[0] <= value <= between[1])
+            and words["check"](value)
+        )
+    except InputError as error:
+        raise ParameterError(f"Parameter {name}: {error}") from None
+    if not valid:
         raise ParameterError(
             f"Parameter {name} must be {words['valid']}, not {value!r}; "
             f"write for example `{name}: {_yaml(parameter.default)}`."
@@ -310,9 +329,55 @@ def with_values(parameters: Parameters, values: Mapping[str, object]) -> Paramet
     Raises
     ------
     ParameterError
-        If a value has another type, or is invalid.
+        If a parameter does not exist, or a value has another type or is invalid.
     """
     return replace(parameters, **{name: check_value(name, v) for name, v in values.items()})
+
+
+def is_own(name: str) -> bool:
+    """Return whether a name is not that of a parameter which ROS 2 gives every node."""
+    return name.partition(".")[0] not in (
+        "qos_overrides",
+        "start_type_description_service",
+        "use_sim_time",
+    )
+
+
+def with_pairs(given: Mapping[str, object]) -> dict[str, object]:
+    """Return values in which the pairs of a calibration replace the two lists of release 1.0.0.
+
+    Raises
+    ------
+    ParameterError
+        If the lists are not lists of the same length.
+    """
+    values = dict(given)
+    old = {name: values.pop(name) for name in DEPRECATED if name in values}
+    if not old:
+        return values
+    lists: list[Any] = [old.get(name, default) for name, default in DEPRECATED.items()]
+    try:
+        pairs = [value for pair in zip(*lists, strict=True) for value in pair]
+    except (TypeError, ValueError):
+        raise ParameterError(
+            f"Parameters {' and '.join(DEPRECATED)} must be lists of the same length; give pairs "
+            "in percent_calibration instead."
+        ) from None
+    return {"percent_calibration": pairs, **values}
+
+
+def ask_for(name: str, known: Iterable[str]) -> str:
+    """Return the question whether a similar name was meant, or where the valid names are listed.
+
+    Parameters
+    ----------
+    name, known : str, iterable of str
+        A name that is unknown, and those that exist.
+    """
+    similar = get_close_matches(name, list(known), 1)
+    if similar:
+        return f"did you mean {similar[0]}?"
+    return "`linkage_vibration_node --help` lists what is valid."
 
 
 def own_type(kind: type, value: Any) -> Any:
@@ -369,13 +434,13 @@ _Loader.add_implicit_resolver(
 def read_parameters(path: str | Path) -> Parameters:
     """Read a file of parameters, as a node reads it from ``--params-file``.
 
-    If several sections match the node, later ones override earlier ones. Unknown parameters are
-    ignored.
+    If several sections match the node, later ones override earlier ones.
 
     Raises
     ------
     ParameterError
-        If the file cannot be read, has no section for the node, or has an invalid value.
+        If the file cannot be read, has no section for the node, or has an unknown parameter or an
+        invalid value.
     """
     path = Path(path)
     try:
@@ -390,14 +455,13 @@ def read_parameters(path: str | Path) -> Parameters:
             f"{path} has no parameters for the node; give them below "
             f"`{NODE_NAME}:` or `/**:` and there `ros__parameters:`."
         )
-    known = {parameter.name for parameter in fields(Parameters)}
     values: dict[str, object] = {}
     for section in found:
         given = section.get("ros__parameters") if isinstance(section, dict) else None
         if isinstance(given, dict):
-            values.update({name: value for name, value in given.items() if name in known})
+            values.update({n: value for name, value in given.items() if is_own(n := str(name))})
     try:
-        return with_values(Parameters(), values)
+        return with_values(Parameters(), with_pairs(values))
     except (ParameterError, OverflowError) as error:
         raise ParameterError(f"{path}: {error}") from None
 

@@ -11,6 +11,7 @@ from typing import Any
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
 from lifecycle_msgs.srv import ChangeState
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, JumpThreshold
 from rclpy.clock_type import ClockType
 from rclpy.duration import Duration
@@ -24,7 +25,7 @@ from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.messages.provenance import attachments
 from linkage_vibration.prediction.answers import Served, place_name
 from linkage_vibration.prediction.resonance import ResonanceMonitor
-from linkage_vibration.prediction.settings import NODE_NAME, without_markers
+from linkage_vibration.prediction.settings import NODE_NAME, Parameters, without_markers
 from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.readers.served import read_served
 from linkage_vibration.ros.diagnostics import Health, Statistics, status
@@ -33,7 +34,7 @@ from linkage_vibration.ros.interface_check import check_interfaces
 from linkage_vibration.ros.log_control import Recording
 from linkage_vibration.ros.markers import Markers
 from linkage_vibration.ros.message_path import Predicting, own_topics
-from linkage_vibration.ros.parameter_server import changed, declare_parameters, in_own_types
+from linkage_vibration.ros.parameter_server import changed, declare_parameters, new_values
 from linkage_vibration.ros.services import Services
 from linkage_vibration.table.table import Table
 from linkage_vibration_interfaces.msg import Resonance, TableInfo, VibrationPrediction
@@ -62,7 +63,7 @@ class LinkageVibrationNode(LifecycleNode):
     """
 
     def __init__(self, stop_asked: Callable[[], bool] = lambda: False) -> None:
-        super().__init__(NODE_NAME)
+        super().__init__(NODE_NAME, automatically_declare_parameters_from_overrides=True)
         for service in self.services:
             if service.srv_type is ChangeState:
                 service.callback = partial(self._change_state, service.callback)
@@ -87,9 +88,6 @@ class LinkageVibrationNode(LifecycleNode):
         self._settings, self._faults = declare_parameters(self)
         if self._faults and self.autostart:
             raise next(iter(self._faults.values()))
-        self.add_pre_set_parameters_callback(in_own_types)
-        self.add_on_set_parameters_callback(self._may_set)
-        self.add_post_set_parameters_callback(self._apply)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         # Simulated time may stop, but the log must be watched and reported all the same.
         self.create_timer(1.0, self._on_second, clock=Clock(clock_type=ClockType.STEADY_TIME))
@@ -114,6 +112,27 @@ class LinkageVibrationNode(LifecycleNode):
     def autostart(self) -> bool:
         """Whether the node starts by itself."""
         return self._settings.autostart
+
+    def set_parameters_atomically(
+        self, parameter_list: "list[Parameter[Any]]"
+    ) -> SetParametersResult:
+        """Set parameters; a request says in our words why it is refused.
+
+        Parameter services call this method, before rclpy checks types and ranges.
+        """
+        asked, configured = new_values(self, parameter_list), self._served is not None
+        settings, result = changed(self._settings, asked, configured=configured)
+        if result.successful and asked:
+            result = super().set_parameters_atomically(asked)
+        if result.successful:
+            for parameter in parameter_list:
+                self._faults.pop(parameter.name, None)
+            self._apply(settings)
+        return result
+
+    def set_parameters(self, parameter_list: "list[Parameter[Any]]") -> list[SetParametersResult]:
+        """Set each parameter for itself, as `set_parameters_atomically` does."""
+        return [self.set_parameters_atomically([parameter]) for parameter in parameter_list]
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Read or build the table, and offer the services."""
@@ -196,15 +215,14 @@ class LinkageVibrationNode(LifecycleNode):
             raise next(iter(self._faults.values()))
         check_interfaces()
         settings = self._settings
-        settings.crank_input()
-        path = settings.excitation_path()
+        folder, path = settings.log_path(), settings.excitation_path()
         excitations = read_excitations(path)
         self._excitations = path.read_text(encoding="utf-8")
         self._served = served = read_served(settings, self.get_logger().info, self._check_signals)
         topics = own_topics(self)
         extra_topics = set(map(self.resolve_topic_name, settings.extra_topics.split()))
         extra_topics -= {topic.name for topic in topics}
-        folder, provenance = settings.log_path(), self._provenance(served)
+        provenance = self._provenance(served)
         recorder = Recorder(folder, topics, provenance, settings.limits(), settings.compression)
         self._recording = recording = Recording(self, recorder, extra_topics, self._throttle)
         self._markers = markers = Markers(self, self._serving, self._settings)
@@ -280,14 +298,9 @@ class LinkageVibrationNode(LifecycleNode):
         facts = {"table_id": served.table.table_id, "mechanism": served.mechanism.name}
         return Provenance(files, {**package_versions(), **facts})
 
-    def _may_set(self, asked: "list[Parameter[Any]]") -> Any:
-        return changed(self._settings, asked, configured=self._served is not None)[1]
-
-    def _apply(self, asked: "list[Parameter[Any]]") -> None:
-        before, configured = self._settings, self._served is not None
-        self._settings, _ = changed(before, asked, configured=configured)
-        for parameter in asked:
-            self._faults.pop(parameter.name, None)
+    def _apply(self, settings: Parameters) -> None:
+        """Use other parameters from now on."""
+        before, self._settings = self._settings, settings
         if self._predicting is None or self._recording is None or self._markers is None:
             return
         self._markers.settings = self._settings

@@ -15,10 +15,13 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from linkage_vibration.prediction.settings import (
+    DEPRECATED,
     ParameterError,
     Parameters,
     check_value,
+    is_own,
     own_type,
+    with_pairs,
     with_values,
 )
 
@@ -27,20 +30,37 @@ def declare_parameters(node: Node) -> tuple[Parameters, dict[str, ParameterError
     """Declare every parameter on a node, and return their values.
 
     Invalid parameters get their defaults; their errors are also returned, by name.
+
+    Parameters
+    ----------
+    node : Node
+        A node that has declared the parameters which it was given at its start.
+
+    Raises
+    ------
+    ParameterError
+        If an unknown parameter was given.
     """
+    at_start = node.get_parameters_by_prefix("")
+    given = with_pairs({name: p.value for name, p in at_start.items() if is_own(name)})
+    if DEPRECATED.keys() & at_start:
+        node.get_logger().warning(
+            f"Parameters {' and '.join(DEPRECATED)} are deprecated; write `percent_calibration: "
+            f"{given['percent_calibration']}` instead."
+        )
+    for name in filter(is_own, at_start):
+        node.undeclare_parameter(name)
     values: dict[str, Any] = {}
     faults: dict[str, ParameterError] = {}
     for parameter in fields(Parameters):
         name = parameter.name
-        # It is first declared with any type, because rclpy refuses an integer for a double.
-        anything = ParameterDescriptor(dynamic_typing=True)
-        given = node.declare_parameter(name, parameter.default, anything).value
-        node.undeclare_parameter(name)
         try:
-            values[name] = check_value(name, given)
+            values[name] = check_value(name, given.pop(name, parameter.default))
         except ParameterError as error:
             values[name], faults[name] = parameter.default, error
         node.declare_parameter(name, values[name], _descriptor(parameter), ignore_override=True)
+    for name, value in given.items():
+        check_value(name, value)  # which raises, because no other parameter is left
     return Parameters(**values), faults
 
 
@@ -65,13 +85,27 @@ def _descriptor(parameter: Any) -> ParameterDescriptor:
     return found
 
 
-def in_own_types(asked: "list[Parameter[Any]]") -> "list[Parameter[Any]]":
-    """Return parameters that are to be set, with integers for doubles converted."""
+def new_values(node: Node, asked: "list[Parameter[Any]]") -> "list[Parameter[Any]]":
+    """Return the parameters that differ from those set, with integers for doubles converted.
+
+    A dump of the node's own parameters can therefore be loaded at any time.
+
+    Parameters
+    ----------
+    node : Node
+    asked : list of rclpy.parameter.Parameter
+    """
     kinds = {parameter.name: type(parameter.default) for parameter in fields(Parameters)}
-    return [
-        Parameter(p.name, value=own_type(kinds[p.name], p.value)) if p.name in kinds else p
-        for p in asked
-    ]
+    found = []
+    for parameter in asked:
+        name, kind = parameter.name, kinds.get(parameter.name, object)
+        value = own_type(kind, parameter.value)
+        before = (
+            own_type(kind, node.get_parameter(name).value) if node.has_parameter(name) else None
+        )
+        if type(value) is not type(before) or value != before:
+            found.append(Parameter(name, value=value) if name in kinds else parameter)
+    return found
 
 
 def changed(
@@ -86,21 +120,21 @@ def changed(
     configured : bool
         Whether the node is configured, so that only live parameters may be set.
     """
+    own = [p for p in asked if is_own(p.name)]
     live = {parameter.name: parameter.metadata["live"] for parameter in fields(Parameters)}
-    values = {p.name: p.value for p in asked if p.name in live}
     try:
-        found = with_values(settings, values)
-        if configured:
-            found.crank_input()
-        reason = ""
+        found = with_values(settings, {p.name: p.value for p in own})
     except ParameterError as error:
-        reason = str(error)
-    for name in values:
-        if configured and not live[name]:
+        return settings, SetParametersResult(successful=False, reason=str(error))
+    for name in [p.name for p in own if not live[p.name]]:
+        if name == "autostart":
+            reason = "Parameter autostart is read at the start; give it there."
+        elif configured:
             reason = (
                 f"Parameter {name} is read when the node is configured; clean the node up first "
                 "(`ros2 lifecycle set`), or give the parameter at the start."
             )
-    if reason:
+        else:
+            continue
         return settings, SetParametersResult(successful=False, reason=reason)
     return found, SetParametersResult(successful=True)

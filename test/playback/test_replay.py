@@ -197,13 +197,13 @@ def test_hitch_percent(tmp_path: Path) -> None:
         for k, value in enumerate(values)
     ]
     bag, log = write_mcap(tmp_path / "bag.mcap", entries), tmp_path / "log.mcap"
-    points, angles = (0.0, 40.0, 100.0), (3.0, 2.4, 1.7)
-    settings = Parameters(input="percent", percent_points=points, percent_angles=angles)
+    calibration = (0.0, 3.0, 40.0, 2.4, 100.0, 1.7)
+    settings = Parameters(input="percent", percent_calibration=calibration)
     done = replay([bag], log, settings)
     predictor = Predictor(load_table(config_file(DEFAULT_TABLE)))
     expected = []
     for k, value in enumerate(values):
-        reading = PercentInput(points, angles).angle_at(value)
+        reading = PercentInput(calibration).angle_at(value)
         time = START + k * 10**8
         prediction = predictor.predict(reading.crank_angle, reading.stddev)
         expected.append((time, encode_prediction(prediction, *divmod(time, 10**9), "")))

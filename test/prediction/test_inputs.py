@@ -3,6 +3,7 @@
 """Crank angles from joint states and hitch positions."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -21,6 +22,11 @@ from linkage_vibration.prediction.settings import Parameters
 def state(names: list[str], positions: list[float], velocities: list[float] | None = None) -> Any:
     """Return an object with the arrays of a joint state."""
     return SimpleNamespace(name=names, position=positions, velocity=velocities or [])
+
+
+def percent_input(percents: Sequence[float], angles: Sequence[float]) -> PercentInput:
+    """Return the input with these points of its calibration (%, rad)."""
+    return PercentInput(tuple(v for pair in zip(percents, angles, strict=True) for v in pair))
 
 
 def test_position_is_found_by_name() -> None:
@@ -67,7 +73,7 @@ def test_hitch_position_through_a_calibration() -> None:
     """The curve passes through the points, whether the angle falls or rises with the hitch."""
     percents, angles = (0.0, 40.0, 100.0), (3.1, 2.6, 1.7)
     for sign in (1.0, -1.0):
-        hitch = PercentInput(percents, tuple(sign * angle for angle in angles))
+        hitch = percent_input(percents, [sign * angle for angle in angles])
         for percent, angle in zip(percents, angles, strict=True):
             assert hitch.angle_at(percent).crank_angle == pytest.approx(sign * angle, rel=1e-14)
 
@@ -81,14 +87,14 @@ def test_calibration_never_turns_back(data: st.DataObject) -> None:
     steps = data.draw(
         st.lists(st.floats(1e-4, 1.0), min_size=len(inner) + 1, max_size=len(inner) + 1)
     )
-    hitch = PercentInput(percents, tuple(3.1 - np.cumsum([0.0, *steps])))
+    hitch = percent_input(percents, 3.1 - np.cumsum([0.0, *steps]))
     found = [hitch.angle_at(p).crank_angle for p in np.linspace(0.0, 100.0, 251)]
     assert (np.diff(found) <= 1e-12).all()
 
 
 def test_resolution_of_the_bus_is_an_uncertainty() -> None:
     """The reading gives the error that steps of 0.4 % cause, and adds the given deviation."""
-    hitch = PercentInput((0.0, 50.0, 100.0), (3.1, 2.2, 1.8))
+    hitch = percent_input((0.0, 50.0, 100.0), (3.1, 2.2, 1.8))
     true = np.random.default_rng(4).uniform(29.0, 31.0, 20_000)
     rounded = PERCENT_STEP * np.rint(true / PERCENT_STEP)
     errors = [
@@ -103,31 +109,31 @@ def test_resolution_of_the_bus_is_an_uncertainty() -> None:
 @pytest.mark.parametrize("percent", [-0.4, 100.4, 101.6, 102.0, math.nan, math.inf])
 def test_positions_outside_the_range(percent: float) -> None:
     """Beyond 0 to 100 %, where the bus says "error" or "not available", there is no angle."""
-    assert math.isnan(PercentInput((0.0, 100.0), (3.1, 1.7)).angle_at(percent).crank_angle)
+    assert math.isnan(PercentInput((0.0, 3.1, 100.0, 1.7)).angle_at(percent).crank_angle)
 
 
 @pytest.mark.parametrize(
-    ("percents", "angles", "words"),
+    ("calibration", "words"),
     [
-        ((0.0,), (1.0,), "at least two points"),
-        ((0.0, 100.0), (1.0, 2.0, 3.0), "has 2 values and percent_angles has 3"),
-        ((0.0, 99.0), (1.0, 2.0), "from 0 to 99 %"),
-        ((0.0, 60.0, 40.0, 100.0), (1.0, 2.0, 3.0, 4.0), r"point 3 \(40 %\)"),
-        ((0.0, 50.0, 50.0, 100.0), (1.0, 2.0, 3.0, 4.0), r"point 3 \(50 %\)"),
-        ((0.0, 50.0, 100.0), (1.0, 2.0, 1.5), r"angle 3 \(85.9"),
-        ((0.0, 50.0, 100.0), (1.0, 1.0, 0.5), r"angle 2 \(57.2"),
-        ((0.0, 50.0, 100.0), (3.0, 2.0, 2.0), r"angle 3 \(114.5"),
-        ((0.0, 50.0, 50.0 + 1e-9, 100.0), (1.0, 2.0, 3.0, 4.0), r"point 3 \(50 %\)"),
-        ((0.0, 100.0), (1.0, math.nan), "must be finite"),
-        ((0.0, 100.0), (1e308, -1e308), "beyond 1000 rad"),
+        ((), "has 0 numbers; give at least two pairs"),
+        ((0.0, 1.0), "has 2 numbers; give at least two pairs"),
+        ((0.0, 1.0, 50.0, 2.0, 100.0), "has 5 numbers; give at least two pairs"),
+        ((0.0, 1.0, 99.0, 2.0), "from 0 to 99 %"),
+        ((0.0, 1.0, 60.0, 2.0, 40.0, 3.0, 100.0, 4.0), r"position 3 \(40 %\)"),
+        ((0.0, 1.0, 50.0, 2.0, 50.0, 3.0, 100.0, 4.0), r"position 3 \(50 %\)"),
+        ((0.0, 1.0, 50.0, 2.0, 50.0 + 1e-9, 3.0, 100.0, 4.0), r"position 3 \(50 %\)"),
+        ((0.0, 1.0, 50.0, 2.0, 100.0, 1.5), r"angle 3 \(1.5 rad\)"),
+        ((0.0, 1.0, 50.0, 1.0, 100.0, 0.5), r"angle 2 \(1 rad\)"),
+        ((0.0, 3.0, 50.0, 2.0, 100.0, 2.0), r"angle 3 \(2 rad\)"),
+        ((0.0, 1.0, 100.0, math.nan), "must be finite"),
+        ((0.0, 180.0, 100.0, 90.0), r"exceeds a full turn; .* in degrees, write 3\.14159"),
+        ((0.0, 1e308, 100.0, -1e308), "exceeds a full turn"),
     ],
 )
-def test_calibrations_that_cannot_be_used(
-    percents: tuple[float, ...], angles: tuple[float, ...], words: str
-) -> None:
+def test_calibrations_that_cannot_be_used(calibration: tuple[float, ...], words: str) -> None:
     """The error names the point at which a calibration is not strictly monotone."""
     with pytest.raises(InputError, match=words):
-        PercentInput(percents, angles)
+        PercentInput(calibration)
 
 
 @pytest.mark.parametrize("name", INPUTS)

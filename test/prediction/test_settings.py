@@ -59,7 +59,16 @@ def test_whole_numbers_may_stand_for_doubles() -> None:
 
 @pytest.mark.parametrize(
     ("name", "value"),
-    [("scale", 0.0), ("scale", "fast"), ("offset", math.nan), ("joint_name", ""), ("sign", 0)],
+    [
+        ("scale", 0.0),
+        ("scale", "fast"),
+        ("offset", math.nan),
+        ("joint_name", ""),
+        ("sign", 0),
+        ("sign", True),
+        ("extra_topics", "bad topic!"),
+        ("extra_topics", "/a//b"),
+    ],
 )
 def test_what_is_not_valid_is_refused_in_words(name: str, value: object) -> None:
     """The error names the parameter, its valid values, its value, and an example."""
@@ -78,20 +87,48 @@ def test_ranges_hold_at_their_ends() -> None:
 
 def test_lists_of_numbers() -> None:
     """Arrays, lists and whole numbers are accepted as a calibration; text is not."""
-    assert check_value("percent_points", array("d", [0.0, 100.0])) == (0.0, 100.0)
-    assert check_value("percent_points", [0, 50, 100]) == (0.0, 50.0, 100.0)
-    for value in ("0 100", ["0", "100"], 5.0, [True, False]):
-        with pytest.raises(ParameterError, match="percent_points"):
-            check_value("percent_points", value)
+    calibration = (0.0, 3.0, 50.0, 2.5, 100.0, 2.0)
+    assert check_value("percent_calibration", array("d", calibration)) == calibration
+    assert check_value("percent_calibration", [0, 3, 50, 2.5, 100, 2]) == calibration
+    for value in ("0 100", ["0", "3", "100", "2"], 5.0, [True, False, True, False]):
+        with pytest.raises(ParameterError, match="percent_calibration"):
+            check_value("percent_calibration", value)
+
+
+def test_calibration_in_degrees_is_refused() -> None:
+    """Angles beyond a full turn are refused, and the same angle is given in rad."""
+    with pytest.raises(ParameterError, match=r"percent_calibration.*180 rad.* write 3\.14159\."):
+        check_value("percent_calibration", [0.0, 180.0, 100.0, 90.0])
+
+
+def test_lists_of_the_first_release(tmp_path: Path) -> None:
+    """The two lists of 1.0.0 become pairs; one that was not given has its old default."""
+    path = tmp_path / "params.yaml"
+    lists = "percent_points: [0, 40, 100], percent_angles: [3.1, 2.6, 1.6]"
+    path.write_text(f"/**: {{ros__parameters: {{{lists}}}}}")
+    assert read_parameters(path).percent_calibration == (0.0, 3.1, 40.0, 2.6, 100.0, 1.6)
+    path.write_text("/**: {ros__parameters: {percent_angles: [3.0, 1.5]}}")
+    assert read_parameters(path).percent_calibration == (0.0, 3.0, 100.0, 1.5)
+    for angles in ("[3.0]", "3.0"):
+        path.write_text(f"/**: {{ros__parameters: {{percent_angles: {angles}}}}}")
+        with pytest.raises(ParameterError, match="must be lists of the same length"):
+            read_parameters(path)
+
+
+def test_log_directory_must_be_a_folder(tmp_path: Path) -> None:
+    """A folder that does not exist, or a file, is refused before recording starts."""
+    assert Parameters(log_directory=str(tmp_path)).log_path() == tmp_path
+    (tmp_path / "file").touch()
+    for name in ("missing", "file"):
+        with pytest.raises(ParameterError, match=f"log_directory must be a folder.*{name}; create"):
+            Parameters(log_directory=str(tmp_path / name)).log_path()
 
 
 def test_crank_input() -> None:
-    """The parameters choose the input; an invalid calibration names its parameter."""
+    """The parameters choose the input."""
     joint = Parameters(sign=-1, scale=0.5, offset=2.0, angle_stddev=0.1).crank_input()
     assert joint == JointInput("hitch_rockshaft_joint", -1, 0.5, 2.0, 0.1)
     assert isinstance(Parameters(input="percent").crank_input(), PercentInput)
-    with pytest.raises(ParameterError, match=r"input percent: percent_angles .*angle 2"):
-        Parameters(input="percent", percent_angles=(1.0, 1.0)).crank_input()
 
 
 def test_files_that_ship_stand_for_those_not_named() -> None:
@@ -110,7 +147,9 @@ def test_files_that_ship_stand_for_those_not_named() -> None:
 def test_what_is_written_is_read_again(tmp_path: Path) -> None:
     """A written file of parameters can be read back."""
     path = tmp_path / "params.yaml"
-    given = Parameters(sign=-1, scale=1e-3, percent_angles=(3.0, 1.5), hysteresis=1e-10)
+    given = Parameters(
+        sign=-1, scale=1e-3, percent_calibration=(0.0, 3.0, 100.0, 1.5), hysteresis=1e-10
+    )
     for name in ("/linkage_vibration", "linkage_vibration", "/**"):
         path.write_text(parameters_yaml(given, name))
         assert read_parameters(path) == given
@@ -124,6 +163,8 @@ def test_what_is_written_is_read_again(tmp_path: Path) -> None:
         ("/**: {ros__parameters: {hysteresis: 1.5}}", "hysteresis must be 0 to 1, not 1.5"),
         ("/**: {ros__parameters: {scale: far}}", "scale must be .* not 'far'"),
         ("/**: {ros__parameters: {scale: 1" + 400 * "0" + "}}", "too large"),
+        ("/**: {ros__parameters: {recrod: true}}", r"recrod is unknown; did you mean record\?"),
+        ("/**: {ros__parameters: {qqq: 1}}", "qqq is unknown; .* --help` lists what is valid"),
         ("other_node: {ros__parameters: {}}", "has no parameters for the node"),
         ("/tractor/linkage_vibration: {ros__parameters: {}}", "has no parameters for the node"),
         ("", "has no parameters for the node"),

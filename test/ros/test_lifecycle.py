@@ -156,16 +156,24 @@ def test_defects_are_reported(managed: Callable[..., Any], monkeypatch: pytest.M
     assert node.trigger_configure() is SUCCESS
 
 
-def test_failed_activation_leaves_the_node_inactive(managed: Callable[..., Any]) -> None:
+def test_failed_activation_leaves_the_node_inactive(
+    managed: Callable[..., Any], tmp_path: Path
+) -> None:
     """A node whose log cannot be started stays inactive; without a log it can be activated."""
-    node = managed("-p", "record:=true", "-p", "log_directory:=/none")
+    logs = tmp_path / "logs"
+    node = managed("-p", "record:=true", "-p", f"log_directory:={logs}")
+    assert node.trigger_configure() is FAILURE
+    assert "log_directory must be a folder" in node.problem
+    logs.mkdir()
     assert node.trigger_configure() is SUCCESS
+    logs.rmdir()
     inactive = entities(node)
     assert node.trigger_activate() is FAILURE
-    assert "/none" in node.problem
+    assert str(logs) in node.problem
     assert entities(node) == inactive
     assert node.trigger_cleanup() is SUCCESS
-    node.set_parameters([Parameter("record", value=False)])
+    assert node.set_parameters([Parameter("record", value=False)])[0].successful
+    logs.mkdir()
     assert node.trigger_configure() is SUCCESS
     assert node.trigger_activate() is SUCCESS
 

@@ -11,7 +11,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from linkage_vibration.prediction.settings import NODE_NAME, Parameters, read_parameters
-from linkage_vibration.ros.parameter_server import changed, declare_parameters, in_own_types
+from linkage_vibration.ros.parameter_server import changed, declare_parameters, new_values
 
 
 @pytest.mark.parametrize(
@@ -19,7 +19,7 @@ from linkage_vibration.ros.parameter_server import changed, declare_parameters, 
     [
         "/**: {ros__parameters: {sign: -1, scale: 1e-3, offset: 2, joint_name: arm}}",
         "/**: {ros__parameters: {joint_name: 1e3_arm, sign: -1}}",
-        "linkage_vibration: {ros__parameters: {percent_points: [0, 50], record: yes}}",
+        "linkage_vibration: {ros__parameters: {percent_points: [0, 100], percent_angles: [3, 1]}}",
         "/linkage_vibration: {ros__parameters: {scale: 3.}}\n/**: {ros__parameters: {scale: 2.}}",
         "/**: {ros__parameters: {scale: 2.}}\n/linkage_vibration: {ros__parameters: {scale: 3.}}",
         "/*: {ros__parameters: {sign: -1}}\n/**/linkage_vibration: {ros__parameters: {scale: .5}}",
@@ -36,7 +36,7 @@ def test_a_file_means_the_same_to_node_and_replay(
     path.write_text(text)
     context = Context()
     rclpy.init(args=["--ros-args", "--params-file", str(path)], context=context)
-    node = Node(NODE_NAME, context=context)
+    node = Node(NODE_NAME, context=context, automatically_declare_parameters_from_overrides=True)
     try:
         given, faults = declare_parameters(node)
     finally:
@@ -59,11 +59,30 @@ def test_what_may_be_set() -> None:
     assert (found.log_directory, found.warning_margin) == ("/tmp", 0.2)
     found, result = changed(settings, [Parameter("use_sim_time", value=True)], configured=True)
     assert (found, result.successful) == (settings, True)
+    for name, value, words in (
+        ("sign", True, "sign must be 1 or -1, not True; write for example `sign: 1`"),
+        ("autostart", False, "autostart is read at the start"),
+        ("logdirectory", "/tmp", r"did you mean log_directory?"),
+    ):
+        found, result = changed(settings, [Parameter(name, value=value)], configured=False)
+        assert found == settings
+        assert words in result.reason
 
 
-def test_whole_numbers_are_set_as_doubles() -> None:
-    """An integer for a double is converted; other types are not."""
-    asked = [Parameter("stale_after", value=2), Parameter("sign", value=-1)]
-    stale_after, sign = in_own_types(asked)
-    assert (stale_after.value, type(stale_after.value)) == (2.0, float)
-    assert (sign.value, type(sign.value)) == (-1, int)
+def test_what_is_unchanged_is_not_set(environment: dict[str, str]) -> None:
+    """An integer for a double is converted; values that are already set are left out."""
+    context = Context()
+    rclpy.init(context=context)
+    node = Node(NODE_NAME, context=context, automatically_declare_parameters_from_overrides=True)
+    try:
+        declare_parameters(node)
+        dump = list(node.get_parameters_by_prefix("").values())
+        assert new_values(node, dump) == []
+        asked = [Parameter("stale_after", value=2), Parameter("scale", value=1)]
+        asked += [Parameter("sign", value=True), Parameter("unknown", value=1)]
+        found = {p.name: p.value for p in new_values(node, asked)}
+        assert found == {"stale_after": 2.0, "sign": True, "unknown": 1}
+        assert type(found["stale_after"]) is float
+    finally:
+        node.destroy_node()
+        rclpy.shutdown(context=context)

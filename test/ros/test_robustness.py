@@ -196,10 +196,10 @@ def test_hitch_position_in_percent(
     start: Callable[..., Any], peer: Any, predictor: Predictor
 ) -> None:
     """A calibration turns percent into angles; an error value of the bus becomes a status."""
-    points, angles = "[0.0, 40.0, 100.0]", "[3.1, 2.6, 1.6]"
-    process = start(name="percent", input="percent", percent_points=points, percent_angles=angles)
+    calibration = (0.0, 3.1, 40.0, 2.6, 100.0, 1.6)
+    process = start(name="percent", input="percent", percent_calibration=list(calibration))
     process.wait_for("Predicting for hitch position on /hitch_position")
-    hitch = PercentInput((0.0, 40.0, 100.0), (3.1, 2.6, 1.6))
+    hitch = PercentInput(calibration)
     received: list[Any] = []
     peer.node.create_subscription(VibrationPrediction, "percent/prediction", received.append, 100)
     publisher = peer.node.create_publisher(Float64, "hitch_position", SENSOR)
@@ -235,7 +235,8 @@ def test_calibration_while_active(
     for offset in (0.25, 1):
         assert set_parameter(peer, "calibrated", "offset", offset).successful
         assert peer.ask([JOINT], [1.7]).crank_angle == 1.7 + offset
-    assert set_parameter(peer, "calibrated", "percent_angles", [3.0, 2.0]).successful
+    calibration = [0.0, 3.0, 50.0, 2.5, 100.0, 2.0]
+    assert set_parameter(peer, "calibrated", "percent_calibration", calibration).successful
     for _ in range(80):  # some are still queued when the node unsubscribes
         peer.publish([JOINT], [1.7])
     assert set_parameter(peer, "calibrated", "input", "percent").successful
@@ -245,8 +246,10 @@ def test_calibration_while_active(
         peer.pause(0.2)
 
     until(lambda: any(p.crank_angle == 2.5 for p in peer.predictions), "a percent", publish)
-    refused = set_parameter(peer, "calibrated", "percent_angles", [3.0, 2.0, 2.5])
-    assert "percent_points has 2 values and percent_angles has 3" in refused.reason
+    refused = set_parameter(peer, "calibrated", "percent_calibration", [0.0, 180.0, 100.0, 90.0])
+    assert "exceeds a full turn; give angles in rad" in refused.reason
+    refused = set_parameter(peer, "calibrated", "recrod", True)
+    assert refused.reason == "Parameter recrod is unknown; did you mean record?"
     assert process.stop() == 0
     offsets = set()
     for path in tmp_path.iterdir():

@@ -26,9 +26,8 @@ from linkage_vibration.prediction.inputs.crank_input import (
 PERCENT_STEP = 0.4
 """Resolution of a hitch position on the ISO 11783 bus, % per bit."""
 
-# Beyond these limits the slopes of a calibration are meaningless.
+# Below this step, the slope of a calibration is meaningless.
 _LEAST_STEP = 1e-3  # %
-_LARGEST_ANGLE = 1e3  # rad
 
 
 @dataclass(frozen=True)
@@ -41,8 +40,9 @@ class PercentInput(CrankInput):
 
     Attributes
     ----------
-    percent_points, percent_angles : tuple of float
-        Hitch positions from 0 to 100, ascending, %, and crank angles there, monotone, rad.
+    percent_calibration : tuple of float
+        Pairs of a hitch position (%) and the crank angle there (rad), one after the other. The
+        positions ascend from 0 to 100, and the angles are monotone.
     angle_stddev : float
         Standard deviation of the calibrated angle, rad; the standard deviation that the bus's
         steps of 0.4 % cause is added.
@@ -50,8 +50,9 @@ class PercentInput(CrankInput):
     Raises
     ------
     InputError
-        If there are fewer than two points, if they are not finite, within 1000 rad, and strictly
-        monotone with at least 0.001 % between them, or if they do not reach from 0 to 100 %.
+        If there are fewer than two pairs, if they are not finite and strictly monotone with at
+        least 0.001 % between them, if they do not reach from 0 to 100 %, or if an angle exceeds a
+        full turn, as angles in degrees do.
     """
 
     topic = "hitch_position"
@@ -61,45 +62,44 @@ class PercentInput(CrankInput):
         "position, from 0 (down) to 100 (up)."
     )
 
-    percent_points: tuple[float, ...]
-    percent_angles: tuple[float, ...]
+    percent_calibration: tuple[float, ...]
     angle_stddev: float = 0.0
 
     def __post_init__(self) -> None:
-        """Check the points."""
-        points, angles = self.percent_points, self.percent_angles
-        if len(points) != len(angles) or len(points) < 2:
+        """Check the pairs."""
+        pairs, points, angles = self.percent_calibration, self._points, self._angles
+        if len(pairs) % 2 or len(pairs) < 4:
             raise InputError(
-                f"percent_points has {len(points)} values and percent_angles has {len(angles)}; "
-                "give at least two points, and one angle for each of them."
+                f"percent_calibration has {len(pairs)} numbers; give at least two pairs of a hitch "
+                "position and a crank angle, such as [0.0, 3.14159, 100.0, 1.5708]."
             )
-        if not all(map(math.isfinite, (*points, *angles))):
+        if not all(map(math.isfinite, pairs)):
+            raise InputError("percent_calibration must be finite; replace NaN and infinity.")
+        largest = max(angles, key=abs)
+        if abs(largest) > 2.0 * math.pi:
             raise InputError(
-                "percent_points and percent_angles must be finite; replace NaN and infinity."
-            )
-        if max(map(abs, angles)) > _LARGEST_ANGLE:
-            raise InputError(
-                f"percent_angles has an angle beyond {_LARGEST_ANGLE:g} rad; give angles in rad."
+                f"percent_calibration has an angle of {largest:g} rad, which exceeds a full turn; "
+                f"give angles in rad. If it is in degrees, write {math.radians(largest):.6g}."
             )
         if (points[0], points[-1]) != (0.0, 100.0):
             raise InputError(
-                f"percent_points reaches from {points[0]:g} to {points[-1]:g} %; begin at 0 and "
-                "end at 100 %."
+                f"percent_calibration reaches from {points[0]:g} to {points[-1]:g} %; begin at 0 "
+                "and end at 100 %."
             )
         for i, step in enumerate(np.diff(points), start=1):
             if step < _LEAST_STEP:
                 raise InputError(
-                    f"percent_points must ascend, but point {i + 1} ({points[i]:g} %) does not "
-                    f"exceed {points[i - 1]:g} %; sort the points."
+                    f"The positions of percent_calibration must ascend, but position {i + 1} "
+                    f"({points[i]:g} %) does not exceed {points[i - 1]:g} %; sort the pairs."
                 )
         steps = np.diff(angles)
         wrong = np.flatnonzero(steps * steps[0] <= 0.0)
         if len(wrong):
             i = 1 + int(wrong[0])
             raise InputError(
-                f"percent_angles must all ascend or all descend, but angle {i + 1} "
-                f"({math.degrees(angles[i]):g} deg) does not continue from "
-                f"{math.degrees(angles[i - 1]):g} deg; correct one of them."
+                "The angles of percent_calibration must all ascend or all descend, but angle "
+                f"{i + 1} ({angles[i]:g} rad) does not continue from {angles[i - 1]:g} rad; "
+                "correct one of them."
             )
 
     def describe(self, topic: str) -> str:
@@ -115,7 +115,7 @@ class PercentInput(CrankInput):
 
         Examples
         --------
-        >>> hitch = PercentInput((0.0, 100.0), (3.0, 1.8))
+        >>> hitch = PercentInput((0.0, 3.0, 100.0, 1.8))
         >>> hitch.angle_at(25.0).crank_angle
         2.7
         """
@@ -147,9 +147,17 @@ class PercentInput(CrankInput):
                 "",
             )
 
+    @property
+    def _points(self) -> tuple[float, ...]:
+        return self.percent_calibration[0::2]
+
+    @property
+    def _angles(self) -> tuple[float, ...]:
+        return self.percent_calibration[1::2]
+
     @cached_property
     def _curve(self) -> PchipInterpolator:
-        return PchipInterpolator(self.percent_points, self.percent_angles)
+        return PchipInterpolator(self._points, self._angles)
 
     @cached_property
     def _slope(self) -> PchipInterpolator:
