@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from importlib import import_module
 
 from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.support.missing_library import missing_library
 from linkage_vibration.support.version import VERSION
 
 # Each is a module of this room. Its docstring is the help text, `add_arguments` declares what it
@@ -39,6 +40,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return int(options.run(options))
     except LinkageVibrationError as error:
         print(f"linkage-vibration: {error}", file=sys.stderr)
+        return 1
+    except ImportError as error:
+        print(f"linkage-vibration: {missing_library(error)}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:
         return 130

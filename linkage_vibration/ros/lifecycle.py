@@ -69,7 +69,7 @@ class LinkageVibrationNode(LifecycleNode):
                 service.callback = partial(self._change_state, service.callback)
         self.problem = ""
         self._stop_asked = stop_asked
-        self._state = "unconfigured"
+        self._state, self._starting = "unconfigured", False
         self._statistics = Statistics()
         self._throttle = Throttle(self.get_logger())
         self._outputs = (
@@ -102,11 +102,13 @@ class LinkageVibrationNode(LifecycleNode):
         LinkageVibrationError, ExternalShutdownException
             If it cannot be configured or activated, or if a signal has arrived.
         """
+        self._starting = True  # the caller reports a failure
         for step in (self.trigger_configure, self.trigger_activate):
             done = step()
             self._check_signals()
             if done is not TransitionCallbackReturn.SUCCESS:
                 raise LinkageVibrationError(self.problem)
+        self._starting = False
 
     @property
     def autostart(self) -> bool:
@@ -193,7 +195,7 @@ class LinkageVibrationNode(LifecycleNode):
         except LinkageVibrationError as error:
             undo()
             self.problem = str(error)
-            if not self.autostart:
+            if not self._starting:
                 self.get_logger().error(self.problem)
             return TransitionCallbackReturn.FAILURE
         except ExternalShutdownException:

@@ -8,6 +8,8 @@ import sys
 from collections.abc import Callable
 from types import FrameType
 
+from linkage_vibration.support.missing_library import missing_library
+
 STOP_SIGNALS = (signal.SIGHUP, signal.SIGINT, signal.SIGTERM)
 
 
@@ -17,10 +19,13 @@ def main(args: list[str] | None = None) -> int:
     os.environ.setdefault("AMENT_PREFIX_PATH", sys.prefix)
     stop_asked = _handle_signals()
     # The import of ROS 2 and SciPy takes a second, in which signals are handled already.
-    from linkage_vibration.ros.spinning import run
-
     try:
+        from linkage_vibration.ros.spinning import run
+
         return run(args, stop_asked)
+    except ImportError as error:
+        print(f"linkage_vibration_node: {missing_library(error)}", file=sys.stderr)
+        return 1
     finally:
         # Python restores its own handlers as it ends; a late signal would then kill the process.
         for number in STOP_SIGNALS:

@@ -2,9 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Spins the node until a signal arrives, and returns its exit code."""
 
+import sys
 from collections.abc import Callable
 from contextlib import closing, suppress
 from importlib.metadata import PackageNotFoundError, version
+from warnings import catch_warnings, simplefilter
 
 import rclpy
 from rclpy.exceptions import InvalidHandle
@@ -14,6 +16,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.prediction.settings import NODE_NAME
+from linkage_vibration.ros.command_line import check_arguments, help_text, refusal
 from linkage_vibration.ros.lifecycle import LinkageVibrationNode
 
 EVENTS_SINCE = (9, 1, 2)  # of rclpy; earlier events executors do not wait for asynchronous services
@@ -26,18 +29,25 @@ def run(args: list[str] | None, stop_asked: Callable[[], bool]) -> int:
     Parameters
     ----------
     args : list of str, optional
-        Arguments of the command; those of the process by default.
+        The command and its arguments; those of the process by default.
     stop_asked : callable
         Returns whether a signal has arrived. rclpy does not handle signals here, because it would
         end the context while a callback is about to publish.
     """
+    arguments = sys.argv if args is None else args
+    if {"-h", "--help"} & set(arguments[1:]):
+        print(help_text(), end="")
+        return 0
     try:
-        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
-    except RuntimeError as error:  # of rcl, such as an invalid ROS argument
-        get_logger(NODE_NAME).fatal(" ".join(str(error).split()))
-        return 1
-    try:
-        _spin(stop_asked)
+        try:
+            check_arguments(arguments[1:])
+            rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
+            with catch_warnings():
+                simplefilter("ignore", RuntimeWarning)  # of rcl, as it cleans up after an error
+                node = LinkageVibrationNode(stop_asked)
+        except RuntimeError as error:  # of rcl, such as an invalid argument or missing security
+            raise refusal(error) from None
+        _spin(node, stop_asked)
     except LinkageVibrationError as error:
         get_logger(NODE_NAME).fatal(str(error))
         return 1
@@ -48,10 +58,15 @@ def run(args: list[str] | None, stop_asked: Callable[[], bool]) -> int:
     return 0
 
 
-def _spin(stop_asked: Callable[[], bool]) -> None:
-    with closing(LinkageVibrationNode(stop_asked)) as node:
+def _spin(node: LinkageVibrationNode, stop_asked: Callable[[], bool]) -> None:
+    with closing(node):
         if node.autostart:
             node.start()
+        else:
+            node.get_logger().info(
+                "Waiting for a lifecycle manager, because autostart is false; or run "
+                f"`ros2 lifecycle set {node.get_fully_qualified_name()} configure`."
+            )
         node.executor = executor = _executor()
         try:
             while rclpy.ok() and not stop_asked():

@@ -4,6 +4,7 @@
 
 import gc
 import os
+import shutil
 import subprocess
 import sys
 import time
@@ -176,6 +177,28 @@ def test_failed_activation_leaves_the_node_inactive(
     logs.mkdir()
     assert node.trigger_configure() is SUCCESS
     assert node.trigger_activate() is SUCCESS
+
+
+def test_later_failures_are_logged(
+    managed: Callable[..., Any], tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """After an automatic start, a transition that fails is logged."""
+    logs = tmp_path / "logs"
+    logs.mkdir()
+    node = managed("-p", "autostart:=true", "-p", "record:=true", "-p", f"log_directory:={logs}")
+    node.start()
+    assert node.trigger_deactivate() is SUCCESS
+    shutil.rmtree(logs)
+    assert node.trigger_activate() is FAILURE
+    assert f"[here]: {node.problem}" in capfd.readouterr().err
+
+
+def test_without_autostart_the_node_says_what_it_waits_for(start: Callable[..., Any]) -> None:
+    """The message names the command that configures the node."""
+    node = start(name="waits", autostart=False)
+    node.wait_for("`ros2 lifecycle set /waits configure`")
+    assert node.stop() == 0
+    assert node.printed.count("Waiting for") == 1
 
 
 @pytest.mark.parametrize(
