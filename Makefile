@@ -4,28 +4,39 @@
 #   make demo                        play the shipped drive to the node over DDS
 #   make demo BAG=FILE JOINT=NAME    play one joint of any bag
 #   make test                        lint, types and tests
+#   make test ONLY=test/ros          some tests alone
 #   make coverage                    which share of the code the tests run, into docs/coverage.md
 #   make docs                        the documentation, as a site in build/docs
 #   make bench                       all benchmarks, into benchmark/results (some hours)
 #   make bench ONLY=latency          one of them
 #
-# Each target first sets .venv up if that is not done yet. PYTHON names the Python to use.
+# Each target first sets an environment up if that is not done yet. PYTHON names the Python to use.
+# If no ROS 2 is sourced, its wheels come from PyPI. ROS_DISTRO=kilted uses Kilted instead of Jazzy,
+# which is the default because it is the long-term release, supported until May 2029.
 
 PYTHON ?= python3
+ifndef AMENT_PREFIX_PATH
+ROS_DISTRO := $(or $(ROS_DISTRO),jazzy)
+export ROS_DISTRO
+endif
+suffix := $(if $(AMENT_PREFIX_PATH),,$(filter-out -jazzy,-$(ROS_DISTRO)))
+venv := .venv$(suffix)
 # The matrices are small, so BLAS threads cost more time in waiting for each other than they save.
 export OPENBLAS_NUM_THREADS ?= 1
-in_venv = @. .venv/bin/activate &&
+in_venv = @. $(venv)/bin/activate &&
 
-.PHONY: demo test coverage docs bench setup clean
+.PHONY: demo test lint coverage docs bench setup clean
 
 demo: setup
 	$(in_venv) linkage-vibration demo $(if $(BAG),--bag "$(BAG)") $(if $(JOINT),--joint "$(JOINT)")
 
-test: setup
+test: $(if $(ONLY),setup,lint)
+	$(in_venv) python -m pytest $(ONLY)
+
+lint: setup
 	$(in_venv) python -m ruff check .
 	$(in_venv) python -m ruff format --check .
 	$(in_venv) python -m mypy
-	$(in_venv) python -m pytest
 
 coverage: setup
 	$(in_venv) python -m coverage erase
@@ -40,11 +51,11 @@ docs: setup
 # The benchmarks have an environment of their own, with the codes that they compare this package with.
 # CalculiX, npm and Chromium come from apt; a benchmark that lacks one names it.
 bench:
-	@PYTHON="$(PYTHON)" sh tools/setup.sh build/bench bags,plots,test,fe,uff,dask,bench
-	@. build/bench/bin/activate && python -m benchmark $(ONLY)
+	@PYTHON="$(PYTHON)" sh tools/setup.sh build/bench$(suffix) bags,plots,test,fe,uff,dask,bench
+	@. build/bench$(suffix)/bin/activate && python -m benchmark $(ONLY)
 
 setup:
-	@PYTHON="$(PYTHON)" sh tools/setup.sh
+	@PYTHON="$(PYTHON)" sh tools/setup.sh $(venv)
 
 clean:
-	rm -rf .venv build install log *.egg-info .hypothesis .mypy_cache .pytest_cache .ruff_cache
+	rm -rf .venv .venv-kilted build install log *.egg-info .hypothesis .mypy_cache .pytest_cache .ruff_cache

@@ -16,21 +16,21 @@ SHARE = Path("share", NAME)
 VERSION = ElementTree.parse(ROOT / "package.xml").findtext("version")
 
 EXTRAS = {
-    # ROS 2 from PyPI, where none is sourced; the same releases as in linkage_vibration_interfaces.
+    # ROS 2 from PyPI, where none is sourced; the files tools/*.txt name the releases.
     "ros": [
         f"{INTERFACES}=={VERSION}",
-        "ros-builtin-interfaces~=2.3.0",
-        "ros-diagnostic-msgs~=5.5.1",
-        "ros-geometry-msgs~=5.5.1",
-        "ros-lifecycle-msgs~=2.3.0",
-        "ros-rcl-interfaces~=2.3.0",
-        "ros-rclpy~=9.1.2",
-        "ros-rmw-fastrtps-cpp~=9.3.3",
-        "ros-rosgraph-msgs~=2.3.0",
-        "ros-sensor-msgs~=5.5.1",
-        "ros-std-msgs~=5.5.1",
-        "ros-std-srvs~=5.5.1",
-        "ros-visualization-msgs~=5.5.1",
+        "ros-builtin-interfaces",
+        "ros-diagnostic-msgs",
+        "ros-geometry-msgs",
+        "ros-lifecycle-msgs",
+        "ros-rcl-interfaces",
+        "ros-rclpy",
+        "ros-rmw-fastrtps-cpp",
+        "ros-rosgraph-msgs",
+        "ros-sensor-msgs",
+        "ros-std-msgs",
+        "ros-std-srvs",
+        "ros-visualization-msgs",
     ],
     "bags": ["rosbags>=0.11"],
     "fe": ["meshio", "scikit-fem"],

@@ -46,14 +46,32 @@ def test_version_is_the_same_everywhere() -> None:
     assert len(versions) == 1
 
 
-def test_wheel_releases_are_the_same_everywhere() -> None:
-    """Both packages name the same releases of the ROS 2 wheels."""
-    pins: dict[str, set[str]] = {}
+def test_every_required_wheel_is_pinned() -> None:
+    """Each ROS 2 wheel that the packages require has a release for each distribution."""
+    required: set[str] = set()
     for path in (ROOT / "setup.py", INTERFACES / "pyproject.toml"):
-        for name, pin in re.findall(r'"(ros-[a-z-]+)(~=[0-9.]+)"', path.read_text()):
-            pins.setdefault(name, set()).add(pin)
-    assert "ros-rclpy" in pins
-    assert {name: found for name, found in pins.items() if len(found) > 1} == {}
+        required |= set(re.findall(r'"(ros-[a-z-]+)"', path.read_text()))
+    pinned = {
+        distro: set(re.findall(r"^(ros-[a-z-]+)~=[0-9.]+$", path.read_text(), re.MULTILINE))
+        for distro in ("jazzy", "kilted")
+        for path in [ROOT / "tools" / f"{distro}.txt"]
+    }
+    assert pinned["jazzy"] | pinned["kilted"] == required
+    # Each distribution has some packages for building that the other does not have.
+    assert pinned["kilted"] - pinned["jazzy"] == {"ros-ament-cmake-ros-core"}
+    assert "ros-rclpy" in pinned["jazzy"] & pinned["kilted"]
+
+
+def test_ros_finds_the_package() -> None:
+    """`ros2 launch` and `ros2 run` find the launch files and the executables, however installed."""
+    prefixes = os.environ.get("AMENT_PREFIX_PATH", sys.prefix).split(os.pathsep)
+    marker = "share/ament_index/resource_index/packages/linkage_vibration"
+    prefix = next(Path(prefix) for prefix in prefixes if Path(prefix, marker).is_file())
+    share = prefix / "share" / "linkage_vibration"
+    assert (share / "package.xml").read_text() == (ROOT / "package.xml").read_text()
+    launch_files = {path.name for path in (share / "launch").iterdir()}
+    assert launch_files == {path.name for path in (ROOT / "launch").iterdir()}
+    assert os.access(prefix / "lib" / "linkage_vibration" / "linkage_vibration_node", os.X_OK)
 
 
 def test_prediction_survives_the_wire() -> None:
@@ -164,6 +182,7 @@ def setup_on(tmp_path: Path, tools: set[str], **environment: str) -> subprocess.
             {"AMENT_PREFIX_PATH": "/nowhere"},
             r"cannot import its rclpy; run: make PYTHON=/usr/bin/python3",
         ),
+        ({"ROS_DISTRO": "humble"}, r"ROS_DISTRO=humble cannot be used; run: make ROS_DISTRO=jazzy"),
     ],
 )
 def test_setup_names_what_the_machine_lacks(

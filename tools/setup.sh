@@ -4,13 +4,16 @@
 #
 # Usage: setup.sh [ENVIRONMENT [EXTRAS]]
 # Make a virtual environment (.venv) and install the package with extras (bags,plots,test,docs) into it;
-# return at once if that is already done. ROS 2 is the sourced one, or else the wheels on PyPI.
+# return at once if that is already done. ROS 2 is the sourced one, or else the wheels on PyPI of
+# ROS_DISTRO (jazzy or kilted).
 set -eu
 cd "$(dirname "$0")/.."
 python=${PYTHON:-python3}
 name=${1:-.venv}
 extras=${2:-bags,plots,test,docs}
 venv=$PWD/$name
+distro=${ROS_DISTRO:-jazzy}
+wheels=tools/$distro.txt
 export PIP_DISABLE_PIP_VERSION_CHECK=1
 
 fail() {
@@ -52,13 +55,15 @@ if [ -n "${AMENT_PREFIX_PATH:-}" ]; then
 elif [ "$machine" != x86_64 ] || [ "$minor" -gt 13 ]; then
     fail "ROS 2 wheels exist for Python 3.10 to 3.13 on x86_64, but this is 3.$minor on $machine;" \
         "source a ROS 2 first, or name another Python: make PYTHON=python3.12"
+elif [ ! -f "$wheels" ]; then
+    fail "the wheels of ROS_DISTRO=$distro cannot be used; run: make ROS_DISTRO=jazzy (or kilted)"
 fi
 [ -z "$missing" ] || fail "packages are missing:$missing; run: $(apt $missing)"
 
 # Compare with what .venv was created for and from. The package itself is installed editable, so its
 # files are always current.
-environment="$venv 3.$minor $base $rclpy $extras"
-sources=$(find package.xml setup.py tools/setup.sh linkage_vibration_interfaces -type f | sort |
+environment="$venv 3.$minor $base ${rclpy:-$distro} $extras"
+sources=$(find package.xml setup.py tools/setup.sh "$wheels" linkage_vibration_interfaces -type f | sort |
     xargs cksum)
 if [ "$(cat "$venv/environment" 2> /dev/null)" != "$environment" ]; then
     rm -rf "$venv"
@@ -80,9 +85,12 @@ END
 fi
 
 if [ -z "$rclpy" ]; then
-    echo "Installing ROS 2 from PyPI and linkage_vibration into $name (this takes about a minute, once)"
-    "$venv/bin/pip" install -qq ./linkage_vibration_interfaces --editable ".[ros,$extras]" ||
-        fail "pip could not install everything; see its messages above"
+    echo "Installing ROS 2 $distro from PyPI and linkage_vibration into $name (once, some minutes)"
+    # Python compiles only the modules that are imported, so that takes less time than all of them.
+    {
+        "$venv/bin/pip" install -qq --no-compile -r "$wheels" --editable ".[$extras]" &&
+            "$venv/bin/pip" install -qq --no-deps --no-build-isolation ./linkage_vibration_interfaces
+    } || fail "pip could not install everything; see its messages above"
 else
     echo "Building linkage_vibration_interfaces for the sourced ROS 2 (${rclpy%/rclpy/*})"
     log=$venv/interfaces.log
@@ -98,4 +106,10 @@ else
     "$venv/bin/pip" install -qq --constraint "$venv/numpy.txt" --editable ".[$extras]" ||
         fail "pip could not install everything; see its messages above"
 fi
+# An editable install lacks what `ros2 run` and `ros2 launch` look for.
+share=$venv/share/linkage_vibration
+mkdir -p "$share" "$venv/share/ament_index/resource_index/packages" "$venv/lib/linkage_vibration"
+ln -sfn "$PWD/resource/linkage_vibration" "$venv/share/ament_index/resource_index/packages/"
+ln -sfn "$PWD/package.xml" "$PWD/config" "$PWD/launch" "$share/"
+ln -sfn "$venv/bin/linkage_vibration_node" "$venv/bin/linkage-vibration" "$venv/lib/linkage_vibration/"
 echo "$sources" > "$venv/sources"

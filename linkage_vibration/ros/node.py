@@ -6,11 +6,13 @@ import os
 import signal
 import sys
 from collections.abc import Callable
+from importlib.metadata import PackageNotFoundError, version
 from types import FrameType
 
 from linkage_vibration.support.missing_library import missing_library
 
 STOP_SIGNALS = (signal.SIGHUP, signal.SIGINT, signal.SIGTERM)
+JAZZY = 7  # major version of its rclpy
 
 
 def main(args: list[str] | None = None) -> int:
@@ -18,6 +20,13 @@ def main(args: list[str] | None = None) -> int:
     # A sourced ROS 2 sets this; the wheels, which are in the Python environment, do not.
     os.environ.setdefault("AMENT_PREFIX_PATH", sys.prefix)
     stop_asked = _handle_signals()
+    if _ros_is_too_old():
+        name = os.environ.get("ROS_DISTRO", "this release").capitalize()
+        print(
+            f"linkage_vibration_node: ROS 2 {name} is not supported; use Jazzy or later.",
+            file=sys.stderr,
+        )
+        return 1
     # The import of ROS 2 and SciPy takes a second, in which signals are handled already.
     try:
         from linkage_vibration.ros.spinning import run
@@ -30,6 +39,14 @@ def main(args: list[str] | None = None) -> int:
         # Python restores its own handlers as it ends; a late signal would then kill the process.
         for number in STOP_SIGNALS:
             signal.signal(number, signal.SIG_IGN)
+
+
+def _ros_is_too_old() -> bool:
+    """Return whether rclpy is older than that of Jazzy."""
+    try:
+        return int(version("rclpy").partition(".")[0]) < JAZZY
+    except (PackageNotFoundError, ValueError):
+        return False  # the import says what is missing
 
 
 def _handle_signals() -> Callable[[], bool]:

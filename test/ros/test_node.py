@@ -3,9 +3,12 @@
 """The node in a process of its own, over real DDS: its numbers, its log, its end."""
 
 import math
+import os
 import random
 import resource
 import signal
+import subprocess
+import sys
 import time
 from collections.abc import Callable
 from importlib.metadata import entry_points
@@ -236,6 +239,23 @@ def test_invalid_parameters_end_the_node(
     assert failed.process.returncode == 1
     assert words in failed.printed
     assert "Traceback" not in failed.printed
+
+
+def test_humble_is_refused(environment: dict[str, str], tmp_path: Path) -> None:
+    """On a ROS 2 before Jazzy, one sentence says what to use."""
+    metadata = tmp_path / "rclpy-3.3.16.dist-info" / "METADATA"
+    metadata.parent.mkdir()
+    metadata.write_text("Metadata-Version: 2.1\nName: rclpy\nVersion: 3.3.16\n")
+    path = os.pathsep.join([str(tmp_path), environment.get("PYTHONPATH", "")])
+    run = subprocess.run(
+        [sys.executable, "-m", "linkage_vibration.ros.node"],
+        env={**environment, "PYTHONPATH": path, "ROS_DISTRO": "humble"},
+        capture_output=True,
+        text=True,
+    )
+    assert run.returncode == 1
+    [line] = run.stderr.splitlines()
+    assert line.endswith("ROS 2 Humble is not supported; use Jazzy or later.")
 
 
 @pytest.mark.parametrize("by", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
