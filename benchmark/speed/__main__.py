@@ -5,10 +5,8 @@
 import csv
 import io
 import math
-from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 
 from tqdm import tqdm
@@ -101,9 +99,8 @@ def run(
     model = scene.model()
     built: list[tuple[Table, int]] = []
     for tolerance in settings.tolerances:
-        solved = Counter[str]()
-        made = build_table(model, tolerance, solved=partial(solved.update, ["solutions"]))
-        built.append((made, solved.total()))
+        solved: list[float] = []
+        built.append((build_table(model, tolerance, progress=solved.append), len(solved)))
     unit = cycling(build_table(model).interpolate, scene.live_angles)
     points = measure(scene, methods, unit, settings.rounds, lambda share: progress(0.6 * share))
     points += measure_live(

@@ -87,8 +87,8 @@ def _crank(gap: float, tolerance: float) -> list[str]:
     for tracked in (False, True):
         grid, frequencies = _at_even_angles(model, tracked)
         plain.append(np.sort(CubicSpline(grid, frequencies)(angles), axis=1))
-    solutions: list[None] = []
-    ours = build_table(model, tolerance, solved=lambda: solutions.append(None))
+    solutions: list[float] = []
+    ours = build_table(model, tolerance, progress=solutions.append)
     found = np.sort(ours.evaluate(angles)[:, :2], axis=1)
     errors = [np.abs(frequencies / exact - 1.0).max() for frequencies in (*plain, found)]
     texts = [f"{error:.0e}" for error in (*errors, ours.interpolation_error.max())]

@@ -45,7 +45,7 @@ def run(options: argparse.Namespace) -> int:
     output = options.output or Path(source.name).with_suffix(".npz")
     model = LinkageModel(read_mechanism(source))
     with tqdm(desc=model.mechanism.name, unit=" angles") as bar:
-        table = build_table(model, options.tolerance, options.frf_points, lambda: bar.update(1))
+        table = build_table(model, options.tolerance, options.frf_points, lambda _: bar.update(1))
     save_table(table, output)
     low, high = (math.degrees(angle) for angle in table.alpha3_range)
     frfs = f", FRFs {table.frf_error:.1e}" if table.places else "; the table holds no FRFs"

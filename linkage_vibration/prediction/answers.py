@@ -275,11 +275,11 @@ def rebuilt(mechanism: Mechanism, like: Table, wanted: Path) -> Table:
         If the mechanism cannot be tabulated, or the folder was removed.
     """
 
-    def check() -> None:
+    def check(_: float) -> None:
         if not wanted.exists():
             raise ServingError("Building the table was cancelled.")
 
-    check()
+    check(0.0)
     tolerance = max(TOLERANCE, float(like.interpolation_error.max()))
     points = tuple(dict.fromkeys(point for point, _ in like.places))
     return build_table(LinkageModel(mechanism), tolerance, points, check)

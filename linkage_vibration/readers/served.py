@@ -44,5 +44,5 @@ def read_served(
             f"Building the table of {path}, as table_file is not given; "
             "`linkage-vibration build` saves a table, which then loads at once."
         )
-        table = build_table(LinkageModel(mechanism), solved=check)
+        table = build_table(LinkageModel(mechanism), progress=lambda _: check())
     return Served(Predictor(table), mechanism, text)

@@ -8,7 +8,7 @@ import json
 import math
 from bisect import bisect_right
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
@@ -34,7 +34,7 @@ from linkage_vibration.table.interpolation import (
 
 IntArray = NDArray[np.int64]
 
-FORMAT = "linkage_vibration table 2"
+FORMAT = "linkage_vibration table 3"
 UNITS = {
     "alpha3": "rad",
     "pieces": "1",
@@ -52,7 +52,22 @@ UNITS = {
     "far_residues": "m/N, then 1/kg",
 }
 
-_CELLS = 512  # cubic cells to a piece, for lookups: their error is below 1e-8
+POINTWISE = (
+    "alpha3",
+    "natural_frequencies",
+    "damping_ratios",
+    "peak_frequencies",
+    "peak_magnitudes",
+    "term_stiffness",
+    "term_decay",
+    "participations",
+    "far_residues",
+)
+"""The arrays of a table that have a row for each point."""
+
+CELLS = 512
+"""Cubic cells to a piece, for lookups: their error is below 1e-8."""
+
 _CHUNK = 4096  # angles looked up at a time, so that their cells stay in the cache
 _NEAR = math.radians(1.0)  # of a toggle
 
@@ -84,11 +99,13 @@ class Table:
     peak_notable : ndarray of bool, (n_pieces, n_peaks)
         Which of them are high enough in a piece to be used there.
     interpolation_error : ndarray, (n_pieces,)
-        Largest relative error of a natural frequency, 1, measured against the model at points to
-        which the piece was not fitted, where the error of a polynomial is largest.
+        Bound of the relative errors of natural frequencies and damping ratios, 1: the largest
+        difference from finer polynomials over the piece, and from the model at further points.
     peak_error, frf_error : float
         The same for the highest peak, frequency and magnitude, and for single FRFs (L2 norm over
         the band; NaN without FRFs), the largest of all pieces.
+    slope_error : float
+        The same for the slopes of natural frequencies, relative to these, 1/rad.
     toggles, band : tuple of float
         Where the linkage locks, rad, or None; where peaks are sought and FRFs are valid, Hz.
     places : tuple of (point, direction)
@@ -117,6 +134,7 @@ class Table:
     interpolation_error: FloatArray
     peak_error: float
     frf_error: float
+    slope_error: float
     toggles: tuple[float, float] | None
     band: tuple[float, float]
     places: tuple[Place, ...]
@@ -206,6 +224,22 @@ class Table:
             result[rows, n:] = np.hstack([np.take_along_axis(x, best, 1) for x in (at, size)])
         return result
 
+    def polynomials(self, piece: int, alpha3: FloatArray) -> FloatArray:
+        """Evaluate the values of a piece without cells, (n, 2 n_modes + 2 n_peaks).
+
+        Parameters
+        ----------
+        piece : int
+        alpha3 : ndarray, (n,)
+            rad, in this piece; the first is its first angle.
+        """
+        return self._resampled(alpha3, self.peak_notable[piece])
+
+    def thinned(self, kept: BoolArray) -> "Table":
+        """Return the table with some of its points, (n,); the ends of all pieces are kept."""
+        rows = {name: getattr(self, name)[kept] for name in POINTWISE}
+        return replace(self, pieces=np.cumsum(kept)[self.pieces] - 1, **rows)
+
     def frequency_slopes(self, alpha3: float) -> list[float]:
         """Return d(natural frequency)/d(alpha3) at an angle within the range, n_modes, Hz/rad."""
         return self._lookup.slopes(alpha3)[: self.n_modes]
@@ -244,9 +278,7 @@ class Table:
                 )
         points, matrix = self._polynomial(np.array([alpha3]))
         weights = matrix[0]
-        k = np.exp(weights @ np.log(self.term_stiffness[points]))
-        c = weights @ self.term_decay[points]
-        shapes = np.tensordot(weights, self.participations[points], axes=1)
+        k, c, shapes = (each[0] for each in self.terms(np.array([alpha3])))
         o = [self.places.index(place) for place in outputs]
         i = [self.places.index(place) for place in inputs]
         products = shapes[o][:, np.newaxis] * shapes[i][np.newaxis]
@@ -270,6 +302,16 @@ class Table:
             np.concatenate([rates, np.zeros_like(full[:, :, 1:])], axis=2),
             np.array(full[:, :, 0]),
         )
+
+    def terms(self, alpha3: FloatArray) -> tuple[ComplexArray, FloatArray, ComplexArray]:
+        """Return k and c of the terms of FRFs, (n, n_terms), and shapes, (n, n_places, n_terms).
+
+        The angles, (n,), rad, are in the piece of the first.
+        """
+        points, matrix = self._polynomial(alpha3)
+        k = np.exp(matrix @ np.log(self.term_stiffness[points]))
+        shapes = np.tensordot(matrix, self.participations[points], axes=1)
+        return k, matrix @ self.term_decay[points], shapes
 
     def _polynomial(self, alpha3: FloatArray) -> tuple[slice, FloatArray]:
         """Return the points of the piece of some angles, and their weights, (n, n_points)."""
@@ -295,7 +337,7 @@ class Table:
         pieces = []
         for piece, bounds in enumerate(pairwise(self.alpha3[self.pieces].tolist())):
             first, last = stroke_variable(np.array(bounds), self.toggles)
-            at = stroke_angle(np.linspace(first, last, _CELLS + 1), self.toggles)
+            at = stroke_angle(np.linspace(first, last, CELLS + 1), self.toggles)
             at[[0, -1]] = bounds
             pieces.append((at, self._resampled(at, self.peak_notable[piece])))
         return Cells(pieces)
@@ -319,6 +361,7 @@ class Table:
             "range_rad": list(self.alpha3_range),
             "units": UNITS,
             "peak_error": self.peak_error,
+            "slope_error": self.slope_error,
             "frf_error": None if math.isnan(self.frf_error) else self.frf_error,
             "toggles_rad": self.toggles and list(self.toggles),
             "band_hz": list(self.band),
@@ -401,6 +444,7 @@ def _read(path: Path) -> Table:
         table = Table(
             **arrays,
             peak_error=metadata["peak_error"],
+            slope_error=metadata["slope_error"],
             frf_error=math.nan if frf_error is None else frf_error,
             toggles=toggles and (toggles[0], toggles[1]),
             band=(metadata["band_hz"][0], metadata["band_hz"][1]),

@@ -301,7 +301,7 @@ def _table(best: _Reference, pair: Pair, tolerance: float) -> Table:
     mechanism = scene.with_settings(*pair, best.n_modes)
     model = LinkageModel(mechanism, kinematics=trials.kinematics)
     try:
-        table = build_table(model, tolerance, scene.points, trials.solved)
+        table = build_table(model, tolerance, scene.points, lambda _: trials.solved())
     except TableError as error:
         raise PlanError(
             f"A solve takes longer than is allowed, and no table can be built: {error}"

@@ -17,6 +17,12 @@ norm, by the derivative of a Lorentzian: a hundred times e at a damping ratio of
 FRF_FLOOR = 1e-5
 """Best tolerance of FRFs, since far poles represent the modes above the band."""
 
+ROUNDING = 1e-11
+"""Least relative error that a table reports: rounding of the solutions."""
+
+MARGIN = 1.02
+"""Factor of the errors found, since the worst place lies between those compared."""
+
 _SHARPER = 5.0  # peaks change more between the points than at the points that measure their error
 _EQUAL_AT_MOST = 0.1  # of a height: maxima that differ by more are never of one height
 

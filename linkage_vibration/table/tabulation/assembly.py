@@ -19,7 +19,9 @@ from linkage_vibration.table.tabulation.sampling import Sampler, Terms
 from linkage_vibration.table.tabulation.tracking import Tracked
 
 
-def assemble(sampler: Sampler, pieces: list[Piece], tracked: Tracked, accuracy: Accuracy) -> Table:
+def assemble(
+    sampler: Sampler, pieces: list[Piece], tracked: Tracked, accuracy: Accuracy, n_far: int
+) -> Table:
     """Make the table from pieces; its errors are not measured yet.
 
     Parameters
@@ -28,6 +30,8 @@ def assemble(sampler: Sampler, pieces: list[Piece], tracked: Tracked, accuracy: 
         The samples, the pieces of the whole stroke, ascending, and the accuracy of these.
     tracked : Tracked
         The modes at all their points, also those to which they are not fitted.
+    n_far : int
+        Number of poles that represent the modes above the band.
     """
     band, equal = sampler.response.band, accuracy.equal_height
     notables = np.array([_notable(tracked, piece, band, equal) for piece in pieces])
@@ -47,6 +51,7 @@ def assemble(sampler: Sampler, pieces: list[Piece], tracked: Tracked, accuracy: 
         interpolation_error=np.zeros(len(pieces)),
         peak_error=math.nan,
         frf_error=math.nan,
+        slope_error=math.nan,
         toggles=sampler.toggles,
         band=band,
         places=(),
@@ -62,7 +67,9 @@ def assemble(sampler: Sampler, pieces: list[Piece], tracked: Tracked, accuracy: 
         package_version=VERSION,
     )
     terms = [found for x in variables if (found := sampler.at(x).terms) is not None]
-    return table if len(terms) < len(variables) else _with_frfs(table, sampler, fitted, terms)
+    return (
+        table if len(terms) < len(variables) else _with_frfs(table, sampler, fitted, terms, n_far)
+    )
 
 
 def _notable(
@@ -74,7 +81,9 @@ def _notable(
     return notable(at, sizes, band, equal, strict=False)
 
 
-def _with_frfs(table: Table, sampler: Sampler, tracked: Tracked, terms: Sequence[Terms]) -> Table:
+def _with_frfs(
+    table: Table, sampler: Sampler, tracked: Tracked, terms: Sequence[Terms], n_far: int
+) -> Table:
     """Add the terms of FRFs: those of the tracked modes, and far poles for the sum of all others.
 
     Terms have the same indices as the modes, since there is no mechanism mode.
@@ -90,6 +99,7 @@ def _with_frfs(table: Table, sampler: Sampler, tracked: Tracked, terms: Sequence
         np.concatenate([term.frf.stiffness[~own] for term, own in zip(terms, kept, strict=True)]),
         np.concatenate([term.frf.decay[~own] for term, own in zip(terms, kept, strict=True)]),
         table.band,
+        n_far,
     )
     residues = np.array(
         [_far_residues(term.frf, own, far) for term, own in zip(terms, kept, strict=True)]

@@ -6,33 +6,34 @@ import math
 from collections.abc import Callable, Sequence
 
 from linkage_vibration.mechanics.model import LinkageModel
+from linkage_vibration.mechanics.response import N_FAR
 from linkage_vibration.table.table import Table, TableError
 from linkage_vibration.table.tabulation.accuracy import TOLERANCE, Accuracy
 from linkage_vibration.table.tabulation.assembly import assemble
 from linkage_vibration.table.tabulation.refinement import Piece, first_points, more_points, refine
 from linkage_vibration.table.tabulation.sampling import Sampler
 from linkage_vibration.table.tabulation.tracking import Tracker
-from linkage_vibration.table.tabulation.verification import verify
+from linkage_vibration.table.tabulation.verification import Bounds, bound_errors, thin, with_bounds
 
 _FINEST, _COARSEST = 1e-11, 1.0  # finer: rounding dominates; coarser: the table has no use
-_TOTAL = 3000  # solutions in total, ten times those of the most difficult of the shipped linkages
+_MORE_FAR, _MOST_FAR = 2, 8  # far poles, if their error is more than half of the tolerance
 
 
 def build_table(
     model: LinkageModel,
     tolerance: float = TOLERANCE,
     points: Sequence[str] | None = None,
-    solved: Callable[[], object] = lambda: None,
+    progress: Callable[[float], object] = lambda finished: None,
 ) -> Table:
     """Tabulate the values of predictions over the stroke, to a tolerance.
 
     Every quantity is a polynomial in `stroke_variable`. The model is solved at the points of a Leja
-    sequence; the next three measure the error of the polynomial through the previous ones where it
-    is largest, and join them while it is above the tolerance. A piece of the stroke is halved if it
-    needs more than 48 points, or if the highest peak passes to a maximum that does not exist in the
-    whole piece. Modes are tracked from point to point by their shapes; where a shape might continue
-    two others, a point is added between. Where modes seem to cross, the model is solved to decide
-    whether they cross or veer.
+    sequence; the next three, and one where these change the polynomials most, measure the error of
+    the polynomials through the previous points, and join them while it is above the tolerance. A
+    piece of the stroke is halved if it needs more than 48 points, or if the highest peak passes to
+    a maximum that does not exist in the whole piece. Modes are tracked from point to point by their
+    shapes; where a shape might continue two others, a point is added between. Where modes seem to
+    cross, the model is solved to decide whether they cross or veer.
 
     Parameters
     ----------
@@ -44,31 +45,44 @@ def build_table(
     points : sequence of str, optional
         Points between which the table has FRFs; by default all that move, if they are no more than
         eight, otherwise the response point. A model from measured FRFs has none.
-    solved : callable
-        Called after each solution of the model, for a progress bar.
+    progress : callable
+        Called after each solution of the model with the fraction of the stroke that is finished.
 
     Raises
     ------
     TableError
-        If the tolerance is invalid or cannot be met; if the model has too few modes, or hardly any
-        response; if a mode cannot be tracked.
+        If the tolerance is invalid, or cannot be met with `MOST_SOLUTIONS` solutions; if the model
+        has too few modes, or hardly any response; if a mode cannot be tracked.
     """
     if not _FINEST <= tolerance < _COARSEST:
         raise TableError(
             f"A tolerance of {tolerance:g} is invalid or cannot be met; give one from {_FINEST:g} "
             f"to {_COARSEST:g}."
         )
-    sampler = Sampler(model, points, solved)
+    sampler = Sampler(model, points, progress)
     tracker, accuracy = Tracker(sampler, tolerance), Accuracy(tolerance)
     pieces = _refined(tracker, [first_points(sampler.samples, *sampler.ends)], accuracy)
     tried: set[tuple[float, float]] = set()  # pieces that have received more points
+    known: dict[tuple[int, Piece], Bounds] = {}
+    n_far = N_FAR
     while True:
         pieces.sort(key=lambda piece: piece.ends)
         tracked = tracker.follow(sorted({x for p in pieces for x in (*p.fitted, *p.held)}))
-        table = assemble(sampler, pieces, tracked, accuracy)
-        table, poor = verify(table, sampler, pieces, tracked, accuracy)
+        finer = assemble(sampler, [piece.finer for piece in pieces], tracked, accuracy, n_far)
+        table = thin(finer, pieces)
+        for index, piece in enumerate(pieces):
+            if (n_far, piece) not in known:
+                bounds = bound_errors(table, finer, index, piece, tracked, sampler)
+                known[n_far, piece] = bounds
+        found = [known[n_far, piece] for piece in pieces]
+        if max(bounds.far for bounds in found) > accuracy.frf / 2.0 and n_far < _MOST_FAR:
+            n_far += _MORE_FAR
+            continue
+        both = zip(pieces, found, strict=True)
+        poor = [piece for piece, bounds in both if not bounds.meet(accuracy)]
         if not poor:
-            return table
+            return with_bounds(table, found)
+        sampler.reopen(sum(piece.ends[1] - piece.ends[0] for piece in poor))
         waiting: list[list[float]] = []
         for piece in poor:
             if piece.ends in tried:  # more points did not help
@@ -88,9 +102,10 @@ def _refined(tracker: Tracker, waiting: list[list[float]], accuracy: Accuracy) -
         piece = refine(tracker, fitted, accuracy)
         if piece is not None:
             pieces.append(piece)
+            sampler.finish(fitted[-1] - fitted[0])
             continue
         low, high = fitted[0], fitted[-1]
-        if high - low < 2.0 * sampler.shortest or len(sampler.samples) > _TOTAL:
+        if high - low < 2.0 * sampler.shortest:
             raise TableError(
                 f"{sampler.model.mechanism.name} changes too quickly at alpha3 = "
                 f"{math.degrees(sampler.angle(low)):.4f} deg for a tolerance of "

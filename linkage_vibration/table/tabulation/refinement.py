@@ -4,7 +4,7 @@
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -31,13 +31,24 @@ class Piece:
     """Stroke variables of a piece, and its error where modes cross."""
 
     fitted: list[float]  # ascending: the points of its polynomials
-    held: list[float]  # the points that measure their error
+    more: list[float]  # the points of finer polynomials, which measure their error
+    between: list[float]  # other points, at which modes could not be distinguished
     gap: float  # relative error of frequencies where modes cross that veer by a negligible gap
 
     @property
     def ends(self) -> tuple[float, float]:
         """Stroke variables at which it begins and ends."""
         return self.fitted[0], self.fitted[-1]
+
+    @property
+    def held(self) -> list[float]:
+        """The points to which its polynomials are not fitted."""
+        return sorted({*self.more, *self.between})
+
+    @property
+    def finer(self) -> "Piece":
+        """The same piece with the finer polynomials."""
+        return replace(self, fitted=sorted({*self.fitted, *self.more}))
 
 
 def first_points(solved: Iterable[float], low: float, high: float) -> list[float]:
@@ -108,7 +119,10 @@ def refine(tracker: Tracker, fitted: list[float], accuracy: Accuracy) -> Piece |
         gaps = crossing_gaps(sampler, fitted, tracked)
         veering = {x for x, gap in gaps.items() if gap > tolerance / 2.0}
         if not veering:
-            return Piece(fitted, held, max(gaps.values(), default=0.0))
+            more.append(polynomials.worst(fitted, more))
+            sampler.at(more[-1])
+            gap = max(gaps.values(), default=0.0)
+            return Piece(fitted, more, sorted(between.difference(fitted)), gap)
         tracker.heed_veering()
         if veering <= between:
             return None  # points there did not help; halving will
@@ -129,40 +143,73 @@ class _Polynomials:
     def misses(self, fitted: list[float]) -> bool:
         """Return whether polynomials are inaccurate at samples to which they are not fitted."""
         own = self.tracked.at(fitted)
-        frequencies, at, sizes = self._between(fitted, self.tracked.variables[~own])
-        exact = self.tracked.log_frequencies[~own, : self.n_modes]
+        logarithms, ratios, at, sizes = self._between(fitted, self.tracked.variables[~own])
+        off = np.abs(logarithms - self.tracked.log_frequencies[~own])[:, : self.n_modes]
+        exact_ratios = self.tracked.ratios[~own]
+        apart_ratios = np.abs(ratios / exact_ratios - 1.0)[:, : self.n_modes]
         exact_at = self.tracked.peak_frequencies[~own][:, self.maxima]
         exact_sizes = self.tracked.peak_magnitudes[~own][:, self.maxima]
         # Either of two peaks of one height is the highest: each is compared with itself.
         best = heights(at, sizes, self.band).argmax(axis=1)
         rows = np.arange(len(best))
         height = heights(exact_at, exact_sizes, self.band).max(axis=1)
-        off = np.abs(sizes[rows, best] / height - 1.0)
-        away = apart(at[rows, best], exact_at[rows, best])
-        return self._exceeds(frequencies - exact, np.maximum(off, away))
+        away = np.abs(sizes[rows, best] / height - 1.0)
+        away = np.maximum(away, apart(at[rows, best], exact_at[rows, best]))
+        return self._exceeds(np.maximum(off, apart_ratios), away)
 
     def moves(self, fitted: list[float], finer: list[float]) -> bool:
         """Return whether more points change the polynomials anywhere in the piece."""
         grid = np.linspace(fitted[0], fitted[-1], GRID)
-        before, at, sizes = self._between(fitted, grid)
-        after, finer_at, finer_sizes = self._between(finer, grid)
+        before, ratios, at, sizes = self._between(fitted, grid)
+        after, finer_ratios, finer_at, finer_sizes = self._between(finer, grid)
         height = heights(at, sizes, self.band).max(axis=1)
         finer_height = heights(finer_at, finer_sizes, self.band).max(axis=1)
-        return self._exceeds(before - after, np.abs(height / finer_height - 1.0))
+        off = np.maximum(np.abs(before - after), np.abs(ratios / finer_ratios - 1.0))
+        return self._exceeds(off[:, : self.n_modes], np.abs(height / finer_height - 1.0))
 
-    def _exceeds(self, logarithms: FloatArray, peaks: FloatArray) -> bool:
-        """Return whether errors of the logarithms of frequencies or of peaks are too large."""
-        frequency, peak = np.abs(logarithms).max(), peaks.max()
-        return bool(frequency > self.accuracy.frequency or peak > self.accuracy.refined_peak)
+    def worst(self, fitted: list[float], more: list[float]) -> float:
+        """Return the stroke variable at which more points change a value or an FRF most.
+
+        The changes are compared with their tolerances. The shift of a pole in half-power
+        half-widths, divided by sqrt(2), is the relative change of its resonance in the L2 norm.
+        """
+        grid = dense(fitted[0], fitted[-1])
+        before, ratios, *_ = self._between(fitted, grid)
+        after, finer_ratios, *_ = self._between([*fitted, *more], grid)
+        off, ratio = np.abs(before - after), np.abs(ratios / finer_ratios - 1.0)
+        shift = np.hypot(off / finer_ratios, ratio) / math.sqrt(2.0) / self.accuracy.frf
+        shift[np.exp(after) > self.band[1]] = 0.0
+        off = np.maximum(off, ratio)[:, : self.n_modes] / self.accuracy.frequency
+        return float(grid[np.maximum(shift.max(axis=1), off.max(axis=1)).argmax()])
+
+    def _exceeds(self, relative: FloatArray, peaks: FloatArray) -> bool:
+        """Return whether relative errors of frequencies and ratios, or of peaks, are too large."""
+        own, peak = relative.max(), peaks.max()
+        return bool(own > self.accuracy.frequency or peak > self.accuracy.refined_peak)
 
     def _between(
         self, points: list[float], at: FloatArray
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return logarithms of natural frequencies, and frequencies and heights of the maxima."""
+    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Return logarithms of frequencies, ratios, and frequencies and heights of the maxima."""
         own = self.tracked.at(points)
         matrix = interpolation_matrix(self.tracked.variables[own], at)
         return (
-            matrix @ self.tracked.log_frequencies[own, : self.n_modes],
+            matrix @ self.tracked.log_frequencies[own],
+            matrix @ self.tracked.ratios[own],
             matrix @ self.tracked.peak_frequencies[own][:, self.maxima],
             interpolate_positive(matrix, self.tracked.peak_magnitudes[own][:, self.maxima]),
         )
+
+
+def dense(low: float, high: float) -> FloatArray:
+    """Return stroke variables over a piece, (401,), denser towards its ends.
+
+    Parameters
+    ----------
+    low, high : float
+        Its ends.
+    """
+    turn = np.linspace(0.0, math.pi, GRID)
+    grid = low + (high - low) * np.sin(turn / 2.0) ** 2
+    grid[-1] = high
+    return grid

@@ -20,6 +20,9 @@ from linkage_vibration.table.tabulation.peaks import SILENT, heights
 
 _SPARE = 4  # further modes, which may continue a tracked one
 _MANY = 8  # points of a mechanism up to which all have FRFs in the table by default
+MOST_SOLUTIONS = 3000
+"""Solutions of the model for one table: ten times those of the most difficult shipped linkage."""
+
 _SHORTEST = 1e-7  # of the stroke: 1e-5 deg of 90 deg, which no joint sensor resolves
 
 
@@ -59,12 +62,15 @@ class Sampler:
 
     Parameters
     ----------
-    model, points, solved
+    model, points, progress
         As in `build_table`.
     """
 
     def __init__(
-        self, model: LinkageModel, points: Sequence[str] | None, solved: Callable[[], object]
+        self,
+        model: LinkageModel,
+        points: Sequence[str] | None,
+        progress: Callable[[float], object],
     ) -> None:
         self.model = model
         self.response = model.mechanism.response
@@ -75,7 +81,7 @@ class Sampler:
         toggles = model.kinematics.toggles
         self.toggles = None if toggles is None else (toggles[0].alpha3, toggles[1].alpha3)
         self.samples: dict[float, Sample] = {}
-        self._solved = solved
+        self._progress, self._unfinished = progress, 1.0
         first, last = stroke_variable(np.array(model.mechanism.stroke), self.toggles).tolist()
         self.ends: tuple[float, float] = (first, last)
         # The ends of the stroke to the last bit, which the variable does not return.
@@ -98,11 +104,33 @@ class Sampler:
         return float(stroke_angle(np.array([variable]), self.toggles)[0])
 
     def at(self, variable: float) -> Sample:
-        """Return the sample at a stroke variable, which is solved once."""
+        """Return the sample at a stroke variable, which is solved once.
+
+        Raises
+        ------
+        TableError
+            If the table would need more than `MOST_SOLUTIONS`.
+        """
         if variable not in self.samples:
+            if len(self.samples) >= MOST_SOLUTIONS:
+                raise TableError(
+                    f"{self.model.mechanism.name} was solved at {MOST_SOLUTIONS} angles, which is "
+                    "the most for one table, and it still changes too quickly between them at "
+                    f"alpha3 = {math.degrees(self.angle(variable)):.4f} deg; give a larger "
+                    "tolerance, a narrower response.band_hz, fewer response.modes, or end the "
+                    "stroke before this angle."
+                )
             self.samples[variable] = self._solve(self.angle(variable))
-            self._solved()
+            self._progress(1.0 - self._unfinished)
         return self.samples[variable]
+
+    def finish(self, length: float) -> None:
+        """Count a part of the stroke, in its variable, as finished."""
+        self._unfinished = max(self._unfinished - length / self.length, 0.0)
+
+    def reopen(self, length: float) -> None:
+        """Count a part of the stroke, in its variable, as unfinished again."""
+        self._unfinished = min(self._unfinished + length / self.length, 1.0)
 
     def _solve(self, alpha3: float) -> Sample:
         if self._from_frfs:

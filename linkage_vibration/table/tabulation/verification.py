@@ -3,60 +3,99 @@
 """Compares a table with the model, at points to which it was not fitted."""
 
 import math
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray
 from linkage_vibration.mechanics.response import PoleResidue
-from linkage_vibration.table.table import Table
-from linkage_vibration.table.tabulation.accuracy import Accuracy
-from linkage_vibration.table.tabulation.peaks import apart
-from linkage_vibration.table.tabulation.refinement import Piece
+from linkage_vibration.table.interpolation import stroke_angle
+from linkage_vibration.table.table import CELLS, Table
+from linkage_vibration.table.tabulation.accuracy import MARGIN, ROUNDING, Accuracy
+from linkage_vibration.table.tabulation.peaks import apart, heights
+from linkage_vibration.table.tabulation.refinement import Piece, dense
 from linkage_vibration.table.tabulation.sampling import Sample, Sampler
 from linkage_vibration.table.tabulation.tracking import Tracked
 
 _LINES = 201  # frequencies at which FRFs are compared, in addition to those near resonances
+_FRF_ANGLES = 2  # of a piece, at which FRFs are compared with those of finer polynomials
 _SILENT = 1e-6  # of the drive-point FRFs of two places: an FRF between them that is only rounding
 
 
-def verify(
-    table: Table, sampler: Sampler, pieces: list[Piece], tracked: Tracked, accuracy: Accuracy
-) -> tuple[Table, list[Piece]]:
-    """Measure the errors of a table at the points that its pieces reserve for that.
+@dataclass(frozen=True, slots=True)
+class Bounds:
+    """Bounds of the relative errors in a piece of a table."""
+
+    values: float  # natural frequencies and damping ratios
+    peak: float  # frequency and magnitude of the highest peak
+    frf: float  # FRFs between the places, L2 norm over the band; 0 without FRFs
+    slope: float  # slopes of natural frequencies, divided by these, 1/rad
+    far: float  # the part of `frf` that is due to far poles
+
+    def meet(self, accuracy: Accuracy) -> bool:
+        """Return whether the errors are small enough; slopes have no tolerance."""
+        own = self.values <= accuracy.frequency and self.peak <= accuracy.peak
+        return own and self.frf <= accuracy.frf
+
+
+def thin(finer: Table, pieces: Sequence[Piece]) -> Table:
+    """Return the table of pieces from that of their finer polynomials; its errors are unknown.
 
     Parameters
     ----------
-    table : Table
-        The assembled table.
-    sampler, pieces, tracked, accuracy
-        The arguments from which it was assembled.
-
-    Returns
-    -------
-    tuple of (Table, list of Piece)
-        The table with its errors, and the pieces that are not accurate enough.
+    finer, pieces
+        The table of the finer polynomials of each piece, and the pieces.
     """
-    frequencies = np.exp(tracked.log_frequencies[:, : table.n_modes])
-    exact = dict(zip(tracked.variables.tolist(), frequencies, strict=True))
-    found = []
-    for piece in pieces:
-        frequency, peak, frf = piece.gap, 0.0, 0.0
-        for x in piece.held:
-            sample = sampler.at(x)
-            frequency = max(frequency, _frequency_error(table, sample, exact[x]))
-            peak = _peak_error(table, sample, peak)
-            frf = max(frf, _frf_error(table, sample))
-        found.append((frequency, peak, frf))
-    errors = np.array(found)
-    measured = replace(
+    variables = sorted({x for piece in pieces for x in piece.finer.fitted})
+    fitted = {x for piece in pieces for x in piece.fitted}
+    return finer.thinned(np.array([x in fitted for x in variables], dtype=np.bool_))
+
+
+def bound_errors(
+    table: Table, finer: Table, index: int, piece: Piece, tracked: Tracked, sampler: Sampler
+) -> Bounds:
+    """Bound the errors of a piece of a table by finer polynomials and by the model.
+
+    Parameters
+    ----------
+    table, finer : Table
+        The table, and that of the finer polynomials of each piece.
+    index, piece
+        The piece.
+    tracked, sampler
+        The modes and the samples at all points.
+    """
+    variables = dense(*piece.ends)
+    values, peak, slope = _between_points(table, finer, index, variables)
+    values = max(values, piece.gap)
+    for x in piece.held:
+        row = int(np.searchsorted(tracked.variables, x))
+        exact = np.exp(tracked.log_frequencies[row]), tracked.ratios[row]
+        known = np.concatenate([each[: table.n_modes] for each in exact])
+        values = max(values, _value_error(table, sampler.at(x), known))
+        peak = _peak_error(table, sampler.at(x), peak)
+    frf, far = _frf_error(table, finer, sampler, piece) if table.places else (0.0, 0.0)
+    found = np.maximum(MARGIN * np.array([values, peak, frf, slope, far]), ROUNDING)
+    return Bounds(*found.tolist())
+
+
+def with_bounds(table: Table, bounds: Sequence[Bounds]) -> Table:
+    """Return a table with the errors of its pieces.
+
+    Parameters
+    ----------
+    table, bounds
+        The table, and the bounds of its pieces.
+    """
+    return replace(
         table,
-        interpolation_error=errors[:, 0],
-        peak_error=float(errors[:, 1].max()),
-        frf_error=float(errors[:, 2].max()) if table.places else math.nan,
+        interpolation_error=np.array([piece.values for piece in bounds]),
+        peak_error=max(piece.peak for piece in bounds),
+        frf_error=max(piece.frf for piece in bounds) if table.places else math.nan,
+        slope_error=max(piece.slope for piece in bounds),
     )
-    allowed = accuracy.frequency, accuracy.peak, accuracy.frf
-    return measured, [pieces[i] for i in np.flatnonzero((errors > allowed).any(axis=1))]
 
 
 def frf_lines(exact: PoleResidue, band: tuple[float, float]) -> tuple[FloatArray, FloatArray]:
@@ -81,15 +120,82 @@ def worst_frf_error(found: ComplexArray, exact: ComplexArray) -> float:
     found, exact : complex ndarray, (n_freq, n_places, n_places)
         m/N, weighted as `frf_lines` says.
     """
-    size = np.linalg.norm(exact, axis=0)
+    return _worst_share(np.linalg.norm(found - exact, axis=0), np.linalg.norm(exact, axis=0))
+
+
+def _worst_share(off: FloatArray, size: FloatArray) -> float:
+    """Return the largest ratio of norms of errors to those of FRFs, (n_places, n_places)."""
     # A response that is only rounding has no relative error.
     size = np.maximum(size, _SILENT * np.sqrt(np.outer(np.diag(size), np.diag(size))))
-    off = np.linalg.norm(found - exact, axis=0)
     return float((off[size > 0.0] / size[size > 0.0]).max(initial=0.0))
 
 
-def _frequency_error(table: Table, sample: Sample, exact: FloatArray) -> float:
-    """Return the largest relative error of a natural frequency."""
+def _between_points(
+    table: Table, finer: Table, piece: int, variables: FloatArray
+) -> tuple[float, float, float]:
+    """Compare a piece of a table with finer polynomials, at stroke variables all over it.
+
+    It returns relative errors of values and of the highest peak, and those of slopes, 1/rad.
+    """
+    angles = _angles(table, variables)
+    n, k = 2 * table.n_modes, table.n_modes
+    found, exact = table.polynomials(piece, angles), finer.polynomials(piece, angles)
+    off = np.abs(found[:, :n] / exact[:, :n] - 1.0)
+    cells, cell_slope, peak_cells = _cell_errors(table, piece, variables)
+    slopes = CubicSpline(angles, found[:, :k] / exact[:, :k] - 1.0)(angles, 1)
+    return (
+        float(off.max()) + cells,
+        _highest_error(table, found[:, n:], exact[:, n:]) + peak_cells,
+        float(np.abs(slopes).max()) + cell_slope,
+    )
+
+
+def _angles(table: Table, variables: FloatArray) -> FloatArray:
+    """Return the angles of stroke variables over a piece, rad; the ends to the last bit."""
+    angles = stroke_angle(variables, table.toggles)
+    bounds = table.alpha3[table.pieces]
+    angles[[0, -1]] = [bounds[np.abs(bounds - angles[i]).argmin()] for i in (0, -1)]
+    return angles
+
+
+def _cell_errors(table: Table, piece: int, variables: FloatArray) -> tuple[float, float, float]:
+    """Return errors of cells: of values, slopes (1/rad) and peaks, from the middles of cells."""
+    ends = np.linspace(variables[0], variables[-1], CELLS + 1)
+    middles = stroke_angle((ends[1:] + ends[:-1]) / 2.0, table.toggles)
+    size = np.diff(stroke_angle(ends, table.toggles))[:, np.newaxis]
+    n = 2 * table.n_modes
+    found = table.evaluate(middles)
+    exact = table.polynomials(piece, middles)
+    off = np.abs(found[:, :n] / exact[:, :n] - 1.0)
+    _, height = _highest(table, exact[:, n:])
+    # A slope that is wrong by e at the end of a cell causes an error of e / 8 cells in its middle.
+    slope = 8.0 * off[:, : table.n_modes] / size
+    return float(off.max()), float(slope.max()), float(np.abs(found[:, -1] / height - 1.0).max())
+
+
+def _highest(table: Table, peaks: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return frequency and height of the highest of some peaks, (n, 2 n_peaks)."""
+    at, sizes = np.hsplit(peaks, 2)
+    size = heights(at, sizes, table.band)
+    best = size.argmax(axis=1)[:, np.newaxis]
+    return np.take_along_axis(at, best, 1)[:, 0], np.take_along_axis(size, best, 1)[:, 0]
+
+
+def _highest_error(table: Table, found: FloatArray, exact: FloatArray) -> float:
+    """Return the largest relative error of the highest of some peaks, (n, 2 n_peaks)."""
+    at, size = _highest(table, found)
+    places, sizes = np.hsplit(exact, 2)
+    sizes = heights(places, sizes, table.band)
+    height = sizes.max(axis=1)
+    error = float(np.abs(size / height - 1.0).max())
+    # Either of two peaks of one height, within the error, is the highest.
+    rival = sizes >= (1.0 - 2.0 * error) * height[:, np.newaxis]
+    away = np.where(rival, apart(at[:, np.newaxis], places), math.inf).min(axis=1)
+    return max(error, float(away.max()))
+
+
+def _value_error(table: Table, sample: Sample, exact: FloatArray) -> float:
+    """Return the largest relative error of a natural frequency or a damping ratio."""
     values = table.interpolate(sample.alpha3)[0]
     return float(np.abs(np.array(values[: len(exact)]) / exact - 1.0).max())
 
@@ -97,20 +203,73 @@ def _frequency_error(table: Table, sample: Sample, exact: FloatArray) -> float:
 def _peak_error(table: Table, sample: Sample, known: float) -> float:
     """Return the relative error of the highest peak, or the known one of a piece if larger."""
     _, at, size, _ = table.interpolate(sample.alpha3)
-    peak = sample.peak
-    error = max(known, abs(size / peak.magnitude - 1.0))
-    # Either of two peaks of one height, within the error, is the highest.
     places, sizes = np.hstack([sample.peaks, sample.edges])
-    rivals = [peak.frequency, *places[sizes >= (1.0 - 2.0 * error) * peak.magnitude]]
-    return max(error, float(apart(at, np.array(rivals)).min()))
+    sizes = heights(places, sizes, table.band)
+    # A maximum that is not near a mode shows on lines; a mechanism is endless towards 0 Hz.
+    low = min(max(table.band[0], sample.frequencies[0] / 2.0), table.band[1])
+    lines = np.abs(sample.drive.frf(sample.drive.lines((low, table.band[1]), _LINES)))
+    height = float(max(sizes.max(), lines.max()))
+    error = max(known, abs(size / height - 1.0))
+    # Either of two peaks of one height, within the error, is the highest.
+    rivals = places[sizes >= (1.0 - 2.0 * error - ROUNDING) * height]
+    return max(error, float(apart(at, rivals).min(initial=math.inf)))
 
 
-def _frf_error(table: Table, sample: Sample) -> float:
-    """Return the largest relative L2 error over the band of the FRFs of the table."""
-    if not table.places:
-        return 0.0
-    assert sample.terms is not None
-    exact = sample.terms.frf
-    found = table.frf(sample.alpha3, table.places, table.places)
+def _frf_error(table: Table, finer: Table, sampler: Sampler, piece: Piece) -> tuple[float, float]:
+    """Return the largest relative L2 error over the band of an FRF in a piece, and a part of it.
+
+    The error has two parts: finer polynomials differ from the model by the far poles, and from
+    the table by the interpolation of terms. The first, which is also returned, is measured at
+    points of the finer ones; their sum is evaluated where the second is largest.
+    """
+    size = len(table.places)
+    far, worst, worst_far = np.zeros((size, size)), 0.0, 0.0
+    for x in piece.more[:_FRF_ANGLES]:
+        terms = sampler.at(x).terms
+        assert terms is not None
+        far = np.maximum(far, _frf_norms(finer, sampler.at(x).alpha3, terms.frf)[0])
+    angles = _angles(table, dense(*piece.ends)[::2])
+    change = _term_change(table, finer, angles)
+    rises, falls = np.diff(change, prepend=-1.0) > 0.0, np.diff(change, append=-1.0) <= 0.0
+    tops = np.flatnonzero(rises & falls)
+    for i in tops[np.argsort(change[tops])[-_FRF_ANGLES:]].tolist():
+        exact = finer.frf(angles[i], table.places, table.places)
+        off, norms = _frf_norms(table, angles[i], exact)
+        worst = max(worst, _worst_share(np.hypot(off, far), norms))
+        worst_far = max(worst_far, _worst_share(far, norms))
+    return worst, worst_far
+
+
+def _frf_norms(table: Table, alpha3: float, exact: PoleResidue) -> tuple[FloatArray, FloatArray]:
+    """Return L2 norms over the band of errors of a table's FRFs, and of exact FRFs."""
+    found = table.frf(alpha3, table.places, table.places)
     lines, weights = frf_lines(exact, table.band)
-    return worst_frf_error(weights * found.frf(lines), weights * exact.frf(lines))
+    right = exact.frf(lines)
+    off = np.linalg.norm(weights * (found.frf(lines) - right), axis=0)
+    return off, np.linalg.norm(weights * right, axis=0)
+
+
+def _term_change(table: Table, finer: Table, angles: FloatArray) -> FloatArray:
+    """Return roughly how much finer polynomials change FRFs in the band, (n,).
+
+    A pole that moves by d changes its term by abs(d) / (sqrt(2) w) in the L2 norm, with its
+    half-power half-width w.
+    """
+    (k, c, shapes), (own_k, own_c, own) = finer.terms(angles), table.terms(angles)
+    omega = np.sqrt(k)
+    width = c / 2.0 + omega.imag
+    moved = np.abs(np.sqrt(own_k) - omega + 0.5j * (own_c - c)) / (math.sqrt(2.0) * width)
+    # The squared L2 norm of a term over the band is pi abs(r)^2 / (4 omega^2 w).
+    weight = np.where(omega.real < 2.0 * math.pi * table.band[1], omega.real**-2 / width, 0.0)
+    weight, moved = weight[:, np.newaxis], moved[:, np.newaxis]
+    size, change = np.abs(shapes), np.abs(own - shapes)
+    inputs = (size**2).swapaxes(1, 2)
+    whole = (weight * size**2) @ inputs
+    # abs(d(s t)) <= abs(ds) abs(t) + abs(s) abs(dt) for the shapes s and t at two places
+    one = (weight * change**2) @ inputs
+    off = one + one.swapaxes(1, 2) + (weight * (size * moved) ** 2) @ inputs
+    off += 2.0 * (weight * size * change) @ (size * change).swapaxes(1, 2)
+    own = np.sqrt(np.diagonal(whole, axis1=1, axis2=2))
+    least = _SILENT**2 * own[:, :, np.newaxis] * own[:, np.newaxis]
+    share = off / np.maximum(whole, np.maximum(least, np.finfo(float).tiny))
+    return np.asarray(np.sqrt(share.max(axis=(1, 2))))

@@ -21,15 +21,15 @@ from linkage_vibration.table.tabulation import build_table
 
 @pytest.mark.parametrize("which", ["mechanism", "printed"])
 def test_what_was_asked_for(which: str, request: pytest.FixtureRequest) -> None:
-    """Frequencies within 1e-6, peak within 1e-4, at most 46 solutions and 100 kB, both geometries.
+    """Frequencies within 1e-6, peak within 1e-4, at most 47 solutions and 100 kB, both geometries.
 
     As printed the stroke ends 5 deg before the toggle. The error is measured here at 300 angles
-    that the table has never seen, and is hardly larger than the table says.
+    that the table has never seen.
     """
     model = LinkageModel(request.getfixturevalue(which))
-    calls: list[None] = []
-    table = build_table(model, solved=lambda: calls.append(None))
-    assert len(calls) <= 46
+    calls: list[float] = []
+    table = build_table(model, progress=calls.append)
+    assert len(calls) <= 47
     assert len(table_bytes(table)) <= 100_000
     angles = np.random.default_rng(7).uniform(*table.alpha3_range, 300)
     found = table.evaluate(angles)
@@ -42,16 +42,16 @@ def test_what_was_asked_for(which: str, request: pytest.FixtureRequest) -> None:
         worst = np.maximum(worst, errors)
     assert worst[0] <= 1e-6
     assert worst[1:].max() <= 1e-4
-    assert worst[0] <= 2.0 * table.interpolation_error.max()
-    assert worst[1:].max() <= 3.0 * table.peak_error + 1e-9
+    assert worst[0] <= table.interpolation_error.max()
+    assert worst[1:].max() <= table.peak_error
 
 
 def test_tolerance_is_met_and_costs_little(model: LinkageModel) -> None:
     """From 1e-3 to 1e-9 the measured error stays below, for a few solutions a digit."""
     solutions = []
     for tolerance in (1e-3, 1e-5, 1e-7, 1e-9):
-        calls: list[None] = []
-        table = build_table(model, tolerance, solved=lambda c=calls: c.append(None))  # type: ignore[misc]
+        calls: list[float] = []
+        table = build_table(model, tolerance, progress=calls.append)
         assert table.interpolation_error.max() <= tolerance
         assert table.peak_error <= 100 * tolerance
         assert table.frf_error <= max(100 * tolerance, 1e-5)
