@@ -57,7 +57,7 @@ def test_tolerance_is_met_and_costs_little(model: LinkageModel) -> None:
         assert table.frf_error <= max(100 * tolerance, 1e-5)
         solutions.append(len(calls))
     assert solutions == sorted(solutions)
-    assert solutions[-1] <= solutions[0] + 6 * 4
+    assert solutions[-1] <= solutions[0] + 6 * 5
 
 
 def test_points_are_the_models(model: LinkageModel) -> None:
