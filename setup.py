@@ -11,7 +11,7 @@ from setuptools import find_packages, setup
 
 NAME = "linkage_vibration"
 INTERFACES = f"{NAME}_interfaces"
-ROOT = Path(__file__).parent
+ROOT = Path(__file__).resolve().parent  # colcon links this file into its build folder
 SHARE = Path("share", NAME)
 VERSION = ElementTree.parse(ROOT / "package.xml").findtext("version")
 

@@ -2,12 +2,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """Starts the node with parameters from a file and, where given, from arguments."""
 
+from pathlib import Path
+
 from launch import LaunchContext, LaunchDescription
-from launch.actions import DeclareLaunchArgument, OpaqueFunction
+from launch.actions import DeclareLaunchArgument, OpaqueFunction, RegisterEventHandler
+from launch.event_handlers import OnProcessExit, OnProcessIO
+from launch.events.process import ProcessExited, ProcessIO
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
+from launch_ros.utilities import prefix_namespace
+
+NAME = "linkage_vibration"
 
 # Arguments that replace parameters of params_file, with their types. Empty ones replace nothing.
 OVERRIDES = {
@@ -22,9 +29,7 @@ OVERRIDES = {
 
 def generate_launch_description() -> LaunchDescription:
     """Return the arguments and the node."""
-    shipped = PathJoinSubstitution(
-        [FindPackageShare("linkage_vibration"), "config", "linkage_vibration.params.yaml"]
-    )
+    shipped = PathJoinSubstitution([FindPackageShare(NAME), "config", f"{NAME}.params.yaml"])
     return LaunchDescription(
         [
             DeclareLaunchArgument(
@@ -40,13 +45,18 @@ def generate_launch_description() -> LaunchDescription:
                 default_value="info",
                 description="Lowest printed level of messages: debug, info, warn, error or fatal.",
             ),
+            DeclareLaunchArgument(
+                "enclave",
+                default_value="",
+                description="Enclave of SROS 2, such as /linkage_vibration. Empty: none.",
+            ),
             *(
                 DeclareLaunchArgument(
                     name, default_value="", description=f"{words}. Empty: as in params_file."
                 )
                 for name, (_, words) in OVERRIDES.items()
             ),
-            OpaqueFunction(function=node),
+            OpaqueFunction(function=start),
         ]
     )
 
@@ -60,19 +70,46 @@ def given(context: LaunchContext) -> dict[str, ParameterValue]:
     }
 
 
-def node(context: LaunchContext) -> list[Node]:
-    """Return the node; arguments come after the file, so they take precedence."""
+def ros_arguments(context: LaunchContext) -> list[str]:
+    """Return the log level of the node's own logger, and the enclave if one was given."""
+    arguments = context.launch_configurations
+    outer = arguments.get("ros_namespace", "")
+    namespace = prefix_namespace(outer, arguments["namespace"]) or ""
+    logger = ".".join(filter(None, [*namespace.split("/"), NAME]))
+    enclave = ["--enclave", arguments["enclave"]] if arguments["enclave"] else []
+    return ["--log-level", f"{logger}:={arguments['log_level']}", *enclave]
+
+
+def start(context: LaunchContext) -> list[Node | RegisterEventHandler]:
+    """Return the node, and handlers that end the launch with the reason if the node fails.
+
+    Arguments come after the file, so they take precedence.
+    """
+    file = context.launch_configurations["params_file"]
+    if not Path(file).is_file():
+        raise RuntimeError(f"params_file must be a file, not {file}; name an existing file.")
+    node = Node(
+        package=NAME,
+        executable=f"{NAME}_node",
+        name=NAME,
+        namespace=LaunchConfiguration("namespace"),
+        output="screen",
+        ros_arguments=ros_arguments(context),
+        parameters=[file, given(context)],
+    )
+    printed = [""]
+
+    def keep_last_line(event: ProcessIO) -> None:
+        printed.extend(line for line in event.text.decode(errors="replace").splitlines() if line)
+        del printed[:-1]
+
+    def end(event: ProcessExited, _: LaunchContext) -> None:
+        if event.returncode > 0:
+            reason = printed[-1].rpartition("]: ")[2]  # without level, time and logger
+            raise RuntimeError(f"The node ended with exit code {event.returncode}: {reason}")
+
     return [
-        Node(
-            package="linkage_vibration",
-            executable="linkage_vibration_node",
-            name="linkage_vibration",
-            namespace=LaunchConfiguration("namespace"),
-            output="screen",
-            ros_arguments=[
-                "--log-level",
-                ["linkage_vibration:=", LaunchConfiguration("log_level")],
-            ],
-            parameters=[LaunchConfiguration("params_file"), given(context)],
-        )
+        RegisterEventHandler(OnProcessIO(target_action=node, on_stderr=keep_last_line)),
+        RegisterEventHandler(OnProcessExit(target_action=node, on_exit=end)),
+        node,
     ]

@@ -58,23 +58,53 @@ def test_xml_is_the_python_file() -> None:
     assert include.attrib == {"file": f"$(find-pkg-share linkage_vibration)/{place}"}
 
 
-def test_python_file_describes_a_launch() -> None:
-    """Where launch_ros is installed, the Python file makes nine arguments and a node."""
-    pytest.importorskip("launch_ros", reason="launch_ros comes with a ROS 2 install only")
-    entities = launched().generate_launch_description().entities
-    assert [type(entity).__name__ for entity in entities] == [
-        *["DeclareLaunchArgument"] * (3 + len(overrides())),
-        "OpaqueFunction",
-    ]
-
-
-def test_arguments_that_were_not_given() -> None:
-    """Where launch_ros is installed: only arguments that were given become parameters."""
+@pytest.fixture
+def context() -> Any:
+    """Return a launch whose arguments are empty; without launch_ros, the test is skipped."""
     pytest.importorskip("launch_ros", reason="launch_ros comes with a ROS 2 install only")
     from launch import LaunchContext  # type: ignore[attr-defined]
 
-    context = LaunchContext(argv=[])
-    context.launch_configurations.update(dict.fromkeys(overrides(), ""))
+    found = LaunchContext(argv=[])
+    names = [*overrides(), "params_file", "namespace", "enclave"]
+    found.launch_configurations.update({**dict.fromkeys(names, ""), "log_level": "warn"})
+    return found
+
+
+def test_python_file_describes_a_launch(context: Any) -> None:
+    """The Python file declares its arguments, and starts a node with two handlers of its end."""
+    entities = launched().generate_launch_description().entities
+    assert [type(entity).__name__ for entity in entities] == [
+        *["DeclareLaunchArgument"] * (4 + len(overrides())),
+        "OpaqueFunction",
+    ]
+    context.launch_configurations["params_file"] = str(PYTHON)
+    *handlers, node = launched().start(context)
+    assert [type(handler).__name__ for handler in handlers] == ["RegisterEventHandler"] * 2
+    assert type(node).__name__ == "Node"
+
+
+def test_missing_file_of_parameters_ends_the_launch(context: Any) -> None:
+    """A params_file that does not exist is an error, not a warning."""
+    context.launch_configurations["params_file"] = "/nope.yaml"
+    with pytest.raises(RuntimeError, match=r"must be a file, not /nope\.yaml"):
+        launched().start(context)
+
+
+def test_log_level_is_that_of_the_node_in_its_namespace(context: Any) -> None:
+    """The logger has the name of the node behind its namespaces; an enclave is passed on."""
+    arguments = context.launch_configurations
+    assert launched().ros_arguments(context) == ["--log-level", "linkage_vibration:=warn"]
+    arguments.update({"ros_namespace": "/farm", "namespace": "tractor/hitch", "enclave": "/e"})
+    assert launched().ros_arguments(context) == [
+        "--log-level",
+        "farm.tractor.hitch.linkage_vibration:=warn",
+        "--enclave",
+        "/e",
+    ]
+
+
+def test_arguments_that_were_not_given(context: Any) -> None:
+    """Only arguments that were given become parameters."""
     assert launched().given(context) == {}
     context.launch_configurations.update({"record": "false", "joint_name": "5"})
     found = {name: value.evaluate(context) for name, value in launched().given(context).items()}
