@@ -18,6 +18,7 @@ STEPS = (
     "speed.paper_job",
     "sweep",
     "fuzz",
+    "measured_faults",
     "properties",
     "campbell",
     "latency",

@@ -28,6 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linkage_vibration.mechanics.bodies.frfs import Frfs
+from linkage_vibration.mechanics.description import Point
 from linkage_vibration.mechanics.dofs import InterfaceDof
 from linkage_vibration.readers.component_files import (
     ComponentFileError,
@@ -38,6 +39,7 @@ from linkage_vibration.readers.component_files import (
     load_npz,
     parse_dofs,
 )
+from linkage_vibration.readers.frf_faults import check_faults, name_frf
 
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -57,12 +59,7 @@ _FORCE_LABELS = ("n", "nm", "newton")
 _FREQUENCY = (0, 18)  # data types: unknown, frequency
 _UNITS = {2: "feet", 3: "kilograms force", 4: "feet", 5: "mm", 6: "cm", 7: "inches", 8: "mm"}
 
-_RECIPROCITY = 0.8  # |H_ij - H_ji| / |H_ij + H_ji|; 1 if they are unrelated
 _FINITE = 1e100  # m/N; the square of a larger value may overflow
-_ACTIVE = 0.05  # share of a drive point's accelerance that may give out power
-_COUPLED = 0.2  # share of the two drive points, below which an FRF may be pure noise
-_UNEQUAL = 0.1  # mean relative difference of H_ij and H_ji over all lines, where noise averages out
-_MASSES = (0.02, 1e6)  # kg, least and greatest plausible median of the apparent mass
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +73,11 @@ class _Function:
 
 
 def read_frfs(
-    path: Path, dofs: Sequence[InterfaceDof] | None = None, nodes: Mapping[int, str] | None = None
+    path: Path,
+    dofs: Sequence[InterfaceDof] | None = None,
+    nodes: Mapping[int, str] | None = None,
+    points: Mapping[str, Point] | None = None,
+    mass: float | None = None,
 ) -> Frfs:
     """Read and check the receptances of a component.
 
@@ -89,13 +90,17 @@ def read_frfs(
         free.
     nodes : mapping of int to str, optional
         The point of each node of a UFF file; other nodes are ignored.
+    points : mapping of str to (x, z), optional
+        The points of the link, m, to check signs and frequencies against.
+    mass : float, optional
+        Of one of the equal links, kg, to check units against.
 
     Raises
     ------
     ComponentFileError
         If the file is missing, damaged or too large, or pyuff is missing; if a DoF or an FRF is
         missing; if frequencies differ or do not ascend; if a value is not finite; if the units are
-        not SI or are implausible; if H_ij and H_ji differ.
+        not SI; if the FRFs show a fault of the measurement (`frf_faults.check_faults`).
     """
     kind = path.suffix.lower()
     if kind not in (".npz", ".uff", ".unv"):
@@ -103,7 +108,7 @@ def read_frfs(
     with file_errors(path):
         frfs = _read_npz(path, dofs) if kind == ".npz" else _read_uff(path, dofs, nodes or {})
         _check_values(frfs)
-        _check_physics(frfs)
+        check_faults(frfs, points, mass)
     return frfs
 
 
@@ -141,7 +146,7 @@ def _read_uff(path: Path, wanted: Sequence[InterfaceDof] | None, nodes: Mapping[
             continue
         pair = (function.response, function.reference)
         if pair in functions:
-            raise FileError(f"has the FRF of {_pair(*pair)} twice; remove one.")
+            raise FileError(f"has the FRF of {name_frf(*pair)} twice; remove one.")
         functions[pair] = function
     found = list(dict.fromkeys(dof for pair in functions for dof in pair))
     if not found:
@@ -156,9 +161,9 @@ def _read_uff(path: Path, wanted: Sequence[InterfaceDof] | None, nodes: Mapping[
             function.frequencies, first.frequencies, rtol=1e-5, atol=0.0
         ):
             raise FileError(
-                f"the FRF of {_pair(*pair)} has other frequencies ({_axis(function)}) than that of "
-                f"{_pair(first.response, first.reference)} ({_axis(first)}); measure or resample "
-                "them alike."
+                f"the FRF of {name_frf(*pair)} has other frequencies ({_axis(function)}) than that "
+                f"of {name_frf(first.response, first.reference)} ({_axis(first)}); measure or "
+                "resample them alike."
             )
     frf = np.empty((len(first.frequencies), len(dofs), len(dofs)), dtype=np.complex128)
     for i, response in enumerate(dofs):
@@ -166,7 +171,7 @@ def _read_uff(path: Path, wanted: Sequence[InterfaceDof] | None, nodes: Mapping[
             there = functions.get((response, reference)) or functions.get((reference, response))
             if there is None:
                 raise FileError(
-                    f"has no FRF of {_pair(response, reference)}, nor the reverse; measure one."
+                    f"has no FRF of {name_frf(response, reference)}, nor the reverse; measure one."
                 )
             frf[:, i, j] = there.values
     return Frfs(dofs, first.frequencies, frf)
@@ -212,7 +217,7 @@ def _function(data: Mapping[str, Any], nodes: Mapping[int, str]) -> _Function | 
         sign *= math.copysign(positive, positive * direction)
         ends.append(InterfaceDof(nodes[node], name))
     response, reference = ends
-    where = f"the FRF of {_pair(response, reference)}"
+    where = f"the FRF of {name_frf(response, reference)}"
 
     kind = data["ordinate_spec_data_type"]
     if kind not in _POWERS:
@@ -282,58 +287,9 @@ def _check_values(frfs: Frfs) -> None:
     if len(wrong):
         k, i, j = wrong[0]
         raise FileError(
-            f"the FRF of {_pair(frfs.dofs[i], frfs.dofs[j])} is not finite at {f[k]:g} Hz; remove "
-            "that line from all FRFs."
+            f"the FRF of {name_frf(frfs.dofs[i], frfs.dofs[j])} is not finite at {f[k]:g} Hz; "
+            "remove that line from all FRFs."
         )
-
-
-def _check_physics(frfs: Frfs) -> None:
-    """Raise an error for FRFs that no passive part has in SI units.
-
-    They are compared as accelerances, whose noise is about the same at every frequency.
-    """
-    omega = 2.0 * np.pi * frfs.frequencies
-    accelerance = omega[:, None, None] ** 2 * frfs.frf
-    for j, dof in enumerate(frfs.dofs):
-        drive = accelerance[:, j, j]
-        size = float(np.abs(drive).sum())
-        if size == 0.0:
-            raise FileError(f"the FRF of {_pair(dof, dof)} is zero; measure it again.")
-        if float(drive.imag.sum()) > _ACTIVE * size:
-            raise FileError(
-                f"the FRF of {_pair(dof, dof)} gives out power, as its imaginary part is mostly "
-                "positive; look for a wrong sign, exp(-i omega t), or a velocity or acceleration "
-                "that is labelled as a displacement."
-            )
-        mass = 1.0 / max(float(np.median(np.abs(drive))), 1e-300)
-        if dof.direction != "theta" and not _MASSES[0] < mass < _MASSES[1]:
-            unit = "mm/N or um/N, or an acceleration" if mass <= _MASSES[0] else "m/kN"
-            raise FileError(
-                f"the FRF of {_pair(dof, dof)} belongs to a mass of {mass:.2g} kg, which no link "
-                f"has; convert it to m/N if it is in {unit}."
-            )
-    sizes = np.linalg.norm(np.diagonal(accelerance, axis1=1, axis2=2), axis=0)
-    for i, one in enumerate(frfs.dofs):
-        for j, other in enumerate(frfs.dofs[:i]):
-            there, back = accelerance[:, i, j], accelerance[:, j, i]
-            odd, even = (float(np.linalg.norm(v)) for v in (there - back, there + back))
-            noise = _COUPLED * math.sqrt(sizes[i] * sizes[j])
-            if odd > max(_RECIPROCITY * even, noise):
-                raise FileError(
-                    f"the FRF of {_pair(one, other)} and its reverse are unrelated but should be "
-                    "equal; look for a wrong direction, sign or unit in one of them."
-                )
-            unequal = 2.0 * abs(np.vdot(there + back, there - back)) / max(even**2, 1e-300)
-            if even > noise and unequal > _UNEQUAL:
-                raise FileError(
-                    f"the FRF of {_pair(one, other)} and its reverse differ by "
-                    f"{100.0 * unequal:.0f} % on average but should be equal; look for a wrong "
-                    "gain of a sensor, or measure them again."
-                )
-
-
-def _pair(response: InterfaceDof, reference: InterfaceDof) -> str:
-    return f"response {response} to a force at {reference}"
 
 
 def _axis(function: _Function) -> str:

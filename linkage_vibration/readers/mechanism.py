@@ -119,7 +119,8 @@ def _matrices(keys: Keys, points: dict[str, Point], path: Path, spatial: bool) -
 def _frfs(keys: Keys, points: dict[str, Point], path: Path, spatial: bool) -> Body:
     file = keys["file"]
     nodes = {file["nodes"].integer(point): point for point in file.names("nodes")}
-    return read_frfs(path, nodes=nodes)
+    mass = keys.number("mass", positive=True) if "mass" in keys else None
+    return read_frfs(path, nodes=nodes, points=points, mass=mass)
 
 
 def _mesh(keys: Keys, points: dict[str, Point], path: Path, spatial: bool) -> Body:

@@ -237,7 +237,7 @@ BAD_UFF: dict[str, tuple[Callable[[], list[dict[str, Any]]], str]] = {
     "real": (lambda: first(data=np.ones(51)), "is not complex; export real and imaginary"),
     "exp(-i omega t)": (
         lambda: [{**data, "data": data["data"].conj()} for data in functions()],
-        "response A z to a force at A z gives out power, .* wrong sign",
+        r"A z, .*B z move as if the link gave out power, .* exp\(-i omega t\): take their complex",
     ),
     "one gain wrong": (
         lambda: [
@@ -299,11 +299,11 @@ BAD_NPZ: dict[str, tuple[dict[str, Any], str]] = {
     "real": ({"frf": receptance(FREQUENCIES[1:]).real}, "has a real frf; give complex receptance"),
     "millimetres": (
         {"frf": 1e3 * receptance(FREQUENCIES[1:])},
-        r"at A x belongs to a mass of 0\.00\d+ kg, .* if it is in mm/N or um/N, or an acceler",
+        r"at A x belongs to a mass of 0\.00\d+ kg, .* if it is in mm/N or um/N, an acceler",
     ),
     "accelerance": (
         {"frf": -(OMEGA**2) * receptance(FREQUENCIES[1:])},
-        r"belongs to a mass of .* convert it to m/N if it is in mm/N or um/N, or an acceleration",
+        r"belongs to a mass of .* convert it to m/N over Hz if it is in .*, an acceleration",
     ),
     "mobility": (
         {"frf": 1j * OMEGA * receptance(FREQUENCIES[1:])},

@@ -1,0 +1,232 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""What the lines below the first resonance of a free body show: its mass, and the signs of FRFs.
+
+There H = -A / w^2 + F + terms of the suspension (1 / w^4) and of the next order (w^2), with the
+flexibility F of the body and A = R M^-1 R^T, where R are the rigid motions of its points. A is
+positive semi-definite. For a planar body with the mass m, the moment of inertia J about its centre
+of gravity, and the arms t of the forces about it, A = d d^T / m + t t^T / J, where d are the
+directions of the forces: four numbers describe every FRF.
+"""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray
+
+_RATIO = 2.5  # least ratio of the last and the first line, so that no resonance hides below them
+_LEAST_LINES = 6
+_START_STEP, _END_STEP = 1.3, 1.6
+_SMOOTH = 0.02  # of A: the largest misfit that noise does not explain
+_BEND = 0.7  # of A: the largest departure from it within the lines
+_LAG = 0.5  # of A: the largest imaginary part
+_DOUBT = 0.1  # of A: its largest standard deviation
+_NEAR = 2.0  # ratio of the first lines of windows among which the most precise is chosen
+_MISFIT = 0.19  # of FRFs that no rigid body has; noise, gains and places within 5 % leave 0.16
+_FLIPPED = 0.15  # the largest misfit that remains when the sign of a wrong DoF is corrected
+_APART = 0.05  # of A: the largest apparent extension of a rigid body
+_LARGEST = 200.0  # logarithm of a number that is finite when squared
+_SURE = 4.0  # standard deviations
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MassLines:
+    """The terms of the FRFs of a free body in lines below its first resonance."""
+
+    first: float  # Hz, of these lines
+    last: float  # Hz
+    accelerance: FloatArray  # (n, n): A, 1/kg between displacements
+    flexibility: FloatArray  # (n, n): F, m/N
+    deviation: FloatArray  # (n, n): standard deviation of F
+
+
+@dataclass(frozen=True, slots=True)
+class RigidFit:
+    """The planar rigid body that is nearest to an accelerance."""
+
+    misfit: float  # largest difference of A_ij, of sqrt(A_ii A_jj)
+    mass: float  # kg
+
+
+def find_mass_lines(
+    frequencies: FloatArray, frf: ComplexArray, *, flexibility: bool = False
+) -> MassLines | None:
+    """Find the lines in which a body moves almost as a rigid one.
+
+    They end below its first resonance, and begin above those of its suspension, if it has any. None
+    is returned if the lines do not show this: they are above the first resonance, are too few or
+    too noisy, or the suspension is too stiff.
+
+    Parameters
+    ----------
+    frequencies, frf
+        Hz, (n_freq,), ascending, above 0, and receptances, (n_freq, n, n).
+    flexibility : bool
+        Return the highest lines, which show F best, instead of those that show A best.
+    """
+    omega = 2.0 * math.pi * frequencies
+    drive = -(omega[:, np.newaxis] ** 2) * np.einsum("kii->ki", frf)
+    found: list[tuple[float, slice]] = []
+    for lines in _windows(frequencies):
+        if found and frequencies[lines.start] > _NEAR * frequencies[found[0][1].start]:
+            break
+        doubt = _doubt(omega[lines], drive[lines])
+        if doubt is not None:
+            found.append((doubt, lines))
+    if not found:
+        return None
+    lines = min(found, key=lambda one: -one[1].stop if flexibility else one[0])[1]
+    terms = -(omega[lines, np.newaxis, np.newaxis] ** 2) * frf[lines]
+    values, deviations, _ = _expand(omega[lines], terms.reshape(len(terms), -1))
+    n, scale = frf.shape[1], omega[lines.start] * omega[lines.stop - 1]
+    return MassLines(
+        float(frequencies[lines.start]),
+        float(frequencies[lines.stop - 1]),
+        values[0].real.reshape(n, n),
+        -values[1].real.reshape(n, n) / scale,
+        deviations[1].reshape(n, n) / scale,
+    )
+
+
+def _windows(frequencies: FloatArray) -> Iterator[slice]:
+    """Return ranges of lines, those that begin lowest first."""
+    start = float(frequencies[0])
+    while start * _RATIO <= frequencies[-1]:
+        end = start * _RATIO
+        while end <= frequencies[-1]:
+            first, last = np.searchsorted(frequencies, [start * (1 - 1e-9), end * (1 + 1e-9)])
+            if last - first >= _LEAST_LINES:
+                yield slice(int(first), int(last))
+            end *= _END_STEP
+        start *= _START_STEP
+
+
+def _expand(
+    omega: FloatArray, values: ComplexArray
+) -> tuple[ComplexArray, FloatArray, ComplexArray]:
+    """Fit terms in 1, w^2, 1 / w^2 and w^4.
+
+    Returns them, the standard deviations of their real parts, and what is left of the values.
+    """
+    x = omega / math.sqrt(omega[0] * omega[-1])
+    terms = np.stack([np.ones_like(x), x**2, x**-2.0, x**4][: 4 if len(x) >= 16 else 3], axis=1)
+    basis, upper = np.linalg.qr(terms)
+    inverse = np.linalg.inv(upper)
+    found = inverse @ (basis.T @ values)
+    rest = values - terms @ found
+    power = (rest.real**2).sum(axis=0) / (len(x) - terms.shape[1])
+    deviations = np.sqrt((inverse**2).sum(axis=1)[:, np.newaxis] * power)
+    return found, deviations, rest
+
+
+def _doubt(omega: FloatArray, drive: ComplexArray) -> float | None:
+    """Return the relative error of A from drive points, (n_freq, n); None where there is no A."""
+    found, deviations, rest = _expand(omega, drive)
+    size = np.maximum(np.abs(found[0].real), np.finfo(float).tiny)
+    noise = (np.abs(np.diff(rest, axis=0)) ** 2).mean(axis=0) / 2.0
+    smooth = np.sqrt(np.maximum((np.abs(rest) ** 2).mean(axis=0) - noise, 0.0)) / size
+    fitted = drive - rest
+    bend = np.abs(fitted.real - found[0].real).max(axis=0) / size
+    lag = np.abs(fitted.imag).max(axis=0) / size
+    spread = deviations[0] / size
+    for values, limit in ((smooth, _SMOOTH), (bend, _BEND), (lag, _LAG), (spread, _DOUBT)):
+        if not (values <= limit).all():
+            return None
+    return float((spread + smooth).max())
+
+
+def fit_rigid_body(accelerance: FloatArray, motions: FloatArray) -> RigidFit:
+    """Fit the mass, the moment of inertia and the centre of gravity of a planar body.
+
+    Parameters
+    ----------
+    accelerance, motions
+        A, (n, n), with positive drive points, and the rigid motions of its DoFs along x, z and
+        about y, (n, 3).
+    """
+    unit = np.sqrt(np.diag(accelerance))
+    scaled = (accelerance + accelerance.T) / 2.0 / np.outer(unit, unit)
+    r = motions / unit[:, np.newaxis]
+    length = float(np.abs(motions[:, 2]).max()) or 1.0
+    upper = np.triu_indices(len(r))
+
+    def misfit(unknowns: FloatArray) -> FloatArray:
+        arms = r @ np.array([unknowns[2] * length, -unknowns[1] * length, 1.0])
+        moved, turned = np.exp(np.minimum(unknowns[[0, 3]], _LARGEST))
+        fitted = moved * (r[:, :2] @ r[:, :2].T) + turned * np.outer(arms, arms)
+        return np.asarray((fitted - scaled)[upper])
+
+    starts = _starts(scaled, r, motions, length)
+    fits = [least_squares(misfit, start, max_nfev=60) for start in starts]
+    best = min(fits, key=lambda fit: float(fit.cost))
+    return RigidFit(float(np.abs(best.fun).max()), math.exp(-best.x[0]))
+
+
+def _starts(
+    scaled: FloatArray, r: FloatArray, motions: FloatArray, length: float
+) -> Iterator[list[float]]:
+    """Return first guesses of log(1 / m), the centre of gravity over the length, and log(1 / J)."""
+    inverse = np.linalg.pinv(r)
+    free = inverse @ scaled @ inverse.T  # M^-1, if it may be any symmetric matrix
+    compliance = max(float(np.trace(free[:2, :2])) / 4.0, 1e-12)
+    middle = float(motions[motions[:, 1] != 0.0, 2].mean()) / length
+    yield [math.log(compliance), middle, 0.0, math.log(6.0 * compliance / length**2)]
+    turn = float(free[2, 2])
+    if turn > 0.0:
+        moved = (np.trace(free[:2, :2]) - free[:2, 2] @ free[:2, 2] / turn) / 2.0
+        x, z = -free[1, 2] / turn / length, free[0, 2] / turn / length
+        yield [math.log(max(moved, 1e-3 * compliance)), x, z, math.log(turn)]
+
+
+def reversed_dofs(
+    accelerance: FloatArray, motions: FloatArray, fit: RigidFit
+) -> list[tuple[int, ...]]:
+    """Return the DoFs whose opposite directions explain an accelerance that no rigid body has.
+
+    Each entry holds the one or two DoFs that would have to be reversed together; several are
+    returned if the data do not distinguish them. Without an entry, no sign is known to be wrong.
+
+    Parameters
+    ----------
+    accelerance, motions, fit
+        As `fit_rigid_body` takes them, and the fit that it returns.
+    """
+    if fit.misfit <= _MISFIT:
+        return []
+    for size in (1, 2):
+        found = []
+        for dofs in combinations(range(len(motions)), size):
+            sign = np.ones(len(motions))
+            sign[list(dofs)] = -1.0
+            turned = fit_rigid_body(accelerance * np.outer(sign, sign), motions)
+            if turned.misfit < min(_FLIPPED, fit.misfit / 2.0):
+                found.append(dofs)
+        if found:
+            return found
+    return []
+
+
+def least_sound_speed(lines: MassLines, distance: float, mass: float) -> float:
+    """Return a lower bound of the speed of sound along a bar, m/s; 0 if it is not known.
+
+    The stiffness k of a bar between two points at the distance L is at most E m / (rho L^2), which
+    only a uniform bar reaches, so its material has sqrt(E / rho) >= L sqrt(k / m).
+
+    Parameters
+    ----------
+    lines : MassLines
+        Of the displacements of the two points along the bar.
+    distance, mass
+        m and kg.
+    """
+    stretch = np.array([1.0, -1.0])
+    if stretch @ lines.accelerance @ stretch > _APART * np.trace(lines.accelerance):
+        return 0.0  # the points do not move together, so the lines are above a resonance
+    flexibility = float(stretch @ lines.flexibility @ stretch)
+    largest = flexibility + _SURE * float(np.linalg.norm(lines.deviation))
+    return distance / math.sqrt(mass * largest) if largest > 0.0 else 0.0

@@ -1,0 +1,250 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Sound measurements of links are accepted; faulty ones are refused, and the cause is named."""
+
+import copy
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from numpy.typing import NDArray
+
+from linkage_vibration.mechanics.bodies.beam import Beam
+from linkage_vibration.mechanics.components import Component
+from linkage_vibration.mechanics.description import MechanismError
+from linkage_vibration.mechanics.fbs import component_frf
+from linkage_vibration.mechanics.mass_lines import find_mass_lines, fit_rigid_body
+from linkage_vibration.mechanics.model import LinkageModel
+from linkage_vibration.mechanics.regularisation import rigid_motions
+from linkage_vibration.readers.mechanism import read_mechanism
+
+from ..support.measured_links import FAULTS, MeasuredLink, Outcome, measured_link, outcomes, refusal
+
+FloatArray = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+Change = Callable[[FloatArray, ComplexArray], tuple[FloatArray, ComplexArray]]
+
+LINES = np.linspace(0.1, 200.0, 2000)  # Hz
+LINKS = ("lower_link", "upper_link", "input_crank", "lift_rod")
+
+
+def save(folder: Path, mapping: Any, model: LinkageModel, link: str, change: Change) -> Path:
+    """Write a mechanism, one of whose links is measured, and return its path."""
+    made = next(c for c in model.components if c.name == link)
+    count = next(body.count for body in model.mechanism.links if body.name == link)
+    assert isinstance(made, Component)
+    frf = component_frf(made.mass, made.stiffness, made.damping, len(made.dofs), LINES)
+    frequencies, frf = change(LINES, count * frf)
+    names = np.array([str(dof) for dof in made.dofs])
+    np.savez(folder / "link.npz", frequencies=frequencies, frf=frf, dofs=names)
+    mapping = copy.deepcopy(mapping)
+    keys = mapping["links"][link]
+    for key in ("section", "sections", "material", "elements"):
+        keys.pop(key, None)
+    keys["file"] = {"kind": "frfs", "path": "link.npz"}
+    path = folder / "measured.yaml"
+    path.write_text(yaml.safe_dump(mapping, sort_keys=False))
+    return path
+
+
+def weigh(path: Path, link: str, mass: float) -> None:
+    """Add the mass of a link to a mechanism."""
+    mapping = yaml.safe_load(path.read_text())
+    mapping["links"][link]["mass"] = mass
+    path.write_text(yaml.safe_dump(mapping, sort_keys=False))
+
+
+def beam_mass(model: LinkageModel, link: str) -> float:
+    """Return the mass of one of the equal beams of uniform section, kg."""
+    body = next(one.body for one in model.mechanism.links if one.name == link)
+    assert isinstance(body, Beam)
+    (segment,) = body.segments
+    return body.material.density * segment.section.area * segment.end
+
+
+def turned(at: int, *, force: bool) -> Change:
+    """Reverse the sensor at a DoF, and the force there too."""
+
+    def change(f: FloatArray, frf: ComplexArray) -> tuple[FloatArray, ComplexArray]:
+        sign = np.ones(frf.shape[1])
+        sign[at] = -1.0
+        return f, frf * sign[:, np.newaxis] * (sign if force else 1.0)
+
+    return change
+
+
+TAU = 2.0 * np.pi
+UNEVEN = (
+    1.00031234 * TAU
+)  # so that the frequencies in Hz are no round numbers, which is a hint, too
+UNWEIGHED: dict[str, tuple[Change, str]] = {
+    "all signs": (lambda f, h: (f, -h), "all drive points have the wrong sign: .* by -1"),
+    "magnitudes": (lambda f, h: (f, np.abs(h) + 0j), "magnitudes; export real and imag"),
+    "sensor": (turned(3, force=False), "the drive point {} moves .* change its sign"),
+    "axis": (turned(3, force=True), "sign of .*{}.* is reversed"),
+    "round rad/s": (lambda f, h: (TAU * f, h), "2 pi times 0.1 to 200, as if .* in rad/s"),
+    "accelerances over rad/s": (
+        lambda f, h: (UNEVEN * f, h / UNEVEN**2),
+        "sound would travel at [23].*e.04 m/s .* in rad/s",
+    ),
+    "exp(-i omega t)": (lambda f, h: (f, h.conj()), r"exp\(-i omega t\): take their complex conj"),
+}
+
+
+@pytest.mark.parametrize("link", LINKS)
+@pytest.mark.parametrize("fault", UNWEIGHED)
+def test_faults_of_a_link_that_is_not_weighed(
+    fault: str, link: str, mapping: Any, model: LinkageModel, tmp_path: Path
+) -> None:
+    """The error names the file, the link, the sensor where there is one, and the fix."""
+    change, words = UNWEIGHED[fault]
+    dof = next(c for c in model.components if c.name == link).dofs[3]
+    with pytest.raises(MechanismError, match=words.format(dof)) as caught:
+        read_mechanism(save(tmp_path, mapping, model, link, change))
+    assert f"measured.yaml: links.{link}.file: " in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+WEIGHED: dict[str, tuple[Change, str]] = {
+    "g": (
+        lambda f, h: (f, h / 9.80665),
+        r"9\.8\d? times .* in g \(9\.81 m/s2\); export them in SI",
+    ),
+    "lbf": (lambda f, h: (f, 4.4482 * h), r"0\.22\d? times .* forces were in lbf \(4\.45 N\)"),
+    "g and lbf": (lambda f, h: (f, 0.4536 * h), r"2\.2\d? times .* in g and forces in lbf"),
+    "rad/s": (
+        lambda f, h: (UNEVEN * f, h),
+        r"0\.025\d+ times .* in rad/s, or lengths in inches",
+    ),
+    "mm": (lambda f, h: (f, 1e3 * h), r"0\.001\d* times .* lengths were in mm"),
+    "gain": (lambda f, h: (f, 1.6 * h), r"0\.62\d* times .* `mass` gives; check their units, or"),
+}
+
+
+@pytest.mark.parametrize("link", ["lower_link", "upper_link", "lift_rod"])
+@pytest.mark.parametrize("fault", WEIGHED)
+def test_faults_of_a_link_that_is_weighed(
+    fault: str, link: str, mapping: Any, model: LinkageModel, tmp_path: Path
+) -> None:
+    """A scale reveals units: the error names the factor and the unit that has it."""
+    change, words = WEIGHED[fault]
+    path = save(tmp_path, mapping, model, link, change)
+    weigh(path, link, beam_mass(model, link))
+    with pytest.raises(MechanismError, match=rf"links\.{link}\.file: .*the FRFs show .*{words}"):
+        read_mechanism(path)
+
+
+@pytest.mark.parametrize("link", LINKS)
+def test_the_weight_of_a_sound_link(
+    link: str, mapping: Any, model: LinkageModel, tmp_path: Path
+) -> None:
+    """It is accepted within 15 % and changes no prediction; invalid ones are refused."""
+    path = save(tmp_path, mapping, model, link, lambda f, h: (f, h))
+    without = read_mechanism(path).model_hash
+    for share in (0.87, 1.15):
+        weigh(path, link, share * beam_mass(model, link))
+        assert read_mechanism(path).model_hash == without
+    weigh(path, link, 0.0)
+    with pytest.raises(MechanismError, match=rf"links\.{link}\.mass: 0 is not greater than zero"):
+        read_mechanism(path)
+
+
+def test_the_mass_of_a_beam_is_not_a_key(mapping: Any, tmp_path: Path) -> None:
+    """A link that is not measured takes no `mass`, as nothing would check it."""
+    mapping["links"]["lower_link"]["mass"] = 10.0
+    path = tmp_path / "beam.yaml"
+    path.write_text(yaml.safe_dump(mapping, sort_keys=False))
+    with pytest.raises(MechanismError, match=r"lower_link\.mass: this key is not known here"):
+        read_mechanism(path)
+
+
+def test_mass_from_noisy_lines() -> None:
+    """Random links weigh what their FRFs show within 10 %; lines above a resonance show nothing."""
+    found = above = 0
+    for seed in range(16):
+        link = measured_link(np.random.default_rng(seed))
+        lines = find_mass_lines(link.frfs.frequencies, link.frfs.frf)
+        if link.frfs.frequencies[0] > link.lowest:
+            above += 1
+            assert lines is None
+        if lines is None:
+            continue
+        found += 1
+        motions = rigid_motions(link.frfs.dofs, list(link.points.items()))[:, :3]
+        fit = fit_rigid_body(lines.accelerance, motions)
+        assert fit.mass == pytest.approx(link.mass, rel=0.1)
+        assert fit.misfit < 0.15
+        assert lines.last < link.lowest
+    assert found > 6
+    assert above > 0
+
+
+def test_two_parts_that_come_apart() -> None:
+    """Lines above the resonance of two masses on a spring show no mass of the whole, and pass."""
+    link = next(
+        link
+        for link in (measured_link(np.random.default_rng(seed)) for seed in range(100))
+        if [str(dof) for dof in link.frfs.dofs] == ["P1 x", "P1 z", "P2 x", "P2 z"]
+    )
+    frequencies = np.linspace(100.0, 1000.0, 300)
+    frf = np.zeros((300, 4, 4), dtype=complex)
+    omega = TAU * frequencies
+    for at, mass in ((0, 3.0), (1, 1.5), (2, 5.0), (3, 2.0)):
+        frf[:, at, at] = -1.0 / (mass * omega**2) * (1.0 + 0.02j)
+    frfs = replace(link.frfs, frequencies=frequencies, frf=frf)
+    assert refusal(replace(link, frfs=frfs, mass=8.0)) == ""
+
+
+def test_undamped_frfs_that_are_computed() -> None:
+    """Real receptances, below and across resonances, are no magnitudes."""
+    link = measured_link(np.random.default_rng(0))
+    omega = TAU * np.linspace(1.0, 400.0, 400)[:, np.newaxis, np.newaxis]
+    shape = np.array([[1.0, 0.3], [0.3, 1.0]])
+    frf = -1.0 / (2.0 * omega**2) * np.eye(2) + shape / ((TAU * 150.3) ** 2 - omega**2)
+    frfs = replace(link.frfs, dofs=link.frfs.dofs[:2], frequencies=omega.ravel() / TAU)
+    for lines in (slice(None), slice(50)):
+        part = replace(frfs, frequencies=frfs.frequencies[lines], frf=frf[lines] + 0j)
+        assert refusal(replace(link, frfs=part)) == ""
+
+
+FEW, MANY = range(100, 104), range(1000)
+
+
+@pytest.mark.parametrize("seeds", [FEW, pytest.param(MANY, marks=pytest.mark.nightly)], ids=len)
+def test_random_links(seeds: range) -> None:
+    """No sound link is refused; most faults are, and nearly all below the first resonance.
+
+    There the rest is: an axis whose reversal gives another rigid body; accelerances over rad/s of
+    bars that are soft, or whose noise hides how little they extend; exp(-i omega t) where no line
+    is near a resonance, so that an error of phase explains it.
+    """
+    results = outcomes(seeds)
+    sound = results["none"]
+    assert sound.refused == {True: 0, False: 0}
+    assert sound.tried[True] >= 0.5 * len(seeds)
+    least = {
+        "one axis reversed (sensor and force)": 0.9,
+        "accelerances over rad/s": 0.5,
+        "exp(-i omega t)": 0.8,
+    }
+    for fault in FAULTS:
+        found = results[fault]
+        assert share(found) >= (least.get(fault, 1.0) if seeds == MANY else 0.4), fault
+
+
+def share(found: Outcome) -> float:
+    """Return the share of a fault that is refused where there are lines of the rigid body."""
+    return found.refused[True] / found.tried[True]
+
+
+def test_every_fault_changes_the_measurement() -> None:
+    """The faults of the property are not the sound measurement."""
+    link: MeasuredLink = measured_link(np.random.default_rng(1))
+    for fault, change in FAULTS.items():
+        bad = change(link, np.random.default_rng(1)).frfs
+        same = np.array_equal(bad.frf, link.frfs.frf)
+        assert not same or not np.array_equal(bad.frequencies, link.frfs.frequencies), fault
