@@ -27,6 +27,8 @@ SUBCOMMANDS = (
     "review",
     "diff",
     "demo",
+    "play",
+    "watch",
 )
 
 

@@ -9,11 +9,10 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TextIO
+from typing import TYPE_CHECKING
 
 import numpy as np
 import yaml
@@ -21,6 +20,7 @@ from numpy.typing import NDArray
 
 from linkage_vibration.bags.reading import JointStateRecord, read_joint_states, read_messages
 from linkage_vibration.demo.domain import reserve_domain
+from linkage_vibration.drawing.live_line import LiveLine
 from linkage_vibration.drawing.plots import plot_predictions
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.support.resources import DEFAULT_TABLE, config_file
@@ -91,7 +91,7 @@ def run_demo(bag: Path | None, joint: str | None, output: Path) -> int:
     records = (record for record in read_joint_states(drive) if _has_position(record, followed))
     logs_before = set(output.glob("*.mcap"))
     print(f"Playing {followed} of {drive} to the node on ROS domain {os.environ['ROS_DOMAIN_ID']}.")
-    live = _LiveLine(sys.stdout)
+    live = LiveLine(sys.stdout)
     with _node(parameters, output) as check, closing(live):
         playback = play(records, [] if bag else _speeds(drive), live.show, check)
     log = max(set(output.glob("*.mcap")) - logs_before, key=lambda path: path.stat().st_mtime)
@@ -210,33 +210,3 @@ def _node(parameters: dict[str, object], folder: Path) -> Iterator[Callable[[], 
             process.wait()
     if process.returncode != 0:
         check()
-
-
-class _LiveLine:
-    """Shows the newest prediction: in one line of a terminal, or in a file line once a second."""
-
-    def __init__(self, stream: TextIO) -> None:
-        self._stream, self._in_place, self._due = stream, stream.isatty(), 0.0
-
-    def show(self, prediction: Any) -> None:
-        """Write the line, if its time has come."""
-        now = time.monotonic()
-        if now < self._due:
-            return
-        self._due = now + (0.1 if self._in_place else 1.0)
-        self._stream.write(f"\r{_line(prediction)}" if self._in_place else f"{_line(prediction)}\n")
-        self._stream.flush()
-
-    def close(self) -> None:
-        """End the line."""
-        if self._in_place and self._due:
-            self._stream.write("\n")
-
-
-def _line(prediction: Any) -> str:
-    """Return a line of constant width, less than 80 columns for 3 modes."""
-    frequencies = "".join(f"{frequency:7.2f}" for frequency in prediction.natural_frequencies)
-    return (
-        f"crank {np.rad2deg(prediction.crank_angle):6.2f} deg |{frequencies} Hz | peak "
-        f"{prediction.frf_peak_magnitude:8.2e} m/N at {prediction.frf_peak_frequency:6.2f} Hz"
-    )

@@ -2,13 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """The demo, end to end over DDS in two processes, and its errors."""
 
-import io
 import os
 import re
 import subprocess
 import sys
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -19,7 +17,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from linkage_vibration.bags.message_types import JOINT_STATE
 from linkage_vibration.bags.reading import BagError, read_joint_states, read_messages
-from linkage_vibration.demo.demo import HITCH_JOINT, DemoError, _LiveLine, _node, run_demo
+from linkage_vibration.demo.demo import HITCH_JOINT, DemoError, _node, run_demo
 from linkage_vibration.messages.topics import PREDICTION_TOPIC
 from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.support.resources import config_file
@@ -179,21 +177,3 @@ def test_node_that_does_not_start_says_why(tmp_path: Path) -> None:
     words = r"(?s)exit code 1.*[Pp]arameter joint_name"
     with pytest.raises(DemoError, match=words), _node({"joint_name": ""}, tmp_path) as check:
         until(lambda: False, "the node's end", check)
-
-
-def test_live_line_is_written_once_a_second_to_a_file() -> None:
-    """Thousands of predictions make few lines with angle, frequencies and peak."""
-    stream = io.StringIO()
-    live = _LiveLine(stream)
-    prediction = SimpleNamespace(
-        crank_angle=np.deg2rad(132.0),
-        natural_frequencies=[4.25, 97.5, 170.25],
-        frf_peak_frequency=4.24,
-        frf_peak_magnitude=3.1e-5,
-    )
-    for _ in range(1000):
-        live.show(prediction)
-    live.close()
-    assert stream.getvalue().splitlines() == [
-        "crank 132.00 deg |   4.25  97.50 170.25 Hz | peak 3.10e-05 m/N at   4.24 Hz"
-    ]

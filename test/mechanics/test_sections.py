@@ -8,8 +8,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-import skfem
-from skfem.helpers import dot, grad
 
 from linkage_vibration.mechanics.sections.i_section import i_section
 from linkage_vibration.mechanics.sections.rectangle import rectangle
@@ -118,6 +116,9 @@ def elastic_section(
     The coefficient is 2 (1 + nu) I / (nu (I' - I) / 2 - A / I integral of x (chi + x y^2)) with
     the flexure function chi of Saint-Venant's cantilever (Cowper 1966, eq. 26).
     """
+    skfem = pytest.importorskip("skfem", reason="scikit-fem solves the torsion (extra fe)")
+    helpers = pytest.importorskip("skfem.helpers")
+    dot, grad = helpers.dot, helpers.grad
 
     def cuts(*places: float) -> list[float]:
         spans = [np.linspace(a, b, 4 if b - a < 0.02 else 12) for a, b in pairwise(places)]

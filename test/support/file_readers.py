@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyuff
 import scipy.io
 from mcap.writer import CompressionType, Writer
 from numpy.typing import NDArray
@@ -267,6 +266,8 @@ def _frfs_npz() -> Seeds:
 
 
 def _frfs_uff() -> Seeds:
+    import pyuff
+
     f = np.linspace(100.0, 800.0, 8)
     frf = _receptance(f)
     system: dict[str, Any] = {"type": 164, "units_code": 1, "units_description": "SI"}

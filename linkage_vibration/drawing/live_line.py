@@ -1,0 +1,38 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Shows the newest prediction as one line of text."""
+
+import time
+from typing import Any, TextIO
+
+import numpy as np
+
+
+class LiveLine:
+    """Shows the newest prediction: in one line of a terminal, or in a file line once a second."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream, self._in_place, self._due = stream, stream.isatty(), 0.0
+
+    def show(self, prediction: Any) -> None:
+        """Write the line, if its time has come."""
+        now = time.monotonic()
+        if now < self._due:
+            return
+        self._due = now + (0.1 if self._in_place else 1.0)
+        self._stream.write(f"\r{_line(prediction)}" if self._in_place else f"{_line(prediction)}\n")
+        self._stream.flush()
+
+    def close(self) -> None:
+        """End the line."""
+        if self._in_place and self._due:
+            self._stream.write("\n")
+
+
+def _line(prediction: Any) -> str:
+    """Return a line of constant width, less than 80 columns for 3 modes."""
+    frequencies = "".join(f"{frequency:7.2f}" for frequency in prediction.natural_frequencies)
+    return (
+        f"crank {np.rad2deg(prediction.crank_angle):6.2f} deg |{frequencies} Hz | peak "
+        f"{prediction.frf_peak_magnitude:8.2e} m/N at {prediction.frf_peak_frequency:6.2f} Hz"
+    )

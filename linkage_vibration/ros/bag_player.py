@@ -1,0 +1,117 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Publishes the node's inputs from a bag, and receives the node's predictions."""
+
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import rclpy
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+
+from linkage_vibration.bags.streams import open_bags
+from linkage_vibration.bags.writing import QUEUE_DEPTH
+from linkage_vibration.playback.remapping import choose_topics
+from linkage_vibration.prediction.inputs import INPUTS
+from linkage_vibration.prediction.settings import Parameters
+from linkage_vibration.ros.endpoints import message_class
+from linkage_vibration_interfaces.msg import VibrationPrediction
+
+HINT_AFTER = 5.0  # s without what is waited for
+
+
+def play_bag(path: Path, remaps: Mapping[str, str], report: Callable[[str], None]) -> int:
+    """Publish the crank angles and speeds of a bag at their recorded times.
+
+    It begins when a subscriber of the crank angle is there. The stamps stay as recorded.
+
+    Parameters
+    ----------
+    path : Path
+        A bag of ROS 1 or ROS 2.
+    remaps : mapping of str to str
+        The bag's names of the node's topics.
+    report : callable
+        Called with sentences for the user.
+
+    Returns
+    -------
+    int
+        Number of messages published.
+    """
+    with open_bags([path]) as bags, _node("linkage_vibration_play") as node:
+        types = {topic.type for topic in bags.topics if topic.count}
+        inputs = [name for name, kind in INPUTS.items() if kind.type in types]
+        topics = choose_topics(bags, Parameters(input=[*inputs, "joint_state"][0]), remaps)
+        publishers = [
+            node.create_publisher(message_class(topic.type), name, QUEUE_DEPTH)
+            for name, topic in topics.items()
+        ]
+        report(f"Waiting for a subscriber of {publishers[0].topic_name}.")
+        while not publishers[0].get_subscription_count():
+            time.sleep(0.05)
+        report(f"Playing {', '.join(topics)} of {path}.")
+        count, offset = 0, None
+        for block in bags.blocks([topic.name for topic in topics.values()]):
+            for row, log_time in enumerate(block.log_times.tolist()):
+                now = time.monotonic()
+                offset = now - 1e-9 * log_time if offset is None else offset
+                time.sleep(max(1e-9 * log_time + offset - now, 0.0))
+                publishers[block.topics[row]].publish(block.message(row))
+                count += 1
+        for publisher in publishers:
+            publisher.wait_for_all_acked()
+    return count
+
+
+def watch(node_name: str, show: Callable[[Any], None], report: Callable[[str], None]) -> None:
+    """Receive the predictions of a node until an exception ends it.
+
+    Parameters
+    ----------
+    node_name : str
+        Name of the node, with its namespace.
+    show : callable
+        Called with each prediction.
+    report : callable
+        Called with a sentence if no prediction arrives at the beginning.
+    """
+    with _node("linkage_vibration_watch") as node:
+        topic, due = f"{node_name}/prediction", time.monotonic() + HINT_AFTER
+        arrived = False
+
+        def on_prediction(prediction: VibrationPrediction) -> None:
+            nonlocal arrived
+            arrived = True
+            show(prediction)
+
+        node.create_subscription(VibrationPrediction, topic, on_prediction, QUEUE_DEPTH)
+        executor = SingleThreadedExecutor(context=node.context)
+        executor.add_node(node)
+        while True:
+            executor.spin_once(0.2)
+            if not arrived and time.monotonic() > due:
+                due = float("inf")
+                report(
+                    f"No prediction on {node.resolve_topic_name(topic)} yet. Check that the node "
+                    "is active, that it receives readings (`linkage-vibration play` sends some), "
+                    "and ROS_DOMAIN_ID."
+                )
+
+
+@contextmanager
+def _node(name: str) -> Iterator[Node]:
+    """Yield a node that leaves signals to Python."""
+    context = Context()
+    rclpy.init(context=context, signal_handler_options=SignalHandlerOptions.NO)
+    node = Node(name, context=context, use_global_arguments=False)
+    try:
+        yield node
+    finally:
+        node.destroy_node()
+        context.try_shutdown()

@@ -1,0 +1,28 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""The line that shows the newest prediction."""
+
+import io
+from types import SimpleNamespace
+
+import numpy as np
+
+from linkage_vibration.drawing.live_line import LiveLine
+
+
+def test_live_line_is_written_once_a_second_to_a_file() -> None:
+    """Thousands of predictions make few lines with angle, frequencies and peak."""
+    stream = io.StringIO()
+    live = LiveLine(stream)
+    prediction = SimpleNamespace(
+        crank_angle=np.deg2rad(132.0),
+        natural_frequencies=[4.25, 97.5, 170.25],
+        frf_peak_frequency=4.24,
+        frf_peak_magnitude=3.1e-5,
+    )
+    for _ in range(1000):
+        live.show(prediction)
+    live.close()
+    assert stream.getvalue().splitlines() == [
+        "crank 132.00 deg |   4.25  97.50 170.25 Hz | peak 3.10e-05 m/N at   4.24 Hz"
+    ]

@@ -1,0 +1,45 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""`linkage-vibration play` feeds a node, and `linkage-vibration watch` shows its predictions."""
+
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from linkage_vibration.bags.message_types import FLOAT64, JOINT_STATE
+from test.playback.test_replay import START, float64, joint_state, write_mcap
+from test.support.ros_process import JOINT, until
+
+COMMAND = [sys.executable, "-m", "linkage_vibration.cli"]
+
+
+def test_play_and_watch(
+    start: Callable[..., Any], environment: dict[str, str], tmp_path: Path
+) -> None:
+    """The node answers every joint state of a bag, and the last angle is shown."""
+    entries = [("/engine_speed", FLOAT64, START, float64(2000.0))]
+    for k in range(160):
+        time = START + k * 10**7
+        entries.append(("/arm", JOINT_STATE, time, joint_state(time, [JOINT], [1.7 + 0.005 * k])))
+    bag = write_mcap(tmp_path / "bag.mcap", entries)
+    node = start(name="played")
+    node.wait_for("Predicting for joint")
+    shown = tmp_path / "shown.txt"
+    with shown.open("w") as file:
+        watching = subprocess.Popen(
+            [*COMMAND, "watch", "--node", "/played"], stdout=file, stderr=file, env=environment
+        )
+    until(lambda: "No prediction on /played/prediction yet" in shown.read_text(), "the hint")
+    play = [*COMMAND, "play", str(bag), "--remap", "joint_states:=/arm"]
+    played = subprocess.run(play, env=environment, capture_output=True, text=True, check=True)
+    assert "Playing joint_states, engine_speed of" in played.stdout
+    assert "161 messages were published." in played.stdout
+    until(lambda: "crank" in shown.read_text(), "a prediction")
+    watching.send_signal(signal.SIGINT)
+    assert watching.wait() == 0
+    assert node.stop() == 0
+    assert "160 messages received, 160 predictions published." in node.printed
+    assert "deg |" in shown.read_text()
