@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.dofs import InterfaceDof
-from linkage_vibration.mechanics.regularisation import Measured
+from linkage_vibration.mechanics.regularisation import Regularised
 
 CENTRE_OF_GRAVITY = "centre of gravity"
 
@@ -43,5 +43,5 @@ class FrfComponent:
     name: str  # of the body
     dofs: tuple[InterfaceDof, ...]  # (n_interface,): rows and columns
     frequencies: FloatArray  # (n_freq,), Hz, ascending, above 0
-    measured: Measured  # receptances of the free body, regularised
+    measured: Regularised  # receptances of the free body
     noise: float  # relative noise of the receptances as they were measured, 1

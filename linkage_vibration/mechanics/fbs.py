@@ -80,6 +80,27 @@ def component_frf(
     return np.asarray((frf + frf.swapaxes(1, 2)) / 2.0, dtype=complex)
 
 
+def component_receptance(
+    mass: FloatArray,
+    stiffness: FloatArray,
+    damping: FloatArray,
+    n_dofs: int,
+    s: complex,
+    loss_factor: float = 0.0,
+) -> ComplexArray:
+    """Receptances of one component at one s in the upper half plane, (n_dofs, n_dofs), m/N.
+
+    Parameters
+    ----------
+    mass, stiffness, damping, n_dofs, loss_factor
+        As `component_frf` takes them.
+    s : complex
+        rad/s.
+    """
+    dynamic = (1.0 + 1j * loss_factor) * stiffness + s**2 * mass + s * damping
+    return np.linalg.solve(dynamic, np.eye(len(mass), n_dofs))[:n_dofs]
+
+
 def _inverse(matrices: Sequence[Matrix], n_dofs: int, omega: FloatArray) -> ComplexArray:
     """Return the part of (K - w^2 M + i w C)^-1 that belongs to the first DoFs, line by line.
 
@@ -197,7 +218,7 @@ def couple_frfs_with_error(
         Estimate of the largest error by rounding, m/N; infinite where the matrix is singular.
     """
     n_freq = _check_sizes(blocks, (compatibility, outputs, inputs))
-    compatibility, compliance = _independent(compatibility, compliance)
+    compatibility, compliance = independent_rows(compatibility, compliance)
     n_rows = len(compatibility)
     left, right = np.vstack([compatibility, outputs]), np.vstack([compatibility, inputs])
     frf = np.zeros((n_freq, len(left), len(right)), dtype=complex)
@@ -224,10 +245,16 @@ def couple_frfs_with_error(
     return coupled, np.where(np.isnan(error), np.inf, error)
 
 
-def _independent(
+def independent_rows(
     compatibility: FloatArray, compliance: FloatArray | ComplexArray | float
 ) -> tuple[FloatArray, FloatArray | ComplexArray]:
-    """Replace rigid rows by a basis of their span if some repeat others."""
+    """Replace rigid rows by a basis of their span if some repeat others.
+
+    Parameters
+    ----------
+    compatibility, compliance
+        As `couple_frfs` takes them.
+    """
     n_rows = len(compatibility)
     spread = np.broadcast_to(compliance, (*np.shape(compliance)[:-1], n_rows))
     rigid = ~spread.any(axis=tuple(range(spread.ndim - 1)))

@@ -61,6 +61,7 @@ class IdentifiedModes:
     poles: ComplexArray  # (n_modes,): p = -zeta w0 + i w0 sqrt(1 - zeta^2), rad/s
     residues: ComplexArray  # (n_modes, n_out, n_in): R, m/(N s) between displacements
     shapes: FloatArray  # (n_out, n_modes): real, mass-normalised, positive at the drive point
+    shares: FloatArray  # (n_modes,): the largest share of a mode in an FRF at its resonance, 1
 
     @property
     def omega(self) -> FloatArray:
@@ -71,6 +72,12 @@ class IdentifiedModes:
     def damping_ratios(self) -> FloatArray:
         """Damping ratios, (n_modes,), 1."""
         return np.asarray(-self.poles.real / np.abs(self.poles))
+
+    def select(self, modes: BoolArray) -> "IdentifiedModes":
+        """Return some of the modes, (n_modes,)."""
+        return IdentifiedModes(
+            self.poles[modes], self.residues[modes], self.shapes[:, modes], self.shares[modes]
+        )
 
 
 def identify(
@@ -128,7 +135,8 @@ def identify(
     flank = 1.0 - poles.real / math.pi / np.maximum(ends, np.finfo(float).tiny)
     doubt = np.maximum(_coarseness(frequencies, poles), 1.0) * flank
     faint = np.clip(_ABOVE_NOISE * noise * doubt**2, _FAINT, _SURE)
-    modes = recurring & inside & (_prominence(omega, frf, poles, residues) > faint)
+    shares = _prominence(omega, frf, poles, residues)
+    modes = recurring & inside & (shares > faint)
     if not modes.any():
         raise IdentificationError(
             f"No mode is visible between {band[0]:g} and {band[1]:g} Hz; widen the band, refine "
@@ -137,7 +145,7 @@ def identify(
     _check_resolution(frequencies, poles[modes])
     _check_complete(omega, frf, poles[modes | ~inside], band)
     poles, residues = poles[modes], residues[modes]
-    return IdentifiedModes(poles, residues, _shapes(poles, residues, drive_point))
+    return IdentifiedModes(poles, residues, _shapes(poles, residues, drive_point), shares[modes])
 
 
 def fit_poles(

@@ -11,6 +11,7 @@ import numpy as np
 
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import BoolArray, ComplexArray, FloatArray
+from linkage_vibration.mechanics.assembly_poles import Assembly
 from linkage_vibration.mechanics.compatibility import InterfaceMap, Joining
 from linkage_vibration.mechanics.components import Component, FrfComponent
 from linkage_vibration.mechanics.coupling import (
@@ -222,14 +223,25 @@ class LinkageModel:
         response = self.mechanism.response
         drive = self.rows([(response.point, response.direction)], configuration)
         every = np.vstack([drive, np.eye(len(self.interface))])
-        frf = self._couple(configuration, frequencies, every, drive)
+        joining = self.interface.join(configuration)
+        # Raw FRFs would show noise in place of modes.
+        self._couple(configuration, frequencies, drive, drive)
+        blocks, rows, compliance = self._blocks(joining, frequencies)
+        blocks = [
+            c.measured.fit.smooth() if isinstance(c, FrfComponent) else block
+            for c, block in zip(self.components, blocks, strict=True)
+        ]
+        frf = couple_frfs(receptances(blocks), rows, every, drive, compliance, frequencies)
         # DoFs that the ground holds move by rounding alone, which is not a shape.
         size = np.linalg.norm(frf[:, :, 0], axis=0)
         moving = size > _STILL * size.max()
         identified = identify(frequencies, frf[:, moving], response.band)
+        assembly = Assembly(self.components, self._held, joining)
+        identified, (frequency, ratio) = assembly.confirmed(identified)
         shapes = np.zeros((len(every), len(identified.poles)))
         shapes[moving] = identified.shapes
-        return IdentifiedSolution(configuration, replace(identified, shapes=shapes))
+        found = replace(identified, shapes=shapes)
+        return IdentifiedSolution(configuration, found, frequency, ratio)
 
     def _couple(
         self,
@@ -348,10 +360,14 @@ class IdentifiedSolution:
     identified : IdentifiedModes
         Modes in the response band, ascending; the rows of their shapes are the response, then all
         interface DoFs in their components' own axes.
+    frequency_stddev, damping_ratio_stddev : ndarray, (n_modes,)
+        Standard deviations by the noise of the measured FRFs, Hz and 1.
     """
 
     configuration: Configuration
     identified: IdentifiedModes
+    frequency_stddev: FloatArray
+    damping_ratio_stddev: FloatArray
 
     @property
     def natural_frequencies(self) -> FloatArray:

@@ -18,16 +18,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import block_diag, null_space, orth
+from scipy.linalg import block_diag, orth
 
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray
 from linkage_vibration.mechanics.dofs import InterfaceDof
-from linkage_vibration.mechanics.identification import fit_poles
+from linkage_vibration.mechanics.link_fit import LinkFit, fit_link
 
 _LEAST_LINES = 30
-_MAX_ORDER = 60  # poles in the largest model of a link
-_RESIDUAL_TERMS = 3  # 1, s^2, s^4 at most
 _REPEATED = 1e-14  # of the largest singular value of B H B^T: rounding is smaller
 _SYSTEMATIC = 0.03  # of the FRFs, root mean square over lines; with more, the link is not free
 
@@ -47,6 +45,13 @@ class Measured:
     frf: ComplexArray  # (n_freq, n, n), m/N between displacements
     kept: FloatArray  # (n, n): K, the identity for FRFs that are as measured
     leverage: FloatArray  # (n_freq,): from 0 to 1
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Regularised(Measured):
+    """Receptances whose elastic part is fitted, and the fit of the whole."""
+
+    fit: LinkFit
 
 
 def as_measured(frf: ComplexArray) -> Measured:
@@ -107,13 +112,11 @@ def noise_level(frequencies: FloatArray, frf: ComplexArray) -> float:
 
 def regularise(
     dofs: Sequence[InterfaceDof], frequencies: FloatArray, frf: ComplexArray, motions: FloatArray
-) -> Measured:
+) -> Regularised:
     """Fit the elastic part of the receptances of a free body.
 
-    Candidates are no poles and those of `fit_poles`, each with one to three residual terms; the
-    Bayesian information criterion (Schwarz 1978) chooses, so that noise decides the truncation.
-    Lines are weighted by the inverse of their size, as for relative noise. Computed FRFs are
-    unchanged within rounding as long as the poles and terms suffice.
+    The elastic part is that of `fit_link`. Lines are weighted by the inverse of their size, as for
+    relative noise. Computed FRFs are unchanged within rounding as long as poles and terms suffice.
 
     Parameters
     ----------
@@ -139,51 +142,17 @@ def regularise(
     drive = np.einsum("kii->ki", np.abs(square * frf))
     unit = np.sqrt(np.median(drive, axis=0))  # normalises DoFs of any unit
     raw = frf / np.outer(unit, unit)
-    even = (raw + raw.swapaxes(1, 2)) / 2.0
     rigid = orth(motions / unit[:, np.newaxis])
-    elastic = null_space(rigid.T)
-    kept = rigid @ rigid.T
-    if not elastic.size:
-        return as_measured(frf)
-    weights = 1.0 / np.linalg.norm(even, axis=(1, 2))
-    part, leverage = _fit(omega, even @ elastic, weights)
-    across = part @ elastic.T  # H N N^T, whose part N^T H N is symmetric
-    own = elastic @ (elastic.T @ across)
-    side = across - own
-    fitted = kept @ even @ kept + side + side.swapaxes(1, 2) + (own + own.swapaxes(1, 2)) / 2.0
+    fit = fit_link(omega, frf, unit, rigid)
+    kept = fit.rigid
+    fitted = kept @ fit.lines @ kept + fit.elastic.at_lines()
     _check_consistent(dofs, raw - fitted, fitted)
-    return Measured(
-        fitted * np.outer(unit, unit), unit[:, np.newaxis] * kept / unit[np.newaxis], leverage
+    return Regularised(
+        fitted * np.outer(unit, unit),
+        unit[:, np.newaxis] * kept / unit[np.newaxis],
+        fit.elastic.leverage,
+        fit,
     )
-
-
-def _fit(
-    omega: FloatArray, frf: ComplexArray, weights: FloatArray
-) -> tuple[ComplexArray, FloatArray]:
-    """Fit as many poles and residual terms as the noise justifies; also return leverages."""
-    s = 1j * omega / omega[-1]
-    right = _real(weights[:, np.newaxis] * frf.reshape(len(omega), -1))
-    best = math.inf
-    for poles in (np.empty(0), fit_poles(omega, frf, _MAX_ORDER)[0] / omega[-1]):
-        upper = 1.0 / (s[:, np.newaxis] - poles)
-        lower = 1.0 / (s[:, np.newaxis] - poles.conj())
-        for order in range(1, _RESIDUAL_TERMS + 1):
-            residual = s[:, np.newaxis] ** (2 * np.arange(order))
-            terms = np.hstack([residual, upper + lower, 1j * (upper - lower)])
-            basis, _ = np.linalg.qr(_real(weights[:, np.newaxis] * terms))
-            shares = basis.T @ right
-            left = float(np.sum((right - basis @ shares) ** 2))
-            count = shares.size + 2 * len(poles)
-            score = right.size * math.log(max(left, 1e-300)) + count * math.log(right.size)
-            if score < best:
-                best = score
-                found = (basis @ shares)[: len(omega)] + 1j * (basis @ shares)[len(omega) :]
-                leverage = (basis**2).sum(axis=1).reshape(2, -1).mean(axis=0)
-    return np.asarray((found / weights[:, np.newaxis]).reshape(frf.shape)), leverage
-
-
-def _real(matrix: ComplexArray) -> FloatArray:
-    return np.concatenate([matrix.real, matrix.imag])
 
 
 def _check_consistent(
@@ -194,7 +163,7 @@ def _check_consistent(
     Half the mean square of the first difference is the power of noise (von Neumann 1941).
     """
     size = np.sqrt((np.abs(fitted) ** 2).mean(axis=(1, 2), keepdims=True))
-    relative = rest * np.exp(-1j * np.angle(fitted)) / size
+    relative = rest / size
     noise = (np.abs(np.diff(relative, axis=0)) ** 2).mean(axis=0) / 2.0
     smooth = (np.abs(relative) ** 2).mean(axis=0) - noise
     i, j = divmod(int(smooth.argmax()), len(dofs))

@@ -1,0 +1,164 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Poles of an assembly from the interface flexibility, and their variances.
+
+At a pole p of the assembly the joints transmit forces without a gap, (B H(p) B^T + S(p)) z = 0. A
+change dH of the receptances moves the pole by -z^T B dH B^T z / (z^T D z), where D is the
+derivative of B H B^T + S. So the noise of measured links gives the variances of the poles.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from linkage_vibration.mechanics.arrays import BoolArray, ComplexArray, FloatArray
+from linkage_vibration.mechanics.compatibility import Joining
+from linkage_vibration.mechanics.components import Component, FrfComponent
+from linkage_vibration.mechanics.fbs import component_receptance, independent_rows
+from linkage_vibration.mechanics.identification import IdentificationError, IdentifiedModes
+
+_STEP = 1e-5  # of a pole, for the derivative
+_STEPS = 20
+_CLOSE = 1e-9  # step of a pole that has converged, relative
+_SAME = 1e-6  # distance of two poles that are one, relative
+_UNCERTAIN = 0.1  # standard deviation of a frequency, relative, of a mode that noise makes
+_DOMINANT = 0.5  # share of an FRF
+_MOVES = 1e-3  # of a pole: one farther away than this, and than its decay rate, is another
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AssemblyPole:
+    """A pole, and the forces in the joints there."""
+
+    pole: complex  # rad/s
+    forces: ComplexArray  # (n_rows,): z
+    slope: complex  # z^T D z
+
+    def turns(self) -> ComplexArray:
+        """Return t, (2,), of changes Re(t z^T B dH B^T z) of frequency (Hz) and damping ratio."""
+        size = abs(self.pole)
+        frequency = self.pole.conjugate() / size
+        ratio = (self.pole.real / size * frequency - 1.0) / size
+        return np.array([frequency / (2.0 * math.pi), ratio]) / -self.slope
+
+
+class Assembly:
+    """Components, some of them measured, joined in one configuration.
+
+    Parameters
+    ----------
+    components : sequence of Component or FrfComponent
+        Those of the model.
+    held : ndarray of bool, (n,)
+        Interface DoFs that the ground holds.
+    joining : Joining
+        What joins the components.
+    """
+
+    def __init__(
+        self,
+        components: Sequence[Component | FrfComponent],
+        held: BoolArray,
+        joining: Joining,
+    ) -> None:
+        kept = joining.compatibility[:, ~held].any(axis=1)
+        rigid, _ = independent_rows(joining.compatibility[kept], 0.0)
+        self._rows = np.vstack([rigid, joining.elongation])
+        self._rigid = np.zeros(len(rigid))
+        self._joining = joining
+        ends = np.cumsum([len(component.dofs) for component in components]).tolist()
+        owns = [slice(first, last) for first, last in zip([0, *ends], ends, strict=False)]
+        self._parts = [
+            (c, held[own], self._rows[:, own]) for c, own in zip(components, owns, strict=True)
+        ]
+
+    def confirmed(self, identified: IdentifiedModes) -> tuple[IdentifiedModes, FloatArray]:
+        """Return the modes that the assembly has, with their exact poles, and standard deviations.
+
+        Identified modes that are no poles of the assembly, or whose standard deviation exceeds a
+        tenth of their natural frequency, are spurious and are left out.
+
+        Parameters
+        ----------
+        identified : IdentifiedModes
+            Modes identified from the coupled FRFs.
+
+        Returns
+        -------
+        IdentifiedModes
+            The modes.
+        ndarray, (2, n_modes)
+            Standard deviations of natural frequencies (Hz) and damping ratios (1).
+
+        Raises
+        ------
+        IdentificationError
+            If a spurious mode dominates an FRF.
+        """
+        modes: list[AssemblyPole] = []
+        deviations = []
+        kept = np.zeros(len(identified.poles), dtype=np.bool_)
+        for i, start in enumerate(identified.poles):
+            one = self._refined(complex(start))
+            deviation = np.full(2, math.inf) if one is None else self._deviations(one)
+            certain = deviation[0] <= _UNCERTAIN * identified.omega[i] / (2.0 * math.pi)
+            if one is not None and certain and all(_differ(one, mode) for mode in modes):
+                kept[i] = True
+                modes.append(one)
+                deviations.append(deviation)
+            elif identified.shares[i] > _DOMINANT:
+                raise IdentificationError(
+                    f"The mode that the coupled FRFs show at "
+                    f"{identified.omega[i] / (2.0 * math.pi):.4g} Hz is due to noise; average more "
+                    "measurements, or measure up to higher frequencies."
+                )
+        poles = np.array([mode.pole for mode in modes])
+        return replace(identified.select(kept), poles=poles), np.array(deviations).T
+
+    def _deviations(self, mode: AssemblyPole) -> FloatArray:
+        """Return standard deviations of the natural frequency (Hz) and the damping ratio, (2,)."""
+        power = np.zeros(2)
+        for component, _, rows in self._parts:
+            if isinstance(component, FrfComponent):
+                forces = rows.T @ mode.forces
+                own = component.measured.fit.variances(mode.pole, forces, mode.turns())
+                power += component.noise**2 * own
+        return np.asarray(np.sqrt(power))
+
+    def _refined(self, start: complex) -> AssemblyPole | None:
+        """Find the pole near an identified one by Newton's method; None if there is none."""
+        pole, allowed = start, max(abs(start.real), _MOVES * abs(start))
+        for _ in range(_STEPS):
+            flexibility, side = self._flexibility(pole), _STEP * abs(pole)
+            forces = np.linalg.svd(flexibility)[2][-1].conj()
+            rate = self._flexibility(pole + side) - self._flexibility(pole - side)
+            slope = complex(forces @ rate @ forces) / (2.0 * side)
+            step = complex(forces @ flexibility @ forces) / slope
+            pole -= step
+            if not abs(pole - start) <= allowed:
+                break
+            if abs(step) <= _CLOSE * abs(pole):
+                return AssemblyPole(pole, forces, slope)
+        return None
+
+    def _flexibility(self, s: complex) -> ComplexArray:
+        """Return B H(s) B^T + S(s) of independent rows, (n_rows, n_rows)."""
+        springs = 1.0 / (self._joining.stiffness + s * self._joining.damping)
+        found = np.diag(np.concatenate([self._rigid, springs]).astype(complex))
+        for component, held, rows in self._parts:
+            if isinstance(component, FrfComponent):
+                found += rows @ component.measured.fit.at(np.array([s]))[0] @ rows.T
+                continue
+            free = np.flatnonzero(~held)
+            left = np.ix_(*[[*free, *range(len(held), len(component.mass))]] * 2)
+            matrices = component.mass[left], component.stiffness[left], component.damping[left]
+            own = component_receptance(*matrices, len(free), s, component.loss_factor)
+            found += rows[:, free] @ own @ rows[:, free].T
+        return found
+
+
+def _differ(first: AssemblyPole, second: AssemblyPole) -> bool:
+    """Return whether two poles are not one."""
+    return abs(first.pole - second.pole) > _SAME * abs(first.pole)

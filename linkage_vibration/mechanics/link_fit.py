@@ -1,0 +1,338 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""A function of s fitted to the measured receptances of a free link, and its covariance.
+
+Under forces in equilibrium a link only deforms. There the fit has the modes that the lines show,
+and further terms for the modes above them. Without a damping of these terms, noise, which hides
+distant modes, would leave the link undamped, and the assembly with too little damping.
+
+There are three laws of damping: viscous, proportional to the stiffness of the distant modes;
+structural likewise; and viscous of any kind, in which each FRF has its own odd powers of s. The
+Bayesian information criterion (Schwarz 1978) chooses the law, the modes, and the number of terms;
+it departs from the first law only if the lines clearly show another.
+
+Where a link moves as a rigid body the fit has 1 / s^2 in addition, and real poles near the first
+line, as of links whose damping is proportional to their mass, or that are hung up softly.
+
+Noise is propagated to first order, through the coefficients and through the poles.
+"""
+
+import enum
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import null_space
+
+from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray
+from linkage_vibration.mechanics.identification import fit_poles
+
+_MAX_ORDER = 60  # poles in the largest model of a link
+_ORDERS = 4  # most terms for the modes above the lines
+_LOWEST = 0.02  # pole of the deformation, in last lines; below it the link moves as a rigid body
+_NARROWEST = 0.5  # bandwidth of a pole among the lines, in spacings of them
+_RELAXATIONS = 2.0 ** np.arange(-1, 6)  # real poles of the rigid motions, in first lines
+_CLEARLY = 20.0  # least advantage of a law other than the first, in the information criterion
+_STEPS = 4  # of the improvement of the poles
+_NEGLIGIBLE = 1e-6  # improvement of the sum of squares
+_STEP = 1e-6  # of a parameter, for derivatives
+_RESOLVED = 1e-8  # singular value of the changes with the parameters, which are differences
+_ROUNDING = 1e-9  # of what is fitted: computed FRFs leave no more
+_SMALLEST = 1e-13  # singular value of the scaled terms that is not rounding
+
+
+class _Law(enum.Enum):
+    """How a link is damped."""
+
+    VISCOUS = enum.auto()
+    STRUCTURAL = enum.auto()
+    ANY = enum.auto()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Shape:
+    """Which terms a fit has; s and the parameters are per last line."""
+
+    law: _Law
+    order: int  # number of terms for the modes above the lines
+    parameters: FloatArray  # stiffness and damping of each mode; damping of the modes above
+
+    def terms(self, s: ComplexArray, parameters: FloatArray | None = None) -> ComplexArray:
+        """Return the values of the terms at s, (n_s, 1)."""
+        given = self.parameters if parameters is None else parameters
+        n = len(given) // 2
+        stiffness, decay = given[:n], given[n : 2 * n]
+        if self.law is _Law.ANY:
+            modes = 1.0 / (s**2 + decay * s + stiffness)
+            return np.hstack([s ** np.arange(max(2, 2 * self.order - 1)), modes, s * modes])
+        rate = s if self.law is _Law.VISCOUS else np.full_like(s, 1j)
+        powers = np.arange(self.order)
+        above = s ** (2 * powers) / (1.0 + given[-1] * rate) ** (powers + 1)
+        return np.hstack([above, 1.0 / (s**2 + decay * rate + stiffness)])
+
+    def derivatives(self, s: ComplexArray) -> list[ComplexArray]:
+        """Return the derivatives of the terms with respect to each parameter."""
+        found = []
+        for i, value in enumerate(self.parameters):
+            step = _STEP * max(abs(value), 1e-3)
+            sides = np.repeat(self.parameters[np.newaxis], 2, axis=0)
+            sides[:, i] += step, -step
+            found.append((self.terms(s, sides[0]) - self.terms(s, sides[1])) / (2.0 * step))
+        return found
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Fit:
+    """A weighted least-squares fit of terms, in an orthonormal basis of their values."""
+
+    tail: FloatArray  # (n_terms, k): from values of the terms to those of the basis
+    basis: FloatArray  # (2 n_freq, k): real above imaginary parts of weighted values
+    weights: FloatArray  # (n_freq, 1)
+    coefficients: FloatArray  # (k, n, n)
+
+    @property
+    def leverage(self) -> FloatArray:
+        """From 0 to 1, (n_freq,)."""
+        return np.asarray((self.basis**2).sum(axis=1).reshape(2, -1).mean(axis=0))
+
+    def at_lines(self) -> ComplexArray:
+        """Return the fit at the lines, (n_freq, n, n)."""
+        found = np.tensordot(self.basis, self.coefficients, axes=1)
+        n_freq = len(self.weights)
+        return np.asarray((found[:n_freq] + 1j * found[n_freq:]) / self.weights[:, :, np.newaxis])
+
+    def values(self, terms: ComplexArray) -> ComplexArray:
+        """Return the fit where the terms have these values, (n_s, n_terms)."""
+        return np.asarray(np.tensordot(terms @ self.tail, self.coefficients, axes=1))
+
+    def changes(self, rates: ComplexArray, rate: ComplexArray, terms: ComplexArray) -> ComplexArray:
+        """Return how the fit changes with a parameter where the terms have these values.
+
+        ``rates`` and ``rate`` are the derivatives of the terms at the lines and there.
+        """
+        plain = np.tensordot(self.tail, self.coefficients, axes=1)
+        moved = _real(self.weights * rates)
+        again = np.tensordot(self.basis.T @ moved, plain, axes=1)
+        return np.asarray(
+            np.tensordot(rate, plain, axes=1) - np.tensordot(terms @ self.tail, again, axes=1)
+        )
+
+    def shares(self, terms: ComplexArray) -> ComplexArray:
+        """Return the weights of the lines' parts in the values of the fit, (n_s, 2 n_freq)."""
+        double = np.concatenate([self.weights, self.weights])[:, 0]
+        return np.asarray((terms @ self.tail) @ self.basis.T * double)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LinkFit:
+    """Receptances of a free link at any s, and their variances.
+
+    Attributes
+    ----------
+    omega : ndarray, (n_freq,)
+        Lines, rad/s.
+    unit : ndarray, (n,)
+        Unit of each DoF, which normalises receptances.
+    lines : complex ndarray, (n_freq, n, n)
+        Measured receptances, symmetric, normalised.
+    rigid : ndarray, (n, n)
+        Projection on the rigid motions, normalised.
+    shape : _Shape
+        The terms of the deformation.
+    elastic, moving : _Fit
+        Of the deformation, and of the rigid block.
+    pulls : ndarray, (n_parameters, 2 n_freq, n, n)
+        Change of the parameters with real and imaginary parts of the lines.
+    """
+
+    omega: FloatArray
+    unit: FloatArray
+    lines: ComplexArray
+    rigid: FloatArray
+    shape: _Shape
+    elastic: _Fit
+    moving: _Fit
+    pulls: FloatArray
+
+    def smooth(self) -> ComplexArray:
+        """Return the receptances at the lines, (n_freq, n, n), m/N."""
+        return self.at(np.asarray(1j * self.omega, dtype=np.complex128))
+
+    def at(self, s: ComplexArray) -> ComplexArray:
+        """Return the receptances, (n_s, n, n), m/N, at points s, (n_s,), rad/s."""
+        scaled = s[:, np.newaxis] / self.omega[-1]
+        terms = self.shape.terms(scaled)
+        both = _rigid_terms(scaled, terms, self.omega)
+        found = self.elastic.values(terms) + self.moving.values(both)
+        return np.asarray(found * np.outer(self.unit, self.unit))
+
+    def variances(self, s: complex, forces: ComplexArray, turns: ComplexArray) -> FloatArray:
+        """Return the variance of Re(t f^T H(s) f) per squared relative noise, (n_turns,).
+
+        Parameters
+        ----------
+        s, forces, turns
+            Where, rad/s; f, (n,), on the DoFs, N; t, (n_turns,).
+        """
+        at, lines = np.array([[s / self.omega[-1]]]), 1j * self.omega[:, np.newaxis]
+        lines = lines / self.omega[-1]
+        terms = self.shape.terms(at)
+        both = _rigid_terms(at, terms, self.omega)
+        whole = self.unit * forces
+        own = self.rigid @ whole
+        rigid = np.outer(own, own)
+        rest = np.outer(whole, whole) - rigid
+        column = (-1, 1, 1)
+        shares = self.moving.shares(both).reshape(column) * rigid
+        shares = shares + self.elastic.shares(terms).reshape(column) * rest
+        rates = zip(self.shape.derivatives(lines), self.shape.derivatives(at), strict=True)
+        # Without noise there are no pulls.
+        for (along, there), pull in zip(rates, self.pulls, strict=False):
+            change = self.elastic.changes(along, there, terms)[0]
+            wide = [_padded(rate, both.shape[1]) for rate in (along, there)]
+            change = change + self.moving.changes(wide[0], wide[1], both)[0]
+            shares = shares + (whole @ change @ whole) * pull
+        power = np.abs(self.lines) ** 2 / 2.0
+        power = np.concatenate([power, power])
+        return np.array([((turn * shares).real ** 2 * power).sum() for turn in turns])
+
+
+def fit_link(
+    omega: FloatArray, frf: ComplexArray, unit: FloatArray, motions: FloatArray
+) -> LinkFit:
+    """Fit the receptances of a free link.
+
+    Parameters
+    ----------
+    omega, frf : ndarray, (n_freq,) and (n_freq, n, n)
+        Lines, rad/s, ascending, above 0, and receptances there, m/N.
+    unit : ndarray, (n,)
+        Unit of each DoF, which normalises receptances.
+    motions : ndarray, (n, n_motions)
+        Orthonormal rigid motions of the normalised DoFs.
+    """
+    raw = frf / np.outer(unit, unit)
+    lines = (raw + raw.swapaxes(1, 2)) / 2.0
+    weights = 1.0 / np.linalg.norm(lines, axis=(1, 2))[:, np.newaxis]
+    rigid, elastic = motions @ motions.T, null_space(motions.T)
+    across = lines @ elastic  # a difference of large numbers would lose its digits
+    s = 1j * omega[:, np.newaxis] / omega[-1]
+    shape, pulls = _Shape(_Law.ANY, 1, np.empty(0)), np.empty((0, 2 * len(omega), *raw.shape[1:]))
+    if elastic.size:
+        right = _real(weights * across.reshape(len(omega), -1))
+        shape = _choose(s, right, weights, _candidates(omega, frf))
+        _, left, columns = _columns(s, shape, weights, right)
+        if left < (_ROUNDING * np.linalg.norm(right)) ** 2:
+            columns = columns[:0]  # FRFs without noise
+        pulls = np.linalg.pinv(columns.T, rcond=_RESOLVED).reshape(
+            -1, 2 * len(omega), *across.shape[1:]
+        )
+        double = np.concatenate([weights, weights])[:, :, np.newaxis]
+        pulls = double * pulls @ elastic.T
+        pulls = (pulls + pulls.swapaxes(2, 3)) / 2.0
+    side = rigid @ across @ elastic.T
+    rest = side + side.swapaxes(1, 2) + elastic @ (elastic.T @ across) @ elastic.T
+    terms = shape.terms(s)
+    elastic_fit = _fitted(terms, weights, rest)
+    rigid_fit = _fitted(_rigid_terms(s, terms, omega), weights, rigid @ lines @ rigid)
+    return LinkFit(omega, unit, lines, rigid, shape, elastic_fit, rigid_fit, pulls)
+
+
+def _candidates(omega: FloatArray, frf: ComplexArray) -> list[ComplexArray]:
+    """Return sets of poles that may be those of the link, per last line."""
+    found, recurring = fit_poles(omega, frf, _MAX_ORDER)
+    after = np.searchsorted(omega, found.imag).clip(1, len(omega) - 1)
+    wide = -2.0 * found.real > _NARROWEST * np.diff(omega)[after - 1]
+    visible = (found.imag > _LOWEST * omega[-1]) & (wide | (found.imag > omega[-1]))
+    found, recurring = found[visible] / omega[-1], recurring[visible]
+    return [found[:0], found[recurring], found]
+
+
+def _choose(
+    s: ComplexArray, right: FloatArray, weights: FloatArray, candidates: list[ComplexArray]
+) -> _Shape:
+    """Return the terms by the Bayesian information criterion."""
+    best = math.inf
+    for poles in candidates:
+        for law in _Law:
+            stiffness, decay = np.abs(poles) ** 2, -2.0 * poles.real
+            if law is _Law.STRUCTURAL:
+                decay = decay * np.abs(poles)
+            start = np.concatenate([stiffness, decay, np.zeros(int(law is not _Law.ANY))])
+            for order in range(1, _ORDERS + 1):
+                shape, left = _refined(s, _Shape(law, order, start), weights, right)
+                count = shape.terms(s[:1]).size * right.shape[1] + len(shape.parameters)
+                score = right.size * math.log(max(left, 1e-300)) + count * math.log(right.size)
+                score += _CLEARLY * (law is not _Law.VISCOUS)
+                if score < best:
+                    best = score
+                    chosen = shape
+    return chosen
+
+
+def _refined(
+    s: ComplexArray, shape: _Shape, weights: FloatArray, right: FloatArray
+) -> tuple[_Shape, float]:
+    """Improve the parameters by Gauss-Newton steps; also return what the fit leaves."""
+    found, best = shape, math.inf
+    for _ in range(_STEPS + 1):
+        rest, left, columns = _columns(s, shape, weights, right)
+        half = len(shape.parameters) // 2
+        stiffness, decay = shape.parameters[:half], shape.parameters[half : 2 * half]
+        sound = (stiffness > _LOWEST**2).all() and (decay > 0.0).all()
+        if not (left < best and sound):
+            break
+        converged = left > (1.0 - _NEGLIGIBLE) * best
+        found, best = shape, left
+        if converged or not len(shape.parameters):
+            break
+        step = np.linalg.lstsq(columns.T, rest.ravel(), rcond=_SMALLEST)[0]
+        shape = _Shape(shape.law, shape.order, shape.parameters + step)
+    return found, best
+
+
+def _columns(
+    s: ComplexArray, shape: _Shape, weights: FloatArray, right: FloatArray
+) -> tuple[FloatArray, float, FloatArray]:
+    """Return what a fit leaves, its square, and its change with the parameters.
+
+    The change, (n_parameters, n_equations), is that of the part that the coefficients cannot undo.
+    """
+    basis, triangle = np.linalg.qr(_real(weights * shape.terms(s)))
+    shares = basis.T @ right
+    rest = right - basis @ shares
+    coefficients = np.linalg.lstsq(triangle, shares, rcond=_SMALLEST)[0]
+    columns = np.empty((len(shape.parameters), right.size))
+    for i, rate in enumerate(shape.derivatives(s)):
+        column = _real(weights * rate) @ coefficients
+        columns[i] = (column - basis @ (basis.T @ column)).ravel()
+    return rest, float((rest**2).sum()), columns
+
+
+def _rigid_terms(s: ComplexArray, elastic: ComplexArray, omega: FloatArray) -> ComplexArray:
+    """Return the terms of rigid motions at s, (n_s, 1), followed by the elastic ones."""
+    rates = _RELAXATIONS * omega[0] / omega[-1]
+    return np.hstack([s**-2.0, s**-2.0 * rates / (s + rates), elastic])
+
+
+def _padded(terms: ComplexArray, count: int) -> ComplexArray:
+    """Return terms after as many zeros as make up a number."""
+    return np.pad(terms, ((0, 0), (count - terms.shape[1], 0)))
+
+
+def _fitted(terms: ComplexArray, weights: FloatArray, lines: ComplexArray) -> _Fit:
+    """Fit terms with real coefficients to weighted lines."""
+    matrix = _real(weights * terms)
+    sizes = np.linalg.norm(matrix, axis=0)
+    basis, values, right = np.linalg.svd(matrix / sizes, full_matrices=False)
+    kept = values > _SMALLEST * values[0]
+    basis = basis[:, kept]
+    double = np.concatenate([weights, weights])
+    coefficients = np.tensordot(basis.T, double[:, :, np.newaxis] * _real(lines), axes=1)
+    tail = right[kept].T / values[kept] / sizes[:, np.newaxis]
+    return _Fit(tail, basis, weights, coefficients)
+
+
+def _real(matrix: ComplexArray) -> FloatArray:
+    """Return real parts above imaginary parts: complex equations with real unknowns."""
+    return np.concatenate([matrix.real, matrix.imag])
