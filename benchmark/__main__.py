@@ -14,6 +14,7 @@ STEPS = (
     "calibrations",
     "costs",
     "stability",
+    "noise",
     "speed",
     "speed.paper_job",
     "sweep",

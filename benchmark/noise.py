@@ -1,0 +1,149 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Compares the standard deviations of identified modes with the scatter over noise seeds."""
+
+import math
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmark.report import machine, publish, table
+from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.mechanics.bodies.frfs import Frfs
+from linkage_vibration.mechanics.components import Component
+from linkage_vibration.mechanics.fbs import component_frf
+from linkage_vibration.mechanics.model import LinkageModel
+from linkage_vibration.readers.mechanism import read_mechanism
+
+FloatArray = NDArray[np.float64]
+
+LINES: FloatArray = np.linspace(0.2, 200.0, 1000)  # Hz
+ALPHA3 = math.radians(140.0)
+SEEDS = 200
+CASES = (("lower_link", 1e-2), ("upper_link", 1e-2))
+
+
+@dataclass(frozen=True)
+class Scatter:
+    """Modes found with many seeds of noise; NaN where a seed was refused.
+
+    The columns are natural frequencies, Hz, then damping ratios, 1.
+    """
+
+    exact: FloatArray  # (2 n_modes,)
+    found: FloatArray  # (n_seeds, 2 n_modes)
+    deviations: FloatArray  # (n_seeds, 2 n_modes)
+    spurious: int  # seeds with more modes than the assembly has
+
+    @property
+    def answered(self) -> int:
+        """Seeds that were not refused."""
+        return int(np.isfinite(self.found[:, 0]).sum())
+
+    def coverage(self) -> FloatArray:
+        """Return the share of answers within 1.96 standard deviations of the truth, per column."""
+        within = np.abs(self.found - self.exact) <= 1.96 * self.deviations
+        return np.asarray(within.sum(axis=0) / self.answered)
+
+
+def scatter(link: str, share: float, seeds: Sequence[int]) -> Scatter:
+    """Identify the modes of the default linkage with a noisy link, with many seeds.
+
+    Parameters
+    ----------
+    link, share, seeds
+        The link that is measured; its relative noise, 1; seeds of the noise.
+    """
+    model = LinkageModel(read_mechanism())
+    solution = model.solve(ALPHA3)
+    inside = solution.natural_frequencies < model.mechanism.response.band[1]
+    exact = np.concatenate([solution.natural_frequencies[inside], solution.damping_ratios[inside]])
+    rows = [_identify(model, link, share, seed, int(inside.sum())) for seed in seeds]
+    found, deviations = np.array([row for row, _ in rows]).swapaxes(0, 1)
+    return Scatter(exact, found, deviations, sum(spurious for _, spurious in rows))
+
+
+def _identify(
+    model: LinkageModel, link: str, share: float, seed: int, count: int
+) -> tuple[FloatArray, bool]:
+    """Return modes and standard deviations, (2, 2 count), and whether there are spurious modes."""
+    at = next(i for i, body in enumerate(model.mechanism.links) if body.name == link)
+    part, body = model.components[at], model.mechanism.links[at]
+    assert isinstance(part, Component)
+    assert part.name == link
+    n = len(part.dofs)
+    frf = body.count * component_frf(part.mass, part.stiffness, part.damping, n, LINES)
+    rng = np.random.default_rng(seed)
+    noise = rng.standard_normal(frf.shape) + 1j * rng.standard_normal(frf.shape)
+    frf = frf * (1.0 + share * noise / math.sqrt(2.0))
+    links = list(model.mechanism.links)
+    links[at] = replace(body, body=Frfs(part.dofs, LINES, frf))
+    mechanism = replace(model.mechanism, links=tuple(links))
+    try:
+        found = LinkageModel(mechanism, kinematics=model.kinematics).identify(ALPHA3)
+    except LinkageVibrationError:
+        return np.full((2, 2 * count), math.nan), False
+    if len(found.natural_frequencies) != count:
+        return np.full((2, 2 * count), math.nan), len(found.natural_frequencies) > count
+    values = [found.natural_frequencies, found.damping_ratios]
+    deviations = [found.frequency_stddev, found.damping_ratio_stddev]
+    return np.array([np.concatenate(values), np.concatenate(deviations)]), False
+
+
+def _rows(link: str, share: float, found: Scatter) -> list[list[str]]:
+    """Return a row of the page for each mode."""
+    rows = []
+    n = len(found.exact) // 2
+    off = found.found - found.exact
+    coverage = found.coverage()
+    for mode in range(n):
+        row = [f"{link}, {100.0 * share:g} %", str(mode + 1)]
+        for column in (mode, n + mode):
+            exact = found.exact[column]
+            numbers = (
+                np.nanmean(off[:, column]) / exact,
+                np.nanstd(off[:, column]) / exact,
+                np.nanmedian(found.deviations[:, column]) / exact,
+            )
+            row += [f"{100.0 * number:.2g} %" for number in numbers]
+            row.append(f"{100.0 * coverage[column]:.1f} %")
+        rows.append(row)
+    return rows
+
+
+def main() -> None:
+    """Identify the modes with every seed, and publish their scatter."""
+    with ProcessPoolExecutor(2) as pool:
+        waiting = [pool.submit(scatter, *case, range(SEEDS)) for case in CASES]
+        found = [one.result() for one in waiting]
+    columns = ["link, noise", "mode"]
+    for name in ("f", "ratio"):
+        columns += [f"{name}: bias", "scatter", "predicted", "within 95 %"]
+    rows = [row for case, one in zip(CASES, found, strict=True) for row in _rows(*case, one)]
+    counts = [
+        [f"{link}, {100.0 * share:g} %", str(SEEDS), str(SEEDS - one.answered), str(one.spurious)]
+        for (link, share), one in zip(CASES, found, strict=True)
+    ]
+    publish(
+        "noise",
+        "Noise in measured links",
+        [
+            f"This page shows the modes of the default linkage at {math.degrees(ALPHA3):g} deg, "
+            f"with one link measured at {len(LINES)} lines up to {LINES[-1]:g} Hz with relative "
+            f"noise, for {SEEDS} seeds of the noise. Bias and scatter are relative to the truth. "
+            "The predicted standard deviation is the median. The last column of each group is the "
+            "share of the answers within 1.96 of their own predicted standard deviations.",
+            table(columns, rows),
+            "A seed is refused if a mode is missing, or if a mode that noise makes dominates an "
+            "FRF:",
+            table(["link, noise", "seeds", "refused", "with a spurious mode"], counts),
+        ],
+        machine(),
+    )
+
+
+if __name__ == "__main__":
+    main()
