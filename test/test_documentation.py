@@ -35,6 +35,7 @@ NOT_RUN = {
     "pip install": "this is how the environment was made",
     "apt-get": "the test does not change the machine",
     "colcon": "the ROS 2 wheels do not contain it",
+    "rosdep": "the test does not change the machine",
     "ros2": "the ROS 2 wheels do not contain it",
     "linkage-vibration play": "test/ros/test_bag_player.py runs it",
     "linkage-vibration watch": "test/ros/test_bag_player.py runs it",
