@@ -511,7 +511,7 @@ def _decompressed(compression: bytes, data: memoryview) -> bytes:
         pieces: list[bytes] = []
         with (
             contextlib.suppress(zstandard.ZstdError),
-            zstandard.ZstdDecompressor().stream_reader(data) as reader,
+            zstandard.ZstdDecompressor().stream_reader(data, read_across_frames=True) as reader,
         ):
             while len(pieces) < LONGEST_RECORD // _BLOCK and (piece := reader.read(_BLOCK)):
                 pieces.append(piece)

@@ -47,10 +47,21 @@ BLOCK = 4096
 """The least number of messages in a block, so that calls of NumPy cost little for each."""
 
 _GATHERED = 1024  # messages in a part that rosbags reads one by one
+
+
+def _decompress_zstd(data: bytes, size: int) -> bytes:
+    """Return what frames of zstd hold, up to a size, which a frame need not state."""
+    found = zstandard.decompress(data, size)
+    if len(found) >= size:
+        return found
+    with zstandard.ZstdDecompressor().stream_reader(data, read_across_frames=True) as frames:
+        return frames.read(size)
+
+
 _DECOMPRESS: dict[str, Callable[[bytes, int], bytes]] = {
     "": lambda data, size: data,
     "lz4": lambda data, size: lz4.frame.decompress(data),
-    "zstd": zstandard.decompress,  # needs the size if the chunk does not state it
+    "zstd": _decompress_zstd,
 }
 _LATEST = 2**63 - 1  # ns, the year 2262; MCAP has unsigned times, whose upper half is meaningless
 

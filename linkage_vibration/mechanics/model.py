@@ -115,8 +115,9 @@ class LinkageModel:
         Raises
         ------
         ModelError
-            If a point or a direction does not exist.
+            If a point or a direction does not exist, or is y in a planar model.
         """
+        directions = ("x", "y", "z") if self.interface.out_of_plane.any() else ("x", "z")
         moved: dict[str, FloatArray] = {}
         rows = []
         for point, direction in places:
@@ -125,8 +126,12 @@ class LinkageModel:
                 if not bodies:
                     raise ModelError(f"There is no point {point}; check the names of the points.")
                 moved[point] = self.interface.displacement(bodies[-1], point, configuration)
-            if direction not in ("x", "y", "z"):
-                raise ModelError(f"Point {point} has no direction {direction}; use x, y or z.")
+            if direction not in directions:
+                hint = "" if "y" in directions else " (y needs LinkageModel(..., spatial=True))"
+                raise ModelError(
+                    f"Point {point} has no direction {direction}; use {' or '.join(directions)}"
+                    f"{hint}."
+                )
             rows.append(moved[point]["xyz".index(direction)])
         return np.array(rows)
 

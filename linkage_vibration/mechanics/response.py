@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import brentq
 
+from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from linkage_vibration.mechanics.modes import MECHANISM, DampedModes
 
@@ -26,6 +27,10 @@ _GRID = 200  # frequencies over the band in which a peak is sought first
 _BESIDE = 1e-6  # of a frequency: just above 0 Hz
 _WIDER = np.arange(-32.0, 33.0)  # quarter half-widths: where to seek a maximum if Newton fails
 _AROUND = np.linspace(-2.0, 2.0, 9)  # lines about each resonance, in half-power half-widths
+
+
+class ResponseError(LinkageVibrationError):
+    """A frequency response function cannot be evaluated as requested."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,6 +78,11 @@ class PoleResidue:
 
         It is infinite on an undamped pole, such as 0 Hz of a mechanism.
 
+        Raises
+        ------
+        ResponseError
+            If the frequencies are not a one-dimensional array.
+
         Examples
         --------
         At 0 Hz an oscillator of 1 kg and 100 N/m yields 1/100 m/N:
@@ -82,6 +92,11 @@ class PoleResidue:
         0.01
         """
         omega = 2.0 * math.pi * np.asarray(frequencies, dtype=float)
+        if omega.ndim != 1:
+            raise ResponseError(
+                f"The frequencies are an array of shape {omega.shape}; give a list of Hz, such as "
+                "[10.0, 20.0]."
+            )
         terms = np.multiply.outer(self.decay, 1j * omega)
         terms += self.stiffness[:, np.newaxis]
         terms -= omega**2

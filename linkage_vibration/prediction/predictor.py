@@ -32,7 +32,7 @@ class Status(enum.IntEnum):
         return self in (Status.OK, Status.NEAR_TOGGLE)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Prediction:
     """How the mechanism vibrates at one angle.
 

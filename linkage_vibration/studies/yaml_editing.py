@@ -107,7 +107,8 @@ def _edits(root: Any, keys: Sequence[str], words: Sequence[str]) -> Iterator[tup
     # YAML 1.1 reads 1e-05 as text, but 1.0e-05 as a number.
     words = [word if "." in word else word.replace("e", ".0e") for word in words]
     parent = functools.reduce(_node_below, keys[:-1], root)
-    old = _node_below(parent, keys[-1])
+    # A number from a merge key (<<) is not replaced there: its own key beside it overrides it.
+    old = _node_below(parent, keys[-1], merged=False)
     if old is None:
         first = parent.value[0][0].start_mark
         value = words[0] if len(words) == 1 else f"[{', '.join(words)}]"
@@ -125,7 +126,15 @@ def _below(data: Any, key: str) -> Any:
     return data[int(key) if isinstance(data, list) else key]
 
 
-def _node_below(node: Any, key: str) -> Any:
+def _node_below(node: Any, key: str, *, merged: bool = True) -> Any:
+    """Return the node of a key, also if a merge key (<<) provides it, or None."""
     if isinstance(node, yaml.SequenceNode):
         return node.value[int(key)]
-    return next((value for name, value in node.value if name.value == key), None)
+    sources: list[Any] = []
+    for name, value in node.value:
+        if name.tag == "tag:yaml.org,2002:merge":
+            sources += value.value if isinstance(value, yaml.SequenceNode) else [value]
+        elif name.value == key:
+            return value
+    found = (_node_below(source, key) for source in sources if merged)
+    return next((value for value in found if value is not None), None)

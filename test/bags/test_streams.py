@@ -159,6 +159,22 @@ def test_chunks_that_were_compressed_as_streams(
     assert read([path], ["/a"]) == [(k, "/a", 1.0) for k in range(100)]
 
 
+def test_chunks_of_several_frames(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A chunk may consist of frames of zstd, as parallel compressors write them."""
+
+    def compress(data: bytes) -> bytes:
+        third = len(data) // 3
+        parts = (data[:third], data[third : 2 * third], data[2 * third :])
+        return b"".join(zstandard.ZstdCompressor().compress(part) for part in parts)
+
+    monkeypatch.setattr(zstandard, "compress", compress)
+    path = write_mcap(tmp_path / "bag.mcap", [("/a", k, 1.0) for k in range(100)])
+    monkeypatch.undo()
+    assert read([path], ["/a"]) == [(k, "/a", 1.0) for k in range(100)]
+    recover(path, tmp_path / "again.mcap")
+    assert read([tmp_path / "again.mcap"], ["/a"]) == read([path], ["/a"])
+
+
 def test_publish_times_of_mcap(tmp_path: Path) -> None:
     """MCAP has the times of sending and of receiving."""
     path = write_mcap(tmp_path / "bag.mcap", [("/a", 100, 1.0), ("/a", 200, 2.0)])

@@ -202,6 +202,10 @@ def test_sections_have_an_order(stephenson_mapping: Any) -> None:
     sections[2]["until"] = 0.4
     with pytest.raises(MechanismError, match=r"sections\[2\]: .*before the last point"):
         mechanism_from_mapping(stephenson_mapping)
+    sections[2]["until"] = 5.0
+    sections[0]["until"] = -0.1
+    with pytest.raises(MechanismError, match=r"links\.coupler\.sections: they do not ascend"):
+        mechanism_from_mapping(stephenson_mapping)
 
 
 @pytest.mark.parametrize("which", ["mechanism", "stephenson", "four_bar"])

@@ -160,6 +160,8 @@ def test_link_shapes_meet_at_the_pins(model: LinkageModel) -> None:
 
 def test_unknown_places_are_reported(model: LinkageModel) -> None:
     """A response asked for at no point of the linkage names it."""
+    with pytest.raises(ModelError, match=r"V1 has no direction y; use x or z \(y needs .*spatial"):
+        model.solve(2.0).frf([("V1", "y")], [("V1", "z")])
     with pytest.raises(ModelError, match="no point E9"):
         model.solve(2.0).frf([("E9", "z")], [("E1", "z")])
 

@@ -4,6 +4,7 @@
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,7 +19,7 @@ from linkage_vibration.mechanics.description import (
     Rayleigh,
 )
 from linkage_vibration.mechanics.model import LinkageModel
-from linkage_vibration.mechanics.response import far_poles, in_reach, oscillators
+from linkage_vibration.mechanics.response import ResponseError, far_poles, in_reach, oscillators
 
 
 @given(frequency=st.floats(1.0, 150.0), ratio=st.floats(1e-4, 0.6), mass=st.floats(1e-2, 1e4))
@@ -128,3 +129,10 @@ def test_far_poles_with_other_damping(mechanism: Mechanism, rule: Damping) -> No
     found = solution.frf(places, places, band).frf(lines)
     apart = np.linalg.norm(found - exact, axis=0) / np.linalg.norm(exact, axis=0)
     assert apart.max() < 1e-4
+
+
+@pytest.mark.parametrize("frequencies", [5.0, [[1.0, 2.0]], None])
+def test_frequencies_of_another_shape(model: LinkageModel, frequencies: Any) -> None:
+    """A number, a table and nothing are refused with the shape."""
+    with pytest.raises(ResponseError, match=r"an array of shape \(.*\); give a list of Hz"):
+        model.solve(2.0).drive_point.frf(frequencies)

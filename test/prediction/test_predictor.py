@@ -174,3 +174,10 @@ def test_table_of_a_whole_turn_serves_every_turn() -> None:
         assert there.status is Status.OK
         np.testing.assert_allclose(there.natural_frequencies, here.natural_frequencies, rtol=1e-9)
     assert turning.predict(1e7).status is Status.OUT_OF_RANGE
+
+
+def test_predictions_are_compared_by_identity(predictor: Predictor) -> None:
+    """Arrays have no single answer to ==, so a prediction equals itself alone."""
+    first, second = predictor.predict(2.0), predictor.predict(2.0)
+    assert first == first
+    assert first != second

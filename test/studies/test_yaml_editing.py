@@ -57,3 +57,33 @@ def test_numbers_in_data() -> None:
         number_at(data, "links.none.length")
     with pytest.raises(MechanismError, match="is not a number"):
         number_at(data, "links.rod")
+
+
+MERGED = """\
+steel: &steel {material: {density: 7800.0, modulus: 2.1e+11}, width: 0.05}
+rod: {<<: *steel, height: 0.1}
+bar:
+  <<: [*steel]
+  height: 0.2
+"""
+
+
+@pytest.mark.parametrize(
+    ("keys", "line"),
+    [
+        (("rod", "width"), "rod: {width: 0.06, <<: *steel, height: 0.1}"),
+        (("bar", "width"), "  width: 0.06"),
+        (("bar", "height"), "  height: 0.06"),
+        (("steel", "width"), MERGED.splitlines()[0].replace("0.05", "0.06")),
+        (("bar", "material", "density"), MERGED.splitlines()[0].replace("7800.0", "0.06")),
+    ],
+)
+def test_merge_keys(keys: tuple[str, ...], line: str) -> None:
+    """A merged number gets a key of its own; a merged mapping is one for all, as in the data."""
+    text = edit_text(MERGED, [(keys, ["0.06"])], CalibrationError)
+    assert [new for new in text.splitlines() if new not in MERGED.splitlines()] == [line]
+    data = with_numbers(yaml.safe_load(MERGED), [(".".join(keys), 0.06)])
+    read = yaml.safe_load(text)
+    if keys[0] != "steel":  # merged numbers are copies in data that has been read
+        assert read == data
+    assert number_at(read, ".".join(keys)) == 0.06

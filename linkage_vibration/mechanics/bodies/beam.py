@@ -132,7 +132,12 @@ def read(keys: Keys, places: dict[str, Point]) -> Beam:
             )
     begin = min(0.0, *(x for x, _ in places.values()))
     _check_proportions(keys, segments, begin, material.density)
-    return Beam(material, segments, keys.integer("elements", default=24))
+    beam = Beam(material, segments, keys.integer("elements", default=24))
+    try:
+        _first_coordinates(list(places.items()), _mesh(beam, [x for x, _ in places.values()])[0], 3)
+    except MechanismError as error:
+        raise MechanismError(f"{keys.path}.{error.path}", error.problem) from None
+    return beam
 
 
 def _check_proportions(
