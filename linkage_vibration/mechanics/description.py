@@ -238,7 +238,7 @@ class RigidBody:
 
 @dataclass(frozen=True, slots=True)
 class Spring:
-    """A massless spring between two bodies.
+    """A massless spring, damper or both between two bodies.
 
     ``points`` names its two ends, and it acts along the line between them; or one point that the
     two bodies share, and it acts on the rotation of the one against the other.
@@ -247,7 +247,7 @@ class Spring:
     name: str
     bodies: tuple[str, str]
     points: tuple[str, ...]
-    stiffness: float  # N/m, or N m/rad on a joint
+    stiffness: float  # N/m, or N m/rad on a joint; 0 for a damper without a spring
     damping: float  # N s/m, or N m s/rad
 
 

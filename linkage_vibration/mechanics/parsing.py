@@ -196,13 +196,22 @@ def _spring(keys: Keys, name: str, points: dict[str, dict[str, Point]]) -> Sprin
         for point in places:
             owners.setdefault(point, []).append(body)
     ends, bodies = _joint(keys, owners) if "joint" in keys else _ends(keys, owners)
-    return Spring(
-        name=name,
-        bodies=bodies,
-        points=ends,
-        stiffness=keys.number("stiffness", positive=True),
-        damping=keys.number("damping", default=0.0),
-    )
+    damping = keys.number("damping", default=0.0)
+    if damping < 0.0:
+        raise keys.error(
+            "damping", f"{damping:g} would add energy; give 0 or a positive damping constant."
+        )
+    if damping == 0.0:
+        stiffness = keys.number("stiffness", positive=True)
+    else:
+        stiffness = keys.number("stiffness", default=0.0)
+    if stiffness < 0.0:
+        raise keys.error(
+            "stiffness",
+            f"{stiffness:g} would push its ends apart; give a positive stiffness, or 0 for a "
+            "damper without a spring.",
+        )
+    return Spring(name, bodies, ends, stiffness, damping)
 
 
 def _joint(keys: Keys, owners: dict[str, list[str]]) -> tuple[tuple[str, ...], tuple[str, str]]:

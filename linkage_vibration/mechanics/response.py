@@ -103,9 +103,9 @@ class PoleResidue:
         endless = terms == 0.0  # on an undamped pole
         terms[endless] = np.inf
         np.reciprocal(terms, out=terms)
-        flat = self.residues.reshape(-1, len(terms)) @ terms
+        flat = self.residues.reshape(self.residual.size, -1) @ terms
         if self.rates.any():
-            flat += (self.rates.reshape(-1, len(terms)) @ terms) * 1j * omega
+            flat += (self.rates.reshape(self.residual.size, -1) @ terms) * 1j * omega
         flat += self.residual.reshape(-1, 1)
         frf = np.moveaxis(flat.reshape(*self.residual.shape, len(omega)), -1, 0)
         for mode, line in np.argwhere(endless):

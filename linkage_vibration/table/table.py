@@ -106,6 +106,8 @@ class Table:
         the band; NaN without FRFs), the largest of all pieces.
     slope_error : float
         The same for the slopes of natural frequencies, relative to these, 1/rad.
+    free_modes : int
+        Modes at 0 Hz, since nothing holds the linkage, which are left out together with all FRFs.
     toggles, band : tuple of float
         Where the linkage locks, rad, or None; where peaks are sought and FRFs are valid, Hz.
     places : tuple of (point, direction)
@@ -135,6 +137,7 @@ class Table:
     peak_error: float
     frf_error: float
     slope_error: float
+    free_modes: int
     toggles: tuple[float, float] | None
     band: tuple[float, float]
     places: tuple[Place, ...]
@@ -362,6 +365,7 @@ class Table:
             "units": UNITS,
             "peak_error": self.peak_error,
             "slope_error": self.slope_error,
+            "free_modes": self.free_modes,
             "frf_error": None if math.isnan(self.frf_error) else self.frf_error,
             "toggles_rad": self.toggles and list(self.toggles),
             "band_hz": list(self.band),
@@ -445,6 +449,7 @@ def _read(path: Path) -> Table:
             **arrays,
             peak_error=metadata["peak_error"],
             slope_error=metadata["slope_error"],
+            free_modes=metadata["free_modes"],
             frf_error=math.nan if frf_error is None else frf_error,
             toggles=toggles and (toggles[0], toggles[1]),
             band=(metadata["band_hz"][0], metadata["band_hz"][1]),

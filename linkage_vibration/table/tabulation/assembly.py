@@ -52,6 +52,7 @@ def assemble(
         peak_error=math.nan,
         frf_error=math.nan,
         slope_error=math.nan,
+        free_modes=sampler.free_modes,
         toggles=sampler.toggles,
         band=band,
         places=(),

@@ -5,10 +5,12 @@
 import math
 from collections.abc import Callable, Sequence
 
+import numpy as np
+
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.response import N_FAR
 from linkage_vibration.table.table import Table, TableError
-from linkage_vibration.table.tabulation.accuracy import TOLERANCE, Accuracy
+from linkage_vibration.table.tabulation.accuracy import ROUNDING, TOLERANCE, Accuracy
 from linkage_vibration.table.tabulation.assembly import assemble
 from linkage_vibration.table.tabulation.refinement import Piece, first_points, more_points, refine
 from linkage_vibration.table.tabulation.sampling import Sampler
@@ -16,6 +18,8 @@ from linkage_vibration.table.tabulation.tracking import Tracker
 from linkage_vibration.table.tabulation.verification import Bounds, bound_errors, thin, with_bounds
 
 _FINEST, _COARSEST = 1e-11, 1.0  # finer: rounding dominates; coarser: the table has no use
+_SHORTER = 8.0  # the last piece whose rounding was checked, to the next one
+_CLEAR = 20.0  # roundings to a tolerance
 _MORE_FAR, _MOST_FAR = 2, 8  # far poles, if their error is more than half of the tolerance
 
 
@@ -61,6 +65,7 @@ def build_table(
         )
     sampler = Sampler(model, points, progress)
     tracker, accuracy = Tracker(sampler, tolerance), Accuracy(tolerance)
+    _check_damping(sampler, accuracy)
     pieces = _refined(tracker, [first_points(sampler.samples, *sampler.ends)], accuracy)
     tried: set[tuple[float, float]] = set()  # pieces that have received more points
     known: dict[tuple[int, Piece], Bounds] = {}
@@ -97,6 +102,7 @@ def build_table(
 def _refined(tracker: Tracker, waiting: list[list[float]], accuracy: Accuracy) -> list[Piece]:
     """Refine pieces, from the last to the first, and halve those that miss the tolerance."""
     sampler, pieces = tracker.sampler, list[Piece]()
+    suspicious = sampler.length / 2.0 * (1.0 + ROUNDING)
     while waiting:
         fitted = waiting.pop()
         piece = refine(tracker, fitted, accuracy)
@@ -111,8 +117,37 @@ def _refined(tracker: Tracker, waiting: list[list[float]], accuracy: Accuracy) -
                 f"{math.degrees(sampler.angle(low)):.4f} deg for a tolerance of "
                 f"{accuracy.frequency:g}; give a larger tolerance."
             )
+        if high - low < suspicious:
+            suspicious = (high - low) / _SHORTER
+            _check_rounding(sampler, low, accuracy)
         waiting += _halves(sampler, low, high)
     return pieces
+
+
+def _check_rounding(sampler: Sampler, variable: float, accuracy: Accuracy) -> None:
+    """Refuse a tolerance that rounding prevents."""
+    rounding = sampler.rounding(variable)
+    if rounding > accuracy.frequency / _CLEAR:
+        raise TableError(
+            f"Rounding changes a natural frequency of {sampler.model.mechanism.name} by "
+            f"{rounding:.0e} at alpha3 = {math.degrees(sampler.angle(variable)):.3f} deg, too much "
+            f"for a tolerance of {accuracy.frequency:g}; give at least "
+            f"{_CLEAR * rounding:.0e}, or move apart two points of a link that nearly coincide."
+        )
+
+
+def _check_damping(sampler: Sampler, accuracy: Accuracy) -> None:
+    """Refuse FRFs between points where a resonance is so narrow that rounding moves it."""
+    for variable in sampler.ends if sampler.places else ():
+        sample = sampler.at(variable)
+        inside = sample.frequencies < sampler.response.band[1]
+        for mode in np.flatnonzero(inside & (sample.ratios * accuracy.frf < ROUNDING)).tolist():
+            raise TableError(
+                f"Mode {mode + 1} of {sampler.model.mechanism.name} has a damping ratio of "
+                f"{sample.ratios[mode]:.1e} at alpha3 = {math.degrees(sample.alpha3):.3f} deg, so "
+                f"its resonance is too narrow for FRFs within {accuracy.frf:g}; give its links "
+                "more damping, or build the table with a larger tolerance."
+            )
 
 
 def _halves(sampler: Sampler, low: float, high: float) -> list[list[float]]:

@@ -23,6 +23,7 @@ _MANY = 8  # points of a mechanism up to which all have FRFs in the table by def
 MOST_SOLUTIONS = 3000
 """Solutions of the model for one table: ten times those of the most difficult shipped linkage."""
 
+_TINY = 1e-8  # of the stroke: a step over which only rounding is not linear
 _SHORTEST = 1e-7  # of the stroke: 1e-5 deg of 90 deg, which no joint sensor resolves
 
 
@@ -81,7 +82,8 @@ class Sampler:
         toggles = model.kinematics.toggles
         self.toggles = None if toggles is None else (toggles[0].alpha3, toggles[1].alpha3)
         self.samples: dict[float, Sample] = {}
-        self._progress, self._unfinished = progress, 1.0
+        self.free_modes = 0  # modes at 0 Hz, which are not sampled
+        self._progress, self._unfinished, self._solved = progress, 1.0, 0
         first, last = stroke_variable(np.array(model.mechanism.stroke), self.toggles).tolist()
         self.ends: tuple[float, float] = (first, last)
         # The ends of the stroke to the last bit, which the variable does not return.
@@ -104,25 +106,21 @@ class Sampler:
         return float(stroke_angle(np.array([variable]), self.toggles)[0])
 
     def at(self, variable: float) -> Sample:
-        """Return the sample at a stroke variable, which is solved once.
-
-        Raises
-        ------
-        TableError
-            If the table would need more than `MOST_SOLUTIONS`.
-        """
+        """Return the sample at a stroke variable, which is solved once."""
         if variable not in self.samples:
-            if len(self.samples) >= MOST_SOLUTIONS:
-                raise TableError(
-                    f"{self.model.mechanism.name} was solved at {MOST_SOLUTIONS} angles, which is "
-                    "the most for one table, and it still changes too quickly between them at "
-                    f"alpha3 = {math.degrees(self.angle(variable)):.4f} deg; give a larger "
-                    "tolerance, a narrower response.band_hz, fewer response.modes, or end the "
-                    "stroke before this angle."
-                )
             self.samples[variable] = self._solve(self.angle(variable))
             self._progress(1.0 - self._unfinished)
         return self.samples[variable]
+
+    def rounding(self, variable: float) -> float:
+        """Return by how much rounding changes natural frequencies at a stroke variable, relative.
+
+        Over steps of 1e-8 of the stroke they are straight lines, apart from rounding.
+        """
+        near = [variable + i * _TINY * self.length for i in (0.0, 1.0, 2.0)]
+        rows = [self._solve(self.angle(x)).frequencies[: self.response.modes] for x in near]
+        bend = np.abs(rows[0] - 2.0 * rows[1] + rows[2]) / rows[1]
+        return float(bend.max()) / 2.0
 
     def finish(self, length: float) -> None:
         """Count a part of the stroke, in its variable, as finished."""
@@ -133,6 +131,14 @@ class Sampler:
         self._unfinished = min(self._unfinished + length / self.length, 1.0)
 
     def _solve(self, alpha3: float) -> Sample:
+        if self._solved >= MOST_SOLUTIONS:
+            raise TableError(
+                f"{self.model.mechanism.name} was solved {MOST_SOLUTIONS} times, which is the most "
+                "for one table, and it still changes too quickly between the angles near alpha3 = "
+                f"{math.degrees(alpha3):.4f} deg; give a larger tolerance, a narrower "
+                "response.band_hz or fewer response.modes, or end the stroke before this angle."
+            )
+        self._solved += 1
         if self._from_frfs:
             found = self.model.identify(alpha3)
             every = np.arange(len(found.modes.omega))
@@ -140,6 +146,7 @@ class Sampler:
                 alpha3, found.modes, found.damping_ratios, every, found.drive_point, None
             )
         solution = self.model.solve(alpha3)
+        self.free_modes = max(self.free_modes, int(solution.modes.mechanism.sum()))
         elastic = np.flatnonzero(~solution.modes.mechanism)
         terms, own = self._terms(solution), (self.response.point, self.response.direction)
         if terms is not None and own in self.places:
@@ -165,6 +172,13 @@ class Sampler:
                 f"response.modes is {self.response.modes}, but {name} has {len(kept)} modes at "
                 f"{math.degrees(alpha3):.3f} deg; use fewer, keep more modes in each link, or "
                 "widen response.band_hz if modes are identified from FRFs."
+            )
+        if modes.omega[kept[-1]] < 2.0 * math.pi * band[0] and not self._from_frfs:
+            raise TableError(
+                f"response.band_hz begins at {band[0]:g} Hz, above all {len(elastic)} modes of "
+                f"{name} (the highest is at {modes.omega[kept[-1]] / (2.0 * math.pi):.4g} Hz at "
+                f"{math.degrees(alpha3):.3f} deg); give a lower band, or keep more modes in each "
+                "link."
             )
         lost = len(modes.omega) - len(drive.decay)  # mechanism modes have no term there
         peaks = np.array(drive.local_peaks(kept - lost, band))

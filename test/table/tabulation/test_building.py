@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 import yaml
 
-from linkage_vibration.mechanics.description import Mechanism, Rayleigh
+from linkage_vibration.mechanics.description import Mechanism, MechanismError, Rayleigh
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.resources import config_file
 from linkage_vibration.table.table import TableError, table_bytes
-from linkage_vibration.table.tabulation import build_table
+from linkage_vibration.table.tabulation import build_table, sampling
 
 
 @pytest.mark.parametrize("which", ["mechanism", "printed"])
@@ -132,7 +132,7 @@ def test_points_of_choice(model: LinkageModel) -> None:
 
 
 def test_crank_that_nothing_holds(mapping: Any) -> None:
-    """The mechanism mode at 0 Hz is left out of the table, which has the elastic ones."""
+    """The mode at 0 Hz is left out of the table, which says so and has the elastic ones."""
     del mapping["links"]["input_crank"]["clamped"]
     model = LinkageModel(mechanism_from_mapping(mapping))
     solution = model.solve(2.3)
@@ -142,4 +142,78 @@ def test_crank_that_nothing_holds(mapping: Any) -> None:
     elastic = solution.natural_frequencies[1:4]
     np.testing.assert_allclose(values[:3], elastic, rtol=1e-4)
     assert frequency == pytest.approx(solution.peak((0.0, 200.0)).frequency, rel=1e-4)
-    assert table.places == ()
+    assert (table.places, table.free_modes) == ((), 1)
+
+
+@pytest.mark.parametrize(
+    ("damping", "refused"), [(0.0, False), (20.0, False), (-20.0, True), (math.nan, True)]
+)
+def test_negative_damping_of_a_spring(mapping: Any, damping: float, refused: bool) -> None:
+    """The reader names the place and the fix."""
+    mapping["springs"] = {"seat": {"joint": "P1", "stiffness": 1e3, "damping": damping}}
+    if not refused:
+        assert mechanism_from_mapping(mapping).springs[0].damping == damping
+        return
+    with pytest.raises(MechanismError, match=r"springs\.seat\.damping.*(give|number)"):
+        mechanism_from_mapping(mapping)
+
+
+def test_band_above_all_modes(mapping: Any) -> None:
+    """The error names the band and the highest mode."""
+    mapping["response"]["band_hz"] = [1e6, 2e6]
+    with pytest.raises(TableError, match=r"band_hz begins at 1e\+06 Hz, above all 87 modes"):
+        build_table(LinkageModel(mechanism_from_mapping(mapping)))
+
+
+def test_band_over_all_modes(mapping: Any) -> None:
+    """Without modes above the band, no far poles are needed."""
+    for link in mapping["links"].values():
+        link.update(elements=1, modes=0)
+    mapping["response"]["band_hz"] = [0.0, 1e6]
+    table = build_table(LinkageModel(mechanism_from_mapping(mapping)), 1e-2)
+    assert len(table.far_stiffness) == 0
+    assert table.frf_error < 1.0
+
+
+def test_damping_that_is_too_small(mapping: Any) -> None:
+    """Rounding moves a resonance that is so narrow; without FRFs the table is built."""
+    mapping["damping"] = {"ratio": 1e-9, "at_hz": [20.0, 500.0]}
+    model = LinkageModel(mechanism_from_mapping(mapping))
+    with pytest.raises(
+        TableError, match=r"Mode 1 .*damping ratio of .* at alpha3 = .*more damping"
+    ):
+        build_table(model)
+    assert build_table(model, points=()).interpolation_error.max() <= 1e-6
+
+
+def test_two_points_that_nearly_coincide(mapping: Any) -> None:
+    """Rounding grows; the table is refused soon, with a tolerance that can be met."""
+    points = mapping["links"]["lower_link"]["points"]
+    mapping["links"]["lower_link"]["points"] = {"P1": 0.0, "N": 1e-6, **points}
+    solutions: list[float] = []
+    with pytest.raises(TableError, match=r"Rounding changes .*alpha3 = .*give at least"):
+        build_table(LinkageModel(mechanism_from_mapping(mapping)), 1e-7, progress=solutions.append)
+    assert len(solutions) < 200
+
+
+def test_number_of_solutions_is_limited(
+    model: LinkageModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The error names the number, the angle and what to change."""
+    monkeypatch.setattr(sampling, "MOST_SOLUTIONS", 12)
+    solutions: list[float] = []
+    with pytest.raises(TableError, match=r"12 times.* alpha3 = .* deg; give a larger tolerance"):
+        build_table(model, progress=solutions.append)
+    assert len(solutions) == 12
+
+
+def test_progress() -> None:
+    """The fraction of the stroke that is finished begins at 0 and is called for each solution."""
+    finished: list[float] = []
+    table = build_table(
+        LinkageModel(read_mechanism(config_file("four_bar.yaml"))), 1e-2, (), finished.append
+    )
+    assert len(table.pieces) > 3
+    assert finished[0] == 0.0
+    assert finished == sorted(finished)
+    assert 0.5 < finished[-1] < 1.0
