@@ -37,21 +37,36 @@ def run(options: argparse.Namespace) -> int:
 
     from linkage_vibration.mechanics.model import LinkageModel
     from linkage_vibration.readers.mechanism import read_mechanism
+    from linkage_vibration.support.atomic_files import check_output
     from linkage_vibration.support.resources import DEFAULT_MECHANISM, config_file
-    from linkage_vibration.table.table import save_table
+    from linkage_vibration.table.table import TableError, save_table
     from linkage_vibration.table.tabulation import build_table
 
     source = options.mechanism or config_file(DEFAULT_MECHANISM)
     output = options.output or Path(source.name).with_suffix(".npz")
-    model = LinkageModel(read_mechanism(source))
-    with tqdm(desc=model.mechanism.name, unit=" angles") as bar:
-        table = build_table(model, options.tolerance, options.frf_points, lambda _: bar.update(1))
+    check_output(output, TableError)
+    model, solutions = LinkageModel(read_mechanism(source)), 0
+    layout = "{desc}: {percentage:3.0f} % of the stroke |{bar}| {elapsed}, {postfix}"
+    with tqdm(desc=model.mechanism.name, total=1.0, delay=2.0, bar_format=layout) as bar:
+
+        def show(finished: float) -> None:
+            nonlocal solutions
+            solutions += 1
+            bar.set_postfix_str(f"{solutions} solutions", refresh=False)
+            bar.update(finished - bar.n)
+
+        table = build_table(model, options.tolerance, options.frf_points, show)
     save_table(table, output)
     low, high = (math.degrees(angle) for angle in table.alpha3_range)
     frfs = f", FRFs {table.frf_error:.1e}" if table.places else "; the table holds no FRFs"
     print(
         f"{output}: table {table.table_id}, {len(table.alpha3)} angles from {low:g} to {high:g} "
-        f"deg; largest relative error, measured between the angles: natural frequencies "
-        f"{table.interpolation_error.max():.1e}, FRF peak {table.peak_error:.1e}{frfs}."
+        f"deg by {solutions} solutions; bounds of relative errors: natural frequencies and damping "
+        f"ratios {table.interpolation_error.max():.1e}, FRF peak {table.peak_error:.1e}{frfs}."
     )
+    if table.free_modes:
+        print(
+            f"Nothing holds {model.mechanism.name}: {table.free_modes} mode at 0 Hz is left out of "
+            "the table. To hold it, clamp the input link or put a spring on its joint."
+        )
     return 0

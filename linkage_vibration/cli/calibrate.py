@@ -16,12 +16,24 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Fit, print the fit, and write the fitted mechanism; return the exit code."""
+    """Fit, print the fit, and write the fitted mechanism; return the exit code.
+
+    Raises
+    ------
+    CalibrationError
+        If the number of starting points is not positive.
+    """
     from tqdm import tqdm
 
     from linkage_vibration.studies import calibration as study
+    from linkage_vibration.support.atomic_files import check_output
 
-    calibration, starts = study.read_calibration(options.calibration), max(1, options.starts)
+    starts = options.starts
+    if starts < 1:
+        raise study.CalibrationError(f"--starts is {starts}; give 1 or more starting points.")
+    if options.output:
+        check_output(options.output, study.CalibrationError)
+    calibration = study.read_calibration(options.calibration)
     with tqdm(total=starts, unit="start") as bar:
 
         def show(cost: float) -> None:

@@ -117,7 +117,8 @@ def read_calibration(path: Path) -> Calibration:
         targets = tuple(_target(entry) for entry in keys.items("targets"))
         keys.refuse_unknown()
     except MechanismError as error:
-        raise CalibrationError(f"{path}: {error}") from None
+        where = "" if error.path == str(path) else f"{path}: "
+        raise CalibrationError(f"{where}{error}") from None
     if not parameters:
         raise CalibrationError(f"{path}: parameters: is empty; name at least one.")
     return Calibration(mapping, text, tuple(parameters), targets)

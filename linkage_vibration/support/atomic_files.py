@@ -8,6 +8,22 @@ from pathlib import Path
 from linkage_vibration.errors import LinkageVibrationError
 
 
+def check_output(path: Path, error: type[LinkageVibrationError]) -> None:
+    """Refuse a path that cannot be written, before the work begins whose result goes there.
+
+    Parameters
+    ----------
+    path, error : Path, type
+        The file to write, and the exception to raise if it cannot be written.
+    """
+    if path.is_dir():
+        raise error(f"{path}: is a folder; give the name of a file.")
+    if not path.parent.is_dir():
+        raise error(f"{path}: cannot be written, as {path.parent} is no folder; create it.")
+    if not os.access(path if path.exists() else path.parent, os.W_OK):
+        raise error(f"{path}: cannot be written (no permission); choose another folder.")
+
+
 def write_bytes(path: Path, data: bytes, error: type[LinkageVibrationError]) -> None:
     """Write a temporary file in the same folder and rename it.
 

@@ -9,9 +9,14 @@ angle, its errors and its cost.
 """
 
 from linkage_vibration.studies.plan.choice import Plan, plan
-from linkage_vibration.studies.plan.measurement import Measured, measure, solve_reference
+from linkage_vibration.studies.plan.measurement import (
+    Measured,
+    measure,
+    plan_and_measure,
+    solve_reference,
+)
 from linkage_vibration.studies.plan.report import summary, write_planned
 from linkage_vibration.studies.plan.scene import PlanError, Scene
 
 __all__ = ["Measured", "Plan", "PlanError", "Scene", "measure", "plan"]
-__all__ += ["solve_reference", "summary", "write_planned"]
+__all__ += ["plan_and_measure", "solve_reference", "summary", "write_planned"]

@@ -4,12 +4,12 @@
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from linkage_vibration.mechanics.model import LinkageModel
-from linkage_vibration.studies.plan.choice import Plan
+from linkage_vibration.studies.plan.choice import Plan, plan
 from linkage_vibration.studies.plan.results import (
     Costs,
     Result,
@@ -18,10 +18,11 @@ from linkage_vibration.studies.plan.results import (
     table_errors,
     worst_errors,
 )
-from linkage_vibration.studies.plan.scene import Errors
+from linkage_vibration.studies.plan.scene import Errors, PlanError, Scene
 from linkage_vibration.table.tabulation import build_table
 
 _ANGLES = (0.003, 0.13, 0.31, 0.56, 0.8, 0.997)  # of the range; a plan is chosen at others
+_TRIES, _TIGHTER = 4, 0.9  # plans that are measured, and the part of the tolerance that is aimed at
 _CHECKED = 41  # angles at which FRFs and tables are compared with their own model
 _FINER = 6  # elements of the reference, in elements of the plan ...
 _FINEST = 96  # ... up to this number a link; beyond it, twice the plan's
@@ -34,6 +35,40 @@ class Measured:
     errors: Errors  # of the model, plus those of the table or the shortened FRFs against it
     costs: Costs  # medians
     points: int  # angles in the table; 0 without a table
+
+
+def plan_and_measure(
+    scene: Scene, solved: Callable[[], object] = lambda: None
+) -> tuple[Plan, Measured]:
+    """Choose the cheapest settings whose measured errors meet a scene's tolerance.
+
+    Where the measured errors of a plan are too large, it is made again for a smaller tolerance.
+
+    Parameters
+    ----------
+    scene : Scene
+    solved : callable
+        Called after each solve, for a progress bar.
+
+    Raises
+    ------
+    PlanError
+        As `plan` raises it, and if no plan meets the tolerance when it is measured.
+    """
+    share, why = 1.0, ""
+    for _ in range(_TRIES):
+        chosen = plan(replace(scene, tolerance=share * scene.tolerance), solved)
+        measured = measure(chosen, solve_reference(chosen, solved))
+        worst = measured.errors.share(scene.allowed)
+        if worst <= 1.0:
+            reasons = (*chosen.reasons, ("planned to a part of it", why)) if why else chosen.reasons
+            return replace(chosen, scene=scene, reasons=reasons), measured
+        share *= _TIGHTER / worst
+        why = f"{share:.2g} x the tolerance, as a plan measured {worst:.3g} x the tolerance"
+    raise PlanError(
+        f"No plan meets a tolerance of {scene.tolerance:g} up to {scene.band[1]:g} Hz: the last of "
+        f"{_TRIES} measured {worst:.2g} times as much; give a larger tolerance, or a lower band."
+    )
 
 
 def solve_reference(plan: Plan, solved: Callable[[], object] = lambda: None) -> list[Result]:

@@ -111,6 +111,10 @@ def check_scene(scene: Scene) -> None:
     if not 1e-9 <= scene.tolerance < 1.0:
         what = f"The tolerance {scene.tolerance:g} is invalid"
         raise PlanError(f"{what}; give a relative error from 1e-9 to 1.")
+    limit = scene.seconds_per_prediction
+    if limit is not None and not 0.0 < limit < math.inf:
+        what = f"The time limit of {1e6 * limit:g} microseconds for a prediction is invalid"
+        raise PlanError(f"{what}; give a positive number.")
     if not scene.angles[0] <= scene.angles[1]:
         raise PlanError("The range of angles does not ascend; give the smaller one first.")
     for link in scene.mechanism.links:

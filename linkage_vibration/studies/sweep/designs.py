@@ -91,7 +91,8 @@ def read_designs(path: Path) -> Designs:
     try:
         return _read(path)
     except MechanismError as error:
-        raise SweepError(f"{path}: {error}") from None
+        where = "" if error.path == str(path) else f"{path}: "
+        raise SweepError(f"{where}{error}") from None
 
 
 def _read(path: Path) -> Designs:
