@@ -37,7 +37,7 @@ def test_subcommands() -> None:
 
 
 def test_build_writes_a_table(tmp_path: Path, printed: Mechanism) -> None:
-    """Build shows its progress, writes a table for the mechanism, and prints its error."""
+    """Build writes a table for the mechanism, and prints its error and the solutions it took."""
     source = str(config_file("three_point_linkage_as_printed.yaml"))
     done = run("build", source, "--tolerance", "1e-4", "--frf-points", "E1", folder=tmp_path)
     assert done.returncode == 0
@@ -45,7 +45,7 @@ def test_build_writes_a_table(tmp_path: Path, printed: Mechanism) -> None:
     assert f"{table.interpolation_error.max():.1e}" in done.stdout
     assert table.table_id in done.stdout
     assert table.places == (("E1", "x"), ("E1", "z"))
-    assert "angles" in done.stderr
+    assert " solutions" in done.stdout
 
 
 def test_predict_prints_what_the_predictor_says(tmp_path: Path) -> None:
@@ -113,3 +113,27 @@ def test_plan_chooses_and_measures(tmp_path: Path) -> None:
     planned = read_mechanism(tmp_path / "planned.yaml")
     assert planned.response.band == (0.0, 40.0)
     assert planned.links[0].modes < 20
+
+
+@pytest.mark.parametrize("command", ["build", "plan"])
+def test_output_that_cannot_be_written(tmp_path: Path, command: str) -> None:
+    """It is refused before the work begins."""
+    for output, problem in (("", "is a folder"), ("no/such.file", "create it")):
+        done = run(command, "-o", output, folder=tmp_path)
+        assert done.returncode == 1
+        assert problem in done.stderr
+
+
+def test_calibration_without_starts(tmp_path: Path) -> None:
+    """A number of starting points below 1 is refused."""
+    done = run("calibrate", "paper.yaml", "--starts", "0", folder=tmp_path)
+    assert done.returncode == 1
+    assert "--starts is 0; give 1 or more" in done.stderr
+
+
+@pytest.mark.parametrize("command", ["calibrate", "sweep", "plan", "build"])
+def test_file_that_does_not_exist(tmp_path: Path, command: str) -> None:
+    """The error names the file once."""
+    done = run(command, "nope", folder=tmp_path)
+    assert done.returncode == 1
+    assert done.stderr.count("nope") == 1

@@ -114,7 +114,8 @@ def table_errors(table: Table, exact: Sequence[Result]) -> FloatArray:
         Results of its model.
     """
     errors = worst_errors([result_at(e.scene, table, e.alpha3) for e in exact], exact)
-    return np.maximum(errors, [table.interpolation_error.max(), table.peak_error, 0.0])
+    own = table.frf_error if exact[0].scene.places else 0.0
+    return np.maximum(errors, [table.interpolation_error.max(), table.peak_error, own])
 
 
 def _shorten(whole: PoleResidue, residual: Residual, band: tuple[float, float]) -> PoleResidue:
