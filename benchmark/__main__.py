@@ -13,6 +13,7 @@ STEPS = (
     "validation.sdynpy_fbs",
     "calibrations",
     "costs",
+    "bounds",
     "stability",
     "noise",
     "speed",
