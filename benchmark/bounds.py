@@ -95,23 +95,27 @@ def draw(solutions: FloatArray, ratios: FloatArray) -> None:
     solutions, ratios : ndarray, (n_linkages, n_tolerances) and (n_linkages, n_tolerances, 6)
         Number of solutions, and the largest ratios of a true error to the reported one.
     """
-    figure = Figure(figsize=(10.0, 4.2), layout="constrained")
+    figure = Figure(figsize=(10.5, 4.2), layout="constrained")
     left, right = figure.subplots(1, 2, width_ratios=[1.0, 1.4])
     for i, (name, colour) in enumerate(zip(LINKAGES, COLOURS, strict=False)):
         label = name.replace("_", " ")
-        left.loglog(TOLERANCES, solutions[i], "o-", color=colour, label=label, markersize=4)
+        left.loglog(TOLERANCES, solutions[i], "o-", color=colour, label=label, markersize=5)
         for j in range(len(QUANTITIES)):
             at = j + 0.2 * (i - 1) + np.linspace(-0.06, 0.06, len(TOLERANCES))
-            right.semilogy(at, ratios[i, :, j], "o", color=colour, markersize=4)
+            right.plot(at, ratios[i, :, j], "o", color=colour, markersize=4)
     left.invert_xaxis()
+    left.set_yticks([30, 100, 300], ["30", "100", "300"])
+    left.minorticks_off()
     left.set(xlabel="tolerance of the natural frequencies", ylabel="solutions of the model")
     left.set_title("What a table costs", loc="left", color=INK)
     left.legend(frameon=False, fontsize=8)
     right.axhline(1.0, color=INK, linewidth=1.0)
-    right.text(5.45, 1.06, "true = reported", ha="right", color=INK, fontsize=8)
+    right.text(5.45, 1.02, "the true error equals the reported one", ha="right", color=INK)
     right.axhline(2.0, color=GREY, linewidth=0.8, linestyle="--")
-    right.set_xticks(range(len(QUANTITIES)), QUANTITIES, fontsize=8)
-    right.set(ylim=(0.01, 3.0), ylabel="largest true error / reported error")
+    right.text(5.45, 1.94, "no angle may exceed this", ha="right", va="top", color=GREY)
+    names = [name.replace(" ", "\n") for name in QUANTITIES]
+    right.set_xticks(range(len(QUANTITIES)), names)
+    right.set(ylim=(0.0, 2.1), ylabel="largest true error / reported error")
     right.set_title("Are the reported errors bounds?", loc="left", color=INK)
     for axes in (left, right):
         axes.grid(axis="y", color="#e4e4e4", linewidth=0.6)

@@ -6,10 +6,12 @@ import math
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 import pytest
 
 from linkage_vibration.mechanics.bodies.beam import Beam
 from linkage_vibration.mechanics.description import Mechanism, MechanismError
+from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
 
 
@@ -249,4 +251,29 @@ def test_joint_that_is_closed_twice(mapping: Any) -> None:
     mapping["links"]["lift_rod"]["points"]["E9"] = 0.6
     mapping["links"]["lower_link"]["points"]["E9"] = 0.9
     with pytest.raises(MechanismError, match="lower_link and lift_rod are joined at V1 and E9"):
+        mechanism_from_mapping(mapping)
+
+
+def test_damper_without_a_spring(mapping: Any) -> None:
+    """LM-FBS, in which it has the compliance 1 / (i w c), agrees with the modes, also at 0 Hz."""
+    mapping["springs"] = {"damper": {"joint": "P1", "damping": 100.0}}
+    model = LinkageModel(mechanism_from_mapping(mapping))
+    lines, places = np.array([0.0, 0.5, 3.0, 20.0, 100.0]), [("E1", "z"), ("E2", "x")]
+    exact = model.solve(2.3).frf(places, places).frf(lines)
+    np.testing.assert_allclose(model.coupled_frf(2.3, lines, places, places), exact, rtol=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("spring", "place"),
+    [
+        ({}, "stiffness"),
+        ({"stiffness": 0.0}, "stiffness"),
+        ({"stiffness": -1.0, "damping": 1.0}, "stiffness"),
+        ({"stiffness": 1e3, "damping": -2.0}, "damping"),
+    ],
+)
+def test_springs_that_are_refused(mapping: Any, spring: dict[str, float], place: str) -> None:
+    """The error names the place: no force at all, and constants that are negative."""
+    mapping["springs"] = {"one": {"joint": "P1", **spring}}
+    with pytest.raises(MechanismError, match=rf"springs\.one\.{place}"):
         mechanism_from_mapping(mapping)
