@@ -19,7 +19,8 @@ from linkage_vibration.support.resources import share_directory
 OWN_PACKAGE = "linkage_vibration_interfaces"
 SEPARATOR = "=" * 80
 # The first word of a field: `std_msgs/Header`, `Point[4]`, `geometry_msgs/Pose[<=8]`.
-_MESSAGE_TYPE = re.compile(r"(?:(?P<package>[a-z]\w*)/)?(?P<name>[A-Z][A-Za-z0-9]*)(?:\[.*)?")
+_MESSAGE_TYPE = re.compile(r"(?:(?P<package>[a-z]\w*)/)?(?P<name>[A-Z][A-Za-z0-9_]*)(?:\[.*)?")
+_EVENT_PART = re.compile(r"(?P<service>\w+)_(?P<part>Event|Request|Response)")
 
 
 class DefinitionError(LinkageVibrationError):
@@ -52,7 +53,7 @@ def message_definition(type_name: str) -> str:
 
 
 def message_text(type_name: str) -> str:
-    """Return the ``.msg`` text of a message type.
+    """Return the ``.msg`` text of a message type, or of a service's event, request or response.
 
     Raises
     ------
@@ -60,6 +61,8 @@ def message_text(type_name: str) -> str:
         If the type is not installed, and rosbags does not know it either.
     """
     package, _, name = type_name.split("/")
+    if (part := _EVENT_PART.fullmatch(name)) is not None:
+        return _event_text(package, part["service"], part["part"])
     if package == OWN_PACKAGE:
         own = share_directory() / OWN_PACKAGE / "msg" / f"{name}.msg"
         if own.is_file():
@@ -94,14 +97,14 @@ def type_hash(type_name: str) -> str:
     DefinitionError
         If a type that it contains is not installed.
     """
+    if (part := _EVENT_PART.fullmatch(type_name.split("/")[2])) is not None:
+        package = type_name.split("/")[0]
+        service = _installed(f"{package}/srv/{part['service']}")
+        return "" if service is None else _installed_hash(service, type_name)
     installed = _installed(type_name)
     # Another version of our interface package may be installed.
     if installed is not None and installed.read_text(encoding="utf-8") == message_text(type_name):
-        path = installed.with_suffix(".json")
-        if not path.is_file():
-            return ""
-        hashes = json.loads(path.read_text(encoding="utf-8"))["type_hashes"]
-        return str(next(h["hash_string"] for h in hashes if h["type_name"] == type_name))
+        return _installed_hash(installed, type_name)
     try:
         from rosbags.typesys import Stores, get_types_from_msg, get_typestore
     except ImportError:
@@ -109,6 +112,34 @@ def type_hash(type_name: str) -> str:
     store = get_typestore(Stores.EMPTY)
     store.register(get_types_from_msg(message_definition(type_name), type_name))
     return store.hash_rihs01(type_name)
+
+
+def _event_text(package: str, service: str, part: str) -> str:
+    """Return the text of a part of a service's events (REP 2012), as a message."""
+    if part == "Event":
+        return (
+            f"service_msgs/ServiceEventInfo info\n{service}_Request[<=1] request\n"
+            f"{service}_Response[<=1] response\n"
+        )
+    path = _installed(f"{package}/srv/{service}")
+    if path is None:
+        raise DefinitionError(
+            f"The definition of {package}/srv/{service} was not found under "
+            f"{', '.join(map(str, _prefixes()))}; source the ROS 2 workspace that has it."
+        )
+    request, _, response = path.read_text(encoding="utf-8").partition("\n---\n")
+    if request.startswith("---\n"):
+        request, response = "", request[4:]
+    return request if part == "Request" else response
+
+
+def _installed_hash(path: Path, type_name: str) -> str:
+    """Return the hash beside an installed definition; empty for a ROS 2 before Iron."""
+    path = path.with_suffix(".json")
+    if not path.is_file():
+        return ""
+    hashes = json.loads(path.read_text(encoding="utf-8"))["type_hashes"]
+    return str(next(h["hash_string"] for h in hashes if h["type_name"] == type_name))
 
 
 def _dependencies(text: str, package: str) -> list[str]:
@@ -122,9 +153,9 @@ def _dependencies(text: str, package: str) -> list[str]:
 
 
 def _installed(type_name: str) -> Path | None:
-    """Return the path of the ``.msg`` that a ROS 2 package has installed, if any."""
-    package, _, name = type_name.split("/")
-    paths = (prefix / "share" / package / "msg" / f"{name}.msg" for prefix in _prefixes())
+    """Return the path of the ``.msg`` or ``.srv`` that a package has installed, if any."""
+    package, kind, name = type_name.split("/")
+    paths = (prefix / "share" / package / kind / f"{name}.{kind}" for prefix in _prefixes())
     return next((path for path in paths if path.is_file()), None)
 
 

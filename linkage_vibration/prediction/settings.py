@@ -225,6 +225,14 @@ class Parameters:
         lambda names: all(map(_TOPIC_NAME.fullmatch, names.split())),
         live=False,
     )
+    service_events: str = _parameter(
+        "off",
+        "",
+        "off, metadata or contents",
+        "Publish an event for each request and response of the services, on the topic "
+        "`SERVICE/_service_event`: without or with its contents. `extra_topics` can log them.",
+        lambda value: value in ("off", "metadata", "contents"),
+    )
     marker_mode: int = _ranged(
         2, 0, 1000, "1", "Mode that `~/markers` shows, counted from 1; 0 for no mode."
     )

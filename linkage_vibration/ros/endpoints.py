@@ -109,15 +109,16 @@ def subscribe(node: Node, kind: Any, topic: str, on_message: Callable[..., None]
 
 
 def message_class(type_name: str) -> Any:
-    """Return the Python class of a type such as ``std_msgs/msg/String``.
+    """Return the Python class of a type such as ``std_msgs/msg/String`` or an event of a service.
 
     Raises
     ------
     ImportError, AttributeError
         If its package is not installed, or has no such type.
     """
-    package, _, name = type_name.partition("/msg/")
-    return getattr(import_module(f"{package}.msg"), name)
+    package, kind, name = type_name.split("/")
+    module = import_module(f"{package}.{kind}")
+    return getattr(module, name) if kind == "msg" else getattr(module, name[: -len("_Event")]).Event
 
 
 def _qos(reliability: ReliabilityPolicy, depth: int = QUEUE_DEPTH) -> QoSProfile:

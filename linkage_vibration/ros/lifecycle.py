@@ -18,9 +18,12 @@ from rclpy.duration import Duration
 from rclpy.executors import ExternalShutdownException
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter
+from rclpy.qos import QoSProfile
+from rclpy.service_introspection import ServiceIntrospectionState
 from std_msgs.msg import String
 
 from linkage_vibration.bags.recorder import Provenance, Recorder, package_versions
+from linkage_vibration.bags.writing import QUEUE_DEPTH
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.messages.provenance import attachments
 from linkage_vibration.prediction.answers import Served, place_name
@@ -38,6 +41,9 @@ from linkage_vibration.ros.parameter_server import changed, declare_parameters, 
 from linkage_vibration.ros.services import Services
 from linkage_vibration.table.table import Table
 from linkage_vibration_interfaces.msg import Resonance, TableInfo, VibrationPrediction
+
+# The packages of the services whose events can be published.
+EVENTFUL = ("linkage_vibration_interfaces.", "rcl_interfaces.", "std_srvs.")
 
 
 class LinkageVibrationNode(LifecycleNode):
@@ -245,6 +251,8 @@ class LinkageVibrationNode(LifecycleNode):
             for kind, name in ((TableInfo, "~/table_info"), (String, "~/mechanism"))
         ]
         self._publish_model(served)
+        if settings.service_events != "off":
+            self._publish_service_events()
 
     def _activate(self) -> None:
         assert self._predicting is not None
@@ -272,6 +280,18 @@ class LinkageVibrationNode(LifecycleNode):
             self.destroy_publisher(latched)
         self._latched = []
         self._offered = self._markers = self._predicting = self._recording = self._served = None
+
+    def _publish_service_events(self) -> None:
+        """Publish events of the services, as the parameter service_events says.
+
+        rclpy only wraps the services of the lifecycle and of type descriptions, which rcl offers
+        itself. For these, rcl has no events and would end the process.
+        """
+        state = getattr(ServiceIntrospectionState, self._settings.service_events.upper())
+        qos = QoSProfile(depth=QUEUE_DEPTH)
+        for service in self.services:
+            if service.srv_type.__module__.startswith(EVENTFUL):
+                service.configure_introspection(self.get_clock(), qos, state)
 
     def _serving(self) -> Served:
         if self._served is None:
@@ -303,6 +323,8 @@ class LinkageVibrationNode(LifecycleNode):
     def _apply(self, settings: Parameters) -> None:
         """Use other parameters from now on."""
         before, self._settings = self._settings, settings
+        if settings.service_events != before.service_events:
+            self._publish_service_events()
         if self._predicting is None or self._recording is None or self._markers is None:
             return
         self._markers.settings = self._settings
