@@ -28,7 +28,8 @@ from linkage_vibration.readers.component_files import FileError
 _RECIPROCITY = 0.8  # |H_ij - H_ji| / |H_ij + H_ji|; 1 if they are unrelated
 _COUPLED = 0.2  # share of the two drive points, below which an FRF may be pure noise
 _UNEQUAL = 0.1  # mean relative difference of H_ij and H_ji over all lines, where noise averages out
-_MASSES = (0.02, 1e6)  # kg, least and greatest plausible median of the apparent mass
+_MASSES = (0.02, 1e6)  # kg, least and greatest plausible median of the apparent mass; the least is
+# a share of the mass on a scale if that is below 1 kg
 _LOSS = 0.3  # least imaginary part of a line near a resonance, of the line and of the median line
 _LAG = 0.02  # rad: mean phase error of a good measurement
 _WEIGHED = 0.2  # relative difference of a mass by its FRFs and by its scale
@@ -74,7 +75,7 @@ def check_faults(frfs: Frfs, points: Mapping[str, Point] | None, mass: float | N
     _check_frequencies(frequencies)
     lines = find_mass_lines(frequencies, frf)
     if mass is None or lines is None:
-        _check_plausible_mass(frfs.dofs, accelerance)
+        _check_plausible_mass(frfs.dofs, accelerance, mass)
     _check_signs(frfs.dofs, lines)
     noise = noise_level(frequencies, frf) if len(frequencies) > 3 else math.inf
     _check_power(frfs.dofs, accelerance, noise, lines)
@@ -108,8 +109,8 @@ def _check_frequencies(frequencies: FloatArray) -> None:
     ends = float(frequencies[0]), float(frequencies[-1])
     if any(_is_round(end, 5, 1e-9) for end in ends):
         return
-    rounded = all(_is_round(end, 6, 1e-12) for end in ends[:1])  # as UFF files hold them
-    digits, tolerance = (2, 5e-6) if rounded else (5, 1e-9)
+    # UFF files hold the step in six digits.
+    digits, tolerance = (2, 5e-6) if _is_round(ends[0], 6, 1e-12) else (5, 1e-9)
     if all(_is_round(end / (2.0 * math.pi), digits, tolerance) for end in ends):
         raise FileError(
             f"the frequencies, {ends[0]:g} to {ends[1]:g} Hz, are 2 pi times "
@@ -181,12 +182,15 @@ def _points(dofs: Sequence[InterfaceDof], chosen: BoolArray) -> str:
     return f"point {names[0]} moves" if len(names) == 1 else f"points {', '.join(names)} move"
 
 
-def _check_plausible_mass(dofs: Sequence[InterfaceDof], accelerance: ComplexArray) -> None:
+def _check_plausible_mass(
+    dofs: Sequence[InterfaceDof], accelerance: ComplexArray, weighed: float | None
+) -> None:
+    least = _MASSES[0] * (1.0 if weighed is None else min(weighed, 1.0))
     for j, dof in enumerate(dofs):
         mass = 1.0 / max(float(np.median(np.abs(accelerance[:, j, j]))), 1e-300)
-        if dof.direction != "theta" and not _MASSES[0] < mass < _MASSES[1]:
+        if dof.direction != "theta" and not least < mass < _MASSES[1]:
             light = "mm/N or um/N, an acceleration, or over rad/s"
-            unit = light if mass <= _MASSES[0] else "m/kN"
+            unit = light if mass <= least else "m/kN"
             raise FileError(
                 f"the FRF of {name_frf(dof, dof)} belongs to a mass of {mass:.2g} kg, which no "
                 f"link has; convert it to m/N over Hz if it is in {unit}."
@@ -225,8 +229,9 @@ def _check_rigid_body(
     """Refuse signs and units that no planar rigid body with these points has."""
     used = [i for i, dof in enumerate(dofs) if dof.direction != "y" and dof.point in points]
     known = [dofs[i] for i in used]
-    motions = rigid_motions(known, list(points.items()))[:, :3]
-    if lines is not None and len(used) > 2:
+    planar = len(known) > 2 and {"x", "z"} <= {dof.direction for dof in known}
+    if lines is not None and planar:
+        motions = rigid_motions(known, list(points.items()))[:, :3]
         accelerance = lines.accelerance[np.ix_(used, used)]
         fit = fit_rigid_body(accelerance, motions)
         suspects = reversed_dofs(accelerance, motions, fit)

@@ -165,7 +165,7 @@ def test_the_mass_of_a_beam_is_not_a_key(mapping: Any, tmp_path: Path) -> None:
 def test_mass_from_noisy_lines() -> None:
     """Random links weigh what their FRFs show within 10 %; lines above a resonance show nothing."""
     found = above = 0
-    for seed in range(16):
+    for seed in range(10):
         link = measured_link(np.random.default_rng(seed))
         lines = find_mass_lines(link.frfs.frequencies, link.frfs.frf)
         if link.frfs.frequencies[0] > link.lowest:
@@ -179,8 +179,17 @@ def test_mass_from_noisy_lines() -> None:
         assert fit.mass == pytest.approx(link.mass, rel=0.1)
         assert fit.misfit < 0.15
         assert lines.last < link.lowest
-    assert found > 6
+    assert found > 4
     assert above > 0
+
+
+def test_dofs_that_the_link_does_not_have() -> None:
+    """A file of other points, or of one direction, is left to the model to refuse."""
+    link = measured_link(np.random.default_rng(3))
+    assert refusal(replace(link, points={})) == ""
+    dofs = tuple(replace(dof, direction="x") for dof in link.frfs.dofs)
+    along = replace(link.frfs, dofs=dofs[:1], frf=link.frfs.frf[:, :1, :1])
+    assert refusal(replace(link, frfs=along)) == ""
 
 
 def test_two_parts_that_come_apart() -> None:
@@ -211,22 +220,35 @@ def test_undamped_frfs_that_are_computed() -> None:
         assert refusal(replace(link, frfs=part)) == ""
 
 
-FEW, MANY = range(100, 104), range(1000)
+@pytest.mark.parametrize("rate", [44_100, 48_000, 20_480, 25_600, 51_200, 65_536, 100_000, 1000])
+def test_lines_of_analysers_are_in_hertz(rate: int) -> None:
+    """Sampling rates over numbers of samples give steps that are not taken for rad/s."""
+    link = measured_link(np.random.default_rng(3))
+    inverse = link.frfs.frf[:40]
+    for step in [rate / 2.0**power for power in range(9, 19, 3)]:
+        for lines in (step * np.arange(1.0, 41.0), float(f"{step:.5e}") * np.arange(1.0, 41.0)):
+            receptances = replace(link.frfs, frequencies=lines, frf=inverse)
+            assert "2 pi times" not in refusal(replace(link, frfs=receptances))
+
+
+FEW, MANY = range(100, 102), range(1000)
 
 
 @pytest.mark.parametrize("seeds", [FEW, pytest.param(MANY, marks=pytest.mark.nightly)], ids=len)
 def test_random_links(seeds: range) -> None:
     """No sound link is refused; most faults are, and nearly all below the first resonance.
 
-    There the rest is: an axis whose reversal gives another rigid body; accelerances over rad/s of
-    bars that are soft, or whose noise hides how little they extend; exp(-i omega t) where no line
-    is near a resonance, so that an error of phase explains it.
+    There the rest is: an axis whose reversal gives another rigid body, and magnitudes below the
+    resonance that do; accelerances over rad/s of bars that are soft, or whose noise hides how
+    little they extend; exp(-i omega t) where no line is near a resonance, so that an error of phase
+    explains it.
     """
     results = outcomes(seeds)
     sound = results["none"]
     assert sound.refused == {True: 0, False: 0}
     assert sound.tried[True] >= 0.5 * len(seeds)
     least = {
+        "magnitudes of accelerances": 0.99,
         "one axis reversed (sensor and force)": 0.9,
         "accelerances over rad/s": 0.5,
         "exp(-i omega t)": 0.8,

@@ -239,6 +239,13 @@ BAD_UFF: dict[str, tuple[Callable[[], list[dict[str, Any]]], str]] = {
         lambda: [{**data, "data": data["data"].conj()} for data in functions()],
         r"A z, .*B z move as if the link gave out power, .* exp\(-i omega t\): take their complex",
     ),
+    "rad/s without a label": (
+        lambda: [
+            {**data, "x": 2.0 * np.pi * data["x"], "abscissa_axis_units_lab": ""}
+            for data in functions()
+        ],
+        r"frequencies, 62\.8319 to 3141\.\d+ Hz, are 2 pi times 10 to 500, .* divide them by 2 pi",
+    ),
     "one gain wrong": (
         lambda: [
             {**d, "data": 1.3 * d["data"]} if ends(d) == ["B x", "A x"] else d for d in functions()
