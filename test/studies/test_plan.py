@@ -24,6 +24,7 @@ from linkage_vibration.studies.plan import (
     Scene,
     measure,
     plan,
+    plan_and_measure,
     solve_reference,
     summary,
     write_planned,
@@ -196,6 +197,8 @@ def test_links_known_by_matrices_keep_them(mechanism: Mechanism) -> None:
         ({"tolerance": 0.0}, "from 1e-9 to 1"),
         ({"tolerance": 1e-9, "band": (0.0, 2e4), "angles": (2.0, 2.0)}, "give a larger one"),
         ({"angles": (2.0, 1.0)}, "the smaller one first"),
+        ({"seconds_per_prediction": 0.0}, "time limit of 0 microseconds.*positive"),
+        ({"seconds_per_prediction": math.nan}, "time limit of nan microseconds.*positive"),
         ({"tolerance": 1e-7, "seconds_per_prediction": 1e-6}, "give a tolerance of 2e-07 or more"),
     ],
 )
@@ -206,6 +209,14 @@ def test_scenes_that_cannot_be(
     scene = Scene(mechanism, (0.0, 40.0), PLACES, 1e-3, (2.0, 2.1))
     with pytest.raises(PlanError, match=words):
         plan(replace(scene, **changes))  # type: ignore[arg-type]
+
+
+def test_what_is_accepted_was_measured(mechanism: Mechanism) -> None:
+    """The measured errors of a plan that is accepted meet the tolerance that was asked for."""
+    scene = Scene(mechanism, LOW, PLACES, 1e-3, (STROKE[0],) * 2)
+    chosen, measured = plan_and_measure(scene)
+    assert chosen.scene == scene
+    assert measured.errors.share(scene.allowed) <= 1.0
 
 
 def test_links_that_cannot_be_planned(mechanism: Mechanism) -> None:
