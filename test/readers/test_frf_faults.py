@@ -21,8 +21,14 @@ from linkage_vibration.mechanics.mass_lines import find_mass_lines, fit_rigid_bo
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.regularisation import rigid_motions
 from linkage_vibration.readers.mechanism import read_mechanism
-
-from ..support.measured_links import FAULTS, MeasuredLink, Outcome, measured_link, outcomes, refusal
+from test.support.measured_links import (
+    FAULTS,
+    MeasuredLink,
+    Outcome,
+    measured_link,
+    outcomes,
+    refusal,
+)
 
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
