@@ -156,9 +156,14 @@ def damp_modes(system: CoupledSystem, omega: FloatArray, vectors: FloatArray) ->
         return _viscous_modes(omega, viscous)
     if not viscous.any():
         return _structural_modes(omega, loss)
-    raise ModesError(
+    raise mixed_damping()
+
+
+def mixed_damping() -> ModesError:
+    """Return the error that viscous and structural damping occur together."""
+    return ModesError(
         "Viscous and structural damping occur together, and one of them couples the modes; give "
-        " every link a rule of the same kind, or use the frequency responses from LM-FBS."
+        "every link a rule of the same kind, or use the frequency responses from LM-FBS."
     )
 
 

@@ -31,6 +31,8 @@ from linkage_vibration.table.interpolation import (
     stroke_angle,
     stroke_variable,
 )
+from linkage_vibration.table.pole_cells import PoleCells, PolePiece, pole_piece
+from linkage_vibration.table.reduced import Far, Numbers, ReducedModels, pole_residue_sum
 
 IntArray = NDArray[np.int64]
 
@@ -50,6 +52,11 @@ UNITS = {
     "far_stiffness": "rad^2/s^2",
     "far_decay": "rad/s",
     "far_residues": "m/N, then 1/kg",
+    "reduced_orders": "1",
+    "reduced_inertia": "SI",
+    "reduced_stiffness": "SI",
+    "reduced_shapes": "SI",
+    "reduced_far": "SI",
 }
 
 POINTWISE = (
@@ -91,7 +98,8 @@ class Table:
     pieces : ndarray of int, (n_pieces + 1,)
         Indices of the points that bound the pieces; from 0 to n - 1.
     natural_frequencies, damping_ratios : ndarray, (n, n_modes)
-        Hz, ascending at the first angle, then tracked by shape; 1.
+        Hz, ascending at the first angle, then tracked by shape; 1. NaN where an overdamped mode
+        does not oscillate.
     peak_frequencies, peak_magnitudes : ndarray, (n, n_peaks)
         Maxima of the drive-point receptance that are the highest in the band at some angle: near
         resonances, and at the ends of the band; Hz and m/N. Each is smooth, while the highest may
@@ -115,13 +123,17 @@ class Table:
     term_stiffness, term_decay : ndarray, (n, n_terms)
         k and c of each pole's term in an FRF, as in `PoleResidue`.
     participations : complex ndarray, (n, n_places, n_terms)
-        Shapes of the terms at the places; their products are the residues.
-    complex_modes : bool
-        Whether viscous damping couples the modes, so that each term is a pair of complex ones.
-    far_stiffness, far_decay : ndarray, (n_far,)
+        Shapes of the terms at the places; their products are the residues. Terms are only those of
+        modes that damping does not couple.
+    far_stiffness, far_decay : ndarray, (n_far,) or (n_pieces, n_far)
         Poles that represent all modes above the band (`response.FarPoles`).
     far_residues : ndarray, (n, 1 + n_far, n_places (n_places + 1) / 2)
         Static flexibility and residues of those, the upper triangle row by row.
+    reduced_orders : ndarray of int, (n_pieces,)
+        Number of poles of the reduced models in each piece; none if damping couples no modes.
+    reduced_inertia, reduced_stiffness, reduced_shapes, reduced_far : ndarray, (...,)
+        Where damping couples the modes, the numbers of the `ReducedModels` at every point of every
+        piece, one piece after the other. The response point is the first of their places.
     model_hash, mechanism_name, package_version : str
         Of the mechanism from which it was built, and of the package that built it.
     """
@@ -144,10 +156,14 @@ class Table:
     term_stiffness: ComplexArray
     term_decay: FloatArray
     participations: ComplexArray
-    complex_modes: bool
     far_stiffness: ComplexArray
     far_decay: FloatArray
     far_residues: FloatArray | ComplexArray
+    reduced_orders: IntArray
+    reduced_inertia: Numbers
+    reduced_stiffness: Numbers
+    reduced_shapes: Numbers
+    reduced_far: Numbers
     model_hash: str
     mechanism_name: str
     package_version: str
@@ -279,19 +295,15 @@ class Table:
                     f"The table has no FRF at {' '.join(place)}; it has these: {known}. Name the "
                     "point when the table is built, or solve the model."
                 )
+        o = [self.places.index(place) for place in outputs]
+        i = [self.places.index(place) for place in inputs]
+        if len(self.reduced_orders):
+            modal = self._pole_pieces[self._piece(alpha3)].modal(np.array([alpha3]))
+            return pole_residue_sum(modal, o, i)
         points, matrix = self._polynomial(np.array([alpha3]))
         weights = matrix[0]
         k, c, shapes = (each[0] for each in self.terms(np.array([alpha3])))
-        o = [self.places.index(place) for place in outputs]
-        i = [self.places.index(place) for place in inputs]
-        products = shapes[o][:, np.newaxis] * shapes[i][np.newaxis]
-        if self.complex_modes:
-            # psi psi / (i w - p) and its conjugate on one denominator
-            pole = -c / 2.0 + 1j * np.sqrt(k.real - c**2 / 4.0)
-            residues = -2.0 * (products * pole.conj()).real + 0j
-            rates = 2.0 * products.real + 0j
-        else:
-            residues, rates = products, np.zeros_like(products)
+        residues = shapes[o][:, np.newaxis] * shapes[i][np.newaxis]
         n = len(self.places)
         far = np.tensordot(weights, self.far_residues[points], axes=1)
         full = np.empty((len(far), n, n), dtype=complex)
@@ -302,7 +314,7 @@ class Table:
             np.concatenate([k, self.far_stiffness]),
             np.concatenate([c, self.far_decay]),
             np.concatenate([residues, full[:, :, 1:]], axis=2),
-            np.concatenate([rates, np.zeros_like(full[:, :, 1:])], axis=2),
+            np.zeros((len(o), len(i), len(k) + len(self.far_decay)), dtype=complex),
             np.array(full[:, :, 0]),
         )
 
@@ -318,11 +330,47 @@ class Table:
 
     def _polynomial(self, alpha3: FloatArray) -> tuple[slice, FloatArray]:
         """Return the points of the piece of some angles, and their weights, (n, n_points)."""
-        bounds = self.alpha3[self.pieces]
-        i = int(np.clip(np.searchsorted(bounds, alpha3[0], side="right") - 1, 0, len(bounds) - 2))
+        i = self._piece(float(alpha3[0]))
         points = slice(int(self.pieces[i]), int(self.pieces[i + 1]) + 1)
         own = stroke_variable(self.alpha3[points], self.toggles)
         return points, interpolation_matrix(own, stroke_variable(alpha3, self.toggles))
+
+    def _piece(self, alpha3: float) -> int:
+        """Return the index of the piece of an angle."""
+        bounds = self.alpha3[self.pieces]
+        return int(np.clip(np.searchsorted(bounds, alpha3, side="right") - 1, 0, len(bounds) - 2))
+
+    @cached_property
+    def _pole_pieces(self) -> list[PolePiece]:
+        """The pieces in which poles are found by reduced models."""
+        found, starts = [], [0, 0, 0, 0]
+        arrays = (
+            self.reduced_inertia,
+            self.reduced_stiffness,
+            self.reduced_shapes,
+            self.reduced_far,
+        )
+        counts = np.diff(self.pieces) + 1
+        n_places = len(self.reduced_shapes) // int(counts @ self.reduced_orders)
+        n_triangle, n_weights = n_places * (n_places + 1) // 2, 1 + 2 * self.far_decay.shape[1]
+        for piece, (n, order) in enumerate(zip(counts, self.reduced_orders, strict=True)):
+            shapes = (n, order, order), (n, order, order), (n, n_places, order)
+            parts = []
+            for i, shape in enumerate((*shapes, (n, n_weights, n_triangle))):
+                size = math.prod(shape)
+                parts.append(arrays[i][starts[i] : starts[i] + size].reshape(shape))
+                starts[i] += size
+            far = Far(self.far_stiffness[piece], self.far_decay[piece], parts[3])
+            viscous = not np.iscomplexobj(self.reduced_stiffness)
+            models = ReducedModels(parts[0], parts[1], parts[2], far, viscous)
+            points = slice(int(self.pieces[piece]), int(self.pieces[piece + 1]) + 1)
+            found.append(pole_piece(self.alpha3[points], models, self.toggles, self.band))
+        return found
+
+    @cached_property
+    def pole_cells(self) -> PoleCells:
+        """What looks up values where damping couples the modes."""
+        return PoleCells(self._pole_pieces, self.n_modes)
 
     @cached_property
     def _layout(self) -> tuple[int, int, float, float]:
@@ -335,8 +383,10 @@ class Table:
         return self.alpha3[self.pieces[:-1]].tolist(), self.interpolation_error.tolist()
 
     @cached_property
-    def _lookup(self) -> Cells:
+    def _lookup(self) -> Cells | PoleCells:
         """What looks up values: the polynomials of each piece, resampled."""
+        if len(self.reduced_orders):
+            return self.pole_cells
         pieces = []
         for piece, bounds in enumerate(pairwise(self.alpha3[self.pieces].tolist())):
             first, last = stroke_variable(np.array(bounds), self.toggles)
@@ -370,7 +420,6 @@ class Table:
             "toggles_rad": self.toggles and list(self.toggles),
             "band_hz": list(self.band),
             "places": [list(place) for place in self.places],
-            "complex_modes": self.complex_modes,
         }
 
 
@@ -438,10 +487,10 @@ def _read(path: Path) -> Table:
     rebuild = "build one with `linkage-vibration build`."
     try:
         with np.load(path, allow_pickle=False) as archive:
-            arrays = {name: archive[name] for name in UNITS}
             metadata = json.loads(str(archive["metadata"]))
-        if metadata["format"] != FORMAT or metadata["units"] != UNITS:
-            raise TableError(f"{path}: is a table of another format; {rebuild}")
+            if metadata["format"] != FORMAT or metadata["units"] != UNITS:
+                raise TableError(f"{path}: is a table of another format; {rebuild}")
+            arrays = {name: archive[name] for name in UNITS}
         if arrays["alpha3"].dtype != np.float64:
             raise TableError(f"{path}: is damaged (its angles are not numbers); {rebuild}")
         toggles, frf_error = metadata["toggles_rad"], metadata["frf_error"]
@@ -454,7 +503,6 @@ def _read(path: Path) -> Table:
             toggles=toggles and (toggles[0], toggles[1]),
             band=(metadata["band_hz"][0], metadata["band_hz"][1]),
             places=tuple((point, direction) for point, direction in metadata["places"]),
-            complex_modes=metadata["complex_modes"],
             model_hash=metadata["model_hash"],
             mechanism_name=metadata["mechanism_name"],
             package_version=metadata["package_version"],

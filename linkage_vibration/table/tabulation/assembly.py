@@ -59,10 +59,14 @@ def assemble(
         term_stiffness=np.zeros((len(variables), 0), dtype=complex),
         term_decay=np.zeros((len(variables), 0)),
         participations=np.zeros((len(variables), 0, 0), dtype=complex),
-        complex_modes=False,
         far_stiffness=np.zeros(0, dtype=complex),
         far_decay=np.zeros(0),
         far_residues=np.zeros((len(variables), 1, 0)),
+        reduced_orders=np.zeros(0, dtype=np.int64),
+        reduced_inertia=np.zeros(0),
+        reduced_stiffness=np.zeros(0),
+        reduced_shapes=np.zeros(0),
+        reduced_far=np.zeros(0),
         model_hash=sampler.model.mechanism.model_hash,
         mechanism_name=sampler.model.mechanism.name,
         package_version=VERSION,
@@ -92,9 +96,6 @@ def _with_frfs(
     both = list(zip(terms, tracked.orders, strict=True))
     stiffness = np.array([term.frf.stiffness[order] for term, order in both])
     decay = np.array([term.frf.decay[order] for term, order in both])
-    coupled = any(term.frf.rates.any() for term in terms)
-    if coupled and (decay**2 >= 4.0 * stiffness.real).any():
-        return table  # an overdamped mode does not have a pair of conjugate poles
     kept = [_mask(order, len(term.frf.decay)) for term, order in both]
     far = far_poles(
         np.concatenate([term.frf.stiffness[~own] for term, own in zip(terms, kept, strict=True)]),
@@ -111,7 +112,6 @@ def _with_frfs(
         term_stiffness=stiffness,
         term_decay=decay,
         participations=np.array([_participation(t, tracked, i) for i, t in enumerate(terms)]),
-        complex_modes=coupled,
         far_stiffness=far.stiffness,
         far_decay=far.decay,
         far_residues=residues if residues.imag.any() else residues.real,
@@ -127,8 +127,6 @@ def _mask(order: IntArray, count: int) -> BoolArray:
 
 def _participation(term: Terms, tracked: Tracked, sample: int) -> ComplexArray:
     """Return the shapes of a sample's tracked modes at the places, (n_places, k)."""
-    if term.complex_shapes is not None:
-        return term.complex_shapes[:, tracked.orders[sample]] * tracked.signs[sample]
     shapes = tracked.shapes[sample][: term.rows.shape[1]]
     return (term.rows @ shapes).astype(np.complex128)
 

@@ -12,8 +12,9 @@ from linkage_vibration.mechanics.response import N_FAR
 from linkage_vibration.table.table import Table, TableError
 from linkage_vibration.table.tabulation.accuracy import ROUNDING, TOLERANCE, Accuracy
 from linkage_vibration.table.tabulation.assembly import assemble
+from linkage_vibration.table.tabulation.coupled import build_coupled
 from linkage_vibration.table.tabulation.refinement import Piece, first_points, more_points, refine
-from linkage_vibration.table.tabulation.sampling import Sampler
+from linkage_vibration.table.tabulation.sampling import ModesAreCoupled, Sampler
 from linkage_vibration.table.tabulation.tracking import Tracker
 from linkage_vibration.table.tabulation.verification import Bounds, bound_errors, thin, with_bounds
 
@@ -64,6 +65,14 @@ def build_table(
             f"to {_COARSEST:g}."
         )
     sampler = Sampler(model, points, progress)
+    try:
+        return _build(sampler, tolerance)
+    except ModesAreCoupled:
+        return build_coupled(sampler, Accuracy(tolerance))
+
+
+def _build(sampler: Sampler, tolerance: float) -> Table:
+    """Build the table of a linkage whose modes damping does not couple."""
     tracker, accuracy = Tracker(sampler, tolerance), Accuracy(tolerance)
     _check_damping(sampler, accuracy)
     pieces = _refined(tracker, [first_points(sampler.samples, *sampler.ends)], accuracy)

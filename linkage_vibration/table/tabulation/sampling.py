@@ -9,17 +9,19 @@ from functools import cached_property
 
 import numpy as np
 
-from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray, IntArray
+from linkage_vibration.mechanics.arrays import FloatArray, IntArray
 from linkage_vibration.mechanics.description import GROUND
 from linkage_vibration.mechanics.model import LinkageModel, Place, Solution
-from linkage_vibration.mechanics.modes import Modes
+from linkage_vibration.mechanics.modes import MECHANISM, Modes
 from linkage_vibration.mechanics.response import Peak, PoleResidue, in_reach, pole_residue
 from linkage_vibration.table.interpolation import stroke_angle, stroke_variable
 from linkage_vibration.table.table import TableError
 from linkage_vibration.table.tabulation.peaks import SILENT, heights
+from linkage_vibration.table.tabulation.subspaces import PoleSample, mass_root, sample_poles
 
 _SPARE = 4  # further modes, which may continue a tracked one
 _MANY = 8  # points of a mechanism up to which all have FRFs in the table by default
+_UNDAMPED = 1e-12  # damping ratio that is only rounding
 MOST_SOLUTIONS = 3000
 """Solutions of the model for one table: ten times those of the most difficult shipped linkage."""
 
@@ -33,7 +35,6 @@ class Terms:
 
     frf: PoleResidue  # between all places, with every mode
     rows: FloatArray  # (n_places, n_interface): matrix that turns shapes into participations
-    complex_shapes: ComplexArray | None  # (n_places, n_modes) where viscous damping couples them
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,6 +57,10 @@ class Sample:
         """The highest peak of the drive-point receptance in the band, found on demand."""
         low, high = self.edges[0].tolist()
         return self.drive.peak((low, high))
+
+
+class ModesAreCoupled(Exception):  # noqa: N818 - it is no error
+    """Damping couples the modes, so that poles are to be sampled instead."""
 
 
 class Sampler:
@@ -82,6 +87,7 @@ class Sampler:
         toggles = model.kinematics.toggles
         self.toggles = None if toggles is None else (toggles[0].alpha3, toggles[1].alpha3)
         self.samples: dict[float, Sample] = {}
+        self._poles: dict[float, PoleSample] = {}
         self.free_modes = 0  # modes at 0 Hz, which are not sampled
         self._progress, self._unfinished, self._solved = progress, 1.0, 0
         first, last = stroke_variable(np.array(model.mechanism.stroke), self.toggles).tolist()
@@ -122,15 +128,8 @@ class Sampler:
         bend = np.abs(rows[0] - 2.0 * rows[1] + rows[2]) / rows[1]
         return float(bend.max()) / 2.0
 
-    def finish(self, length: float) -> None:
-        """Count a part of the stroke, in its variable, as finished."""
-        self._unfinished = max(self._unfinished - length / self.length, 0.0)
-
-    def reopen(self, length: float) -> None:
-        """Count a part of the stroke, in its variable, as unfinished again."""
-        self._unfinished = min(self._unfinished + length / self.length, 1.0)
-
-    def _solve(self, alpha3: float) -> Sample:
+    def _count(self, alpha3: float) -> None:
+        """Refuse to solve the model more often than a table may need."""
         if self._solved >= MOST_SOLUTIONS:
             raise TableError(
                 f"{self.model.mechanism.name} was solved {MOST_SOLUTIONS} times, which is the most "
@@ -139,6 +138,48 @@ class Sampler:
                 "response.band_hz or fewer response.modes, or end the stroke before this angle."
             )
         self._solved += 1
+
+    def finish(self, length: float) -> None:
+        """Count a part of the stroke, in its variable, as finished."""
+        self._unfinished = max(self._unfinished - length / self.length, 0.0)
+
+    def reopen(self, length: float) -> None:
+        """Count a part of the stroke, in its variable, as unfinished again."""
+        self._unfinished = min(self._unfinished + length / self.length, 1.0)
+
+    def poles_at(self, variable: float) -> PoleSample:
+        """Return the poles at a stroke variable of a linkage whose damping couples its modes."""
+        if variable not in self._poles:
+            self._count(self.angle(variable))
+            solution = self.model.solve(self.angle(variable))
+            self.free_modes = max(self.free_modes, int(solution.modes.mechanism.sum()))
+            drive = (self.response.point, self.response.direction)
+            places = (drive, *(place for place in self.places if place != drive))
+            self._poles[variable] = sample_poles(solution, self._mass_root, places)
+            self._check(self._poles[variable])
+            self._progress(1.0 - self._unfinished)
+        return self._poles[variable]
+
+    @property
+    def solved_poles(self) -> list[float]:
+        """Stroke variables at which the poles are known."""
+        return list(self._poles)
+
+    @cached_property
+    def _mass_root(self) -> FloatArray:
+        return mass_root(self.model)
+
+    def _check(self, sample: PoleSample) -> None:
+        """Refuse a linkage with an undamped mode in the band, or one that does not respond."""
+        found = sample.poles[sample.poles.imag > MECHANISM]
+        found = found[np.abs(found) < 2.0 * math.pi * self.response.band[1]]
+        if (-found.real <= _UNDAMPED * np.abs(found)).any():
+            raise _undamped(self.model.mechanism.name)
+        if np.abs(sample.totals[:, 0]).max() <= SILENT:
+            raise _silent(self.model.mechanism.name)
+
+    def _solve(self, alpha3: float) -> Sample:
+        self._count(alpha3)
         if self._from_frfs:
             found = self.model.identify(alpha3)
             every = np.arange(len(found.modes.omega))
@@ -147,6 +188,8 @@ class Sampler:
             )
         solution = self.model.solve(alpha3)
         self.free_modes = max(self.free_modes, int(solution.modes.mechanism.sum()))
+        if solution.damped.shapes is not None:
+            raise ModesAreCoupled
         elastic = np.flatnonzero(~solution.modes.mechanism)
         terms, own = self._terms(solution), (self.response.point, self.response.direction)
         if terms is not None and own in self.places:
@@ -185,14 +228,9 @@ class Sampler:
         edges = np.abs(drive.frf(np.array(band))[:, 0, 0])
         edges = np.array([band, np.where(np.isfinite(edges), edges, 0.0)])
         if np.isinf(peaks).any():
-            raise TableError(
-                f"{name} has an undamped mode, so its receptance has no highest value; give its "
-                "links damping."
-            )
+            raise _undamped(name)
         if max(edges[1].max(), heights(peaks[0], peaks[1], band).max()) <= SILENT:
-            raise TableError(
-                f"{name} does not respond at response.drive_point; choose another point."
-            )
+            raise _silent(name)
         return Sample(
             alpha3,
             modes.select(kept, np.ones(len(kept))),
@@ -208,15 +246,20 @@ class Sampler:
         """Return the FRFs between the places, and the participations in their residues."""
         if not self.places or solution.modes.mechanism.any():
             return None
-        rows, damped = self.model.rows(self.places, solution.configuration), solution.damped
+        rows = self.model.rows(self.places, solution.configuration)
         undamped = rows @ solution.modes.shapes[: rows.shape[1]]
-        shapes = None
-        if damped.shapes is not None:
-            own = damped.shapes[0]
-            # Signs are arbitrary; use those of the undamped modes.
-            turn = np.exp(0.25j * math.pi) if damped.poles is not None else 1.0
-            shapes = undamped @ (own * np.where((np.diag(own) * turn).real < 0.0, -1.0, 1.0))
-        return Terms(pole_residue(damped, undamped, undamped), rows, shapes)
+        return Terms(pole_residue(solution.damped, undamped, undamped), rows)
+
+
+def _undamped(name: str) -> TableError:
+    return TableError(
+        f"{name} has an undamped mode, so its receptance has no highest value; give its links "
+        "damping."
+    )
+
+
+def _silent(name: str) -> TableError:
+    return TableError(f"{name} does not respond at response.drive_point; choose another point.")
 
 
 def _places(model: LinkageModel, points: Sequence[str] | None) -> tuple[Place, ...]:

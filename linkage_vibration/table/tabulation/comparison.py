@@ -1,0 +1,202 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Bounds the errors of reduced models between the points, by those through fewer points."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray
+from linkage_vibration.mechanics.description import Response
+from linkage_vibration.mechanics.response import reach
+from linkage_vibration.table.interpolation import stroke_angle, stroke_variable
+from linkage_vibration.table.pole_cells import (
+    CELL_ERROR,
+    Cell,
+    PolePiece,
+    make_cells,
+    oscillating,
+    pole_piece,
+    values_of,
+)
+from linkage_vibration.table.reduced import Modal, ReducedModels
+from linkage_vibration.table.tabulation.accuracy import Accuracy
+from linkage_vibration.table.tabulation.subspaces import PoleSample
+
+_FRF_ANGLES = 8  # of a piece, at which FRFs are compared
+_LINES = 201  # frequencies at which FRFs are compared, in addition to those near resonances
+_NEARLY_REAL = 1e-3  # imaginary part, of the magnitude of a pole
+_SLOPES = 101  # places of a piece at which slopes are compared
+_STEP = 1e-4  # of a piece: half the difference of angles that gives a slope
+_SILENT = 1e-6  # of the drive-point FRFs of two places: an FRF between them that is only rounding
+
+
+@dataclass(frozen=True, slots=True)
+class Errors:
+    """Relative errors in a piece."""
+
+    values: float  # of natural frequencies and damping ratios
+    peak: float  # of frequency and magnitude of the highest peak
+    frf: float  # of FRFs, L2 norm over the band
+    slope: float  # of d(log(natural frequency))/d(alpha3), 1/rad
+
+
+def relative_errors(off: ComplexArray, exact: ComplexArray, n: int) -> FloatArray:
+    """Return relative errors of FRFs in the L2 norm, (..., n_triangle), of n places.
+
+    A response that is only rounding has no relative error.
+    """
+    size, error = np.linalg.norm(exact, axis=-2), np.linalg.norm(off, axis=-2)
+    upper = np.triu_indices(n)
+    places = [i * n - i * (i - 1) // 2 for i in range(n)]
+    own = size[..., places]
+    least = _SILENT * np.sqrt(own[..., upper[0]] * own[..., upper[1]])
+    return np.asarray(error / np.maximum(np.maximum(size, least), np.finfo(float).tiny))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Polynomials:
+    """Polynomials through the reduced models at some points."""
+
+    variables: FloatArray  # (n,): stroke variables of the models
+    models: ReducedModels
+    toggles: tuple[float, float] | None  # rad
+    response: Response  # band and number of modes of the table
+
+    def modal(self, variables: FloatArray) -> Modal:
+        """Return poles and residues at stroke variables."""
+        return self.models.at(self.variables, variables).modal
+
+    @property
+    def piece(self) -> PolePiece:
+        """What finds the poles and the peak anywhere in the piece."""
+        angles = stroke_angle(self.variables, self.toggles)
+        return pole_piece(angles, self.models, self.toggles, self.response.band)
+
+    def misses(
+        self, variables: FloatArray, samples: Sequence[PoleSample], accuracy: Accuracy
+    ) -> bool:
+        """Return whether poles in reach differ too much from those of samples."""
+        found = self.modal(variables).frequencies
+        for poles, sample in zip(found, samples, strict=True):
+            exact = self._compared(sample.poles)
+            if _pole_error(poles, exact) > accuracy.frequency:
+                return True
+        return False
+
+    def _compared(self, poles: ComplexArray) -> ComplexArray:
+        """Return those of the oscillating poles of which a table gives values or resonances."""
+        found = oscillating(poles)
+        count = max(self.response.modes, int((np.abs(found) < reach(self.response.band)).sum()))
+        return found[:count]
+
+
+def _pole_error(found: ComplexArray, exact: ComplexArray) -> float:
+    """Return the largest relative error of frequency or ratio of some poles."""
+    # Where two poles are about to become real, only the angle of that differs.
+    exact = exact[exact.imag > _NEARLY_REAL * np.abs(exact)]
+    if not len(exact):
+        return 0.0
+    found = oscillating(found)
+    if not len(found):
+        return math.inf
+    near = found[np.abs(exact[:, np.newaxis] - found).argmin(axis=1)]
+    return float(np.abs(values_of(near) / values_of(exact) - 1.0).max())
+
+
+def compare(
+    coarse: Polynomials, fine: Polynomials, accuracy: Accuracy, far_error: float
+) -> Errors | None:
+    """Return by how much fewer points change a piece, or None if that is too much."""
+    cells = make_cells(fine.piece)
+    angles = np.array([[cell.start, (cell.start + cell.end) / 2.0] for cell in cells]).ravel()
+    at = stroke_variable(angles, fine.toggles)
+    one, other = coarse.modal(at), fine.modal(at)
+    shifts = [
+        _pole_error(found, fine._compared(exact))
+        for found, exact in zip(one.frequencies, other.frequencies, strict=True)
+    ]
+    values, peak = max(shifts), _peak_error(one, other, fine.response.band)
+    if values > accuracy.frequency or peak > accuracy.peak:
+        return None
+    rows = {int(np.argmax(shifts)), *np.linspace(0, len(at) - 1, _FRF_ANGLES).astype(int).tolist()}
+    frf = max(_frf_error(one, other, row, fine.response.band) for row in rows) + far_error
+    if frf > accuracy.frf:
+        return None
+    slope = _slope_error(coarse, fine) + _slope_jump(cells)
+    return Errors(values + CELL_ERROR, peak + CELL_ERROR, frf, slope)
+
+
+def _peak_error(one: Modal, other: Modal, band: tuple[float, float]) -> float:
+    """Return the largest relative difference of the highest peak at angles."""
+    found = one.highest(0, band)
+    rows, omega, size = other.maxima(0, band)
+    highest = np.zeros(len(found))
+    np.maximum.at(highest, rows, size)
+    off = np.abs(found[:, 1] / highest - 1.0)
+    # Either of two peaks of one height, within the error, is the highest.
+    rival = size >= (1.0 - 2.0 * off[rows]) * highest[rows]
+    away = np.full(len(found), math.inf)
+    places = omega / (2.0 * math.pi)
+    apart_by = np.abs(found[rows, 0] - places) / np.maximum(places, 1e-6 * band[1])
+    np.minimum.at(away, rows[rival], apart_by[rival])
+    return float(np.maximum(off, away).max())
+
+
+def _frf_error(one: Modal, other: Modal, row: int, band: tuple[float, float]) -> float:
+    """Return the largest relative difference of FRFs at an angle, L2 norm over the band."""
+    low, high = 2.0 * math.pi * band[0], 2.0 * math.pi * band[1]
+    poles = other.frequencies[row]
+    poles = poles[(poles.imag > 0.0) & (poles.imag < high)]
+    near = poles.imag - np.multiply.outer(np.linspace(-2.0, 2.0, 9), poles.real)
+    lines = np.unique(np.clip([*np.linspace(low, high, _LINES), *near.ravel()], low, high))
+    weights = np.sqrt(np.gradient(lines))[:, np.newaxis]
+    n = other.shapes.shape[1]
+    upper = np.triu_indices(n)
+    found, exact = (weights * each.frf(row, lines)[:, upper[0], upper[1]] for each in (one, other))
+    return float(relative_errors(found - exact, exact, n).max())
+
+
+def _slope_error(coarse: Polynomials, fine: Polynomials) -> float:
+    """Return the largest difference of a slope, relative to its frequency, 1/rad."""
+    toggles, ends = fine.toggles, fine.variables[[0, -1]]
+    step = _STEP * (ends[1] - ends[0])
+    at = np.linspace(ends[0] + step, ends[1] - step, _SLOPES)
+    both = np.column_stack([at - step, at + step]).ravel()
+    one, other = coarse.modal(both).frequencies, fine.modal(both).frequencies
+    width = np.diff(stroke_angle(both, toggles).reshape(-1, 2), axis=1)[:, 0]
+    worst = 0.0
+    for i, apart in enumerate(width.tolist()):
+        off = [_relative_shift(one[j], fine._compared(other[j])) for j in (2 * i, 2 * i + 1)]
+        if len(off[0]) == len(off[1]) > 0:
+            worst = max(worst, float(np.abs(off[1] - off[0]).max()) / apart)
+    return worst
+
+
+def _relative_shift(found: ComplexArray, exact: ComplexArray) -> FloatArray:
+    """Return the relative differences of the frequencies of some poles from the nearest others."""
+    exact = exact[exact.imag > _NEARLY_REAL * np.abs(exact)]
+    found = oscillating(found)
+    if not len(found) or not len(exact):
+        return np.zeros(0)
+    near = found[np.abs(exact[:, np.newaxis] - found).argmin(axis=1)]
+    return np.asarray(np.abs(near) / np.abs(exact) - 1.0)
+
+
+def _slope_jump(cells: Sequence[Cell]) -> float:
+    """Return the largest jump of a slope from a cell to the next, relative, 1/rad."""
+    worst = 0.0
+    for one, other in pairwise(cells):
+        if one.values is None or other.values is None or len(one.last) != len(other.first):
+            continue
+        frequency = one.values[0].sum(axis=0)
+        ends = (np.array([3.0, 2.0, 1.0]) @ one.values[0, :3]) / (one.end - one.start)
+        begins = other.values[0, 2] / (other.end - other.start)
+        order = [
+            int(np.abs(one.last[one.follows[j]] - other.first).argmin()) for j in range(len(ends))
+        ]
+        worst = max(worst, float((np.abs(ends - begins[order]) / frequency).max(initial=0.0)))
+    return worst

@@ -1,0 +1,347 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Refines pieces of a table of a linkage whose damping couples the modes."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from linkage_vibration.mechanics.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from linkage_vibration.mechanics.modes import MECHANISM
+from linkage_vibration.mechanics.response import FarPoles, far_poles, reach
+from linkage_vibration.support.version import VERSION
+from linkage_vibration.table.interpolation import leja_points
+from linkage_vibration.table.reduced import Far, Numbers, ReducedModels
+from linkage_vibration.table.table import Table, TableError
+from linkage_vibration.table.tabulation.accuracy import Accuracy
+from linkage_vibration.table.tabulation.comparison import (
+    Errors,
+    Polynomials,
+    compare,
+    relative_errors,
+)
+from linkage_vibration.table.tabulation.refinement import first_points
+from linkage_vibration.table.tabulation.sampling import Sampler
+from linkage_vibration.table.tabulation.subspaces import (
+    N_FAR,
+    N_FIT,
+    PoleSample,
+    Subspace,
+    check_lines,
+    continue_set,
+)
+
+_BATCH = 3  # points that are added at once
+_MOST = 48  # points of a piece; if a polynomial needs more, halving the piece needs fewer
+_NARROW = 64  # parts of a piece: a step that is shorter is not halved to tell poles apart
+_BETWEEN = 24  # points that are added to follow poles; with more, the piece is halved
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ReducedPiece:
+    """A piece of the stroke, with the reduced models at its points."""
+
+    variables: FloatArray  # (n,): stroke variables of the points, ascending
+    alpha3: FloatArray  # (n,), rad
+    models: ReducedModels
+    errors: Errors
+
+
+class PoleTracker:
+    """Follows the poles of a damped linkage.
+
+    Parameters
+    ----------
+    sampler : Sampler
+        Solves the model.
+    """
+
+    def __init__(self, sampler: Sampler) -> None:
+        self.sampler, self.at = sampler, sampler.poles_at
+        self.band, self.n_modes = sampler.response.band, sampler.response.modes
+
+    def needed(self, sample: PoleSample) -> IntArray:
+        """Return the indices of the poles in reach of the band, and of the lowest modes."""
+        poles = sample.poles
+        wanted = np.abs(poles) < reach(self.band)
+        upper = np.flatnonzero(poles.imag > 0.0)
+        lowest = poles[upper[np.argsort(np.abs(poles[upper]))][: self.n_modes]]
+        for pole in lowest:
+            wanted |= np.abs(np.abs(poles) - abs(pole)) <= 1e-9 * abs(pole)
+        return np.flatnonzero(wanted)
+
+    def follow(self, points: list[float]) -> dict[float, IntArray] | None:
+        """Find the poles that make up one smooth subspace over a piece, at each of its points.
+
+        Points are added where the steps are too long to follow it.
+
+        Parameters
+        ----------
+        points : list of float
+            Stroke variables, ascending.
+
+        Returns
+        -------
+        dict of float to ndarray of int, or None
+            The indices at each point; None if the piece must be halved.
+        """
+        points, base = list(points), len(points) // 2
+        fewest = len(points)
+        start = self.needed(self.at(points[base]))
+        while len(points) < fewest + _BETWEEN:
+            found: dict[float, IntArray] = {points[base]: start}
+            trouble = False
+            for i in (*range(base + 1, len(points)), *range(base - 1, -1, -1)):
+                before = points[i - 1 if i > base else i + 1]
+                sample, set_there = self.at(points[i]), found[before]
+                here = self.at(before).subspace(set_there)
+                chosen, clear, rival = continue_set(here, sample, len(set_there))
+                found[points[i]] = chosen
+                missing = np.setdiff1d(self.needed(sample), chosen)
+                if clear and not len(missing):
+                    continue
+                trouble = True
+                step = abs(points[i] - before)
+                if not clear and step > (points[-1] - points[0]) / _NARROW:
+                    points = sorted([*points, (points[i] + before) / 2.0])
+                    base, start = points.index(before), set_there
+                elif not clear and not len(rival):
+                    return None
+                else:
+                    start = np.union1d(chosen, missing if clear else rival)
+                    base = i
+                break
+            if not trouble:
+                return found
+        return None
+
+
+def refine_piece(
+    tracker: PoleTracker, fitted: list[float], accuracy: Accuracy
+) -> ReducedPiece | str:
+    """Add points until poles, peaks and FRFs of the reduced models meet the tolerance.
+
+    Parameters
+    ----------
+    tracker, accuracy
+        What follows the poles, and the accuracy to be met.
+    fitted : list of float
+        The first stroke variables, ascending; the first and the last bound the piece.
+
+    Returns
+    -------
+    ReducedPiece or str
+        Why the piece must be halved.
+    """
+    while len(fitted) <= _MOST:
+        more = leja_points(fitted, fitted[0], fitted[-1], _BATCH)
+        finer = sorted(fitted + more)
+        sets = tracker.follow(finer)
+        if sets is None:
+            return "a pole in reach of the band cannot be told from others"
+        spaces = _one_basis(tracker, sets, finer)
+        if spaces is None:
+            return "the shapes of the poles change too quickly"
+        samples = [tracker.at(x) for x in finer]
+        models = _models(tracker, samples, [sets[x] for x in finer], spaces)
+        own = np.array([x in set(fitted) for x in finer], dtype=np.bool_)
+        variables = np.array(finer)
+        response, toggles = tracker.sampler.response, tracker.sampler.toggles
+        coarse = Polynomials(variables[own], _only(models, own), toggles, response)
+        if not coarse.misses(variables[~own], [samples[i] for i in np.flatnonzero(~own)], accuracy):
+            fine = Polynomials(variables, models, toggles, response)
+            errors = compare(coarse, fine, accuracy, _far_error(tracker, samples, models))
+            if errors is not None:
+                angles = np.array([tracker.sampler.angle(x) for x in finer])
+                return ReducedPiece(variables, angles, models, errors)
+        fitted = finer
+    return f"the poles or the peak change too quickly for a tolerance of {accuracy.frequency:g}"
+
+
+def _one_basis(
+    tracker: PoleTracker, sets: dict[float, IntArray], points: list[float]
+) -> list[Subspace] | None:
+    """Return the subspaces at points on the basis of the middle one."""
+    middle = points[len(points) // 2]
+    left = tracker.at(middle).subspace(sets[middle]).left
+    found = [tracker.at(x).subspace(sets[x]).on(left) for x in points]
+    known = [space for space in found if space is not None]
+    return known if len(known) == len(found) else None
+
+
+def _models(
+    tracker: PoleTracker,
+    samples: Sequence[PoleSample],
+    sets: Sequence[IntArray],
+    spaces: Sequence[Subspace],
+) -> ReducedModels:
+    """Return the reduced models at the points of a piece."""
+    viscous = samples[0].viscous
+    outside = [
+        np.concatenate([s.others, np.delete(s.poles, chosen)])
+        for s, chosen in zip(samples, sets, strict=True)
+    ]
+    poles = np.concatenate(outside)
+    poles = poles[poles.imag >= 0.0]
+    stiffness = np.abs(poles) ** 2 + 0j if viscous else -(poles**2)
+    decay = -2.0 * poles.real if viscous else np.zeros(len(poles))
+    far = far_poles(stiffness, decay, tracker.band, N_FAR)
+    near = ReducedModels(
+        np.array([space.inertia for space in spaces]),
+        np.array([space.stiffness for space in spaces]),
+        np.array([space.shapes for space in spaces]),
+        Far(far.stiffness, far.decay, np.zeros(0)),
+        viscous,
+    )
+    if viscous:
+        near = ReducedModels(
+            near.inertia.real, near.stiffness.real, near.shapes.real, near.far, viscous
+        )
+    weights = [
+        _far_weights(far, sample.totals[:N_FIT] - lines[:N_FIT], viscous)
+        for sample, lines in zip(samples, _near_lines(tracker, near), strict=True)
+    ]
+    every: Numbers = np.array([each.real if viscous else each for each in weights])
+    full = Far(far.stiffness, far.decay, every)
+    return ReducedModels(near.inertia, near.stiffness, near.shapes, full, viscous)
+
+
+def _near_lines(tracker: PoleTracker, models: ReducedModels) -> ComplexArray:
+    """Return the FRFs of the reduced models alone at the check lines, (n, n_lines, n_triangle)."""
+    omega = check_lines(tracker.band)
+    sigma = 1j * omega if models.viscous else -(omega**2) + 0j
+    pencil = (
+        models.stiffness[:, np.newaxis]
+        + sigma[:, np.newaxis, np.newaxis] * models.inertia[:, np.newaxis]
+    )
+    shapes = models.shapes[:, np.newaxis]
+    frf = shapes @ np.linalg.solve(pencil, shapes.swapaxes(2, 3) + 0j)
+    upper = np.triu_indices(models.shapes.shape[1])
+    return np.asarray(frf[:, :, upper[0], upper[1]])
+
+
+def _far_weights(far: FarPoles, sums: ComplexArray, viscous: bool) -> ComplexArray | FloatArray:
+    """Return static flexibility, residues and rates, (1 + 2 n_far, n_triangle)."""
+    if viscous:
+        constants, rates = far.fit_with_rates(sums)
+        return np.vstack([constants, rates]).real
+    constants = far.fit(sums)
+    return np.vstack([constants, np.zeros_like(constants[1:])])
+
+
+def _far_error(tracker: PoleTracker, samples: Sequence[PoleSample], models: ReducedModels) -> float:
+    """Return the largest relative error of FRFs at the points, which far poles cause."""
+    exact = np.array([sample.totals for sample in samples])
+    found = _near_lines(tracker, models)
+    omega = check_lines(tracker.band)
+    found = found + Far(models.far.stiffness, models.far.decay, models.far.weights).frf(omega)
+    n = models.shapes.shape[1]
+    return float(relative_errors(found - exact, exact, n).max())
+
+
+def _only(models: ReducedModels, rows: BoolArray) -> ReducedModels:
+    """Return the models at some of the points."""
+    far = Far(models.far.stiffness, models.far.decay, models.far.weights[rows])
+    return ReducedModels(
+        models.inertia[rows], models.stiffness[rows], models.shapes[rows], far, models.viscous
+    )
+
+
+def build_coupled(sampler: Sampler, accuracy: Accuracy) -> Table:
+    """Build the table of a linkage whose damping couples its modes.
+
+    Parameters
+    ----------
+    sampler, accuracy
+        What solves the model, and the accuracy to be met.
+
+    Raises
+    ------
+    TableError
+        If a piece would be too short, or the linkage has too few modes that oscillate.
+    """
+    tracker, pieces = PoleTracker(sampler), list[ReducedPiece]()
+    waiting = [sampler.ends]
+    while waiting:
+        low, high = waiting.pop()
+        piece = refine_piece(tracker, first_points(sampler.solved_poles, low, high), accuracy)
+        if isinstance(piece, ReducedPiece):
+            pieces.append(piece)
+            sampler.finish(high - low)
+            continue
+        if high - low < 2.0 * sampler.shortest:
+            raise TableError(
+                f"{sampler.model.mechanism.name}: {piece} at alpha3 = "
+                f"{math.degrees(sampler.angle(low)):.4f} deg; give a larger tolerance, or fewer "
+                "modes in response.modes, or end the stroke before."
+            )
+        middle = (low + high) / 2.0
+        waiting += [(middle, high), (low, middle)]
+    return _table(sampler, pieces)
+
+
+def _table(sampler: Sampler, pieces: Sequence[ReducedPiece]) -> Table:
+    """Make the table from pieces over the whole stroke, ascending."""
+    alpha3 = np.concatenate([pieces[0].alpha3[:1], *(piece.alpha3[1:] for piece in pieces)])
+    ends = np.cumsum([0, *(len(piece.alpha3) - 1 for piece in pieces)])
+    n, modes, models = len(alpha3), sampler.response.modes, [piece.models for piece in pieces]
+    mechanism = any((np.abs(sampler.poles_at(x).poles) < MECHANISM).any() for x in sampler.ends)
+    drive = (sampler.response.point, sampler.response.direction)
+    errors = [piece.errors for piece in pieces]
+    nothing = np.zeros((n, 0), dtype=complex)
+    table = Table(
+        alpha3=alpha3,
+        pieces=ends.astype(np.int64),
+        natural_frequencies=np.zeros((n, modes)),
+        damping_ratios=np.zeros((n, modes)),
+        peak_frequencies=np.zeros((n, 1)),
+        peak_magnitudes=np.zeros((n, 1)),
+        peak_notable=np.ones((len(pieces), 1), dtype=np.bool_),
+        interpolation_error=np.array([each.values for each in errors]),
+        peak_error=max(each.peak for each in errors),
+        frf_error=math.nan if mechanism else max(each.frf for each in errors),
+        slope_error=max(each.slope for each in errors),
+        toggles=sampler.toggles,
+        band=sampler.response.band,
+        places=() if mechanism else (drive, *(p for p in sampler.places if p != drive)),
+        term_stiffness=nothing,
+        term_decay=nothing.real,
+        participations=nothing[:, :, np.newaxis],
+        far_stiffness=np.array([each.far.stiffness for each in models]),
+        far_decay=np.array([each.far.decay for each in models]),
+        far_residues=nothing[:, :, np.newaxis],
+        reduced_orders=np.array([each.inertia.shape[1] for each in models], dtype=np.int64),
+        reduced_inertia=np.concatenate([each.inertia.ravel() for each in models]),
+        reduced_stiffness=np.concatenate([each.stiffness.ravel() for each in models]),
+        reduced_shapes=np.concatenate([each.shapes.ravel() for each in models]),
+        reduced_far=np.concatenate([each.far.weights.ravel() for each in models]),
+        model_hash=sampler.model.mechanism.model_hash,
+        mechanism_name=sampler.model.mechanism.name,
+        package_version=VERSION,
+    )
+    _check_modes(table)
+    values = table.evaluate(alpha3)
+    return replace(
+        table,
+        natural_frequencies=values[:, :modes],
+        damping_ratios=values[:, modes : 2 * modes],
+        peak_frequencies=values[:, -2:-1],
+        peak_magnitudes=values[:, -1:],
+    )
+
+
+def _check_modes(table: Table) -> None:
+    """Refuse a table that lacks modes, or does not hold them over the whole stroke."""
+    cells = table.pole_cells
+    if cells.n_branches < table.n_modes:
+        raise TableError(
+            f"response.modes is {table.n_modes}, but {table.mechanism_name} has "
+            f"{cells.n_branches} modes that oscillate; use fewer."
+        )
+    for mode, alpha3 in cells.left.items():
+        raise TableError(
+            f"Mode {mode + 1} of {table.mechanism_name} leaves the reach of response.band_hz at "
+            f"{math.degrees(alpha3):.3f} deg; widen the band, or use fewer modes in response.modes."
+        )

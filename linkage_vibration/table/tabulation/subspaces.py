@@ -1,0 +1,270 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""The subspaces that sets of damped poles span, and how they continue from angle to angle.
+
+States are written in the axes of the uncoupled components, so that those of two configurations
+compare: displacements and, for viscous damping, velocities.
+"""
+
+import math
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from scipy.linalg import schur
+
+from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray, IntArray
+from linkage_vibration.mechanics.model import LinkageModel, Place, Solution
+from linkage_vibration.mechanics.modes import mixed_damping
+from linkage_vibration.mechanics.response import reach
+from linkage_vibration.table.reduced import Numbers
+
+_WIDER = 2.5  # of the reach: poles up to there may continue those of a table
+_SLOWEST = 1e-3  # rad/s, the frequency given to a mechanism mode
+_POOR = 1e4  # condition of the coordinates of one subspace by those of another
+_LEAVES = 0.5  # of a pole's state: the share outside a subspace up to which it may continue it
+
+N_FAR = 5
+"""Number of poles that represent all other modes."""
+
+N_FIT, N_CHECK = 3 * N_FAR + 4, 7
+"""Frequencies at which the sum of all other modes is fitted, and others at which it is checked."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Subspace:
+    """The subspace of a set of k poles at one angle, on a basis of its own."""
+
+    states: Numbers  # (n_states, k): its basis
+    left: Numbers  # (k, n_states): coordinates of a state that is projected onto it
+    inertia: Numbers  # (k, k): G
+    stiffness: Numbers  # (k, k): S
+    shapes: Numbers  # (n_places, k)
+
+    def on(self, left: Numbers) -> "Subspace | None":
+        """Return it on the basis whose coordinates another subspace gives; None if that is poor.
+
+        Parameters
+        ----------
+        left : ndarray, (k, n_states)
+            Of a subspace nearby, for all angles the same.
+        """
+        turn = left @ self.states
+        if not np.isfinite(turn).all() or np.linalg.cond(turn) > _POOR:
+            return None
+        back = np.linalg.inv(turn)
+        return Subspace(
+            self.states @ back,
+            turn @ self.left,
+            back.T @ self.inertia @ back,
+            back.T @ self.stiffness @ back,
+            self.shapes @ back,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class PoleSample:
+    """The poles of the model at one angle in wide reach of the band, and the space they span."""
+
+    alpha3: float  # rad
+    viscous: bool
+    poles: ComplexArray  # (k,), rad/s
+    others: ComplexArray  # all other poles, of each pair the upper, rad/s
+    triangle: Numbers  # (k, k): the poles' Schur form, of the generator d/dt or of k
+    whole: Subspace  # that of all k poles
+    totals: ComplexArray  # (N_FIT + N_CHECK, n_triangle): FRFs at `check_lines`, m/N
+    _known: dict[bytes, Subspace] = field(default_factory=dict)  # subspaces already found
+
+    @cached_property
+    def vectors(self) -> ComplexArray:
+        """The states of the poles, (n_states, k), of unit length."""
+        values, vectors = np.linalg.eig(self.triangle)
+        order = [int(np.abs(values - p).argmin()) for p in _generator_poles(self)]
+        states = self.whole.states @ vectors[:, order]
+        return np.asarray(states / np.linalg.norm(states, axis=0))
+
+    def subspace(self, chosen: IntArray) -> Subspace:
+        """Return the subspace of some of the poles, closed under conjugation.
+
+        Parameters
+        ----------
+        chosen : ndarray of int, (n,)
+            Their indices.
+        """
+        key = np.asarray(chosen, dtype=np.int64).tobytes()
+        if key not in self._known:
+            self._known[key] = self._subspace(chosen)
+        return self._known[key]
+
+    def _subspace(self, chosen: IntArray) -> Subspace:
+        mine = _generator_poles(self)
+        wanted = np.zeros(len(mine), dtype=np.bool_)
+        wanted[chosen] = True
+
+        def own(re: float | complex, im: float = 0.0) -> bool:
+            return bool(wanted[np.abs(mine - complex(re + 1j * im)).argmin()])
+
+        output = "real" if self.viscous else "complex"
+        t, z, n = schur(self.triangle, output=output, sort=own)
+        z, t = z[:, :n], t[:n, :n]
+        inertia = z.T @ self.whole.inertia @ z
+        left = np.linalg.solve(inertia, z.T @ (self.whole.inertia @ self.whole.left))
+        stiffness = -inertia @ t if self.viscous else inertia @ t
+        return Subspace(self.whole.states @ z, left, inertia, stiffness, self.whole.shapes @ z)
+
+
+def _generator_poles(sample: PoleSample) -> ComplexArray:
+    """Return the eigenvalues of a sample's triangle that belong to its poles."""
+    return sample.poles if sample.viscous else -(sample.poles**2)
+
+
+def check_lines(band: tuple[float, float]) -> FloatArray:
+    """Return the frequencies (rad/s) of `PoleSample.totals`: those of the fit, then the others.
+
+    Parameters
+    ----------
+    band : (float, float), Hz
+    """
+    low, high = band
+    fit = (1.0 - np.cos(np.pi * (np.arange(N_FIT) + 0.5) / N_FIT)) / 2.0
+    check = (np.arange(N_CHECK) + 0.5) / N_CHECK
+    lines = low + (high - low) * np.concatenate([fit, check])
+    return np.asarray(2.0 * math.pi * lines)
+
+
+def mass_root(model: LinkageModel) -> FloatArray:
+    """Return R with R^T R = M, the mass of the uncoupled components, (n, n)."""
+    values, vectors = np.linalg.eigh(model.system.mass)
+    return np.asarray(np.sqrt(np.maximum(values, 0.0))[:, np.newaxis] * vectors.T)
+
+
+def sample_poles(solution: Solution, root: FloatArray, places: tuple[Place, ...]) -> PoleSample:
+    """Find the poles in wide reach of the band and their subspace.
+
+    Parameters
+    ----------
+    solution : Solution
+        The model at one angle.
+    root : ndarray, (n, n)
+        From `mass_root`.
+    places : tuple of (point, direction)
+        Where FRFs are needed.
+
+    Raises
+    ------
+    ModesError
+        If there is both viscous and structural damping.
+    """
+    model, coupled = solution.model, solution.coupled
+    response = model.mechanism.response
+    omega = np.maximum(solution.modes.omega, _SLOWEST)
+    viscous = solution.vectors.T @ coupled.damping @ solution.vectors
+    loss = solution.vectors.T @ coupled.loss @ solution.vectors
+    if loss.any() and viscous.any():
+        raise mixed_damping()
+    own = solution.participation(places)
+    turned = root @ solution.modes.shapes  # with orthonormal columns
+    scale = reach(response.band)
+    limit = _WIDER * max(reach(response.band), float(omega[min(response.modes, len(omega)) - 1]))
+    t: Numbers
+    q: Numbers
+    states: Numbers
+    inertia: Numbers
+    above: Numbers
+    stiffness: Numbers
+    if loss.any():
+        t, q, poles, others = _structural(omega, loss, limit)
+        states, above = turned @ q, q.T @ turned.T
+        inertia = q.T @ q
+        stiffness = inertia @ t
+    else:
+        t, q, v, poles, others = _viscous(omega, viscous, limit, response.modes)
+        states = np.vstack([turned @ q, turned @ v / scale])
+        inertia = q.T @ viscous @ q + q.T @ v + v.T @ q
+        above = np.hstack([(q.T @ viscous + v.T) @ turned.T, scale * q.T @ turned.T])
+        stiffness = -inertia @ t
+    left = np.asarray(np.linalg.solve(inertia, above))
+    drawn: Numbers = own @ q if viscous.any() else (own @ q).astype(complex)
+    whole = Subspace(states, left, inertia, stiffness, drawn)
+    totals = _totals(omega, viscous, loss, own, check_lines(response.band))
+    alpha3 = solution.configuration.alpha3
+    return PoleSample(alpha3, not loss.any(), poles, others, t, whole, totals)
+
+
+def _viscous(
+    omega: FloatArray, viscous: FloatArray, limit: float, n_modes: int
+) -> tuple[FloatArray, FloatArray, FloatArray, ComplexArray, ComplexArray]:
+    """Return Schur form, displacements, velocities and poles up to a limit, and the other poles."""
+    n = len(omega)
+    first = np.diag(omega)
+    matrix = np.block([[np.zeros((n, n)), first], [-first, -viscous]])
+    while True:
+        t, z, k = schur(matrix, output="real", sort=lambda re, im, r=limit: math.hypot(re, im) < r)
+        poles = np.linalg.eigvals(t[:k, :k]).astype(complex)
+        if k == 2 * n or (poles.imag > 0.0).sum() > n_modes:
+            break
+        limit *= 2.0
+    others = np.linalg.eigvals(t[k:, k:]).astype(complex)
+    z = z[:, :k]
+    return t[:k, :k], z[:n] / omega[:, np.newaxis], z[n:], poles, others[others.imag >= 0.0]
+
+
+def _structural(
+    omega: FloatArray, loss: FloatArray, limit: float
+) -> tuple[ComplexArray, ComplexArray, ComplexArray, ComplexArray]:
+    """Return Schur form of k, displacements and poles up to a limit, and the other poles."""
+    inverse = np.linalg.inv(np.eye(len(omega)) + 1j * loss / np.outer(omega, omega))
+    flexibility = inverse / np.outer(omega, omega)
+    t, z, k = schur(flexibility, output="complex", sort=lambda x: abs(x) > 1.0 / limit**2)
+    values = np.diag(t)
+    # The poles are the eigenvalues of the inverse of the leading block.
+    poles = 1j * np.sqrt(1.0 / values)
+    return np.linalg.inv(t[:k, :k]), z[:, :k], poles[:k], poles[k:]
+
+
+def _totals(
+    omega: FloatArray, viscous: FloatArray, loss: FloatArray, own: FloatArray, lines: FloatArray
+) -> ComplexArray:
+    """Return the FRFs with every mode, (n_lines, n_triangle), from the equations of motion."""
+    w = lines[:, np.newaxis, np.newaxis]
+    dynamic = np.diag(omega**2) + 1j * loss - w**2 * np.eye(len(omega)) + 1j * w * viscous
+    frf = own @ np.linalg.solve(dynamic, own.T.astype(complex))
+    upper = np.triu_indices(len(own))
+    return np.asarray(frf[:, upper[0], upper[1]])
+
+
+def continue_set(here: Subspace, there: PoleSample, count: int) -> tuple[IntArray, bool, IntArray]:
+    """Find the poles of another angle that continue a set.
+
+    A pole continues the set if the projection onto its subspace leaves its state as it is, and
+    does not if the projection removes it.
+
+    Parameters
+    ----------
+    here, there, count
+        The subspace of the set, the poles of the other angle, and the number of poles in the set.
+
+    Returns
+    -------
+    chosen : ndarray of int, (count,)
+        The poles that continue it.
+    clear : bool
+        False if the step is too long, or a pole of the set is close to another.
+    rival : ndarray of int
+        The pole that almost continues it too, with its conjugate.
+    """
+    states = there.vectors
+    inside = here.states @ (here.left @ states)
+    outside = np.linalg.norm(states - inside, axis=0)
+    order = np.argsort(outside, kind="stable")
+    chosen = order[:count]
+    if count == len(order):
+        return np.sort(chosen), bool(outside.max() < _LEAVES), order[:0]
+    next_one = order[count]
+    rival = np.flatnonzero(
+        np.abs(there.poles - there.poles[next_one].conj()) <= 1e-9 * abs(there.poles[next_one])
+    )
+    rival = np.union1d(rival, [next_one])
+    clear = outside[chosen].max() < min(_LEAVES, outside[next_one] / 2.0)
+    clear = bool(clear and not np.isin(rival, chosen).any())
+    return np.sort(chosen), clear, np.setdiff1d(rival, chosen)
