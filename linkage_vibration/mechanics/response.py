@@ -21,6 +21,9 @@ N_FAR = 4
 RIVAL = 0.8
 """Fraction of the highest value from which a maximum may be the highest between grid points."""
 
+FREE_FROM = 0.01
+"""Share of a band from which a mechanism's peak is sought where damping couples the modes."""
+
 _NOTHING = 1e-15  # of the largest residue
 _NEWTON = 6  # largest number of steps to a maximum; three or four are enough
 _GRID = 200  # frequencies over the band in which a peak is sought first
@@ -171,7 +174,8 @@ class PoleResidue:
         omega = np.sqrt(np.abs(self.stiffness))
         if (omega < MECHANISM).any():
             # A mechanism responds without limit towards 0 Hz, which is not a resonance.
-            low = max(low, float(omega[omega >= MECHANISM].min(initial=high)) / 2.0)
+            first = float(omega[omega >= MECHANISM].min(initial=high)) / 2.0
+            low = max(low, FREE_FROM * high if self.rates.any() else first)
         inside = (omega > low) & (omega < high)
         centre = omega[inside]
         width = (self.decay[inside] + self.stiffness.imag[inside] / centre) / 2.0

@@ -10,13 +10,13 @@ or become real does not matter.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray, IntArray
 from linkage_vibration.mechanics.modes import MECHANISM
-from linkage_vibration.mechanics.response import RIVAL, PoleResidue
+from linkage_vibration.mechanics.response import FREE_FROM, RIVAL, PoleResidue
 from linkage_vibration.table.interpolation import interpolation_matrix
 
 _EVEN = 200  # evenly spaced frequencies over the band among which maxima are sought first
@@ -52,6 +52,7 @@ class Modal:
     poles: ComplexArray  # (n, order): of sigma
     shapes: ComplexArray  # (n, n_places, order): psi
     viscous: bool
+    free: bool  # whether the linkage can move freely at 0 Hz
     far: Far
 
     @property
@@ -71,7 +72,7 @@ class Modal:
         near = (self.shapes[row] * terms[:, np.newaxis]) @ self.shapes[row].T
         n = self.shapes.shape[1]
         upper, far = np.triu_indices(n), np.empty((len(omega), n, n), dtype=complex)
-        weights = Far(self.far.stiffness, self.far.decay, self.far.weights[row])
+        weights = replace(self.far, weights=self.far.weights[row])
         far[:, upper[0], upper[1]] = far[:, upper[1], upper[0]] = weights.frf(omega)
         return np.asarray(near + far)
 
@@ -149,15 +150,12 @@ class Modal:
         found = self.frequencies
         n = len(found)
         oscillates = (found.imag > MECHANISM) & (np.abs(found) < high)
-        start = np.full(n, low)
         # A mechanism responds without limit towards 0 Hz, which is not a resonance.
-        free = (np.abs(found) < MECHANISM).any(axis=1)
-        first = np.where(oscillates, found.imag, high).min(axis=1)
-        start[free] = np.maximum(low, first[free] / 2.0)
-        even = start[:, np.newaxis] + np.linspace(0.0, 1.0, _EVEN) * (high - start)[:, np.newaxis]
+        low = max(low, FREE_FROM * high) if self.free else low
+        even = np.tile(np.linspace(low, high, _EVEN), (n, 1))
         own = found.imag[..., np.newaxis] - found.real[..., np.newaxis] * _AROUND
         own = np.where(oscillates[..., np.newaxis], own, high).reshape(n, -1)
-        every = np.clip(np.hstack([even, own]), start[:, np.newaxis], high)
+        every = np.clip(np.hstack([even, own]), low, high)
         return np.sort(every, axis=1)
 
     def _sigma(self, omega: FloatArray) -> ComplexArray:
@@ -195,6 +193,7 @@ class ReducedModels:
     shapes: Numbers  # (n, n_places, order): C
     far: Far
     viscous: bool
+    free: bool  # whether the linkage can move freely at 0 Hz
 
     @property
     def modal(self) -> Modal:
@@ -207,7 +206,7 @@ class ReducedModels:
         scale = np.where(np.abs(scale) > _DEFECTIVE, scale, _DEFECTIVE)
         vectors = vectors / np.sqrt(scale)[:, np.newaxis]
         shapes = np.asarray(self.shapes @ vectors, dtype=np.complex128)
-        return Modal(poles, shapes, self.viscous, self.far)
+        return Modal(poles, shapes, self.viscous, self.free, self.far)
 
     def at(self, variables: FloatArray, wanted: FloatArray) -> "ReducedModels":
         """Interpolate between the angles.
@@ -220,8 +219,8 @@ class ReducedModels:
         matrix = interpolation_matrix(variables, wanted)
         parts = self.inertia, self.stiffness, self.shapes, self.far.weights
         inertia, stiffness, shapes, weights = (np.tensordot(matrix, part, 1) for part in parts)
-        far = Far(self.far.stiffness, self.far.decay, weights)
-        return ReducedModels(inertia, stiffness, shapes, far, self.viscous)
+        far = replace(self.far, weights=weights)
+        return replace(self, inertia=inertia, stiffness=stiffness, shapes=shapes, far=far)
 
 
 def pole_residue_sum(modal: Modal, outputs: list[int], inputs: list[int]) -> PoleResidue:

@@ -362,7 +362,8 @@ class Table:
                 starts[i] += size
             far = Far(self.far_stiffness[piece], self.far_decay[piece], parts[3])
             viscous = not np.iscomplexobj(self.reduced_stiffness)
-            models = ReducedModels(parts[0], parts[1], parts[2], far, viscous)
+            free = self.free_modes > 0
+            models = ReducedModels(parts[0], parts[1], parts[2], far, viscous, free)
             points = slice(int(self.pieces[piece]), int(self.pieces[piece + 1]) + 1)
             found.append(pole_piece(self.alpha3[points], models, self.toggles, self.band))
         return found

@@ -33,7 +33,9 @@ _SPRING = 6e4  # N/m
 _ANCHOR = (2.2, 0.5)  # m, its end on the ground; the crank is 1 m long
 
 
-def crossing_crank(gap: float, at: float, ratio: float = 0.01) -> Mechanism:
+def crossing_crank(
+    gap: float, at: float, ratio: float = 0.01, dashpot: float | None = None
+) -> Mechanism:
     """Return the mechanism.
 
     Parameters
@@ -44,6 +46,8 @@ def crossing_crank(gap: float, at: float, ratio: float = 0.01) -> Mechanism:
         rad, where that is.
     ratio : float
         Damping ratio at 10 and 100 Hz, 1.
+    dashpot : float, optional
+        Damping of the spring, N s/m; by default that of the rule, so that the modes stay real.
     """
     damping = rayleigh_damping(ratio, 10.0, 100.0)
     tuned, coupling = _tuned(gap, at)
@@ -62,8 +66,8 @@ def crossing_crank(gap: float, at: float, ratio: float = 0.01) -> Mechanism:
         masses=(),
         damping=None,
     )
-    # With the dashpot that the rule gives a spring, the modes stay real.
-    dashpot = _SPRING * damping.stiffness_coefficient
+    if dashpot is None:
+        dashpot = _SPRING * damping.stiffness_coefficient
     return Mechanism(
         name="crossing_crank",
         ground=(("A", (0.0, 0.0)), ("G", _ANCHOR)),
@@ -90,6 +94,41 @@ def exact_frequencies(gap: float, at: float, alpha3: FloatArray) -> FloatArray:
         matrix[2, 2] = tuned
         row[:] = np.sqrt(np.linalg.eigvalsh(matrix)[:2]) / (2.0 * math.pi)
     return found
+
+
+def exact_poles(
+    gap: float, at: float, ratio: float, dashpot: float, alpha3: float
+) -> NDArray[np.complex128]:
+    """Return the six poles (rad/s) at an angle from the three equations of motion."""
+    tuned, coupling = _tuned(gap, at)
+    rule = rayleigh_damping(ratio, 10.0, 100.0)
+    mass, stiffness = np.diag([_MASS, _MASS, 1.0]), np.diag([_AXIAL, _BENDING, tuned])
+    stiffness[1, 2] = stiffness[2, 1] = coupling
+    damping = rule.mass_coefficient * mass + rule.stiffness_coefficient * stiffness
+    damping[:2, :2] += dashpot * _spring(alpha3) / _SPRING
+    stiffness[:2, :2] += _spring(alpha3)
+    own = np.block([[np.zeros((3, 3)), np.eye(3)], [-stiffness, -damping]])
+    own[3:] /= np.diag(mass)[:, np.newaxis]
+    return np.linalg.eigvals(own).astype(complex)
+
+
+def dashpot_at_meeting(gap: float, at: float, ratio: float) -> float:
+    """Return the dashpot (N s/m) with which the poles of both modes meet off the real axis.
+
+    Of two oscillators of one frequency, one of which decays faster by d (1/s), the poles meet where
+    the coupling splits the undamped frequencies by d.
+    """
+    low, high = 0.0, 2e3
+
+    def split(dashpot: float) -> float:
+        poles = exact_poles(gap, at, ratio, dashpot, at)
+        one, other = sorted(poles[poles.imag > 0.0], key=abs)[:2]
+        return abs(one.imag - other.imag) - abs(one.real - other.real)
+
+    for _ in range(200):
+        middle = (low + high) / 2.0
+        low, high = (middle, high) if split(middle) > 0.0 else (low, middle)
+    return low
 
 
 def _spring(alpha3: float) -> FloatArray:

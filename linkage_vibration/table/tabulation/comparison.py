@@ -48,6 +48,13 @@ def relative_errors(off: ComplexArray, exact: ComplexArray, n: int) -> FloatArra
     """Return relative errors of FRFs in the L2 norm, (..., n_triangle), of n places.
 
     A response that is only rounding has no relative error.
+
+    Parameters
+    ----------
+    off, exact : ndarray, (..., n_freq, n_triangle)
+        Differences and FRFs between places, the upper triangle row by row, m/N.
+    n : int
+        Number of places.
     """
     size, error = np.linalg.norm(exact, axis=-2), np.linalg.norm(off, axis=-2)
     upper = np.triu_indices(n)
@@ -79,7 +86,13 @@ class Polynomials:
     def misses(
         self, variables: FloatArray, samples: Sequence[PoleSample], accuracy: Accuracy
     ) -> bool:
-        """Return whether poles in reach differ too much from those of samples."""
+        """Return whether poles in reach differ too much from those of samples.
+
+        Parameters
+        ----------
+        variables, samples, accuracy
+            Stroke variables, (n,), the samples there, and the accuracy to be met.
+        """
         found = self.modal(variables).frequencies
         for poles, sample in zip(found, samples, strict=True):
             exact = self._compared(sample.poles)
@@ -110,7 +123,17 @@ def _pole_error(found: ComplexArray, exact: ComplexArray) -> float:
 def compare(
     coarse: Polynomials, fine: Polynomials, accuracy: Accuracy, far_error: float
 ) -> Errors | None:
-    """Return by how much fewer points change a piece, or None if that is too much."""
+    """Return by how much fewer points change a piece, or None if that is too much.
+
+    Parameters
+    ----------
+    coarse, fine : Polynomials
+        Those through some of the points of a piece, and through all.
+    accuracy : Accuracy
+        The accuracy to be met.
+    far_error : float
+        Relative error of FRFs that far poles cause at the points.
+    """
     cells = make_cells(fine.piece)
     angles = np.array([[cell.start, (cell.start + cell.end) / 2.0] for cell in cells]).ravel()
     at = stroke_variable(angles, fine.toggles)
@@ -127,7 +150,8 @@ def compare(
     if frf > accuracy.frf:
         return None
     slope = _slope_error(coarse, fine) + _slope_jump(cells)
-    return Errors(values + CELL_ERROR, peak + CELL_ERROR, frf, slope)
+    # The error of a cubic in its middle is a little more than half of its largest.
+    return Errors(values + 2.0 * CELL_ERROR, peak + 2.0 * CELL_ERROR, frf, slope)
 
 
 def _peak_error(one: Modal, other: Modal, band: tuple[float, float]) -> float:

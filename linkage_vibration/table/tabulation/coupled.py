@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from linkage_vibration.mechanics.arrays import BoolArray, ComplexArray, FloatArray, IntArray
-from linkage_vibration.mechanics.modes import MECHANISM
 from linkage_vibration.mechanics.response import FarPoles, far_poles, reach
 from linkage_vibration.support.version import VERSION
 from linkage_vibration.table.interpolation import leja_points
@@ -178,7 +177,7 @@ def _models(
     spaces: Sequence[Subspace],
 ) -> ReducedModels:
     """Return the reduced models at the points of a piece."""
-    viscous = samples[0].viscous
+    viscous, free = samples[0].viscous, any(sample.free for sample in samples)
     outside = [
         np.concatenate([s.others, np.delete(s.poles, chosen)])
         for s, chosen in zip(samples, sets, strict=True)
@@ -194,18 +193,14 @@ def _models(
         np.array([space.shapes for space in spaces]),
         Far(far.stiffness, far.decay, np.zeros(0)),
         viscous,
+        free,
     )
-    if viscous:
-        near = ReducedModels(
-            near.inertia.real, near.stiffness.real, near.shapes.real, near.far, viscous
-        )
     weights = [
         _far_weights(far, sample.totals[:N_FIT] - lines[:N_FIT], viscous)
         for sample, lines in zip(samples, _near_lines(tracker, near), strict=True)
     ]
     every: Numbers = np.array([each.real if viscous else each for each in weights])
-    full = Far(far.stiffness, far.decay, every)
-    return ReducedModels(near.inertia, near.stiffness, near.shapes, full, viscous)
+    return replace(near, far=Far(far.stiffness, far.decay, every))
 
 
 def _near_lines(tracker: PoleTracker, models: ReducedModels) -> ComplexArray:
@@ -244,8 +239,12 @@ def _far_error(tracker: PoleTracker, samples: Sequence[PoleSample], models: Redu
 def _only(models: ReducedModels, rows: BoolArray) -> ReducedModels:
     """Return the models at some of the points."""
     far = Far(models.far.stiffness, models.far.decay, models.far.weights[rows])
-    return ReducedModels(
-        models.inertia[rows], models.stiffness[rows], models.shapes[rows], far, models.viscous
+    return replace(
+        models,
+        inertia=models.inertia[rows],
+        stiffness=models.stiffness[rows],
+        shapes=models.shapes[rows],
+        far=far,
     )
 
 
@@ -287,7 +286,6 @@ def _table(sampler: Sampler, pieces: Sequence[ReducedPiece]) -> Table:
     alpha3 = np.concatenate([pieces[0].alpha3[:1], *(piece.alpha3[1:] for piece in pieces)])
     ends = np.cumsum([0, *(len(piece.alpha3) - 1 for piece in pieces)])
     n, modes, models = len(alpha3), sampler.response.modes, [piece.models for piece in pieces]
-    mechanism = any((np.abs(sampler.poles_at(x).poles) < MECHANISM).any() for x in sampler.ends)
     drive = (sampler.response.point, sampler.response.direction)
     errors = [piece.errors for piece in pieces]
     nothing = np.zeros((n, 0), dtype=complex)
@@ -301,11 +299,12 @@ def _table(sampler: Sampler, pieces: Sequence[ReducedPiece]) -> Table:
         peak_notable=np.ones((len(pieces), 1), dtype=np.bool_),
         interpolation_error=np.array([each.values for each in errors]),
         peak_error=max(each.peak for each in errors),
-        frf_error=math.nan if mechanism else max(each.frf for each in errors),
+        frf_error=math.nan if sampler.free_modes else max(each.frf for each in errors),
+        free_modes=sampler.free_modes,
         slope_error=max(each.slope for each in errors),
         toggles=sampler.toggles,
         band=sampler.response.band,
-        places=() if mechanism else (drive, *(p for p in sampler.places if p != drive)),
+        places=() if sampler.free_modes else (drive, *(p for p in sampler.places if p != drive)),
         term_stiffness=nothing,
         term_decay=nothing.real,
         participations=nothing[:, :, np.newaxis],

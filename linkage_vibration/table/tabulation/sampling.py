@@ -150,9 +150,13 @@ class Sampler:
     def poles_at(self, variable: float) -> PoleSample:
         """Return the poles at a stroke variable of a linkage whose damping couples its modes."""
         if variable not in self._poles:
-            self._count(self.angle(variable))
-            solution = self.model.solve(self.angle(variable))
+            alpha3 = self.angle(variable)
+            self._count(alpha3)
+            solution = self.model.solve(alpha3)
             self.free_modes = max(self.free_modes, int(solution.modes.mechanism.sum()))
+            if len(solution.modes.omega) < self.response.modes:
+                raise self._few_modes(len(solution.modes.omega), alpha3)
+            self._check_band(solution.modes.omega[~solution.modes.mechanism], alpha3)
             drive = (self.response.point, self.response.direction)
             places = (drive, *(place for place in self.places if place != drive))
             self._poles[variable] = sample_poles(solution, self._mass_root, places)
@@ -168,6 +172,25 @@ class Sampler:
     @cached_property
     def _mass_root(self) -> FloatArray:
         return mass_root(self.model)
+
+    def _few_modes(self, count: int, alpha3: float) -> TableError:
+        return TableError(
+            f"response.modes is {self.response.modes}, but {self.model.mechanism.name} has {count} "
+            f"modes at {math.degrees(alpha3):.3f} deg; use fewer, keep more modes in each link, or "
+            "widen response.band_hz if modes are identified from FRFs."
+        )
+
+    def _check_band(self, omega: FloatArray, alpha3: float) -> None:
+        """Refuse a band above all modes, (n_modes,), rad/s."""
+        low = self.response.band[0]
+        if not len(omega) or omega.max() < 2.0 * math.pi * low:
+            highest = float(omega.max(initial=0.0)) / (2.0 * math.pi)
+            raise TableError(
+                f"response.band_hz begins at {low:g} Hz, above all {len(omega)} modes of "
+                f"{self.model.mechanism.name} (the highest is at {highest:.4g} Hz at "
+                f"{math.degrees(alpha3):.3f} deg); give a lower band, or keep more modes in each "
+                "link."
+            )
 
     def _check(self, sample: PoleSample) -> None:
         """Refuse a linkage with an undamped mode in the band, or one that does not respond."""
@@ -211,18 +234,9 @@ class Sampler:
         reach = int(in_reach(modes.omega[elastic] ** 2, band).sum())
         kept = elastic[: max(self.response.modes, reach) + _SPARE]
         if len(kept) < self.response.modes:
-            raise TableError(
-                f"response.modes is {self.response.modes}, but {name} has {len(kept)} modes at "
-                f"{math.degrees(alpha3):.3f} deg; use fewer, keep more modes in each link, or "
-                "widen response.band_hz if modes are identified from FRFs."
-            )
-        if modes.omega[kept[-1]] < 2.0 * math.pi * band[0] and not self._from_frfs:
-            raise TableError(
-                f"response.band_hz begins at {band[0]:g} Hz, above all {len(elastic)} modes of "
-                f"{name} (the highest is at {modes.omega[kept[-1]] / (2.0 * math.pi):.4g} Hz at "
-                f"{math.degrees(alpha3):.3f} deg); give a lower band, or keep more modes in each "
-                "link."
-            )
+            raise self._few_modes(len(kept), alpha3)
+        if not self._from_frfs:
+            self._check_band(modes.omega[elastic], alpha3)
         lost = len(modes.omega) - len(drive.decay)  # mechanism modes have no term there
         peaks = np.array(drive.local_peaks(kept - lost, band))
         edges = np.abs(drive.frf(np.array(band))[:, 0, 0])

@@ -14,12 +14,14 @@ import numpy as np
 from scipy.linalg import schur
 
 from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray, IntArray
+from linkage_vibration.mechanics.description import Response
 from linkage_vibration.mechanics.model import LinkageModel, Place, Solution
 from linkage_vibration.mechanics.modes import mixed_damping
 from linkage_vibration.mechanics.response import reach
 from linkage_vibration.table.reduced import Numbers
 
 _WIDER = 2.5  # of the reach: poles up to there may continue those of a table
+_LOW = 0.1  # of the reach: displacements of slower modes are not enlarged
 _SLOWEST = 1e-3  # rad/s, the frequency given to a mechanism mode
 _POOR = 1e4  # condition of the coordinates of one subspace by those of another
 _LEAVES = 0.5  # of a pole's state: the share outside a subspace up to which it may continue it
@@ -68,9 +70,10 @@ class PoleSample:
 
     alpha3: float  # rad
     viscous: bool
+    free: bool  # whether the linkage can move freely at 0 Hz
     poles: ComplexArray  # (k,), rad/s
     others: ComplexArray  # all other poles, of each pair the upper, rad/s
-    triangle: Numbers  # (k, k): the poles' Schur form, of the generator d/dt or of k
+    generator: Numbers  # (k, k): has the poles as its eigenvalues, or k for structural damping
     whole: Subspace  # that of all k poles
     totals: ComplexArray  # (N_FIT + N_CHECK, n_triangle): FRFs at `check_lines`, m/N
     _known: dict[bytes, Subspace] = field(default_factory=dict)  # subspaces already found
@@ -78,7 +81,7 @@ class PoleSample:
     @cached_property
     def vectors(self) -> ComplexArray:
         """The states of the poles, (n_states, k), of unit length."""
-        values, vectors = np.linalg.eig(self.triangle)
+        values, vectors = np.linalg.eig(self.generator)
         order = [int(np.abs(values - p).argmin()) for p in _generator_poles(self)]
         states = self.whole.states @ vectors[:, order]
         return np.asarray(states / np.linalg.norm(states, axis=0))
@@ -105,7 +108,7 @@ class PoleSample:
             return bool(wanted[np.abs(mine - complex(re + 1j * im)).argmin()])
 
         output = "real" if self.viscous else "complex"
-        t, z, n = schur(self.triangle, output=output, sort=own)
+        t, z, n = schur(self.generator, output=output, sort=own)
         z, t = z[:, :n], t[:n, :n]
         inertia = z.T @ self.whole.inertia @ z
         left = np.linalg.solve(inertia, z.T @ (self.whole.inertia @ self.whole.left))
@@ -178,35 +181,41 @@ def sample_poles(solution: Solution, root: FloatArray, places: tuple[Place, ...]
         inertia = q.T @ q
         stiffness = inertia @ t
     else:
-        t, q, v, poles, others = _viscous(omega, viscous, limit, response.modes)
+        t, q, v, poles, others = _viscous(omega, viscous, limit, response)
         states = np.vstack([turned @ q, turned @ v / scale])
         inertia = q.T @ viscous @ q + q.T @ v + v.T @ q
         above = np.hstack([(q.T @ viscous + v.T) @ turned.T, scale * q.T @ turned.T])
         stiffness = -inertia @ t
-    left = np.asarray(np.linalg.solve(inertia, above))
-    drawn: Numbers = own @ q if viscous.any() else (own @ q).astype(complex)
-    whole = Subspace(states, left, inertia, stiffness, drawn)
+    basis, turn = np.linalg.qr(states)  # a basis that is well-conditioned
+    back = np.linalg.inv(turn)
+    inertia, stiffness = back.T @ inertia @ back, back.T @ stiffness @ back
+    left = np.asarray(np.linalg.solve(inertia, back.T @ above))
+    shapes: Numbers = own @ q @ back if viscous.any() else (own @ q @ back).astype(complex)
+    whole = Subspace(basis, left, inertia, stiffness, shapes)
     totals = _totals(omega, viscous, loss, own, check_lines(response.band))
     alpha3 = solution.configuration.alpha3
-    return PoleSample(alpha3, not loss.any(), poles, others, t, whole, totals)
+    free = bool(solution.modes.mechanism.any())
+    return PoleSample(alpha3, not loss.any(), free, poles, others, turn @ t @ back, whole, totals)
 
 
 def _viscous(
-    omega: FloatArray, viscous: FloatArray, limit: float, n_modes: int
+    omega: FloatArray, viscous: FloatArray, limit: float, response: Response
 ) -> tuple[FloatArray, FloatArray, FloatArray, ComplexArray, ComplexArray]:
     """Return Schur form, displacements, velocities and poles up to a limit, and the other poles."""
     n = len(omega)
-    first = np.diag(omega)
-    matrix = np.block([[np.zeros((n, n)), first], [-first, -viscous]])
+    # State (S q, q'), so that rounding of the highest modes does not affect the lowest.
+    scale = np.maximum(omega, _LOW * reach(response.band))
+    first, second = np.diag(scale), np.diag(omega**2 / scale)
+    matrix = np.block([[np.zeros((n, n)), first], [-second, -viscous]])
     while True:
         t, z, k = schur(matrix, output="real", sort=lambda re, im, r=limit: math.hypot(re, im) < r)
         poles = np.linalg.eigvals(t[:k, :k]).astype(complex)
-        if k == 2 * n or (poles.imag > 0.0).sum() > n_modes:
+        if k == 2 * n or (poles.imag > 0.0).sum() > response.modes:
             break
         limit *= 2.0
     others = np.linalg.eigvals(t[k:, k:]).astype(complex)
     z = z[:, :k]
-    return t[:k, :k], z[:n] / omega[:, np.newaxis], z[n:], poles, others[others.imag >= 0.0]
+    return t[:k, :k], z[:n] / scale[:, np.newaxis], z[n:], poles, others[others.imag >= 0.0]
 
 
 def _structural(
