@@ -20,7 +20,6 @@ from linkage_vibration.table.tabulation.verification import Bounds, bound_errors
 
 _FINEST, _COARSEST = 1e-11, 1.0  # finer: rounding dominates; coarser: the table has no use
 _SHORTER = 8.0  # the last piece whose rounding was checked, to the next one
-_CLEAR = 20.0  # roundings to a tolerance
 _MORE_FAR, _MOST_FAR = 2, 8  # far poles, if their error is more than half of the tolerance
 
 
@@ -128,21 +127,9 @@ def _refined(tracker: Tracker, waiting: list[list[float]], accuracy: Accuracy) -
             )
         if high - low < suspicious:
             suspicious = (high - low) / _SHORTER
-            _check_rounding(sampler, low, accuracy)
+            sampler.check_rounding(low, accuracy.frequency)
         waiting += _halves(sampler, low, high)
     return pieces
-
-
-def _check_rounding(sampler: Sampler, variable: float, accuracy: Accuracy) -> None:
-    """Refuse a tolerance that rounding prevents."""
-    rounding = sampler.rounding(variable)
-    if rounding > accuracy.frequency / _CLEAR:
-        raise TableError(
-            f"Rounding changes a natural frequency of {sampler.model.mechanism.name} by "
-            f"{rounding:.0e} at alpha3 = {math.degrees(sampler.angle(variable)):.3f} deg, too much "
-            f"for a tolerance of {accuracy.frequency:g}; give at least "
-            f"{_CLEAR * rounding:.0e}, or move apart two points of a link that nearly coincide."
-        )
 
 
 def _check_damping(sampler: Sampler, accuracy: Accuracy) -> None:

@@ -32,6 +32,7 @@ from linkage_vibration.table.tabulation.subspaces import (
     continue_set,
 )
 
+_SHORTER = 8.0  # the last piece whose rounding was checked, to the next one
 _BATCH = 3  # points that are added at once
 _MOST = 48  # points of a piece; if a polynomial needs more, halving the piece needs fewer
 _NARROW = 64  # parts of a piece: a step that is shorter is not halved to tell poles apart
@@ -262,7 +263,7 @@ def build_coupled(sampler: Sampler, accuracy: Accuracy) -> Table:
         If a piece would be too short, or the linkage has too few modes that oscillate.
     """
     tracker, pieces = PoleTracker(sampler), list[ReducedPiece]()
-    waiting = [sampler.ends]
+    waiting, suspicious = [sampler.ends], sampler.length
     while waiting:
         low, high = waiting.pop()
         piece = refine_piece(tracker, first_points(sampler.solved_poles, low, high), accuracy)
@@ -276,6 +277,9 @@ def build_coupled(sampler: Sampler, accuracy: Accuracy) -> Table:
                 f"{math.degrees(sampler.angle(low)):.4f} deg; give a larger tolerance, or fewer "
                 "modes in response.modes, or end the stroke before."
             )
+        if high - low < suspicious:
+            suspicious = (high - low) / _SHORTER
+            sampler.check_rounding(low, accuracy.frequency)
         middle = (low + high) / 2.0
         waiting += [(middle, high), (low, middle)]
     return _table(sampler, pieces)

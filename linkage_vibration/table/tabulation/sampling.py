@@ -25,6 +25,7 @@ _UNDAMPED = 1e-12  # damping ratio that is only rounding
 MOST_SOLUTIONS = 3000
 """Solutions of the model for one table: ten times those of the most difficult shipped linkage."""
 
+_CLEAR = 20.0  # roundings to a tolerance
 _TINY = 1e-8  # of the stroke: a step over which only rounding is not linear
 _SHORTEST = 1e-7  # of the stroke: 1e-5 deg of 90 deg, which no joint sensor resolves
 
@@ -118,15 +119,40 @@ class Sampler:
             self._progress(1.0 - self._unfinished)
         return self.samples[variable]
 
-    def rounding(self, variable: float) -> float:
-        """Return by how much rounding changes natural frequencies at a stroke variable, relative.
+    def check_rounding(self, variable: float, tolerance: float) -> None:
+        """Refuse a tolerance that rounding prevents.
 
-        Over steps of 1e-8 of the stroke they are straight lines, apart from rounding.
+        Over steps of 1e-8 of the stroke undamped frequencies are straight lines, apart from
+        rounding.
+
+        Parameters
+        ----------
+        variable, tolerance
+            Stroke variable; relative tolerance of natural frequencies.
+
+        Raises
+        ------
+        TableError
+            If rounding is more than a twentieth of the tolerance.
         """
         near = [variable + i * _TINY * self.length for i in (0.0, 1.0, 2.0)]
-        rows = [self._solve(self.angle(x)).frequencies[: self.response.modes] for x in near]
-        bend = np.abs(rows[0] - 2.0 * rows[1] + rows[2]) / rows[1]
-        return float(bend.max()) / 2.0
+        rows = [self._undamped(self.angle(x)) for x in near]
+        rounding = float((np.abs(rows[0] - 2.0 * rows[1] + rows[2]) / rows[1]).max()) / 2.0
+        if rounding > tolerance / _CLEAR:
+            raise TableError(
+                f"Rounding changes a natural frequency of {self.model.mechanism.name} by "
+                f"{rounding:.0e} at alpha3 = {math.degrees(self.angle(variable)):.3f} deg, too "
+                f"much for a tolerance of {tolerance:g}; give at least {_CLEAR * rounding:.0e}, or "
+                "move apart two points of a link that nearly coincide."
+            )
+
+    def _undamped(self, alpha3: float) -> FloatArray:
+        """Return undamped natural frequencies, (n_modes,)."""
+        if self._from_frfs:
+            return self._solve(alpha3).frequencies[: self.response.modes]
+        self._count(alpha3)
+        omega = self.model.solve(alpha3).modes.omega
+        return omega[omega >= MECHANISM][: self.response.modes]
 
     def _count(self, alpha3: float) -> None:
         """Refuse to solve the model more often than a table may need."""
