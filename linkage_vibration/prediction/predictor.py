@@ -43,7 +43,8 @@ class Prediction:
     status : Status
         Every number below is NaN unless it is OK or NEAR_TOGGLE.
     natural_frequencies, damping_ratios : ndarray, (n_modes,)
-        Hz and 1.
+        Hz and 1; with their slopes and standard deviations NaN for a mode that is overdamped at
+        this angle. It does not oscillate, so it has no frequency and no resonance.
     frequency_slopes : ndarray, (n_modes,)
         Change of the natural frequencies with alpha3, Hz/rad.
     frequency_stddev : ndarray, (n_modes,)

@@ -63,7 +63,7 @@ def worst(found: list[Moment]) -> list[Moment]:
 
 def angle_shares(log: Log) -> Shares:
     """Return the shares of time over the crank angle, rad, of predictions that have numbers."""
-    angles = np.where(np.isfinite(log.natural_frequencies[:, 0]), log.crank_angle, np.nan)
+    angles = np.where(np.isfinite(log.peak_magnitude), log.crank_angle, np.nan)
     if log.table is not None:
         low, high = log.table.alpha3_range
     else:

@@ -266,12 +266,14 @@ def _summary(log: Log, found: list[Moment], missing: list[tuple[float, float]]) 
 
     held = durations(log)
     add("Drive", f"{_span(log.times[-1])}, {len(log.stamps):,} predictions")
-    known = np.isfinite(log.natural_frequencies[:, 0])
+    known = np.isfinite(log.peak_magnitude)
     if known.any():
         angles = log.crank_angle[known] * DEG
         add("Crank angle", f"{angles.min():.1f} to {angles.max():.1f} deg")
         for mode, values in enumerate(log.natural_frequencies[known].T):
-            add(f"Mode {mode + 1}", f"{values.min():.2f} to {values.max():.2f} Hz")
+            values = values[np.isfinite(values)]  # without those of an overdamped mode
+            found_range = f"{values.min():.2f} to {values.max():.2f} Hz" if len(values) else ""
+            add(f"Mode {mode + 1}", found_range or "overdamped")
         peak = int(np.nanargmax(log.peak_magnitude))
         height, frequency = log.peak_magnitude[peak], log.peak_frequency[peak]
         add("Highest FRF peak", f"{height:.3g} m/N at {frequency:.2f} Hz")

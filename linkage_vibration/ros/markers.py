@@ -126,6 +126,8 @@ class Markers:
         if not prediction.status.has_numbers or mode >= len(prediction.natural_frequencies):
             return []
         frequency = float(prediction.natural_frequencies[mode])
+        if math.isnan(frequency):  # an overdamped mode does not oscillate
+            return []
         solution = served.model.solve(angle)
         moved = geometry.mode_curves(solution, geometry.nearest_mode(solution, frequency))
         shape = np.vstack(list(moved.values()))

@@ -317,7 +317,7 @@ class PoleCells:
             at = [mode, self._n + mode]
             own = cell.branches.get(self._modes[mode]) if mode < len(self._modes) else None
             if own is None:
-                cubics[3, at] = math.nan
+                cubics[:, at] = math.nan
             elif cell.values is not None:
                 cubics[:, at] = cell.values[:, :, own[0]].T
         return cubics / (cell.end - cell.start) ** np.arange(3, -1, -1)[:, np.newaxis]
@@ -347,5 +347,13 @@ class PoleCells:
         """Find the slopes in a cell without cubics, by a difference."""
         cell = self._all[i]
         step = 1e-3 * (cell.end - cell.start)
-        one, other = max(alpha3 - step, cell.start), min(alpha3 + step, cell.end)
-        return np.asarray((self._found(i, other) - self._found(i, one)) / (other - one))
+        before, after = max(alpha3 - step, cell.start), min(alpha3 + step, cell.end)
+        low, own, high = (self._found(i, at) for at in (before, alpha3, after))
+        # Beside the angle at which a mode vanishes, only the side on which it exists counts.
+        low = np.where(np.isnan(low), own, low)
+        high = np.where(np.isnan(high), own, high)
+        begin = np.where(low == own, alpha3, before)
+        end = np.where(high == own, alpha3, after)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            slope = np.where(end > begin, (high - low) / (end - begin), 0.0)
+        return np.asarray(np.where(np.isnan(own), math.nan, slope))

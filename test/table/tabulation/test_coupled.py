@@ -84,6 +84,8 @@ def test_poles_that_become_real() -> None:
         assert np.isfinite(row[:2]).sum() == len(low)
         assert worst_pole_error(table, angle, row, poles) <= 2.0
         vanished += len(low) < 2
+        slopes = np.array(table.frequency_slopes(float(angle)))
+        np.testing.assert_array_equal(np.isnan(slopes), np.isnan(row[:2]))
     assert 0 < vanished < len(angles())
     for angle in (0.4, AT, 1.1):
         peak = model.solve(angle).peak(table.band)
