@@ -11,7 +11,7 @@ from typing import Any
 
 from linkage_vibration.bags.message_types import FLOAT64, JOINT_STATE
 from test.playback.test_replay import START, float64, joint_state, write_mcap
-from test.support.ros_process import JOINT, until
+from test.support.ros_process import JOINT, LIMIT, until
 
 COMMAND = [sys.executable, "-m", "linkage_vibration.cli"]
 
@@ -30,7 +30,12 @@ def test_play_and_watch(
     shown = tmp_path / "shown.txt"
     with shown.open("w") as file:
         watching = subprocess.Popen(
-            [*COMMAND, "watch", "--node", "/played"], stdout=file, stderr=file, env=environment
+            [*COMMAND, "watch", "--node", "/played"],
+            stdout=file,
+            stderr=file,
+            env=environment,
+            # A shell that runs the tests in the background ignores it, and so would the command.
+            preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
         )
     until(lambda: "No prediction on /played/prediction yet" in shown.read_text(), "the hint")
     play = [*COMMAND, "play", str(bag), "--remap", "joint_states:=/arm"]
@@ -39,7 +44,7 @@ def test_play_and_watch(
     assert "161 messages were published." in played.stdout
     until(lambda: "crank" in shown.read_text(), "a prediction")
     watching.send_signal(signal.SIGINT)
-    assert watching.wait() == 0
+    assert watching.wait(LIMIT) == 0
     assert node.stop() == 0
     assert "160 messages received, 160 predictions published." in node.printed
     assert "deg |" in shown.read_text()
