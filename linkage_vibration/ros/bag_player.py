@@ -22,6 +22,7 @@ from linkage_vibration.prediction.settings import Parameters
 from linkage_vibration.ros.endpoints import message_class
 from linkage_vibration_interfaces.msg import VibrationPrediction
 
+SETTLING = 1.0  # s; a subscriber finds a publisher somewhat later than the publisher finds it
 HINT_AFTER = 5.0  # s without what is waited for
 
 
@@ -55,6 +56,7 @@ def play_bag(path: Path, remaps: Mapping[str, str], report: Callable[[str], None
         report(f"Waiting for a subscriber of {publishers[0].topic_name}.")
         while not publishers[0].get_subscription_count():
             time.sleep(0.05)
+        time.sleep(SETTLING)
         report(f"Playing {', '.join(topics)} of {path}.")
         count, offset = 0, None
         for block in bags.blocks([topic.name for topic in topics.values()]):
