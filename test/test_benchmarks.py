@@ -23,6 +23,7 @@ from benchmark.speed.live_picture import draw_live
 from benchmark.speed.picture import draw
 from benchmark.speed.scene import MECHANISM, Scene, changed, frf_error, off_grid
 from benchmark.speed.timing import Spread
+from benchmark.stability import damping
 from linkage_vibration.readers.mechanism import read_mechanism
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -144,3 +145,21 @@ def test_every_benchmark_is_imported_where_make_bench_runs_it(tmp_path: Path) ->
     program = "import importlib, sys; [importlib.import_module(name) for name in sys.argv[1:]]"
     python = checkout / "build/bench/bin/python"
     subprocess.run([python, "-c", program, *BENCHMARKS], cwd=checkout, check=True)
+
+
+def test_pairs_by_similarity_are_wrong() -> None:
+    """The former pairing gives a mode of the hitch a slow and a fast root; the model does not."""
+    solution = damping.HITCH.model(5e3).solve(math.radians(135.0))
+    assert damping.plain_pairs(solution)[1][:3].max() > 1.0
+    assert solution.damping_ratios[:3].max() < 0.1
+
+
+def test_damper_from_zero_to_rigid() -> None:
+    """The strongest damper leaves the modes of a linkage with a stiff spring in its place."""
+    alpha3 = math.radians(damping.FOUR_BAR.alpha3_deg)
+    poles = damping.sweep(damping.FOUR_BAR, np.array([1e8]))[0]
+    found = np.sort(np.abs(poles[poles.imag > 0.0]))[:3] / (2.0 * math.pi)
+    rigid = damping.FOUR_BAR.model(0.0, 1e12).solve(alpha3).natural_frequencies[:3]
+    np.testing.assert_allclose(found, rigid, rtol=1e-4)
+    slow = np.abs(poles[poles.imag == 0.0]).min()
+    assert slow < 1.0

@@ -21,12 +21,13 @@ CASES = (
     "precision",
     "table_edges",
     "peaks",
+    "damping",
 )
 DOCS = Path(__file__).parents[2] / "docs"
 INTRODUCTION = """\
-On this page you find ten cases in which common methods fail, how large their errors are, and what
-this package does in each case: it gives the right answer, or an error that names the cause and how
-to fix the input.
+On this page you find eleven cases in which common methods fail, how large their errors are, and
+what this package does in each case: it gives the right answer, or an error that names the cause and
+how to fix the input.
 
 `make bench ONLY=stability` writes every number and picture here, and the tests that are named check
 them. In addition, `test/properties` checks eight invariants of mechanics with random linkages: 320
