@@ -284,7 +284,7 @@ def _parts(folder: Path) -> Iterator[str]:
     slow = 1.0 + np.sin(0.5e-3 * np.arange(n))[:, np.newaxis] * np.arange(1, 7)
     peak = slow[:, 0], slow[:, 1], slow[:, 2]
     modes = slow, slow, slow, slow
-    found = Predictions(slow[:, 0], np.ones(n, np.uint8), *modes, *peak, "0" * 64)
+    found = Predictions(slow[:, 0], np.ones(n, np.uint8), *modes, *peak, "0" * 64, slow)
     stamps = np.arange(n, dtype=np.int32), np.arange(n, dtype=np.uint32)
     np.save(folder / "rows.npy", encode_predictions(found, *stamps, "base_link"))
     yield f"{n:,} predictions of 6 modes, written to MCAP with zstd:"

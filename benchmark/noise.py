@@ -49,41 +49,54 @@ class Scatter:
         return np.asarray(within.sum(axis=0) / self.answered)
 
 
-def scatter(link: str, share: float, seeds: Sequence[int]) -> Scatter:
+def scatter(link: str, share: float, seeds: Sequence[int], lines: FloatArray = LINES) -> Scatter:
     """Identify the modes of the default linkage with a noisy link, with many seeds.
 
     Parameters
     ----------
-    link, share, seeds
-        The link that is measured; its relative noise, 1; seeds of the noise.
+    link, share, seeds, lines
+        The link that is measured; its relative noise, 1; seeds of the noise; Hz.
     """
     model = LinkageModel(read_mechanism())
     solution = model.solve(ALPHA3)
     inside = solution.natural_frequencies < model.mechanism.response.band[1]
     exact = np.concatenate([solution.natural_frequencies[inside], solution.damping_ratios[inside]])
-    rows = [_identify(model, link, share, seed, int(inside.sum())) for seed in seeds]
+    rows = []
+    for seed in seeds:
+        mixed = with_noise(model, link, share, seed, lines)
+        rows.append(_identify(mixed, int(inside.sum())))
     found, deviations = np.array([row for row, _ in rows]).swapaxes(0, 1)
     return Scatter(exact, found, deviations, sum(spurious for _, spurious in rows))
 
 
-def _identify(
-    model: LinkageModel, link: str, share: float, seed: int, count: int
-) -> tuple[FloatArray, bool]:
-    """Return modes and standard deviations, (2, 2 count), and whether there are spurious modes."""
+def with_noise(
+    model: LinkageModel, link: str, share: float, seed: int, lines: FloatArray = LINES
+) -> LinkageModel:
+    """Return a model one of whose links is known by its FRFs, with noise.
+
+    Parameters
+    ----------
+    model, link, share, seed, lines
+        As `scatter` takes them; the model has matrices.
+    """
     at = next(i for i, body in enumerate(model.mechanism.links) if body.name == link)
     part, body = model.components[at], model.mechanism.links[at]
     assert isinstance(part, Component)
-    assert part.name == link
     n = len(part.dofs)
-    frf = body.count * component_frf(part.mass, part.stiffness, part.damping, n, LINES)
+    frf = body.count * component_frf(part.mass, part.stiffness, part.damping, n, lines)
     rng = np.random.default_rng(seed)
     noise = rng.standard_normal(frf.shape) + 1j * rng.standard_normal(frf.shape)
     frf = frf * (1.0 + share * noise / math.sqrt(2.0))
     links = list(model.mechanism.links)
-    links[at] = replace(body, body=Frfs(part.dofs, LINES, frf))
+    links[at] = replace(body, body=Frfs(part.dofs, lines, frf))
     mechanism = replace(model.mechanism, links=tuple(links))
+    return LinkageModel(mechanism, kinematics=model.kinematics)
+
+
+def _identify(mixed: LinkageModel, count: int) -> tuple[FloatArray, bool]:
+    """Return modes and standard deviations, (2, 2 count), and whether there are spurious modes."""
     try:
-        found = LinkageModel(mechanism, kinematics=model.kinematics).identify(ALPHA3)
+        found = mixed.identify(ALPHA3)
     except LinkageVibrationError:
         return np.full((2, 2 * count), math.nan), False
     if len(found.natural_frequencies) != count:

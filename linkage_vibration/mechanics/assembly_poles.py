@@ -9,7 +9,7 @@ derivative of B H B^T + S. So the noise of measured links gives the variances of
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -17,14 +17,12 @@ from linkage_vibration.mechanics.arrays import BoolArray, ComplexArray, FloatArr
 from linkage_vibration.mechanics.compatibility import Joining
 from linkage_vibration.mechanics.components import Component, FrfComponent
 from linkage_vibration.mechanics.fbs import component_receptance, independent_rows
-from linkage_vibration.mechanics.identification import IdentificationError, IdentifiedModes
 
 _STEP = 1e-5  # of a pole, for the derivative
 _STEPS = 20
 _CLOSE = 1e-9  # step of a pole that has converged, relative
 _SAME = 1e-6  # distance of two poles that are one, relative
 _UNCERTAIN = 0.1  # standard deviation of a frequency, relative, of a mode that noise makes
-_DOMINANT = 0.5  # share of an FRF
 _MOVES = 1e-3  # of a pole: one farther away than this, and than its decay rate, is another
 
 
@@ -44,8 +42,19 @@ class AssemblyPole:
         return np.array([frequency / (2.0 * math.pi), ratio]) / -self.slope
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Mode:
+    """A mode of the assembly, and its standard deviations."""
+
+    pole: AssemblyPole
+    frequency_stddev: float  # Hz
+    damping_ratio_stddev: float  # 1
+
+
 class Assembly:
     """Components, some of them measured, joined in one configuration.
+
+    Its ``modes`` are those that `confirm` found last.
 
     Parameters
     ----------
@@ -66,6 +75,7 @@ class Assembly:
         kept = joining.compatibility[:, ~held].any(axis=1)
         rigid, _ = independent_rows(joining.compatibility[kept], 0.0)
         self._rows = np.vstack([rigid, joining.elongation])
+        self.modes: list[Mode] = []
         self._rigid = np.zeros(len(rigid))
         self._joining = joining
         ends = np.cumsum([len(component.dofs) for component in components]).tolist()
@@ -74,48 +84,23 @@ class Assembly:
             (c, held[own], self._rows[:, own]) for c, own in zip(components, owns, strict=True)
         ]
 
-    def confirmed(self, identified: IdentifiedModes) -> tuple[IdentifiedModes, FloatArray]:
-        """Return the modes that the assembly has, with their exact poles, and standard deviations.
+    def confirm(self, poles: ComplexArray) -> BoolArray:
+        """Return which of some identified poles, (n,), rad/s, are modes of the assembly.
 
-        Identified modes that are no poles of the assembly, or whose standard deviation exceeds a
-        tenth of their natural frequency, are spurious and are left out.
-
-        Parameters
-        ----------
-        identified : IdentifiedModes
-            Modes identified from the coupled FRFs.
-
-        Returns
-        -------
-        IdentifiedModes
-            The modes.
-        ndarray, (2, n_modes)
-            Standard deviations of natural frequencies (Hz) and damping ratios (1).
-
-        Raises
-        ------
-        IdentificationError
-            If a spurious mode dominates an FRF.
+        The others are no poles of the assembly, or their standard deviation exceeds a tenth of
+        their natural frequency: noise makes them.
         """
-        modes: list[AssemblyPole] = []
-        deviations = []
-        kept = np.zeros(len(identified.poles), dtype=np.bool_)
-        for i, start in enumerate(identified.poles):
-            one = self._refined(complex(start))
-            deviation = np.full(2, math.inf) if one is None else self._deviations(one)
-            certain = deviation[0] <= _UNCERTAIN * identified.omega[i] / (2.0 * math.pi)
-            if one is not None and certain and all(_differ(one, mode) for mode in modes):
+        self.modes.clear()
+        kept = np.zeros(len(poles), dtype=np.bool_)
+        for i, start in enumerate(poles):
+            pole = self._refined(complex(start))
+            if pole is None or any(_same(pole, mode.pole) for mode in self.modes):
+                continue
+            mode = Mode(pole, *self._deviations(pole).tolist())
+            if mode.frequency_stddev <= _UNCERTAIN * abs(pole.pole) / (2.0 * math.pi):
                 kept[i] = True
-                modes.append(one)
-                deviations.append(deviation)
-            elif identified.shares[i] > _DOMINANT:
-                raise IdentificationError(
-                    f"The mode that the coupled FRFs show at "
-                    f"{identified.omega[i] / (2.0 * math.pi):.4g} Hz is due to noise; average more "
-                    "measurements, or measure up to higher frequencies."
-                )
-        poles = np.array([mode.pole for mode in modes])
-        return replace(identified.select(kept), poles=poles), np.array(deviations).T
+                self.modes.append(mode)
+        return kept
 
     def _deviations(self, mode: AssemblyPole) -> FloatArray:
         """Return standard deviations of the natural frequency (Hz) and the damping ratio, (2,)."""
@@ -159,6 +144,6 @@ class Assembly:
         return found
 
 
-def _differ(first: AssemblyPole, second: AssemblyPole) -> bool:
-    """Return whether two poles are not one."""
-    return abs(first.pole - second.pole) > _SAME * abs(first.pole)
+def _same(first: AssemblyPole, second: AssemblyPole) -> bool:
+    """Return whether two poles are one."""
+    return abs(first.pole - second.pole) <= _SAME * abs(first.pole)

@@ -23,7 +23,7 @@ Differences from the textbook, so that one fit finds modes at 3 Hz and at 200 Hz
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -61,7 +61,6 @@ class IdentifiedModes:
     poles: ComplexArray  # (n_modes,): p = -zeta w0 + i w0 sqrt(1 - zeta^2), rad/s
     residues: ComplexArray  # (n_modes, n_out, n_in): R, m/(N s) between displacements
     shapes: FloatArray  # (n_out, n_modes): real, mass-normalised, positive at the drive point
-    shares: FloatArray  # (n_modes,): the largest share of a mode in an FRF at its resonance, 1
 
     @property
     def omega(self) -> FloatArray:
@@ -73,12 +72,6 @@ class IdentifiedModes:
         """Damping ratios, (n_modes,), 1."""
         return np.asarray(-self.poles.real / np.abs(self.poles))
 
-    def select(self, modes: BoolArray) -> "IdentifiedModes":
-        """Return some of the modes, (n_modes,)."""
-        return IdentifiedModes(
-            self.poles[modes], self.residues[modes], self.shapes[:, modes], self.shares[modes]
-        )
-
 
 def identify(
     frequencies: FloatArray,
@@ -87,6 +80,7 @@ def identify(
     *,
     drive_point: tuple[int, int] = (0, 0),
     max_order: int = 60,
+    confirm: Callable[[ComplexArray], BoolArray] | None = None,
 ) -> IdentifiedModes:
     """Identify the modes in a band from receptances.
 
@@ -109,6 +103,8 @@ def identify(
     max_order : int
         Poles of the largest model: twice the modes in and near the band, and as many again for
         noise. At most a third of the number of lines is used.
+    confirm : callable, optional
+        Tells which of some poles, (n,), rad/s, are modes; the others are spurious and left out.
 
     Raises
     ------
@@ -137,6 +133,8 @@ def identify(
     faint = np.clip(_ABOVE_NOISE * noise * doubt**2, _FAINT, _SURE)
     shares = _prominence(omega, frf, poles, residues)
     modes = recurring & inside & (shares > faint)
+    if confirm is not None:
+        modes[modes] = confirm(poles[modes])
     if not modes.any():
         raise IdentificationError(
             f"No mode is visible between {band[0]:g} and {band[1]:g} Hz; widen the band, refine "
@@ -145,7 +143,7 @@ def identify(
     _check_resolution(frequencies, poles[modes])
     _check_complete(omega, frf, poles[modes | ~inside], band)
     poles, residues = poles[modes], residues[modes]
-    return IdentifiedModes(poles, residues, _shapes(poles, residues, drive_point), shares[modes])
+    return IdentifiedModes(poles, residues, _shapes(poles, residues, drive_point))
 
 
 def fit_poles(

@@ -240,13 +240,17 @@ class LinkageModel:
         # DoFs that the ground holds move by rounding alone, which is not a shape.
         size = np.linalg.norm(frf[:, :, 0], axis=0)
         moving = size > _STILL * size.max()
-        identified = identify(frequencies, frf[:, moving], response.band)
         assembly = Assembly(self.components, self._held, joining)
-        identified, (frequency, ratio) = assembly.confirmed(identified)
+        identified = identify(frequencies, frf[:, moving], response.band, confirm=assembly.confirm)
         shapes = np.zeros((len(every), len(identified.poles)))
         shapes[moving] = identified.shapes
-        found = replace(identified, shapes=shapes)
-        return IdentifiedSolution(configuration, found, frequency, ratio)
+        poles = np.array([mode.pole.pole for mode in assembly.modes])
+        return IdentifiedSolution(
+            configuration,
+            replace(identified, poles=poles, shapes=shapes),
+            np.array([mode.frequency_stddev for mode in assembly.modes]),
+            np.array([mode.damping_ratio_stddev for mode in assembly.modes]),
+        )
 
     def _couple(
         self,

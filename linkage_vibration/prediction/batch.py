@@ -24,6 +24,7 @@ class Predictions:
     natural_frequencies, damping_ratios : ndarray, (n, n_modes)
     frequency_slopes, frequency_stddev : ndarray, (n, n_modes)
     table_id : str
+    damping_ratio_stddev : ndarray, (n, n_modes)
     """
 
     crank_angle: FloatArray
@@ -36,6 +37,7 @@ class Predictions:
     frf_peak_magnitude: FloatArray
     interpolation_error: FloatArray
     table_id: str
+    damping_ratio_stddev: FloatArray
 
 
 def predict_many(predictor: Predictor, alpha3: FloatArray, stddev: FloatArray) -> Predictions:
@@ -59,12 +61,15 @@ def predict_many(predictor: Predictor, alpha3: FloatArray, stddev: FloatArray) -
     sound = (first <= angles) & (angles <= last)
 
     status = np.empty(n, np.uint8)
-    per_mode = np.empty((4, n, modes))
+    per_mode = np.empty((5, n, modes))
     single = np.empty((3, n))
     status[inside] = np.where(sound, Status.OK, Status.NEAR_TOGGLE)
     ratios = values[:, modes : 2 * modes]
     stddevs = np.abs(slopes) * stddev[inside, np.newaxis]
-    per_mode[:, inside] = values[:, :modes], ratios, slopes, stddevs
+    noise, ratio_stddevs = table.deviations(angles)
+    if table.measured:
+        stddevs = np.hypot(stddevs, noise)
+    per_mode[:, inside] = values[:, :modes], ratios, slopes, stddevs, ratio_stddevs
     single[:2, inside] = values[:, 2 * modes :].T
     single[2, inside] = table.interpolation_error[piece]
     # The rest is out of range, not finite, or belongs to a crank that turns all the way.
@@ -72,8 +77,9 @@ def predict_many(predictor: Predictor, alpha3: FloatArray, stddev: FloatArray) -
         one = predictor.predict(float(alpha3[i]), float(stddev[i]))
         status[i] = one.status
         per_mode[:2, i] = one.natural_frequencies, one.damping_ratios
-        per_mode[2:, i] = one.frequency_slopes, one.frequency_stddev
+        per_mode[2:4, i] = one.frequency_slopes, one.frequency_stddev
+        per_mode[4, i] = one.damping_ratio_stddev
         single[:, i] = one.frf_peak_frequency, one.frf_peak_magnitude, one.interpolation_error
-    frequencies, ratios, rates, stddevs = per_mode
+    frequencies, ratios, rates, stddevs, ratio_stddevs = per_mode
     columns = alpha3, status, frequencies, ratios, rates, stddevs, single[0], single[1], single[2]
-    return Predictions(*columns, table.table_id)
+    return Predictions(*columns, table.table_id, ratio_stddevs)

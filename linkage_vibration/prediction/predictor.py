@@ -48,13 +48,16 @@ class Prediction:
     frequency_slopes : ndarray, (n_modes,)
         Change of the natural frequencies with alpha3, Hz/rad.
     frequency_stddev : ndarray, (n_modes,)
-        Standard deviation of the natural frequencies, Hz.
+        Standard deviation of the natural frequencies, Hz, by the angle and by the noise of measured
+        links.
     frf_peak_frequency, frf_peak_magnitude : float
         Hz and m/N.
     interpolation_error : float
         Estimated relative error of the worst natural frequency, 1.
     table_id : str
         Identifies the table of the numbers.
+    damping_ratio_stddev : ndarray, (n_modes,)
+        Standard deviation of the damping ratios, 1.
     """
 
     crank_angle: float
@@ -67,6 +70,7 @@ class Prediction:
     frf_peak_magnitude: float
     interpolation_error: float
     table_id: str
+    damping_ratio_stddev: FloatArray
 
 
 def fault(prediction: Prediction, alpha3_range: tuple[float, float]) -> str:
@@ -108,6 +112,7 @@ class Predictor:
         self._sound_low, self._sound_high = table.sound_range
         self._turns = self._high - self._low >= _TURN * (1.0 - 1e-12)
         self._n_modes = table.n_modes
+        self._measured = table.measured
         self._table_id = table.table_id
         table.interpolate(self._low)  # the table prepares itself at the first use
 
@@ -135,7 +140,8 @@ class Predictor:
             abs(df/dalpha3) stddev. This is too small at an extremum of a frequency, where only the
             second-order term abs(d2f/dalpha3^2) stddev^2 / sqrt(2) is left. At a distance d from
             a toggle, where frequencies vary with sqrt(d), it is too small by the fraction
-            7/16 (stddev / d)^2; within a few stddev it is meaningless.
+            7/16 (stddev / d)^2; within a few stddev it is meaningless. The standard deviation by
+            the noise of measured links is added as the root of the sum of squares.
         """
         alpha3 = float(alpha3)  # a NumPy number of another precision would change the arithmetic
         angle = self.angle_in_table(alpha3)
@@ -144,6 +150,11 @@ class Predictor:
         values, peak_frequency, peak_magnitude, error = self.table.interpolate(angle)
         n = self._n_modes
         slopes = self.table.frequency_slopes(angle)
+        frequency_stddev = np.array([abs(slope) * stddev for slope in slopes])
+        ratio_stddev = np.zeros(n)
+        if self._measured:
+            noise, ratio_stddev = self.table.deviations(np.array([angle]))[:, 0]
+            frequency_stddev = np.hypot(frequency_stddev, noise)
         sound = self._sound_low <= angle <= self._sound_high
         return Prediction(
             crank_angle=alpha3,
@@ -151,15 +162,16 @@ class Predictor:
             natural_frequencies=np.array(values[:n]),
             damping_ratios=np.array(values[n:]),
             frequency_slopes=np.array(slopes),
-            frequency_stddev=np.array([abs(slope) * stddev for slope in slopes]),
+            frequency_stddev=frequency_stddev,
             frf_peak_frequency=peak_frequency,
             frf_peak_magnitude=peak_magnitude,
             interpolation_error=error,
             table_id=self._table_id,
+            damping_ratio_stddev=ratio_stddev,
         )
 
     def _refuse(self, alpha3: float) -> Prediction:
         unknown, nan = np.full(self._n_modes, math.nan), math.nan
         status = Status.OUT_OF_RANGE if math.isfinite(alpha3) else Status.INVALID_ANGLE
         modes = unknown, unknown, unknown, unknown
-        return Prediction(alpha3, status, *modes, nan, nan, nan, self._table_id)
+        return Prediction(alpha3, status, *modes, nan, nan, nan, self._table_id, unknown)

@@ -33,7 +33,7 @@ def check_interfaces() -> None:
     """
     one, two, three, four = np.array([[2.0, 3.0], [4.0, 5.0], [6.0, 7.0], [8.0, 9.0]])
     near, warning = Status.NEAR_TOGGLE, ResonanceState.WARNING
-    prediction = Prediction(1.0, near, one, two, three, four, 10.0, 11.0, 12.0, "table")
+    prediction = Prediction(1.0, near, one, two, three, four, 10.0, 11.0, 12.0, "table", one)
     resonance = Resonance(warning, "engine 1", 1.0, 2, 3.0, 4.0, 5.0, -1, 6.0, "table")
     _check_names(TABLE_INFO)
     _check_values(PREDICTION, prediction, encode_prediction(prediction, 1, 2, "frame"))

@@ -59,7 +59,11 @@ UNITS = {
     "reduced_far": "SI",
 }
 
+NOISE_UNITS = {"frequency_stddev": "Hz", "damping_ratio_stddev": "1"}
+"""Arrays that only tables of measured links have."""
+
 POINTWISE = (
+    *NOISE_UNITS,
     "alpha3",
     "natural_frequencies",
     "damping_ratios",
@@ -134,6 +138,8 @@ class Table:
     reduced_inertia, reduced_stiffness, reduced_shapes, reduced_far : ndarray, (...,)
         Where damping couples the modes, the numbers of the `ReducedModels` at every point of every
         piece, one piece after the other. The response point is the first of their places.
+    frequency_stddev, damping_ratio_stddev : ndarray, (n, n_modes)
+        Standard deviations by the noise of measured links, Hz and 1; (n, 0) without such links.
     model_hash, mechanism_name, package_version : str
         Of the mechanism from which it was built, and of the package that built it.
     """
@@ -164,6 +170,8 @@ class Table:
     reduced_stiffness: Numbers
     reduced_shapes: Numbers
     reduced_far: Numbers
+    frequency_stddev: FloatArray
+    damping_ratio_stddev: FloatArray
     model_hash: str
     mechanism_name: str
     package_version: str
@@ -194,12 +202,34 @@ class Table:
     def checksum(self) -> str:
         """SHA-256 of every array and of the metadata."""
         digest = hashlib.sha256(json.dumps(self._metadata(), sort_keys=True).encode())
-        for name in UNITS:
+        for name in self._names:
             array = np.ascontiguousarray(getattr(self, name))
             array = array.astype(array.dtype.newbyteorder("<"), copy=False)
             digest.update(f"{name}{array.shape}{array.dtype.kind}".encode())
             digest.update(array.tobytes())
         return digest.hexdigest()
+
+    @property
+    def measured(self) -> bool:
+        """Whether links are known by FRFs, so that modes have standard deviations."""
+        return self.frequency_stddev.size > 0
+
+    def deviations(self, alpha3: FloatArray) -> FloatArray:
+        """Return the standard deviations by noise at angles, (2, n, n_modes), Hz and 1.
+
+        They are interpolated linearly, and 0 without measured links.
+
+        Parameters
+        ----------
+        alpha3 : ndarray, (n,)
+            rad, within the range.
+        """
+        if not self.measured:
+            return np.zeros((2, len(alpha3), self.n_modes))
+        arrays = self.frequency_stddev, self.damping_ratio_stddev
+        return np.array(
+            [np.array([np.interp(alpha3, self.alpha3, c) for c in values.T]).T for values in arrays]
+        )
 
     def interpolate(self, alpha3: float) -> tuple[list[float], float, float, float]:
         """Evaluate the values of a prediction at an angle (rad) within the range.
@@ -406,6 +436,11 @@ class Table:
         magnitudes[:, notable] = interpolate_positive(matrix, own)
         return np.hstack([frequencies, others, magnitudes])
 
+    @property
+    def _names(self) -> tuple[str, ...]:
+        """Names of the arrays in the file."""
+        return (*UNITS, *NOISE_UNITS) if self.measured else tuple(UNITS)
+
     def _metadata(self) -> dict[str, Any]:
         return {
             "format": FORMAT,
@@ -435,7 +470,7 @@ def table_bytes(table: Table) -> bytes:
     """Return a table as one ``.npz``: an array for each quantity, and JSON metadata."""
     metadata = json.dumps({**table._metadata(), "checksum": table.checksum}, sort_keys=True)
     archive = io.BytesIO()
-    arrays = {name: getattr(table, name) for name in UNITS}
+    arrays = {name: getattr(table, name) for name in table._names}
     np.savez_compressed(archive, metadata=np.array(metadata), **arrays)
     return archive.getvalue()
 
@@ -492,6 +527,8 @@ def _read(path: Path) -> Table:
             if metadata["format"] != FORMAT or metadata["units"] != UNITS:
                 raise TableError(f"{path}: is a table of another format; {rebuild}")
             arrays = {name: archive[name] for name in UNITS}
+            unknown = np.empty((len(arrays["alpha3"]), 0))
+            arrays |= {name: archive.get(name, unknown) for name in NOISE_UNITS}
         if arrays["alpha3"].dtype != np.float64:
             raise TableError(f"{path}: is damaged (its angles are not numbers); {rebuild}")
         toggles, frf_error = metadata["toggles_rad"], metadata["frf_error"]

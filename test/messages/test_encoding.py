@@ -33,7 +33,17 @@ def test_bytes_are_what_ros_reads(
 
     numbers = np.linspace(1.0, 2.0, modes)
     prediction = Prediction(
-        angle, Status.OK, numbers, -numbers, 0.5 * numbers, 2.0 * numbers, 3.0, 4.0, 5e-7, table
+        angle,
+        Status.OK,
+        numbers,
+        -numbers,
+        0.5 * numbers,
+        2.0 * numbers,
+        3.0,
+        4.0,
+        5e-7,
+        table,
+        numbers,
     )
     encoded = encode_prediction(prediction, sec, 7, frame)
     message = deserialize_message(encoded, VibrationPrediction)
@@ -86,7 +96,7 @@ def test_faults_in_words(degrees: float, words: str) -> None:
     none = np.full(3, math.nan)
     nan = math.nan
     prediction = Prediction(
-        math.radians(degrees), status, none, none, none, none, nan, nan, nan, "table"
+        math.radians(degrees), status, none, none, none, none, nan, nan, nan, "table", none
     )
     text = fault(prediction, (math.pi / 2.0, math.pi))
     assert words in text

@@ -8,14 +8,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from linkage_vibration.mechanics.arrays import BoolArray, ComplexArray, IntArray
+from linkage_vibration.mechanics.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from linkage_vibration.mechanics.response import FarPoles, PoleResidue, far_poles
 from linkage_vibration.support.version import VERSION
 from linkage_vibration.table.table import Table
 from linkage_vibration.table.tabulation.accuracy import Accuracy
 from linkage_vibration.table.tabulation.peaks import SILENT, notable
 from linkage_vibration.table.tabulation.refinement import Piece
-from linkage_vibration.table.tabulation.sampling import Sampler, Terms
+from linkage_vibration.table.tabulation.sampling import Sample, Sampler, Terms
 from linkage_vibration.table.tabulation.tracking import Tracked
 
 
@@ -40,6 +40,10 @@ def assemble(
     fitted = tracked.only(tracked.at(variables))
     bounds = [variables.index(piece.fitted[0]) for piece in pieces] + [len(variables) - 1]
     absent = np.isnan(fitted.peak_magnitudes)
+    samples = [sampler.at(x) for x in variables]
+    deviations = np.array(
+        [_deviations(*pair, n) for pair in zip(samples, fitted.orders, strict=True)]
+    )
     table = Table(
         alpha3=np.array([sampler.at(x).alpha3 for x in variables]),
         pieces=np.array(bounds, dtype=np.int64),
@@ -67,6 +71,8 @@ def assemble(
         reduced_stiffness=np.zeros(0),
         reduced_shapes=np.zeros(0),
         reduced_far=np.zeros(0),
+        frequency_stddev=deviations[:, 0],
+        damping_ratio_stddev=deviations[:, 1],
         model_hash=sampler.model.mechanism.model_hash,
         mechanism_name=sampler.model.mechanism.name,
         package_version=VERSION,
@@ -75,6 +81,13 @@ def assemble(
     return (
         table if len(terms) < len(variables) else _with_frfs(table, sampler, fitted, terms, n_far)
     )
+
+
+def _deviations(sample: Sample, order: IntArray, n_modes: int) -> FloatArray:
+    """Return the standard deviations of the tracked modes, (2, n_modes), or (2, 0)."""
+    if sample.deviations is None:
+        return np.empty((2, 0))
+    return sample.deviations[:, order[:n_modes]]
 
 
 def _notable(

@@ -4,7 +4,7 @@
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -52,6 +52,8 @@ class Sample:
     edges: FloatArray  # (2, 2): the same at the ends of the band
     drive: PoleResidue  # the drive-point receptance
     terms: Terms | None  # None if the model has no such terms
+    # (2, n): standard deviations of frequencies (Hz) and ratios by the noise of measured links.
+    deviations: FloatArray | None = None
 
     @cached_property
     def peak(self) -> Peak:
@@ -232,9 +234,11 @@ class Sampler:
         if self._from_frfs:
             found = self.model.identify(alpha3)
             every = np.arange(len(found.modes.omega))
-            return self._sample(
+            sample = self._sample(
                 alpha3, found.modes, found.damping_ratios, every, found.drive_point, None
             )
+            deviations = np.array([found.frequency_stddev, found.damping_ratio_stddev])
+            return replace(sample, deviations=deviations)
         solution = self.model.solve(alpha3)
         self.free_modes = max(self.free_modes, int(solution.modes.mechanism.sum()))
         if solution.damped.shapes is not None:
