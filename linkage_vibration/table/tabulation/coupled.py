@@ -320,6 +320,8 @@ def _table(sampler: Sampler, pieces: Sequence[ReducedPiece]) -> Table:
         reduced_stiffness=np.concatenate([each.stiffness.ravel() for each in models]),
         reduced_shapes=np.concatenate([each.shapes.ravel() for each in models]),
         reduced_far=np.concatenate([each.far.weights.ravel() for each in models]),
+        frequency_stddev=nothing.real,
+        damping_ratio_stddev=nothing.real,
         model_hash=sampler.model.mechanism.model_hash,
         mechanism_name=sampler.model.mechanism.name,
         package_version=VERSION,
