@@ -5,9 +5,11 @@
 from typing import Any
 
 import numpy as np
+from scipy.optimize import linear_sum_assignment
 
 from linkage_vibration.drawing.geometry import largest, mode_curves, nearest_mode, scene, size
 from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.table.table import Table
@@ -101,6 +103,8 @@ def receptance_grid(mechanism: Mechanism, table: Table) -> dict[str, Any] | None
         parts = [k.real, k.imag, frf.decay, residue.real, residue.imag, rate.real, rate.imag]
         terms.append(np.column_stack(parts))
         residuals.append(frf.residual[0, 0])
+    if len(table.reduced_orders):
+        terms = _continued(terms)
     return {
         "place": " ".join(place),
         "band": [max(table.band[0], 0.0), table.band[1]],
@@ -110,3 +114,39 @@ def receptance_grid(mechanism: Mechanism, table: Table) -> dict[str, Any] | None
         "residual": np.column_stack([np.real(residuals), np.imag(residuals)]),
         "frequencies": table.evaluate(angles)[:, : table.n_modes],
     }
+
+
+def _continued(terms: list[FloatArray]) -> list[FloatArray]:
+    """Order the terms of each angle so that each continues the one at the previous angle.
+
+    Where damping couples the modes, the terms of a table have no order, and poles that become real
+    may change their number. A term without a counterpart gets one with the same poles that does not
+    respond.
+
+    Parameters
+    ----------
+    terms : list of ndarray, (n_terms, 7)
+        At each angle; the number of terms may differ.
+    """
+    found = [terms[0]]
+    for here in terms[1:]:
+        before = found[-1]
+        one, other = _poles(before)[:, np.newaxis], _poles(here)
+        left, right = linear_sum_assignment(np.abs(one - other) / (np.abs(one) + np.abs(other)))
+        after = _silent(before)
+        after[left] = here[right]
+        new = np.delete(here, right, axis=0)
+        found = [np.vstack([past, _silent(new)]) for past in found]
+        found.append(np.vstack([after, new]))
+    return found
+
+
+def _poles(terms: FloatArray) -> np.ndarray[Any, np.dtype[np.complex128]]:
+    """Return one pole of each term, (n_terms,), rad/s."""
+    half = terms[:, 2] / 2.0
+    return np.asarray(-half + np.sqrt(half**2 - (terms[:, 0] + 1j * terms[:, 1])))
+
+
+def _silent(terms: FloatArray) -> FloatArray:
+    """Return terms with the same poles that do not respond."""
+    return np.asarray(np.hstack([terms[:, :3], np.zeros_like(terms[:, 3:])]))

@@ -33,7 +33,8 @@ class Result:
 
     scene: Scene
     alpha3: float  # rad
-    frequencies: FloatArray  # Hz, ascending, without rigid-body modes
+    # Hz, ascending, without rigid-body modes; those of a table are NaN for overdamped modes.
+    frequencies: FloatArray
     peak: float  # m/N
     frf: PoleResidue | None  # None without places
 
@@ -55,9 +56,13 @@ class Result:
         """Return the relative errors from an exact result, (3,), in the order of `Errors`."""
         low, high = self.scene.band
         within = exact.frequencies[exact.frequencies <= high]
+        known = self.frequencies[np.isfinite(self.frequencies)]
         if len(self.frequencies) < len(within):
             return np.full(3, math.inf)
-        apart = np.abs(self.frequencies[: len(within)] / within - 1.0)[within >= low]
+        if len(known) < len(self.frequencies):  # the others are overdamped
+            nearest = np.abs(np.subtract.outer(known, exact.frequencies)).argmin(axis=1)
+            known, within = known[known <= high], exact.frequencies[nearest][known <= high]
+        apart = np.abs(known[: len(within)] / within - 1.0)[within >= low]
         peak = abs(self.peak / exact.peak - 1.0) if 0.0 < exact.peak < math.inf else 0.0
         frf = 0.0
         if self.frf is not None:
