@@ -201,10 +201,9 @@ def _spring(keys: Keys, name: str, points: dict[str, dict[str, Point]]) -> Sprin
         raise keys.error(
             "damping", f"{damping:g} would add energy; give 0 or a positive damping constant."
         )
-    if damping == 0.0:
-        stiffness = keys.number("stiffness", positive=True)
-    else:
-        stiffness = keys.number("stiffness", default=0.0)
+    stiffness = keys.number("stiffness", default=0.0)
+    if stiffness == damping == 0.0:
+        raise keys.error("stiffness", "is 0, as is damping; give a positive stiffness or damping.")
     if stiffness < 0.0:
         raise keys.error(
             "stiffness",

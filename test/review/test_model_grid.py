@@ -14,6 +14,8 @@ from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.review.model_grid import linkage_grid, receptance_grid
 from linkage_vibration.support.resources import DEFAULT_TABLE, config_file
 from linkage_vibration.table.table import load_table
+from linkage_vibration.table.tabulation import build_table
+from test.support.crossing import crossing_crank
 
 Grid = dict[str, Any]
 
@@ -63,3 +65,25 @@ def test_no_frf_no_waterfall(mechanism: Mechanism) -> None:
     """A table without the drive point gives no receptance."""
     table = load_table(config_file(DEFAULT_TABLE))
     assert receptance_grid(mechanism, replace(table, places=table.places[2:])) is None
+
+
+def test_terms_of_a_mode_that_becomes_real() -> None:
+    """Each term continues the one at the angle before, also where two poles become real."""
+    mechanism = crossing_crank(0.2, 0.8137, 0.01, 3e3)
+    table = build_table(LinkageModel(mechanism), 1e-4)
+    found = receptance_grid(mechanism, table)
+    assert found is not None
+    assert np.isnan(found["frequencies"]).any() and np.isfinite(found["frequencies"]).any()
+    point, direction = found["place"].split()
+    frequencies = np.linspace(1.0, 59.0, 117)
+    w = 2.0 * np.pi * frequencies[:, np.newaxis]
+    off = []
+    for i in range(0, len(found["angles"]) - 1, 5):
+        kr, ki, c, rr, ri, tr, ti = found["terms"][i : i + 2].mean(axis=0).T
+        terms = (rr + 1j * ri + 1j * w * (tr + 1j * ti)) / (kr + 1j * ki - w**2 + 1j * w * c)
+        mixed = terms.sum(axis=1) + found["residual"][i : i + 2].mean(axis=0) @ [1.0, 1j]
+        halfway = float(found["angles"][i : i + 2].mean())
+        place = [(point, direction)]
+        exact = table.frf(halfway, place, place).frf(frequencies)[:, 0, 0]
+        off.append(np.linalg.norm(mixed - exact) / np.linalg.norm(exact))
+    assert max(off) < 1e-2

@@ -120,10 +120,13 @@ def _refined(tracker: Tracker, waiting: list[list[float]], accuracy: Accuracy) -
             continue
         low, high = fitted[0], fitted[-1]
         if high - low < 2.0 * sampler.shortest:
+            fix = "give a larger tolerance"
+            if sampler.free_modes:
+                fix += ", hold it (nothing does), or begin response.band_hz well above 0 Hz"
             raise TableError(
                 f"{sampler.model.mechanism.name} changes too quickly at alpha3 = "
                 f"{math.degrees(sampler.angle(low)):.4f} deg for a tolerance of "
-                f"{accuracy.frequency:g}; give a larger tolerance."
+                f"{accuracy.frequency:g}; {fix}."
             )
         if high - low < suspicious:
             suspicious = (high - low) / _SHORTER

@@ -15,6 +15,7 @@ from linkage_vibration.mechanics.response import reach
 from linkage_vibration.table.interpolation import stroke_angle, stroke_variable
 from linkage_vibration.table.pole_cells import (
     CELL_ERROR,
+    FIRST_CELLS,
     Cell,
     PolePiece,
     make_cells,
@@ -134,24 +135,38 @@ def compare(
     far_error : float
         Relative error of FRFs that far poles cause at the points.
     """
+    grid = np.linspace(fine.variables[0], fine.variables[-1], FIRST_CELLS + 1)
+    if _differ(coarse.modal(grid), fine.modal(grid), fine, accuracy) is None:
+        return None  # before cells are made, which takes longer
     cells = make_cells(fine.piece)
     angles = np.array([[cell.start, (cell.start + cell.end) / 2.0] for cell in cells]).ravel()
     at = stroke_variable(angles, fine.toggles)
     one, other = coarse.modal(at), fine.modal(at)
-    shifts = [
-        _pole_error(found, fine._compared(exact))
-        for found, exact in zip(one.frequencies, other.frequencies, strict=True)
-    ]
-    values, peak = max(shifts), _peak_error(one, other, fine.response.band)
-    if values > accuracy.frequency or peak > accuracy.peak:
+    differences = _differ(one, other, fine, accuracy)
+    if differences is None:
         return None
+    shifts, peak = differences
     rows = {int(np.argmax(shifts)), *np.linspace(0, len(at) - 1, _FRF_ANGLES).astype(int).tolist()}
     frf = max(_frf_error(one, other, row, fine.response.band) for row in rows) + far_error
     if frf > accuracy.frf:
         return None
     slope = _slope_error(coarse, fine) + _slope_jump(cells)
     # The error of a cubic in its middle is a little more than half of its largest.
-    return Errors(values + 2.0 * CELL_ERROR, peak + 2.0 * CELL_ERROR, frf, slope)
+    return Errors(max(shifts) + 2.0 * CELL_ERROR, peak + 2.0 * CELL_ERROR, frf, slope)
+
+
+def _differ(
+    one: Modal, other: Modal, fine: Polynomials, accuracy: Accuracy
+) -> tuple[list[float], float] | None:
+    """Return the errors of poles at each angle and of the peak, or None if they are too large."""
+    shifts = [
+        _pole_error(found, fine._compared(exact))
+        for found, exact in zip(one.frequencies, other.frequencies, strict=True)
+    ]
+    if max(shifts) > accuracy.frequency:
+        return None
+    peak = _peak_error(one, other, fine.response.band)
+    return None if peak > accuracy.peak else (shifts, peak)
 
 
 def _peak_error(one: Modal, other: Modal, band: tuple[float, float]) -> float:

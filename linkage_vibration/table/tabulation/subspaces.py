@@ -267,8 +267,9 @@ def continue_set(here: Subspace, there: PoleSample, count: int) -> tuple[IntArra
     outside = np.linalg.norm(states - inside, axis=0)
     order = np.argsort(outside, kind="stable")
     chosen = order[:count]
-    if count == len(order):
-        return np.sort(chosen), bool(outside.max() < _LEAVES), order[:0]
+    if count >= len(order):  # with fewer poles than the set, a part of it is missing there
+        clear = count == len(order) and bool(outside.max() < _LEAVES)
+        return np.sort(chosen), clear, order[:0]
     next_one = order[count]
     rival = np.flatnonzero(
         np.abs(there.poles - there.poles[next_one].conj()) <= 1e-9 * abs(there.poles[next_one])

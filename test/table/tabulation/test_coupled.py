@@ -104,6 +104,21 @@ def test_damper_from_zero_to_rigid() -> None:
             assert worst_pole_error(table, angle, row, poles) <= 2.0
 
 
+def test_set_that_exceeds_the_poles_of_an_angle() -> None:
+    """A piece is halved where the set of its poles grew to more poles than another angle has."""
+    mapping = yaml.safe_load(config_file("four_bar.yaml").read_text())
+    for link in mapping["links"].values():
+        link.update(elements=3, modes=1)
+    mapping["input"]["range_deg"] = [20.0, 120.0]
+    mapping["springs"] = {"damper": {"joint": "B", "damping": 5.0}}
+    model = LinkageModel(mechanism_from_mapping(mapping))
+    table = build_table(model, 1e-4)
+    for angle in np.linspace(*table.alpha3_range, 9).tolist():
+        row = table.evaluate(np.array([angle]))[0]
+        poles = model.solve(angle).damped.oscillating
+        assert worst_pole_error(table, angle, row, poles) <= 2.0
+
+
 @pytest.fixture(scope="module")
 def hitch() -> tuple[LinkageModel, Table]:
     """Return the shipped hitch with a strong damper in a joint, and its table."""
