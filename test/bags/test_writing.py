@@ -291,8 +291,10 @@ def test_size_is_a_close_bound(tmp_path: Path, compression: str, per_chunk: int)
         bound = log.size
     size = (tmp_path / "log.mcap").stat().st_size
     assert size <= bound
-    # The bound is loose if every message has indexes of its own.
-    assert bound - size < (80_000 if per_chunk == 1 else 30_000)
+    # The bound counts definitions, whose length depends on the distribution of ROS 2, twice too
+    # often, and it is loose if every message has indexes of its own.
+    definitions = 2 * sum(len(topic.definition) for topic in TOPICS)
+    assert bound - size - definitions < (72_000 if per_chunk == 1 else 22_000)
 
 
 def test_removed_file(tmp_path: Path) -> None:
