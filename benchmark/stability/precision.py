@@ -301,8 +301,8 @@ def solved(mapping: Any, *, reduced: bool = True) -> Solution:
 
 
 def nearest(extreme: Extreme) -> float:
-    """Return the natural frequency that is nearest to the expected one, Hz."""
-    found = solved(extreme.mapping).natural_frequencies
+    """Return the undamped natural frequency that is nearest to the expected one, Hz."""
+    found = solved(extreme.mapping).modes.omega / (2.0 * math.pi)
     return float(found[np.abs(found / extreme.expected - 1.0).argmin()])
 
 

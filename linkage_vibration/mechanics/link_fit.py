@@ -38,6 +38,7 @@ _NEGLIGIBLE = 1e-6  # improvement of the sum of squares
 _STEP = 1e-6  # of a parameter, for derivatives
 _RESOLVED = 1e-8  # singular value of the changes with the parameters, which are differences
 _ROUNDING = 1e-9  # of what is fitted: computed FRFs leave no more
+_COMPUTED = 1e-4  # of what is fitted: FRFs that were measured leave more
 _SMALLEST = 1e-13  # singular value of the scaled terms that is not rounding
 
 
@@ -265,8 +266,11 @@ def _choose(
                 score = right.size * math.log(max(left, 1e-300)) + count * math.log(right.size)
                 score += _CLEARLY * (law is not _Law.VISCOUS)
                 if score < best:
-                    best = score
-                    chosen = shape
+                    best, chosen, first, least = score, shape, start, left
+    if math.sqrt(least) < _COMPUTED * np.linalg.norm(right):
+        # The criterion leaves out what is smaller than the noise of single lines. In FRFs that were
+        # computed, and stored in single precision, one term more costs nothing and removes that.
+        chosen = _refined(s, _Shape(chosen.law, chosen.order + 1, first), weights, right)[0]
     return chosen
 
 

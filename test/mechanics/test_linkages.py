@@ -171,7 +171,7 @@ def test_the_order_of_bodies_changes_nothing(mapping: Any, model: LinkageModel) 
         (("springs", "stay", "between"), ["A", "D"], "both points are on ground"),
         (("springs", "stay", "between"), ["S", "Q"], "two points"),
         (("springs", "drive", "joint"), "S", "not one of"),
-        (("springs", "drive", "stiffness"), 0, "zero"),
+        (("springs", "drive", "stiffness"), -1, "push its ends apart"),
         (("links", "coupler", "masses"), {"Q": 1.0}, "not one of: B, P, C"),
         (("links", "coupler", "sections"), [], "list"),
         (("links", "coupler", "section"), {}, "not known"),
