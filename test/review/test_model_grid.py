@@ -73,7 +73,8 @@ def test_terms_of_a_mode_that_becomes_real() -> None:
     table = build_table(LinkageModel(mechanism), 1e-4)
     found = receptance_grid(mechanism, table)
     assert found is not None
-    assert np.isnan(found["frequencies"]).any() and np.isfinite(found["frequencies"]).any()
+    assert np.isnan(found["frequencies"]).any()
+    assert np.isfinite(found["frequencies"]).any()
     point, direction = found["place"].split()
     frequencies = np.linspace(1.0, 59.0, 117)
     w = 2.0 * np.pi * frequencies[:, np.newaxis]
