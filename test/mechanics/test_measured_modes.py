@@ -32,7 +32,7 @@ def test_standard_deviations_of_a_few_seeds() -> None:
 @pytest.mark.nightly
 @pytest.mark.parametrize("link", ["lower_link", "upper_link"])
 def test_intervals_hold(link: str) -> None:
-    """The interval of 95 % contains the truth for 90 % of 200 seeds or more, typically 99 % at most.
+    """The interval of 95 % contains the truth for 90 % of 200 seeds or more, typically to 99 %.
 
     No seed shows a spurious mode.
     """
