@@ -32,6 +32,7 @@ from mcap.writer import Writer
 from linkage_vibration.bags.mcap_records import CHUNK, MAGIC, MESSAGE, MESSAGE_INDEX, RECORD
 from linkage_vibration.bags.writing import LIBRARY, ROSBAG2_METADATA, Topic, rosbag2_metadata
 from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.support.atomic_files import replacement
 
 RECOVERY_METADATA = "linkage_vibration.recovery"  # the name of a record
 # A record with a greater length counts as damaged, so that memory is bounded.
@@ -107,24 +108,12 @@ def recover(
     """
     if os.path.lexists(output):
         raise RecoveryError(f"{output} exists already; choose another name.")
-    beside = output.with_name(f".{output.name}.{os.getpid()}.tmp")
     try:
         file = source.open("rb")
     except OSError as error:
         raise RecoveryError(f"{source} cannot be read: {error.strerror}; check it.") from None
-    with file:
-        try:
-            with beside.open("wb") as stream:
-                result = _Rescue(_Source(source, file), output, stream, progress).run()
-            beside.replace(output)
-        except OSError as error:
-            raise RecoveryError(
-                f"{output} cannot be written: {error.strerror}; choose another folder."
-            ) from None
-        finally:
-            with contextlib.suppress(OSError):
-                beside.unlink()
-    return result
+    with file, replacement(output, RecoveryError) as new, new.open("wb") as stream:
+        return _Rescue(_Source(source, file), output, stream, progress).run()
 
 
 def summary(recovery: Recovery) -> str:
@@ -255,6 +244,8 @@ class _Rescue:
             if (end := self._end_of_sound(offset)) is not None:
                 opcode, _ = RECORD.unpack(source.read(offset, RECORD.size))
                 if opcode in _AFTER_DATA:
+                    if source.read(source.size - len(MAGIC), len(MAGIC)) != MAGIC:
+                        self._damages.append(f"byte {source.size}: the end is missing")
                     break
                 yield offset, opcode, source.read(start, end - start), False
             elif self._is_cut_chunk(offset):

@@ -37,14 +37,14 @@ def run(options: argparse.Namespace) -> int:
 
     from linkage_vibration.mechanics.model import LinkageModel
     from linkage_vibration.readers.mechanism import read_mechanism
-    from linkage_vibration.support.atomic_files import check_output
+    from linkage_vibration.support.atomic_files import check_outputs
     from linkage_vibration.support.resources import DEFAULT_MECHANISM, config_file
-    from linkage_vibration.table.table import TableError, save_table
+    from linkage_vibration.table.table import save_table
     from linkage_vibration.table.tabulation import build_table
 
     source = options.mechanism or config_file(DEFAULT_MECHANISM)
     output = options.output or Path(source.name).with_suffix(".npz")
-    check_output(output, TableError)
+    check_outputs([output], [source])
     model, solutions = LinkageModel(read_mechanism(source)), 0
     layout = "{desc}: {percentage:3.0f} % of the stroke |{bar}| {elapsed}, {postfix}"
     with tqdm(desc=model.mechanism.name, total=1.0, delay=2.0, bar_format=layout) as bar:

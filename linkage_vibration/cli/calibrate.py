@@ -26,13 +26,13 @@ def run(options: argparse.Namespace) -> int:
     from tqdm import tqdm
 
     from linkage_vibration.studies import calibration as study
-    from linkage_vibration.support.atomic_files import check_output
+    from linkage_vibration.support.atomic_files import check_outputs
 
     starts = options.starts
     if starts < 1:
         raise study.CalibrationError(f"--starts is {starts}; give 1 or more starting points.")
     if options.output:
-        check_output(options.output, study.CalibrationError)
+        check_outputs([options.output], [options.calibration])
     calibration = study.read_calibration(options.calibration)
     with tqdm(total=starts, unit="start") as bar:
 

@@ -5,21 +5,27 @@
 import argparse
 from pathlib import Path
 
+from linkage_vibration.support.exit_codes import add_strict, exit_code
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("logs", nargs=2, type=Path, metavar="LOG", help="MCAP files, A and B")
     text = "HTML file to write (default: %(default)s)"
     parser.add_argument("-o", "--output", type=Path, default=Path("diff.html"), help=text)
+    add_strict(parser, "the predictions or their stamps differ")
 
 
 def run(options: argparse.Namespace) -> int:
     """Print a summary and write the page; return the exit code."""
-    from linkage_vibration.review.difference import compare, difference_page, summary
+    from linkage_vibration.review.difference import compare, difference_page, problems, summary
     from linkage_vibration.review.html import write_page
+    from linkage_vibration.support.atomic_files import check_outputs, messages_beside
 
+    check_outputs([options.output], options.logs)
     found = compare(*options.logs)
-    print(summary(found))
+    stream = messages_beside(options.output)
+    print(summary(found), file=stream)
     write_page(difference_page(found), options.output)
-    print(f"\nWritten: {options.output}")
-    return 0
+    print(f"\nWritten: {options.output}", file=stream)
+    return exit_code(problems(found) if options.strict else [], options.strict)

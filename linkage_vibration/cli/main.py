@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from importlib import import_module
 
 from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.support.exit_codes import FAILED, ended_by_signals
 from linkage_vibration.support.missing_library import missing_library
 from linkage_vibration.support.version import VERSION
 
@@ -39,13 +40,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     # save. NumPy reads this variable when it is first imported, which is after this line.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
-        return int(options.run(options))
+        with ended_by_signals():
+            return int(options.run(options))
     except LinkageVibrationError as error:
         print(f"linkage-vibration: {error}", file=sys.stderr)
-        return 1
+        return FAILED
     except ImportError as error:
         print(f"linkage-vibration: {missing_library(error)}", file=sys.stderr)
-        return 1
+        return FAILED
     except KeyboardInterrupt:
         return 130
 

@@ -60,16 +60,16 @@ def run(options: argparse.Namespace) -> int:
 
     from linkage_vibration.readers.mechanism import load_yaml, read_mechanism
     from linkage_vibration.studies import plan
-    from linkage_vibration.support.atomic_files import check_output
+    from linkage_vibration.support.atomic_files import check_outputs
     from linkage_vibration.support.resources import DEFAULT_MECHANISM, config_file
 
     words = options.points
     if len(words) % 2:
         raise plan.PlanError("--points takes a direction after each point, as in: E1 z V1 x.")
-    if options.output:
-        check_output(options.output, plan.PlanError)
     places = tuple(zip(words[::2], words[1::2], strict=True))
     source = options.mechanism or config_file(DEFAULT_MECHANISM)
+    if options.output:
+        check_outputs([options.output], [source])
     mechanism = read_mechanism(source, spatial="y" in words[1::2])
     low, high = options.range_deg or [options.angle_deg, options.angle_deg]
     limit = options.microseconds_per_prediction

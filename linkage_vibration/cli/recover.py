@@ -5,6 +5,8 @@
 import argparse
 from pathlib import Path
 
+from linkage_vibration.support.exit_codes import INCOMPLETE, add_strict
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
@@ -12,6 +14,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "-o", "--output", type=Path, help="MCAP file to write (default: LOG with _recovered)"
     )
+    add_strict(parser, "the log was damaged or cut off")
 
 
 def run(options: argparse.Namespace) -> int:
@@ -26,4 +29,4 @@ def run(options: argparse.Namespace) -> int:
     with tqdm(total=size, unit="B", unit_scale=True, delay=2.0) as bar:
         result = recover(log, output, bar.update)
     print(summary(result))
-    return 0
+    return INCOMPLETE if options.strict and (result.damages or result.lost) else 0

@@ -5,6 +5,8 @@
 import argparse
 from pathlib import Path
 
+from linkage_vibration.support.exit_codes import INCOMPLETE, add_strict, exit_code
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
@@ -41,6 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="topic in the bags for joint_states, hitch_position, engine_speed, pto_speed or "
         "ground_speed",
     )
+    add_strict(parser, "a prediction has no numbers or a message was left out")
 
 
 def run(options: argparse.Namespace) -> int:
@@ -48,9 +51,11 @@ def run(options: argparse.Namespace) -> int:
     from tqdm import tqdm
 
     from linkage_vibration.playback.remapping import remappings
-    from linkage_vibration.playback.replay import WhatIf, replay, summary
+    from linkage_vibration.playback.replay import WhatIf, problems, replay, summary
     from linkage_vibration.prediction.settings import Parameters, read_parameters, with_values
+    from linkage_vibration.support.atomic_files import check_outputs, messages_beside
 
+    check_outputs([options.output], [*options.bags, *filter(None, [options.params_file])])
     settings = read_parameters(options.params_file) if options.params_file else Parameters()
     given = {
         "joint_name": options.joint,
@@ -62,9 +67,10 @@ def run(options: argparse.Namespace) -> int:
     }
     given = {name: value for name, value in given.items() if value is not None}
     settings = with_values(settings, given)
+    stream = messages_beside(options.output)
     what_if = WhatIf(options.implement_mass, options.implement_inertia)
     if what_if != WhatIf() or settings.table_path() is None:
-        print("The table of this mechanism is built first.")
+        print("The table of this mechanism is built first.", file=stream)
     with tqdm(unit=" messages", unit_scale=True, delay=1.0) as bar:
 
         def show(done: int, total: int) -> None:
@@ -73,5 +79,6 @@ def run(options: argparse.Namespace) -> int:
 
         remaps = remappings(options.remap)
         done = replay(options.bags, options.output, settings, remaps, what_if, show)
-    print(f"{options.output}: {summary(done)}")
-    return 0
+    print(f"{options.output}: {summary(done)}", file=stream)
+    code = exit_code(problems(done), options.strict)
+    return code if done.with_numbers else INCOMPLETE

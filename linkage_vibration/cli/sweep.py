@@ -23,13 +23,13 @@ def run(options: argparse.Namespace) -> int:
     """Build what is missing in the file; return 1 if another run should try some designs again."""
     from tqdm import tqdm
 
-    from linkage_vibration.studies.sweep import SweepError, dask_executor, read_designs, sweep
-    from linkage_vibration.support.atomic_files import check_output
+    from linkage_vibration.studies.sweep import dask_executor, read_designs, sweep
+    from linkage_vibration.support.atomic_files import check_outputs
     from linkage_vibration.support.process_pool import LocalPool
 
-    designs = read_designs(options.designs)
     output = options.output or Path(options.designs.name).with_suffix(".nc")
-    check_output(output, SweepError)
+    check_outputs([output], [options.designs])
+    designs = read_designs(options.designs)
     pool: Any = dask_executor(options.dask) if options.dask else LocalPool(options.workers)
     with pool as executor, tqdm(total=designs.size, unit="design") as bar:
         result = sweep(designs, output, executor, bar.update)

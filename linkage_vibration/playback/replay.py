@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Replays bags through the prediction, and writes a log as the node would have done."""
 
-import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -36,6 +35,7 @@ from linkage_vibration.prediction.settings import NODE_NAME, Parameters
 from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.readers.mechanism import load_yaml, mechanism_of
 from linkage_vibration.readers.served import read_served
+from linkage_vibration.support.atomic_files import check_outputs, replacement
 from linkage_vibration.table.tabulation import build_table
 
 Integers = NDArray[np.int64]
@@ -82,6 +82,11 @@ class Replayed(LeftOut):
         """How many predictions were written."""
         return sum(self.statuses)
 
+    @property
+    def with_numbers(self) -> int:
+        """How many of them have numbers."""
+        return sum(self.statuses[status] for status in Status if status.has_numbers)
+
 
 def summary(done: Replayed) -> str:
     """Return in words what a replay has done."""
@@ -96,6 +101,18 @@ def summary(done: Replayed) -> str:
     if done.refused or done.unreadable:
         text += f"; {done.refused + done.unreadable} messages were left out: {done.fault}"
     return text.rstrip(".") + "."
+
+
+def problems(done: Replayed) -> list[str]:
+    """Return a sentence for each thing that a replay could not do."""
+    found = []
+    if missing := done.predictions - done.with_numbers:
+        which = "No prediction has" if not done.with_numbers else f"{missing} predictions have no"
+        hint = "check the joint, its sign, scale and offset, and the range of the table"
+        found.append(f"{which} numbers, as the crank angle is out of range or invalid; {hint}.")
+    if left_out := done.refused + done.unreadable:
+        found.append(f"{left_out} messages were left out ({done.fault.rstrip('.')}).")
+    return found
 
 
 def replay(
@@ -130,8 +147,10 @@ def replay(
     Raises
     ------
     ReplayError
-        If no bag is given, if the bags lack a topic or the joint, if a topic is ambiguous, or if
-        the log cannot be written. Then no log is left behind.
+        If no bag is given or one twice, if the bags lack a topic or the joint, if a topic is
+        ambiguous, or if the log cannot be written. Then no log is left behind.
+    OutputError
+        If the output is one of the inputs, or its folder cannot be used.
     LinkageVibrationError
         If a bag, the mechanism or its table cannot be used.
     """
@@ -140,8 +159,9 @@ def replay(
     if not paths:
         raise ReplayError("No bag was given; give at least one.")
     settings = settings or Parameters()
-    if any(path.exists() and output.exists() and path.samefile(output) for path in paths):
-        raise ReplayError(f"{output} is one of the bags to replay; give another --output.")
+    _refuse_repeated(paths)
+    models = [settings.mechanism_path(), settings.excitation_path(), settings.table_path()]
+    check_outputs([output], [*paths, *filter(None, models)])
     with open_bags(paths) as bags:
         topics = choose_topics(bags, settings, remaps)
         served = _served(settings, what_if)
@@ -158,21 +178,13 @@ def replay(
         }
         run = _Replay(settings, topics, served.predictor, monitor)
         total, done = sum(topic.count for topic in topics.values()), 0
-        try:
-            with tempfile.TemporaryDirectory(dir=output.absolute().parent) as folder:
-                unfinished = Path(folder) / output.name
-                with ChunkLog(unfinished, log_topics, files, metadata) as log:
-                    for block in bags.blocks([topic.name for topic in topics.values()]):
-                        log.write(run.messages(block))
-                        done += len(block)
-                        progress(done, total)
-                _refuse_empty(run.done, bags, settings)
-                unfinished.replace(output)
-        except OSError as error:
-            raise ReplayError(
-                f"{output} could not be written: {error.strerror or error}; give a folder that "
-                "exists, can be written to, and has room."
-            ) from None
+        with replacement(output, ReplayError) as unfinished:
+            with ChunkLog(unfinished, log_topics, files, metadata) as log:
+                for block in bags.blocks([topic.name for topic in topics.values()]):
+                    log.write(run.messages(block))
+                    done += len(block)
+                    progress(done, total)
+            _refuse_empty(run.done, bags, settings)
     return run.done
 
 
@@ -295,6 +307,18 @@ def _served(settings: Parameters, what_if: WhatIf) -> Served:
     implement = Implement(body.name, mass, inertia, ())
     changed, text = with_implement(mechanism, text, implement)
     return Served(Predictor(build_table(LinkageModel(changed))), changed, text)
+
+
+def _refuse_repeated(paths: Sequence[Path]) -> None:
+    """Refuse a file that is given twice, by itself or within the folder of a bag."""
+    found: dict[tuple[int, int], Path] = {}
+    for path in paths:
+        for file in path.iterdir() if path.is_dir() else [path]:
+            if file.exists():
+                key = file.stat().st_dev, file.stat().st_ino
+                if key in found:
+                    raise ReplayError(f"{path} and {found[key]} are one bag; give each bag once.")
+                found[key] = path
 
 
 def _refuse_empty(done: Replayed, bags: Bags, settings: Parameters) -> None:

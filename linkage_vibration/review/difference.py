@@ -135,6 +135,15 @@ def summary(found: Difference) -> str:
     return "\n".join(lines)
 
 
+def problems(found: Difference) -> list[str]:
+    """Return a sentence that says that the logs differ, if they do."""
+    n = len(found.stamps)
+    same = len(found.a.stamps) == len(found.b.stamps) == n and not found.status_changes
+    if same and not any(q.differs or q.one_sided for q in found.quantities):
+        return []
+    return ["The logs differ."]
+
+
 def difference_page(found: Difference) -> Page:
     """Return what a page shows of a difference."""
     values = [values for q in found.quantities for values in (q.a, q.b, q.b - q.a)]

@@ -30,6 +30,7 @@ from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.messages.provenance import EXCITATIONS, PARAMETERS
 from linkage_vibration.messages.topics import PREDICTION, RESONANCE, SPEEDS
 from linkage_vibration.prediction.excitation import Excitation, Source, excitations_from_mapping
+from linkage_vibration.prediction.predictor import Status
 from linkage_vibration.prediction.resonance import ResonanceState
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.atomic_files import write_text
@@ -221,6 +222,17 @@ def durations(log: Log) -> FloatArray:
     if len(steps):
         steps[gap_starts(log.times)] = np.median(steps)
     return np.append(steps, 0.0)
+
+
+def problems(log: Log) -> list[str]:
+    """Return a sentence for each kind of missing or invalid prediction."""
+    found = []
+    if faulty := int((log.status != Status.OK).sum()):
+        found.append(f"{faulty} of {len(log.stamps)} predictions are not OK.")
+    if missing := gaps(log):
+        longest = max(end - start for start, end in missing)
+        found.append(f"Predictions are missing in {len(missing)} gaps of up to {longest:.3g} s.")
+    return found
 
 
 def write_csv(log: Log, path: Path) -> None:

@@ -1,31 +1,97 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Writes files so that no reader ever finds half of one."""
+"""Writes files so that no reader ever finds half of one, and no input is lost."""
 
 import os
+import shutil
+import stat
+import sys
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import BinaryIO, TextIO
+
+import yaml
 
 from linkage_vibration.errors import LinkageVibrationError
 
 
-def check_output(path: Path, error: type[LinkageVibrationError]) -> None:
-    """Refuse a path that cannot be written, before the work begins whose result goes there.
+class OutputError(LinkageVibrationError):
+    """A file cannot be written, or would replace an input or another output."""
+
+
+def check_outputs(outputs: Sequence[Path], inputs: Sequence[Path]) -> None:
+    """Refuse outputs that cannot be written, before the work begins whose result goes there.
+
+    Parameters
+    ----------
+    outputs : sequence of Path
+        The files to write.
+    inputs : sequence of Path
+        The files to read. Of a folder, its files are inputs, too, and of a YAML file those that it
+        names.
+
+    Raises
+    ------
+    OutputError
+        If an output is a folder or in none, if there is no permission to write it, or if it is, by
+        its name or by a link, an input or another output.
+    """
+    read: dict[Path, None] = {}
+    for path in inputs:
+        _add_files(path, read)
+    for i, path in enumerate(outputs):
+        _check_place(path)
+        if not _is_special(path):
+            for other in read:
+                if _is_same(path, other):
+                    raise OutputError(f"{path} is an input ({other}); give another output.")
+            for other in outputs[:i]:
+                if _is_same(path, other):
+                    raise OutputError(f"{path} and {other} are one file; give each its own name.")
+
+
+def messages_beside(*outputs: Path) -> TextIO:
+    """Return where messages go: to the standard error if an output is the standard output."""
+    with suppress(OSError):
+        if any(os.path.samestat(path.stat(), os.fstat(1)) for path in outputs if path.exists()):
+            return sys.stderr
+    return sys.stdout
+
+
+@contextmanager
+def replacement(path: Path, error: type[LinkageVibrationError]) -> Iterator[Path]:
+    """Give the path of a new file, whose content goes to another path when the context ends.
+
+    A regular file is replaced at once, and links are followed. A device, a pipe or the standard
+    output is written through. If the context fails, nothing is left behind.
 
     Parameters
     ----------
     path, error : Path, type
         The file to write, and the exception to raise if it cannot be written.
     """
-    if path.is_dir():
-        raise error(f"{path}: is a folder; give the name of a file.")
-    if not path.parent.is_dir():
-        raise error(f"{path}: cannot be written, as {path.parent} is no folder; create it.")
-    if not os.access(path if path.exists() else path.parent, os.W_OK):
-        raise error(f"{path}: cannot be written (no permission); choose another folder.")
+    target = Path(os.path.realpath(path))
+    special = _is_special(path)
+    folder = None if special else target.parent
+    try:
+        with tempfile.TemporaryDirectory(".tmp", f".{target.name[:99]}.", folder) as inside:
+            new = Path(inside) / path.name
+            yield new
+            if special:
+                with new.open("rb") as source, _opened(path) as sink:
+                    shutil.copyfileobj(source, sink)
+            else:
+                new.replace(target)
+    except OSError as problem:
+        raise error(
+            f"{path}: cannot be written ({problem.strerror or problem}); choose another folder."
+        ) from None
 
 
 def write_bytes(path: Path, data: bytes, error: type[LinkageVibrationError]) -> None:
-    """Write a temporary file in the same folder and rename it.
+    """Write a file at once, as `replacement` does.
 
     Parameters
     ----------
@@ -34,15 +100,8 @@ def write_bytes(path: Path, data: bytes, error: type[LinkageVibrationError]) -> 
     error : type
         The exception to raise if it cannot be written.
     """
-    beside = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        beside.write_bytes(data)
-        beside.replace(path)
-    except OSError as problem:
-        beside.unlink(missing_ok=True)
-        raise error(
-            f"{path}: cannot be written ({problem.strerror}); choose another folder."
-        ) from None
+    with replacement(path, error) as new:
+        new.write_bytes(data)
 
 
 def write_text(path: Path, text: str, error: type[LinkageVibrationError]) -> None:
@@ -54,3 +113,61 @@ def write_text(path: Path, text: str, error: type[LinkageVibrationError]) -> Non
         The file, its content, and the exception to raise if it cannot be written.
     """
     write_bytes(path, text.encode(), error)
+
+
+def _check_place(path: Path) -> None:
+    if path.is_dir():
+        raise OutputError(f"{path}: is a folder; give the name of a file.")
+    target = Path(os.path.realpath(path))
+    if not _is_special(path) and not target.parent.is_dir():
+        raise OutputError(f"{path}: cannot be written, as {target.parent} is no folder; create it.")
+    if not os.access(path if path.exists() else target.parent, os.W_OK):
+        raise OutputError(f"{path}: cannot be written (no permission); choose another folder.")
+
+
+def _is_special(path: Path) -> bool:
+    """Return whether a path is a device, a pipe, or a standard stream of this process."""
+    try:
+        found = path.stat()
+    except OSError:
+        return False
+    return not stat.S_ISREG(found.st_mode) or _stream(found) is not None
+
+
+def _stream(found: os.stat_result) -> int | None:
+    """Return the descriptor of the standard output or error if it is this file, or None."""
+    for descriptor in (1, 2):
+        with suppress(OSError):
+            if os.path.samestat(found, os.fstat(descriptor)):
+                return descriptor
+    return None
+
+
+def _opened(path: Path) -> BinaryIO:
+    """Open a device or a pipe; a standard stream keeps its position."""
+    descriptor = _stream(path.stat())
+    if descriptor is None:
+        return path.open("wb")
+    (sys.stdout if descriptor == 1 else sys.stderr).flush()
+    return os.fdopen(os.dup(descriptor), "wb")
+
+
+def _is_same(one: Path, other: Path) -> bool:
+    with suppress(OSError):
+        return one.samefile(other)
+    return os.path.realpath(one) == os.path.realpath(other)
+
+
+def _add_files(path: Path, found: dict[Path, None]) -> None:
+    """Add a path, the files of a folder, and the files that YAML names, to those found."""
+    if path in found:
+        return
+    found[path] = None
+    if path.is_dir():
+        found.update(dict.fromkeys(path.iterdir()))
+    elif path.suffix in (".yaml", ".yml") and path.is_file():
+        with suppress(yaml.YAMLError, OSError, UnicodeDecodeError), path.open("rb") as file:
+            for token in yaml.scan(file, getattr(yaml, "CSafeLoader", yaml.SafeLoader)):
+                name = Path(getattr(token, "value", "") if hasattr(token, "plain") else "")
+                if name.suffix[1:2].isalpha() and (path.parent / name).is_file():
+                    _add_files(path.parent / name, found)

@@ -31,6 +31,7 @@ from linkage_vibration.prediction.predictor import Predictor, Status
 from linkage_vibration.prediction.resonance import ResonanceMonitor
 from linkage_vibration.prediction.settings import Parameters, read_parameters
 from linkage_vibration.readers.excitations import read_excitations
+from linkage_vibration.support.atomic_files import OutputError
 from linkage_vibration.support.resources import DEFAULT_EXCITATIONS, DEFAULT_TABLE, config_file
 from linkage_vibration.table.table import load_table
 
@@ -310,9 +311,9 @@ def test_damage_leaves_what_was_there(tmp_path: Path) -> None:
 def test_output_that_cannot_be(tmp_path: Path) -> None:
     """An output in a missing folder, or onto the input, is refused."""
     bag = write_mcap(tmp_path / "bag.mcap", swing(5))
-    with pytest.raises(ReplayError, match="could not be written: No such file"):
+    with pytest.raises(OutputError, match=r"cannot be written, as .* is no folder"):
         replay([bag], tmp_path / "missing" / "log.mcap", Parameters())
-    with pytest.raises(ReplayError, match="is one of the bags"):
+    with pytest.raises(OutputError, match="is an input"):
         replay([bag], bag, Parameters())
 
 

@@ -1,0 +1,217 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""No command writes over its inputs or a device, leaves files behind, or hides a problem."""
+
+import argparse
+import os
+import shutil
+import signal
+import stat
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from linkage_vibration.bags.recovery import recover
+from linkage_vibration.cli.main import SUBCOMMANDS, argument_parser, main
+from linkage_vibration.playback.replay import replay
+from linkage_vibration.support.atomic_files import OutputError, check_outputs, write_bytes
+from linkage_vibration.support.exit_codes import ended_by_signals
+from linkage_vibration.support.resources import config_file
+
+DRIVE = config_file("drives/hitch_duty_cycle.mcap")
+# Each command that writes a file, with an output that is one of its inputs.
+OVERWRITES = {
+    "build": ["linkage.yaml", "-o", "linkage.yaml"],
+    "plan": ["linkage.yaml", "--angle-deg", "120", "-o", "linkage.yaml"],
+    "calibrate": ["fit.yaml", "-o", "linkage.yaml"],
+    "sweep": ["fit.yaml", "-o", "linkage.yaml"],
+    "recover": ["log.mcap", "-o", "log.mcap"],
+    "replay": ["log.mcap", "--params-file", "fit.yaml", "-o", "fit.yaml"],
+    "review": ["log.mcap", "-o", "log.mcap"],
+    "diff": ["log.mcap", "drive.mcap", "-o", "log.mcap"],
+}
+FOLDERS = {"demo", "reproduce"}  # These commands write new files into a folder.
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with a bag, its log, a mechanism, and a file that names the mechanism."""
+    folder = tmp_path_factory.mktemp("made")
+    shutil.copy(DRIVE, folder / "drive.mcap")
+    replay(DRIVE, folder / "log.mcap")
+    shutil.copy(config_file("three_point_linkage.yaml"), folder / "linkage.yaml")
+    (folder / "fit.yaml").write_text("mechanism: linkage.yaml\n")
+    return folder
+
+
+@pytest.fixture
+def files(made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return a copy of the folder, which is the current one."""
+    folder = tmp_path / "files"
+    shutil.copytree(made, folder)
+    monkeypatch.chdir(folder)
+    return folder
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    """Return the names and the contents of the files of a folder."""
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+def test_every_command_that_writes_is_tried() -> None:
+    """A new command with an output needs a case here."""
+    parsers: Any = next(
+        action
+        for action in argument_parser()._actions
+        if isinstance(action, argparse._SubParsersAction)
+    )
+    writing = {name for name in SUBCOMMANDS if "--output" in parsers.choices[name].format_help()}
+    assert writing == OVERWRITES.keys() | FOLDERS
+
+
+@pytest.mark.parametrize("command", OVERWRITES)
+def test_inputs_are_never_replaced(files: Path, capsys: Any, command: str) -> None:
+    """An output that is an input is refused, also one that another input names."""
+    before = contents(files)
+    assert main([command, *OVERWRITES[command]]) == 1
+    assert "is an input" in (found := capsys.readouterr().err) or "exists already" in found
+    assert contents(files) == before
+
+
+@pytest.mark.parametrize("option", ["--csv", "--png", "-o"])
+@pytest.mark.parametrize("link", [os.symlink, os.link])
+def test_links_to_inputs(files: Path, capsys: Any, option: str, link: Any) -> None:
+    """A symbolic or a hard link to an input is refused for each output."""
+    link("log.mcap", "other")
+    before = contents(files)
+    assert main(["review", "log.mcap", option, "other"]) == 1
+    assert "other is an input (log.mcap)" in capsys.readouterr().err
+    assert contents(files) == before
+
+
+def test_files_of_a_bag_s_folder_are_inputs(files: Path) -> None:
+    """A file in the folder of a bag is not replaced."""
+    with pytest.raises(OutputError, match="is an input"):
+        check_outputs([files / "new" / ".." / "log.mcap"], [files])
+
+
+def test_one_name_for_two_outputs(files: Path, capsys: Any) -> None:
+    """Two outputs need two names."""
+    assert main(["review", "log.mcap", "-o", "x", "--csv", "x"]) == 1
+    assert "x and x are one file" in capsys.readouterr().err
+    assert "x" not in contents(files)
+
+
+@pytest.mark.parametrize("command", [["replay", "drive.mcap"], ["review", "log.mcap"]])
+def test_device_is_written_through(files: Path, command: list[str]) -> None:
+    """A device remains a device."""
+    try:
+        os.mknod("null", stat.S_IFCHR | 0o666, os.makedev(1, 3))
+        Path("null").write_bytes(b"x")
+    except PermissionError:
+        pytest.skip("Only root may make a device.")
+    assert main([*command, "-o", "null"]) == 0
+    assert stat.S_ISCHR(os.stat("null").st_mode)
+    assert contents(files).keys() == contents(files).keys() | {"null"}
+
+
+def test_pipe_and_standard_output(files: Path) -> None:
+    """A pipe and the standard output get the whole page, and messages go to the standard error."""
+    os.mkfifo("pipe")
+    got: list[bytes] = []
+    reader = threading.Thread(target=lambda: got.append(Path("pipe").read_bytes()))
+    reader.start()
+    assert main(["review", "log.mcap", "-o", "pipe"]) == 0
+    reader.join()
+    assert got[0].rstrip().endswith(b"</html>")
+    command = [sys.executable, "-m", "linkage_vibration.cli", "review", "log.mcap"]
+    with open("page", "wb") as page:
+        page.write(b"before ")
+        page.flush()
+        done = subprocess.run(
+            [*command, "-o", "/dev/stdout"], stdout=page, stderr=subprocess.PIPE, check=True
+        )
+    assert (files / "page").read_bytes() == b"before " + got[0]
+    assert b"Written: /dev/stdout" in done.stderr
+
+
+def test_links_are_followed(files: Path) -> None:
+    """The file behind a symbolic link is written, and the link remains."""
+    (files / "there").mkdir()
+    for name in ("table.csv", "new.csv"):
+        (files / name).symlink_to(files / "there" / name)
+    (files / "there" / "table.csv").write_text("old")
+    for name in ("table.csv", "new.csv"):
+        write_bytes(files / name, b"new", OutputError)
+        assert (files / name).is_symlink()
+        assert (files / "there" / name).read_text() == "new"
+    assert len(list((files / "there").iterdir())) == 2
+
+
+@pytest.mark.parametrize("options", [["-o"], ["-o", "page", "--csv"], ["-o", "page", "--png"]])
+def test_folder_that_cannot_be_written(files: Path, capsys: Any, options: list[str]) -> None:
+    """A folder that takes no files is an error of one sentence, also for root."""
+    assert main(["review", "log.mcap", *options, "/proc/self/out"]) == 1
+    assert "/proc/self/out: cannot be written" in capsys.readouterr().err
+    assert main(["diff", "log.mcap", "log.mcap", "-o", "/proc/self/out"]) == 1
+    assert "/proc/self/out: cannot be written" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_signals_leave_nothing_behind(files: Path, number: signal.Signals) -> None:
+    """SIGTERM and SIGHUP end a command with 128 + their number, and remove temporary files."""
+    os.mkfifo("pipe")  # The command waits for a reader of its output when its file is complete.
+    (temporary := files / "temporary").mkdir()
+    process = subprocess.Popen(
+        [sys.executable, "-m", "linkage_vibration.cli", "replay", "drive.mcap", "-o", "pipe"],
+        env=os.environ | {"TMPDIR": str(temporary)},
+        stderr=subprocess.DEVNULL,
+    )
+    while not (found := list(temporary.rglob("pipe"))) or not found[0].stat().st_size:
+        assert process.poll() is None
+        time.sleep(0.01)
+    process.send_signal(number)
+    assert process.wait(timeout=30) == 128 + number
+    assert list(temporary.iterdir()) == []
+
+
+def test_ignored_signal() -> None:
+    """A signal that is ignored, as by nohup, remains ignored."""
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        with ended_by_signals():
+            os.kill(os.getpid(), signal.SIGHUP)
+    finally:
+        signal.signal(signal.SIGHUP, before)
+
+
+def test_exit_codes_of_replay(files: Path, capsys: Any) -> None:
+    """Without a number a replay is incomplete; one bag twice is an error."""
+    assert main(["replay", "drive.mcap", "-o", "far.mcap", "--offset", "9"]) == 3
+    assert "No prediction has numbers" in capsys.readouterr().err
+    os.link("drive.mcap", "same.mcap")
+    assert main(["replay", "drive.mcap", "same.mcap", "-o", "two.mcap"]) == 1
+    assert "give each bag once" in capsys.readouterr().err
+    assert not Path("two.mcap").exists()
+    partly = ["replay", "drive.mcap", "-o", "partly.mcap", "--offset", "0.3"]
+    assert main([*partly, "--strict"]) == 3
+    assert "1061 predictions have no numbers" in capsys.readouterr().err
+    assert main(["review", "partly.mcap", "--strict"]) == 3
+    assert main(["diff", "log.mcap", "partly.mcap"]) == 0
+    assert main(["diff", "log.mcap", "partly.mcap", "--strict"]) == 3
+    shutil.copy("log.mcap", "copy.mcap")
+    assert main(["diff", "log.mcap", "copy.mcap", "--strict"]) == 0
+
+
+def test_exit_codes_of_recover(files: Path, capsys: Any) -> None:
+    """A recovery of a damaged log succeeds, unless it is strict."""
+    Path("cut.mcap").write_bytes(DRIVE.read_bytes()[:-1000])
+    assert main(["recover", "cut.mcap", "-o", "a.mcap"]) == 0
+    assert main(["recover", "cut.mcap", "-o", "b.mcap", "--strict"]) == 3
+    assert main(["recover", "drive.mcap", "-o", "c.mcap", "--strict"]) == 0
+    assert sum(recover(Path("a.mcap"), Path("d.mcap")).saved.values()) == 2400
