@@ -346,9 +346,7 @@ def test_unusable_paths(tmp_path: Path) -> None:
         recover(tmp_path / "log.mcap", tmp_path / "log.mcap")
     with pytest.raises(RecoveryError, match=r"none.mcap cannot be read: No such file"):
         recover(tmp_path / "none.mcap", tmp_path / "whole.mcap")
-    with pytest.raises(
-        RecoveryError, match=r"nowhere/whole.mcap: cannot be written \(No such file"
-    ):
+    with pytest.raises(RecoveryError, match=r"nowhere/whole.mcap: cannot be writ.*No such file"):
         recover(tmp_path / "log.mcap", tmp_path / "nowhere" / "whole.mcap")
     with pytest.raises(RecoveryError, match=r"whole.mcap: cannot be written \(Not a directory"):
         recover(tmp_path / "log.mcap", tmp_path / "log.mcap" / "whole.mcap")
