@@ -78,8 +78,19 @@ class ExudynModel:
     def _add_ground(self, mechanism: Mechanism) -> None:
         ground = self._system.AddObject(items.ObjectGround())
         fixed = self._system.AddNode(items.NodePointGround())
-        for point, (x, z) in mechanism.ground:
-            self._mark(GROUND, point, ground, (x, z), fixed, 0)
+        if mechanism.base is None:
+            for point, (x, z) in mechanism.ground:
+                self._mark(GROUND, point, ground, (x, z), fixed, 0)
+            return
+        self._add_rigid_body(mechanism.base.body)
+        for mount in mechanism.base.mounts:
+            soil = items.MarkerBodyPosition(bodyNumber=ground, localPosition=[*mount.at, 0.0])
+            self._system.AddObject(
+                items.CartesianSpringDamper(
+                    markerNumbers=[self._system.AddMarker(soil), self._places[GROUND, mount.name]],
+                    stiffness=[*mount.stiffness, 0.0],
+                )
+            )
 
     def _add_link(self, link: Link, elements: int) -> None:
         beam = link.body

@@ -43,7 +43,7 @@ def scene(model: LinkageModel, configuration: Configuration) -> Scene:
     pins = {point: body for point, _, body in mechanism.joints if point not in ground}
     place = configuration.place
     joints = [place(body, mechanism.local_points(body)[point]) for point, body in pins.items()]
-    centres = [place(body.name, body.centre_of_gravity) for body in mechanism.rigid_bodies]
+    centres = [place(body.name, body.centre_of_gravity) for body in mechanism.rigid]
     bodies = curves(model, configuration)
     return Scene(bodies, _rows(joints), _rows(list(ground.values())), _rows(centres))
 
@@ -70,7 +70,7 @@ def curves(model: LinkageModel, configuration: Configuration) -> Curves:
         else:
             axis = list(known.values())
         found[name] = np.array([configuration.place(name, place) for place in axis])
-    for rigid in model.mechanism.rigid_bodies:
+    for rigid in model.mechanism.rigid:
         own = found[rigid.name]
         centre = configuration.place(rigid.name, rigid.centre_of_gravity)
         found[rigid.name] = np.vstack([own, centre, own[:1]])
@@ -96,7 +96,7 @@ def mode_curves(solution: Solution, mode: int) -> Curves:
                 aside = rows @ shape[: rows.shape[1]]
                 moved = np.insert(moved, node + 1, [aside, moved[node]], axis=0)
             found[name] = moved
-    for rigid in model.mechanism.rigid_bodies:
+    for rigid in model.mechanism.rigid:
         # The first two coordinates of a rigid body are its centre's displacements in global axes.
         centre = shape[model.system.rows[rigid.name]][:2]
         own = found[rigid.name]

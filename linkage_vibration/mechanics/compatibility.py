@@ -3,9 +3,10 @@
 """The compatibility matrix B(configuration): B u = 0 joins the components.
 
 A pin between bodies r and s gives R(angle_r) u_r - R(angle_s) u_s = 0 (Brunetti, D'Ambrogio,
-Fregolent 2022, eq. 20 to 22), with u in the bodies' own axes. The ground does not move. A rigid
-body moves at a point by the displacement of its centre of gravity plus its rotation times the arm.
-A spring has a row as well, whose value is the elongation of the spring.
+Fregolent 2022, eq. 20 to 22), with u in the bodies' own axes. The ground does not move, unless it
+belongs to a base. A rigid body, such as the base, moves at a point by the displacement of its
+centre of gravity plus its rotation times the arm. A spring has a row as well, whose value is the
+elongation of the spring.
 """
 
 import math
@@ -18,6 +19,7 @@ from scipy.linalg import null_space
 
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import BoolArray, FloatArray
+from linkage_vibration.mechanics.base import mount_springs
 from linkage_vibration.mechanics.components import CENTRE_OF_GRAVITY, Component, FrfComponent
 from linkage_vibration.mechanics.description import GROUND, Mechanism, MechanismError, Spring
 from linkage_vibration.mechanics.dofs import InterfaceDof
@@ -38,8 +40,9 @@ class Joining:
 
     compatibility: FloatArray  # (n_constraints, n): B, of B u = 0
     labels: tuple[str, ...]  # (n_constraints,): what each row of B belongs to
-    elongation: FloatArray  # (n_springs, n): G; G u is the stretch (m) or twist (rad) of springs
-    stiffness: FloatArray  # (n_springs,): of the springs, SI
+    # (n_springs, n): G; G u is the stretch (m) or twist (rad) of springs, then of mounts
+    elongation: FloatArray
+    stiffness: FloatArray  # (n_springs,): of the springs and mounts, SI
     damping: FloatArray  # (n_springs,)
 
 
@@ -133,7 +136,7 @@ class InterfaceMap:
         for (body, dof), at in self._index.items():
             if dof.direction != "y":
                 self._places.setdefault((body, dof.point), []).append(at)
-        self._centres = {body.name: body.centre_of_gravity for body in mechanism.rigid_bodies}
+        self._centres = {body.name: body.centre_of_gravity for body in mechanism.rigid}
         # Out of the plane rigid bodies are held, as the ground is, so they need no joint.
         held = {GROUND, *self._centres}
         self._joints = [
@@ -154,16 +157,17 @@ class InterfaceMap:
     def held(self) -> BoolArray:
         """Which interface DoFs of links the ground holds in every configuration, (n,).
 
-        A pin to the ground holds a point at every angle of the link, and a clamp its rotation.
+        A pin to the ground holds a point at every angle of the link, and a clamp its rotation. A
+        base moves in the plane, and so holds points against motion out of the plane only.
         """
-        held = np.zeros(len(self), dtype=bool)
+        held, moving = np.zeros(len(self), dtype=bool), GROUND in self._centres
         for (point, first, second), _ in self._joints:
             if first == GROUND and second not in self._centres:
-                held[self._places[second, point][:2]] = True
+                held[self._places[second, point][:2]] = not moving
                 if self._spatial:
                     held[self._at(second, point, "y")] = True
         for link in self._mechanism.links:
-            if link.clamped is not None:
+            if link.clamped is not None and not moving:
                 held[self._at(link.name, link.clamped, "theta")] = True
         return held
 
@@ -180,8 +184,6 @@ class InterfaceMap:
             Return the derivative with respect to alpha3 instead.
         """
         rows = np.zeros((3, len(self)))
-        if body == GROUND:
-            return rows
         if body in self._centres:
             local = self._mechanism.local_points(body)[point]
             place = configuration.place_rate if rate else configuration.place
@@ -189,6 +191,8 @@ class InterfaceMap:
             x, z, theta = self._places[body, CENTRE_OF_GRAVITY]
             rows[0, x] = rows[2, z] = 0.0 if rate else 1.0
             rows[0, theta], rows[2, theta] = -arm[1], arm[0]
+            return rows
+        if body == GROUND:
             return rows
         x, z = self._places[body, point][:2]
         turn = rotation(configuration.angle(body))
@@ -207,15 +211,18 @@ class InterfaceMap:
             labels += [f"pin {point} of {first} and {second} in {'xyz'[i]}" for i in kept]
         for link in self._mechanism.links:
             if link.clamped is not None:
-                rows.append(self._turn(link.name, link.clamped)[np.newaxis])
+                turn = self._turn(link.name, link.clamped) - self._turn(GROUND, link.clamped)
+                rows.append(turn[np.newaxis])
                 labels.append(f"clamp of {link.name} at {link.clamped}")
-        springs = self._mechanism.springs
+        springs, mounts = self._mechanism.springs, mount_springs(self._mechanism.base)
         return Joining(
             compatibility=np.vstack(rows),
             labels=tuple(labels),
             elongation=self._elongations(configuration),
-            stiffness=np.array([spring.stiffness for spring in springs]),
-            damping=np.array([spring.damping for spring in springs]),
+            stiffness=np.array(
+                [*(s.stiffness for s in springs), *(m.stiffness[i] for m, i in mounts)]
+            ),
+            damping=np.array([*(s.damping for s in springs), *(m.damping[i] for m, i in mounts)]),
         )
 
     def join_rate(self, configuration: Configuration) -> tuple[FloatArray, FloatArray]:
@@ -237,6 +244,9 @@ class InterfaceMap:
 
     def _elongations(self, configuration: Configuration, *, rate: bool = False) -> FloatArray:
         rows = [self._elongation(spring, configuration, rate) for spring in self._mechanism.springs]
+        for mount, axis in mount_springs(self._mechanism.base):
+            moved = self.displacement(GROUND, mount.name, configuration, rate=rate)
+            rows.append(moved[2 * axis])
         return np.array(rows).reshape(-1, len(self))
 
     def _elongation(self, spring: Spring, configuration: Configuration, rate: bool) -> FloatArray:
@@ -278,7 +288,7 @@ class InterfaceMap:
     def _turn(self, body: str, point: str) -> FloatArray:
         """Return the row that picks the rotation of a body at a point, (n,)."""
         row = np.zeros(len(self))
-        if body != GROUND:
+        if body != GROUND or body in self._centres:
             at = CENTRE_OF_GRAVITY if body in self._centres else point
             row[self._at(body, at, "theta")] = 1.0
         return row

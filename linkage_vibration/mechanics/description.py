@@ -10,7 +10,7 @@ import dataclasses
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Literal, Protocol
 
@@ -23,9 +23,12 @@ from linkage_vibration.mechanics.components import CENTRE_OF_GRAVITY, Component,
 from linkage_vibration.mechanics.dofs import InterfaceDof
 
 GROUND = "ground"
+"""The name of the ground; a base that moves has it too."""
 
 FORMULATION = 2
 """Part of every model hash; raise it when a change of the mechanics changes its numbers."""
+
+_LATER = {"later": True}  # a field newer than the model hash, which it enters if it is given
 
 Point = tuple[float, float]
 
@@ -237,6 +240,32 @@ class RigidBody:
 
 
 @dataclass(frozen=True, slots=True)
+class Mount:
+    """Springs and dampers along x and z between a point of the base and the soil."""
+
+    name: str
+    at: Point  # m, global
+    stiffness: tuple[float, float]  # along x and z, N/m
+    damping: tuple[float, float]  # along x and z, N s/m
+
+
+@dataclass(frozen=True, slots=True)
+class Base:
+    """A rigid body that carries the points of the ground, and the mounts on which it rests."""
+
+    body: RigidBody  # its name is that of the ground, its points are the ground's and the mounts'
+    mounts: tuple[Mount, ...]
+
+    def component(self) -> Component:
+        """Put the base on the three DoFs of its centre of gravity.
+
+        The damping rule of the linkage does not apply: its term in the mass would damp the base
+        against a frame that does not exist.
+        """
+        return self.body.component(LossFactor(0.0))
+
+
+@dataclass(frozen=True, slots=True)
 class Spring:
     """A massless spring, damper or both between two bodies.
 
@@ -276,11 +305,17 @@ class Mechanism:
     assembly_angles: tuple[tuple[str, float], ...]  # rad, rough direction of each other body there
     damping: Damping
     response: Response
+    base: Base | None = field(default=None, metadata=_LATER)  # None: the ground does not move
 
     @cached_property
     def bodies(self) -> tuple[Link | RigidBody, ...]:
         """Links, then rigid bodies, each in the order of the description."""
         return self.links + self.rigid_bodies
+
+    @property
+    def rigid(self) -> tuple[RigidBody, ...]:
+        """Every rigid body that can vibrate: the rigid bodies, and the base."""
+        return self.rigid_bodies + (() if self.base is None else (self.base.body,))
 
     @cached_property
     def model_hash(self) -> str:
@@ -303,7 +338,8 @@ class Mechanism:
     @cached_property
     def _points(self) -> dict[str, dict[str, Point]]:
         """Points of the ground and of every body."""
-        return {GROUND: dict(self.ground), **{body.name: dict(body.points) for body in self.bodies}}
+        ground = self.ground if self.base is None else self.base.body.points
+        return {GROUND: dict(ground), **{body.name: dict(body.points) for body in self.bodies}}
 
     @cached_property
     def joints(self) -> tuple[tuple[str, str, str], ...]:
@@ -350,7 +386,7 @@ class Mechanism:
     def components(
         self, *, spatial: bool = False, reduced: bool = True
     ) -> tuple[Component | FrfComponent, ...]:
-        """Make the component of every body, in the order of `bodies`.
+        """Make the component of every body, in the order of `bodies`, and of the base.
 
         Parameters
         ----------
@@ -360,7 +396,8 @@ class Mechanism:
         links = [
             link.body.component(link, self, spatial=spatial, reduced=reduced) for link in self.links
         ]
-        return (*links, *(body.component(self.damping) for body in self.rigid_bodies))
+        rigid = [body.component(self.damping) for body in self.rigid_bodies]
+        return (*links, *rigid, *([] if self.base is None else [self.base.component()]))
 
 
 def rayleigh_damping(ratio: float, low: float, high: float) -> Rayleigh:
@@ -390,8 +427,11 @@ def _hashable(value: Any) -> Any:
     if getattr(value, "digest", ""):  # a body whose own numbers may differ in their last bits
         return ["matrices", [str(dof) for dof in value.dofs], value.digest]
     if dataclasses.is_dataclass(value):
-        fields = {f.name: _hashable(getattr(value, f.name)) for f in dataclasses.fields(value)}
-        return {"type": type(value).__name__, **fields}
+        given = {f.name: getattr(value, f.name) for f in dataclasses.fields(value)}
+        for f in dataclasses.fields(value):
+            if f.metadata == _LATER and given[f.name] == f.default:
+                del given[f.name]
+        return {"type": type(value).__name__, **{k: _hashable(v) for k, v in given.items()}}
     if isinstance(value, list | tuple):
         return [_hashable(item) for item in value]
     if isinstance(value, np.ndarray):

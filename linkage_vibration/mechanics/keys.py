@@ -170,6 +170,10 @@ class Keys:
         """Return a pair of coordinates."""
         return self._pair(key, "a point [x, z] in m")
 
+    def pair(self, key: str) -> tuple[float, float]:
+        """Return two numbers, one for each of the directions x and z."""
+        return self._pair(key, "two numbers [along x, along z]")
+
     def interval(self, key: str, *, positive: bool = False) -> tuple[float, float]:
         """Return an ascending pair of numbers.
 

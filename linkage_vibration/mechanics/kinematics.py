@@ -197,7 +197,8 @@ class Kinematics:
 
     def __init__(self, mechanism: Mechanism) -> None:
         self._bodies = tuple(body.name for body in mechanism.bodies)
-        points = [p for b in (GROUND, *self._bodies) for p in mechanism.local_points(b).values()]
+        points = [place for _, place in mechanism.ground]
+        points += [p for body in self._bodies for p in mechanism.local_points(body).values()]
         self._length = max(math.hypot(*point) for point in points)
         self._pins = _pins(mechanism, self._length)
         self._input = np.zeros(3 * len(self._bodies))  # picks alpha3 out of a pose

@@ -6,9 +6,11 @@ import itertools
 import math
 from typing import Any, Literal
 
+from linkage_vibration.mechanics.base import read_mounts
 from linkage_vibration.mechanics.bodies import BODIES, BodyReader
 from linkage_vibration.mechanics.description import (
     GROUND,
+    Base,
     Body,
     Damping,
     Link,
@@ -59,13 +61,15 @@ def mechanism_from_mapping(mapping: Any, read_body: BodyReader = _no_files) -> M
     rigid_bodies = tuple(
         _rigid_body(top["rigid_bodies"][name], name) for name in top.names("rigid_bodies")
     )
-    points = {GROUND: ground}
+    taken = {point for body in links + rigid_bodies for point, _ in body.points} | ground.keys()
+    base = _base(top["base"], ground, taken) if "base" in top else None
+    points = {GROUND: ground if base is None else dict(base.body.points)}
     bodies: tuple[Link | RigidBody, ...] = links + rigid_bodies
     for body in bodies:
         if body.name in points:
             raise MechanismError(body.name, "two bodies have this name; rename one.")
         points[body.name] = dict(body.points)
-    grounded = [name for name in points if name != GROUND and points[name].keys() & ground]
+    grounded = [name for name in points if name != GROUND and points[name].keys() & ground.keys()]
     input_body = top["input"].choice("link", grounded)
     low, high = top["input"].interval("range_deg")
     assembly = top["assembly"]
@@ -83,7 +87,8 @@ def mechanism_from_mapping(mapping: Any, read_body: BodyReader = _no_files) -> M
             (name, math.radians(assembly["angles_deg"].number(name))) for name in others
         ),
         damping=_damping(top["damping"]),
-        response=_response(top["response"], points),
+        response=_response(top["response"], points, base=base is not None),
+        base=base,
     )
     top.refuse_unknown()
     _check_lengths(mechanism)
@@ -91,8 +96,10 @@ def mechanism_from_mapping(mapping: Any, read_body: BodyReader = _no_files) -> M
     return mechanism
 
 
-def _response(keys: Keys, points: dict[str, dict[str, Point]]) -> Response:
-    movable = dict.fromkeys(point for name in points if name != GROUND for point in points[name])
+def _response(keys: Keys, points: dict[str, dict[str, Point]], *, base: bool) -> Response:
+    movable = dict.fromkeys(
+        point for name in points if name != GROUND or base for point in points[name]
+    )
     direction: Literal["x", "z"] = "x" if keys.choice("direction", ["x", "z"]) == "x" else "z"
     band = keys.interval("band_hz")
     if band[0] < 0.0:
@@ -142,9 +149,18 @@ def _damping(keys: Keys) -> Damping:
     return rayleigh_damping(keys.number("ratio", positive=True), *at)
 
 
+def _base(keys: Keys, ground: dict[str, Point], taken: set[str]) -> Base:
+    mounts = read_mounts(keys, taken)
+    places = ground | {mount.name: mount.at for mount in mounts}
+    return Base(_rigid(keys, GROUND, places), mounts)
+
+
 def _rigid_body(keys: Keys, name: str) -> RigidBody:
     points = keys["points"]
-    places = {point: points.point(point) for point in points}
+    return _rigid(keys, name, {point: points.point(point) for point in points})
+
+
+def _rigid(keys: Keys, name: str, places: dict[str, Point]) -> RigidBody:
     centre = _centre_of_gravity(keys, places)
     mass, inertia = keys.number("mass", positive=True), keys.number("inertia", positive=True)
     if mass > _HEAVIEST:
@@ -240,6 +256,8 @@ def _check_lengths(mechanism: Mechanism) -> None:
     places = {"ground": mechanism.ground}
     places.update({f"links.{link.name}.points": link.points for link in mechanism.links})
     places.update({f"rigid_bodies.{b.name}.points": b.points for b in mechanism.rigid_bodies})
+    if mechanism.base is not None:
+        places["base.mounts"] = mechanism.base.body.points
     for path, points in places.items():
         for (first, place), (second, other) in itertools.combinations(points, 2):
             if math.dist(place, other) > _LONGEST:

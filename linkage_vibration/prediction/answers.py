@@ -323,10 +323,11 @@ def _mechanism(mapping: dict[str, Any], known: Mechanism) -> Mechanism:
 
 
 def _moving_places(mechanism: Mechanism) -> Places:
-    """Return every point that is not on the ground, along x and z."""
-    ground = mechanism.local_points(GROUND)
-    points = dict.fromkeys(p for body in mechanism.bodies for p, _ in body.points)
-    return tuple((p, direction) for p in points if p not in ground for direction in ("x", "z"))
+    """Return every point that can vibrate, along x and z."""
+    held = () if mechanism.base else mechanism.local_points(GROUND)
+    names = [body.name for body in mechanism.bodies] + ([GROUND] if mechanism.base else [])
+    points = dict.fromkeys(p for name in names for p in mechanism.local_points(name))
+    return tuple((p, direction) for p in points if p not in held for direction in ("x", "z"))
 
 
 def _places(where: str, names: Sequence[str], known: Sequence[Place], exact: bool) -> Places:

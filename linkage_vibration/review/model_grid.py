@@ -55,7 +55,7 @@ def linkage_grid(mechanism: Mechanism, table: Table) -> dict[str, Any] | None:
             # The sign of a shape is arbitrary; it is that of the shape at the previous angle.
             turned = i > 0 and float((shape * shapes[mode, i - 1]).sum()) < 0.0
             shapes[mode, i] = -shape if turned else shape
-    rigid = {body.name for body in mechanism.rigid_bodies}
+    rigid = {body.name for body in mechanism.rigid}
     arrays = {
         "places": np.array([np.vstack(list(drawn.bodies.values())) for drawn in scenes]),
         "shapes": shapes,

@@ -104,7 +104,7 @@ class Markers:
         drawn = geometry.scene(served.model, served.model.kinematics.at(angle))
         scale = size(drawn.bodies)
         line, pin = _LINE * scale, _PIN * scale
-        rigid = {body.name for body in served.mechanism.rigid_bodies}
+        rigid = {body.name for body in served.mechanism.rigid}
         markers = [
             _marker("bodies", i, Marker.LINE_STRIP, COLOURS[2 if name in rigid else 0], line, at)
             for i, (name, at) in enumerate(drawn.bodies.items())

@@ -12,6 +12,7 @@ pytest.importorskip("exudyn", reason="exudyn comes with the test extra, on x86_6
 from benchmark.validation.exudyn_beams import CONFIG, MODES, ExudynModel
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.readers.mechanism import read_mechanism
+from test.mechanics.test_base import on_base
 
 ELEMENTS = 24  # a link; the error is below 1e-5
 
@@ -33,3 +34,16 @@ def test_pins_beside_the_axis_steps_masses_and_springs_are_those_of_exudyn() -> 
     solution = LinkageModel(mechanism).solve(math.radians(70.0))
     theirs = ExudynModel(mechanism, solution.configuration, ELEMENTS).natural_frequencies()
     np.testing.assert_allclose(solution.natural_frequencies[:4], theirs[:4], rtol=1e-4, atol=0.0)
+
+
+@pytest.mark.parametrize("oil", [None, 1.0e6])
+@pytest.mark.parametrize("alpha3_deg", [90.0, 135.0, 180.0])
+def test_linkage_on_a_base_has_the_natural_frequencies_of_exudyn(
+    alpha3_deg: float, oil: float | None
+) -> None:
+    """The first six differ by less than 1e-4, with the crank clamped or held by oil."""
+    mechanism = on_base(oil=oil)
+    solution = LinkageModel(mechanism).solve(math.radians(alpha3_deg))
+    theirs = ExudynModel(mechanism, solution.configuration, ELEMENTS).natural_frequencies()
+    ours = solution.modes.omega / (2.0 * math.pi)  # undamped, as theirs
+    np.testing.assert_allclose(ours[:MODES], theirs[:MODES], rtol=1e-4, atol=0.0)

@@ -1,0 +1,272 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""A base that moves, against an explicit chassis, its limits, and the other ways to solve it."""
+
+import copy
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from numpy.typing import NDArray
+from scipy.linalg import block_diag, eigh, null_space
+
+from linkage_vibration.drawing.geometry import curves, mode_curves
+from linkage_vibration.mechanics.components import Component
+from linkage_vibration.mechanics.description import GROUND, Mechanism, MechanismError
+from linkage_vibration.mechanics.model import LinkageModel
+from linkage_vibration.mechanics.parsing import mechanism_from_mapping
+from linkage_vibration.prediction.answers import Implement, with_implement
+from linkage_vibration.studies.calibration import calibrate, read_calibration
+from linkage_vibration.support.resources import config_file
+
+FloatArray = NDArray[np.float64]
+
+TRACTOR: dict[str, Any] = {
+    "mass": 4500.0,
+    "inertia": 6000.0,
+    "centre_of_gravity": [1.6, 0.1],
+    "mounts": {
+        "rear_axle": {"at": [0.6, -0.05], "stiffness": [7.0e5, 7.0e5], "damping": [4.4e3, 4.4e3]},
+        "front_axle": {"at": [3.1, -0.05], "stiffness": [6.0e5, 6.0e5], "damping": [3.8e3, 3.8e3]},
+    },
+}
+DRIVES = [("E1", "z"), ("P3", "x"), ("front_axle", "z")]
+
+
+def on_base(*, oil: float | None = None, **changes: Any) -> Mechanism:
+    """Return the shipped linkage on a tractor; oil in N m/rad replaces the clamp of the crank."""
+    mapping = yaml.safe_load(config_file("three_point_linkage.yaml").read_text())
+    mapping["base"] = {**copy.deepcopy(TRACTOR), **changes}
+    if oil is not None:
+        del mapping["links"]["input_crank"]["clamped"]
+        mapping["springs"] = {"oil": {"joint": "P3", "stiffness": oil}}
+    return mechanism_from_mapping(mapping)
+
+
+@pytest.fixture(scope="module")
+def clamped() -> LinkageModel:
+    """Return the shipped linkage on a ground that does not move."""
+    mapping = yaml.safe_load(config_file("three_point_linkage.yaml").read_text())
+    return LinkageModel(mechanism_from_mapping(mapping))
+
+
+@pytest.fixture(scope="module")
+def tractor() -> LinkageModel:
+    """Return the shipped linkage on a tractor."""
+    return LinkageModel(on_base())
+
+
+def chassis_frequencies(clamped: LinkageModel, alpha3: float) -> FloatArray:
+    """Return natural frequencies in Hz with a chassis body that is added to the matrices by hand.
+
+    The chassis has x, z and theta of its centre of gravity after all other interface DoFs.
+    """
+    configuration = clamped.kinematics.at(alpha3)
+    system, joining = clamped.system, clamped.interface.join(configuration)
+    n, ground = system.n_interface, dict(clamped.mechanism.ground)
+    x0, z0 = TRACTOR["centre_of_gravity"]
+
+    def carried(place: tuple[float, float]) -> FloatArray:
+        x, z = place
+        return np.array([[1.0, 0.0, -(z - z0)], [0.0, 1.0, x - x0]])
+
+    rows = []
+    for row, label in zip(joining.compatibility, joining.labels, strict=True):
+        own = np.zeros(3)
+        point = label.split()[1] if label.startswith("pin") else ""
+        if point in ground:  # its row is the ground's displacement, 0, less the link's
+            own = carried(ground[point])[0 if label.endswith("x") else 1]
+        if label.startswith("clamp"):
+            own[2] = -1.0
+        rows.append([*row, *own])
+    order = [*range(n), *range(len(system.mass), len(system.mass) + 3), *range(n, len(system.mass))]
+    body = np.diag([TRACTOR["mass"], TRACTOR["mass"], TRACTOR["inertia"]])
+    mass = block_diag(system.mass, body)[np.ix_(order, order)]
+    stiffness = block_diag(system.stiffness, np.zeros((3, 3)))[np.ix_(order, order)]
+    for mount in TRACTOR["mounts"].values():
+        at = carried(mount["at"])
+        stiffness[n : n + 3, n : n + 3] += at.T @ np.diag(mount["stiffness"]) @ at
+    basis = block_diag(null_space(np.array(rows)), np.eye(len(mass) - n - 3))
+    values = eigh(basis.T @ mass @ basis, basis.T @ stiffness @ basis, eigvals_only=True)
+    return np.asarray(np.sort(1.0 / np.sqrt(values))[:6] / (2.0 * math.pi))
+
+
+@pytest.mark.parametrize("alpha3_deg", [90.0, 135.0, 180.0])
+def test_base_equals_an_explicit_chassis(
+    clamped: LinkageModel, tractor: LinkageModel, alpha3_deg: float
+) -> None:
+    """The first six undamped natural frequencies agree to 1e-10."""
+    alpha3 = math.radians(alpha3_deg)
+    found = tractor.solve(alpha3).modes.omega[:6] / (2.0 * math.pi)
+    np.testing.assert_allclose(found, chassis_frequencies(clamped, alpha3), rtol=1e-10)
+
+
+def test_kinematics_are_those_on_a_fixed_ground(
+    clamped: LinkageModel, tractor: LinkageModel
+) -> None:
+    """Every pose is the same to the last bit."""
+    one, other = (model.kinematics.at(2.0) for model in (clamped, tractor))
+    assert np.array_equal(one.origins, other.origins)
+    assert np.array_equal(one.angles, other.angles)
+
+
+def test_heavy_base_on_hard_mounts_gives_the_clamped_linkage(clamped: LinkageModel) -> None:
+    """The difference falls in proportion to the base's inertia, towards nothing."""
+    expected = clamped.solve(2.4).modes.omega[:3]
+    apart = []
+    for size in (1e6, 1e8):
+        mounts = {"axle": {"at": [0.6, 0.0], "stiffness": [0.0, 0.0]}}
+        model = LinkageModel(on_base(mass=size, inertia=size, mounts=mounts))
+        apart.append(model.solve(2.4).modes.omega[3:6] / expected - 1.0)
+    assert np.abs(apart[1]).max() < 1e-4
+    np.testing.assert_allclose(apart[0] / apart[1], 100.0, rtol=0.02)
+
+
+def test_base_without_mounts_floats() -> None:
+    """Three modes are at 0 Hz and move the base and the linkage as one rigid body."""
+    model = LinkageModel(on_base(mounts={}))
+    solution = model.solve(2.0)
+    assert solution.modes.mechanism.tolist()[:4] == [True, True, True, False]
+    strain = np.abs(model.system.stiffness @ solution.modes.shapes)
+    assert strain[:, :3].max() < 1e-9 * strain[:, 3].max()
+
+
+def test_soft_oil_leaves_one_degree_of_freedom(clamped: LinkageModel) -> None:
+    """A crank on a weak spring k swings at sqrt(k / J), J from the rigid motion of the linkage."""
+    mapping = yaml.safe_load(config_file("three_point_linkage.yaml").read_text())
+    del mapping["links"]["input_crank"]["clamped"]
+    mapping["springs"] = {"oil": {"joint": "P3", "stiffness": 1.0}}
+    model = LinkageModel(mechanism_from_mapping(mapping))
+    configuration = model.kinematics.at(2.0)
+    inertia = 0.0
+    for component in model.components:
+        assert isinstance(component, Component)
+        body = component.name
+        if body == "implement":
+            (rigid,) = model.mechanism.rigid_bodies
+            rate = configuration.place_rate(body, rigid.centre_of_gravity)
+            inertia += rigid.mass * float(rate @ rate)
+            inertia += rigid.inertia * configuration.velocity_ratio(body) ** 2
+            continue
+        link = next(link for link in model.mechanism.links if link.name == body)
+        (_, start), (_, end) = link.points[0], link.points[-1]
+        one, other = (configuration.place_rate(body, place) for place in (start, end))
+        steel = mapping["links"][body]["material"]["density"]
+        section = link.body.segments[0].section  # type: ignore[attr-defined]
+        length = math.dist(start, end)
+        bar = link.count * steel * section.area * length
+        # A uniform bar, with the rotary inertia of its sections.
+        inertia += bar * float(one @ one + one @ other + other @ other) / 3.0
+        turn = configuration.velocity_ratio(body)
+        inertia += link.count * steel * section.second_moment * length * turn**2
+    expected = math.sqrt(1.0 / inertia) / (2.0 * math.pi)
+    found = model.solve(2.0).modes.omega[0] / (2.0 * math.pi)
+    assert found == pytest.approx(expected, rel=1e-5)
+
+
+@pytest.mark.parametrize("oil", [None, 3.0e5])
+def test_every_way_to_solve_agrees(oil: float | None) -> None:
+    """Modal sum and LM-FBS agree at points of the base too, and slopes are true differences."""
+    model = LinkageModel(on_base(oil=oil))
+    solution, step = model.solve(2.0), 1e-5
+    lines = np.array([0.0, 1.5, 2.5, 6.0, 60.0])
+    ours = solution.frf(DRIVES, DRIVES).frf(lines)
+    theirs = model.coupled_frf(2.0, lines, DRIVES, DRIVES)
+    assert np.abs(ours - theirs).max() < 1e-8 * np.abs(ours).max()
+    np.testing.assert_allclose(ours, ours.swapaxes(1, 2), rtol=1e-9)
+    before, after = (model.solve(2.0 + h).modes.omega[:6] for h in (-step, step))
+    slopes = (after - before) / (2.0 * step) / (2.0 * math.pi)
+    np.testing.assert_allclose(solution.frequency_derivatives[:6], slopes, rtol=1e-5, atol=1e-5)
+
+
+def test_spatial_model_holds_the_base_in_the_plane() -> None:
+    """Its modes in the plane are those of the planar model; points of the base have no y."""
+    mechanism = on_base()
+    planar, spatial = (LinkageModel(mechanism, spatial=s).solve(2.0) for s in (False, True))
+    inside = spatial.modes.omega[spatial.in_plane][:6]
+    np.testing.assert_allclose(inside, planar.modes.omega[:6], rtol=1e-5)
+    assert np.abs(spatial.participation([("front_axle", "y")])).max() == 0.0
+
+
+def test_damping_rule_does_not_reach_the_base(tractor: LinkageModel) -> None:
+    """Rayleigh's term in the mass would damp the tractor against a frame that does not exist."""
+    system = tractor.system
+    assert not system.damping[system.rows[GROUND]].any()
+    assert system.damping[system.rows["implement"]].any()
+
+
+def test_base_is_drawn_as_a_rigid_body(tractor: LinkageModel) -> None:
+    """Its curve moves in a mode without stretching, and belongs to the ground."""
+    solution = tractor.solve(2.0)
+    places = curves(tractor, solution.configuration)[GROUND]
+    moved = mode_curves(solution, 0)[GROUND]
+    along, change = np.diff(places, axis=0), np.diff(moved, axis=0)
+    assert np.abs(moved).max() > 1e-3
+    assert np.abs((along * change).sum(axis=1)).max() < 1e-12
+
+
+def test_another_implement_keeps_the_base(tractor: LinkageModel) -> None:
+    """The YAML and the mechanism that `set_implement` serves still have it."""
+    mapping = yaml.safe_load(config_file("three_point_linkage.yaml").read_text())
+    text = yaml.safe_dump({**mapping, "base": TRACTOR}, sort_keys=False)
+    changed, text = with_implement(tractor.mechanism, text, Implement("", 1200.0, 300.0, ()))
+    assert changed.base == tractor.mechanism.base
+    assert yaml.safe_load(text)["base"] == TRACTOR
+
+
+def test_calibration_fits_the_base(tmp_path: Path, tractor: LinkageModel) -> None:
+    """Its mass and a tyre are found again from three natural frequencies."""
+    mapping = yaml.safe_load(config_file("three_point_linkage.yaml").read_text())
+    wanted = tractor.solve(2.0).natural_frequencies
+    fit = {
+        "mechanism": "tractor.yaml",
+        "parameters": {
+            "base.inertia": [4000.0, 9000.0],
+            "base.mounts.rear_axle.stiffness.1": [4.0e5, 9.0e5],
+        },
+        "targets": [
+            {"mode": i + 1, "at_deg": math.degrees(2.0), "hz": float(wanted[i])} for i in range(4)
+        ],
+    }
+    mapping["base"] = {**copy.deepcopy(TRACTOR), "inertia": 7500.0}
+    mapping["base"]["mounts"]["rear_axle"]["stiffness"] = [7.0e5, 5.0e5]
+    (tmp_path / "tractor.yaml").write_text(yaml.safe_dump(mapping, sort_keys=False))
+    (tmp_path / "fit.yaml").write_text(yaml.safe_dump(fit, sort_keys=False))
+    found = calibrate(read_calibration(tmp_path / "fit.yaml"), starts=1)
+    np.testing.assert_allclose(found.values, [6000.0, 7.0e5], rtol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "path"),
+    [
+        (lambda base: base.pop("inertia"), "base.inertia"),
+        (lambda base: base.update(mass=-1.0), "base.mass"),
+        (lambda base: base["mounts"]["rear_axle"].update(stiffness=[-1.0, 0.0]), "rear_axle.stiff"),
+        (lambda base: base["mounts"]["rear_axle"].update(damping=3.0), "rear_axle.damping"),
+        (lambda base: base["mounts"]["rear_axle"].update(stifness=3.0), "rear_axle.stifness"),
+        (lambda base: base["mounts"].update(E1=base["mounts"]["rear_axle"]), "base.mounts.E1"),
+        (lambda base: base["mounts"].update(P1=base["mounts"]["rear_axle"]), "base.mounts.P1"),
+    ],
+)
+def test_invalid_base_is_refused(spoil: Callable[[Any], object], path: str) -> None:
+    """The error names the key."""
+    mapping = yaml.safe_load(config_file("three_point_linkage.yaml").read_text())
+    mapping["base"] = copy.deepcopy(TRACTOR)
+    spoil(mapping["base"])
+    with pytest.raises(MechanismError) as caught:
+        mechanism_from_mapping(mapping)
+    assert path in caught.value.path
+
+
+def test_hash_of_a_linkage_without_base_is_that_before_bases_existed(
+    clamped: LinkageModel,
+) -> None:
+    """The table that ships was built before; with a base the hash differs."""
+    with np.load(config_file("tables/three_point_linkage.npz")) as stored:
+        text = str(stored["metadata"]) if "metadata" in stored else str(dict(stored))
+    assert clamped.mechanism.model_hash in text
+    assert on_base().model_hash != clamped.mechanism.model_hash
