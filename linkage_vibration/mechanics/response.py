@@ -184,7 +184,7 @@ class PoleResidue:
         if len(endless):
             return Peak(float(endless.min()) / (2.0 * math.pi), math.inf, True)
         grid = 2.0 * math.pi * self.lines((low / (2.0 * math.pi), band[1]), _GRID)
-        size = np.abs(self._single(grid)[0])
+        size = np.abs(self._value(grid))
         rises, falls = np.diff(size, prepend=-1.0) > 0.0, np.diff(size, append=-1.0) <= 0.0
         best = Peak(math.nan, -1.0, False)
         for top in np.flatnonzero(rises & falls & (size >= RIVAL * size.max())).tolist():
@@ -193,7 +193,7 @@ class PoleResidue:
             at, turns = float(grid[top]), self._slope(left) > 0.0 > self._slope(right)
             if turns:
                 at = float(brentq(self._slope, left, right, xtol=1e-14 * high, rtol=1e-14))
-            magnitude = float(np.abs(self._single(np.array([at]))[0][0]))
+            magnitude = float(np.abs(self._value(np.array([at]))[0]))
             if magnitude > best.magnitude:
                 best = Peak(at / (2.0 * math.pi), magnitude, turns)
         # Of two maxima within one bracket the higher may have been missed.
@@ -245,7 +245,7 @@ class PoleResidue:
             # Other modes have shifted the maximum: look for the nearest one.
             step = width[lost] / 4.0
             around = np.maximum(start[lost] + np.multiply.outer(_WIDER, step), 0.0)
-            size = np.abs(self._single(around.ravel())[0]).reshape(around.shape)
+            size = np.abs(self._value(around.ravel())).reshape(around.shape)
             top = np.zeros(size.shape, dtype=bool)
             top[1:-1] = (size[1:-1] > size[:-2]) & (size[1:-1] >= size[2:])
             nearest = np.where(top, np.abs(_WIDER)[:, np.newaxis], np.inf).argmin(axis=0)
@@ -254,7 +254,7 @@ class PoleResidue:
             found[lost], omega[lost] = settled & top.any(axis=0), again
         omega[~found] = np.nan
         sizes, known = np.full(len(omega), np.nan), np.isfinite(omega)
-        sizes[known] = np.abs(self._single(omega[known])[0])
+        sizes[known] = np.abs(self._value(omega[known]))
         driven = (self.residues[0, 0, modes] != 0.0) | (self.rates[0, 0, modes] != 0.0)
         endless = (width <= 0.0) & driven
         omega[endless], sizes[endless] = start[endless], np.inf
@@ -277,17 +277,22 @@ class PoleResidue:
         settled = (np.abs(omega - start) < reach) & (np.abs(step) <= 1e-6 * stride) & (bend < 0.0)
         return omega, settled
 
-    def _denominators(self, omega: FloatArray) -> ComplexArray:
+    def _terms(self, omega: FloatArray) -> tuple[ComplexArray, ComplexArray]:
+        """Return denominators and terms of the only FRF, (n_freq, n_modes)."""
         w = omega[:, np.newaxis]
-        return np.asarray(self.stiffness - w**2 + 1j * w * self.decay)
+        below = self.stiffness - w**2 + 1j * w * self.decay
+        with np.errstate(divide="ignore", invalid="ignore"):  # on a pole that is undamped
+            return below, (self.residues[0, 0] + w * (1j * self.rates[0, 0])) / below
+
+    def _value(self, omega: FloatArray) -> ComplexArray:
+        """Return the only FRF at angular frequencies, (n_freq,)."""
+        return np.asarray(self._terms(omega)[1].sum(axis=1) + self.residual[0, 0])
 
     def _single(self, omega: FloatArray) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
         """Return H, dH/dw and d2H/dw2 of the only FRF, at angular frequencies, (n_freq,)."""
-        w = omega[:, np.newaxis]
-        below, rate = self._denominators(omega), 1j * self.rates[0, 0]
-        below_rate = 1j * self.decay - 2.0 * w
-        with np.errstate(divide="ignore", invalid="ignore"):  # on a pole that is undamped
-            value = (self.residues[0, 0] + w * rate) / below
+        below, value = self._terms(omega)
+        rate, below_rate = 1j * self.rates[0, 0], 1j * self.decay - 2.0 * omega[:, np.newaxis]
+        with np.errstate(divide="ignore", invalid="ignore"):
             first = (rate - value * below_rate) / below
             second = 2.0 * (value - first * below_rate) / below
         return value.sum(axis=1) + self.residual[0, 0], first.sum(axis=1), second.sum(axis=1)

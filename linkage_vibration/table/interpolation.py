@@ -6,7 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from linkage_vibration.mechanics.arrays import FloatArray
+from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray
+
+NearTerms = tuple[ComplexArray, FloatArray, ComplexArray]
+"""Terms of FRFs: k and c, (n, n_terms), as in `PoleResidue`, and shapes, (n, n_places, n_terms)."""
 
 _EVEN = 1e-6  # of a logarithm: products that differ by less are equal
 _LARGE = 600.0  # the logarithm of a number that a float can still hold
@@ -89,6 +92,19 @@ def interpolate_positive(matrix: FloatArray, values: FloatArray) -> FloatArray:
     array([10.])
     """
     return np.asarray(np.exp(np.clip(matrix @ np.log(values), -_LARGE, _LARGE)))
+
+
+def interpolate_terms(matrix: FloatArray, terms: NearTerms) -> NearTerms:
+    """Interpolate the terms of FRFs.
+
+    Parameters
+    ----------
+    matrix, terms
+        From `interpolation_matrix`, and the terms at its points.
+    """
+    stiffness, decay, shapes = terms
+    k = np.exp(matrix @ np.log(stiffness))
+    return k, matrix @ decay, np.tensordot(matrix, shapes, axes=1)
 
 
 def stroke_variable(alpha3: FloatArray, toggles: tuple[float, float] | None) -> FloatArray:

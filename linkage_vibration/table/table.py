@@ -26,7 +26,9 @@ from linkage_vibration.support.atomic_files import write_bytes
 from linkage_vibration.support.resources import DEFAULT_TABLE, config_file
 from linkage_vibration.table.cells import Cells
 from linkage_vibration.table.interpolation import (
+    NearTerms,
     interpolate_positive,
+    interpolate_terms,
     interpolation_matrix,
     stroke_angle,
     stroke_variable,
@@ -348,15 +350,11 @@ class Table:
             np.array(full[:, :, 0]),
         )
 
-    def terms(self, alpha3: FloatArray) -> tuple[ComplexArray, FloatArray, ComplexArray]:
-        """Return k and c of the terms of FRFs, (n, n_terms), and shapes, (n, n_places, n_terms).
-
-        The angles, (n,), rad, are in the piece of the first.
-        """
+    def terms(self, alpha3: FloatArray) -> NearTerms:
+        """Return the terms of FRFs at angles, (n,), rad, in the piece of the first."""
         points, matrix = self._polynomial(alpha3)
-        k = np.exp(matrix @ np.log(self.term_stiffness[points]))
-        shapes = np.tensordot(matrix, self.participations[points], axes=1)
-        return k, matrix @ self.term_decay[points], shapes
+        known = self.term_stiffness[points], self.term_decay[points], self.participations[points]
+        return interpolate_terms(matrix, known)
 
     def _polynomial(self, alpha3: FloatArray) -> tuple[slice, FloatArray]:
         """Return the points of the piece of some angles, and their weights, (n, n_points)."""

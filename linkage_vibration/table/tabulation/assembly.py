@@ -13,6 +13,7 @@ from linkage_vibration.mechanics.response import FarPoles, PoleResidue, far_pole
 from linkage_vibration.support.version import VERSION
 from linkage_vibration.table.table import Table
 from linkage_vibration.table.tabulation.accuracy import Accuracy
+from linkage_vibration.table.tabulation.near_terms import near_terms
 from linkage_vibration.table.tabulation.peaks import SILENT, notable
 from linkage_vibration.table.tabulation.refinement import Piece
 from linkage_vibration.table.tabulation.sampling import Sample, Sampler, Terms
@@ -106,25 +107,24 @@ def _with_frfs(
 
     Terms have the same indices as the modes, since there is no mechanism mode.
     """
-    both = list(zip(terms, tracked.orders, strict=True))
-    stiffness = np.array([term.frf.stiffness[order] for term, order in both])
-    decay = np.array([term.frf.decay[order] for term, order in both])
-    kept = [_mask(order, len(term.frf.decay)) for term, order in both]
+    stiffness, decay, participations = near_terms(terms, tracked)
+    both = zip(terms, tracked.orders, strict=True)
+    kept = [_mask(order, len(term.damped.decay)) for term, order in both]
     far = far_poles(
-        np.concatenate([term.frf.stiffness[~own] for term, own in zip(terms, kept, strict=True)]),
-        np.concatenate([term.frf.decay[~own] for term, own in zip(terms, kept, strict=True)]),
+        np.concatenate([t.damped.stiffness[~own] for t, own in zip(terms, kept, strict=True)]),
+        np.concatenate([t.damped.decay[~own] for t, own in zip(terms, kept, strict=True)]),
         table.band,
         n_far,
     )
     residues = np.array(
-        [_far_residues(term.frf, own, far) for term, own in zip(terms, kept, strict=True)]
+        [_far_residues(t.triangle, own, far) for t, own in zip(terms, kept, strict=True)]
     )
     return replace(
         table,
         places=sampler.places,
         term_stiffness=stiffness,
         term_decay=decay,
-        participations=np.array([_participation(t, tracked, i) for i, t in enumerate(terms)]),
+        participations=participations,
         far_stiffness=far.stiffness,
         far_decay=far.decay,
         far_residues=residues if residues.imag.any() else residues.real,
@@ -138,15 +138,8 @@ def _mask(order: IntArray, count: int) -> BoolArray:
     return mask
 
 
-def _participation(term: Terms, tracked: Tracked, sample: int) -> ComplexArray:
-    """Return the shapes of a sample's tracked modes at the places, (n_places, k)."""
-    shapes = tracked.shapes[sample][: term.rows.shape[1]]
-    return (term.rows @ shapes).astype(np.complex128)
-
-
-def _far_residues(frf: PoleResidue, kept: BoolArray, far: FarPoles) -> ComplexArray:
+def _far_residues(triangle: PoleResidue, kept: BoolArray, far: FarPoles) -> ComplexArray:
     """Return static flexibility and residues of far poles, as a table has them."""
-    condensed, n = frf.condensed(kept, far), len(frf.residual)
-    tail = condensed.residues[:, :, len(condensed.decay) - len(far.decay) :]
-    every = np.concatenate([condensed.residual[:, :, np.newaxis], tail], axis=2)
-    return np.asarray(every[np.triu_indices(n)].T)
+    condensed = triangle.condensed(kept, far)
+    tail = condensed.residues[:, 0, len(condensed.decay) - len(far.decay) :]
+    return np.hstack([condensed.residual, tail]).T

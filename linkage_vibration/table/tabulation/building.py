@@ -13,6 +13,7 @@ from linkage_vibration.table.table import Table, TableError
 from linkage_vibration.table.tabulation.accuracy import ROUNDING, TOLERANCE, Accuracy
 from linkage_vibration.table.tabulation.assembly import assemble
 from linkage_vibration.table.tabulation.coupled import build_coupled
+from linkage_vibration.table.tabulation.near_terms import frf_change
 from linkage_vibration.table.tabulation.refinement import Piece, first_points, more_points, refine
 from linkage_vibration.table.tabulation.sampling import ModesAreCoupled, Sampler
 from linkage_vibration.table.tabulation.tracking import Tracker
@@ -20,6 +21,7 @@ from linkage_vibration.table.tabulation.verification import Bounds, bound_errors
 
 _FINEST, _COARSEST = 1e-11, 1.0  # finer: rounding dominates; coarser: the table has no use
 _SHORTER = 8.0  # the last piece whose rounding was checked, to the next one
+_CLEARLY = 1.5  # of a tolerance: the estimated change of FRFs may be twice the true one
 _MORE_FAR, _MOST_FAR = 2, 8  # far poles, if their error is more than half of the tolerance
 
 
@@ -81,20 +83,25 @@ def _build(sampler: Sampler, tolerance: float) -> Table:
     while True:
         pieces.sort(key=lambda piece: piece.ends)
         tracked = tracker.follow(sorted({x for p in pieces for x in (*p.fitted, *p.held)}))
-        finer = assemble(sampler, [piece.finer for piece in pieces], tracked, accuracy, n_far)
-        table = thin(finer, pieces)
-        for index, piece in enumerate(pieces):
-            if (n_far, piece) not in known:
-                bounds = bound_errors(table, finer, index, piece, tracked, sampler)
-                known[n_far, piece] = bounds
-        found = [known[n_far, piece] for piece in pieces]
-        if max(bounds.far for bounds in found) > accuracy.frf / 2.0 and n_far < _MOST_FAR:
-            n_far += _MORE_FAR
-            continue
-        both = zip(pieces, found, strict=True)
-        poor = [piece for piece, bounds in both if not bounds.meet(accuracy)]
+        fresh = [piece for piece in pieces if piece.ends not in tried]
+        limit = _CLEARLY * accuracy.frf
+        # Without far poles, which take longer than this estimate.
+        poor = [piece for piece in fresh if frf_change(sampler, tracked, piece) > limit]
         if not poor:
-            return with_bounds(table, found)
+            finer = assemble(sampler, [piece.finer for piece in pieces], tracked, accuracy, n_far)
+            table = thin(finer, pieces)
+            for index, piece in enumerate(pieces):
+                if (n_far, piece) not in known:
+                    bounds = bound_errors(table, finer, index, piece, tracked, sampler)
+                    known[n_far, piece] = bounds
+            found = [known[n_far, piece] for piece in pieces]
+            if max(bounds.far for bounds in found) > accuracy.frf / 2.0 and n_far < _MOST_FAR:
+                n_far += _MORE_FAR
+                continue
+            both = zip(pieces, found, strict=True)
+            poor = [piece for piece, bounds in both if not bounds.meet(accuracy)]
+            if not poor:
+                return with_bounds(table, found)
         sampler.reopen(sum(piece.ends[1] - piece.ends[0] for piece in poor))
         waiting: list[list[float]] = []
         for piece in poor:

@@ -12,7 +12,7 @@ import numpy as np
 from linkage_vibration.mechanics.arrays import FloatArray, IntArray
 from linkage_vibration.mechanics.description import GROUND
 from linkage_vibration.mechanics.model import LinkageModel, Place, Solution
-from linkage_vibration.mechanics.modes import MECHANISM, Modes
+from linkage_vibration.mechanics.modes import MECHANISM, DampedModes, Modes
 from linkage_vibration.mechanics.response import Peak, PoleResidue, in_reach, pole_residue
 from linkage_vibration.table.interpolation import stroke_angle, stroke_variable
 from linkage_vibration.table.table import TableError
@@ -30,12 +30,26 @@ _TINY = 1e-8  # of the stroke: a step over which only rounding is not linear
 _SHORTEST = 1e-7  # of the stroke: 1e-5 deg of 90 deg, which no joint sensor resolves
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Terms:
-    """The terms of the FRFs between the places at one angle."""
+    """The terms of the FRFs between the places at one angle, with every mode."""
 
-    frf: PoleResidue  # between all places, with every mode
+    damped: DampedModes
     rows: FloatArray  # (n_places, n_interface): matrix that turns shapes into participations
+    own: FloatArray  # (n_places, n_modes): the participations of the modes
+
+    @cached_property
+    def frf(self) -> PoleResidue:
+        """The FRFs between all places."""
+        return pole_residue(self.damped, self.own, self.own)
+
+    @cached_property
+    def triangle(self) -> PoleResidue:
+        """The same as one column: the upper triangle row by row."""
+        upper = np.triu_indices(len(self.own))
+        return pole_residue(
+            self.damped, self.own[upper[0]] * self.own[upper[1]], np.ones((1, self.own.shape[1]))
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,6 +60,7 @@ class Sample:
     modes: Modes  # the lowest elastic modes: those in reach of the band, and a few more
     frequencies: FloatArray  # (n,), Hz
     ratios: FloatArray  # (n,): their damping ratios
+    reach: int  # how many of them are in reach of the band
     # (2, n): frequency (Hz) and magnitude (m/N) of the maximum of the drive-point receptance near
     # each mode; NaN where there is none.
     peaks: FloatArray
@@ -54,6 +69,11 @@ class Sample:
     terms: Terms | None  # None if the model has no such terms
     # (2, n): standard deviations of frequencies (Hz) and ratios by the noise of measured links.
     deviations: FloatArray | None = None
+
+    @cached_property
+    def gaps(self) -> FloatArray:
+        """Least relative gap between the first 2, 3, ... n modes."""
+        return np.minimum.accumulate(np.diff(np.log(self.frequencies)))
 
     @cached_property
     def peak(self) -> Peak:
@@ -246,7 +266,8 @@ class Sampler:
         elastic = np.flatnonzero(~solution.modes.mechanism)
         terms, own = self._terms(solution), (self.response.point, self.response.direction)
         if terms is not None and own in self.places:
-            drive = terms.frf.between(self.places.index(own), self.places.index(own))
+            row = terms.own[[self.places.index(own)]]
+            drive = pole_residue(terms.damped, row, row)
         else:
             drive = solution.drive_point
         return self._sample(alpha3, solution.modes, solution.damping_ratios, elastic, drive, terms)
@@ -280,6 +301,7 @@ class Sampler:
             modes.select(kept, np.ones(len(kept))),
             modes.omega[kept] / (2.0 * math.pi),
             ratios[kept],
+            reach,
             peaks,
             edges,
             drive,
@@ -292,7 +314,7 @@ class Sampler:
             return None
         rows = self.model.rows(self.places, solution.configuration)
         undamped = rows @ solution.modes.shapes[: rows.shape[1]]
-        return Terms(pole_residue(solution.damped, undamped, undamped), rows)
+        return Terms(solution.damped, rows, undamped)
 
 
 def _undamped(name: str) -> TableError:

@@ -9,13 +9,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from linkage_vibration.mechanics.arrays import BoolArray, FloatArray, IntArray
-from linkage_vibration.mechanics.modes import align, track
-from linkage_vibration.mechanics.response import in_reach
+from linkage_vibration.mechanics.modes import Modes, align, track
 from linkage_vibration.table.table import TableError
 from linkage_vibration.table.tabulation.peaks import SILENT
 from linkage_vibration.table.tabulation.sampling import Sample, Sampler
 
 _VEERING = 0.03  # of the tolerance: coupling left out of shapes once modes veer by little more
+
+Step = tuple[IntArray, FloatArray, FloatArray, FloatArray]
 
 UNCLEAR = 0.5
 """MAC up to which a shape may continue two: its sum over all modes of a sample is 1."""
@@ -71,10 +72,14 @@ class Tracker:
     def __init__(self, sampler: Sampler, tolerance: float) -> None:
         self.sampler = sampler
         self._tolerance = self._left_out = tolerance
+        # What is known by the identity of arrays, which are kept so that it stays theirs.
+        self._steps: dict[tuple[int, int], tuple[FloatArray, Step]] = {}
+        self._shapes: dict[tuple[int, bytes, bytes], tuple[Modes, FloatArray]] = {}
 
     def heed_veering(self) -> None:
         """From now on rotate shapes only if their coupling is negligible, since some modes veer."""
         self._left_out = _VEERING * self._tolerance
+        self._steps.clear()
 
     def follow(self, variables: Sequence[float]) -> Tracked:
         """Track the modes in reach of the band over samples in ascending order.
@@ -83,13 +88,11 @@ class Tracker:
         both ways. A mode that is in reach at one angle is tracked at all angles.
         """
         samples = [self.sampler.at(x) for x in variables]
-        band, least = self.sampler.response.band, self.sampler.response.modes
-        needed = [int(in_reach((2.0 * math.pi * s.frequencies) ** 2, band).sum()) for s in samples]
-        needed[0] = max(needed[0], least)
+        needed = [sample.reach for sample in samples]
+        needed[0] = max(needed[0], self.sampler.response.modes)
         most = min(len(s.frequencies) for s in samples)
         count = min(max(needed), most)
-        gaps = [np.diff(np.log(s.frequencies[: count + 1])).min(initial=math.inf) for s in samples]
-        base = int(np.argmax(gaps))
+        base = int(np.argmax([s.gaps[:count].min(initial=math.inf) for s in samples]))
         while True:
             orders, signs, shapes, mac = self._run(samples, base, count)
             missed = max(
@@ -119,20 +122,35 @@ class Tracker:
         self, samples: list[Sample], base: int, count: int
     ) -> tuple[list[IntArray], list[FloatArray], list[FloatArray], FloatArray]:
         """Track the lowest modes of one sample up and down from it."""
-        n, mass = len(samples), self.sampler.mass
+        n = len(samples)
         orders = [np.arange(count)] * n
         signs, mac = [np.ones(count)] * n, np.ones((n - 1, count))
-        shapes = [samples[base].modes.shapes[:, :count]] * n
+        shapes = [self._same(samples[base].modes, orders[base], signs[base])] * n
         for i in (*range(base + 1, n), *range(base - 1, -1, -1)):
             before = i - 1 if i > base else i + 1
-            found = samples[i].modes
-            order, sign, criterion = track(shapes[before], found, mass)
-            modes = align(shapes[before], found, mass, order, sign, self._left_out)
-            if modes is not found:
-                order, sign, criterion = track(shapes[before], modes, mass)
-            orders[i], signs[i], mac[min(i, before)] = order, sign, criterion
-            shapes[i] = modes.select(order, sign).shapes
+            step = self._step(shapes[before], samples[i].modes)
+            orders[i], signs[i], mac[min(i, before)], shapes[i] = step
         return orders, signs, shapes, mac
+
+    def _step(self, shapes: FloatArray, found: Modes) -> Step:
+        """Track modes to the next sample; return order, signs, MAC and shapes there."""
+        key = id(shapes), id(found)
+        if key not in self._steps:
+            mass = self.sampler.mass
+            order, sign, criterion = track(shapes, found, mass)
+            modes = align(shapes, found, mass, order, sign, self._left_out)
+            if modes is not found:
+                order, sign, criterion = track(shapes, modes, mass)
+            there = self._same(modes, order, sign)
+            self._steps[key] = shapes, (order, sign, criterion, there)
+        return self._steps[key][1]
+
+    def _same(self, modes: Modes, order: IntArray, signs: FloatArray) -> FloatArray:
+        """Return the shapes of some modes, each time the same array, so that steps are known."""
+        key = id(modes), order.tobytes(), signs.tobytes()
+        if key not in self._shapes:
+            self._shapes[key] = modes, modes.select(order, signs).shapes
+        return self._shapes[key][1]
 
 
 def unclear_steps(sampler: Sampler, tracked: Tracked) -> list[float]:

@@ -14,6 +14,7 @@ from linkage_vibration.mechanics.response import PoleResidue
 from linkage_vibration.table.interpolation import stroke_angle
 from linkage_vibration.table.table import CELLS, Table
 from linkage_vibration.table.tabulation.accuracy import MARGIN, ROUNDING, Accuracy
+from linkage_vibration.table.tabulation.near_terms import SILENT, term_change
 from linkage_vibration.table.tabulation.peaks import apart, heights
 from linkage_vibration.table.tabulation.refinement import Piece, dense
 from linkage_vibration.table.tabulation.sampling import Sample, Sampler
@@ -21,7 +22,6 @@ from linkage_vibration.table.tabulation.tracking import Tracked
 
 _LINES = 201  # frequencies at which FRFs are compared, in addition to those near resonances
 _FRF_ANGLES = 2  # of a piece, at which FRFs are compared with those of finer polynomials
-_SILENT = 1e-6  # of the drive-point FRFs of two places: an FRF between them that is only rounding
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,7 +126,7 @@ def worst_frf_error(found: ComplexArray, exact: ComplexArray) -> float:
 def _worst_share(off: FloatArray, size: FloatArray) -> float:
     """Return the largest ratio of norms of errors to those of FRFs, (n_places, n_places)."""
     # A response that is only rounding has no relative error.
-    size = np.maximum(size, _SILENT * np.sqrt(np.outer(np.diag(size), np.diag(size))))
+    size = np.maximum(size, SILENT * np.sqrt(np.outer(np.diag(size), np.diag(size))))
     return float((off[size > 0.0] / size[size > 0.0]).max(initial=0.0))
 
 
@@ -229,7 +229,7 @@ def _frf_error(table: Table, finer: Table, sampler: Sampler, piece: Piece) -> tu
         assert terms is not None
         far = np.maximum(far, _frf_norms(finer, sampler.at(x).alpha3, terms.frf)[0])
     angles = _angles(table, dense(*piece.ends)[::2])
-    change = _term_change(table, finer, angles)
+    change = term_change(table.terms(angles), finer.terms(angles), table.band)
     rises, falls = np.diff(change, prepend=-1.0) > 0.0, np.diff(change, append=-1.0) <= 0.0
     tops = np.flatnonzero(rises & falls)
     for i in tops[np.argsort(change[tops])[-_FRF_ANGLES:]].tolist():
@@ -247,29 +247,3 @@ def _frf_norms(table: Table, alpha3: float, exact: PoleResidue) -> tuple[FloatAr
     right = exact.frf(lines)
     off = np.linalg.norm(weights * (found.frf(lines) - right), axis=0)
     return off, np.linalg.norm(weights * right, axis=0)
-
-
-def _term_change(table: Table, finer: Table, angles: FloatArray) -> FloatArray:
-    """Return roughly how much finer polynomials change FRFs in the band, (n,).
-
-    A pole that moves by d changes its term by abs(d) / (sqrt(2) w) in the L2 norm, with its
-    half-power half-width w.
-    """
-    (k, c, shapes), (own_k, own_c, own) = finer.terms(angles), table.terms(angles)
-    omega = np.sqrt(k)
-    width = c / 2.0 + omega.imag
-    moved = np.abs(np.sqrt(own_k) - omega + 0.5j * (own_c - c)) / (math.sqrt(2.0) * width)
-    # The squared L2 norm of a term over the band is pi abs(r)^2 / (4 omega^2 w).
-    weight = np.where(omega.real < 2.0 * math.pi * table.band[1], omega.real**-2 / width, 0.0)
-    weight, moved = weight[:, np.newaxis], moved[:, np.newaxis]
-    size, change = np.abs(shapes), np.abs(own - shapes)
-    inputs = (size**2).swapaxes(1, 2)
-    whole = (weight * size**2) @ inputs
-    # abs(d(s t)) <= abs(ds) abs(t) + abs(s) abs(dt) for the shapes s and t at two places
-    one = (weight * change**2) @ inputs
-    off = one + one.swapaxes(1, 2) + (weight * (size * moved) ** 2) @ inputs
-    off += 2.0 * (weight * size * change) @ (size * change).swapaxes(1, 2)
-    own = np.sqrt(np.diagonal(whole, axis1=1, axis2=2))
-    least = _SILENT**2 * own[:, :, np.newaxis] * own[:, np.newaxis]
-    share = off / np.maximum(whole, np.maximum(least, np.finfo(float).tiny))
-    return np.asarray(np.sqrt(share.max(axis=(1, 2))))
