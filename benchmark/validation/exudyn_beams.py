@@ -23,6 +23,7 @@ from linkage_vibration.mechanics.bodies.beam import Beam
 from linkage_vibration.mechanics.description import GROUND, Link, Mechanism, RigidBody, Spring
 from linkage_vibration.mechanics.kinematics import Configuration
 from linkage_vibration.mechanics.model import LinkageModel
+from linkage_vibration.mechanics.springs import spring_stiffness
 from linkage_vibration.readers.mechanism import read_mechanism
 
 FloatArray = NDArray[np.float64]
@@ -30,6 +31,7 @@ FloatArray = NDArray[np.float64]
 CONFIG = Path(__file__).parents[2] / "config"
 ANGLES_DEG = {
     "three_point_linkage": (90.0, 115.0, 140.0, 165.0, 180.0),
+    "three_point_linkage_on_tractor": (90.0, 135.0, 180.0),
     "four_bar": (30.0, 200.0),
     "stephenson_six_bar": (50.0, 90.0, 130.0),
 }
@@ -145,10 +147,11 @@ class ExudynModel:
             self._mark(body.name, point, number, (x - x0, z - z0), node, 2)
 
     def _add_spring(self, spring: Spring, mechanism: Mechanism) -> None:
+        stiffness = spring_stiffness(spring, mechanism, self._configuration)[0]
         if len(spring.points) == 1:
             ends = [self._turns[body, spring.points[0]] for body in spring.bodies]
             self._system.AddObject(
-                items.CoordinateSpringDamper(markerNumbers=ends, stiffness=spring.stiffness)
+                items.CoordinateSpringDamper(markerNumbers=ends, stiffness=stiffness)
             )
             return
         ends = [self._places[end] for end in zip(spring.bodies, spring.points, strict=True)]
@@ -159,7 +162,7 @@ class ExudynModel:
         self._system.AddObject(
             items.SpringDamper(
                 markerNumbers=ends,
-                stiffness=spring.stiffness,
+                stiffness=stiffness,
                 referenceLength=math.hypot(*(b - a)),  # unloaded in every configuration
             )
         )
@@ -222,8 +225,9 @@ def main() -> None:
                 solution = ours.solve(math.radians(angle_deg))
                 exudyn_model = ExudynModel(mechanism, solution.configuration, EXUDYN_ELEMENTS)
                 theirs = exudyn_model.natural_frequencies()[:MODES]
-                shipped = solution.natural_frequencies[:MODES]
-                refined = fine.solve(math.radians(angle_deg)).natural_frequencies[:MODES]
+                # Theirs are undamped.
+                shipped = solution.modes.omega[:MODES] / (2.0 * math.pi)
+                refined = fine.solve(math.radians(angle_deg)).modes.omega[:MODES] / (2.0 * math.pi)
                 differences = np.array([shipped, refined]) / theirs - 1.0
                 largest = np.maximum(largest, np.abs(differences).max(axis=1))
                 rows += [

@@ -24,6 +24,7 @@ from linkage_vibration.mechanics.components import CENTRE_OF_GRAVITY, Component,
 from linkage_vibration.mechanics.description import GROUND, Mechanism, MechanismError, Spring
 from linkage_vibration.mechanics.dofs import InterfaceDof
 from linkage_vibration.mechanics.kinematics import Configuration, rotation, rotation_derivative
+from linkage_vibration.mechanics.springs import spring_stiffness
 
 _ZERO = 1e-12  # of the largest singular value of B: a direction below is a repetition
 _CLEAR = 1e-6  # of the same: a direction above is a constraint; between the two it is unclear
@@ -220,17 +221,22 @@ class InterfaceMap:
             labels=tuple(labels),
             elongation=self._elongations(configuration),
             stiffness=np.array(
-                [*(s.stiffness for s in springs), *(m.stiffness[i] for m, i in mounts)]
+                [spring_stiffness(each, self._mechanism, configuration)[0] for each in springs]
+                + [mount.stiffness[axis] for mount, axis in mounts]
             ),
             damping=np.array([*(s.damping for s in springs), *(m.damping[i] for m, i in mounts)]),
         )
 
-    def join_rate(self, configuration: Configuration) -> tuple[FloatArray, FloatArray]:
-        """Return d(compatibility)/d(alpha3) and d(elongation)/d(alpha3), rows as in `join`."""
+    def join_rate(self, configuration: Configuration) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return d/d(alpha3) of the compatibility, the elongation and the stiffness in `join`."""
         pins = self._pins(configuration, rate=True)
         clamps = sum(link.clamped is not None for link in self._mechanism.links)
         compatibility = np.vstack([pins, np.zeros((clamps, len(self)))])
-        return compatibility, self._elongations(configuration, rate=True)
+        elongation = self._elongations(configuration, rate=True)
+        stiffness = np.zeros(len(elongation))
+        for i, spring in enumerate(self._mechanism.springs):
+            stiffness[i] = spring_stiffness(spring, self._mechanism, configuration)[1]
+        return compatibility, elongation, stiffness
 
     def _pins(self, configuration: Configuration, *, rate: bool = False) -> FloatArray:
         """Return the rows of B, or of its derivative, that belong to the pins."""

@@ -266,6 +266,29 @@ class Base:
 
 
 @dataclass(frozen=True, slots=True)
+class StiffnessCurve:
+    """A stiffness over alpha3: the cubic spline through its values."""
+
+    angles: tuple[float, ...]  # alpha3, rad, ascending
+    values: tuple[float, ...]  # N/m, or N m/rad on a joint
+
+
+@dataclass(frozen=True, slots=True)
+class Cylinder:
+    """A hydraulic cylinder whose locked oil is a spring, as its data sheet describes it."""
+
+    # On a joint: the ends, m, in the axes of its first and second body; None between two points.
+    ends: tuple[Point, Point] | None
+    count: int  # equal cylinders side by side
+    bore: float  # m
+    rod: float | None  # m; None if the oil on the rod's side is not locked
+    stroke: float  # m
+    closed_length: float  # m, between the ends where the piston is at the bottom
+    hose_volume: float  # m3 of oil on each side beside that in the cylinder
+    bulk_modulus: float  # Pa, of the oil with its hoses
+
+
+@dataclass(frozen=True, slots=True)
 class Spring:
     """A massless spring, damper or both between two bodies.
 
@@ -276,7 +299,8 @@ class Spring:
     name: str
     bodies: tuple[str, str]
     points: tuple[str, ...]
-    stiffness: float  # N/m, or N m/rad on a joint; 0 for a damper without a spring
+    # N/m, or N m/rad on a joint; 0 for a damper without a spring
+    stiffness: float | StiffnessCurve | Cylinder
     damping: float  # N s/m, or N m s/rad
 
 

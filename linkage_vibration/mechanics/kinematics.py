@@ -86,8 +86,8 @@ class Configuration:
         return 0.0 if body == GROUND else float(self.angles[self.bodies.index(body)])
 
     def velocity_ratio(self, body: str) -> float:
-        """Return d(angle of a body)/d(alpha3), 1."""
-        return float(self.velocity_ratios[self.bodies.index(body)])
+        """Return d(angle of a body)/d(alpha3), 1; that of the ground is 0."""
+        return 0.0 if body == GROUND else float(self.velocity_ratios[self.bodies.index(body)])
 
     def place(self, body: str, local: Point) -> FloatArray:
         """Return the global x and z of a point, (2,), m.

@@ -554,16 +554,17 @@ class Solution:
         """d(undamped natural frequency)/d(alpha3), (n_modes,), Hz/rad.
 
         With L = phi^T (K - w^2 M) phi + 2 mu^T B phi stationary in phi and mu,
-        d(w^2)/d(alpha3) = phi^T K' phi + 2 mu^T B' phi; K' is that of springs that turn. Where two
-        frequencies coincide, their separate derivatives have no meaning.
+        d(w^2)/d(alpha3) = phi^T K' phi + 2 mu^T B' phi; K' is that of springs that turn or change.
+        Where two frequencies coincide, their separate derivatives have no meaning.
         """
-        rate, stretch_rate = self.model.interface.join_rate(self.configuration)
+        rate, stretch_rate, stiffness_rate = self.model.interface.join_rate(self.configuration)
         u = self.modes.shapes[: len(self.model.interface)]
         multipliers = self._multipliers()
         slope = 2.0 * (multipliers * (rate @ u)).sum(axis=0)
         if len(stretch_rate):
-            force = self.joining.stiffness[:, np.newaxis] * (self.joining.elongation @ u)
-            slope += 2.0 * (force * (stretch_rate @ u)).sum(axis=0)
+            stretch = self.joining.elongation @ u
+            force = self.joining.stiffness[:, np.newaxis] * stretch
+            slope += 2.0 * (force * (stretch_rate @ u)).sum(axis=0) + stiffness_rate @ stretch**2
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.asarray(slope / (2.0 * self.modes.omega) / (2.0 * math.pi))
 
@@ -575,7 +576,7 @@ class Solution:
         """
         system, n_interface = self.model.system, len(self.model.interface)
         phi, squared = self.modes.shapes[:, mode], self.modes.omega[mode] ** 2
-        rate, stretch_rate = self.model.interface.join_rate(self.configuration)
+        rate, stretch_rate, weights_rate = self.model.interface.join_rate(self.configuration)
         n, n_rows = len(phi), len(rate)
         stiffness = system.stiffness.copy()
         weights = self.joining.stiffness[:, np.newaxis]
@@ -584,6 +585,7 @@ class Solution:
         stiffness[b, b] += stretch.T @ (weights * stretch)
         stiffness_rate = stretch_rate.T @ (weights * stretch)
         stiffness_rate = stiffness_rate + stiffness_rate.T
+        stiffness_rate += stretch.T @ (weights_rate[:, np.newaxis] * stretch)
         # Interface forces of the constraints are scaled like stiffness, to compare rows.
         scale = float(np.abs(np.diag(stiffness)).max())
         matrix = np.zeros((n + n_rows + 1, n + n_rows + 1))

@@ -25,6 +25,7 @@ from linkage_vibration.mechanics.description import (
     rayleigh_damping,
 )
 from linkage_vibration.mechanics.keys import Keys
+from linkage_vibration.mechanics.springs import read_stiffness
 
 # No linkage comes near these limits; numbers in millimetres or tonnes go beyond them.
 _LONGEST = 100.0  # m, between two points of a body
@@ -79,7 +80,10 @@ def mechanism_from_mapping(mapping: Any, read_body: BodyReader = _no_files) -> M
         ground=tuple(ground.items()),
         links=links,
         rigid_bodies=rigid_bodies,
-        springs=tuple(_spring(top["springs"][name], name, points) for name in top.names("springs")),
+        springs=tuple(
+            _spring(top["springs"][name], name, points, (low, high))
+            for name in top.names("springs")
+        ),
         input_body=input_body,
         stroke=(math.radians(low), math.radians(high)),
         assembly_alpha3=math.radians(assembly.number("alpha3_deg")),
@@ -205,7 +209,9 @@ def _centre_of_gravity(keys: Keys, points: dict[str, Point]) -> Point:
     return (x1 + along * ux - across * uz, z1 + along * uz + across * ux)
 
 
-def _spring(keys: Keys, name: str, points: dict[str, dict[str, Point]]) -> Spring:
+def _spring(
+    keys: Keys, name: str, points: dict[str, dict[str, Point]], stroke: tuple[float, float]
+) -> Spring:
     """Read a spring: on the joint of two bodies, or between two points."""
     owners: dict[str, list[str]] = {}
     for body, places in points.items():
@@ -217,15 +223,9 @@ def _spring(keys: Keys, name: str, points: dict[str, dict[str, Point]]) -> Sprin
         raise keys.error(
             "damping", f"{damping:g} would add energy; give 0 or a positive damping constant."
         )
-    stiffness = keys.number("stiffness", default=0.0)
+    stiffness = read_stiffness(keys, stroke)
     if stiffness == damping == 0.0:
         raise keys.error("stiffness", "is 0, as is damping; give a positive stiffness or damping.")
-    if stiffness < 0.0:
-        raise keys.error(
-            "stiffness",
-            f"{stiffness:g} would push its ends apart; give a positive stiffness, or 0 for a "
-            "damper without a spring.",
-        )
     return Spring(name, bodies, ends, stiffness, damping)
 
 

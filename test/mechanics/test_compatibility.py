@@ -102,7 +102,7 @@ def test_rates_are_derivatives(sprung: LinkageModel) -> None:
     """Derivatives of B and of the springs' rows agree with central differences."""
     alpha3, h = math.radians(121.0), 1e-5
     before, after = (sprung.interface.join(sprung.kinematics.at(alpha3 + d)) for d in (-h, h))
-    rate, stretch_rate = sprung.interface.join_rate(sprung.kinematics.at(alpha3))
+    rate, stretch_rate, _ = sprung.interface.join_rate(sprung.kinematics.at(alpha3))
     np.testing.assert_allclose(
         rate, (after.compatibility - before.compatibility) / (2 * h), atol=1e-8
     )

@@ -1,0 +1,190 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""The stiffness of a spring in a configuration, and its derivative with respect to alpha3.
+
+A spring has one stiffness, or a curve of it over alpha3, or it is the oil column of a hydraulic
+cylinder. Oil of the bulk modulus B in the volume V resists a piston of the area A with B A^2 / V,
+where V = V_hose + A x grows with the travel x of the piston. On a joint, the cylinder acts with its
+lever r about the pin, as a spring of k r^2.
+"""
+
+import math
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from linkage_vibration.mechanics.arrays import FloatArray
+from linkage_vibration.mechanics.description import (
+    Cylinder,
+    Mechanism,
+    MechanismError,
+    Spring,
+    StiffnessCurve,
+)
+from linkage_vibration.mechanics.keys import Keys
+from linkage_vibration.mechanics.kinematics import Configuration
+
+_DENSE = 20  # places between two given angles at which a curve is checked
+
+
+def spring_stiffness(
+    spring: Spring, mechanism: Mechanism, configuration: Configuration
+) -> tuple[float, float]:
+    """Return the stiffness of a spring, and its derivative with respect to alpha3.
+
+    Parameters
+    ----------
+    spring, mechanism, configuration
+        One of the mechanism's springs, and where its bodies are.
+
+    Raises
+    ------
+    MechanismError
+        If the piston of a cylinder is beyond its end there.
+    """
+    if isinstance(spring.stiffness, float):
+        return spring.stiffness, 0.0
+    if isinstance(spring.stiffness, StiffnessCurve):
+        spline = _spline(spring.stiffness)
+        return float(spline(configuration.alpha3)), float(spline(configuration.alpha3, 1))
+    return _oil_stiffness(spring, spring.stiffness, mechanism, configuration)
+
+
+def read_stiffness(keys: Keys, stroke: tuple[float, float]) -> float | StiffnessCurve | Cylinder:
+    """Read the stiffness of a spring: a number, a curve over alpha3, or a cylinder.
+
+    Parameters
+    ----------
+    keys : Keys
+        Of the spring, with ``stiffness`` or ``cylinder``; without both it is 0.
+    stroke : tuple of float
+        Range of alpha3, deg, which a curve has to cover.
+
+    Raises
+    ------
+    MechanismError
+        If a key is missing or invalid.
+    """
+    if "cylinder" in keys:
+        return _read_cylinder(keys["cylinder"], on_joint="joint" in keys)
+    if keys.is_mapping("stiffness"):
+        return _read_curve(keys["stiffness"], stroke)
+    stiffness = keys.number("stiffness", default=0.0)
+    if stiffness < 0.0:
+        raise keys.error(
+            "stiffness",
+            f"{stiffness:g} would push its ends apart; give a positive stiffness, or 0 for a "
+            "damper without a spring.",
+        )
+    return stiffness
+
+
+def _spline(curve: StiffnessCurve) -> CubicSpline:
+    return CubicSpline(curve.angles, curve.values)
+
+
+def _read_curve(keys: Keys, stroke: tuple[float, float]) -> StiffnessCurve:
+    angles, values = keys.numbers("alpha3_deg"), keys.numbers("values")
+    if len(angles) < 2 or len(angles) != len(values):
+        raise keys.error(
+            "values",
+            f"{len(values)} values belong to {len(angles)} angles; give one for each of at least "
+            "two angles.",
+        )
+    if not (np.diff(angles) > 0.0).all():
+        raise keys.error("alpha3_deg", "the angles do not ascend; sort them.")
+    if stroke[0] < angles[0] or angles[-1] < stroke[1]:
+        raise keys.error(
+            "alpha3_deg",
+            f"[{angles[0]:g}, {angles[-1]:g}] does not cover input.range_deg "
+            f"([{stroke[0]:g}, {stroke[1]:g}]); add angles.",
+        )
+    curve = StiffnessCurve(tuple(np.radians(angles).tolist()), tuple(values))
+    between = np.linspace(curve.angles[0], curve.angles[-1], _DENSE * len(angles))
+    low = int(_spline(curve)(between).argmin())
+    if not _spline(curve)(between[low]) > 0.0:
+        raise keys.error(
+            "values",
+            f"the curve through them is not above zero at {math.degrees(between[low]):.1f} deg; "
+            "give more angles there, or positive values.",
+        )
+    return curve
+
+
+def _read_cylinder(keys: Keys, *, on_joint: bool) -> Cylinder:
+    bore = keys.number("bore", positive=True)
+    rod = keys.number("rod", positive=True) if "rod" in keys else None
+    if rod is not None and rod >= bore:
+        raise keys.error("rod", f"{rod:g} m does not fit into a bore of {bore:g} m; check both.")
+    return Cylinder(
+        ends=(keys.point("base_end"), keys.point("rod_end")) if on_joint else None,
+        count=keys.integer("count", default=1),
+        bore=bore,
+        rod=rod,
+        stroke=keys.number("stroke", positive=True),
+        closed_length=keys.number("closed_length", positive=True),
+        hose_volume=keys.number("hose_volume", default=0.0),
+        bulk_modulus=keys.number("bulk_modulus", positive=True),
+    )
+
+
+def _oil_stiffness(
+    spring: Spring, cylinder: Cylinder, mechanism: Mechanism, configuration: Configuration
+) -> tuple[float, float]:
+    """Return the stiffness of the oil in a cylinder, and its derivative."""
+    locals_ = cylinder.ends or tuple(
+        mechanism.local_points(body)[point]
+        for body, point in zip(spring.bodies, spring.points, strict=True)
+    )
+    ends = list(zip(spring.bodies, locals_, strict=True))
+    away = configuration.place(*ends[1]) - configuration.place(*ends[0])
+    length = math.hypot(*away)
+    unit = away / length
+    axial, slope = _column(spring.name, cylinder, length, configuration)
+    if cylinder.ends is None:
+        drift = configuration.place_rate(*ends[1]) - configuration.place_rate(*ends[0])
+        return axial, slope * float(unit @ drift)
+    first, second = spring.bodies
+    pin = mechanism.local_points(first)[spring.points[0]]
+    arm = configuration.place(*ends[1]) - configuration.place(first, pin)
+    lever, lever_rate = _lever(arm, unit, length)
+    turning = configuration.velocity_ratio(second) - configuration.velocity_ratio(first)
+    rate = slope * lever**3 + 2.0 * axial * lever * lever_rate
+    return axial * lever**2, rate * turning
+
+
+def _lever(arm: FloatArray, unit: FloatArray, length: float) -> tuple[float, float]:
+    """Return the lever of a cylinder about a pin, m, and its derivative by the pin's angle.
+
+    ``arm`` leads from the pin to the end that turns, ``unit`` along the cylinder to that end.
+    """
+    across = np.array([-arm[1], arm[0]])  # how the end moves as the pin turns
+    lever = float(unit @ across)
+    return lever, (float(across @ across) - lever**2) / length - float(unit @ arm)
+
+
+def _column(
+    name: str, cylinder: Cylinder, length: float, configuration: Configuration
+) -> tuple[float, float]:
+    """Return the stiffness of the oil along the cylinder, N/m, and its derivative by its length."""
+    travel = length - cylinder.closed_length
+    if not 0.0 <= travel <= cylinder.stroke:
+        raise MechanismError(
+            f"springs.{name}.cylinder",
+            f"its ends are {length:.4g} m apart at alpha3 = "
+            f"{math.degrees(configuration.alpha3):.2f} deg, but it is {cylinder.closed_length:g} "
+            f"to {cylinder.closed_length + cylinder.stroke:g} m long; correct the ends, "
+            "closed_length or stroke.",
+        )
+    bore = math.pi / 4.0 * cylinder.bore**2
+    sides = [(bore, travel, 1.0)]
+    if cylinder.rod is not None:
+        ring = bore - math.pi / 4.0 * cylinder.rod**2
+        sides.append((ring, cylinder.stroke - travel, -1.0))
+    stiffness = slope = 0.0
+    for area, height, sign in sides:
+        volume = cylinder.hose_volume + area * height
+        one = cylinder.count * cylinder.bulk_modulus * area**2 / volume
+        stiffness += one
+        slope -= sign * one * area / volume
+    return stiffness, slope

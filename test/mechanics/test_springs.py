@@ -1,0 +1,152 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Springs whose stiffness depends on the angle."""
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from linkage_vibration.mechanics.description import MechanismError
+from linkage_vibration.mechanics.model import LinkageModel
+from linkage_vibration.mechanics.parsing import mechanism_from_mapping
+from linkage_vibration.mechanics.springs import spring_stiffness
+from linkage_vibration.support.resources import config_file
+
+# The crank (0.203 m long, about P3) is pushed by two cylinders that stand on the tractor.
+OIL = {
+    "joint": "P3",
+    "cylinder": {
+        "base_end": [-0.050, 0.025],
+        "rod_end": [0.0, 0.090],
+        "count": 2,
+        "bore": 0.080,
+        "stroke": 0.300,
+        "closed_length": 0.260,
+        "hose_volume": 4.0e-4,
+        "bulk_modulus": 1.2e9,
+    },
+}
+CURVE = {"joint": "P3", "stiffness": {"alpha3_deg": [90, 120, 180], "values": [3e5, 5e5, 9e5]}}
+STAY = {
+    "between": ["P2", "V1"],
+    "cylinder": {
+        "bore": 0.05,
+        "rod": 0.03,
+        "stroke": 0.6,
+        "closed_length": 0.2,
+        "hose_volume": 1e-4,
+        "bulk_modulus": 1e9,
+    },
+}
+
+
+def sprung(spring: dict[str, Any]) -> LinkageModel:
+    """Return the shipped linkage whose crank is held by a spring instead of a clamp."""
+    mapping = yaml.safe_load(config_file("three_point_linkage.yaml").read_text())
+    if "joint" in spring:
+        del mapping["links"]["input_crank"]["clamped"]
+    mapping["springs"] = {"oil": spring}
+    return LinkageModel(mechanism_from_mapping(mapping))
+
+
+def stiffness(model: LinkageModel, alpha3: float) -> tuple[float, float]:
+    """Return the stiffness of the only spring and its derivative."""
+    (spring,) = model.mechanism.springs
+    return spring_stiffness(spring, model.mechanism, model.kinematics.at(alpha3))
+
+
+def test_oil_on_a_joint_has_the_stiffness_of_its_volume_and_lever() -> None:
+    """K r^2 with B A^2 / (V + A x), by hand at one angle; the lever by a right triangle."""
+    alpha3 = math.radians(120.0)
+    pin, foot = np.array([-0.064, 0.385]), np.array([-0.050, 0.025])
+    head = pin + 0.090 * np.array([-math.sin(alpha3), math.cos(alpha3)])
+    length = math.dist(head, foot)
+    area = math.pi * 0.040**2
+    column = 1.2e9 * area**2 / (4.0e-4 + area * (length - 0.260))
+    cross = (head - foot)[0] * (pin - foot)[1] - (head - foot)[1] * (pin - foot)[0]
+    lever = cross / length  # distance of the pin from the cylinder's axis
+    found, _ = stiffness(sprung(OIL), alpha3)
+    assert found == pytest.approx(2.0 * column * lever**2, rel=1e-12)
+
+
+@pytest.mark.parametrize("spring", [OIL, CURVE, STAY])
+def test_derivatives_are_differences(spring: dict[str, Any]) -> None:
+    """Those of the stiffness, of natural frequencies, and of a shape."""
+    model, step = sprung(spring), 1e-5
+    for alpha3 in np.radians([100.0, 130.0, 170.0]):
+        before, after = (stiffness(model, alpha3 + h)[0] for h in (-step, step))
+        slope = stiffness(model, alpha3)[1]
+        assert slope == pytest.approx((after - before) / (2.0 * step), rel=1e-6)
+        solution = model.solve(alpha3)
+        one, other = (model.solve(alpha3 + h).modes for h in (-step, step))
+        expected = (other.omega - one.omega)[:4] / (2.0 * step) / (2.0 * math.pi)
+        np.testing.assert_allclose(solution.frequency_derivatives[:4], expected, rtol=1e-4)
+        sign = np.sign((one.shapes[:, 0] * other.shapes[:, 0]).sum())
+        turn = np.sign((solution.modes.shapes[:, 0] * one.shapes[:, 0]).sum())
+        difference = turn * (sign * other.shapes[:, 0] - one.shapes[:, 0]) / (2.0 * step)
+        derivative = solution.shape_derivative(0)
+        assert np.abs(derivative - difference).max() < 1e-5 * np.abs(derivative).max()
+
+
+def test_rod_side_adds_its_own_column() -> None:
+    """Both sides at one length: B A^2 / V of the piston, and of the ring with what is left."""
+    model, alpha3 = sprung(STAY), math.radians(120.0)
+    configuration = model.kinematics.at(alpha3)
+    ends = configuration.place("lower_link", (0.366, 0.0)), np.array([-0.334, 0.403])
+    travel = math.dist(*ends) - 0.2
+    piston, ring = math.pi * 0.025**2, math.pi * (0.025**2 - 0.015**2)
+    expected = piston**2 / (1e-4 + piston * travel) + ring**2 / (1e-4 + ring * (0.6 - travel))
+    assert stiffness(model, alpha3)[0] == pytest.approx(1e9 * expected, rel=1e-12)
+
+
+def test_curve_passes_through_its_values() -> None:
+    """At the given angles it is what the file says."""
+    model = sprung(CURVE)
+    found = [stiffness(model, math.radians(angle))[0] for angle in (90.0, 120.0, 180.0)]
+    np.testing.assert_allclose(found, [3e5, 5e5, 9e5], rtol=1e-12)
+
+
+def test_constant_curve_is_a_constant() -> None:
+    """A curve of one value gives the frequencies of that number."""
+    curve = sprung({"joint": "P3", "stiffness": {"alpha3_deg": [90, 180], "values": [1e6, 1e6]}})
+    number = sprung({"joint": "P3", "stiffness": 1e6})
+    ours, theirs = (m.solve(2.0).natural_frequencies for m in (curve, number))
+    np.testing.assert_allclose(ours[:6], theirs[:6], rtol=1e-12)
+
+
+def _cylinder(**changes: Any) -> dict[str, Any]:
+    return {**OIL, "cylinder": {**OIL["cylinder"], **changes}}  # type: ignore[dict-item]
+
+
+def _curve(angles: list[float], values: list[float]) -> dict[str, Any]:
+    return {"joint": "P3", "stiffness": {"alpha3_deg": angles, "values": values}}
+
+
+@pytest.mark.parametrize(
+    ("spring", "path"),
+    [
+        (_cylinder(bore=-1.0), "cylinder.bore"),
+        (_cylinder(rod=0.2), "cylinder.rod"),
+        (_cylinder(bulk=1.0), "cylinder.bulk"),
+        (_curve([90, 180], [1e6]), "stiffness.values"),
+        (_curve([180, 90], [1e6, 1e6]), "stiffness.alpha3_deg"),
+        (_curve([100, 180], [1e6, 1e6]), "stiffness.alpha3_deg"),
+        (_curve([90, 180], [1e6, -1e6]), "stiffness.values"),
+        (_curve([90, 91, 179, 180], [1e6, 1e3, 1e3, 1e6]), "stiffness.values"),
+    ],
+)
+def test_invalid_stiffness_is_refused(spring: dict[str, Any], path: str) -> None:
+    """The error names the key."""
+    with pytest.raises(MechanismError) as caught:
+        sprung(spring)
+    assert caught.value.path == f"springs.oil.{path}"
+
+
+def test_piston_beyond_its_end_is_refused() -> None:
+    """The error says how long the cylinder would have to be, and where."""
+    with pytest.raises(MechanismError, match=r"apart at alpha3 = 114\.59 deg") as caught:
+        sprung(_cylinder(stroke=0.01)).solve(2.0)
+    assert caught.value.path == "springs.oil.cylinder"

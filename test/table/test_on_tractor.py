@@ -1,0 +1,62 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""The table of the linkage on its tractor, as it ships and as it is built."""
+
+import math
+
+import numpy as np
+import pytest
+
+from linkage_vibration.mechanics.model import LinkageModel, Solution
+from linkage_vibration.readers.mechanism import read_mechanism
+from linkage_vibration.support.resources import config_file
+from linkage_vibration.table.table import load_table
+from linkage_vibration.table.tabulation import build_table
+
+NAME = "three_point_linkage_on_tractor"
+
+
+@pytest.fixture(scope="module")
+def model() -> LinkageModel:
+    """Return the model of the shipped file."""
+    return LinkageModel(read_mechanism(config_file(f"{NAME}.yaml")))
+
+
+def test_shipped_table_is_that_of_the_file(model: LinkageModel) -> None:
+    """Its natural frequencies at any angle are the model's to 1e-6, and its peak is to 1e-4."""
+    table = load_table(config_file(f"tables/{NAME}.npz"), model.mechanism)
+    assert table.n_modes == 6
+    for alpha3 in np.random.default_rng(5).uniform(*model.mechanism.stroke, 6).tolist():
+        solution = model.solve(alpha3)
+        values, frequency, magnitude, _ = table.interpolate(alpha3)
+        expected = solution.natural_frequencies[:6]
+        np.testing.assert_allclose(np.sort(values[:6]), expected, rtol=1e-6)
+        peak = solution.peak(table.band)
+        assert (frequency, magnitude) == pytest.approx((peak.frequency, peak.magnitude), rel=1e-4)
+
+
+def test_table_needs_at_most_sixty_solutions(
+    model: LinkageModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """And has 1e-6 in natural frequencies, by its own bound."""
+    solved: list[float] = []
+    solve = LinkageModel.solve
+
+    def count(self: LinkageModel, alpha3: float) -> Solution:
+        solved.append(alpha3)
+        return solve(self, alpha3)
+
+    monkeypatch.setattr(LinkageModel, "solve", count)
+    table = build_table(model)
+    assert len(solved) <= 60
+    assert table.interpolation_error.max() <= 1e-6
+
+
+def test_oil_and_tractor_change_the_modes_as_measured(model: LinkageModel) -> None:
+    """Three modes of the tractor lie below 3 Hz; the implement's is higher than on clamps."""
+    clamped = LinkageModel(read_mechanism())
+    for alpha3_deg in (90.0, 135.0, 180.0):
+        alpha3 = math.radians(alpha3_deg)
+        found = model.solve(alpha3).natural_frequencies
+        assert found[2] < 3.0 < found[3]
+        assert 1.1 < found[3] / clamped.solve(alpha3).natural_frequencies[0] < 1.9
