@@ -36,8 +36,9 @@ def run(options: argparse.Namespace) -> int:
     from tqdm import tqdm
 
     from linkage_vibration.mechanics.model import LinkageModel
+    from linkage_vibration.prediction.predictor import uncertain_modes
     from linkage_vibration.readers.mechanism import read_mechanism
-    from linkage_vibration.support.atomic_files import check_outputs
+    from linkage_vibration.support.atomic_files import check_outputs, check_suffix
     from linkage_vibration.support.resources import DEFAULT_MECHANISM, config_file
     from linkage_vibration.table.table import save_table
     from linkage_vibration.table.tabulation import build_table
@@ -45,6 +46,7 @@ def run(options: argparse.Namespace) -> int:
     source = options.mechanism or config_file(DEFAULT_MECHANISM)
     output = options.output or Path(source.name).with_suffix(".npz")
     check_outputs([output], [source])
+    check_suffix(output, ".npz")
     model, solutions = LinkageModel(read_mechanism(source)), 0
     layout = "{desc}: {percentage:3.0f} % of the stroke |{bar}| {elapsed}, {postfix}"
     with tqdm(desc=model.mechanism.name, total=1.0, delay=2.0, bar_format=layout) as bar:
@@ -64,6 +66,10 @@ def run(options: argparse.Namespace) -> int:
         f"deg by {solutions} solutions; bounds of relative errors: natural frequencies and damping "
         f"ratios {table.interpolation_error.max():.1e}, FRF peak {table.peak_error:.1e}{frfs}."
     )
+    if table.measured:
+        deviations = table.frequency_stddev, table.damping_ratios, table.damping_ratio_stddev
+        for sentence in uncertain_modes(table.natural_frequencies, *deviations):
+            print(sentence)
     if table.free_modes:
         print(
             f"Nothing holds {model.mechanism.name}: {table.free_modes} mode at 0 Hz is left out of "

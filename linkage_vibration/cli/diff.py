@@ -20,9 +20,10 @@ def run(options: argparse.Namespace) -> int:
     """Print a summary and write the page; return the exit code."""
     from linkage_vibration.review.difference import compare, difference_page, problems, summary
     from linkage_vibration.review.html import write_page
-    from linkage_vibration.support.atomic_files import check_outputs, messages_beside
+    from linkage_vibration.support.atomic_files import check_outputs, check_suffix, messages_beside
 
     check_outputs([options.output], options.logs)
+    check_suffix(options.output, ".html")
     found = compare(*options.logs)
     stream = messages_beside(options.output)
     print(summary(found), file=stream)

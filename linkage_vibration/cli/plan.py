@@ -60,7 +60,7 @@ def run(options: argparse.Namespace) -> int:
 
     from linkage_vibration.readers.mechanism import load_yaml, read_mechanism
     from linkage_vibration.studies import plan
-    from linkage_vibration.support.atomic_files import check_outputs
+    from linkage_vibration.support.atomic_files import check_outputs, check_suffix
     from linkage_vibration.support.resources import DEFAULT_MECHANISM, config_file
 
     words = options.points
@@ -70,6 +70,7 @@ def run(options: argparse.Namespace) -> int:
     source = options.mechanism or config_file(DEFAULT_MECHANISM)
     if options.output:
         check_outputs([options.output], [source])
+        check_suffix(options.output, ".yaml")
     mechanism = read_mechanism(source, spatial="y" in words[1::2])
     low, high = options.range_deg or [options.angle_deg, options.angle_deg]
     limit = options.microseconds_per_prediction

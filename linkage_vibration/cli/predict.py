@@ -28,9 +28,14 @@ def run(options: argparse.Namespace) -> int:
     for angle in options.angle_deg:
         prediction = predictor.predict(math.radians(angle))
         good = good and prediction.status.has_numbers
+        missing = "overdamped" if prediction.status.has_numbers else "nan"
+        frequencies = [
+            f"{missing:>13}" if math.isnan(frequency) else f"{frequency:13.4f}"
+            for frequency in prediction.natural_frequencies
+        ]
         print(
             f"{angle:12.3f}"
-            + "".join(f"{frequency:13.4f}" for frequency in prediction.natural_frequencies)
+            + "".join(frequencies)
             + f"{prediction.frf_peak_frequency:13.4f}{prediction.frf_peak_magnitude:13.4e}"
             + ("" if prediction.status is Status.OK else f"  {prediction.status.name}")
         )

@@ -22,9 +22,11 @@ def run(options: argparse.Namespace) -> int:
     from tqdm import tqdm
 
     from linkage_vibration.bags.recovery import recover, summary
+    from linkage_vibration.support.atomic_files import check_suffix
 
     log: Path = options.log
     output = options.output or log.with_name(f"{log.stem}_recovered.mcap")
+    check_suffix(output, ".mcap")
     size = log.stat().st_size if log.exists() else 0
     with tqdm(total=size, unit="B", unit_scale=True, delay=2.0) as bar:
         result = recover(log, output, bar.update)

@@ -53,9 +53,10 @@ def run(options: argparse.Namespace) -> int:
     from linkage_vibration.playback.remapping import remappings
     from linkage_vibration.playback.replay import WhatIf, problems, replay, summary
     from linkage_vibration.prediction.settings import Parameters, read_parameters, with_values
-    from linkage_vibration.support.atomic_files import check_outputs, messages_beside
+    from linkage_vibration.support.atomic_files import check_outputs, check_suffix, messages_beside
 
     check_outputs([options.output], [*options.bags, *filter(None, [options.params_file])])
+    check_suffix(options.output, ".mcap")
     settings = read_parameters(options.params_file) if options.params_file else Parameters()
     given = {
         "joint_name": options.joint,

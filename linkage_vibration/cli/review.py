@@ -25,11 +25,14 @@ def run(options: argparse.Namespace) -> int:
     from linkage_vibration.review.html import write_page
     from linkage_vibration.review.log import problems, read_log, write_csv
     from linkage_vibration.review.review_page import review_page
-    from linkage_vibration.support.atomic_files import check_outputs, messages_beside
+    from linkage_vibration.support.atomic_files import check_outputs, check_suffix, messages_beside
 
     output = options.output or options.log.with_suffix(".html")
     written = [output, *filter(None, [options.csv, options.png])]
     check_outputs(written, [options.log])
+    for path, suffix in ((output, ".html"), (options.csv, ".csv"), (options.png, ".png")):
+        if path is not None:
+            check_suffix(path, suffix)
     log = read_log(options.log)
     write_page(review_page(log), output)
     if options.csv:

@@ -24,11 +24,12 @@ def run(options: argparse.Namespace) -> int:
     from tqdm import tqdm
 
     from linkage_vibration.studies.sweep import dask_executor, read_designs, sweep
-    from linkage_vibration.support.atomic_files import check_outputs
+    from linkage_vibration.support.atomic_files import check_outputs, check_suffix
     from linkage_vibration.support.process_pool import LocalPool
 
     output = options.output or Path(options.designs.name).with_suffix(".nc")
     check_outputs([output], [options.designs])
+    check_suffix(output, ".nc")
     designs = read_designs(options.designs)
     pool: Any = dask_executor(options.dask) if options.dask else LocalPool(options.workers)
     with pool as executor, tqdm(total=designs.size, unit="design") as bar:

@@ -2,10 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Shows the newest prediction as one line of text."""
 
+import math
 import time
 from typing import Any, TextIO
 
 import numpy as np
+
+from linkage_vibration.prediction.predictor import Status
 
 
 class LiveLine:
@@ -30,8 +33,15 @@ class LiveLine:
 
 
 def _line(prediction: Any) -> str:
-    """Return a line of constant width, less than 80 columns for 3 modes."""
-    frequencies = "".join(f"{frequency:7.2f}" for frequency in prediction.natural_frequencies)
+    """Return a line of constant width, less than 80 columns for 3 modes.
+
+    An overdamped mode ("overd.") has no frequency.
+    """
+    missing = "overd." if prediction.status in (Status.OK, Status.NEAR_TOGGLE) else "nan"
+    frequencies = "".join(
+        f"{missing:>7}" if math.isnan(frequency) else f"{frequency:7.2f}"
+        for frequency in prediction.natural_frequencies
+    )
     return (
         f"crank {np.rad2deg(prediction.crank_angle):6.2f} deg |{frequencies} Hz | peak "
         f"{prediction.frf_peak_magnitude:8.2e} m/N at {prediction.frf_peak_frequency:6.2f} Hz"

@@ -112,16 +112,22 @@ def _draw(figure: "Figure", predictions: Columns, resonances: Columns) -> None:
     times = (stamps - stamps[0]) / 1e9
     gaps = gap_starts(times)
     axes = figure.subplots(n_modes + 2, sharex=True, height_ratios=[1.4, *[1] * n_modes, 1.4])
+    rows = axes[-2:0:-1]  # of the modes, from the lowest
     keys: dict[str, Artist] = _draw_lines(axes, times, gaps + 1, predictions)
     near = resonances["state"] == ResonanceState.WARNING if resonances else np.zeros(0, bool)
     if near.any():
         at = (header_stamps(resonances) - stamps[0]) / 1e9
-        for mode, ax in enumerate(axes[-2:0:-1]):
+        for mode, ax in enumerate(rows):
             own = near & (resonances["mode"] == mode)
             values = resonances["excitation_frequency"][own]
             [dots] = ax.plot(at[own], values, ".", color=_NEAR, markersize=3)
             keys["excitation near a natural frequency"] = dots
     invalid = np.isin(predictions["status"], (Status.OUT_OF_RANGE, Status.INVALID_ANGLE))
+    for frequencies, ax in zip(predictions["natural_frequencies"].T, rows, strict=True):
+        for start, end in runs(np.isnan(frequencies) & ~invalid):
+            ends = times[start], times[min(end, len(times) - 1)]
+            shaded = ax.axvspan(*ends, color=palette.OVERDAMPED_SHADE, lw=1, zorder=0)
+            keys["overdamped, without a frequency"] = shaded
     for ax in axes:
         for i in gaps:
             shade = {"facecolor": palette.GAP_SHADE, "edgecolor": palette.GREY, "hatch": "//"}

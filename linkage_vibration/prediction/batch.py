@@ -66,8 +66,9 @@ def predict_many(predictor: Predictor, alpha3: FloatArray, stddev: FloatArray) -
     status[inside] = np.where(sound, Status.OK, Status.NEAR_TOGGLE)
     ratios = values[:, modes : 2 * modes]
     stddevs = np.abs(slopes) * stddev[inside, np.newaxis]
-    noise, ratio_stddevs = table.deviations(angles)
+    ratio_stddevs = 0.0 * ratios
     if table.measured:
+        noise, ratio_stddevs = table.deviations(angles)
         stddevs = np.hypot(stddevs, noise)
     per_mode[:, inside] = values[:, :modes], ratios, slopes, stddevs, ratio_stddevs
     single[:2, inside] = values[:, 2 * modes :].T

@@ -14,6 +14,7 @@ from linkage_vibration.table.table import Table
 FloatArray = NDArray[np.float64]
 
 _FARTHEST_ANGLE = 1e6  # deg; a larger angle is not a few turns off
+_UNCERTAIN_FREQUENCY, _UNCERTAIN_RATIO = 1.0, 20.0  # %
 _TURN = 2.0 * math.pi
 _FARTHEST = 1e6  # rad; a larger angle is too coarse to be reduced to one turn
 
@@ -44,20 +45,23 @@ class Prediction:
         Every number below is NaN unless it is OK or NEAR_TOGGLE.
     natural_frequencies, damping_ratios : ndarray, (n_modes,)
         Hz and 1; with their slopes and standard deviations NaN for a mode that is overdamped at
-        this angle. It does not oscillate, so it has no frequency and no resonance.
+        this angle. It does not oscillate, so it has no frequency and no resonance. All other
+        numbers hold.
     frequency_slopes : ndarray, (n_modes,)
         Change of the natural frequencies with alpha3, Hz/rad.
     frequency_stddev : ndarray, (n_modes,)
         Standard deviation of the natural frequencies, Hz, by the angle and by the noise of measured
-        links.
+        links; NaN also where it is not known.
     frf_peak_frequency, frf_peak_magnitude : float
         Hz and m/N.
     interpolation_error : float
-        Estimated relative error of the worst natural frequency, 1.
+        Bound of the relative errors of natural frequencies and damping ratios, 1, against the
+        model. It does not include the standard deviations.
     table_id : str
         Identifies the table of the numbers.
     damping_ratio_stddev : ndarray, (n_modes,)
-        Standard deviation of the damping ratios, 1.
+        Standard deviation of the damping ratios, 1, by the noise of measured links alone; NaN also
+        where it is not known.
     """
 
     crank_angle: float
@@ -71,6 +75,34 @@ class Prediction:
     interpolation_error: float
     table_id: str
     damping_ratio_stddev: FloatArray
+
+
+def uncertain_modes(
+    frequencies: FloatArray,
+    frequency_stddev: FloatArray,
+    ratios: FloatArray,
+    ratio_stddev: FloatArray,
+) -> list[str]:
+    """Return a sentence about each mode whose standard deviations are large.
+
+    They are large above 1 % of the natural frequency, or above 20 % of the damping ratio.
+
+    Parameters
+    ----------
+    frequencies, frequency_stddev, ratios, ratio_stddev : ndarray, (..., n_modes)
+        Natural frequencies, damping ratios and their standard deviations, Hz and 1, of one
+        prediction or of many, of which the worst counts.
+    """
+    worst = []
+    for values, stddev in ((frequencies, frequency_stddev), (ratios, ratio_stddev)):
+        shares = np.divide(stddev, values, out=np.zeros(np.shape(values)), where=values > 0.0)
+        worst.append(np.fmax.reduce(shares.reshape(-1, shares.shape[-1]), axis=0, initial=0.0))
+    return [
+        f"Mode {mode} is uncertain: the standard deviation is {frequency:.2g} % of its natural "
+        f"frequency and {ratio:.2g} % of its damping ratio."
+        for mode, (frequency, ratio) in enumerate(100.0 * np.transpose(worst), 1)
+        if frequency > _UNCERTAIN_FREQUENCY or ratio > _UNCERTAIN_RATIO
+    ]
 
 
 def fault(prediction: Prediction, alpha3_range: tuple[float, float]) -> str:
@@ -151,7 +183,8 @@ class Predictor:
         n = self._n_modes
         slopes = self.table.frequency_slopes(angle)
         frequency_stddev = np.array([abs(slope) * stddev for slope in slopes])
-        ratio_stddev = np.zeros(n)
+        ratios = np.array(values[n:])
+        ratio_stddev = 0.0 * ratios  # NaN for an overdamped mode
         if self._measured:
             noise, ratio_stddev = self.table.deviations(np.array([angle]))[:, 0]
             frequency_stddev = np.hypot(frequency_stddev, noise)
@@ -160,7 +193,7 @@ class Predictor:
             crank_angle=alpha3,
             status=Status.OK if sound else Status.NEAR_TOGGLE,
             natural_frequencies=np.array(values[:n]),
-            damping_ratios=np.array(values[n:]),
+            damping_ratios=ratios,
             frequency_slopes=np.array(slopes),
             frequency_stddev=frequency_stddev,
             frf_peak_frequency=peak_frequency,

@@ -219,6 +219,8 @@ def _readings(q: Quantity) -> Items:
     for part, colour in (("A", _A), ("B", _B)):
         column = f"{part.lower()}_{q.key}"
         reading = {"id": column, "label": f"{title}, {part}", "column": column, "unit": q.unit}
+        if q.key.startswith("f"):
+            reading["predicted"] = f"{part.lower()}_peak_magnitude"
         readings.append(reading | {"factor": q.factor, "digits": 8, "colour": colour})
     less = {"column": f"b_{q.key}", "minus": f"a_{q.key}", "factor": q.factor}
     own = {"id": f"d_{q.key}", "label": "B \N{MINUS SIGN} A", "unit": q.unit, "digits": 4}
@@ -240,14 +242,19 @@ def _rows(found: Difference) -> list[list[str]]:
     return [
         [
             q.name,
-            f"{q.factor * q.largest:.6g}",
+            _digits(q.factor * q.largest, 6),
             clock(float(times[q.farthest]), float(times[-1])) if q.differs else "",
-            "" if q.unit == "%" else f"{q.largest_relative:.3g}",
-            f"{q.factor * q.rms:.6g}",
+            "" if q.unit == "%" else _digits(q.largest_relative, 3),
+            _digits(q.factor * q.rms, 6),
             q.unit + (f"; {q.one_sided} in one log only" if q.one_sided else ""),
         ]
         for q in found.quantities
     ]
+
+
+def _digits(value: float, count: int) -> str:
+    """Return a number with a count of digits; empty if nothing can be compared."""
+    return "" if math.isnan(value) else f"{value:.{count}g}"
 
 
 def _table(found: Difference, kept: IntArray) -> dict[str, Any]:

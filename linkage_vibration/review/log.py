@@ -88,13 +88,13 @@ class Log:
     crank_angle : ndarray, (n,)
         rad.
     natural_frequencies, damping_ratios : ndarray, (n, n_modes)
-        Hz and 1.
-    frequency_stddev : ndarray, (n, n_modes)
-        Hz; NaN in logs that are older than this field.
+        Hz and 1; NaN for an overdamped mode.
+    frequency_stddev, damping_ratio_stddev : ndarray, (n, n_modes)
+        Hz and 1; NaN in logs that are older than these fields.
     peak_frequency, peak_magnitude : ndarray, (n,)
         The peak of the FRF, Hz and m/N.
     interpolation_error : ndarray, (n,)
-        Estimated relative error of the worst natural frequency, 1.
+        Bound of the relative errors of natural frequencies and damping ratios, 1.
     resonances : Resonances or None
         None if the log holds no resonance.
     speeds : dict of Source to (times, values)
@@ -121,6 +121,7 @@ class Log:
     natural_frequencies: FloatArray
     frequency_stddev: FloatArray
     damping_ratios: FloatArray
+    damping_ratio_stddev: FloatArray
     peak_frequency: FloatArray
     peak_magnitude: FloatArray
     interpolation_error: FloatArray
@@ -178,7 +179,7 @@ def read_log(path: str | Path) -> Log:
     predictions = {name: column[order] for name, column in predictions.items()}
     stamps, frequencies = header_stamps(predictions), predictions["natural_frequencies"]
     start = stamps[0] + int(np.median(predictions[LOG_TIME] - stamps))
-    table_id = str(predictions["table_id"][-1])
+    table_id, unknown = str(predictions["table_id"][-1]), np.full(frequencies.shape, np.nan)
     attachments, metadata = _read_provenance(path)
     table, mechanism, mechanism_text = _read_model(attachments, table_id)
     parameters_text = attachments.get(PARAMETERS, b"").decode(errors="replace")
@@ -188,8 +189,9 @@ def read_log(path: str | Path) -> Log:
         status=predictions["status"].astype(np.int64),
         crank_angle=predictions["crank_angle"],
         natural_frequencies=frequencies,
-        frequency_stddev=predictions.get("frequency_stddev", np.full(frequencies.shape, np.nan)),
+        frequency_stddev=predictions.get("frequency_stddev", unknown),
         damping_ratios=predictions["damping_ratios"],
+        damping_ratio_stddev=predictions.get("damping_ratio_stddev", unknown),
         peak_frequency=predictions["frf_peak_frequency"],
         peak_magnitude=predictions["frf_peak_magnitude"],
         interpolation_error=predictions["interpolation_error"],
@@ -238,6 +240,7 @@ def problems(log: Log) -> list[str]:
 def write_csv(log: Log, path: Path) -> None:
     """Write a log as CSV: one line for each prediction, in SI units and radians.
 
+    The numbers of an overdamped mode, and those that are not known, are "nan".
     A `ReviewError` is raised if the file cannot be written.
 
     Parameters
@@ -252,6 +255,7 @@ def write_csv(log: Log, path: Path) -> None:
         ("natural_frequency_{}_hz", log.natural_frequencies),
         ("frequency_stddev_{}_hz", log.frequency_stddev),
         ("damping_ratio_{}", log.damping_ratios),
+        ("damping_ratio_stddev_{}", log.damping_ratio_stddev),
     ):
         names += [name.format(mode + 1) for mode in range(log.n_modes)]
         columns += list(values.T)

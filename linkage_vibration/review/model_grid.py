@@ -35,8 +35,9 @@ def linkage_grid(mechanism: Mechanism, table: Table) -> dict[str, Any] | None:
         ``bodies``, ``rigid``, ``lengths``: the name of each body, whether it is rigid, and the
         number of points of its curve. ``size``: m. ``angles``: (n_angles,), rad. ``places``:
         (n_angles, n_points, 2), the points of all curves along x and z, m. ``shapes``: (n_modes,
-        n_angles, n_points, 2), their displacements, of which the largest is 1. ``joints``,
-        ``centres``: (n_angles, n, 2), and ``ground``: (n, 2), see `Scene`.
+        n_angles, n_points, 2), their displacements, of which the largest is 1; all are 0 for an
+        overdamped mode. ``joints``, ``centres``: (n_angles, n, 2), and ``ground``: (n, 2), see
+        `Scene`.
     """
     angles = np.linspace(*table.alpha3_range, DRAWN_ANGLES)
     try:
@@ -50,6 +51,8 @@ def linkage_grid(mechanism: Mechanism, table: Table) -> dict[str, Any] | None:
     shapes = np.zeros((table.n_modes, len(angles), sum(lengths.values()), 2))
     for mode in range(table.n_modes):
         for i, solution in enumerate(solutions):
+            if np.isnan(frequencies[i, mode]):
+                continue  # an overdamped mode does not oscillate
             moved = mode_curves(solution, nearest_mode(solution, float(frequencies[i, mode])))
             shape = np.vstack(list(moved.values())) / largest(moved)
             # The sign of a shape is arbitrary; it is that of the shape at the previous angle.

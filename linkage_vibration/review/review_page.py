@@ -12,7 +12,7 @@ from linkage_vibration.drawing import palette
 from linkage_vibration.drawing.intervals import runs
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.prediction.excitation import Source
-from linkage_vibration.prediction.predictor import Status
+from linkage_vibration.prediction.predictor import Status, uncertain_modes
 from linkage_vibration.prediction.resonance import ResonanceState
 from linkage_vibration.review.html import Page, thinned
 from linkage_vibration.review.log import Log, durations, gaps
@@ -82,8 +82,9 @@ def provenance_rows(log: Log) -> list[list[str]]:
         table = log.table
         low, high = (DEG * angle for angle in table.alpha3_range)
         errors = (
-            f"natural frequencies {table.interpolation_error.max():.1e}, FRF peak "
-            f"{table.peak_error:.1e}, FRFs {table.frf_error:.1e}; measured against the model"
+            f"natural frequencies and damping ratios {table.interpolation_error.max():.1e}, "
+            f"FRF peak {table.peak_error:.1e}, FRFs {table.frf_error:.1e}, slopes "
+            f"{table.slope_error:.1e} per rad; bounds against the model"
         )
         rows += [
             ["Mechanism", f"{table.mechanism_name}, model {table.model_hash[:12]}"],
@@ -122,6 +123,7 @@ def _kept(log: Log, shown: list[Moment]) -> IntArray:
     quantities = [log.crank_angle, *log.natural_frequencies.T, log.peak_magnitude]
     changes = [np.flatnonzero(np.diff(log.status)), [moment.nearest for moment in shown]]
     changes += [np.searchsorted(log.times, [start for start, _ in gaps(log)])]
+    changes += [np.flatnonzero(np.diff(np.isnan(values))) for values in log.natural_frequencies.T]
     if log.resonances is not None:
         quantities.append(log.resonances.relative_margin)
         changes.append(np.flatnonzero(np.diff(log.resonances.state)))
@@ -211,6 +213,7 @@ def _readings(log: Log) -> Items:
     for mode, colour in enumerate(palette.mode_colours(log.n_modes)):
         name, spread = f"f{mode + 1}", {"spread": f"s{mode + 1}"} if _has_spread(log) else {}
         line = {"colour": colour, "column": name, "unit": "Hz", "digits": 8, **spread}
+        line["predicted"] = "peak_magnitude"
         readings.append(reading(name, f"Mode {mode + 1}", **line))
     readings += [
         reading("peak", "FRF peak", column="peak_magnitude", unit="m/N"),
@@ -271,9 +274,12 @@ def _summary(log: Log, found: list[Moment], missing: list[tuple[float, float]]) 
         angles = log.crank_angle[known] * DEG
         add("Crank angle", f"{angles.min():.1f} to {angles.max():.1f} deg")
         for mode, values in enumerate(log.natural_frequencies[known].T):
-            values = values[np.isfinite(values)]  # without those of an overdamped mode
-            found_range = f"{values.min():.2f} to {values.max():.2f} Hz" if len(values) else ""
-            add(f"Mode {mode + 1}", found_range or "overdamped")
+            oscillating = values[np.isfinite(values)]
+            overdamped = f"overdamped in {len(values) - len(oscillating):,} predictions"
+            parts = [overdamped] if len(oscillating) < len(values) else []
+            if len(oscillating):
+                parts.insert(0, f"{oscillating.min():.2f} to {oscillating.max():.2f} Hz")
+            add(f"Mode {mode + 1}", ", ".join(parts))
         peak = int(np.nanargmax(log.peak_magnitude))
         height, frequency = log.peak_magnitude[peak], log.peak_frequency[peak]
         add("Highest FRF peak", f"{height:.3g} m/N at {frequency:.2f} Hz")
@@ -281,6 +287,9 @@ def _summary(log: Log, found: list[Moment], missing: list[tuple[float, float]]) 
         warning = float(held[log.resonances.state == ResonanceState.WARNING].sum())
         share = 100.0 * warning / (float(held.sum()) or 1.0)
         add("Resonance warnings", f"{len(found)}, {share:.1f} % of the time", alert=bool(found))
+    deviations = log.frequency_stddev, log.damping_ratios, log.damping_ratio_stddev
+    for text in uncertain_modes(log.natural_frequencies, *deviations):
+        add("Uncertain", text, alert=True)
     faulty = int((log.status != Status.OK).sum())
     add("Predictions not OK", f"{faulty:,}" if faulty else "none", alert=faulty > 0)
     length = f"{len(missing)}, {_span(sum(end - start for start, end in missing))} in total"

@@ -11,6 +11,7 @@ from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
 from linkage_vibration.bags.recorder import Recorder
 from linkage_vibration.prediction.answers import Served
+from linkage_vibration.prediction.predictor import Prediction, uncertain_modes
 from linkage_vibration.prediction.resonance import Resonance, ResonanceState
 
 LATENCIES = 1_000  # the percentiles are those of this many latest latencies
@@ -127,8 +128,8 @@ class Health:
         Age of the last reading, and the age from which it is too old, s.
     second : Second
         What happened since the last status.
-    resonance : Resonance or None
-        The last resonance.
+    prediction, resonance : Prediction, Resonance or None
+        The last ones.
     recorder, served : Recorder, Served or None
         None while the node is not configured.
     """
@@ -139,6 +140,7 @@ class Health:
     age: float
     stale_after: float
     second: Second
+    prediction: Prediction | None
     resonance: Resonance | None
     recorder: Recorder | None
     served: Served | None
@@ -181,7 +183,16 @@ def _warning(health: Health, statistics: Statistics) -> str:
             f"{100.0 * abs(near.relative_margin):.1f} % of mode {near.mode + 1} "
             f"({near.natural_frequency:.1f} Hz)."
         )
-    return ""
+    return " ".join(_uncertain(health))
+
+
+def _uncertain(health: Health) -> list[str]:
+    """Return a sentence about each uncertain mode of the last prediction."""
+    if health.prediction is None:
+        return []
+    one = health.prediction
+    frequencies = one.natural_frequencies, one.frequency_stddev
+    return uncertain_modes(*frequencies, one.damping_ratios, one.damping_ratio_stddev)
 
 
 def status(name: str, health: Health, statistics: Statistics) -> DiagnosticStatus:

@@ -31,9 +31,9 @@ def check_interfaces() -> None:
     InterfaceError
         If a message class has other fields, or reads other values.
     """
-    one, two, three, four = np.array([[2.0, 3.0], [4.0, 5.0], [6.0, 7.0], [8.0, 9.0]])
+    one, two, three, four, five = np.arange(2.0, 12.0).reshape(5, 2)
     near, warning = Status.NEAR_TOGGLE, ResonanceState.WARNING
-    prediction = Prediction(1.0, near, one, two, three, four, 10.0, 11.0, 12.0, "table", one)
+    prediction = Prediction(1.0, near, one, two, three, four, 12.0, 13.0, 14.0, "table", five)
     resonance = Resonance(warning, "engine 1", 1.0, 2, 3.0, 4.0, 5.0, -1, 6.0, "table")
     _check_names(TABLE_INFO)
     _check_values(PREDICTION, prediction, encode_prediction(prediction, 1, 2, "frame"))

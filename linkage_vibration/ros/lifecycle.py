@@ -347,6 +347,7 @@ class LinkageVibrationNode(LifecycleNode):
             age=now - counts.last_reading,
             stale_after=self._settings.stale_after,
             second=counts.since_last_time(now),
+            prediction=None if predicting is None else predicting.prediction,
             resonance=None if predicting is None else predicting.resonance,
             recorder=None if recording is None else recording.recorder,
             served=self._served,

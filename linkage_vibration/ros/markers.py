@@ -126,8 +126,14 @@ class Markers:
         if not prediction.status.has_numbers or mode >= len(prediction.natural_frequencies):
             return []
         frequency = float(prediction.natural_frequencies[mode])
-        if math.isnan(frequency):  # an overdamped mode does not oscillate
-            return []
+        scale, colour = size(bodies), COLOURS[1]
+        low, high = geometry.corners(bodies)
+        above = np.array([[(low[0] + high[0]) / 2.0, high[1] + 2.0 * SWING * scale]])
+        text = _marker("mode_text", 0, Marker.TEXT_VIEW_FACING, colour, 2.0 * _PIN * scale, above)
+        if math.isnan(frequency):
+            text.text = f"mode {mode + 1}: overdamped"
+            return [text]
+        text.text = f"mode {mode + 1}: {frequency:.1f} Hz"
         solution = served.model.solve(angle)
         moved = geometry.mode_curves(solution, geometry.nearest_mode(solution, frequency))
         shape = np.vstack(list(moved.values()))
@@ -136,18 +142,12 @@ class Markers:
         if before is not None and before.shape == shape.shape and (before * shape).sum() < 0.0:
             sign = -1.0
         self._before = sign * shape
-        scale = size(bodies)
         phase = 2.0 * math.pi * SWINGS_PER_SECOND * time.monotonic()
         factor = sign * math.sin(phase) * SWING * scale / geometry.largest(moved)
-        colour, line, letter = COLOURS[1], _LINE * scale, 2.0 * _PIN * scale
         markers = [
-            _marker("mode", i, Marker.LINE_STRIP, colour, line, at + factor * moved[name])
+            _marker("mode", i, Marker.LINE_STRIP, colour, _LINE * scale, at + factor * moved[name])
             for i, (name, at) in enumerate(bodies.items())
         ]
-        low, high = geometry.corners(bodies)
-        above = np.array([[(low[0] + high[0]) / 2.0, high[1] + 2.0 * SWING * scale]])
-        text = _marker("mode_text", 0, Marker.TEXT_VIEW_FACING, colour, letter, above)
-        text.text = f"mode {mode + 1}: {frequency:.1f} Hz"
         return [*markers, text]
 
 

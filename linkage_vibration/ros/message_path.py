@@ -18,7 +18,7 @@ from linkage_vibration.messages.topics import INPUT_TOPICS, OUTPUT_TOPICS, SPEED
 from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.inputs import INPUTS
 from linkage_vibration.prediction.inputs.crank_input import CrankInput, Reading, ReadingError
-from linkage_vibration.prediction.predictor import Predictor, Status, fault
+from linkage_vibration.prediction.predictor import Prediction, Predictor, Status, fault
 from linkage_vibration.prediction.resonance import Resonance, ResonanceMonitor
 from linkage_vibration.prediction.settings import Parameters
 from linkage_vibration.ros.diagnostics import Statistics
@@ -66,8 +66,8 @@ class Predicting:
 
     Attributes
     ----------
-    resonance : Resonance or None
-        The last resonance.
+    prediction, resonance : Prediction, Resonance or None
+        The last ones.
     """
 
     def __init__(
@@ -84,6 +84,7 @@ class Predicting:
         throttle: Throttle,
     ) -> None:
         self.predictor = predictor
+        self.prediction: Prediction | None = None
         self.resonance: Resonance | None = None
         self._node, self._monitor, self._record, self._show = node, monitor, record, show
         self._settings, self._statistics, self._throttle = settings, statistics, throttle
@@ -196,6 +197,7 @@ class Predicting:
         """Predict and publish; then count, and record the message before its prediction."""
         counts, received = self._statistics, source[2]
         prediction = self.predictor.predict(reading.crank_angle, reading.stddev)
+        self.prediction = prediction
         encoded = encode_prediction(prediction, sec, nanosec, frame)
         self._predictions.publish(encoded)
         counts.latencies.append(time.monotonic() - began)

@@ -16,6 +16,19 @@ import yaml
 
 from linkage_vibration.errors import LinkageVibrationError
 
+# Options that write files with these suffixes; bags of other kinds are only read.
+_WRITERS = {
+    ".mcap": "replay BAG -o",
+    ".html": "review LOG -o",
+    ".csv": "review LOG --csv",
+    ".png": "review LOG --png",
+    ".npz": "build MECHANISM -o",
+    ".nc": "sweep DESIGNS -o",
+    ".yaml": "plan MECHANISM -o",
+    ".bag": "",
+    ".db3": "",
+}
+
 
 class OutputError(LinkageVibrationError):
     """A file cannot be written, or would replace an input or another output."""
@@ -50,6 +63,26 @@ def check_outputs(outputs: Sequence[Path], inputs: Sequence[Path]) -> None:
             for other in outputs[:i]:
                 if _is_same(path, other):
                     raise OutputError(f"{path} and {other} are one file; give each its own name.")
+
+
+def check_suffix(path: Path, suffix: str) -> None:
+    """Refuse an output whose suffix is that of another format.
+
+    Parameters
+    ----------
+    path, suffix : Path, str
+        The file to write, and the suffix of its format.
+
+    Raises
+    ------
+    OutputError
+        The text names the option that writes the other format.
+    """
+    other = path.suffix.lower()
+    if other != suffix and other in _WRITERS:
+        writer, name = _WRITERS[other], path.with_suffix(suffix)
+        instead = f"; `linkage-vibration {writer} FILE` writes {other} files" if writer else ""
+        raise OutputError(f"{path}: the output is a {suffix} file; use {name}{instead}.")
 
 
 def messages_beside(*outputs: Path) -> TextIO:

@@ -219,15 +219,13 @@ class Table:
     def deviations(self, alpha3: FloatArray) -> FloatArray:
         """Return the standard deviations by noise at angles, (2, n, n_modes), Hz and 1.
 
-        They are interpolated linearly, and 0 without measured links.
+        They are interpolated linearly. The table must be of measured links.
 
         Parameters
         ----------
         alpha3 : ndarray, (n,)
             rad, within the range.
         """
-        if not self.measured:
-            return np.zeros((2, len(alpha3), self.n_modes))
         arrays = self.frequency_stddev, self.damping_ratio_stddev
         return np.array(
             [np.array([np.interp(alpha3, self.alpha3, c) for c in values.T]).T for values in arrays]
@@ -239,11 +237,11 @@ class Table:
         Returns
         -------
         values : list of float, 2 n_modes
-            Natural frequencies (Hz), then damping ratios (1).
+            Natural frequencies (Hz), then damping ratios (1); NaN for an overdamped mode.
         peak_frequency, peak_magnitude : float
             The highest peak, Hz and m/N.
         error : float
-            Largest relative error of a natural frequency in this piece.
+            Bound of the relative errors of both in this piece.
         """
         n, n_peaks, low, high = self._layout
         values = self._lookup.values(alpha3)

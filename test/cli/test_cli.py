@@ -3,6 +3,7 @@
 """The command line, which the tests run as a user runs it."""
 
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -10,7 +11,7 @@ from pathlib import Path
 import pytest
 
 import linkage_vibration.cli
-from linkage_vibration.cli.main import SUBCOMMANDS
+from linkage_vibration.cli.main import SUBCOMMANDS, main
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.readers.mechanism import read_mechanism
@@ -113,6 +114,36 @@ def test_plan_chooses_and_measures(tmp_path: Path) -> None:
     planned = read_mechanism(tmp_path / "planned.yaml")
     assert planned.response.band == (0.0, 40.0)
     assert planned.links[0].modes < 20
+
+
+@pytest.mark.parametrize(
+    ("words", "remedy"),
+    [
+        (
+            ("replay", "a.mcap", "-o", "x.csv"),
+            r"use x\.mcap; `.* review LOG --csv FILE` writes \.csv",
+        ),
+        (("replay", "a.mcap", "-o", "x.db3"), r"use x\.mcap\.$"),
+        (("review", "a.mcap", "-o", "x.csv"), r"use x\.html; `.* review LOG --csv FILE`"),
+        (("review", "a.mcap", "--csv", "x.mcap"), r"use x\.csv; `.* replay BAG -o FILE`"),
+        (("review", "a.mcap", "--png", "x.html"), r"use x\.png; `.* review LOG -o FILE`"),
+        (("diff", "a.mcap", "a.mcap", "-o", "x.png"), r"use x\.html; `.* review LOG --png FILE`"),
+        (("recover", "a.mcap", "-o", "x.csv"), r"use x\.mcap"),
+        (("build", "-o", "x.yaml"), r"use x\.npz; `.* plan MECHANISM -o FILE`"),
+    ],
+)
+def test_output_of_another_format(
+    words: tuple[str, ...],
+    remedy: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """A suffix of another format is refused before anything is read, and names the right option."""
+    monkeypatch.chdir(tmp_path)
+    assert main(words) == 1
+    assert re.search(remedy, capsys.readouterr().err)
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("command", ["build", "plan"])

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from linkage_vibration.drawing.live_line import LiveLine
+from linkage_vibration.prediction.predictor import Status
 
 
 def test_live_line_is_written_once_a_second_to_a_file() -> None:
@@ -15,6 +16,7 @@ def test_live_line_is_written_once_a_second_to_a_file() -> None:
     stream = io.StringIO()
     live = LiveLine(stream)
     prediction = SimpleNamespace(
+        status=Status.OK,
         crank_angle=np.deg2rad(132.0),
         natural_frequencies=[4.25, 97.5, 170.25],
         frf_peak_frequency=4.24,

@@ -15,8 +15,10 @@ import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
+from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.prediction.resonance import Resonance, ResonanceState
 from linkage_vibration.ros.diagnostics import LATENCIES, Health, Second, Statistics, status
+from linkage_vibration.table.table import load_table
 from test.support.ros_process import until
 
 OK, WARN, ERROR, STALE = (
@@ -27,6 +29,14 @@ OK, WARN, ERROR, STALE = (
 )
 NEAR = Resonance(
     ResonanceState.WARNING, "engine 3", 94.0, 1, 95.0, -1.0, -1.0 / 95.0, 1, 2.0, "a table"
+)
+# Mode 1 is known, and mode 3 is overdamped, so that nothing about it is uncertain.
+UNCERTAIN = replace(
+    Predictor(load_table()).predict(2.0),
+    natural_frequencies=np.array([4.0, 100.0, math.nan]),
+    frequency_stddev=np.array([0.01, 1.4, math.nan]),
+    damping_ratios=np.array([0.01, 0.02, math.nan]),
+    damping_ratio_stddev=np.array([0.0, 0.006, math.nan]),
 )
 
 
@@ -44,6 +54,7 @@ SOUND = Health(
     age=0.01,
     stale_after=1.0,
     second=QUIET,
+    prediction=None,
     resonance=replace(NEAR, state=ResonanceState.CLEAR),
     recorder=recorder(),
     served=SimpleNamespace(  # type: ignore[arg-type]
@@ -67,6 +78,12 @@ SOUND = Health(
         ({"recorder": recorder(dropped=3)}, WARN, "3 messages are missing in the log"),
         ({"recorder": recorder(error="disk full")}, ERROR, "disk full"),
         ({"resonance": NEAR}, WARN, r"engine 3 \(94.0 Hz\) is within 1.1 % of mode 2 \(95.0 Hz\)"),
+        (
+            {"prediction": UNCERTAIN},
+            WARN,
+            r"Mode 2 is uncertain: .* 1.4 % of its natural frequency and 30 % of its damping ratio",
+        ),
+        ({"prediction": UNCERTAIN, "resonance": NEAR}, WARN, "engine 3"),
         ({"age": 2.5, "recorder": recorder(error="disk full")}, ERROR, "disk full"),
         ({"resonance": NEAR, "second": replace(QUIET, without_numbers=0.5)}, WARN, "50 %"),
     ],

@@ -81,7 +81,9 @@ const linkage = data.linkage && (() => {
       const f = columns[`f${mode + 1}`][cursor], angle = columns.crank_angle[cursor];
       byId("linkage-caption").textContent = Number.isFinite(f)
         ? `Mode ${mode + 1}, ${digits(f)} Hz, at ${(angle * DEG).toFixed(2)}°. The motion is magnified and slowed down; grey shows the linkage at rest.`
-        : `No prediction at ${Number.isFinite(angle) ? `${(angle * DEG).toFixed(2)}°` : "an invalid angle"}.`;
+        : Number.isFinite(columns.peak_magnitude[cursor])
+          ? `Mode ${mode + 1} is overdamped at ${(angle * DEG).toFixed(2)}°: it does not oscillate.`
+          : `No prediction at ${Number.isFinite(angle) ? `${(angle * DEG).toFixed(2)}°` : "an invalid angle"}.`;
     },
   };
 })();

@@ -14,7 +14,7 @@ const LUT = (() => {
 
 /** The receptance as a picture, computed once; paint draws it into a chart. */
 const waterfall = frf && (() => {
-  const lowest = Math.min(...frf.frequencies.filter(Number.isFinite));
+  const lowest = Math.min(frf.band[1], ...frf.frequencies.filter(Number.isFinite));
   const range = [Math.max(frf.band[0], lowest / 2.5), frf.band[1]];
   const ROWS = 240, shade = new Uint8Array(frf.angles.length * ROWS);
   const values = new Float32Array(shade.length);

@@ -1,0 +1,176 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""A hitch whose lowest mode becomes overdamped, from the node over DDS to the review page."""
+
+import csv
+import io
+import json
+import math
+import re
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from linkage_vibration.cli.main import main
+from linkage_vibration.drawing.live_line import LiveLine
+from linkage_vibration.mechanics.model import LinkageModel
+from linkage_vibration.messages.topics import PREDICTION_TOPIC, RESONANCE_TOPIC
+from linkage_vibration.playback.replay import replay
+from linkage_vibration.prediction.settings import Parameters
+from linkage_vibration.readers.mechanism import read_mechanism
+from linkage_vibration.support.resources import DEFAULT_MECHANISM, config_file
+from linkage_vibration.table.table import save_table
+from linkage_vibration.table.tabulation import build_table
+from linkage_vibration_interfaces.srv import GetModeShapes
+from test.ros.test_same_bytes import messages
+from test.support.browser import CHROMIUM, NAMES, Browser
+
+ANGLES = np.radians(np.linspace(150.0, 165.0, 31))
+BEGIN = math.radians(162.75)  # mode 1 is overdamped beyond; its damping ratio is 0.997 at 162.5 deg
+OVERDAMPED = np.greater(ANGLES, BEGIN)
+
+
+@pytest.fixture(scope="module")
+def hitch(tmp_path_factory: pytest.TempPathFactory) -> Parameters:
+    """Return the parameters for the shipped hitch with a damper from P2 to E1, coarsely meshed."""
+    mapping = yaml.safe_load(config_file(DEFAULT_MECHANISM).read_text())
+    for link in mapping["links"].values():
+        link |= {"elements": 4, "modes": 2}
+    mapping["input"]["range_deg"] = [150.0, 165.0]
+    mapping["springs"] = {"s": {"between": ["P2", "E1"], "damping": 1e5}}
+    path = tmp_path_factory.mktemp("hitch") / "hitch.yaml"
+    path.write_text(yaml.safe_dump(mapping, sort_keys=False))
+    table = path.with_suffix(".npz")
+    save_table(build_table(LinkageModel(read_mechanism(path)), 1e-3), table)
+    return Parameters(mechanism_file=str(path), table_file=str(table), engine_speed=150.0)
+
+
+@pytest.fixture(scope="module")
+def recorded(
+    hitch: Parameters,
+    start: Callable[..., Any],
+    meet: Callable[..., Any],
+    tmp_path_factory: pytest.TempPathFactory,
+) -> tuple[Path, list[Any], Any, Any, str]:
+    """Return the node's log, its messages, answers of two services, and what it printed."""
+    folder = tmp_path_factory.mktemp("log")
+    files = {"mechanism_file": hitch.mechanism_file, "table_file": hitch.table_file}
+    speed = hitch.engine_speed
+    node = start(name="heavy", record=True, log_directory=folder, engine_speed=speed, **files)
+    peer = meet("heavy")
+    found = [peer.ask(positions=(angle,)) for angle in ANGLES.tolist()]
+    answer = peer.call(ANGLES.tolist())
+    client = peer.node.create_client(GetModeShapes, "heavy/get_mode_shapes")
+    peer.spin(client.service_is_ready)
+    shapes = peer.result(client.call_async(GetModeShapes.Request(crank_angle=ANGLES[-1])))
+    assert node.stop() == 0
+    [log] = folder.glob("*.mcap")
+    return log, found, answer, shapes, node.printed
+
+
+@pytest.fixture(scope="module")
+def files(
+    recorded: Any, hitch: Parameters, tmp_path_factory: pytest.TempPathFactory
+) -> dict[str, Path]:
+    """Return a replay of the node's log, and what `review` and `diff` write of it, by suffixes."""
+    folder = tmp_path_factory.mktemp("files")
+    found = {kind: folder / f"heavy.{kind}" for kind in ("mcap", "html", "csv", "png")}
+    replay(recorded[0], found["mcap"], hitch)
+    log = str(found["mcap"])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        options = ["--csv", str(found["csv"]), "--png", str(found["png"])]
+        assert main(["review", log, *options]) == 0
+    return found
+
+
+def test_node(recorded: Any) -> None:
+    """Only the numbers of the overdamped mode are NaN; the status is OK, and nothing warns."""
+    _, found, answer, shapes, printed = recorded
+    assert answer.success
+    for message in found, answer.predictions:
+        for name in (
+            "natural_frequencies",
+            "damping_ratios",
+            "frequency_stddev",
+            "damping_ratio_stddev",
+        ):
+            values = np.array([getattr(one, name) for one in message])
+            np.testing.assert_array_equal(np.isnan(values[:, 0]), OVERDAMPED)
+            assert np.isfinite(values[:, 1:]).all()
+        assert all(one.status == one.STATUS_OK for one in message)
+        assert np.isfinite([one.frf_peak_magnitude for one in message]).all()
+    assert shapes.success
+    assert min(shapes.natural_frequencies) > 80.0  # mode 1, of 5 Hz, is left out
+    for line in printed.splitlines():  # the peer begins with an angle that is out of range
+        assert "[INFO]" in line or "114.5916 deg is not in the table" in line
+
+
+def test_same_bytes(recorded: Any, files: dict[str, Path]) -> None:
+    """The replay gives the bytes of the node, NaN included, and never names the overdamped mode."""
+    for topic in (PREDICTION_TOPIC, RESONANCE_TOPIC):
+        own = topic.replace("linkage_vibration", "heavy")
+        live = [data for _, _, data in messages(recorded[0], own)]
+        assert len(live) >= len(ANGLES)
+        assert [data for _, _, data in messages(files["mcap"], topic)] == live
+
+
+def test_table_of_numbers(files: dict[str, Path]) -> None:
+    """The CSV has nan for that mode only, which no excitation is compared with there."""
+    rows = list(csv.DictReader(io.StringIO(files["csv"].read_text())))
+    rows = [row for row in rows if row["status"] == "0"]
+    assert len(rows) >= len(ANGLES)
+    for row in rows:
+        values = [float(row[f"natural_frequency_{k}_hz"]) for k in (1, 2, 3)]
+        overdamped = float(row["crank_angle_rad"]) > BEGIN
+        assert [math.isnan(value) for value in values] == [overdamped, False, False]
+        assert math.isnan(float(row["damping_ratio_stddev_1"])) == overdamped
+        assert row["mode"] == ("2" if overdamped else "1")
+
+
+def test_pages(files: dict[str, Path], tmp_path: Path, capsys: Any) -> None:
+    """The data of both pages are valid JSON, which names the mode, and the picture is drawn."""
+    assert files["png"].stat().st_size > 10_000
+    page, other, log = files["html"], tmp_path / "diff.html", str(files["mcap"])
+    assert main(["diff", log, log, "-o", str(other)]) == 0
+    assert " nan " not in capsys.readouterr().out
+    data = {}
+    for path in page, other:
+        [text] = re.findall(r'id="data"[^>]*>(.*?)</script>', path.read_text(), re.DOTALL)
+        data[path] = json.loads(text, parse_constant=pytest.fail)
+    [mode] = [card["value"] for card in data[page]["summary"] if card["label"] == "Mode 1"]
+    assert re.fullmatch(r"4\.69 to 5\.49 Hz, overdamped in \d+ predictions", mode)
+
+
+@pytest.mark.skipif(not CHROMIUM, reason=f"This machine has none of {', '.join(NAMES)}.")
+def test_page_in_a_browser(files: dict[str, Path]) -> None:
+    """At an angle at which the mode is overdamped, the numbers and the linkage say so."""
+    with Browser() as browser:
+        browser.open(files["html"])
+        browser.hover(browser.place("#chart-f2 .u-over", 0.9999))
+        assert browser.text("#read-f1") == "overdamped"
+        assert browser.text("#read-f2").endswith("Hz")
+        assert "Mode 1 is overdamped at 165.00°" in browser.text("#linkage-caption")
+        assert browser.problems == []
+
+
+def test_lines(recorded: Any, hitch: Parameters, capsys: Any) -> None:
+    """The live line and the command name the overdamped mode, and keep their columns."""
+    found = recorded[1]
+    lines = []
+    for one in (found[0], found[-1]):
+        stream = io.StringIO()
+        LiveLine(stream).show(one)
+        lines.append(stream.getvalue())
+    assert " overd. " in lines[1]
+    assert len(lines[0]) == len(lines[1])
+    files = ["--mechanism", hitch.mechanism_file, "--table", hitch.table_file]
+    assert main(["predict", "150", "165", *files]) == 0
+    head, first, last = capsys.readouterr().out.splitlines()
+    assert last.split()[1] == "overdamped"
+    assert len(head) == len(first) == len(last)
