@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Every code block of the documentation runs where its page is installed as the page says."""
 
+import ast
+import doctest
 import os
 import re
 import shlex
@@ -219,6 +221,26 @@ def test_every_block_is_tested() -> None:
             assert block.language in LANGUAGES, where
             if block.language == "yaml":
                 assert page.name in {"excitation.md", "mechanisms.md"}, where
+
+
+def test_blocks_import_what_they_use() -> None:
+    """A block that a reader copies imports the names that other blocks of its page import."""
+    for page in PAGES:
+        blocks = [block for block in blocks_of(page) if block.language == "python"]
+        found = [(block, *names_of(block.text)) for block in blocks]
+        of_page = {name for _, imported, _ in found for name in imported} | {"lv", "np"}
+        for block, imported, used in found:
+            assert not (used - imported) & of_page, f"{page}:{block.line}"
+
+
+def names_of(code: str) -> tuple[set[str], set[str]]:
+    """Return the names that a block of code, or of a doctest, imports and uses."""
+    if ">>>" in code:
+        code = "".join(e.source for e in doctest.DocTestParser().get_examples(code))
+    nodes = list(ast.walk(ast.parse(code)))
+    aliases = [a for n in nodes if isinstance(n, ast.Import | ast.ImportFrom) for a in n.names]
+    imported = {(alias.asname or alias.name).partition(".")[0] for alias in aliases}
+    return imported, {node.id for node in nodes if isinstance(node, ast.Name)}
 
 
 def test_the_tests_that_are_named_exist() -> None:

@@ -7,7 +7,7 @@ defines the fields, so that logs of older types can be read. Messages whose stri
 have the same lengths are decoded together.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -30,7 +30,9 @@ _CODES |= {f"int{8 * size}": f"i{size}" for size in (1, 2, 4, 8)}
 _CODES |= {f"uint{8 * size}": f"u{size}" for size in (1, 2, 4, 8)}
 
 
-def read_columns(path: Path, types: Mapping[str, str]) -> dict[str, Columns]:
+def read_columns(
+    path: Path, types: Mapping[str, str], as_written: bool = False, unused: Collection[str] = ()
+) -> dict[str, Columns]:
     """Read topics of a log into memory.
 
     Parameters
@@ -39,6 +41,10 @@ def read_columns(path: Path, types: Mapping[str, str]) -> dict[str, Columns]:
         An MCAP file, or another bag that defines its types.
     types : mapping of str to str
         The topics to read with their types; see `topic_types`.
+    as_written : bool
+        Whether messages of an MCAP file are in the order in which they were written.
+    unused : collection of str
+        Names of fields that are left out.
 
     Returns
     -------
@@ -56,12 +62,14 @@ def read_columns(path: Path, types: Mapping[str, str]) -> dict[str, Columns]:
     found: dict[str, list[Columns]] = {name: [] for name in types}
     names = list(types)
     with open_bags([path]) as bags:
-        for block in bags.blocks(names):
+        for block in bags.blocks(names, as_written):
             for i, name in enumerate(names):
                 rows = np.flatnonzero(block.topics == i)
                 if len(rows):
-                    found[name].append(_block_columns(path, name, fields[name], block, rows))
-    return {name: _joined(parts, fields[name]) for name, parts in found.items()}
+                    part = _block_columns(path, name, fields[name], block, rows)
+                    found[name].append({k: v for k, v in part.items() if k not in unused})
+    kept = {name: [f for f in fields[name] if f[0] not in unused] for name in types}
+    return {name: _joined(found.pop(name), kept[name]) for name in names}
 
 
 def topic_types(path: Path) -> dict[str, str]:
@@ -101,7 +109,8 @@ def _fields(path: Path, types: Mapping[str, str]) -> dict[str, list[_Field]]:
 
     store = get_typestore(Stores.EMPTY)
     with open_bag(path) as bag:
-        for text, type_name in sorted({(c.msgdef.data, c.msgtype) for c in bag.connections}):
+        used = [c for c in bag.connections if c.topic in types]
+        for text, type_name in sorted({(c.msgdef.data, c.msgtype) for c in used}):
             store.register(get_types_from_msg(text, type_name))
 
     def flat(type_name: str, prefix: str) -> Iterator[_Field]:
@@ -180,10 +189,18 @@ def _columns(
         position += count * int(code[1:])
         if kind == "string":
             text = np.ascontiguousarray(values).view(f"S{max(count, 1)}")[:, 0]
-            found = {**found, name: np.char.decode(text, "utf-8")}
+            found = {**found, name: _decoded(text)}
         else:
             found = {**found, name: values if sequence else values[:, 0]}
     yield rows, found
+
+
+def _decoded(text: NDArray[np.bytes_]) -> Column:
+    """Decode texts, of which each distinct one is decoded once."""
+    if (text == text[0]).all():
+        return np.full(len(text), text[0].decode())
+    distinct, which = np.unique(text, return_inverse=True)
+    return np.char.decode(distinct, "utf-8")[which]
 
 
 def _joined(parts: Sequence[Columns], fields: Sequence[_Field]) -> Columns:

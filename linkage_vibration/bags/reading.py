@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
 # By suffix (a folder has none): the first bytes of a file, and what repairs an incomplete one.
 _MAGIC = {".bag": b"#ROSBAG V2.0", ".mcap": b"\x89MCAP0\r\n", ".db3": b"SQLite format 3\0"}
+_ROS2_SCHEMAS = ("ros2msg", "ros2idl", "omgidl")
 _REPAIR = {
     ".bag": "`rosbag reindex`",
     ".mcap": "`linkage-vibration recover`",
@@ -253,9 +254,43 @@ def bag_errors(path: Path) -> Iterator[None]:
         ) from None
     # A damaged file makes rosbags raise errors of its own, of struct, SQLite, zstd and others.
     except Exception as error:
+        if foreign := _foreign(path):
+            raise BagError(f"{path} {foreign}") from error
         text = " ".join(str(error).split()) or type(error).__name__
         repair = _REPAIR["" if path.is_dir() else path.suffix]
         raise BagError(f"{path} is damaged or incomplete ({text}); try {repair}.") from error
+
+
+def _foreign(path: Path) -> str:
+    """Return why an intact MCAP file is none of ROS 2; empty if it is damaged or another file."""
+    from mcap.exceptions import McapError
+    from mcap.reader import make_reader
+
+    if path.is_dir() or path.suffix != ".mcap":
+        return ""
+    try:
+        with path.open("rb") as file:
+            reader = make_reader(file)
+            profile, summary = reader.get_header().profile, reader.get_summary()
+    except (McapError, OSError, ValueError):
+        return ""
+    if summary is None or not summary.channels:
+        return ""
+    for channel in summary.channels.values():
+        schema = summary.schemas.get(channel.schema_id)
+        encoding = schema.encoding if schema else "none"
+        if channel.message_encoding != "cdr" or encoding not in _ROS2_SCHEMAS:
+            return (
+                f"holds messages that are not of ROS 2: {channel.topic} has the encoding "
+                f"{channel.message_encoding or 'none'} and the schema {encoding}; write a file "
+                "with the messages of ROS 2 only, such as with `mcap filter`."
+            )
+    if profile != "ros2":
+        return (
+            f"does not state that its messages are those of ROS 2 (its profile is {profile!r}); "
+            "`linkage-vibration recover` writes a copy that does."
+        )
+    return ""
 
 
 def _kind(path: Path) -> str:
@@ -309,6 +344,8 @@ def _decoder(path: Path, connections: "list[Connection]") -> Callable[[bytes, st
     # .db3 files from before ROS 2 Iron hold no definitions.
     store = get_typestore(Stores.EMPTY if definitions else Stores.LATEST)
     for type_name, text in sorted(definitions):
+        # Before 2011 the header of ROS 1 had the name of another package.
+        text = text.replace("roslib/Header", "std_msgs/Header")
         store.register(get_types_from_msg(text, type_name))
     for connection in connections:
         if connection.msgtype not in store.fielddefs:

@@ -293,7 +293,11 @@ class _Rescue:
             entries = length - MESSAGE_INDEX.size
             sound = entries >= 0 and MESSAGE_INDEX.unpack(content)[1] == entries
         else:
-            sound = opcode in _RECORDS and _parse(opcode, source.read(start, length)) is not None
+            body = source.read(start, length)
+            exact = opcode in _RECORDS and _parse(opcode, body) is not None
+            # A record may have more fields than are known; then the next record confirms it.
+            longer = not exact and self._is_likely(end) and _parse(opcode, body, True) is not None
+            sound = exact or longer
         return end if sound else None
 
     def _head(self, offset: int) -> tuple[int, int]:
@@ -338,7 +342,7 @@ class _Rescue:
             if self._chunk.pop(channel, None) != count:
                 self._lost[channel] += count
         else:
-            self._take_other(offset, _parse(opcode, body))
+            self._take_other(offset, _parse(opcode, body, longer=True))
 
     def _take_chunk(self, offset: int, body: bytes, cut: bool) -> None:
         self._chunked = True
@@ -356,7 +360,7 @@ class _Rescue:
             if opcode == Opcode.MESSAGE and len(content) >= MESSAGE.size:
                 self._take_message(content)
             elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-                found = _parse(opcode, content)
+                found = _parse(opcode, content, longer=True)
                 if isinstance(found, records.Schema | records.Channel):
                     self._define(found, verified=not cut and crc != 0)
 
@@ -417,7 +421,7 @@ class _Rescue:
         """Begin the output once; its first record needs the profile."""
         if not self._begun:
             self._begun = True
-            if self._profile is None:
+            if not self._profile:
                 ros = any(schema.encoding == "ros2msg" for schema, _ in self._schemas.values())
                 self._profile = "ros2" if ros else ""
             self._writer.start(self._profile, LIBRARY)
@@ -481,8 +485,11 @@ def _split(records: bytes) -> Iterator[tuple[int, bytes]]:
         yield opcode, records[start:offset]
 
 
-def _parse(opcode: int, body: bytes) -> records.McapRecord | None:
-    """Return a record, or None unless it gives the same bytes when it is written again."""
+def _parse(opcode: int, body: bytes, longer: bool = False) -> records.McapRecord | None:
+    """Return a record, or None unless it gives the same bytes when it is written again.
+
+    With ``longer``, unknown bytes may follow.
+    """
     try:
         record: records.McapRecord = _RECORDS[opcode].read(ReadDataStream(io.BytesIO(body)))
         builder = RecordBuilder()
@@ -493,7 +500,8 @@ def _parse(opcode: int, body: bytes) -> records.McapRecord | None:
     # The CRC of an attachment is optional.
     if opcode == Opcode.ATTACHMENT and body.endswith(bytes(4)):
         written = written[:-4] + bytes(4)
-    return record if written == body else None
+    same = written == body or (longer and body.startswith(written))
+    return record if same else None
 
 
 def _decompressed(compression: bytes, data: memoryview) -> bytes:
@@ -508,6 +516,11 @@ def _decompressed(compression: bytes, data: memoryview) -> bytes:
                 pieces.append(piece)
         return b"".join(pieces)
     if compression == b"lz4":
+        found = b""
         with contextlib.suppress(RuntimeError):
-            return bytes(lz4.frame.LZ4FrameDecompressor().decompress(data, LONGEST_RECORD))
+            while data and len(found) < LONGEST_RECORD:
+                frame = lz4.frame.LZ4FrameDecompressor()
+                found += frame.decompress(data, LONGEST_RECORD - len(found))
+                data = memoryview(frame.unused_data or b"")
+        return found
     return b"" if compression else bytes(data)

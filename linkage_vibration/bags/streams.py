@@ -17,7 +17,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO, TypeAlias
+from typing import TYPE_CHECKING, Any, BinaryIO, TypeAlias
 
 import lz4.frame
 import numpy as np
@@ -30,7 +30,13 @@ from mcap.summary import Summary
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from linkage_vibration.bags.mcap_records import CHUNK, MESSAGE, MESSAGE_RECORD, RECORD
+from linkage_vibration.bags.mcap_records import (
+    CHUNK,
+    MESSAGE,
+    MESSAGE_INDEX,
+    MESSAGE_RECORD,
+    RECORD,
+)
 from linkage_vibration.bags.reading import bag_errors, bag_reader, check_topics, mcap_files
 
 if TYPE_CHECKING:
@@ -58,9 +64,18 @@ def _decompress_zstd(data: bytes, size: int) -> bytes:
         return frames.read(size)
 
 
+def _decompress_lz4(data: bytes) -> bytes:
+    """Return what one or several frames of lz4 hold."""
+    found, frames = b"", memoryview(data)
+    while frames:
+        piece, used = lz4.frame.decompress(frames, return_bytes_read=True)
+        found, frames = found + piece, frames[used:]
+    return found
+
+
 _DECOMPRESS: dict[str, Callable[[bytes, int], bytes]] = {
     "": lambda data, size: data,
-    "lz4": lambda data, size: lz4.frame.decompress(data),
+    "lz4": lambda data, size: _decompress_lz4(data),
     "zstd": _decompress_zstd,
 }
 _LATEST = 2**63 - 1  # ns, the year 2262; MCAP has unsigned times, whose upper half is meaningless
@@ -156,11 +171,18 @@ class Bags:
             counts[connection.topic, connection.msgtype] += connection.msgcount
         self.topics = tuple(BagTopic(*key, count) for key, count in sorted(counts.items()))
 
-    def blocks(self, names: Sequence[str]) -> Iterator[Block]:
+    def blocks(self, names: Sequence[str], as_written: bool = False) -> Iterator[Block]:
         """Yield the messages of topics with these names, in the order of log times.
 
         Messages with the same time come in the order of the bags. Those of ROS 1 are converted to
         ROS 2.
+
+        Parameters
+        ----------
+        names : sequence of str
+        as_written : bool
+            Yield the messages of an MCAP file in the order in which they were written, whatever
+            their times are.
 
         Raises
         ------
@@ -171,6 +193,9 @@ class Bags:
             _parts(path, bag, number, names)
             for number, (path, bag) in enumerate(zip(self.paths, self._bags, strict=True))
         ]
+        if as_written:
+            each = (sorted(found, key=lambda part: part.rank) for found in parts)
+            return (part.load() for part in itertools.chain.from_iterable(each))
         return _ordered(heapq.merge(*parts, key=lambda part: (part.first, part.rank)))
 
 
@@ -231,8 +256,10 @@ def _compact(block: Block) -> Block:
     """Return a block without the bytes of other messages, unless they are few."""
     if 2 * block.sizes.sum() > len(block.buffer):
         return block
-    buffer = np.frombuffer(b"".join(map(block.message, range(len(block)))), np.uint8)
-    return replace(block, buffer=buffer, starts=np.cumsum(block.sizes) - block.sizes)
+    starts = np.cumsum(block.sizes) - block.sizes
+    places = np.repeat(block.starts - starts, block.sizes)
+    places += np.arange(len(places))
+    return replace(block, buffer=block.buffer[places], starts=starts)
 
 
 def _parts(
@@ -303,7 +330,8 @@ def _mcap_parts(
             file: BinaryIO = file, chunk: ChunkIndex = chunk, channels: dict[int, int] = channels
         ) -> Block:
             with bag_errors(path):
-                return _chunk_block(_uncompressed(file, chunk), channels)
+                begins = _indexed(file, chunk, channels)
+                return _chunk_block(_uncompressed(file, chunk), channels, begins)
 
         yield _Part(min(chunk.message_start_time, _LATEST), (number, place), load)
 
@@ -319,24 +347,39 @@ def _uncompressed(file: BinaryIO, chunk: ChunkIndex) -> bytes:
     return data
 
 
-def _chunk_block(data: bytes, channels: dict[int, int]) -> Block:
-    """Return the messages of these channels (with their topics) among the records of a chunk."""
-    begins: list[int] = []
-    position, end = 0, len(data)
-    while position < end:
-        kind, length = RECORD.unpack_from(data, position)
-        if kind == Opcode.MESSAGE:
-            begins.append(position)
-        position += RECORD.size + length
-    if position > end:
-        raise ValueError("a record is longer than the rest of its chunk")
+def _indexed(file: BinaryIO, chunk: ChunkIndex, channels: dict[int, int]) -> Integers | None:
+    """Return the positions in a chunk of the messages of these channels, as far as it has indexes.
+
+    They are in the order of the chunk. None means that only a scan of the chunk finds them.
+    """
+    found = [np.zeros(0, np.int64)]
+    for channel, position in chunk.message_index_offsets.items():
+        if channel in channels:
+            file.seek(position)
+            head = file.read(RECORD.size + MESSAGE_INDEX.size)
+            size = MESSAGE_INDEX.unpack_from(head, RECORD.size)[1]
+            entries = np.frombuffer(file.read(size), "<u8")
+            if head[0] != Opcode.MESSAGE_INDEX or 8 * len(entries) != size or len(entries) % 2:
+                return None
+            found.append(entries[1::2].astype(np.int64))
+    return np.sort(np.concatenate(found)) if chunk.message_index_offsets else None
+
+
+def _chunk_block(data: bytes, channels: dict[int, int], begins: Integers | None) -> Block:
+    """Return the messages of these channels (with their topics) among the records of a chunk.
+
+    Where indexed positions are wrong or missing, all records are scanned.
+    """
     buffer = np.frombuffer(data, np.uint8)
-    if not begins:
+    heads = _heads(buffer, begins, channels)
+    if begins is None or heads is None:
+        begins = _scanned(data)
+        heads = _heads(buffer, begins, None)
+    if heads is None:
         return _block(buffer, [])
     topics = np.full(2**16, -1)
     topics[list(channels)] = list(channels.values())
-    starts = np.array(begins)
-    heads = sliding_window_view(buffer, MESSAGE_RECORD.itemsize)[starts].view(MESSAGE_RECORD)[:, 0]
+    starts = begins
     if (heads["length"] < MESSAGE.size).any():
         raise ValueError("a message is shorter than its header")
     wanted = topics[heads["channel"]] >= 0
@@ -346,6 +389,38 @@ def _chunk_block(data: bytes, channels: dict[int, int]) -> Block:
     return Block(
         buffer, starts, sizes, topic, _time(heads["log_time"]), _time(heads["publish_time"])
     )
+
+
+def _scanned(data: bytes) -> Integers:
+    """Return the positions of the messages among the records of a chunk."""
+    begins: list[int] = []
+    position, end = 0, len(data)
+    while position < end:
+        kind, length = RECORD.unpack_from(data, position)
+        if kind == Opcode.MESSAGE:
+            begins.append(position)
+        position += RECORD.size + length
+    if position > end:
+        raise ValueError("a record is longer than the rest of its chunk")
+    return np.array(begins, np.int64)
+
+
+def _heads(
+    buffer: Bytes, begins: Integers | None, channels: dict[int, int] | None
+) -> NDArray[Any] | None:
+    """Return the heads of messages at these positions; None if there is none at one of them."""
+    last = len(buffer) - MESSAGE_RECORD.itemsize
+    if begins is None or not len(begins) or begins[0] < 0 or begins[-1] > last:
+        return None
+    rows = sliding_window_view(buffer, MESSAGE_RECORD.itemsize)[begins]
+    heads: NDArray[Any] = rows.view(MESSAGE_RECORD)[:, 0]
+    if channels is not None:
+        ends = begins.astype(np.uint64) + np.uint64(RECORD.size) + heads["length"]
+        sound = (heads["opcode"] == Opcode.MESSAGE) & (ends <= len(buffer))
+        sound &= np.isin(heads["channel"], list(channels)) & (heads["length"] < len(buffer))
+        if not sound.all():
+            return None
+    return heads
 
 
 def _time(column: NDArray[np.uint64]) -> Integers:

@@ -49,7 +49,9 @@ def run(options: argparse.Namespace) -> int:
     check_suffix(output, ".npz")
     model, solutions = LinkageModel(read_mechanism(source)), 0
     layout = "{desc}: {percentage:3.0f} % of the stroke |{bar}| {elapsed}, {postfix}"
-    with tqdm(desc=model.mechanism.name, total=1.0, delay=2.0, bar_format=layout) as bar:
+    with tqdm(
+        disable=None, desc=model.mechanism.name, total=1.0, delay=2.0, bar_format=layout
+    ) as bar:
 
         def show(finished: float) -> None:
             nonlocal solutions

@@ -35,7 +35,7 @@ def run(options: argparse.Namespace) -> int:
         check_outputs([options.output], [options.calibration])
         check_suffix(options.output, ".yaml")
     calibration = study.read_calibration(options.calibration)
-    with tqdm(total=starts, unit="start") as bar:
+    with tqdm(disable=None, total=starts, unit="start") as bar:
 
         def show(cost: float) -> None:
             bar.set_postfix(cost=f"{cost:.4g}")

@@ -82,7 +82,7 @@ def run(options: argparse.Namespace) -> int:
         mechanism.stroke if low is None else (math.radians(low), math.radians(high)),
         None if limit is None else 1e-6 * limit,
     )
-    with tqdm(desc=mechanism.name, unit=" solves", delay=2.0) as bar:
+    with tqdm(disable=None, desc=mechanism.name, unit=" solves", delay=2.0) as bar:
         chosen, measured = plan.plan_and_measure(scene, lambda: bar.update(1))
     print(plan.summary(chosen, measured))
     if options.output:

@@ -28,7 +28,7 @@ def run(options: argparse.Namespace) -> int:
     output = options.output or log.with_name(f"{log.stem}_recovered.mcap")
     check_suffix(output, ".mcap")
     size = log.stat().st_size if log.exists() else 0
-    with tqdm(total=size, unit="B", unit_scale=True, delay=2.0) as bar:
+    with tqdm(disable=None, total=size, unit="B", unit_scale=True, delay=2.0) as bar:
         result = recover(log, output, bar.update)
     print(summary(result))
     return INCOMPLETE if options.strict and (result.damages or result.lost) else 0

@@ -72,7 +72,7 @@ def run(options: argparse.Namespace) -> int:
     what_if = WhatIf(options.implement_mass, options.implement_inertia)
     if what_if != WhatIf() or settings.table_path() is None:
         print("The table of this mechanism is built first.", file=stream)
-    with tqdm(unit=" messages", unit_scale=True, delay=1.0) as bar:
+    with tqdm(disable=None, unit=" messages", unit_scale=True, delay=1.0) as bar:
 
         def show(done: int, total: int) -> None:
             bar.total = total

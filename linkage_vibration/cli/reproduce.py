@@ -23,7 +23,7 @@ def run(options: argparse.Namespace) -> int:
 
     def show(step: str, done: int, total: int) -> None:
         if step not in bars:
-            bars[step] = tqdm(total=total, desc=step)
+            bars[step] = tqdm(disable=None, total=total, desc=step)
         bars[step].update(done - bars[step].n)
         if done == total:
             bars[step].close()

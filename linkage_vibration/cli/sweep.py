@@ -32,7 +32,7 @@ def run(options: argparse.Namespace) -> int:
     check_suffix(output, ".nc")
     designs = read_designs(options.designs)
     pool: Any = dask_executor(options.dask) if options.dask else LocalPool(options.workers)
-    with pool as executor, tqdm(total=designs.size, unit="design") as bar:
+    with pool as executor, tqdm(disable=None, total=designs.size, unit="design") as bar:
         result = sweep(designs, output, executor, bar.update)
     print(
         f"{output}: {designs.size} designs at {len(designs.alpha3)} angles; {result.built} were "

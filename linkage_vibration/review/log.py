@@ -23,6 +23,7 @@ from linkage_vibration.bags.message_columns import (
     read_columns,
     topic_types,
 )
+from linkage_vibration.bags.reading import mcap_files
 from linkage_vibration.drawing.intervals import gap_starts
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import FloatArray
@@ -294,15 +295,18 @@ def _resonances(columns: Columns, stamps: IntArray) -> Resonances | None:
 
 def _read_provenance(path: Path) -> tuple[dict[str, bytes], dict[str, dict[str, str]]]:
     """Return the attachments and the metadata records of a log by their names."""
-    try:
-        with path.open("rb") as file:
-            reader = make_reader(file)
-            attachments = {a.name: a.data for a in reader.iter_attachments()}
-            metadata = {m.name: dict(m.metadata) for m in reader.iter_metadata()}
-    except (McapError, OSError, ValueError) as error:
-        raise ReviewError(
-            f"{path} is damaged ({error}); repair it with `linkage-vibration recover`."
-        ) from None
+    attachments: dict[str, bytes] = {}
+    metadata: dict[str, dict[str, str]] = {}
+    for one in mcap_files(path):  # a folder may have several, and another bag has none
+        try:
+            with one.open("rb") as file:
+                reader = make_reader(file)
+                attachments |= {a.name: a.data for a in reader.iter_attachments()}
+                metadata |= {m.name: dict(m.metadata) for m in reader.iter_metadata()}
+        except (McapError, OSError, ValueError) as error:
+            raise ReviewError(
+                f"{one} is damaged ({error}); repair it with `linkage-vibration recover`."
+            ) from None
     return attachments, metadata
 
 

@@ -3,12 +3,14 @@
 """Checks bags against limits, for the tests of a software stack."""
 
 import io
+import math
 import tempfile
 import textwrap
 from collections.abc import Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
 from datetime import datetime, timezone
+from numbers import Real
 from pathlib import Path
 
 import numpy as np
@@ -53,12 +55,28 @@ class Limits:
     latency : float, optional
         Longest allowed time between sending a reading and sending its prediction, s; only a log
         that the node recorded contains it.
+
+    Raises
+    ------
+    TestKitError
+        If a limit is negative or not a number, or a status is not a `Status`.
     """
 
     margin: float | None = None
     statuses: tuple[Status, ...] | None = (Status.OK,)
     gap: float | None = None
     latency: float | None = None
+
+    def __post_init__(self) -> None:
+        """Check the limits."""
+        for name in ("margin", "gap", "latency"):
+            value = getattr(self, name)
+            number = isinstance(value, Real) and not isinstance(value, bool)
+            if value is not None and not (number and 0.0 <= value < math.inf):
+                raise TestKitError(f"{name} is {value!r}; give a number from 0, or None.")
+        for status in () if self.statuses is None else self.statuses:
+            if status not in list(Status):
+                raise TestKitError(f"statuses contains {status!r}; use Status, as Status.OK.")
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,6 +152,7 @@ class _Signals:
     margin_time: Integers  # (m,), ns, of resonances
     margin: FloatArray  # 1, NaN where stale
     excitation: NDArray[np.object_]
+    mode: Integers  # (m,), from 0
     latency: FloatArray  # (n,), s, NaN if the reading is not in the log
 
 
@@ -202,6 +221,7 @@ def _signals(bag: Path, log: Path, limits: Limits) -> _Signals:
         resonances.get("log_time", np.empty(0, np.int64)),
         np.abs(resonances.get("relative_margin", np.empty(0))),
         resonances.get("excitation", np.empty(0, object)),
+        resonances.get("mode", np.empty(0)).astype(np.int64),
         np.full(n, np.nan) if limits.latency is None else _latencies(bag, log, types),
     )
 
@@ -209,13 +229,14 @@ def _signals(bag: Path, log: Path, limits: Limits) -> _Signals:
 def _latencies(bag: Path, log: Path, types: Mapping[str, str]) -> FloatArray:
     """Return how long after its reading each prediction was sent, s."""
     names = [f"/{kind.topic}" for kind in INPUTS.values()]
-    inputs = [topic for topic in types if topic in names]
-    if len(inputs) != 1:
-        raise TestKitError(
-            f"{bag} has {len(inputs)} of the topics {', '.join(names)}; the latency needs "
-            "exactly one."
-        )
     with open_bags([log]) as bags:
+        # A log lists all topics of the node, even those without messages.
+        inputs = [topic.name for topic in bags.topics if topic.name in names and topic.count]
+        if len(inputs) != 1:
+            raise TestKitError(
+                f"{bag} has messages on {len(inputs)} of the topics {', '.join(names)}; the "
+                "latency needs exactly one."
+            )
         blocks = bags.blocks([*inputs, first_topic(types, PREDICTION)])
         parts = [np.array([b.topics == 0, b.log_times, b.publish_times], int) for b in blocks]
     of_input, logged, published = np.concatenate(parts, axis=1)
@@ -237,6 +258,9 @@ def _failures(signals: _Signals, limits: Limits) -> list[Failure]:
 
     def add(limit: str, times: Integers, exceeded: NDArray[np.bool_], at: int, words: str) -> None:
         time = int(times[at])
+        then = int(np.searchsorted(signals.margin_time, time, "right")) - 1
+        if limit != "margin" and then >= 0 and np.isfinite(signals.margin[then]):
+            words += f" ({_nearest(signals, then)})"
         seconds = 1e-9 * (time - int(signals.time[0]))
         found.append(Failure(limit, time, seconds, int(exceeded.sum()), words))
 
@@ -251,10 +275,7 @@ def _failures(signals: _Signals, limits: Limits) -> list[Failure]:
         exceeded = signals.margin < limits.margin
         if exceeded.any():
             at = int(np.nanargmin(signals.margin))
-            words = (
-                f"{signals.excitation[at]} is {100 * signals.margin[at]:.2f} % from a natural "
-                f"frequency, less than {100 * limits.margin:g} %"
-            )
+            words = f"{_nearest(signals, at)}, less than {100 * limits.margin:g} %"
             add("margin", signals.margin_time, exceeded, at, words)
     if limits.gap is not None:
         gaps = 1e-9 * np.diff(signals.time)
@@ -273,6 +294,12 @@ def _failures(signals: _Signals, limits: Limits) -> list[Failure]:
             )
             add("latency", signals.time, exceeded, at, words)
     return sorted(found, key=lambda failure: failure.time)
+
+
+def _nearest(signals: _Signals, at: int) -> str:
+    """Return in words which excitation and mode are nearest to each other in a resonance."""
+    distance = f"{100 * signals.margin[at]:.2f} %"
+    return f"{signals.excitation[at]} is {distance} from mode {signals.mode[at] + 1}"
 
 
 def _draw(bag: Path, signals: _Signals, limits: Limits, failure: Failure, picture: Path) -> None:
@@ -310,6 +337,10 @@ def _draw(bag: Path, signals: _Signals, limits: Limits, failure: Failure, pictur
             place = {"xycoords": ("axes fraction", "data"), "ha": "right", "va": "bottom"}
             ax.annotate("limit", (0.995, limit), color=_LIMIT, **place)
         ax.axvline(failure.seconds, color=INK, linewidth=1.0)
+        then = int(np.searchsorted(signals.margin_time, failure.time, "right")) - 1
+        if values.size and label.startswith("margin") and then >= 0:
+            about = f" {signals.excitation[then]}, mode {signals.mode[then] + 1}"
+            ax.annotate(about, (failure.seconds, 0.9), xycoords=("data", "axes fraction"))
         if ax is not axes[0]:
             ax.set_ylim(bottom=0.0)
         ax.set_ylabel(label)

@@ -96,7 +96,7 @@ def test_sweep_writes_one_file(tmp_path: Path) -> None:
     )
     done = run("sweep", "grid.yaml", "--workers", "1", folder=tmp_path)
     assert done.returncode == 0, done.stderr
-    assert "2/2" in done.stderr
+    assert "2/2" not in done.stderr  # progress bars appear only on terminals
     assert "links.coupler.points.C = 0.2: " in done.stderr
     assert "2 were computed now, 0 were in the file" in done.stdout
     again = run("sweep", "grid.yaml", folder=tmp_path)

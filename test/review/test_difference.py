@@ -2,16 +2,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """The difference between two logs of one drive."""
 
+import shutil
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import yaml
+from mcap.reader import make_reader
 
 from linkage_vibration.cli.main import main
 from linkage_vibration.playback.replay import WhatIf, replay
 from linkage_vibration.prediction.settings import Parameters
-from linkage_vibration.review.difference import compare, summary
+from linkage_vibration.review.difference import compare, problems, summary
 from linkage_vibration.review.log import ReviewError, read_log
 from linkage_vibration.support.resources import config_file
 from test.support.drive import hitch_duty_cycle
@@ -96,3 +99,17 @@ def test_page_of_a_difference(
     browser.key("p", "p")  # The row before has no difference, so that there is nowhere to go.
     assert browser.text("#jump-label") == "1 of 6"
     assert browser.problems == []
+
+
+def test_folders_of_bags(drive: Path, tmp_path: Path) -> None:
+    """A log may be the folder of a bag, as rosbag2 writes it."""
+    shutil.copy(drive, tmp_path / "drive.mcap")
+    with drive.open("rb") as file:
+        [*_, record] = [m for m in make_reader(file).iter_metadata() if m.name == "rosbag2"]
+    about = yaml.safe_load(record.metadata["serialized_metadata"])
+    about["relative_file_paths"] = ["drive.mcap"]
+    text = yaml.safe_dump({"rosbag2_bagfile_information": about})
+    (tmp_path / "metadata.yaml").write_text(text)
+    found = compare(tmp_path, drive)
+    assert not problems(found)
+    assert found.a.mechanism_text == found.b.mechanism_text != ""

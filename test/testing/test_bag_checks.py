@@ -2,17 +2,20 @@
 # SPDX-License-Identifier: Apache-2.0
 """Bags are checked against limits, and a failure reports and draws the moment."""
 
+import math
 import os
 import subprocess
 import sys
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from mcap.reader import make_reader
 
 from linkage_vibration.bags.chunks import ChunkLog, Messages
-from linkage_vibration.bags.message_types import JOINT_STATE
+from linkage_vibration.bags.message_types import FLOAT64, JOINT_STATE
 from linkage_vibration.bags.reading import read_messages
 from linkage_vibration.messages.topics import (
     PREDICTION,
@@ -38,7 +41,13 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def rewritten(log: Path, path: Path, keep: "np.ndarray", delays: "np.ndarray") -> Path:
+def rewritten(
+    log: Path,
+    path: Path,
+    keep: "np.ndarray",
+    delays: "np.ndarray",
+    empty: Sequence[str] = (),
+) -> Path:
     """Write joint states of a log, and predictions that were sent after a delay, s."""
     with log.open("rb") as file:
         reader = make_reader(file)
@@ -47,6 +56,7 @@ def rewritten(log: Path, path: Path, keep: "np.ndarray", delays: "np.ndarray") -
             for topic in ("/joint_states", PREDICTION_TOPIC)
         )
     topics = [log_topic("/joint_states", JOINT_STATE), log_topic(PREDICTION_TOPIC, PREDICTION)]
+    topics += [log_topic(name, FLOAT64) for name in empty]
     with ChunkLog(path, topics, [], {}) as out:
         for k in keep.tolist():
             row, sent = np.array([k]), np.array([states[k].log_time])
@@ -117,6 +127,36 @@ def test_gap_and_latency_of_a_recording(log: Path, tmp_path: Path) -> None:
     assert "took 30.00 ms" in latency.words
 
 
+@pytest.mark.parametrize(
+    "limits", [{"gap": -1}, {"gap": "x"}, {"margin": math.nan}, {"latency": True}]
+)
+def test_limits_that_cannot_be(limits: Any) -> None:
+    """A limit that is not a number from 0, or no status, is refused where it is made."""
+    with pytest.raises(TestKitError, match="give a number from 0, or None"):
+        Limits(**limits)
+    with pytest.raises(TestKitError, match="statuses contains 'OK'"):
+        Limits(statuses=("OK",))  # type: ignore[arg-type]
+
+
+def test_failures_name_excitation_and_mode(log: Path, tmp_path: Path) -> None:
+    """Excitation and mode of the moment are in the failure and in the picture of any limit."""
+    messages = dict(read_messages(log, RESONANCE_TOPIC))
+    [failure] = check_bag(log, Limits(margin=0.05)).failures
+    about = messages[failure.time]
+    assert f"{about.excitation} is " in failure.words
+    assert f" from mode {about.mode + 1}, less" in failure.words
+    failure = check_bag(log, Limits(gap=0.001)).failures[0]
+    assert f"({messages[failure.time].excitation} is " in failure.words
+
+
+def test_empty_topics_are_not_counted(log: Path, tmp_path: Path) -> None:
+    """The node's log lists topics without messages, which do not hinder the latency."""
+    delays = np.full(2000, 0.002)
+    bag = rewritten(log, tmp_path / "log.mcap", np.arange(50), delays, ["/hitch_position"])
+    assert check_bag(bag, Limits(latency=0.01)).passed
+    assert not check_bag(bag, Limits(latency=0.001)).passed
+
+
 def test_missing_quantities(log: Path, tmp_path: Path) -> None:
     """A limit on a quantity that a bag lacks is refused."""
     with pytest.raises(TestKitError, match="must be replayed"):
@@ -170,6 +210,7 @@ def test_plugin(tmp_path: Path) -> None:
     )
     assert run.returncode == 1, run.stdout + run.stderr
     assert "1 failed, 1 passed" in run.stdout
-    assert "from a natural frequency, less than 5 %" in run.stdout
+    assert " from mode " in run.stdout
+    assert "less than 5 %" in run.stdout
     [picture] = (tmp_path / "base").rglob("hitch_duty_cycle.png")
     assert f"picture: {picture}" in run.stdout

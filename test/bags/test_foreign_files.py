@@ -1,0 +1,133 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Files of other programs are read, or the error says what they are; they are not damaged."""
+
+import struct
+from io import BytesIO
+from pathlib import Path
+
+import lz4.frame
+import numpy as np
+import pytest
+from mcap.writer import CompressionType, Writer
+from rosbags.rosbag1 import Writer as Writer1
+from rosbags.typesys import Stores, get_typestore
+
+from linkage_vibration.bags.message_columns import read_columns, topic_types
+from linkage_vibration.bags.message_types import JOINT_STATE
+from linkage_vibration.bags.reading import BagError, read_joint_states, read_messages
+from linkage_vibration.bags.recovery import recover
+from linkage_vibration.bags.streams import open_bags
+
+FLOAT = "std_msgs/msg/Float64"
+DATA = b"\0\1\0\0" + struct.pack("<d", 1.5)
+
+
+def write(
+    path: Path,
+    profile: str,
+    topics: dict[str, tuple[str, str, bytes]],
+    compression: CompressionType = CompressionType.NONE,
+) -> Path:
+    """Write one number on each topic, with a message encoding, a schema encoding and a schema."""
+    with path.open("wb") as file:
+        writer = Writer(file, compression=compression)
+        writer.start(profile, "a foreign program")
+        for topic, (message, encoding, schema) in topics.items():
+            number = writer.register_schema(FLOAT, encoding, schema)
+            channel = writer.register_channel(topic, message, number)
+            writer.add_message(channel, 1, DATA, 1)
+        writer.finish()  # type: ignore[no-untyped-call]
+    return path
+
+
+def test_profile_that_is_missing(tmp_path: Path) -> None:
+    """The error says what is missing, and recover adds it."""
+    path = write(tmp_path / "a.mcap", "", {"/speed": ("cdr", "ros2msg", b"float64 data\n")})
+    with pytest.raises(BagError, match=r"its profile is ''.*recover") as error:
+        topic_types(path)
+    assert "damaged" not in str(error.value)
+    result = recover(path, tmp_path / "b.mcap")
+    assert (result.damages, result.lost) == ((), {})
+    [(_, message)] = read_messages(tmp_path / "b.mcap", "/speed")
+    assert message.data == 1.5
+
+
+@pytest.mark.parametrize("profile", ["", "ros2", "ros1"])
+@pytest.mark.parametrize(("message", "schema"), [("json", "jsonschema"), ("protobuf", "protobuf")])
+def test_messages_that_are_not_of_ros_2(
+    tmp_path: Path, profile: str, message: str, schema: str
+) -> None:
+    """The error names the topic and its encodings."""
+    path = write(tmp_path / "a.mcap", profile, {"/speed": (message, schema, b"{}")})
+    with pytest.raises(BagError, match=f"/speed has the encoding {message} .* {schema}"):
+        topic_types(path)
+
+
+def test_unknown_type_beside_a_known_one(tmp_path: Path) -> None:
+    """A topic whose type is not defined does not prevent reading another topic."""
+    topics = {"/a": ("cdr", "ros2msg", b"unknown_msgs/Thing thing\n")}
+    path = write(tmp_path / "a.mcap", "ros2", topics | {"/b": ("cdr", "ros2msg", b"float64 data")})
+    np.testing.assert_array_equal(read_columns(path, {"/b": FLOAT})["/b"]["data"], [1.5])
+
+
+def test_header_of_before_2011(tmp_path: Path) -> None:
+    """The joint states of old ROS 1 bags, whose header had another package, are read."""
+    store = get_typestore(Stores.ROS1_NOETIC)
+    definition, digest = store.generate_msgdef(JOINT_STATE)
+    assert "std_msgs/Header" in definition
+    header = store.types["std_msgs/msg/Header"](
+        seq=1, stamp=store.types["builtin_interfaces/msg/Time"](sec=1, nanosec=2), frame_id=""
+    )
+    empty = np.zeros(0)
+    state = store.types[JOINT_STATE](header, ["hitch"], np.array([2.0]), empty, empty)
+    with Writer1(tmp_path / "old.bag") as bag:
+        old = definition.replace("std_msgs/Header", "roslib/Header")
+        connection = bag.add_connection("/s", JOINT_STATE, msgdef=old, md5sum=digest)
+        bag.write(connection, 1, store.serialize_ros1(state, JOINT_STATE))
+    [record] = read_joint_states(tmp_path / "old.bag")
+    assert (record.stamp, record.position[0]) == (10**9 + 2, 2.0)
+
+
+def test_chunks_of_several_lz4_frames(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """All frames of a chunk are read, also by recover."""
+    own = lz4.frame.compress
+
+    def compress(data: bytes) -> bytes:
+        half = len(data) // 2
+        return bytes(own(data[:half]) + own(data[half:]))
+
+    monkeypatch.setattr(lz4.frame, "compress", compress)
+    topics = {"/a": ("cdr", "ros2msg", b"float64 data\n")}
+    path = write(tmp_path / "a.mcap", "ros2", topics, CompressionType.LZ4)
+    with open_bags([path]) as bags:
+        assert sum(map(len, bags.blocks(["/a"]))) == 1
+    assert recover(path, tmp_path / "b.mcap").saved == {"/a": 1}
+
+
+def test_padded_records_outside_of_chunks(tmp_path: Path) -> None:
+    """A record with fields of a later version of MCAP is kept."""
+    path = tmp_path / "a.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file, use_chunking=False)
+        writer.start("ros2", "a foreign program")
+        schema = writer.register_schema(FLOAT, "ros2msg", b"float64 data\n")
+        channel = writer.register_channel("/a", "cdr", schema)
+        writer.add_message(channel, 1, DATA, 1)
+        writer.finish()  # type: ignore[no-untyped-call]
+    path.write_bytes(padded(path.read_bytes(), b"more"))
+    result = recover(path, tmp_path / "b.mcap")
+    assert (result.saved, result.damages) == ({"/a": 1}, ())
+
+
+def padded(content: bytes, more: bytes) -> bytes:
+    """Return an MCAP file whose header, schemas and channels have more bytes at their ends."""
+    source, found = BytesIO(content), content[:8]
+    source.seek(8)
+    while len(head := source.read(9)) == 9:
+        opcode, length = struct.unpack("<BQ", head)
+        body = source.read(length)
+        if opcode in (1, 3, 4):
+            body += more
+        found += struct.pack("<BQ", opcode, len(body)) + body
+    return found + content[-8:]
