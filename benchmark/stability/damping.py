@@ -27,8 +27,16 @@ from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.resources import config_file
 from linkage_vibration.table.table import Table
 from linkage_vibration.table.tabulation import build_table
-from test.support.crossing import STROKE, crossing_crank
-from test.support.meeting import AT, GAP, RATIO, meeting_off_axis, meeting_on_axis, poles_at
+from test.support.crossing import (
+    AT,
+    GAP,
+    RATIO,
+    STROKE,
+    crossing_crank,
+    meeting_off_axis,
+    meeting_on_axis,
+    poles_at,
+)
 
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]

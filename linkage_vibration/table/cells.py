@@ -2,23 +2,43 @@
 # SPDX-License-Identifier: Apache-2.0
 """Cubic cells, by which a table looks up values and slopes.
 
-Another method of interpolation is another class with the methods of `Cells`, which
-`Table._lookup` then makes instead.
+Another method of interpolation is another function that returns `Cells`, as `spline_cells` does.
 """
 
 from bisect import bisect_right
 from collections.abc import Iterable
+from typing import Protocol
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from linkage_vibration.mechanics.arrays import FloatArray
+from linkage_vibration.mechanics.arrays import FloatArray, IntArray
 
 
-class Cells:
-    """Values and slopes of k quantities at any angle, by a cubic spline over each piece.
+class Finder(Protocol):
+    """Finds values and slopes where a cell has no cubics."""
 
-    Numbers for one angle and for many are equal to the last bit.
+    def values(self, cell: int, alpha3: float) -> list[float]:
+        """Return the values.
+
+        Parameters
+        ----------
+        cell, alpha3
+            Index of the cell, and an angle in it, rad.
+        """
+
+    def slopes(self, cell: int, alpha3: float) -> list[float]:
+        """Return the slopes, per rad.
+
+        Parameters
+        ----------
+        cell, alpha3
+            Index of the cell, and an angle in it, rad.
+        """
+
+
+def spline_cells(pieces: Iterable[tuple[FloatArray, FloatArray]]) -> "Cells":
+    """Return a cubic spline over each piece.
 
     Parameters
     ----------
@@ -26,41 +46,80 @@ class Cells:
         Ends of the cells of each piece, (n + 1,), rad, and the values there, (n + 1, k). Each
         piece begins where the one before it ends.
     """
+    splines = [CubicSpline(angles, values) for angles, values in pieces]
+    starts = np.concatenate([spline.x[:-1] for spline in splines])
+    return Cells(starts, np.concatenate([spline.c.swapaxes(0, 1) for spline in splines]))
 
-    def __init__(self, pieces: Iterable[tuple[FloatArray, FloatArray]]) -> None:
-        splines = [CubicSpline(angles, values) for angles, values in pieces]
-        self._starts = np.concatenate([spline.x[:-1] for spline in splines])
-        # Highest power first, (n_cells, 4, k).
-        cells = np.concatenate([spline.c.swapaxes(0, 1) for spline in splines])
-        self._cells = np.ascontiguousarray(cells)
+
+class Cells:
+    """Values and slopes of k quantities at any angle, by a cubic polynomial in each cell.
+
+    Numbers for one angle and for many are equal to the last bit.
+
+    Parameters
+    ----------
+    starts : ndarray, (n_cells,)
+        Where the cells begin, rad, ascending.
+    cubics : ndarray, (n_cells, 4, k)
+        Coefficients of powers of the angle from there, highest first. A cell without cubics has an
+        infinite constant.
+    finder : Finder, optional
+        Finds the values in cells without cubics.
+    """
+
+    def __init__(
+        self, starts: FloatArray, cubics: FloatArray, finder: Finder | None = None
+    ) -> None:
+        self._starts, self._cells = starts, np.ascontiguousarray(cubics)
+        self._direct = np.asarray(np.isposinf(self._cells[:, 3]).any(axis=1))
+        self._finder = finder
         # On so few numbers plain floats are three times as fast as arrays.
-        self._plain: tuple[list[float], list[list[list[float]]]]
-        self._plain = self._starts.tolist(), self._cells.swapaxes(1, 2).tolist()
+        plain: list[list[list[float]] | None] = self._cells.swapaxes(1, 2).tolist()
+        for i in np.flatnonzero(self._direct).tolist():
+            plain[i] = None
+        self._plain = self._starts.tolist(), plain
 
     def values(self, alpha3: float) -> list[float]:
         """Return the k values at an angle in rad."""
         starts, cells = self._plain
         i = bisect_right(starts, alpha3) - 1
+        cell = cells[i]
+        if cell is None:
+            return self._known.values(i, alpha3)
         t = alpha3 - starts[i]
-        return [((c3 * t + c2) * t + c1) * t + c0 for c3, c2, c1, c0 in cells[i]]
+        return [((c3 * t + c2) * t + c1) * t + c0 for c3, c2, c1, c0 in cell]
 
     def slopes(self, alpha3: float) -> list[float]:
         """Return the k slopes at an angle in rad, per rad."""
         starts, cells = self._plain
         i = bisect_right(starts, alpha3) - 1
+        cell = cells[i]
+        if cell is None:
+            return self._known.slopes(i, alpha3)
         t = alpha3 - starts[i]
-        return [(3.0 * c3 * t + 2.0 * c2) * t + c1 for c3, c2, c1, _ in cells[i]]
+        return [(3.0 * c3 * t + 2.0 * c2) * t + c1 for c3, c2, c1, _ in cell]
 
     def many_values(self, alpha3: FloatArray) -> FloatArray:
         """Return the values at angles in rad, (n, k)."""
-        cell, t = self._at(alpha3)
-        return np.asarray(((cell[:, 0] * t + cell[:, 1]) * t + cell[:, 2]) * t + cell[:, 3])
+        i, cell, t = self._at(alpha3)
+        found = ((cell[:, 0] * t + cell[:, 1]) * t + cell[:, 2]) * t + cell[:, 3]
+        for row in np.flatnonzero(self._direct[i]):
+            found[row] = self._known.values(int(i[row]), float(alpha3[row]))
+        return np.asarray(found)
 
     def many_slopes(self, alpha3: FloatArray) -> FloatArray:
         """Return the slopes at angles in rad, (n, k), per rad."""
-        cell, t = self._at(alpha3)
-        return np.asarray((3.0 * cell[:, 0] * t + 2.0 * cell[:, 1]) * t + cell[:, 2])
+        i, cell, t = self._at(alpha3)
+        found = (3.0 * cell[:, 0] * t + 2.0 * cell[:, 1]) * t + cell[:, 2]
+        for row in np.flatnonzero(self._direct[i]):
+            found[row] = self._known.slopes(int(i[row]), float(alpha3[row]))
+        return np.asarray(found)
 
-    def _at(self, alpha3: FloatArray) -> tuple[FloatArray, FloatArray]:
+    @property
+    def _known(self) -> Finder:
+        assert self._finder is not None
+        return self._finder
+
+    def _at(self, alpha3: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
         i = np.maximum(np.searchsorted(self._starts, alpha3, side="right") - 1, 0)
-        return self._cells[i], (alpha3 - self._starts[i])[:, np.newaxis]
+        return i, self._cells[i], (alpha3 - self._starts[i])[:, np.newaxis]

@@ -19,9 +19,9 @@ from linkage_vibration.mechanics.modes import MECHANISM
 from linkage_vibration.mechanics.response import FREE_FROM, RIVAL, PoleResidue
 from linkage_vibration.table.interpolation import interpolation_matrix
 
-_EVEN = 200  # evenly spaced frequencies over the band among which maxima are sought first
+_EVEN = 100  # evenly spaced frequencies over the band among which maxima are sought first
 _AROUND = np.linspace(-2.0, 2.0, 9)  # further ones about each resonance, in half-widths
-_BISECTIONS = 50
+_STEPS = 12  # to a maximum
 _DEFECTIVE = 1e-100
 
 Numbers = FloatArray | ComplexArray
@@ -119,12 +119,21 @@ class Modal:
             grid[row, np.minimum(top + 1, grid.shape[1] - 1)],
         )
         low = np.maximum(low, 1e-6 * high)  # at 0 Hz itself the slope is zero
-        inside = (self._slope(drive, row, low) > 0.0) & (self._slope(drive, row, high) < 0.0)
-        for _ in range(_BISECTIONS):
-            middle = (low + high) / 2.0
-            rising = self._slope(drive, row, middle) > 0.0
-            low, high = np.where(rising, middle, low), np.where(rising, high, middle)
-        at = np.where(inside, (low + high) / 2.0, grid[row, top])
+        rise, fall = self._slope(drive, row, low), self._slope(drive, row, high)
+        inside, at, before = (rise > 0.0) & (fall < 0.0), low, np.zeros(len(row))
+        for _ in range(_STEPS):  # of the Illinois method
+            share = rise / np.where(inside, rise - fall, 1.0)
+            at = low + np.clip(share, 0.0, 1.0) * (high - low)
+            slope = self._slope(drive, row, at)
+            rising = slope > 0.0
+            twice = before * np.where(rising, 1.0, -1.0) > 0.0
+            rise, fall = (
+                np.where(rising, slope, np.where(twice, rise / 2.0, rise)),
+                np.where(rising, np.where(twice, fall / 2.0, fall), slope),
+            )
+            low, high = np.where(rising, at, low), np.where(rising, high, at)
+            before = np.where(rising, 1.0, -1.0)
+        at = np.where(inside, at, grid[row, top])
         return row, at, np.abs(self._drive(drive, row, at)[0])
 
     def _magnitudes(self, drive: int, omega: FloatArray) -> FloatArray:

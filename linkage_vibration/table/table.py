@@ -24,7 +24,7 @@ from linkage_vibration.mechanics.model import Place
 from linkage_vibration.mechanics.response import PoleResidue
 from linkage_vibration.support.atomic_files import write_bytes
 from linkage_vibration.support.resources import DEFAULT_TABLE, config_file
-from linkage_vibration.table.cells import Cells
+from linkage_vibration.table.cells import Cells, spline_cells
 from linkage_vibration.table.interpolation import (
     NearTerms,
     interpolate_positive,
@@ -33,12 +33,12 @@ from linkage_vibration.table.interpolation import (
     stroke_angle,
     stroke_variable,
 )
-from linkage_vibration.table.pole_cells import PoleCells, PolePiece, pole_piece
+from linkage_vibration.table.pole_cells import PoleFinder, PolePiece, pole_piece
 from linkage_vibration.table.reduced import Far, Numbers, ReducedModels, pole_residue_sum
 
 IntArray = NDArray[np.int64]
 
-FORMAT = "linkage_vibration table 3"
+FORMAT = "linkage_vibration table 4"
 UNITS = {
     "alpha3": "rad",
     "pieces": "1",
@@ -59,6 +59,9 @@ UNITS = {
     "reduced_stiffness": "SI",
     "reduced_shapes": "SI",
     "reduced_far": "SI",
+    "cell_starts": "rad",
+    "cell_cubics": "SI",
+    "cell_poles": "rad/s",
 }
 
 NOISE_UNITS = {"frequency_stddev": "Hz", "damping_ratio_stddev": "1"}
@@ -140,6 +143,10 @@ class Table:
     reduced_inertia, reduced_stiffness, reduced_shapes, reduced_far : ndarray, (...,)
         Where damping couples the modes, the numbers of the `ReducedModels` at every point of every
         piece, one piece after the other. The response point is the first of their places.
+    cell_starts, cell_cubics : ndarray, (n_cells,) and (n_cells, 4, 2 n_modes + 2)
+        The `Cells` where damping couples the modes; otherwise they are made from the polynomials.
+    cell_poles : complex ndarray, (n_direct, 2, n_branches)
+        Poles at both ends of the cells that have no cubics, as `PoleFinder` takes them.
     frequency_stddev, damping_ratio_stddev : ndarray, (n, n_modes)
         Standard deviations by the noise of measured links, Hz and 1; (n, 0) without such links.
     model_hash, mechanism_name, package_version : str
@@ -172,6 +179,9 @@ class Table:
     reduced_stiffness: Numbers
     reduced_shapes: Numbers
     reduced_far: Numbers
+    cell_starts: FloatArray
+    cell_cubics: FloatArray
+    cell_poles: ComplexArray
     frequency_stddev: FloatArray
     damping_ratio_stddev: FloatArray
     model_hash: str
@@ -395,11 +405,6 @@ class Table:
         return found
 
     @cached_property
-    def pole_cells(self) -> PoleCells:
-        """What looks up values where damping couples the modes."""
-        return PoleCells(self._pole_pieces, self.n_modes)
-
-    @cached_property
     def _layout(self) -> tuple[int, int, float, float]:
         """Numbers of values before those of the peaks and of peaks, and the band (Hz)."""
         return 2 * self.n_modes, self.peak_frequencies.shape[1], *widened(self.band)
@@ -410,17 +415,21 @@ class Table:
         return self.alpha3[self.pieces[:-1]].tolist(), self.interpolation_error.tolist()
 
     @cached_property
-    def _lookup(self) -> Cells | PoleCells:
-        """What looks up values: the polynomials of each piece, resampled."""
+    def _lookup(self) -> Cells:
+        """What looks up values: stored cells, or the polynomials of each piece, resampled."""
         if len(self.reduced_orders):
-            return self.pole_cells
-        pieces = []
-        for piece, bounds in enumerate(pairwise(self.alpha3[self.pieces].tolist())):
-            first, last = stroke_variable(np.array(bounds), self.toggles)
+            direct = np.flatnonzero(np.isposinf(self.cell_cubics[:, 3]).any(axis=1)).tolist()
+            bounds, rows = np.append(self.cell_starts, self.alpha3[-1]), range(len(direct))
+            known = dict(zip(direct, rows, strict=True))
+            finder = PoleFinder(self._pole_pieces, bounds, known, self.cell_poles, self.n_modes)
+            return Cells(self.cell_starts, self.cell_cubics, finder)
+        pieces: list[tuple[FloatArray, FloatArray]] = []
+        for piece, ends in enumerate(pairwise(self.alpha3[self.pieces].tolist())):
+            first, last = stroke_variable(np.array(ends), self.toggles)
             at = stroke_angle(np.linspace(first, last, CELLS + 1), self.toggles)
-            at[[0, -1]] = bounds
+            at[[0, -1]] = ends
             pieces.append((at, self._resampled(at, self.peak_notable[piece])))
-        return Cells(pieces)
+        return spline_cells(pieces)
 
     def _resampled(self, at: FloatArray, notable: BoolArray) -> FloatArray:
         """Evaluate the polynomials of a piece, (n, 2 n_modes + 2 n_peaks), at its angles, (n,)."""

@@ -3,13 +3,15 @@
 """A crank with a tuned mass, whose two modes have a gap of a given width.
 
 A spring holds the crank's end to the ground. It becomes stiffer across the crank as the crank
-turns, so the mode of the crank rises with alpha3. The mode of the tuned mass is constant.
+turns, so the mode of the crank rises with alpha3. The mode of the tuned mass is constant. With a
+dashpot in the spring the poles of both meet, off the real axis or on it.
 """
 
 import math
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import brentq, root
 
 from linkage_vibration.mechanics.bodies.matrices import Matrices
 from linkage_vibration.mechanics.description import (
@@ -25,7 +27,10 @@ FloatArray = NDArray[np.float64]
 
 STROKE = (0.3, 1.2)  # rad
 BAND = (0.0, 60.0)  # Hz
+GAP, AT, RATIO = 0.5, 0.8137, 0.01  # Hz, rad and 1, of the crank whose poles meet
+HEAVY = 4000.0  # N s/m, with which one of its modes is overdamped over a part of the stroke
 
+_HIGHEST = 1e3  # rad/s, below the mode in which the crank is stretched
 _MASS = 10.0  # kg, at the crank's end; the tuned mass has 1 kg
 _AXIAL = _MASS * (2.0 * math.pi * 5000.0) ** 2  # N/m
 _BENDING = _MASS * (2.0 * math.pi * 20.0) ** 2  # N/m, of the crank without the spring
@@ -112,23 +117,39 @@ def exact_poles(
     return np.linalg.eigvals(own).astype(complex)
 
 
-def dashpot_at_meeting(gap: float, at: float, ratio: float) -> float:
-    """Return the dashpot (N s/m) with which the poles of both modes meet off the real axis.
+def poles_at(dashpot: float, alpha3: float) -> NDArray[np.complex128]:
+    """Return the oscillating poles of the lower two modes, ascending, (2,) or (1,), rad/s.
 
-    Of two oscillators of one frequency, one of which decays faster by d (1/s), the poles meet where
-    the coupling splits the undamped frequencies by d.
+    Parameters
+    ----------
+    dashpot, alpha3 : float
+        N s/m and rad.
     """
-    low, high = 0.0, 2e3
+    poles = exact_poles(GAP, AT, RATIO, dashpot, alpha3)
+    return np.array(sorted(poles[(poles.imag > 0.0) & (np.abs(poles) < _HIGHEST)], key=abs))
 
-    def split(dashpot: float) -> float:
-        poles = exact_poles(gap, at, ratio, dashpot, at)
-        one, other = sorted(poles[poles.imag > 0.0], key=abs)[:2]
-        return abs(one.imag - other.imag) - abs(one.real - other.real)
 
-    for _ in range(200):
-        middle = (low + high) / 2.0
-        low, high = (middle, high) if split(middle) > 0.0 else (low, middle)
-    return low
+def meeting_off_axis() -> tuple[float, float]:
+    """Return the dashpot (N s/m) and the angle (rad) at which the poles of both modes meet."""
+
+    def apart(unknown: NDArray[np.float64]) -> NDArray[np.float64]:
+        one, other = poles_at(100.0 * float(unknown[1]), float(unknown[0]))
+        square = (one - other) ** 2  # smooth, where the difference is not
+        return np.array([square.real, square.imag])
+
+    angle, dashpot = root(apart, [AT, 0.95], tol=1e-14).x
+    return 100.0 * float(dashpot), float(angle)
+
+
+def meeting_on_axis() -> tuple[float, float]:
+    """Return the same where a pole meets its conjugate, and the mode becomes overdamped."""
+
+    def square(alpha3: float) -> float:
+        poles = exact_poles(GAP, AT, RATIO, HEAVY, alpha3)
+        one, other = sorted(poles, key=lambda pole: abs(pole.imag))[:2]
+        return float(((one - other) ** 2).real)
+
+    return HEAVY, float(brentq(square, AT, 0.9, xtol=1e-15))
 
 
 def _spring(alpha3: float) -> FloatArray:

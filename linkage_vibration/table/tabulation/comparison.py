@@ -14,17 +14,15 @@ from linkage_vibration.mechanics.description import Response
 from linkage_vibration.mechanics.response import reach
 from linkage_vibration.table.interpolation import stroke_angle, stroke_variable
 from linkage_vibration.table.pole_cells import (
-    CELL_ERROR,
     FIRST_CELLS,
-    Cell,
     PolePiece,
-    make_cells,
     oscillating,
     pole_piece,
     values_of,
 )
 from linkage_vibration.table.reduced import Modal, ReducedModels
 from linkage_vibration.table.tabulation.accuracy import Accuracy
+from linkage_vibration.table.tabulation.cell_making import CELL_ERROR, Cell, make_cells
 from linkage_vibration.table.tabulation.subspaces import PoleSample
 
 _FRF_ANGLES = 8  # of a piece, at which FRFs are compared
@@ -123,8 +121,8 @@ def _pole_error(found: ComplexArray, exact: ComplexArray) -> float:
 
 def compare(
     coarse: Polynomials, fine: Polynomials, accuracy: Accuracy, far_error: float
-) -> Errors | None:
-    """Return by how much fewer points change a piece, or None if that is too much.
+) -> tuple[Errors, list[Cell]] | None:
+    """Return by how much fewer points change a piece, and its cells; None if that is too much.
 
     Parameters
     ----------
@@ -152,7 +150,7 @@ def compare(
         return None
     slope = _slope_error(coarse, fine) + _slope_jump(cells)
     # The error of a cubic in its middle is a little more than half of its largest.
-    return Errors(max(shifts) + 2.0 * CELL_ERROR, peak + 2.0 * CELL_ERROR, frf, slope)
+    return Errors(max(shifts) + 2.0 * CELL_ERROR, peak + 2.0 * CELL_ERROR, frf, slope), cells
 
 
 def _differ(

@@ -15,6 +15,7 @@ from linkage_vibration.table.interpolation import leja_points
 from linkage_vibration.table.reduced import Far, Numbers, ReducedModels
 from linkage_vibration.table.table import Table, TableError
 from linkage_vibration.table.tabulation.accuracy import Accuracy
+from linkage_vibration.table.tabulation.cell_making import Cell, CellArrays, cell_arrays
 from linkage_vibration.table.tabulation.comparison import (
     Errors,
     Polynomials,
@@ -47,6 +48,7 @@ class ReducedPiece:
     alpha3: FloatArray  # (n,), rad
     models: ReducedModels
     errors: Errors
+    cells: list[Cell]
 
 
 class PoleTracker:
@@ -152,10 +154,10 @@ def refine_piece(
         coarse = Polynomials(variables[own], _only(models, own), toggles, response)
         if not coarse.misses(variables[~own], [samples[i] for i in np.flatnonzero(~own)], accuracy):
             fine = Polynomials(variables, models, toggles, response)
-            errors = compare(coarse, fine, accuracy, _far_error(tracker, samples, models))
-            if errors is not None:
+            found = compare(coarse, fine, accuracy, _far_error(tracker, samples, models))
+            if found is not None:
                 angles = np.array([tracker.sampler.angle(x) for x in finer])
-                return ReducedPiece(variables, angles, models, errors)
+                return ReducedPiece(variables, angles, models, *found)
         fitted = finer
     return f"the poles or the peak change too quickly for a tolerance of {accuracy.frequency:g}"
 
@@ -293,6 +295,8 @@ def _table(sampler: Sampler, pieces: Sequence[ReducedPiece]) -> Table:
     drive = (sampler.response.point, sampler.response.direction)
     errors = [piece.errors for piece in pieces]
     nothing = np.zeros((n, 0), dtype=complex)
+    cells = cell_arrays([piece.cells for piece in pieces], modes)
+    _check_modes(sampler, cells)
     table = Table(
         alpha3=alpha3,
         pieces=ends.astype(np.int64),
@@ -320,13 +324,15 @@ def _table(sampler: Sampler, pieces: Sequence[ReducedPiece]) -> Table:
         reduced_stiffness=np.concatenate([each.stiffness.ravel() for each in models]),
         reduced_shapes=np.concatenate([each.shapes.ravel() for each in models]),
         reduced_far=np.concatenate([each.far.weights.ravel() for each in models]),
+        cell_starts=cells.starts,
+        cell_cubics=cells.cubics,
+        cell_poles=cells.poles,
         frequency_stddev=nothing.real,
         damping_ratio_stddev=nothing.real,
         model_hash=sampler.model.mechanism.model_hash,
         mechanism_name=sampler.model.mechanism.name,
         package_version=VERSION,
     )
-    _check_modes(table)
     values = table.evaluate(alpha3)
     return replace(
         table,
@@ -337,16 +343,16 @@ def _table(sampler: Sampler, pieces: Sequence[ReducedPiece]) -> Table:
     )
 
 
-def _check_modes(table: Table) -> None:
+def _check_modes(sampler: Sampler, cells: CellArrays) -> None:
     """Refuse a table that lacks modes, or does not hold them over the whole stroke."""
-    cells = table.pole_cells
-    if cells.n_branches < table.n_modes:
+    name = sampler.model.mechanism.name
+    if cells.n_oscillating < sampler.response.modes:
         raise TableError(
-            f"response.modes is {table.n_modes}, but {table.mechanism_name} has "
-            f"{cells.n_branches} modes that oscillate; use fewer."
+            f"response.modes is {sampler.response.modes}, but {name} has {cells.n_oscillating} "
+            "modes that oscillate; use fewer."
         )
     for mode, alpha3 in cells.left.items():
         raise TableError(
-            f"Mode {mode + 1} of {table.mechanism_name} leaves the reach of response.band_hz at "
+            f"Mode {mode + 1} of {name} leaves the reach of response.band_hz at "
             f"{math.degrees(alpha3):.3f} deg; widen the band, or use fewer modes in response.modes."
         )

@@ -24,6 +24,7 @@ _WIDER = 2.5  # of the reach: poles up to there may continue those of a table
 _LOW = 0.1  # of the reach: displacements of slower modes are not enlarged
 _SLOWEST = 1e-3  # rad/s, the frequency given to a mechanism mode
 _POOR = 1e4  # condition of the coordinates of one subspace by those of another
+_EXACT = 1e-12  # of modal damping: coupling that is only rounding
 _LEAVES = 0.5  # of a pole's state: the share outside a subspace up to which it may continue it
 
 N_FAR = 5
@@ -192,7 +193,7 @@ def sample_poles(solution: Solution, root: FloatArray, places: tuple[Place, ...]
     left = np.asarray(np.linalg.solve(inertia, back.T @ above))
     shapes: Numbers = own @ q @ back if viscous.any() else (own @ q @ back).astype(complex)
     whole = Subspace(basis, left, inertia, stiffness, shapes)
-    totals = _totals(omega, viscous, loss, own, check_lines(response.band))
+    totals = _totals(solution, omega, viscous, loss, own)
     alpha3 = solution.configuration.alpha3
     free = bool(solution.modes.mechanism.any())
     return PoleSample(alpha3, not loss.any(), free, poles, others, turn @ t @ back, whole, totals)
@@ -232,13 +233,36 @@ def _structural(
 
 
 def _totals(
-    omega: FloatArray, viscous: FloatArray, loss: FloatArray, own: FloatArray, lines: FloatArray
+    solution: Solution, omega: FloatArray, viscous: FloatArray, loss: FloatArray, own: FloatArray
 ) -> ComplexArray:
     """Return the FRFs with every mode, (n_lines, n_triangle), from the equations of motion."""
-    w = lines[:, np.newaxis, np.newaxis]
-    dynamic = np.diag(omega**2) + 1j * loss - w**2 * np.eye(len(omega)) + 1j * w * viscous
-    frf = own @ np.linalg.solve(dynamic, own.T.astype(complex))
+    lines = check_lines(solution.model.mechanism.response.band)
     upper = np.triu_indices(len(own))
+    joining, moved = solution.joining, solution.modes.shapes
+    damped = np.flatnonzero(joining.damping)
+    pull = joining.elongation[damped] @ moved[: joining.elongation.shape[1]]
+    rest = viscous - pull.T @ (joining.damping[damped, np.newaxis] * pull)
+    # Where springs alone couple the modes, few forces replace the equations of all modes.
+    size = np.sqrt(np.abs(np.diag(viscous)))
+    if (
+        not loss.any()
+        and (np.abs(rest - np.diag(np.diag(rest))) <= _EXACT * np.outer(size, size)).all()
+    ):
+        terms = 1.0 / (
+            omega**2
+            - np.multiply.outer(lines**2, np.ones(len(omega)))
+            + 1j * np.outer(lines, np.diag(rest))
+        )
+        both = np.vstack([own, pull])
+        every = (both * terms[:, np.newaxis]) @ both.T
+        n = len(own)
+        loose = np.einsum("w,d->wd", -1j / lines, 1.0 / joining.damping[damped])
+        inner = every[:, n:, n:] + loose[:, :, np.newaxis] * np.eye(len(damped))
+        frf = every[:, :n, :n] - every[:, :n, n:] @ np.linalg.solve(inner, every[:, n:, :n])
+    else:
+        w = lines[:, np.newaxis, np.newaxis]
+        dynamic = np.diag(omega**2) + 1j * loss - w**2 * np.eye(len(omega)) + 1j * w * viscous
+        frf = own @ np.linalg.solve(dynamic, own.T.astype(complex))
     return np.asarray(frf[:, upper[0], upper[1]])
 
 

@@ -11,11 +11,11 @@ import pytest
 
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.table.tabulation import build_table
-from test.support.crossing import crossing_crank
-from test.support.meeting import (
+from test.support.crossing import (
     AT,
     GAP,
     RATIO,
+    crossing_crank,
     meeting_off_axis,
     meeting_on_axis,
     poles_at,

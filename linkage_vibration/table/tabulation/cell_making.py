@@ -1,0 +1,216 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Divides pieces of reduced models into cubic cells, and follows modes through them.
+
+A cell is halved until its cubics give the values in its middle. No cubic follows two poles that
+meet, so the smallest cells there have none, and a lookup in them finds the poles itself.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray
+from linkage_vibration.table.pole_cells import PolePiece, nearest, values_of
+
+CELL_ERROR = 1e-9
+"""Relative error of the values in a cell."""
+
+_SMALLEST = 12  # a cell that is not halved; its nodes are integers
+_UNITS = _SMALLEST * 2**12  # of a first cell
+_MOST = 2048  # cells that are halved at once; more would take too long
+_NODES = np.array([0.0, 1.0, 2.0, 3.0]) / 3.0  # of a cell, at which its cubics are exact
+_MIDDLE = 0.5
+_SIXTHS = (0, 2, 4, 6, 3)  # the nodes and the middle
+_COEFFICIENTS = np.linalg.inv(np.vander(_NODES, 4))  # of values at the nodes
+_AHEAD = {1: [1.0], 2: [-1.0, 2.0], 3: [1.0, -3.0, 3.0]}  # weights that extrapolate to a node
+_AT_MIDDLE = np.vander([_MIDDLE], 4)[0] @ _COEFFICIENTS
+_ROUNDING = 1e-12  # of a pole: a difference that is only rounding
+_LOW = 1e-4  # of the highest of some poles: a frequency near 0 Hz
+_SAME = 1e-4  # of a pole: two pieces differ by less where they meet
+
+
+@dataclass(slots=True, eq=False)
+class Cell:
+    """The poles and the peak between two angles, by cubics where these are accurate."""
+
+    start: float  # rad
+    end: float
+    first: ComplexArray  # poles at its start, rad/s
+    last: ComplexArray  # poles at its end
+    follows: dict[int, int]  # which of the last poles each of the first becomes
+    # Coefficients of powers of the share of the cell, highest first.
+    values: FloatArray | None = None  # (2, 4, n): frequencies (Hz) and ratios of the first poles
+    peak: FloatArray | None = None  # (4, 2): Hz and m/N
+    branches: dict[int, tuple[int, int]] = field(default_factory=dict)
+    """For each branch its index among the first and among the last poles, -1 where it has none."""
+
+
+def make_cells(piece: PolePiece) -> list[Cell]:
+    """Divide a piece into cells, ascending."""
+    n = len(piece.angles) - 1
+    known: dict[int, tuple[ComplexArray, FloatArray]] = {}  # by the place in units of a cell
+    waiting = [(i * _UNITS, (i + 1) * _UNITS) for i in range(n)]
+    done: list[Cell] = []
+    while waiting:
+        rows = [[s + (e - s) * share // 6 for share in _SIXTHS] for s, e in waiting]
+        fresh = sorted({place for row in rows for place in row} - known.keys())
+        angles = np.interp(np.array(fresh) / _UNITS, np.arange(n + 1), piece.angles)
+        known.update(zip(fresh, zip(*piece.evaluate(angles), strict=True), strict=True))
+        smallest = len(waiting) > _MOST or waiting[0][1] - waiting[0][0] == _SMALLEST
+        halves = []
+        for row in rows:
+            start, end = np.interp(
+                np.array([row[0], row[3]]) / _UNITS, np.arange(n + 1), piece.angles
+            ).tolist()
+            cell = _cell(
+                start, end, [known[x][0] for x in row], np.array([known[x][1] for x in row])
+            )
+            if smallest or (cell.values is not None and cell.peak is not None):
+                done.append(cell)
+            else:
+                halves += [(row[0], row[4]), (row[4], row[3])]
+        waiting = halves
+    return sorted(done, key=lambda cell: cell.start)
+
+
+def _cell(start: float, end: float, poles: list[ComplexArray], peaks: FloatArray) -> Cell:
+    """Return a cell with its cubics, if they agree with the poles and the peak in the middle."""
+    own, middle = poles[:4], poles[4]
+    cell = Cell(start, end, own[0], own[3], nearest(own[0], own[3]))
+    coefficients = _COEFFICIENTS @ peaks[:4]
+    # The peak may be at 0 Hz, so a small part of the highest frequency of poles is its scale.
+    scale = np.maximum(peaks[4], [_LOW * np.abs(middle).max(initial=0.0), 0.0])
+    if (np.abs(_AT_MIDDLE @ peaks[:4] - peaks[4]) <= CELL_ERROR * scale).all():
+        cell.peak = coefficients
+    if len({len(each) for each in poles}) > 1:
+        return cell
+    path, order = [own[0]], cell.follows
+    for node in own[1:]:
+        expected = np.array(_AHEAD[len(path)]) @ np.array(path)
+        order = nearest(expected, node)
+        path.append(node[[order[j] for j in range(len(node))]])
+    cell.follows = order
+    values = values_of(np.array(path))
+    found = np.tensordot(_AT_MIDDLE, values, (0, 1))
+    imaginary = np.sqrt(np.maximum(1.0 - found[1] ** 2, 0.0))
+    there = nearest(2.0 * math.pi * found[0] * (-found[1] + 1j * imaginary), middle)
+    exact = values_of(middle[[there[j] for j in range(len(middle))]])
+    off, limit = np.abs(found - exact), CELL_ERROR * exact
+    limit[1] += _ROUNDING
+    if (off <= limit).all():
+        cell.values = np.tensordot(_COEFFICIENTS, values, (1, 1)).swapaxes(0, 1)
+    return cell
+
+
+def follow_branches(pieces: Sequence[list[Cell]]) -> tuple[list[float], dict[int, float]]:
+    """Follow the poles through all cells, and note in each cell which branch they belong to.
+
+    A branch ends where its pole becomes real, and goes on where a pole oscillates again.
+
+    Parameters
+    ----------
+    pieces : sequence of list of Cell
+        The cells of each piece, ascending.
+
+    Returns
+    -------
+    begins : list of float
+        The frequency at which each branch begins, rad/s.
+    left : dict of int to float
+        Angles (rad) at which branches leave the poles that a piece holds.
+    """
+    begins: list[float] = []
+    left: dict[int, float] = {}
+    ended: dict[int, float] = {}  # where a pole became real: its magnitude there
+    now: dict[int, complex] = {}
+    for cells in pieces:
+        for i, cell in enumerate(cells):
+            pairs = nearest(np.array(list(now.values()), dtype=complex), cell.first)
+            names = list(now)
+            own = {names[k]: j for k, j in pairs.items()}
+            if i == 0:  # another set of poles
+                own = {b: j for b, j in own.items() if abs(now[b] / cell.first[j] - 1.0) < _SAME}
+            for b in now.keys() - own.keys():
+                left.setdefault(b, cell.start)
+            for j in sorted(set(range(len(cell.first))) - set(own.values())):
+                own[_branch(cell.first[j], begins, ended)] = j
+            cell.branches = {b: (j, cell.follows.get(j, -1)) for b, j in own.items()}
+            taken = {k for _, k in cell.branches.values()}
+            for b, (j, k) in cell.branches.items():
+                if k < 0:
+                    ended[b] = abs(cell.first[j])
+            for k in sorted(set(range(len(cell.last))) - taken):
+                cell.branches[_branch(cell.last[k], begins, ended)] = (-1, k)
+            now = {b: complex(cell.last[k]) for b, (_, k) in cell.branches.items() if k >= 0}
+    return begins, left
+
+
+def _branch(pole: complex, begins: list[float], ended: dict[int, float]) -> int:
+    """Return the branch of a pole that begins to oscillate: one that ended nearby, or another."""
+    if ended:
+        b = min(ended, key=lambda b: abs(math.log(ended[b] / abs(pole))))
+        del ended[b]
+        return b
+    begins.append(abs(pole))
+    return len(begins) - 1
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CellArrays:
+    """The cells of a table, as its file has them."""
+
+    starts: FloatArray  # (n_cells,), rad
+    cubics: FloatArray  # (n_cells, 4, 2 n_modes + 2): as `cells.Cells` takes them
+    poles: ComplexArray  # (n_direct, 2, n_branches): as `pole_cells.PoleFinder` takes them
+    n_oscillating: int  # number of modes that oscillate somewhere, at most those asked for
+    left: dict[int, float]  # angles (rad) at which modes, by their indices, leave their pieces
+
+
+def cell_arrays(pieces: Sequence[list[Cell]], n_modes: int) -> CellArrays:
+    """Follow the modes through the cells of all pieces, and return what a table keeps of these.
+
+    Parameters
+    ----------
+    pieces, n_modes
+        The cells of each piece, and the number of modes: those that begin lowest.
+    """
+    begins, left = follow_branches(pieces)
+    modes = sorted(range(len(begins)), key=lambda b: begins[b])
+    cells = [cell for own in pieces for cell in own]
+    cubics = np.array([_cubics(cell, modes[:n_modes], n_modes) for cell in cells])
+    direct = np.flatnonzero(np.isposinf(cubics[:, 3]).any(axis=1)).tolist()
+    return CellArrays(
+        np.array([cell.start for cell in cells]),
+        cubics,
+        np.array([_ends(cells[i], modes) for i in direct]).reshape(len(direct), 2, len(modes)),
+        min(len(modes), n_modes),
+        {m: left[b] for m, b in enumerate(modes[:n_modes]) if b in left},
+    )
+
+
+def _cubics(cell: Cell, modes: list[int], n_modes: int) -> FloatArray:
+    """Return coefficients in rad, (4, 2 n_modes + 2): NaN of absent modes, else infinity."""
+    cubics = np.zeros((4, 2 * n_modes + 2))
+    cubics[3] = math.inf
+    cubics[3, [*range(len(modes), n_modes), *range(n_modes + len(modes), 2 * n_modes)]] = math.nan
+    if cell.peak is not None:
+        cubics[:, -2:] = cell.peak
+    for mode, branch in enumerate(modes):
+        at = [mode, n_modes + mode]
+        if branch not in cell.branches:
+            cubics[:, at] = math.nan
+        elif cell.values is not None:
+            cubics[:, at] = cell.values[:, :, cell.branches[branch][0]].T
+    return cubics / (cell.end - cell.start) ** np.arange(3, -1, -1)[:, np.newaxis]
+
+
+def _ends(cell: Cell, modes: list[int]) -> ComplexArray:
+    """Return the poles of branches at both ends, (2, n_branches); NaN of absent ones."""
+    ends = np.full((2, len(modes)), math.nan, dtype=complex)
+    for b, (j, k) in cell.branches.items():
+        first = cell.first[j] if j >= 0 else cell.last[k]
+        ends[:, modes.index(b)] = first, cell.last[k] if k >= 0 else first
+    return ends
