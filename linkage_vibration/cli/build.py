@@ -72,6 +72,9 @@ def run(options: argparse.Namespace) -> int:
         deviations = table.frequency_stddev, table.damping_ratios, table.damping_ratio_stddev
         for sentence in uncertain_modes(table.natural_frequencies, *deviations):
             print(sentence)
+    for mode, shares in enumerate(table.mode_shares):
+        base, bodies, links = (f"{100.0 * share:.0f} %" for share in shares)
+        print(f"{table.mode_label(mode)}: base {base}, rigid bodies {bodies}, links {links}")
     if table.free_modes:
         print(
             f"Nothing holds {model.mechanism.name}: {table.free_modes} mode at 0 Hz is left out of "

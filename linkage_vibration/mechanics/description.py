@@ -312,6 +312,8 @@ class Response:
     direction: Literal["x", "z"]
     band: tuple[float, float]  # Hz
     modes: int
+    # Names that replace those of the first modes; an empty one does not.
+    mode_names: tuple[str, ...] = field(default=(), metadata=_LATER)
 
 
 @dataclass(frozen=True)

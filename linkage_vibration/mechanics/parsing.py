@@ -108,7 +108,21 @@ def _response(keys: Keys, points: dict[str, dict[str, Point]], *, base: bool) ->
     band = keys.interval("band_hz")
     if band[0] < 0.0:
         raise keys.error("band_hz", "frequencies are not negative; begin at 0.")
-    return Response(keys.choice("drive_point", movable), direction, band, keys.integer("modes"))
+    modes, names = keys.integer("modes"), _mode_names(keys)
+    return Response(keys.choice("drive_point", movable), direction, band, modes, names)
+
+
+def _mode_names(keys: Keys) -> tuple[str, ...]:
+    """Read names of modes; a name is neither a number nor that of another mode."""
+    names = keys.words("mode_names") if "mode_names" in keys else ()
+    for name in filter(None, names):
+        if names.count(name) > 1 or name.strip() != name or name.isdecimal():
+            raise keys.error(
+                "mode_names",
+                f"{name!r} occurs twice, is a number, or begins or ends with a space; give each "
+                "mode a name of its own.",
+            )
+    return names
 
 
 def _link(keys: Keys, name: str, ground: dict[str, Point], read_file: BodyReader) -> Link:

@@ -233,8 +233,12 @@ class Parameters:
         "`SERVICE/_service_event`: without or with its contents. `extra_topics` can log them.",
         lambda value: value in ("off", "metadata", "contents"),
     )
-    marker_mode: int = _ranged(
-        2, 0, 1000, "1", "Mode that `~/markers` shows, counted from 1; 0 for no mode."
+    marker_mode: str = _parameter(
+        "2",
+        "",
+        "the number of a mode or its name",
+        "Mode that `~/markers` shows: its number, counted from 1, or its name; 0 for no mode.",
+        lambda mode: mode != "" and not mode.startswith("-"),
     )
     marker_rate: float = _ranged(10.0, 0.1, 100.0, "Hz", "Rate at which `~/markers` is published.")
     marker_frame: str = _parameter(
@@ -306,7 +310,7 @@ def check_value(name: str, value: object) -> Any:
     if name not in known:
         raise ParameterError(f"Parameter {name} is unknown; {ask_for(name, known)}")
     parameter = known[name]
-    value = own_type(type(parameter.default), value)
+    value = own_value(name, value)
     words = parameter.metadata
     between = words["between"]
     try:
@@ -403,6 +407,20 @@ def own_type(kind: type, value: Any) -> Any:
         items = [own_type(float, item) for item in value]
         return tuple(items) if all(type(item) is float for item in items) else items
     return value
+
+
+def own_value(name: str, value: Any) -> Any:
+    """Return a value in the type of a parameter if it means the same, such as "1" for a mode.
+
+    Parameters
+    ----------
+    name, value : str and object
+        A parameter, or a name that is none, and the value as YAML or ROS 2 gives it.
+    """
+    if name == "marker_mode" and type(value) is int:
+        return str(value)
+    kinds = {parameter.name: type(parameter.default) for parameter in fields(Parameters)}
+    return own_type(kinds.get(name, object), value)
 
 
 def without_markers(settings: Parameters) -> Parameters:

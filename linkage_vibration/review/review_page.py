@@ -75,6 +75,12 @@ def review_page(log: Log) -> Page:
     )
 
 
+def _mode_name(log: Log, mode: int) -> str:
+    """Return how the page calls a mode: its number, and its name if the log has its table."""
+    label = f"mode {mode + 1}" if log.table is None else log.table.mode_label(mode)
+    return label[0].upper() + label[1:]
+
+
 def provenance_rows(log: Log) -> list[list[str]]:
     """Return what made a log, as pairs of a label and a text."""
     rows = [["Log", log.path.name], ["Table", log.table_id]]
@@ -182,7 +188,7 @@ def _charts(log: Log, margin: float | None) -> Items:
     angle = {"column": "crank_angle", "factor": DEG, "colour": palette.INK}
     charts = [chart("angle", "Crank angle α3", "deg", series=[angle], key=shades)]
     for mode, colour in enumerate(palette.mode_colours(log.n_modes)):
-        name, title = f"f{mode + 1}", f"Natural frequency of mode {mode + 1}"
+        name, title = f"f{mode + 1}", f"Natural frequency of m{_mode_name(log, mode)[1:]}"
         line: dict[str, Any] = {"column": name, "colour": colour, "width": 2}
         key: Items = []
         if _has_spread(log):
@@ -214,7 +220,7 @@ def _readings(log: Log) -> Items:
         name, spread = f"f{mode + 1}", {"spread": f"s{mode + 1}"} if _has_spread(log) else {}
         line = {"colour": colour, "column": name, "unit": "Hz", "digits": 8, **spread}
         line["predicted"] = "peak_magnitude"
-        readings.append(reading(name, f"Mode {mode + 1}", **line))
+        readings.append(reading(name, _mode_name(log, mode), **line))
     readings += [
         reading("peak", "FRF peak", column="peak_magnitude", unit="m/N"),
         reading("peak_f", "FRF peak frequency", column="peak_frequency", unit="Hz"),
@@ -279,7 +285,7 @@ def _summary(log: Log, found: list[Moment], missing: list[tuple[float, float]]) 
             parts = [overdamped] if len(oscillating) < len(values) else []
             if len(oscillating):
                 parts.insert(0, f"{oscillating.min():.2f} to {oscillating.max():.2f} Hz")
-            add(f"Mode {mode + 1}", ", ".join(parts))
+            add(_mode_name(log, mode), ", ".join(parts))
         peak = int(np.nanargmax(log.peak_magnitude))
         height, frequency = log.peak_magnitude[peak], log.peak_frequency[peak]
         add("Highest FRF peak", f"{height:.3g} m/N at {frequency:.2f} Hz")

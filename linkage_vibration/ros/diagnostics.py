@@ -178,9 +178,11 @@ def _warning(health: Health, statistics: Statistics) -> str:
     if second.clock_jumps:
         return "The clock has jumped."
     if near is not None and near.state is ResonanceState.WARNING:
+        served = health.served
+        mode = f"mode {near.mode + 1}" if served is None else served.table.mode_label(near.mode)
         return (
             f"{near.excitation} ({near.excitation_frequency:.1f} Hz) is within "
-            f"{100.0 * abs(near.relative_margin):.1f} % of mode {near.mode + 1} "
+            f"{100.0 * abs(near.relative_margin):.1f} % of {mode} "
             f"({near.natural_frequency:.1f} Hz)."
         )
     return " ".join(_uncertain(health))

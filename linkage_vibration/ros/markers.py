@@ -116,8 +116,15 @@ class Markers:
         ):
             if len(at):
                 markers.append(_marker(name, 0, kind, colour, pin, at))
-        if settings.marker_mode > 0:
-            markers += self._mode(served, angle, settings.marker_mode - 1, drawn.bodies)
+        mode = served.table.find_mode(settings.marker_mode)
+        if mode is None:
+            self._node.get_logger().warning(
+                f"Parameter marker_mode is {settings.marker_mode!r}, but no mode has this name; "
+                f"use a number or one of: {', '.join(served.table.mode_names)}.",
+                throttle_duration_sec=WARN_PERIOD,
+            )
+        elif mode >= 0:
+            markers += self._mode(served, angle, mode, drawn.bodies)
         return markers
 
     def _mode(self, served: Served, angle: float, mode: int, bodies: Curves) -> list[Marker]:
@@ -131,9 +138,9 @@ class Markers:
         above = np.array([[(low[0] + high[0]) / 2.0, high[1] + 2.0 * SWING * scale]])
         text = _marker("mode_text", 0, Marker.TEXT_VIEW_FACING, colour, 2.0 * _PIN * scale, above)
         if math.isnan(frequency):
-            text.text = f"mode {mode + 1}: overdamped"
+            text.text = f"{served.table.mode_label(mode)}: overdamped"
             return [text]
-        text.text = f"mode {mode + 1}: {frequency:.1f} Hz"
+        text.text = f"{served.table.mode_label(mode)}: {frequency:.1f} Hz"
         solution = served.model.solve(angle)
         moved = geometry.mode_curves(solution, geometry.nearest_mode(solution, frequency))
         shape = np.vstack(list(moved.values()))

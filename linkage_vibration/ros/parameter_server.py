@@ -20,7 +20,7 @@ from linkage_vibration.prediction.settings import (
     Parameters,
     check_value,
     is_own,
-    own_type,
+    own_value,
     with_pairs,
     with_values,
 )
@@ -95,16 +95,15 @@ def new_values(node: Node, asked: "list[Parameter[Any]]") -> "list[Parameter[Any
     node : Node
     asked : list of rclpy.parameter.Parameter
     """
-    kinds = {parameter.name: type(parameter.default) for parameter in fields(Parameters)}
     found = []
     for parameter in asked:
-        name, kind = parameter.name, kinds.get(parameter.name, object)
-        value = own_type(kind, parameter.value)
+        name = parameter.name
+        value = own_value(name, parameter.value)
         before = (
-            own_type(kind, node.get_parameter(name).value) if node.has_parameter(name) else None
+            own_value(name, node.get_parameter(name).value) if node.has_parameter(name) else None
         )
         if type(value) is not type(before) or value != before:
-            found.append(Parameter(name, value=value) if name in kinds else parameter)
+            found.append(Parameter(name, value=value) if is_own(name) else parameter)
     return found
 
 

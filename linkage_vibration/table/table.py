@@ -8,7 +8,7 @@ import json
 import math
 from bisect import bisect_right
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
@@ -149,6 +149,11 @@ class Table:
         Poles at both ends of the cells that have no cubics, as `PoleFinder` takes them.
     frequency_stddev, damping_ratio_stddev : ndarray, (n, n_modes)
         Standard deviations by the noise of measured links, Hz and 1; (n, 0) without such links.
+    mode_names : tuple of str, (n_modes,)
+        A name for each mode, which holds over the stroke; empty in a table of an earlier version.
+    mode_shares : ndarray, (n_modes, 3)
+        Mean shares of its kinetic energy in the base, the rigid bodies and the links, 1; (0, 3) if
+        they are not known, as of measured links.
     model_hash, mechanism_name, package_version : str
         Of the mechanism from which it was built, and of the package that built it.
     """
@@ -187,6 +192,8 @@ class Table:
     model_hash: str
     mechanism_name: str
     package_version: str
+    mode_names: tuple[str, ...] = ()
+    mode_shares: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
 
     @property
     def n_modes(self) -> int:
@@ -204,6 +211,21 @@ class Table:
         if self.toggles is None:
             return -math.inf, math.inf
         return self.toggles[0] + _NEAR, self.toggles[1] - _NEAR
+
+    def mode_label(self, mode: int) -> str:
+        """Return how a mode, counted from 0, is called: "mode 4 (implement heave)"."""
+        number = f"mode {mode + 1}"
+        name = self.mode_names[mode] if self.mode_names else number
+        return number if name == number else f"{number} ({name})"
+
+    def find_mode(self, wanted: str) -> int | None:
+        """Return the index of a mode by its number, counted from 1, or its name; None if unknown.
+
+        The number 0 is no mode, whose index is -1.
+        """
+        if wanted.isdecimal():
+            return int(wanted) - 1
+        return self.mode_names.index(wanted) if wanted in self.mode_names else None
 
     @property
     def table_id(self) -> str:
@@ -461,6 +483,8 @@ class Table:
             "toggles_rad": self.toggles and list(self.toggles),
             "band_hz": list(self.band),
             "places": [list(place) for place in self.places],
+            "mode_names": list(self.mode_names),
+            "mode_shares": self.mode_shares.tolist(),
         }
 
 
@@ -549,6 +573,8 @@ def _read(path: Path) -> Table:
             model_hash=metadata["model_hash"],
             mechanism_name=metadata["mechanism_name"],
             package_version=metadata["package_version"],
+            mode_names=tuple(metadata["mode_names"]),
+            mode_shares=np.array(metadata["mode_shares"]).reshape(-1, 3),
         )
         if table.checksum != metadata["checksum"]:
             raise TableError(f"{path}: is damaged (its checksum differs); build the table again.")

@@ -58,7 +58,7 @@ SOUND = Health(
     resonance=replace(NEAR, state=ResonanceState.CLEAR),
     recorder=recorder(),
     served=SimpleNamespace(  # type: ignore[arg-type]
-        table=SimpleNamespace(table_id="a table", interpolation_error=np.array([1e-9, 4.6e-7])),
+        table=replace(load_table(), interpolation_error=np.array([1e-9, 4.6e-7])),
         mechanism=SimpleNamespace(name="a linkage"),
     ),
 )
@@ -77,7 +77,11 @@ SOUND = Health(
         ({"second": replace(QUIET, qos_mismatches=1)}, WARN, "that of /prediction"),
         ({"recorder": recorder(dropped=3)}, WARN, "3 messages are missing in the log"),
         ({"recorder": recorder(error="disk full")}, ERROR, "disk full"),
-        ({"resonance": NEAR}, WARN, r"engine 3 \(94.0 Hz\) is within 1.1 % of mode 2 \(95.0 Hz\)"),
+        (
+            {"resonance": NEAR},
+            WARN,
+            r"engine 3 \(94.0 Hz\) is within 1.1 % of mode 2 \(implement pitch\) \(95.0 Hz\)",
+        ),
         (
             {"prediction": UNCERTAIN},
             WARN,
@@ -104,7 +108,9 @@ def test_numbers() -> None:
     assert float(values["latency p50 [ms]"]) == pytest.approx(50.5)
     assert float(values["latency p99 [ms]"]) == pytest.approx(99.01)
     names = ("messages received", "predictions", "clock jumps", "table id", "table error", "log")
-    assert [values[name] for name in names] == ["7", "6", "2", "a table", "4.6e-07", "/logs/a.mcap"]
+    assert SOUND.served is not None
+    table = SOUND.served.table.table_id
+    assert [values[name] for name in names] == ["7", "6", "2", table, "4.6e-07", "/logs/a.mcap"]
     assert values["recording"] == "true"
 
 

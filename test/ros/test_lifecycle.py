@@ -233,7 +233,6 @@ def test_descriptors(managed: Callable[..., Any]) -> None:
     margin = node.describe_parameter("warning_margin")
     assert [(r.from_value, r.to_value) for r in margin.floating_point_range] == [(0.0, 1.0)]
     assert "Unit: 1." in margin.description
-    assert node.describe_parameter("marker_mode").integer_range[0].from_value == 0
     assert node.describe_parameter("autostart").read_only
     assert "Read when the node is configured." in node.describe_parameter("record").description
     assert "configured" not in node.describe_parameter("joint_name").description

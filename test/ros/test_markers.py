@@ -61,7 +61,7 @@ def viewer(domain: int) -> Iterator[Viewer]:
             return served
 
         markers = Markers(
-            drawing, ask, Parameters(marker_mode=2, marker_rate=20.0, marker_frame="hitch")
+            drawing, ask, Parameters(marker_mode="2", marker_rate=20.0, marker_frame="hitch")
         )
         executors = [SingleThreadedExecutor(context=context) for _ in range(2)]
         executors[0].add_node(drawing)
@@ -151,7 +151,7 @@ def test_picture(viewer: Viewer) -> None:
     }
     assert max(swings) <= most * (1.0 + 1e-9)
     frequency = viewer.served.predictor.predict(ANGLE).natural_frequencies[1]
-    assert found["mode_text", 0].text == f"mode 2: {frequency:.1f} Hz"
+    assert found["mode_text", 0].text == f"mode 2 (implement pitch): {frequency:.1f} Hz"
 
 
 def test_other_settings(viewer: Viewer) -> None:
@@ -161,16 +161,16 @@ def test_other_settings(viewer: Viewer) -> None:
     viewer.markers.update(ANGLE)
     viewer.next()
     assert viewer.markers._timer.timer_period_ns == 10**9 // 20
-    viewer.markers.settings = Parameters(marker_mode=0, marker_rate=50.0, marker_frame="tractor")
+    viewer.markers.settings = Parameters(marker_mode="0", marker_rate=50.0, marker_frame="tractor")
     picture = viewer.next(lambda p: p.markers[0].header.frame_id == "tractor")
     assert "mode" not in {marker.ns for marker in picture.markers}
     until(lambda: viewer.markers._timer.timer_period_ns == 10**9 // 50, "50 pictures in a second")
     assert picture.markers[0].lifetime.nanosec == 60_000_000
-    viewer.markers.settings = Parameters(marker_mode=1, marker_rate=50.0, marker_frame="tractor")
+    viewer.markers.settings = Parameters(marker_mode="1", marker_rate=50.0, marker_frame="tractor")
     viewer.next(lambda p: "mode" in {marker.ns for marker in p.markers})
-    viewer.markers.settings = Parameters(marker_mode=4, marker_rate=50.0, marker_frame="tractor")
+    viewer.markers.settings = Parameters(marker_mode="4", marker_rate=50.0, marker_frame="tractor")
     viewer.next(lambda p: "mode" not in {marker.ns for marker in p.markers})
-    viewer.markers.settings = Parameters(marker_mode=1, marker_rate=50.0, marker_frame="tractor")
+    viewer.markers.settings = Parameters(marker_mode="1", marker_rate=50.0, marker_frame="tractor")
     viewer.markers.update(3.3)  # the linkage closes there, but the table ends before it
     viewer.next(lambda p: "mode" not in {marker.ns for marker in p.markers})
     viewer.markers.update(5.0)  # the linkage does not close there

@@ -13,6 +13,7 @@ from linkage_vibration.table.table import Table, TableError
 from linkage_vibration.table.tabulation.accuracy import ROUNDING, TOLERANCE, Accuracy
 from linkage_vibration.table.tabulation.assembly import assemble
 from linkage_vibration.table.tabulation.coupled import build_coupled
+from linkage_vibration.table.tabulation.naming import with_mode_names
 from linkage_vibration.table.tabulation.near_terms import frf_change
 from linkage_vibration.table.tabulation.refinement import Piece, first_points, more_points, refine
 from linkage_vibration.table.tabulation.sampling import ModesAreCoupled, Sampler
@@ -67,9 +68,10 @@ def build_table(
         )
     sampler = Sampler(model, points, progress)
     try:
-        return _build(sampler, tolerance)
+        table = _build(sampler, tolerance)
     except ModesAreCoupled:
-        return build_coupled(sampler, Accuracy(tolerance))
+        table = build_coupled(sampler, Accuracy(tolerance))
+    return with_mode_names(table, model)
 
 
 def _build(sampler: Sampler, tolerance: float) -> Table:

@@ -1,0 +1,135 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Names of modes by what moves in them: the shares of their kinetic energy.
+
+A mode is the tractor's if most of its strain energy is in the mounts of the base: there the
+implement may move more than the tractor, but it moves with it. Other modes belong to the rigid body
+or the link that has most of the kinetic energy. The tractor and rigid bodies surge (along x), heave
+(along z; the tractor bounces) or pitch; a link bends or stretches.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from linkage_vibration.mechanics.arrays import FloatArray, IntArray
+from linkage_vibration.mechanics.base import mount_springs
+from linkage_vibration.mechanics.components import Component
+from linkage_vibration.mechanics.description import GROUND
+from linkage_vibration.mechanics.model import Solution
+from linkage_vibration.mechanics.modes import MECHANISM
+
+GROUPS = ("base", "rigid_bodies", "links")
+"""What `group_shares` are the shares of."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class KineticEnergy:
+    """Shares of the kinetic energy of modes in motions, such as the heave of a body."""
+
+    motions: tuple[tuple[str, str], ...]  # (n_motions,): body and motion
+    rigid: tuple[str, ...]  # names of the rigid bodies, without the base
+    shares: FloatArray  # (n_motions, n_modes), 1; each column adds up to 1
+    mounts: FloatArray  # (n_modes,): share of the mounts in the strain energy, 1
+
+    def select(self, modes: IntArray) -> "KineticEnergy":
+        """Return those of some modes, by their indices."""
+        return KineticEnergy(self.motions, self.rigid, self.shares[:, modes], self.mounts[modes])
+
+    def group_shares(self) -> FloatArray:
+        """Return the shares of the base, the rigid bodies and the links, (n_modes, 3)."""
+        found = np.zeros((self.shares.shape[1], len(GROUPS)))
+        for (body, _), row in zip(self.motions, self.shares, strict=True):
+            found[:, 0 if body == GROUND else 1 if body in self.rigid else 2] += row
+        return found
+
+
+def kinetic_energy(solution: Solution) -> KineticEnergy:
+    """Return where the kinetic energy of the undamped modes is.
+
+    The energy of a rigid body is split into x, z and rotation. That of a link is split by whether
+    most of its points move across it or along it.
+    """
+    motions: list[tuple[str, str]] = []
+    rows: list[FloatArray] = []
+    rigid = tuple(body.name for body in solution.model.mechanism.rigid_bodies)
+    for component in solution.model.components:
+        assert isinstance(component, Component)  # else it could not be solved
+        own = solution.modes.shapes[solution.model.system.rows[component.name]]
+        energy = own * (component.mass @ own)
+        if component.name == GROUND or component.name in rigid:
+            heave = "bounce" if component.name == GROUND else "heave"
+            motions += [(component.name, motion) for motion in ("surge", heave, "pitch")]
+            rows += list(energy)
+            continue
+        along = _along(component, own)
+        motions += [(component.name, "stretching"), (component.name, "bending")]
+        rows += [energy.sum(axis=0) * along, energy.sum(axis=0) * (1.0 - along)]
+    shares, count = np.array(rows), len(mount_springs(solution.model.mechanism.base))
+    joining, omega = solution.joining, np.maximum(solution.modes.omega, MECHANISM)
+    first = len(joining.stiffness) - count
+    stretch = joining.elongation[first:] @ solution.modes.shapes[: joining.elongation.shape[1]]
+    mounts = joining.stiffness[first:] @ stretch**2 / omega**2
+    return KineticEnergy(tuple(motions), rigid, shares / shares.sum(axis=0), mounts)
+
+
+def _along(component: Component, own: FloatArray) -> FloatArray:
+    """Return the share of the motion of a link that is along it, (n_modes,)."""
+    if component.drawing is None:
+        axis = np.array([dof.direction == "x" for dof in component.dofs])
+        lateral = np.array([dof.direction in ("y", "z") for dof in component.dofs])
+        moved = own[: len(component.dofs)] ** 2
+        parts = moved[axis].sum(axis=0), moved[lateral].sum(axis=0)
+    else:
+        squares = ((component.drawing.displacement @ own) ** 2).sum(axis=0)
+        parts = squares[0], squares[1] + squares[2]
+    total = parts[0] + parts[1]
+    return np.where(total > 0.0, parts[0] / np.where(total > 0.0, total, 1.0), 0.0)
+
+
+def name_modes(energy: KineticEnergy, given: Sequence[str] = ()) -> tuple[str, ...]:
+    """Return a name for each mode; no two are the same.
+
+    The modes of a body share its motions out so that together they have as much energy as possible;
+    a mode for which no motion is left is numbered.
+
+    Parameters
+    ----------
+    energy : KineticEnergy
+        Of the modes, for example averaged over a stroke.
+    given : sequence of str
+        Names that replace those of the first modes; an empty one does not.
+    """
+    bodies = list(dict.fromkeys(body for body, _ in energy.motions))
+    owners = np.array([body for body, _ in energy.motions])
+    rows = {body: np.flatnonzero(owners == body) for body in bodies}
+    totals = np.array([energy.shares[rows[b]].sum(axis=0) for b in bodies])
+    if GROUND in bodies:
+        totals[bodies.index(GROUND)] = np.where(energy.mounts > 0.5, np.inf, 0.0)
+    owner = totals.argmax(axis=0)
+    names = [""] * energy.shares.shape[1]
+    for i, body in enumerate(bodies):
+        modes = np.flatnonzero(owner == i)
+        shares = energy.shares[np.ix_(rows[body], modes)]
+        if body == GROUND or body in energy.rigid:
+            at, motion = linear_sum_assignment(shares.T, maximize=True)
+            chosen = dict(zip(at.tolist(), motion.tolist(), strict=True))
+        else:
+            chosen = dict(enumerate(shares.argmax(axis=0).tolist()))
+        label = "tractor" if body == GROUND else body.replace("_", " ")
+        for k, mode in enumerate(modes.tolist()):
+            motion_name = energy.motions[rows[body][chosen[k]]][1] if k in chosen else "motion"
+            names[mode] = f"{label} {motion_name}"
+    names[: len(given)] = [new or old for new, old in zip(given, names, strict=False)]
+    return _unlike(names)
+
+
+def _unlike(names: Sequence[str]) -> tuple[str, ...]:
+    """Return the names; a repeated one has a number from the second time on."""
+    found: list[str] = []
+    for i, name in enumerate(names):
+        earlier = list(names[:i]).count(name)
+        found.append(f"{name} {earlier + 1}" if earlier else name)
+    return tuple(found)

@@ -1,0 +1,56 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Names the modes of a table by their kinetic energy over the stroke."""
+
+import math
+from dataclasses import replace
+from itertools import zip_longest
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from linkage_vibration.mechanics.arrays import FloatArray, IntArray
+from linkage_vibration.mechanics.mode_names import kinetic_energy, name_modes
+from linkage_vibration.mechanics.model import LinkageModel
+from linkage_vibration.mechanics.modes import MECHANISM
+from linkage_vibration.table.table import Table
+
+_ANGLES = 5  # points of the table at which the energy is computed
+
+
+def with_mode_names(table: Table, model: LinkageModel) -> Table:
+    """Return the table with a name for each mode, and its mean shares of kinetic energy.
+
+    Modes of links that are known by FRFs alone are numbered, as their energy is not known.
+
+    Parameters
+    ----------
+    table, model
+        The table, and the model that it was built from.
+    """
+    given = model.mechanism.response.mode_names
+    if table.measured:
+        both = zip_longest(given[: table.n_modes], range(table.n_modes), fillvalue="")
+        return replace(table, mode_names=tuple(new or f"mode {int(k) + 1}" for new, k in both))
+    points = np.linspace(0, len(table.alpha3) - 1, _ANGLES).round().astype(np.int64)
+    energies = []
+    for point in np.unique(points).tolist():
+        solution = model.solve(float(table.alpha3[point]))
+        modes = _same_modes(table.natural_frequencies[point], solution.modes.omega)
+        energies.append(kinetic_energy(solution).select(modes))
+    shares = np.mean([energy.shares for energy in energies], axis=0)
+    mounts = np.mean([energy.mounts for energy in energies], axis=0)
+    mean = replace(energies[0], shares=shares, mounts=mounts)
+    shares = mean.group_shares().round(4)
+    return replace(table, mode_names=name_modes(mean, given[: table.n_modes]), mode_shares=shares)
+
+
+def _same_modes(frequencies: FloatArray, omega: FloatArray) -> IntArray:
+    """Return the undamped modes that the tracked modes (Hz) are, all of them different.
+
+    They are paired by frequency, which damping moves by little; where a mode is overdamped, so that
+    it has no frequency, it gets one of those that are left.
+    """
+    known = np.log(np.where(np.isnan(frequencies), np.inf, 2.0 * math.pi * frequencies))
+    apart = np.abs(np.subtract.outer(known, np.log(np.maximum(omega, MECHANISM / 10.0))))
+    return np.asarray(linear_sum_assignment(np.minimum(apart, 1e3))[1])
