@@ -49,6 +49,7 @@ _MANY_MODES = 20  # while meshes are compared; both lack the same modes, so the 
 _RESOLVED = 0.05  # error of the reference mesh, in units of the tolerance
 _SETTLED = 0.02  # of the tolerance: if three steps of modes differ less, no more are tried
 _TABLE_ROOM = 0.02  # least part of the tolerance that is left to a table's interpolation
+_UNSURE = 0.005  # of the tolerance: a plan is predicted no better, and its measurement decides
 _TRIES, _TIGHTER = 6, 3.0  # tolerances tried for a table, and the factor between them
 _ABOVE = 1.02  # of the band: modes up to here may enter it between the angles tried
 
@@ -279,6 +280,7 @@ def _fitting_table(
     scene = best.trials.scene
     model = best.trials.model(pair)
     exact = [result_at(scene, model, alpha3) for alpha3 in scene.spread(_CHECKED)]
+    limit = left + _UNSURE * np.array(astuple(scene.allowed))
     rooms = [left[0], left[2] / LOOSER] if scene.places else [left[0]]
     tolerance, safe = float(max(rooms)), float(min(rooms))
     for _ in range(_TRIES):
@@ -286,7 +288,7 @@ def _fitting_table(
         table = _table(best, pair, tolerance)
         seconds = time.perf_counter() - start
         errors = table_errors(table, exact)
-        if (errors <= left).all():
+        if (errors <= limit).all():
             return table, tolerance, errors, seconds
         tighter = tolerance / _TIGHTER
         tolerance = max(safe, tighter) if tolerance > safe else tighter
