@@ -3,7 +3,8 @@
 """Random linkages that close: a pose is drawn first, and the lengths follow from it.
 
 Four-bars, and six-bars of Stephenson's third kind as the package ships one. No dyad is nearer to
-being stretched or folded than 25 deg, so that the angle drawn is well away from the toggles.
+being stretched or folded than 25 deg, so that the angle drawn is well away from the toggles. They
+may have dampers, or loss factors that differ from link to link, and then a wider stroke.
 """
 
 import copy
@@ -13,7 +14,8 @@ from typing import Any
 
 from hypothesis import strategies as st
 
-from linkage_vibration.mechanics.description import Mechanism
+from linkage_vibration.mechanics.description import GROUND, Mechanism
+from linkage_vibration.mechanics.kinematics import Kinematics
 from linkage_vibration.mechanics.model import LinkageModel, Solution
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
 
@@ -23,6 +25,8 @@ LEAST_BEND = 25.0  # deg, between the two bodies of a dyad and a straight line
 ANGLE = st.floats(-180.0, 180.0)  # deg
 UNIT = st.floats(0.0, 1.0)
 CHOICE = st.booleans()
+WIDEST = 40.0  # deg, from the middle of a stroke to its ends
+NEAREST = 1.0  # deg, from the end of a stroke to a toggle
 STEEL = {"youngs_modulus": 210e9, "density": 7800.0, "poisson_ratio": 0.3}
 ALUMINIUM = {"youngs_modulus": 70e9, "density": 2700.0, "poisson_ratio": 0.33}
 
@@ -104,8 +108,7 @@ def bend(draw: st.DrawFn) -> float:
     return within(draw, LEAST_BEND, 180.0 - LEAST_BEND) * (1.0 if draw(CHOICE) else -1.0)
 
 
-@st.composite
-def linkages(draw: st.DrawFn) -> Linkage:
+def draw_linkage(draw: st.DrawFn) -> Linkage:
     """Draw a linkage, and an angle at which it closes."""
     alpha3 = draw(ANGLE)
     angles = {"coupler": draw(ANGLE)}
@@ -155,6 +158,57 @@ def linkages(draw: st.DrawFn) -> Linkage:
             drive["damping"] = within(draw, 0.0, 20.0)
         mapping["springs"]["drive"] = drive
     return Linkage(mapping, alpha3)
+
+
+def draw_damped(draw: st.DrawFn) -> Linkage:
+    """Draw a linkage with a stroke of up to 80 deg, whose damping couples its modes."""
+    linkage = draw_linkage(draw)
+    mapping = linkage.mapping
+    if "factor" in mapping["damping"]:
+        for link in mapping["links"].values():
+            link["damping"] = {"rule": "loss_factor", "factor": 10.0 ** within(draw, -3.0, 0.0)}
+    else:  # viscous and structural damping do not mix
+        for i in range(1 + int(within(draw, 0.0, 2.999))):
+            mapping["springs"][f"damper_{i}"] = damper(draw, linkage.mechanism)
+    half = 2.0 * (WIDEST / 2.0) ** draw(UNIT)
+    low, high = linkage.alpha3_deg - half, linkage.alpha3_deg + half
+    toggles = Kinematics(linkage.mechanism).toggles
+    if toggles is not None:
+        ends = [math.degrees(toggle.alpha3) for toggle in toggles]
+        near = min(
+            NEAREST, (linkage.alpha3_deg - ends[0]) / 2.0, (ends[1] - linkage.alpha3_deg) / 2.0
+        )
+        low, high = max(low, ends[0] + near), min(high, ends[1] - near)
+    mapping["input"]["range_deg"] = [low, high]
+    return linkage
+
+
+def damper(draw: st.DrawFn, mechanism: Mechanism) -> dict[str, Any]:
+    """Draw a damper, often without a spring: in a joint, or between points of two bodies."""
+    constant = {"damping": 10.0 ** within(draw, -2.0, 5.0)}  # N m s/rad, or N s/m
+    if draw(CHOICE):
+        constant["stiffness"] = 10.0 ** within(draw, -6.0, 6.0)
+    joints = sorted({point for point, _, _ in mechanism.joints})
+    names = [GROUND, *(body.name for body in mechanism.bodies)]
+    pairs = [
+        [one, other]
+        for i, first in enumerate(names)
+        for second in names[i + 1 :]
+        for one in mechanism.local_points(first)
+        for other in mechanism.local_points(second)
+        if mechanism.owners(one)[:1] != mechanism.owners(other)[:1]
+    ]
+    if draw(CHOICE):
+        return {"joint": _member(draw, joints), **constant}
+    return {"between": _member(draw, pairs), **constant}
+
+
+def _member(draw: st.DrawFn, of: list[Any]) -> Any:
+    return of[min(int(draw(UNIT) * len(of)), len(of) - 1)]
+
+
+linkages = st.composite(draw_linkage)
+damped_linkages = st.composite(draw_damped)
 
 
 def beyond(

@@ -18,6 +18,9 @@ from linkage_vibration.table.pole_cells import PolePiece, nearest, values_of
 CELL_ERROR = 1e-9
 """Relative error of the values in a cell."""
 
+CELL_ROUNDING = 1e-12
+"""Further error of a damping ratio in a cell, 1: rounding of a pole, relative to the pole."""
+
 _SMALLEST = 12  # a cell that is not halved; its nodes are integers
 _UNITS = _SMALLEST * 2**12  # of a first cell
 _MOST = 2048  # cells that are halved at once; more would take too long
@@ -27,7 +30,6 @@ _SIXTHS = (0, 2, 4, 6, 3)  # the nodes and the middle
 _COEFFICIENTS = np.linalg.inv(np.vander(_NODES, 4))  # of values at the nodes
 _AHEAD = {1: [1.0], 2: [-1.0, 2.0], 3: [1.0, -3.0, 3.0]}  # weights that extrapolate to a node
 _AT_MIDDLE = np.vander([_MIDDLE], 4)[0] @ _COEFFICIENTS
-_ROUNDING = 1e-12  # of a pole: a difference that is only rounding
 _LOW = 1e-4  # of the highest of some poles: a frequency near 0 Hz
 _SAME = 1e-4  # of a pole: two pieces differ by less where they meet
 
@@ -99,7 +101,7 @@ def _cell(start: float, end: float, poles: list[ComplexArray], peaks: FloatArray
     there = nearest(2.0 * math.pi * found[0] * (-found[1] + 1j * imaginary), middle)
     exact = values_of(middle[[there[j] for j in range(len(middle))]])
     off, limit = np.abs(found - exact), CELL_ERROR * exact
-    limit[1] += _ROUNDING
+    limit[1] += CELL_ROUNDING
     if (off <= limit).all():
         cell.values = np.tensordot(_COEFFICIENTS, values, (1, 1)).swapaxes(0, 1)
     return cell

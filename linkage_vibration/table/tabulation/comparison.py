@@ -22,7 +22,12 @@ from linkage_vibration.table.pole_cells import (
 )
 from linkage_vibration.table.reduced import Modal, ReducedModels
 from linkage_vibration.table.tabulation.accuracy import Accuracy
-from linkage_vibration.table.tabulation.cell_making import CELL_ERROR, Cell, make_cells
+from linkage_vibration.table.tabulation.cell_making import (
+    CELL_ERROR,
+    CELL_ROUNDING,
+    Cell,
+    make_cells,
+)
 from linkage_vibration.table.tabulation.subspaces import PoleSample
 
 _FRF_ANGLES = 8  # of a piece, at which FRFs are compared
@@ -30,6 +35,7 @@ _LINES = 201  # frequencies at which FRFs are compared, in addition to those nea
 _NEARLY_REAL = 1e-3  # imaginary part, of the magnitude of a pole
 _SLOPES = 101  # places of a piece at which slopes are compared
 _STEP = 1e-4  # of a piece: half the difference of angles that gives a slope
+_EPS = 4.0 * float(np.finfo(float).eps)  # of a matrix: rounding of its eigenvalues
 _SILENT = 1e-6  # of the drive-point FRFs of two places: an FRF between them that is only rounding
 
 
@@ -82,6 +88,30 @@ class Polynomials:
         angles = stroke_angle(self.variables, self.toggles)
         return pole_piece(angles, self.models, self.toggles, self.response.band)
 
+    def rounding(self) -> float:
+        """Return by how much rounding may change a frequency, ratio or resonance, relative."""
+        at = np.linspace(self.variables[0], self.variables[-1], FIRST_CELLS + 1)
+        models = self.models.at(self.variables, at)
+        matrices = -np.linalg.solve(models.inertia, models.stiffness)
+        poles, right = np.linalg.eig(matrices)
+        left = models.inertia @ right
+        scale = np.abs((left * right).sum(axis=1)) + np.finfo(float).tiny
+        condition = np.linalg.norm(left, axis=1) * np.linalg.norm(right, axis=1) / scale
+        moved = _EPS * np.linalg.norm(matrices, axis=(1, 2))[:, np.newaxis] * condition
+        # Where two poles meet, rounding moves them with its square root.
+        gaps = np.abs(poles[:, :, np.newaxis] - poles[:, np.newaxis])
+        gaps = np.where(gaps > 0.0, gaps, math.inf).min(axis=2, initial=math.inf)
+        moved = np.minimum(moved, np.sqrt(moved * gaps)) / np.abs(poles)
+        worst = 0.0
+        moved = moved if self.models.viscous else moved / 2.0  # of the square of a pole
+        for own, shift in zip(models.modal.frequencies, moved, strict=True):
+            exact = self._compared(own)
+            exact = exact[exact.imag > _NEARLY_REAL * np.abs(exact)]
+            known = np.abs(exact[:, np.newaxis] - own).argmin(axis=1)
+            ratios = -exact.real / np.abs(exact)
+            worst = max(worst, float(((shift[known] + CELL_ROUNDING) / ratios).max(initial=0.0)))
+        return worst
+
     def misses(
         self, variables: FloatArray, samples: Sequence[PoleSample], accuracy: Accuracy
     ) -> bool:
@@ -120,7 +150,11 @@ def _pole_error(found: ComplexArray, exact: ComplexArray) -> float:
 
 
 def compare(
-    coarse: Polynomials, fine: Polynomials, accuracy: Accuracy, far_error: float
+    coarse: Polynomials,
+    fine: Polynomials,
+    accuracy: Accuracy,
+    far_error: float,
+    rounding: float,
 ) -> tuple[Errors, list[Cell]] | None:
     """Return by how much fewer points change a piece, and its cells; None if that is too much.
 
@@ -130,8 +164,8 @@ def compare(
         Those through some of the points of a piece, and through all.
     accuracy : Accuracy
         The accuracy to be met.
-    far_error : float
-        Relative error of FRFs that far poles cause at the points.
+    far_error, rounding : float
+        Relative error of FRFs that far poles cause at the points; `Polynomials.rounding`.
     """
     grid = np.linspace(fine.variables[0], fine.variables[-1], FIRST_CELLS + 1)
     if _differ(coarse.modal(grid), fine.modal(grid), fine, accuracy) is None:
@@ -150,7 +184,8 @@ def compare(
         return None
     slope = _slope_error(coarse, fine) + _slope_jump(cells)
     # The error of a cubic in its middle is a little more than half of its largest.
-    return Errors(max(shifts) + 2.0 * CELL_ERROR, peak + 2.0 * CELL_ERROR, frf, slope), cells
+    rest = 2.0 * CELL_ERROR + rounding
+    return Errors(max(shifts) + rest, peak + rest, frf + rounding, slope), cells
 
 
 def _differ(

@@ -154,12 +154,28 @@ def refine_piece(
         coarse = Polynomials(variables[own], _only(models, own), toggles, response)
         if not coarse.misses(variables[~own], [samples[i] for i in np.flatnonzero(~own)], accuracy):
             fine = Polynomials(variables, models, toggles, response)
-            found = compare(coarse, fine, accuracy, _far_error(tracker, samples, models))
+            rounding = _check_rounding(tracker, fine, accuracy)
+            far_error = _far_error(tracker, samples, models)
+            found = compare(coarse, fine, accuracy, far_error, rounding)
             if found is not None:
                 angles = np.array([tracker.sampler.angle(x) for x in finer])
                 return ReducedPiece(variables, angles, models, *found)
         fitted = finer
     return f"the poles or the peak change too quickly for a tolerance of {accuracy.frequency:g}"
+
+
+def _check_rounding(tracker: PoleTracker, fine: Polynomials, accuracy: Accuracy) -> float:
+    """Return how much rounding changes values in a piece; refuse more than the tolerance."""
+    rounding = fine.rounding()
+    if rounding > accuracy.frequency:
+        raise TableError(
+            f"Rounding changes a damping ratio of {tracker.sampler.model.mechanism.name} by "
+            f"{rounding:.0e} of it near alpha3 = "
+            f"{math.degrees(tracker.sampler.angle(fine.variables[0])):.3f} deg, too much for a "
+            f"tolerance of {accuracy.frequency:g}; give at least {2.0 * rounding:.0e}, more "
+            "damping, or a band_hz that ends nearer to the lowest mode."
+        )
+    return rounding
 
 
 def _one_basis(
@@ -262,7 +278,8 @@ def build_coupled(sampler: Sampler, accuracy: Accuracy) -> Table:
     Raises
     ------
     TableError
-        If a piece would be too short, or the linkage has too few modes that oscillate.
+        If a piece would be too short, rounding prevents the tolerance, or the linkage has too few
+        modes that oscillate.
     """
     tracker, pieces = PoleTracker(sampler), list[ReducedPiece]()
     waiting, suspicious = [sampler.ends], sampler.length

@@ -5,30 +5,47 @@
 import numpy as np
 import pytest
 
-from benchmark.bounds import LINKAGES, QUANTITIES, reported_errors, true_errors
-from linkage_vibration.mechanics.model import LinkageModel
-from linkage_vibration.readers.mechanism import read_mechanism
-from linkage_vibration.support.resources import config_file
-from linkage_vibration.table.tabulation import build_table
-
-FEW, MANY = 150, 10_000  # angles
-
-
-@pytest.mark.parametrize("name", LINKAGES)
-@pytest.mark.parametrize(
-    ("count", "tolerance"),
-    [
-        (FEW, 1e-6),
-        pytest.param(MANY, 1e-6, marks=pytest.mark.nightly),
-        pytest.param(MANY, 1e-4, marks=pytest.mark.nightly),
-    ],
+from benchmark.bounds import (
+    CASES,
+    COUPLED,
+    QUANTITIES,
+    SHIPPED,
+    Case,
+    results,
+    slopes_of_poles,
 )
-def test_reported_errors_are_bounds(count: int, name: str, tolerance: float) -> None:
+from linkage_vibration.mechanics.model import LinkageModel
+
+FEW = dict.fromkeys(SHIPPED, 100) | {SHIPPED[3]: 15}  # angles
+MANY = 10_000
+
+
+@pytest.mark.parametrize("case", SHIPPED, ids=str)
+def test_reported_errors_are_bounds(case: Case) -> None:
     """At most 1 % of the angles exceed the reported error of a quantity, none twofold."""
-    model = LinkageModel(read_mechanism(config_file(f"{name}.yaml")))
-    built = build_table(model, tolerance)
-    angles = np.random.default_rng(3).uniform(*built.alpha3_range, count)
-    share = true_errors(model, built, angles) / reported_errors(built, angles)
-    for quantity, ratios in zip(QUANTITIES, share.T, strict=True):
-        assert (ratios > 1.0).mean() <= 0.01, quantity
-        assert ratios.max() <= 2.0, quantity
+    _check(case, (1e-6,), FEW[case])
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("case", CASES, ids=str)
+def test_reported_errors_are_bounds_at_many_angles(case: Case) -> None:
+    """The same holds at many angles, and where dampers couple the modes."""
+    _check(case, (1e-6, 1e-4), MANY)
+
+
+def _check(case: Case, tolerances: tuple[float, ...], count: int) -> None:
+    for result in results(case, tolerances, np.random.default_rng(3).uniform(size=count)):
+        assert result.share is not None, result.refusal
+        for quantity, ratios in zip(QUANTITIES, result.share.T, strict=True):
+            assert (ratios > 1.0).mean() <= 0.01, quantity
+            assert ratios.max() <= 2.0, quantity
+
+
+@pytest.mark.parametrize("case", [SHIPPED[3], COUPLED[2]], ids=str)
+def test_slopes_of_poles(case: Case) -> None:
+    """The slopes with which tables are compared are those of differences of the model."""
+    model: LinkageModel = case.model
+    alpha3, step = sum(model.mechanism.stroke) / 2.0, 1e-4
+    before, here, after = (model.solve(alpha3 + i * step) for i in (-1, 0, 1))
+    change = after.natural_frequencies[:4] - before.natural_frequencies[:4]
+    np.testing.assert_allclose(slopes_of_poles(here)[:4], change / (2.0 * step), rtol=1e-4)
