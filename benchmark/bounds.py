@@ -97,7 +97,7 @@ def true_errors(model: LinkageModel, tables: Sequence[Table], angles: FloatArray
         rad.
     """
     values = [built.evaluate(angles) for built in tables]
-    slopes = [built.evaluate_slopes(angles) for built in tables]
+    slopes = [built.evaluate_slopes(angles)[:, : built.n_modes] for built in tables]
     found = np.full((len(tables), len(angles), len(QUANTITIES)), math.nan)
     for i, angle in enumerate(angles.tolist()):
         solution = model.solve(angle)
@@ -127,9 +127,10 @@ def _poles(solution: Solution) -> ComplexArray:
 def slopes_of_poles(solution: Solution) -> FloatArray:
     """Return d(natural frequency)/d(alpha3) of elastic modes that oscillate, (n,), Hz/rad.
 
-    As `Solution.frequency_derivatives`, but of damped poles where viscous damping couples the
-    modes: with L = psi^T (K + s C + s^2 M) psi + 2 mu^T B psi stationary in psi and mu, and with
-    psi^T (C + 2 s M) psi = 1, ds/d(alpha3) = -(psi^T (K' + s C') psi + 2 mu^T B' psi).
+    As `Solution.frequency_derivatives`, but of damped poles s where damping couples the modes: with
+    L = psi^T (K + s C + s^2 M) psi + 2 mu^T B psi stationary in psi and mu,
+    ds/d(alpha3) = -(psi^T (K' + s C') psi + 2 mu^T B' psi) / (psi^T (C + 2 s M) psi). The
+    denominator is 1 for viscous damping, and 2 s for structural damping, with K complex.
 
     Parameters
     ----------
@@ -145,11 +146,12 @@ def slopes_of_poles(solution: Solution) -> FloatArray:
     n = solution.model.system.n_interface
     u, stretch = psi[:n], joining.elongation @ psi[:n]
     force = joining.stiffness[:, np.newaxis] + poles * joining.damping[:, np.newaxis]
-    residual = system.stiffness[:n] @ psi + poles * (system.damping[:n] @ psi)
+    residual = (system.stiffness + 1j * system.loss)[:n] @ psi + poles * (system.damping[:n] @ psi)
     residual += poles**2 * (system.mass[:n] @ psi) + joining.elongation.T @ (force * stretch)
     multipliers = np.linalg.lstsq(joining.compatibility.T + 0j, -residual, rcond=None)[0]
     slope = -2.0 * (multipliers * (rate @ u)).sum(axis=0)
     slope -= 2.0 * (force * stretch * (stretch_rate @ u)).sum(axis=0)
+    slope = slope if solution.damped.poles is not None else slope / (2.0 * poles)
     return np.asarray((poles.conj() * slope).real / np.abs(poles) / (2.0 * math.pi))
 
 
