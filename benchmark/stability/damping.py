@@ -148,10 +148,11 @@ class Compared:
 
     @property
     def over_the_stroke(self) -> Stroke:
-        """What is drawn: the modes of the model that are in reach of those of the table."""
-        exact = np.array([ratios[:4] for _, ratios in self.exact])
+        """What is drawn: the lowest modes, as many as the table has."""
+        n = self.ours.shape[2]
+        exact = np.array([ratios[:n] for _, ratios in self.exact])
         ratios = {"exact": exact, "paired": self.paired[:, 1], "ours": self.ours[:, 1]}
-        words = f"{self.damper.words}, {self.damping:g} {self.damper.unit}"
+        words = f"{self.damper.words}, {self.damping:g} {self.damper.unit}: modes 1 to {n}"
         return Stroke(words, self.degrees, ratios)
 
 

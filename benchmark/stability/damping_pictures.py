@@ -31,6 +31,7 @@ _WORDS = {
     "tracked": "tracked by shape",
     "ours": "ours",
 }
+_SIZES = {"exact": 6.0, "paired": 4.0, "ours": 1.6}  # of dots, points
 
 
 @dataclass(frozen=True)
@@ -47,7 +48,7 @@ class Stroke:
 
     title: str
     degrees: FloatArray  # (n,)
-    ratios: dict[str, FloatArray]  # (n, 3)
+    ratios: dict[str, FloatArray]  # (n, n_modes), the same modes of every method
 
 
 @dataclass(frozen=True)
@@ -86,7 +87,7 @@ def draw_meetings(off_axis: Near, on_axis: Near, stroke: Stroke, picture: Path) 
     middle.set(ylabel="damping ratio [1]", title="crank, poles meet on the real axis")
     middle.set_ylim(0.75, 1.1)
     for name, values in stroke.ratios.items():
-        colour, size = _LINES[name]["color"], 5.0 if name == "exact" else 2.0
+        colour, size = _LINES[name]["color"], _SIZES[name]
         lines = right.semilogy(stroke.degrees, values, "o", color=colour, ms=size)
         lines[0].set_label(_WORDS[name])
     right.set(ylabel="damping ratio [1]", title=stroke.title)
