@@ -74,6 +74,7 @@ SHIPPED = (
     Case("three_point_linkage_as_printed"),
     Case("four_bar"),
     Case("stephenson_six_bar"),
+    Case("three_point_linkage_on_tractor"),
 )
 COUPLED = (
     *(Case("three_point_linkage", ("P1",), c) for c in (20.0, 100.0, 500.0, 5e3)),
@@ -142,7 +143,7 @@ def slopes_of_poles(solution: Solution) -> FloatArray:
     terms = solution.damped._oscillating_terms
     poles, joining, system = solution.damped.oscillating, solution.joining, solution.model.system
     psi = solution.modes.shapes @ solution.damped.shapes[0][:, terms]
-    rate, stretch_rate = solution.model.interface.join_rate(solution.configuration)
+    rate, stretch_rate, stiffness_rate = solution.model.interface.join_rate(solution.configuration)
     n = solution.model.system.n_interface
     u, stretch = psi[:n], joining.elongation @ psi[:n]
     force = joining.stiffness[:, np.newaxis] + poles * joining.damping[:, np.newaxis]
@@ -150,7 +151,7 @@ def slopes_of_poles(solution: Solution) -> FloatArray:
     residual += poles**2 * (system.mass[:n] @ psi) + joining.elongation.T @ (force * stretch)
     multipliers = np.linalg.lstsq(joining.compatibility.T + 0j, -residual, rcond=None)[0]
     slope = -2.0 * (multipliers * (rate @ u)).sum(axis=0)
-    slope -= 2.0 * (force * stretch * (stretch_rate @ u)).sum(axis=0)
+    slope -= 2.0 * (force * stretch * (stretch_rate @ u)).sum(axis=0) + stiffness_rate @ stretch**2
     slope = slope if solution.damped.poles is not None else slope / (2.0 * poles)
     return np.asarray((poles.conj() * slope).real / np.abs(poles) / (2.0 * math.pi))
 

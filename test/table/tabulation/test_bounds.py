@@ -16,11 +16,11 @@ from benchmark.bounds import (
 )
 from linkage_vibration.mechanics.model import LinkageModel
 
-FEW = dict.fromkeys(SHIPPED, 100) | {SHIPPED[3]: 15}  # angles
+FEW = dict.fromkeys(SHIPPED[:3], 100) | {SHIPPED[3]: 15}  # angles
 MANY = 10_000
 
 
-@pytest.mark.parametrize("case", SHIPPED, ids=str)
+@pytest.mark.parametrize("case", FEW, ids=str)
 def test_reported_errors_are_bounds(case: Case) -> None:
     """At most 1 % of the angles exceed the reported error of a quantity, none twofold."""
     _check(case, (1e-6,), FEW[case])
@@ -41,7 +41,7 @@ def _check(case: Case, tolerances: tuple[float, ...], count: int) -> None:
             assert ratios.max() <= 2.0, quantity
 
 
-@pytest.mark.parametrize("case", [SHIPPED[3], COUPLED[2]], ids=str)
+@pytest.mark.parametrize("case", [*SHIPPED[3:], COUPLED[2]], ids=str)
 def test_slopes_of_poles(case: Case) -> None:
     """The slopes with which tables are compared are those of differences of the model."""
     model: LinkageModel = case.model
