@@ -243,3 +243,17 @@ def test_more_modes_than_the_model_has(mapping: Any) -> None:
     mapping["response"]["modes"] = 300
     with pytest.raises(TableError, match=r"response\.modes is 300"):
         build_table(LinkageModel(mechanism_from_mapping(mapping)), 1e-2)
+
+
+def test_rounding_of_small_damping_ratios() -> None:
+    """Rounding of a small ratio is part of the reported error, and a tolerance below it refused."""
+    ratio, dashpot = 1e-8, 1e-3
+    model = LinkageModel(crossing_crank(GAP, AT, ratio, dashpot))
+    table = build_table(model, 1e-2)
+    for angle in np.linspace(*STROKE, 20)[1:-1].tolist():
+        row = table.evaluate(np.array([angle]))[0]
+        poles = exact_poles(GAP, AT, ratio, dashpot, angle)
+        assert worst_pole_error(table, angle, row, poles) <= 1.0
+    assert table.interpolation_error.max() > 1e-12 / row[2:4].min()
+    with pytest.raises(TableError, match=r"Rounding .* near alpha3 = .* deg, .* give at least"):
+        build_table(model, 1e-6)
