@@ -23,6 +23,7 @@ Columns: TypeAlias = dict[str, Column]
 _Field: TypeAlias = tuple[str, str, bool]  # name, type, whether it is a sequence
 
 LOG_TIME = "log_time"  # a column of every topic, ns
+PLACE = "place"  # a column of every topic: the number of messages that are read before each
 
 _ORIGIN = 4  # bytes of the encapsulation header, after which CDR aligns numbers to their sizes
 _CODES = {"float64": "f8", "float32": "f4", "bool": "u1", "byte": "u1", "octet": "u1"}
@@ -51,7 +52,8 @@ def read_columns(
     dict of str to columns
         The fields of each topic by name, such as ``data`` or ``header.stamp.sec``: ndarray (n,),
         or (n, longest) of a sequence, with NaN after a shorter one. Messages are in the order of
-        log times, which are in the column ``log_time``, ns.
+        log times, which are in the column ``log_time``, ns. The column ``place`` has the place of
+        each among the messages of all topics.
 
     Raises
     ------
@@ -60,14 +62,16 @@ def read_columns(
     """
     fields = _fields(path, types)
     found: dict[str, list[Columns]] = {name: [] for name in types}
-    names = list(types)
+    names, done = list(types), 0
     with open_bags([path]) as bags:
         for block in bags.blocks(names, as_written):
             for i, name in enumerate(names):
                 rows = np.flatnonzero(block.topics == i)
                 if len(rows):
                     part = _block_columns(path, name, fields[name], block, rows)
+                    part[PLACE] = done + rows
                     found[name].append({k: v for k, v in part.items() if k not in unused})
+            done += len(block)
     kept = {name: [f for f in fields[name] if f[0] not in unused] for name in types}
     return {name: _joined(found.pop(name), kept[name]) for name in names}
 
@@ -218,7 +222,8 @@ def _joined(parts: Sequence[Columns], fields: Sequence[_Field]) -> Columns:
             ]
         empty = np.empty((0, 0) if sequence else 0, "U1" if kind == "string" else _CODES[kind])
         joined[name] = np.concatenate(columns) if columns else empty
-    if all(LOG_TIME in part for part in parts):
-        times = [part[LOG_TIME] for part in parts]
-        joined[LOG_TIME] = np.concatenate(times) if times else np.empty(0, np.int64)
+    for name in (LOG_TIME, PLACE):
+        if all(name in part for part in parts):
+            times = [part[name] for part in parts]
+            joined[name] = np.concatenate(times) if times else np.empty(0, np.int64)
     return joined

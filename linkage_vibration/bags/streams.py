@@ -190,12 +190,11 @@ class Bags:
             If a bag is damaged.
         """
         parts = [
-            _parts(path, bag, number, names)
+            _parts(path, bag, number, names, as_written)
             for number, (path, bag) in enumerate(zip(self.paths, self._bags, strict=True))
         ]
         if as_written:
-            each = (sorted(found, key=lambda part: part.rank) for found in parts)
-            return (part.load() for part in itertools.chain.from_iterable(each))
+            return (part.load() for part in itertools.chain.from_iterable(parts))
         return _ordered(heapq.merge(*parts, key=lambda part: (part.first, part.rank)))
 
 
@@ -263,9 +262,9 @@ def _compact(block: Block) -> Block:
 
 
 def _parts(
-    path: Path, bag: "Reader1 | Reader2", number: int, names: Sequence[str]
+    path: Path, bag: "Reader1 | Reader2", number: int, names: Sequence[str], as_written: bool
 ) -> Iterator[_Part]:
-    """Yield the parts of a bag in the order of their first times."""
+    """Yield the parts of a bag in the order of their first times, or as MCAP has them."""
     from linkage_vibration.bags.ros1 import ChunkReader
 
     with bag_errors(path), ExitStack() as stack:
@@ -275,7 +274,8 @@ def _parts(
         files = [stack.enter_context(file.open("rb")) for file in mcap_files(path)]
         summaries = [_summary(file) for file in files]
         if files and all(summary.chunk_indexes and summary.channels for summary in summaries):
-            yield from _mcap_parts(path, list(zip(files, summaries, strict=True)), number, names)
+            pairs = list(zip(files, summaries, strict=True))
+            yield from _mcap_parts(path, pairs, number, names, as_written)
         else:
             yield from _other_parts(bag, number, names)
 
@@ -313,7 +313,11 @@ def _chunk_index(chunk: Chunk, end: int) -> ChunkIndex:
 
 
 def _mcap_parts(
-    path: Path, files: Sequence[tuple[BinaryIO, Summary]], number: int, names: Sequence[str]
+    path: Path,
+    files: Sequence[tuple[BinaryIO, Summary]],
+    number: int,
+    names: Sequence[str],
+    as_written: bool,
 ) -> Iterator[_Part]:
     chunks: list[tuple[BinaryIO, ChunkIndex, dict[int, int]]] = []
     for file, summary in files:
@@ -323,8 +327,10 @@ def _mcap_parts(
             # A chunk without message indexes may hold any topic.
             if not chunk.message_index_offsets or channels.keys() & chunk.message_index_offsets:
                 chunks.append((file, chunk, channels))
-    in_time = sorted(enumerate(chunks), key=lambda entry: entry[1][1].message_start_time)
-    for place, (file, chunk, channels) in in_time:
+    ordered = list(enumerate(chunks))
+    if not as_written:
+        ordered.sort(key=lambda entry: entry[1][1].message_start_time)
+    for place, (file, chunk, channels) in ordered:
 
         def load(
             file: BinaryIO = file, chunk: ChunkIndex = chunk, channels: dict[int, int] = channels

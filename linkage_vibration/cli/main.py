@@ -27,6 +27,7 @@ SUBCOMMANDS = (
     "replay",
     "review",
     "diff",
+    "summary",
     "demo",
     "play",
     "watch",

@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Finds intervals in a log: runs of equal values, and gaps between predictions."""
+"""Finds intervals in a log: runs of equal values, gaps, and passes between jumps of the clock."""
 
 import itertools
 from typing import Any
@@ -34,3 +34,44 @@ def gap_starts(times: NDArray[np.float64]) -> NDArray[np.int64]:
     if not len(steps):
         return np.empty(0, dtype=np.int64)
     return np.flatnonzero(steps > max(_LEAST_GAP, _GAP * float(np.median(steps))))
+
+
+def pass_starts(stamps: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the samples before which the clock jumps back, (n_jumps,).
+
+    A single sample that comes late is no jump. The stamps (n,) are in ns, in the order in which the
+    samples were written.
+    """
+    steps = np.diff(stamps)
+    if not len(steps):
+        return np.empty(0, dtype=np.int64)
+    limit = max(1e9 * _LEAST_GAP, _GAP * float(np.median(np.abs(steps))))
+    after = np.flatnonzero(steps < -limit) + 1
+    following = np.minimum(after + 1, len(stamps) - 1)
+    return np.asarray(after[stamps[following] < stamps[after - 1]])
+
+
+def in_passes(stamps: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the order of the stamps within each pass, (n,), and the starts of all later passes."""
+    starts = pass_starts(stamps)
+    number = np.zeros(len(stamps), np.int64)
+    number[starts] = 1
+    return np.lexsort((stamps, np.cumsum(number))), starts
+
+
+def one_after_the_other(
+    stamps: NDArray[np.int64], starts: NDArray[np.int64]
+) -> NDArray[np.float64]:
+    """Return times since the first stamp, s, (n,), at which each pass begins after the one before.
+
+    Parameters
+    ----------
+    stamps : ndarray of int, (n,)
+        ns, ascending within each pass.
+    starts : ndarray of int, (n_jumps,)
+        The first sample of each pass but the first.
+    """
+    steps = np.diff(stamps, prepend=stamps[:1])
+    if len(starts):
+        steps[starts] = int(np.median(steps))
+    return np.asarray(np.cumsum(steps) / 1e9)

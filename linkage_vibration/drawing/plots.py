@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linkage_vibration.bags.message_columns import (
+    PLACE,
     Columns,
     first_topic,
     header_stamps,
@@ -18,7 +19,12 @@ from linkage_vibration.bags.message_columns import (
     topic_types,
 )
 from linkage_vibration.drawing import palette
-from linkage_vibration.drawing.intervals import gap_starts, runs
+from linkage_vibration.drawing.intervals import (
+    gap_starts,
+    in_passes,
+    one_after_the_other,
+    runs,
+)
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.messages.topics import PREDICTION, RESONANCE
@@ -98,25 +104,29 @@ def _read(log: Path) -> tuple[Columns, Columns]:
     """Return the predictions and the resonances of a log; no columns where it has no resonance."""
     types = topic_types(log)
     topics = [first_topic(types, kind) for kind in (PREDICTION, RESONANCE)]
-    columns = read_columns(log, {topic: types[topic] for topic in topics if topic})
+    wanted = {topic: types[topic] for topic in topics if topic}
+    columns = read_columns(log, wanted, as_written=True)
     predictions, resonances = (columns.get(topic, {}) for topic in topics)
     if not len(predictions.get("status", ())):
         raise PlotError(f"{log} holds no prediction to draw; was the joint ever published?")
-    return predictions, resonances
+    order, _ = in_passes(header_stamps(predictions))
+    return {name: column[order] for name, column in predictions.items()}, resonances
 
 
 def _draw(figure: "Figure", predictions: Columns, resonances: Columns) -> None:
     """Draw one row for the angle, one for each mode (the highest on top) and one for the peak."""
     n_modes = predictions["natural_frequencies"].shape[1]
     stamps = header_stamps(predictions)
-    times = (stamps - stamps[0]) / 1e9
+    jumps = in_passes(stamps)[1]
+    times = one_after_the_other(stamps, jumps)
     gaps = gap_starts(times)
     axes = figure.subplots(n_modes + 2, sharex=True, height_ratios=[1.4, *[1] * n_modes, 1.4])
     rows = axes[-2:0:-1]  # of the modes, from the lowest
-    keys: dict[str, Artist] = _draw_lines(axes, times, gaps + 1, predictions)
+    keys: dict[str, Artist] = _draw_lines(axes, times, np.union1d(gaps + 1, jumps), predictions)
     near = resonances["state"] == ResonanceState.WARNING if resonances else np.zeros(0, bool)
     if near.any():
-        at = (header_stamps(resonances) - stamps[0]) / 1e9
+        places = np.maximum.accumulate(predictions[PLACE])
+        at = np.interp(resonances[PLACE], places, times)
         for mode, ax in enumerate(rows):
             own = near & (resonances["mode"] == mode)
             values = resonances["excitation_frequency"][own]
@@ -132,6 +142,9 @@ def _draw(figure: "Figure", predictions: Columns, resonances: Columns) -> None:
         for i in gaps:
             shade = {"facecolor": palette.GAP_SHADE, "edgecolor": palette.GREY, "hatch": "//"}
             keys["no prediction"] = ax.axvspan(times[i], times[i + 1], lw=0, **shade)
+        for i in jumps:
+            style = {"color": palette.INK, "lw": 1.2, "linestyle": (0, (1, 2))}
+            keys["the clock jumped back"] = ax.axvline(times[i], **style)
         for start, end in runs(invalid):
             # The edge keeps a single prediction visible.
             ends = times[start], times[min(end, len(times) - 1)]

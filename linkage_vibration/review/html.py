@@ -26,10 +26,10 @@ COVERAGE = 2.0  # standard deviations on each side of a band of uncertainty
 
 _FOLDER = Path(__file__).parent / "page"
 _SCRIPTS = (
-    *("data", "decimation", "state", "words", "elements", "axes", "shades", "pointer", "charts"),
-    *("receptance", "waterfall", "overlays", "excitations", "angle_chart", "linkage", "readout"),
-    *("modes", "tables", "histograms", "provenance", "rows", "strip", "layout", "controls"),
-    "start",
+    *("data", "decimation", "state", "words", "elements", "axes", "shades", "pointer", "numbers"),
+    *("charts", "receptance", "waterfall", "overlays", "excitations", "angle_chart", "linkage"),
+    *("readout", "modes", "tables", "histograms", "campbell", "provenance", "rows", "strip"),
+    *("layout", "controls", "start"),
 )  # the parts of the page's script, each of which may use the parts before it
 
 
@@ -64,18 +64,18 @@ def page_html(page: Page) -> str:
         **page.content,
     }
     # The parts of the page's own script are in one function, so that nothing in them is global.
-    script = "\n".join(_file(f"{name}.js") for name in _SCRIPTS)
+    script = "\n".join(page_file(f"{name}.js") for name in _SCRIPTS)
     texts = {
         "title": html.escape(page.title),
         "version": VERSION,
-        "uplot_css": _file("uPlot.min.css"),
-        "css": _file("page.css"),
+        "uplot_css": page_file("uPlot.min.css"),
+        "css": page_file("page.css"),
         # A text of a log must not end the script that contains it.
         "data": json.dumps(data, allow_nan=False, default=packed).replace("<", "\\u003c"),
-        "uplot_js": f"/*{_file('uPlot.LICENSE.txt')}*/\n{_file('uPlot.iife.min.js')}",
+        "uplot_js": f"/*{page_file('uPlot.LICENSE.txt')}*/\n{page_file('uPlot.iife.min.js')}",
         "js": f'"use strict";\n(() => {{\n{script}}})();\n',
     }
-    return re.sub(r"{{(\w+)}}", lambda name: texts[name[1]], _file("page.html"))
+    return re.sub(r"{{(\w+)}}", lambda name: texts[name[1]], page_file("page.html"))
 
 
 def write_page(page: Page, path: Path) -> None:
@@ -135,5 +135,6 @@ def _column(values: NDArray[Any]) -> dict[str, Any]:
     return packed(values)
 
 
-def _file(name: str) -> str:
+def page_file(name: str) -> str:
+    """Return the text of a file in ``page``."""
     return (_FOLDER / name).read_text(encoding="utf-8")

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Reads a log: its predictions, its resonances and speeds, and what made them."""
 
+import itertools
 import tempfile
 from collections.abc import Mapping
 from contextlib import suppress
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 
 from linkage_vibration.bags.message_columns import (
     LOG_TIME,
+    PLACE,
     Columns,
     first_topic,
     header_stamps,
@@ -24,7 +26,7 @@ from linkage_vibration.bags.message_columns import (
     topic_types,
 )
 from linkage_vibration.bags.reading import mcap_files
-from linkage_vibration.drawing.intervals import gap_starts
+from linkage_vibration.drawing.intervals import gap_starts, in_passes, one_after_the_other
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.description import Mechanism
@@ -38,6 +40,9 @@ from linkage_vibration.support.atomic_files import write_text
 from linkage_vibration.table.table import Table, TableError, load_table
 
 IntArray = NDArray[np.int64]
+
+_TURN = 2.0 * np.pi
+_UNUSED = ("header.frame_id",)  # fields of messages that nobody reviews
 
 
 class ReviewError(LinkageVibrationError):
@@ -92,6 +97,9 @@ class Log:
         Hz and 1; NaN for an overdamped mode.
     frequency_stddev, damping_ratio_stddev : ndarray, (n, n_modes)
         Hz and 1; NaN in logs that are older than these fields.
+    passes : ndarray of int, (n_jumps,)
+        The first prediction after each jump of the clock to an earlier time. Stamps ascend only
+        between jumps.
     peak_frequency, peak_magnitude : ndarray, (n,)
         The peak of the FRF, Hz and m/N.
     interpolation_error : ndarray, (n,)
@@ -136,6 +144,7 @@ class Log:
     parameters: dict[str, object]
     parameters_text: str
     metadata: dict[str, dict[str, str]]
+    passes: IntArray
 
     @property
     def n_modes(self) -> int:
@@ -144,8 +153,17 @@ class Log:
 
     @property
     def times(self) -> FloatArray:
-        """Seconds since the first stamp, (n,)."""
-        return np.asarray((self.stamps - self.stamps[0]) / 1e9)
+        """Seconds since the first stamp, (n,); after a jump of the clock back, they continue."""
+        return one_after_the_other(self.stamps, self.passes)
+
+    @property
+    def table_angle(self) -> FloatArray:
+        """The crank angle without the whole turns of a crank that turns around, rad, (n,)."""
+        if self.table is None or np.ptp(self.table.alpha3_range) < _TURN * (1.0 - 1e-12):
+            return self.crank_angle
+        low = self.table.alpha3_range[0]
+        with np.errstate(invalid="ignore"):
+            return np.asarray(low + (self.crank_angle - low) % _TURN)
 
 
 def read_log(path: str | Path) -> Log:
@@ -172,14 +190,14 @@ def read_log(path: str | Path) -> Log:
         for topic, kind in types.items()
         if topic.endswith(f"/{name}") and kind == "std_msgs/msg/Float64"
     }
-    columns = read_columns(path, {topic: types[topic] for topic in [*topics, *speeds] if topic})
+    wanted = {topic: types[topic] for topic in [*topics, *speeds] if topic}
+    columns = read_columns(path, wanted, as_written=True, unused=_UNUSED)
     predictions, resonances = (columns.get(topic, {}) for topic in topics)
     if not len(predictions.get("status", ())):
         raise ReviewError(f"{path} holds no prediction; was the joint ever published?")
-    order = np.argsort(header_stamps(predictions), kind="stable")
+    order, passes = in_passes(header_stamps(predictions))
     predictions = {name: column[order] for name, column in predictions.items()}
     stamps, frequencies = header_stamps(predictions), predictions["natural_frequencies"]
-    start = stamps[0] + int(np.median(predictions[LOG_TIME] - stamps))
     table_id, unknown = str(predictions["table_id"][-1]), np.full(frequencies.shape, np.nan)
     attachments, metadata = _read_provenance(path)
     table, mechanism, mechanism_text = _read_model(attachments, table_id)
@@ -196,9 +214,9 @@ def read_log(path: str | Path) -> Log:
         peak_frequency=predictions["frf_peak_frequency"],
         peak_magnitude=predictions["frf_peak_magnitude"],
         interpolation_error=predictions["interpolation_error"],
-        resonances=_resonances(resonances, stamps),
+        resonances=_resonances(resonances, stamps, predictions[PLACE], passes),
         speeds={
-            source: ((columns[topic][LOG_TIME] - start) / 1e9, columns[topic]["data"])
+            source: (_speed_times(columns[topic], predictions, passes), columns[topic]["data"])
             for topic, source in speeds.items()
             if len(columns[topic]["data"])
         },
@@ -210,6 +228,7 @@ def read_log(path: str | Path) -> Log:
         parameters=_parameters(parameters_text),
         parameters_text=parameters_text,
         metadata=metadata,
+        passes=passes,
     )
 
 
@@ -232,6 +251,8 @@ def problems(log: Log) -> list[str]:
     found = []
     if faulty := int((log.status != Status.OK).sum()):
         found.append(f"{faulty} of {len(log.stamps)} predictions are not OK.")
+    if len(log.passes):
+        found.append(f"The clock jumped back {len(log.passes)} times.")
     if missing := gaps(log):
         longest = max(end - start for start, end in missing)
         found.append(f"Predictions are missing in {len(missing)} gaps of up to {longest:.3g} s.")
@@ -273,15 +294,43 @@ def write_csv(log: Log, path: Path) -> None:
     write_text(path, "".join(",".join(row) + "\n" for row in rows), ReviewError)
 
 
-def _resonances(columns: Columns, stamps: IntArray) -> Resonances | None:
-    """Return the resonances that have the stamps of the predictions; None if there are none."""
+def _speed_times(speeds: Columns, predictions: Columns, passes: IntArray) -> FloatArray:
+    """Return the times of speeds, s, as those of the predictions; speeds have no stamps."""
+    stamps = header_stamps(predictions)
+    if len(passes):  # The clock of the log may have jumped, too, so only places are certain.
+        places = np.maximum.accumulate(predictions[PLACE])
+        return np.interp(speeds[PLACE], places, one_after_the_other(stamps, passes))
+    start = stamps[0] + int(np.median(predictions[LOG_TIME] - stamps))
+    return np.asarray((speeds[LOG_TIME] - start) / 1e9)
+
+
+def _resonances(
+    columns: Columns, stamps: IntArray, places: IntArray, passes: IntArray
+) -> Resonances | None:
+    """Return the resonances that have the stamps of the predictions; None if there are none.
+
+    Parameters
+    ----------
+    columns : columns
+        Of the resonances.
+    stamps, places : ndarray of int, (n,)
+        Those of the predictions.
+    passes : ndarray of int, (n_jumps,)
+        Where the stamps jump back; resonances belong to the pass within which they were written.
+    """
     if not len(columns.get("state", ())):
         return None
-    own = header_stamps(columns)
-    order = np.argsort(own, kind="stable")
-    at = np.minimum(np.searchsorted(own[order], stamps), len(own) - 1)
-    rows = order[at]
-    found = own[rows] == stamps
+    own, number = header_stamps(columns), np.zeros(len(stamps), np.int64)
+    number[passes] = 1
+    later = np.searchsorted(places[passes], columns[PLACE], side="right")
+    order = np.lexsort((own, later))
+    rows = np.zeros(len(stamps), np.int64)
+    for k, (low, high) in enumerate(itertools.pairwise([0, *passes.tolist(), len(stamps)])):
+        mine = order[later[order] == k]
+        if len(mine):
+            at = np.searchsorted(own[mine], stamps[low:high])
+            rows[low:high] = mine[np.minimum(at, len(mine) - 1)]
+    found = (own[rows] == stamps) & (later[rows] == np.cumsum(number))
     missing: dict[str, Any] = {"f": np.nan, "U": "", "i": 0}
     values: dict[str, Any] = {}
     for field in fields(Resonances):

@@ -28,6 +28,8 @@ class Moment:
 
     start: float  # s since the first stamp
     end: float  # s since the first stamp
+    first: int  # prediction
+    last: int  # prediction
     nearest: int  # prediction with the smallest margin; the numbers below are those at it
     excitation: str  # name
     mode: int  # index of the natural frequency, counted from 0
@@ -43,10 +45,12 @@ def moments(log: Log) -> list[Moment]:
     if found is None:
         return []
     times, result = log.times, []
-    for start, end in runs(found.state == ResonanceState.WARNING, found.excitation, found.mode):
+    one_pass = np.searchsorted(log.passes, np.arange(len(times)), side="right")
+    about_what = (found.excitation, found.mode, one_pass)
+    for start, end in runs(found.state == ResonanceState.WARNING, *about_what):
         margins = found.relative_margin[start:end]
         nearest = start + int(np.abs(margins).argmin())
-        period = float(times[start]), float(times[end - 1])
+        period = float(times[start]), float(times[end - 1]), start, end - 1
         about = str(found.excitation[nearest]), int(found.mode[nearest])
         at = (found.excitation_frequency, found.natural_frequency, found.relative_margin)
         frequency, own, margin = (float(column[nearest]) for column in at)
@@ -63,7 +67,7 @@ def worst(found: list[Moment]) -> list[Moment]:
 
 def angle_shares(log: Log) -> Shares:
     """Return the shares of time over the crank angle, rad, of predictions that have numbers."""
-    angles = np.where(np.isfinite(log.peak_magnitude), log.crank_angle, np.nan)
+    angles = np.where(np.isfinite(log.peak_magnitude), log.table_angle, np.nan)
     if log.table is not None:
         low, high = log.table.alpha3_range
     else:

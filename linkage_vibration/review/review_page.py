@@ -14,6 +14,15 @@ from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.predictor import Status, uncertain_modes
 from linkage_vibration.prediction.resonance import ResonanceState
+from linkage_vibration.review.campbell import campbell
+from linkage_vibration.review.findings import (
+    Meeting,
+    amplification,
+    first_sentence,
+    limit_margin,
+    meetings,
+    real_times,
+)
 from linkage_vibration.review.html import Page, thinned
 from linkage_vibration.review.log import Log, durations, gaps
 from linkage_vibration.review.model_grid import linkage_grid, receptance_grid
@@ -26,6 +35,7 @@ from linkage_vibration.review.moments import (
     moments,
     worst,
 )
+from linkage_vibration.review.time_axis import TimeAxis, time_axis
 
 IntArray = NDArray[np.int64]
 Items = list[dict[str, Any]]  # as the scripts of the page read them
@@ -35,28 +45,34 @@ STATUSES = ["OK", "out of range", "invalid angle", "near a toggle"]
 STATES = ["clear", "warning", "unknown"]
 _STYLES = {Source.ENGINE: "solid", Source.PTO: "dashed", Source.GROUND: "dotted"}
 _INVALID = (Status.OUT_OF_RANGE, Status.INVALID_ANGLE)
+MAX_MEETINGS = 6  # rows of the table of excitations and modes
+_NEARLY_ALL = 0.999  # a smaller share of known resonances is mentioned
 _STALE_AFTER = 1.0  # s, if the log does not hold this parameter
 
 
 def review_page(log: Log) -> Page:
     """Return what a page shows of a log."""
     found = moments(log)
-    shown = worst(found)
-    rows = _kept(log, shown)
-    missing = gaps(log)
-    limit = log.parameters.get("warning_margin")
-    margin = float(limit) if isinstance(limit, int | float) else None
+    shown, met = worst(found), meetings(log, found)
+    rows = _kept(log, [moment.nearest for moment in shown] + [one.strongest for one in met])
+    missing, axis, margin = gaps(log), time_axis(log), limit_margin(log)
     content: dict[str, Any] = {
         "charts": _charts(log, margin),
         "overview": {"column": "crank_angle", "factor": DEG, "label": "α3"},
         "readings": _readings(log),
         "brief": ["crank_angle", *(f"f{mode + 1}" for mode in range(log.n_modes))],
-        "tables": [_moments_table(log, found, shown, rows)],
+        "answer": first_sentence(log, met),
+        "tables": [
+            *_meetings_table(log, met, rows, axis),
+            _moments_table(log, found, shown, rows, axis),
+        ],
         "summary": _summary(log, found, missing),
         "histograms": _histograms(log, margin),
         "provenance": _provenance(log, len(rows)),
-        "shades": _shades(log, missing),
-        "excitations": _excitations(log, rows),
+        "shades": _shades(log, missing, axis),
+        "excitations": _excitations(log, rows, axis),
+        "clock": axis.knots(),
+        "campbell": campbell(log, found),
         "stale_after": _number(log, "stale_after", _STALE_AFTER),
     }
     if log.mechanism and log.table:
@@ -67,9 +83,12 @@ def review_page(log: Log) -> Page:
     return Page(
         title=f"Vibration review: {name}",
         subtitle=f"{log.path.name}: {len(log.stamps):,} predictions of table {log.table_id}",
-        columns=_columns(log, rows),
+        columns=_columns(log, rows, axis),
         start_ns=int(log.stamps[0]),
-        breaks=np.searchsorted(log.times[rows], [end for _, end in missing]).tolist(),
+        breaks=np.union1d(
+            np.searchsorted(log.times[rows], [end for _, end in missing]),
+            np.searchsorted(rows, log.passes),
+        ).tolist(),
         modes=palette.mode_colours(log.n_modes),
         content=content,
     )
@@ -124,10 +143,11 @@ def clock(time: float, whole: float) -> str:
     return f"{int(minutes) // 60}:{int(minutes) % 60:02}:{seconds:04.1f}"
 
 
-def _kept(log: Log, shown: list[Moment]) -> IntArray:
+def _kept(log: Log, needed: list[int]) -> IntArray:
     """Return the indices of the predictions that the page holds."""
     quantities = [log.crank_angle, *log.natural_frequencies.T, log.peak_magnitude]
-    changes = [np.flatnonzero(np.diff(log.status)), [moment.nearest for moment in shown]]
+    changes = [np.flatnonzero(np.diff(log.status)), np.array(needed, np.int64)]
+    changes += [log.passes - 1]
     changes += [np.searchsorted(log.times, [start for start, _ in gaps(log)])]
     changes += [np.flatnonzero(np.diff(np.isnan(values))) for values in log.natural_frequencies.T]
     if log.resonances is not None:
@@ -137,15 +157,17 @@ def _kept(log: Log, shown: list[Moment]) -> IntArray:
     return thinned(quantities, np.union1d(edges, np.minimum(edges + 1, len(log.stamps) - 1)))
 
 
-def _columns(log: Log, rows: IntArray) -> dict[str, NDArray[Any]]:
+def _columns(log: Log, rows: IntArray, axis: TimeAxis) -> dict[str, NDArray[Any]]:
     columns: dict[str, NDArray[Any]] = {
-        "time": log.times[rows],
+        "time": axis.place(log.times)[rows],
         "crank_angle": log.crank_angle[rows],
         "status": log.status[rows].astype(np.uint8),
         "peak_frequency": log.peak_frequency[rows].astype(np.float32),
         "peak_magnitude": log.peak_magnitude[rows].astype(np.float32),
         "interpolation_error": log.interpolation_error[rows].astype(np.float32),
     }
+    if not np.array_equal(log.table_angle, log.crank_angle, equal_nan=True):
+        columns["table_angle"] = log.table_angle[rows]
     for mode in range(log.n_modes):
         columns[f"f{mode + 1}"] = log.natural_frequencies[rows, mode]
         columns[f"s{mode + 1}"] = log.frequency_stddev[rows, mode].astype(np.float32)
@@ -239,8 +261,35 @@ def _readings(log: Log) -> Items:
     ]
 
 
+def _meetings_table(log: Log, met: list[Meeting], rows: IntArray, axis: TimeAxis) -> Items:
+    """Return the table of excitations and modes that met; none if none did."""
+    if not met:
+        return []
+    times, places, lines = real_times(log), axis.place(log.times), []
+    for one in met[:MAX_MEETINGS]:
+        index = int(np.searchsorted(rows, one.strongest))
+        spread = (
+            "" if math.isnan(one.amplification_stddev) else f" ± {one.amplification_stddev:.2g}"
+        )
+        cells = [one.excitation, str(one.mode + 1), f"{one.amplification:.3g}{spread}"]
+        at = clock(float(times[one.strongest]), float(times.max()))
+        cells += [f"{one.dwell:.2f}", str(one.count), at, one.avoid]
+        length = one.worst.end - one.worst.start
+        place = {"time": float(places[one.strongest]), "index": index, "mode": one.mode}
+        lines.append({"cells": cells, "length": length, **place})
+    note = "Each row is an excitation and a mode at its strongest moment. Choose a row to go there."
+    if any(math.isnan(one.amplification_stddev) for one in met):
+        note += " Amplifications without ± have a standard deviation that is not known."
+    if len(met) > MAX_MEETINGS:
+        note += f" Of {len(met)} pairs, the {MAX_MEETINGS} with the highest amplification."
+    head = ["excitation", "mode", "amplified (times)", "total s", "moments", "worst at", "avoid"]
+    title = "What met, the worst first"
+    table = {"id": "meetings", "title": title, "note": note, "head": head, "rows": lines}
+    return [table | {"first": True}]
+
+
 def _moments_table(
-    log: Log, found: list[Moment], shown: list[Moment], rows: IntArray
+    log: Log, found: list[Moment], shown: list[Moment], rows: IntArray, axis: TimeAxis
 ) -> dict[str, Any]:
     if log.resonances is None:
         note = "The log holds no resonances, as no speed of engine, PTO or ground was known."
@@ -252,19 +301,22 @@ def _moments_table(
             note += f" Of {len(found)} warnings, the {MAX_MOMENTS} with the smallest margins."
     if any(m.crossed for m in shown):
         note += " × marks a crossing."
-    times = log.times
-    lines = []
+    times, real, lines = axis.place(log.times), real_times(log), []
+    strength = amplification(log, found)
     for m in shown:
         time, length = float(times[m.nearest]), m.end - m.start
+        severity = float(strength[m.first : m.last + 1].max())
         margin = f"{100.0 * m.relative_margin:+.1f}" + (" ×" if m.crossed else "")
-        cells = [clock(time, float(times[-1])), m.excitation, str(m.mode + 1)]
-        cells += [f"{m.natural_frequency:.2f}", margin, f"{length:.2f}"]
+        cells = [clock(float(real[m.nearest]), float(real.max())), m.excitation, str(m.mode + 1)]
+        cells += [f"{m.natural_frequency:.2f}", margin, f"{severity:.3g}", f"{length:.2f}"]
         index = int(np.searchsorted(rows, m.nearest))
         at = {"cells": cells, "time": time, "length": length, "index": index, "mode": m.mode}
-        lines.append(at | {"y": m.natural_frequency, "margin": m.relative_margin})
-    head = ["time", "excitation", "mode", "Hz", "margin %", "duration s"]
-    title = f"Moments of resonance ({len(found)})"
-    return {"id": "moments", "title": title, "note": note, "head": head, "rows": lines}
+        at |= {"y": m.natural_frequency, "margin": m.relative_margin, "severity": severity}
+        lines.append(at)
+    head = ["time", "excitation", "mode", "Hz", "margin %", "amplified", "duration s"]
+    title = f"Single moments of resonance ({len(found)})"
+    table = {"id": "moments", "title": title, "note": note, "head": head, "rows": lines}
+    return table | {"folded": True}
 
 
 def _summary(log: Log, found: list[Moment], missing: list[tuple[float, float]]) -> Items:
@@ -292,7 +344,15 @@ def _summary(log: Log, found: list[Moment], missing: list[tuple[float, float]]) 
     if log.resonances is not None:
         warning = float(held[log.resonances.state == ResonanceState.WARNING].sum())
         share = 100.0 * warning / (float(held.sum()) or 1.0)
-        add("Resonance warnings", f"{len(found)}, {share:.1f} % of the time", alert=bool(found))
+        known = held[log.resonances.state != ResonanceState.STALE].sum() / (held.sum() or 1.0)
+        text = f"{len(found)}, {share:.1f} % of the time"
+        if not known:
+            text = "not known"
+        elif known < _NEARLY_ALL:
+            text += f"; not known for {100.0 * (1.0 - known):.1f} %"
+        add("Resonance warnings", text, alert=bool(found) or not known)
+    else:
+        add("Resonance warnings", "not known", alert=True)
     deviations = log.frequency_stddev, log.damping_ratios, log.damping_ratio_stddev
     for text in uncertain_modes(log.natural_frequencies, *deviations):
         add("Uncertain", text, alert=True)
@@ -300,6 +360,10 @@ def _summary(log: Log, found: list[Moment], missing: list[tuple[float, float]]) 
     add("Predictions not OK", f"{faulty:,}" if faulty else "none", alert=faulty > 0)
     length = f"{len(missing)}, {_span(sum(end - start for start, end in missing))} in total"
     add("Gaps", length if missing else "none", alert=bool(missing))
+    if len(log.passes):
+        back = real_times(log)[log.passes - 1] - real_times(log)[log.passes]
+        text = f"{len(back)} times, by up to {_span(float(back.max()))}"
+        add("The clock jumped back", text, alert=True)
     return items
 
 
@@ -341,17 +405,28 @@ def _provenance(log: Log, n_kept: int) -> dict[str, Any]:
     return {"title": "What made this log", "rows": rows, "files": files}
 
 
-def _shades(log: Log, missing: list[tuple[float, float]]) -> list[list[Any]]:
-    times = log.times.tolist()
-    shades: list[list[Any]] = [[*gap, "gap"] for gap in missing]
+def _shades(log: Log, missing: list[tuple[float, float]], axis: TimeAxis) -> list[list[Any]]:
+    times, real = axis.place(log.times).tolist(), real_times(log)
+    shades: list[list[Any]] = []
+    for start, end in missing:
+        text = [_span(end - start)] if (start, end) in axis.shortened else []
+        shades.append([*axis.place(np.array([start, end])).tolist(), "gap", *text])
+    for k in log.passes.tolist():
+        text = [f"clock back {_span(float(real[k - 1] - real[k]))}"]
+        shades.append([times[k - 1], times[k], "jump", *text])
     for kind, statuses in (("range", _INVALID), ("toggle", (Status.NEAR_TOGGLE,))):
         for start, end in runs(np.isin(log.status, statuses)):
             shades.append([times[start], times[min(end, len(times) - 1)], kind])
     return shades
 
 
-def _excitations(log: Log, rows: IntArray) -> Items:
+def _excitations(log: Log, rows: IntArray, axis: TimeAxis) -> Items:
     """Return each excitation over time; only while it was nearest if the log lacks its file."""
+
+    def line(name: str, style: str, times: FloatArray, values: FloatArray) -> dict[str, Any]:
+        places = {"times": axis.place(times), "values": values.astype(np.float32)}
+        return {"name": name, "style": style, **places}
+
     found = []
     speeds = dict(log.speeds)
     for source in Source:
@@ -362,7 +437,7 @@ def _excitations(log: Log, rows: IntArray) -> Items:
         if excitation.source in speeds:
             times, values = speeds[excitation.source]
             style = _STYLES[excitation.source]
-            found.append(_line(excitation.name, style, times, excitation.ratio * values))
+            found.append(line(excitation.name, style, times, excitation.ratio * values))
     if log.excitations or log.resonances is None:
         return found
     nearest, times = log.resonances.excitation[rows], log.times[rows]
@@ -370,12 +445,8 @@ def _excitations(log: Log, rows: IntArray) -> Items:
         own = nearest == name
         near = own | np.append(False, own[:-1])  # The sample after each run ends its line.
         values = np.where(own, log.resonances.excitation_frequency[rows], np.nan)
-        found.append(_line(name, "solid", times[near], values[near]))
+        found.append(line(name, "solid", times[near], values[near]))
     return found
-
-
-def _line(name: str, style: str, times: FloatArray, values: FloatArray) -> dict[str, Any]:
-    return {"name": name, "style": style, "times": times, "values": values.astype(np.float32)}
 
 
 def _number(log: Log, name: str, default: float) -> float:

@@ -125,6 +125,7 @@ def test_wheel_and_strip(page: Any, log: Log) -> None:
 def test_moments_are_shown_on_demand(page: Any, log: Log) -> None:
     """A click on a row of the list sets cursor and mode; n and p go to the rows beside it."""
     found = moments(log)
+    page.evaluate("document.querySelector('#table-moments').open = true")
     page.click(page.place("#table-moments tbody tr:nth-child(4)"))
     assert page.evaluate("review.cursor") == found[3].nearest
     assert page.evaluate("review.mode") == found[3].mode

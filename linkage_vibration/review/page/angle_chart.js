@@ -20,11 +20,12 @@ function makeAngleChart(width, box) {
         for (let k = 0; k < count; k++) {
           stroke(u, angles.map((a, i) => [a, frf.frequencies[i * count + k]]), modeLine(k));
         }
-        for (const row of moments) mark(u, columns.crank_angle[row.index] * DEG, row.y, row === moments[current], moments.length > 80);
-        stroke(u, waterfall.range.map(f => [columns.crank_angle[cursor] * DEG, f]), { colour: WARN, width: 2 });
+        for (const row of moments) mark(u, tableAngle[row.index] * DEG, row.y, row, moments.length > 80);
+        stroke(u, waterfall.range.map(f => [tableAngle[cursor] * DEG, f]), { colour: WARN, width: 2 });
       }],
     },
   }, [angles, angles.map(() => 1)], box);
+  nameCanvas(angleChart, `Receptance |H| at ${frf.place}, frequency over the crank angle`);
   angleChart.over.addEventListener("pointermove", event => {
     const at = angleChart.over.getBoundingClientRect();
     showPointer(angleChart.posToVal(event.clientX - at.left, "x") / DEG, angleChart.posToVal(event.clientY - at.top, "y"));

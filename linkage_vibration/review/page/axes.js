@@ -6,9 +6,24 @@ const AXIS = { stroke: INK, font: "12px system-ui, sans-serif", ticks: { stroke:
 const TIMES = [1e-6, 1e-5, 1e-4, 1e-3, .002, .005, .01, .02, .05, .1, .2, .5, 1, 2, 5, 10, 15, 30, 60,
   120, 300, 600, 900, 1800, 3600, 7200, 18000, 36000];
 
+/** The places of round times; there is none within a gap that is shown short. */
+function roundTimes(u, axis, low, high, step) {
+  const { shown, real } = data.clock ?? { shown: [first, last], real: [first, last] }, found = [];
+  for (let i = 0; i + 1 < shown.length; i++) {
+    const from = Math.max(low, shown[i]), to = Math.min(high, shown[i + 1]);
+    const slope = (real[i + 1] - real[i]) / (shown[i + 1] - shown[i]);
+    if (from >= to || Math.abs(slope - 1) > 1e-6) continue;
+    const shift = real[i] - shown[i];
+    for (let k = Math.ceil((from + shift) / step - 1e-9); k * step - shift <= to + 1e-9 * step; k++) {
+      found.push(k * step - shift);
+    }
+  }
+  return found;
+}
+
 /** The time axis of a chart, with or without labels and a grid. */
 const timeAxis = (show, grid) => ({
-  ...AXIS, size: show ? 28 : 8, incrs: TIMES, space: 70,
+  ...AXIS, size: show ? 28 : 8, incrs: TIMES, space: 70, splits: roundTimes,
   grid: { show: grid, stroke: "#e4e4e4", width: 1 },
   values: (u, splits, axis, space, step) => splits.map(t => show ? clock(t, step) : null),
   label: show ? `time [${timeUnit}]` : undefined, labelSize: show ? 18 : 0,
@@ -37,7 +52,8 @@ function logLabels(u, splits) {
   const room = height / Math.max(decades, .1);  // pixels per decade
   return splits.map(v => {
     if (v === null) return null;
-    const lead = Math.round(v / 10 ** Math.floor(Math.log10(v) + 1e-9));
+    const ten = 10 ** Math.floor(Math.log10(v) + 1e-9), lead = Math.round(v / ten);
+    if (Math.abs(v / (lead * ten) - 1) > 1e-6) return null;  // the end of the axis, which is not round
     const labelled = lead === 1 || (room > 60 && (lead === 2 || lead === 5)) || room > 150;
     return labelled ? (v >= 1e-3 && v < 1e5 ? String(Number(v.toPrecision(3))) : v.toExponential(0)) : null;
   });

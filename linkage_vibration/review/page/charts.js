@@ -48,6 +48,7 @@ function makeChart(spec, holder, labelled) {
         axes: [timeAxis(labelled, !spec.paint), valueAxis(log, !spec.paint)],
         hooks: { drawClear: [u => { spec.paint?.(u); shade(u); }], draw: [u => { guides(u, spec); spec.overlay?.(u); }] },
       }, this.data(width), box);
+      nameCanvas(this.u, `${spec.title}${spec.unit ? ` [${spec.unit}]` : ""} over time`);
       this.line = element("div", { class: "cursor" });
       this.u.over.append(this.line);
       interact(this);
@@ -68,6 +69,7 @@ function makeChart(spec, holder, labelled) {
       if (inside) this.line.style.left = `${this.u.valToPos(t, "x")}px`;
     },
   };
+  addNumbers(chart);
   charts.push(chart);
   return chart;
 }

@@ -8,8 +8,8 @@ const actions = {
   out: () => zoom(2, (view[0] + view[1]) / 2),
   left: () => pan(-.4),
   right: () => pan(.4),
-  previous: () => jump(current < 0 ? 0 : current - 1),
-  next: () => jump(current + 1),
+  previous: () => jumpFrom(-1),
+  next: () => jumpFrom(1),
   move() {
     moving = !moving;
     showMoving();

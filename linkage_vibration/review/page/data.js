@@ -26,6 +26,9 @@ const time = columns.time, n = data.n;
 const first = time[0], last = Math.max(time[n - 1], time[0] + 1e-3);
 const breaks = data.breaks;  // ascending indices of samples; predictions are missing before each of them
 
+/** The crank angle without whole turns, where a table of a whole turn holds for each of them. */
+const tableAngle = columns.table_angle ?? columns.crank_angle;
+
 /** The index of the first value that is not less than x; the values ascend. */
 function lowerBound(values, x) {
   let low = 0, high = values.length;
@@ -35,6 +38,17 @@ function lowerBound(values, x) {
   }
   return low;
 }
+
+/** The number that corresponds to x, by lists of corresponding ascending and other numbers. */
+function corresponding(x, from, to) {
+  const i = clamp(lowerBound(from, x) - 1, 0, from.length - 2);
+  if (x <= from[0]) return to[0] + x - from[0];
+  if (x >= from[from.length - 1]) return to[to.length - 1] + x - from[from.length - 1];
+  return to[i] + (x - from[i]) / (from[i + 1] - from[i]) * (to[i + 1] - to[i]);
+}
+/** The time since the first stamp at a place of the time axis, on which long gaps are short, s. */
+const realTime = t => data.clock ? corresponding(t, data.clock.shown, data.clock.real) : t;
+const longest = data.clock ? Math.max(...data.clock.real) : last;
 
 /** The index of the sample nearest to a time in s. */
 function nearest(t) {

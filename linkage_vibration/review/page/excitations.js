@@ -65,5 +65,5 @@ const onPaper = { colour: "#555555", width: 1.1 };
 function drawMoments(u, modeOnly) {
   const shown = moments.filter(row => row.time >= view[0] && row.time <= view[1] &&
     (modeOnly === undefined || row.mode === modeOnly));
-  for (const row of shown) mark(u, row.time, row.y, row === moments[current], shown.length > 80);
+  for (const row of shown) mark(u, row.time, row.y, row, shown.length > 80);
 }

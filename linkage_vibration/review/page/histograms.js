@@ -17,7 +17,7 @@ for (const { title, unit, edges, shares, limit, note } of data.histograms) {
       svg("title", {}, `${digits(edges[i], 4)} to ${digits(edges[i + 1], 4)} ${unit}: ${(100 * share).toFixed(2)} % of the time`)));
   });
   const span = edges[edges.length - 1] - edges[0];
-  const tick = [1e-3, .01, .02, .05, .1, .2, .5, 1, 2, 5, 10, 20, 30, 45, 90].find(s => span / s <= 9) ?? span;
+  const tick = [1e-3, .01, .02, .05, .1, .2, .5, 1, 2, 5, 10, 20, 30, 45, 90, 180, 360].find(s => span / s <= 9) ?? span;
   for (let v = Math.ceil(edges[0] / tick - 1e-9) * tick; v <= edges[edges.length - 1] + 1e-9; v += tick) {
     drawn.append(svg("line", { x1: x(v), x2: x(v), y1: y(0), y2: y(0) + 5, stroke: GREY }),
       svg("text", { x: x(v), y: y(0) + 18, "text-anchor": "middle" }, String(Number(v.toPrecision(6)))));

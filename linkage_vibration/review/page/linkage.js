@@ -48,7 +48,7 @@ const linkage = data.linkage && (() => {
   }
   /** Draw the linkage at the cursor and at a phase of its motion, rad. */
   function draw(phase) {
-    const angle = columns.crank_angle[cursor];
+    const angle = tableAngle[cursor];
     const place = (angle - angles[0]) / (angles[angles.length - 1] - angles[0]) * (angles.length - 1);
     const there = place >= 0 && place <= angles.length - 1;
     for (const group of [still, moved, pins]) group.style.display = there ? "" : "none";
@@ -78,7 +78,7 @@ const linkage = data.linkage && (() => {
   return {
     show() {
       if (!moving) draw(Math.PI / 2);
-      const f = columns[`f${mode + 1}`][cursor], angle = columns.crank_angle[cursor];
+      const f = columns[`f${mode + 1}`][cursor], angle = tableAngle[cursor];
       byId("linkage-caption").textContent = Number.isFinite(f)
         ? `Mode ${mode + 1}, ${digits(f)} Hz, at ${(angle * DEG).toFixed(2)}°. The motion is magnified and slowed down; grey shows the linkage at rest.`
         : Number.isFinite(columns.peak_magnitude[cursor])

@@ -42,17 +42,26 @@ function stroke(u, points, { colour, edge, width, dash = [] }) {
 /** The style of a mode's natural frequency; that of the chosen mode is prominent. */
 const modeLine = k => ({ colour: "#000000", edge: k === mode ? "#ffffff" : "", width: k === mode ? 1.8 : 1, dash: [4, 3] });
 
-/** Draw a dot at a moment of resonance; the current one is larger, and one of very many is small. */
-function mark(u, x, y, current, small = false) {
+/** The radius of the dot of a moment, px: its area grows with the logarithm of its severity. */
+function radius({ severity }, small) {
+  const all = radius.all ??= moments.map(row => row.severity).filter(v => v > 0);
+  const low = Math.log(radius.low ??= Math.min(...all)), high = Math.log(radius.high ??= Math.max(...all));
+  const share = severity > 0 && high > low ? (Math.log(severity) - low) / (high - low) : 1;
+  return (small ? .5 : 1) * Math.sqrt(6 + 43 * share);
+}
+
+/** Draw a dot at a moment of resonance; the current one has a dark edge. */
+function mark(u, x, y, row, small = false) {
   const { ctx, bbox } = u, px = u.valToPos(x, "x", true), py = u.valToPos(y, "y", true);
   if (px < bbox.left || px > bbox.left + bbox.width || py < bbox.top || py > bbox.top + bbox.height) return;
+  const chosen = current >= 0 && row === stops[current].row;
   ctx.save();
   ctx.beginPath();
-  ctx.arc(px, py, (current ? 7 : small ? 2 : 4.5) * devicePixelRatio, 0, 2 * Math.PI);
+  ctx.arc(px, py, radius(row, small && !chosen) * devicePixelRatio, 0, 2 * Math.PI);
   ctx.fillStyle = WARN;
-  ctx.strokeStyle = "#ffffff";
+  ctx.strokeStyle = chosen ? "#000000" : "#ffffff";
   ctx.lineWidth = 1.6 * devicePixelRatio;
   ctx.fill();
-  if (!small || current) ctx.stroke();
+  if (!small || chosen) ctx.stroke();
   ctx.restore();
 }

@@ -2,6 +2,8 @@
 // Shows the summary above the charts, and below them what made the log.
 
 byId("subtitle").textContent = data.subtitle;
+byId("answer").textContent = data.answer ?? "";
+byId("answer").hidden = !data.answer;
 for (const { label, value, alert } of data.summary) {
   byId("summary").append(element("div", { class: alert ? "alert" : undefined }, element("dt", {}, label), element("dd", {}, value)));
 }

@@ -17,7 +17,7 @@ if (waterfall) {
       drawExcitations(u, onMap);
       drawMoments(u);
     },
-    hover(u, y) { showPointer(columns.crank_angle[cursor], u.posToVal(y, "y")); },
+    hover(u, y) { showPointer(tableAngle[cursor], u.posToVal(y, "y")); },
     leave() { showPointer(); },
   });
   charts.lines = data.modes.map((_, k) => quantity({ column: `f${k + 1}` }));

@@ -1,19 +1,29 @@
 // Copyright 2026 The linkage_vibration authors. SPDX-License-Identifier: Apache-2.0
 // Shades gaps, invalid angles and toggles behind a chart, and draws its guide lines.
 
-const fills = { gap: "#e4e4e4", range: "#f9e08b", toggle: "#d9e6f2" };
+const fills = { gap: "#e4e4e4", jump: "#222222", range: "#f9e08b", toggle: "#d9e6f2" };
 
 /** Shade where predictions are missing, have no numbers, or are near a toggle. */
 function shade(u) {
-  const { ctx, bbox } = u, { min, max } = u.scales.x;
+  const { ctx, bbox } = u, { min, max } = u.scales.x, labels = [];
   ctx.save();
-  for (const [start, end, kind] of data.shades) {
+  for (const [start, end, kind, text] of data.shades) {
     if (end < min || start > max) continue;
     const a = clamp(u.valToPos(start, "x", true), bbox.left, bbox.left + bbox.width);
     const b = clamp(u.valToPos(end, "x", true), bbox.left, bbox.left + bbox.width);
     const width = Math.max(b - a, devicePixelRatio);
     ctx.fillStyle = fills[kind];
     ctx.fillRect(a, bbox.top, width, bbox.height);
+    if (text && bbox.height > 100 * devicePixelRatio) {
+      // A gap that is shown short, or a jump of the clock, is marked with its length.
+      ctx.save();
+      ctx.translate((a + b) / 2 + (kind === "jump" ? -4 : 4) * devicePixelRatio, bbox.top + bbox.height / 2);
+      ctx.rotate(-Math.PI / 2);
+      ctx.font = `600 ${11 * devicePixelRatio}px system-ui, sans-serif`;
+      ctx.textAlign = "center";
+      labels.push([ctx.getTransform(), text]);
+      ctx.restore();
+    }
     if (kind === "gap") {
       ctx.save();
       ctx.beginPath();
@@ -28,6 +38,16 @@ function shade(u) {
       ctx.stroke();
       ctx.restore();
     }
+  }
+  ctx.font = `600 ${11 * devicePixelRatio}px system-ui, sans-serif`;
+  ctx.textAlign = "center";
+  ctx.fillStyle = INK;
+  ctx.strokeStyle = "#ffffff";
+  ctx.lineWidth = 3 * devicePixelRatio;
+  for (const [at, text] of labels) {
+    ctx.setTransform(at);
+    ctx.strokeText(text, 0, 0);
+    ctx.fillText(text, 0, 0);
   }
   ctx.restore();
 }

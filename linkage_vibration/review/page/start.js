@@ -3,7 +3,11 @@
 
 showMoving();
 layout();
-if (moments.length) kept = cursor = moments.reduce((a, b) => Math.abs(b.margin) < Math.abs(a.margin) ? b : a).index;
+const worst = data.tables.find(table => table.first)?.rows[0];
+if (worst) {
+  kept = cursor = worst.index;
+  setMode(worst.mode);
+}
 showCursor();
 // The page's numbers and state, for scripts and for the console of the browser.
 window.review = {
@@ -11,6 +15,10 @@ window.review = {
   get cursor() { return cursor; },
   get view() { return view; },
   get mode() { return mode; },
+  ticks: id => {
+    const { axes } = charts.find(chart => chart.spec.id === id).u, [axis] = axes;
+    return axis._splits.map(t => clock(t, axis._splits.length > 1 ? Math.abs(realTime(axis._splits[1]) - realTime(axis._splits[0])) : 1));
+  },
   drawn: id => charts.find(chart => chart.spec.id === id).u.data[1],
   receptance: (angle, frequency) => 10 ** logReceptance(gridPlace(angle), frequency),
 };

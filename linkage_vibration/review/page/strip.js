@@ -15,6 +15,7 @@ function makeStrip(width) {
     axes: [{ show: false }, { ...AXIS, size: 64, values: (u, splits) => splits.map(() => null), grid: { show: false }, ticks: { show: false }, label: data.overview.label, labelSize: 16, labelFont: "11px system-ui, sans-serif" }],
     hooks: { drawClear: [shade] },
   }, decimated([stripQuantity], [first, last], wantedOver(width)), overview);
+  nameCanvas(strip, "The crank angle over the whole drive");
   const over = strip.over, at = x => first + clamp(x, 0, over.clientWidth) / over.clientWidth * (last - first);
   over.append(frameBox);
   over.style.cursor = "grab";

@@ -1,36 +1,70 @@
 // Copyright 2026 The linkage_vibration authors. SPDX-License-Identifier: Apache-2.0
-// Shows tables whose rows lead to a moment of the drive.
+// Shows tables whose rows lead to a moment of the drive, and sorts them.
 
-const stops = [];  // the rows that lead to a moment, with their lines in the page
+const PRINTED = 20;  // rows of a folded table that are printed
+const stops = [];  // the moments in the order of time, with their lines in the page
 let current = -1;  // the stop that was chosen last
+
+/** Sort the lines of a table by the numbers or the words of a column, in turn up and down. */
+function sortBy(body, column, head) {
+  const down = head.getAttribute("aria-sort") === "ascending";
+  const key = line => line.cells[column].textContent;
+  const number = text => Number(text.split(":").reduce((sum, part) => 60 * sum + parseFloat(part), 0));
+  const order = (a, b) => Number.isFinite(number(key(a)) - number(key(b)))
+    ? Math.abs(number(key(a))) - Math.abs(number(key(b))) : key(a).localeCompare(key(b));
+  body.append(...[...body.rows].sort((a, b) => down ? order(b, a) : order(a, b)));
+  for (const cell of head.parentElement.cells) cell.removeAttribute("aria-sort");
+  head.setAttribute("aria-sort", down ? "descending" : "ascending");
+}
+
 for (const table of data.tables) {
   const body = element("tbody");
+  const worst = table.rows.map(row => row.severity ?? 0).sort((a, b) => b - a)[PRINTED] ?? -1;
   table.rows.forEach(row => {
     const line = element("tr", row.time === undefined ? {} : { "data-time": row.time, tabindex: 0 },
       ...row.cells.map(cell => element("td", {}, String(cell))));
+    line.classList.toggle("unprinted", Boolean(table.folded) && row.severity <= worst);
     if (row.time !== undefined) {
-      const i = stops.push({ row, line }) - 1;
-      line.addEventListener("click", () => jump(i));
+      if (!table.first) stops.push({ row, line });
+      line.addEventListener("click", () => show(row, line));
       line.addEventListener("keydown", event => {
         if (event.key === "Enter" || event.key === " ") { event.preventDefault(); event.stopPropagation(); line.click(); }
       });
     }
     body.append(line);
   });
-  const head = element("thead", {}, element("tr", {}, ...table.head.map(text => element("th", { scope: "col" }, text))));
-  const section = element("section", { class: "table", id: `table-${table.id}` }, element("h2", {}, table.title));
+  const heads = table.head.map((text, column) => {
+    const head = element("th", { scope: "col" });
+    const button = element("button", { type: "button", title: `Sort by ${text}` }, text);
+    button.addEventListener("click", () => sortBy(body, column, head));
+    head.append(button);
+    return head;
+  });
+  const section = element(table.folded ? "details" : "section", { class: "table", id: `table-${table.id}` },
+    element(table.folded ? "summary" : "h2", {}, table.title));
   if (table.note) section.append(element("p", { class: "note" }, table.note));
-  if (table.rows.length) section.append(element("div", { class: "scroll", tabindex: 0, "aria-label": table.title }, element("table", {}, head, body)));
-  byId("tables").append(section);
+  if (table.folded && table.rows.length > PRINTED) section.append(element("p", { class: "note printed" }, `The ${PRINTED} strongest of them:`));
+  if (table.rows.length) section.append(element("div", { class: "scroll", tabindex: 0, "aria-label": table.title }, element("table", {}, element("thead", {}, element("tr", {}, ...heads)), body)));
+  byId(table.first ? "first" : "tables").append(section);
+}
+stops.sort((a, b) => a.row.time - b.row.time);
+
+/** Go to the stop after or before the cursor; the last and the first one are kept. */
+const jumpFrom = by => jump(by > 0 ? stops.findIndex(stop => stop.row.index > kept) : stops.findLastIndex(stop => stop.row.index < kept));
+
+/** Go to a stop, if there is one. */
+function jump(i) {
+  if (i >= 0 && i < stops.length) show(stops[i].row, stops[i].line);
 }
 
-/** Go to a stop: show its moment and its mode, and put the cursor there. */
-function jump(i) {
-  current = clamp(i, 0, stops.length - 1);
-  const { row, line } = stops[current], scroll = line.closest(".scroll");
-  stops.forEach((stop, k) => stop.line.classList.toggle("current", k === current));
+/** Show the moment and the mode of a row, and put the cursor there. */
+function show(row, line) {
+  current = stops.findIndex(stop => stop.row === row);
+  document.querySelectorAll("tr.current").forEach(other => other.classList.remove("current"));
+  line.classList.add("current");
+  const scroll = line.closest(".scroll");
   scroll.scrollTop += line.getBoundingClientRect().top - scroll.getBoundingClientRect().top - scroll.clientHeight / 2;
-  byId("jump-label").textContent = `${current + 1} of ${stops.length}`;
+  byId("jump-label").textContent = current < 0 ? "" : `${current + 1} of ${stops.length}`;
   if (row.mode !== undefined) setMode(row.mode);
   // The view shows the whole stretch about the moment, and never grows.
   const span = Math.min(view[1] - view[0], Math.max(4 * (row.length ?? 0), (last - first) / 50, 2));
@@ -40,3 +74,4 @@ function jump(i) {
 }
 
 byId("jumps").hidden = stops.length === 0;
+addEventListener("beforeprint", () => document.querySelectorAll("details.table").forEach(one => { one.open = true; }));

@@ -62,7 +62,7 @@ const waterfall = frf && (() => {
 /** Paint the waterfall over time: each column of pixels shows the angles of its interval of time. */
 function paintOverTime(u) {
   const width = Math.max(1, Math.round(u.bbox.width / devicePixelRatio));
-  const angle = columns.crank_angle, status = columns.status;
+  const angle = tableAngle, status = columns.status;
   const gapFrom = breaks.map(i => time[i - 1]), gapTo = breaks.map(i => time[i]);
   const step = (view[1] - view[0]) / width;
   waterfall.paint(u, width, x => {

@@ -1,0 +1,31 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Print where, when and how strongly drives met resonances, as JSON for a dashboard."""
+
+import argparse
+from pathlib import Path
+
+from linkage_vibration.support.exit_codes import add_strict, exit_code
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    text = "MCAP files, or folders of them"
+    parser.add_argument("logs", nargs="+", type=Path, metavar="LOG", help=text)
+    add_strict(parser, "a prediction is missing, out of range or invalid")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Print a list with one object for each drive; return the exit code."""
+    import json
+
+    from linkage_vibration.review.log import problems, read_log
+    from linkage_vibration.review.overview import drive_summary, logs_of
+
+    drives, found = [], []
+    for path in logs_of(options.logs):
+        log = read_log(path)
+        drives.append(drive_summary(log))
+        found += [f"{path}: {text}" for text in problems(log)]
+    print(json.dumps(drives, indent=2, allow_nan=False))
+    return exit_code(found, options.strict)

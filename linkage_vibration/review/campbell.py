@@ -1,0 +1,62 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Describes the Campbell plot of a drive: orders over speed, with the bands of the modes."""
+
+from typing import Any
+
+import numpy as np
+
+from linkage_vibration.drawing import palette
+from linkage_vibration.prediction.excitation import Source
+from linkage_vibration.review.findings import excitation_of
+from linkage_vibration.review.log import Log
+from linkage_vibration.review.moments import Moment
+
+_NAMES = {Source.ENGINE: "engine", Source.PTO: "PTO", Source.GROUND: "ground"}
+
+
+def campbell(log: Log, found: list[Moment]) -> list[dict[str, Any]]:
+    """Return a plot for each source of excitations whose speed is known.
+
+    Parameters
+    ----------
+    log : Log
+    found : list of Moment
+        Its moments of resonance, which are drawn as dots.
+
+    Returns
+    -------
+    list of dict
+        ``title``; ``unit`` of the speed; ``speeds``, the lowest and the highest; ``orders``, names
+        with Hz per unit of speed; ``bands``, colours with the lowest and the highest frequency of
+        each mode in the drive; ``dots``, speed and Hz of each moment.
+    """
+    bands = []
+    for values, colour in zip(
+        log.natural_frequencies.T, palette.mode_colours(log.n_modes), strict=True
+    ):
+        known = values[np.isfinite(values)]
+        ends = [float(known.min()), float(known.max())] if len(known) else None
+        bands.append({"colour": colour, "ends": ends})
+    plots = []
+    for source, (_, speeds) in log.speeds.items():
+        own = [one for one in log.excitations if one.source is source]
+        turning = speeds[np.isfinite(speeds) & (speeds > 0.0)]
+        if not own or not len(turning):
+            continue
+        met = [(excitation_of(log, m.excitation), m.excitation_frequency) for m in found]
+        plots.append(
+            {
+                "title": f"Campbell plot of the drive: orders of {_NAMES[source]}",
+                "unit": f"{_NAMES[source]} speed [{source.unit}]",
+                "speeds": [float(turning.min()), float(turning.max())],
+                "orders": [[one.name, one.ratio] for one in own],
+                "bands": bands,
+                "dots": [
+                    [frequency / one.ratio, frequency]
+                    for one, frequency in met
+                    if one is not None and one.source is source
+                ],
+            }
+        )
+    return plots

@@ -1,0 +1,135 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Sums up logs, one line for each drive, as a page or as values for a dashboard."""
+
+import html
+import math
+from collections.abc import Sequence
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from linkage_vibration.prediction.predictor import Status
+from linkage_vibration.prediction.resonance import ResonanceState
+from linkage_vibration.review.findings import first_sentence, meetings, real_times
+from linkage_vibration.review.html import page_file
+from linkage_vibration.review.log import Log, ReviewError, durations, gaps
+from linkage_vibration.review.moments import moments
+
+_NO_BAG = "metadata.yaml"  # a folder with this file is one bag
+
+
+def logs_of(paths: Sequence[Path]) -> list[Path]:
+    """Return the logs among files and folders; a folder that is no bag stands for its MCAP files.
+
+    Raises
+    ------
+    ReviewError
+        If a folder holds no MCAP file.
+    """
+    found: list[Path] = []
+    for path in paths:
+        if not path.is_dir() or (path / _NO_BAG).exists():
+            found.append(path)
+            continue
+        inside = sorted(path.glob("*.mcap"))
+        if not inside:
+            raise ReviewError(f"{path} holds no .mcap file; give logs, or a folder of logs.")
+        found += inside
+    return found
+
+
+def drive_summary(log: Log) -> dict[str, Any]:
+    """Return a drive as values that JSON holds; what is not known is None.
+
+    Returns
+    -------
+    dict
+        ``log``; ``start``, UTC; ``duration_s``; ``predictions``; ``not_ok``, predictions without
+        the status OK; ``gaps``; ``clock_jumps``; ``in_resonance_s``, the time of warnings about
+        each mode, or None; ``worst``, its time, angle, excitation, mode, duration and
+        amplification, or None; ``sentence``; ``model``, the ids of table and model.
+    """
+    found = meetings(log, moments(log))
+    near = None
+    if log.resonances is not None and (log.resonances.state != ResonanceState.STALE).any():
+        warning, held = log.resonances.state == ResonanceState.WARNING, durations(log)
+        modes = range(log.n_modes)
+        near = [float(held[warning & (log.resonances.mode == mode)].sum()) for mode in modes]
+    worst = None
+    if found:
+        first = found[0]
+        worst = {
+            "time_s": float(real_times(log)[first.strongest]),
+            "crank_angle_deg": math.degrees(log.crank_angle[first.strongest]),
+            "excitation": first.excitation,
+            "mode": first.mode + 1,
+            "duration_s": first.worst.end - first.worst.start,
+            "amplification": first.amplification,
+            "amplification_stddev": _known(first.amplification_stddev),
+            "avoid": first.avoid,
+        }
+    start = datetime.fromtimestamp(int(log.stamps[0]) / 1e9, timezone.utc)
+    return {
+        "log": str(log.path),
+        "start": start.isoformat(timespec="milliseconds"),
+        "duration_s": float(log.times[-1]),
+        "predictions": len(log.stamps),
+        "not_ok": int((log.status != Status.OK).sum()),
+        "gaps": len(gaps(log)),
+        "clock_jumps": len(log.passes),
+        "in_resonance_s": near,
+        "worst": worst,
+        "sentence": first_sentence(log, found),
+        "model": {
+            "table_id": log.table_id,
+            "mechanism": log.table.mechanism_name if log.table else None,
+            "model_hash": log.table.model_hash if log.table else None,
+        },
+    }
+
+
+def overview_html(drives: Sequence[tuple[dict[str, Any], str]], failures: Sequence[str]) -> str:
+    """Return a page with one row for each drive.
+
+    Parameters
+    ----------
+    drives : sequence of (dict, str)
+        As `drive_summary` returns them, each with the relative address of its page.
+    failures : sequence of str
+        A sentence for each log that could not be read.
+    """
+    n_modes = max((len(drive["in_resonance_s"] or ()) for drive, _ in drives), default=0)
+    modes = [f"near mode {mode + 1} [s]" for mode in range(n_modes)]
+    head = ["drive", "start, UTC", "duration [s]", *modes, "worst moment", "model"]
+    rows = "".join(f"<tr>{_cells(drive, page, n_modes)}</tr>\n" for drive, page in drives)
+    columns = "".join(f'<th scope="col">{text}</th>' for text in head)
+    notes = "".join(f'<p class="failure">{html.escape(text)}</p>\n' for text in failures)
+    return (
+        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
+        f'<link rel="icon" href="data:,">\n<title>Drives</title>\n<style>{page_file("page.css")}'
+        "main.drives { display: block; } .drives td { border-top: 1px solid var(--line); }\n"
+        "</style>\n</head>\n<body>\n<header>\n<h1>Drives</h1>\n"
+        "<p>Each row is a drive. Choose its name to see its page.</p>\n</header>\n"
+        f'<main class="drives">\n{notes}<div class="scroll" tabindex="0" aria-label="Drives">'
+        f"<table><thead><tr>{columns}</tr></thead><tbody>\n{rows}</tbody></table></div>\n"
+        "</main>\n</body>\n</html>\n"
+    )
+
+
+def _cells(drive: dict[str, Any], page: str, n_modes: int) -> str:
+    near = drive["in_resonance_s"]
+    shown = ["not known"] * n_modes if near is None else [f"{value:.2f}" for value in near]
+    shown += [""] * (n_modes - len(shown))
+    model = drive["model"]["mechanism"] or "not in the log"
+    texts = [drive["start"][:19].replace("T", " "), f"{drive['duration_s']:.1f}", *shown]
+    texts += [drive["sentence"], f"{model}, table {drive['model']['table_id']}"]
+    link = f'<a href="{html.escape(page)}">{html.escape(Path(drive["log"]).name)}</a>'
+    return f"<td>{link}</td>" + "".join(f"<td>{html.escape(text)}</td>" for text in texts)
+
+
+def _known(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None

@@ -1,0 +1,280 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""The page begins with the answer, and its numbers are those of the log."""
+
+import json
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from linkage_vibration.cli.main import main
+from linkage_vibration.prediction.resonance import ResonanceState
+from linkage_vibration.review import findings
+from linkage_vibration.review.findings import amplification, first_sentence, meetings
+from linkage_vibration.review.log import Log, problems, read_log
+from linkage_vibration.review.moments import angle_shares, moments
+from linkage_vibration.review.review_page import review_page
+from linkage_vibration.review.time_axis import time_axis
+from test.support.drive import hitch_duty_cycle
+
+GAP, BACK = 900.0, 10.0  # s
+
+
+@pytest.fixture(scope="module")
+def log(drive: Path) -> Log:
+    """Return the log of the drive."""
+    return read_log(drive)
+
+
+@pytest.fixture(scope="module")
+def jumping(write_log: Any, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a log with a gap of 15 min after 8 s, whose clock then begins again."""
+    times, alpha3 = hitch_duty_cycle()
+    late = np.where(times > 8.0, times + GAP, times)
+    again = times < BACK
+    path = tmp_path_factory.mktemp("jumping") / "jumping.mcap"
+    stamps = np.concatenate([late, times[again]])
+    return Path(write_log(path, stamps, np.concatenate([alpha3, alpha3[again] + 0.02])))
+
+
+def test_amplification_is_that_of_a_mode(log: Log) -> None:
+    """The strongest moment of each pair is found by a plain loop over all predictions."""
+    met, found = meetings(log, moments(log)), log.resonances
+    assert found is not None
+    assert [one.amplification for one in met] == sorted(
+        (m.amplification for m in met), reverse=True
+    )
+    for one in met:
+        here = (found.state == ResonanceState.WARNING) & (found.excitation == one.excitation)
+        here &= found.mode == one.mode
+        values = []
+        for i in np.flatnonzero(here):
+            r = found.excitation_frequency[i] / found.natural_frequency[i]
+            zeta = log.damping_ratios[i, one.mode]
+            values.append(1.0 / math.sqrt((1.0 - r**2) ** 2 + (2.0 * zeta * r) ** 2))
+        assert one.amplification >= 0.999 * max(values)
+        assert one.amplification <= 1.0001 / (2.0 * np.nanmin(log.damping_ratios[:, one.mode]))
+        assert math.isnan(one.amplification_stddev)  # that of the damping ratio is not known
+        assert one.count == sum(
+            m.excitation == one.excitation and m.mode == one.mode for m in moments(log)
+        )
+
+
+def test_standard_deviation_by_an_independent_sample(log: Log) -> None:
+    """Where both deviations are known, that of the amplification is the one of a random sample."""
+    known = replace(log, damping_ratio_stddev=0.1 * log.damping_ratios)
+    one = meetings(known, moments(known))[0]
+    assert log.resonances is not None
+    random, n, i = np.random.default_rng(3), 200_000, one.strongest
+    frequency = random.normal(
+        log.natural_frequencies[i, one.mode], log.frequency_stddev[i, one.mode], n
+    )
+    zeta = random.normal(log.damping_ratios[i, one.mode], 0.1 * log.damping_ratios[i, one.mode], n)
+    r = log.resonances.excitation_frequency[i] / frequency
+    sample = 1.0 / np.sqrt((1.0 - r**2) ** 2 + (2.0 * zeta * r) ** 2)
+    assert one.amplification_stddev == pytest.approx(sample.std(), rel=0.05)
+    assert "standard deviation not known" not in findings.in_words(one)
+
+
+def test_first_sentence(log: Log) -> None:
+    """The sentence names the moment, the order, the mode, the strength, and what to avoid."""
+    met = meetings(log, moments(log))
+    text, worst = first_sentence(log, met), met[0]
+    for part in (
+        f"{log.times[worst.strongest]:.2f} s",
+        f"{worst.excitation} met mode {worst.mode + 1} for ",
+        f"{worst.amplification:.3g} times (standard deviation not known)",
+        " rpm between ",
+    ):
+        assert part in text
+    none = replace(log, resonances=None)
+    assert first_sentence(none, []).startswith("Whether the drive met a resonance is not known")
+    assert log.resonances is not None
+    state = np.zeros_like(log.resonances.state)
+    clear = replace(log, resonances=replace(log.resonances, state=state))
+    assert "No excitation came near a natural frequency; the nearest was" in first_sentence(
+        clear, []
+    )
+
+
+def test_what_to_avoid_holds(log: Log) -> None:
+    """At the avoided speeds and angles of the worst moment, its excitation is near its mode."""
+    worst = meetings(log, moments(log))[0]
+    words = worst.avoid.split()
+    low, high, unit, first, last = words[1], words[3], words[4], words[6], words[8]
+    assert unit == "rpm"
+    assert float(first) <= np.rad2deg(log.crank_angle[worst.strongest]) <= float(last)
+    [one] = [e for e in log.excitations if e.name == worst.excitation]
+    assert log.resonances is not None
+    speed = log.resonances.excitation_frequency[worst.strongest] / one.ratio
+    assert float(low) <= speed <= float(high)
+    assert float(high) / float(low) < 1.35  # 10 % on each side
+
+
+def test_only_invalid_angles(write_log: Any, tmp_path: Path) -> None:
+    """Warnings are not known if no angle was valid."""
+    times = np.arange(50) / 100.0
+    path = write_log(tmp_path / "nan.mcap", times, np.full(50, np.nan))
+    log = read_log(path)
+    assert "is not known, as no crank angle was valid" in first_sentence(log, [])
+    cards = {card["label"]: card["value"] for card in review_page(log).content["summary"]}
+    assert cards["Resonance warnings"] == "not known"
+
+
+def test_jump_of_the_clock(jumping: Path) -> None:
+    """Both passes are kept apart, in the order in which they were written."""
+    log = read_log(jumping)
+    assert log.passes.tolist() == [2000]
+    assert (np.diff(log.times) > 0.0).all()
+    assert (np.diff(log.stamps)[[1999]] < 0).all()
+    np.testing.assert_array_equal(log.stamps[:1000][:800], log.stamps[2000:2800])
+    np.testing.assert_allclose(log.crank_angle[2000:2800] - log.crank_angle[:800], 0.02)
+    found = log.resonances
+    assert found is not None
+    assert (found.natural_frequency[2000:2100] != found.natural_frequency[:100]).all()
+    assert "The clock jumped back 1 times." in problems(log)
+
+
+def test_long_gap_is_short_on_the_axis(jumping: Path) -> None:
+    """A gap of 15 min takes 3 % of the recorded time, and real times come from the knots."""
+    log = read_log(jumping)
+    axis = time_axis(log)
+    shown = axis.place(log.times)
+    assert (np.diff(shown) > 0.0).all()
+    assert shown[-1] < 35.0
+    back = np.interp(shown, axis.shown, axis.real)
+    np.testing.assert_allclose(back, (log.stamps - log.stamps[0]) / 1e9, atol=1e-6)
+    whole = read_log(jumping)
+    assert len(axis.shortened) == 1
+    assert axis.shortened[0][1] - axis.shortened[0][0] == pytest.approx(GAP, abs=0.1)
+    assert whole.path == jumping
+
+
+def test_crank_that_turns_around(log: Log) -> None:
+    """The share of time over the angle counts all turns."""
+    assert log.table is not None
+    turning = replace(log.table, alpha3=np.linspace(0.0, 2.0 * np.pi, len(log.table.alpha3)))
+    known = np.isfinite(log.crank_angle)
+    turned = np.where(known, log.crank_angle + 6.0 * np.pi, np.nan)
+    around = replace(log, table=turning, crank_angle=turned)
+    np.testing.assert_allclose(around.table_angle[known], log.crank_angle[known], atol=1e-9)
+    one, other = angle_shares(around), angle_shares(replace(log, table=turning))
+    np.testing.assert_allclose(one[1], other[1], atol=1e-3)
+    assert one[1].sum() > 0.9
+
+
+def test_amplification_without_resonances(log: Log) -> None:
+    """It is zero where nothing is known."""
+    assert not amplification(replace(log, resonances=None), []).any()
+
+
+@pytest.fixture(scope="module")
+def overview(drive: Path, jumping: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder of two logs and a damaged one, with their overview and pages."""
+    folder = tmp_path_factory.mktemp("logs")
+    for path in (drive, jumping):
+        (folder / path.name).write_bytes(path.read_bytes())
+    (folder / "cut.mcap").write_bytes(drive.read_bytes()[:1000])
+    assert main(["review", str(folder), "-o", str(folder / "all.html")]) == 0
+    return folder
+
+
+def test_overview(overview: Path, capsys: Any) -> None:
+    """The overview has a row for each drive with a link to its page, and names a damaged log."""
+    text = (overview / "all.html").read_text()
+    for name in ("drive", "jumping"):
+        assert f'<a href="{name}.html">{name}.mcap</a>' in text
+        assert (overview / f"{name}.html").exists()
+    assert "cut.mcap is damaged" in text
+    assert main(["review", str(overview), "--csv", str(overview / "a.csv")]) == 1
+    assert "take one log" in capsys.readouterr().err
+
+
+def test_summary_is_json(drive: Path, jumping: Path, capsys: Any, log: Log) -> None:
+    """The same as JSON, with null for what is not known."""
+    assert main(["summary", str(drive), str(jumping)]) == 0
+    first, second = json.loads(capsys.readouterr().out)
+    assert first["sentence"] == first_sentence(log, meetings(log, moments(log)))
+    assert first["worst"]["amplification_stddev"] is None
+    assert first["predictions"] == len(log.stamps)
+    assert sum(first["in_resonance_s"]) > sum(m.end - m.start for m in moments(log))
+    assert (second["clock_jumps"], second["gaps"]) == (1, 1)
+
+
+@pytest.fixture
+def page(browser: Any, overview: Path) -> Iterator[Any]:
+    """Return the browser with the page of the jumping log."""
+    browser.problems.clear()
+    browser.resize(1280, 900)
+    browser.open(overview / "jumping.html")
+    yield browser
+    assert browser.problems == []
+
+
+def test_page_begins_with_the_answer(page: Any, jumping: Path) -> None:
+    """The sentence and the pairs come first, and the cursor is at the worst moment."""
+    log = read_log(jumping)
+    met = meetings(log, moments(log))
+    assert page.text("#answer") == first_sentence(log, met)
+    rows = page.evaluate("[...document.querySelectorAll('#table-meetings tbody tr')].length")
+    assert rows == min(6, len(met))
+    assert page.evaluate("review.cursor") == met[0].strongest
+    assert page.evaluate("review.mode") == met[0].mode
+    assert page.evaluate("document.querySelector('#table-moments').open") is False
+    assert "1 times" in page.text("#summary")
+
+
+def test_ticks_are_round_and_real(page: Any) -> None:
+    """Labels of the time axis are round times since the first stamp on both sides of a gap."""
+    labels = page.evaluate("review.ticks('margin')")
+    assert labels[:2] == ["0:00", "0:05"]
+    assert "15:10" in labels
+    assert labels[-1] == "0:05"
+
+
+def test_canvases_have_names_and_numbers(page: Any) -> None:
+    """Each canvas of a chart has a name, and a table of its numbers opens."""
+    unnamed = page.evaluate(
+        "[...document.querySelectorAll('canvas:not([aria-hidden])')]"
+        ".filter(c => !c.getAttribute('aria-label')).length"
+    )
+    assert unnamed == 0
+    page.evaluate("document.querySelectorAll('.numbers').forEach(e => { e.open = true; })")
+    page.settle()
+    tables = page.evaluate(
+        "[...document.querySelectorAll('.chart-row')]"
+        ".map(e => e.querySelectorAll('.numbers tbody td').length)"
+    )
+    assert len(tables) == 7
+    assert min(tables) >= 25
+
+
+def test_next_goes_forward_from_the_cursor(page: Any, jumping: Path) -> None:
+    """Next and Previous go to the moments beside the cursor, and rows can be sorted."""
+    found = moments(read_log(jumping))
+    page.click(page.place("#chart-peak .u-over", 0.01))
+    page.key("n", "n")
+    assert page.evaluate("review.cursor") == found[0].nearest
+    page.key("n", "n")
+    assert page.evaluate("review.cursor") == found[1].nearest
+    page.key("p", "p")
+    assert page.evaluate("review.cursor") == found[0].nearest
+    page.evaluate("document.querySelector('#table-moments').open = true")
+    head = "#table-moments th:nth-child(6) button"
+    page.evaluate(f"document.querySelector('{head}').click()")
+    cells = "[...document.querySelectorAll('#table-moments tbody td:nth-child(6)')]"
+    shown = list(map(float, page.evaluate(f"{cells}.map(e => e.textContent)")))
+    assert shown == sorted(shown)
+
+
+def test_campbell_plot(page: Any, jumping: Path) -> None:
+    """Each source has a plot with its orders and the bands of the modes below them."""
+    log = read_log(jumping)
+    titles = page.evaluate("[...document.querySelectorAll('#campbell svg')].map(e => e.ariaLabel)")
+    assert len(titles) == len({one.source for one in log.excitations} & set(log.speeds)) == 2
+    assert all("orders and 3 modes" in title for title in titles)
