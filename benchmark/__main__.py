@@ -23,6 +23,7 @@ STEPS = (
     "measured_faults",
     "properties",
     "campbell",
+    "tutorial",
     "latency",
     "rebuild",
     "signals",

@@ -80,7 +80,14 @@ def amplification(log: Log, found: list[Moment]) -> FloatArray:
 
 
 def first_sentence(log: Log, found: list[Meeting]) -> str:
-    """Return one sentence about the worst moment, and one about what to avoid."""
+    """Return in words when and how strongly a drive met its worst resonance, and what to avoid.
+
+    Parameters
+    ----------
+    log : Log
+    found : list of Meeting
+        What met, the most severe first.
+    """
     if log.resonances is None:
         return (
             "Whether the drive met a resonance is not known, as the log holds no speed of engine, "
@@ -105,7 +112,8 @@ def first_sentence(log: Log, found: list[Meeting]) -> str:
     return (
         f"The worst moment was at {real_times(log)[worst.strongest]:.2f} s and {angle:.1f} deg: "
         f"{worst.excitation} met mode {worst.mode + 1} for "
-        f"{worst.worst.end - worst.worst.start:.2f} s and was amplified {in_words(worst)}. "
+        f"{worst.worst.end - worst.worst.start:.2f} s. If this lasts, the response is "
+        f"{in_words(worst)} the static one. "
         f"Avoid {worst.avoid}."
     )
 
@@ -175,5 +183,11 @@ def _avoid(log: Log, moment: Moment) -> str:
 
 
 def excitation_of(log: Log, name: str) -> Excitation | None:
-    """Return the excitation of this name, if the log describes it."""
+    """Return an excitation, if the log describes it.
+
+    Parameters
+    ----------
+    log, name : Log, str
+        The log, and the name of the excitation.
+    """
     return next((one for one in log.excitations if one.name == name), None)

@@ -162,6 +162,7 @@ def test_keys(page: Any, log: Log) -> None:
 
 def test_modes_by_keyboard_alone(page: Any) -> None:
     """The modes are one stop of the Tab key, and arrow keys choose among them."""
+    page.key("1", "1")
     page.evaluate("document.querySelector('#mode-1').focus()")
     page.key("ArrowRight")
     assert page.evaluate("document.activeElement.id") == "mode-2"
