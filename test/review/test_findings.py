@@ -229,6 +229,18 @@ def test_page_begins_with_the_answer(page: Any, jumping: Path) -> None:
     assert "1 times" in page.text("#summary")
 
 
+def test_cursor_of_a_chart_that_comes_into_sight(page: Any) -> None:
+    """The cursor is at its time also in a chart that was out of sight when the view changed."""
+    page.resize(1280, 400)
+    page.evaluate("document.querySelector('#table-meetings tbody tr').click()")
+    page.settle()
+    page.evaluate("document.querySelector('#chart-margin').scrollIntoView()")
+    page.evaluate("new Promise(done => setTimeout(done, 200))")
+    lines = "[...document.querySelectorAll('.chart .cursor')].map(e => parseFloat(e.style.left))"
+    places = page.evaluate(lines)
+    assert max(places) - min(places) < 1.0
+
+
 def test_ticks_are_round_and_real(page: Any) -> None:
     """Labels of the time axis are round times since the first stamp on both sides of a gap."""
     labels = page.evaluate("review.ticks('margin')")

@@ -5,7 +5,10 @@
 const watcher = new IntersectionObserver(entries => entries.forEach(entry => {
   const chart = charts.find(one => one.row === entry.target);
   chart.near = entry.isIntersecting;
-  if (chart.near && chart.stale) chart.update();
+  if (chart.near && chart.stale) {
+    chart.update();
+    showCursorSoon();  // its place follows the scale, which is new in the next frame
+  }
 }), { rootMargin: "150px" });
 charts.forEach(chart => watcher.observe(chart.row));
 
