@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.description import GROUND, Body, Mechanism, Point
+from linkage_vibration.mechanics.ground_motion import soil_places, transmissibility
 from linkage_vibration.mechanics.keys import Keys
 from linkage_vibration.mechanics.model import LinkageModel, Place
 from linkage_vibration.mechanics.modes import MECHANISM
@@ -160,7 +161,11 @@ def answer_frf(
             f"{given} has places but {empty} is empty; give both, or neither for the drive point."
         )
     known = _moving_places(served.mechanism) if exact else table.places
-    places = _places("outputs", outputs, known, exact), _places("inputs", inputs, known, exact)
+    soil = [p for p in soil_places(served.mechanism) if p not in known] if exact else []
+    places = (
+        _places("outputs", outputs, known, exact),
+        _places("inputs", inputs, (*known, *soil), exact),
+    )
     if not outputs:
         drive = served.mechanism.response
         places = ((drive.point, drive.direction),), ((drive.point, drive.direction),)
@@ -178,7 +183,19 @@ def answer_frf(
         angle = served.predictor.angle_in_table(alpha3)
         frf = table.frf(alpha3 if angle is None else angle, *places).frf(frequencies)
     elif served.model.measured_frequencies is None:
-        frf = served.model.solve(alpha3).frf(*places).frf(frequencies)
+        solution = served.model.solve(alpha3)
+        columns = [
+            transmissibility(solution, places[0], into)
+            if into in soil
+            else solution.frf(places[0], [into])
+            for into in places[1]
+        ]
+        frf = np.concatenate([column.frf(frequencies) for column in columns], axis=2)
+    elif set(soil) & set(places[1]):
+        raise ServingError(
+            "inputs has a motion of the soil, which needs the matrices of every link, but one is "
+            "known by its FRFs alone; give points instead."
+        )
     else:
         frf = served.model.coupled_frf(alpha3, frequencies, *places)
     return FrfAnswer(*places, frequencies, frf)

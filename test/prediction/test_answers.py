@@ -57,6 +57,24 @@ def test_table_and_model_agree(served: Served, alpha3: float) -> None:
     assert apart.max() < 1e-4
 
 
+def test_motion_of_the_base_is_an_input(mechanism_file: Path) -> None:
+    """The soil moves under all mounts or one; on a fixed ground, that ground moves."""
+    path = config_file("three_point_linkage_on_tractor.yaml")
+    tractor = read_mechanism(path)
+    table = load_table(config_file("tables/three_point_linkage_on_tractor.npz"), tractor)
+    served = Served(Predictor(table), tractor, path.read_text())
+    line, inputs = np.array([0.0]), ["base.z", "base:front_axle.z", "front_axle.z"]
+    answer = answer_frf(served, 2.0, ["rear_axle.z"], inputs, line, exact=True)
+    np.testing.assert_allclose(answer.frf[0, 0, :2], [1.0, 0.0], atol=1e-6)
+    assert answer.frf[0, 0, 2].real == pytest.approx(0.0, abs=1e-9)
+    mechanism = read_mechanism()
+    clamped = Served(Predictor(load_table()), mechanism, mechanism_file.read_text())
+    answer = answer_frf(clamped, 2.0, ["E1.z"], ["base.z"], line, exact=True)
+    assert answer.frf[0, 0, 0] == pytest.approx(1.0)
+    with pytest.raises(ServingError, match=r"base\.z"):
+        answer_frf(clamped, 2.0, ["E1.z"], ["base.z"], line, exact=False)
+
+
 def test_shapes_make_the_frf(served: Served) -> None:
     """At a resonance, the receptance of the drive point is about shape^2 / (2 i zeta omega^2)."""
     modes = answer_mode_shapes(served, 2.3)

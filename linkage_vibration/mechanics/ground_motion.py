@@ -1,0 +1,122 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Transmissibility: how the linkage follows a motion of the soil under its base.
+
+The result is dimensionless: the displacement of a point per displacement of the soil, which is
+also its acceleration per acceleration. With a base, the soil moves under all mounts together or
+under one, and acts through their stiffness and damping. Without a base, the ground to which the
+linkage is pinned moves as a whole; Rayleigh's term in the mass then damps the relative motion.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray
+from linkage_vibration.mechanics.base import mount_springs
+from linkage_vibration.mechanics.components import CENTRE_OF_GRAVITY, Component
+from linkage_vibration.mechanics.description import Mechanism
+from linkage_vibration.mechanics.kinematics import rotation
+from linkage_vibration.mechanics.model import ModelError, Place, Solution
+from linkage_vibration.mechanics.response import PoleResidue, pole_residue
+
+MOTION = "base"
+"""The name of a motion of all the soil."""
+
+
+def soil_places(mechanism: Mechanism) -> tuple[Place, ...]:
+    """Return the inputs that move the soil: ("base", "z"), ("base:rear_axle", "z") and so on.
+
+    The first of them moves all of it, the second moves it under one mount of the base.
+    """
+    mounts = () if mechanism.base is None else mechanism.base.mounts
+    names = [MOTION, *(f"{MOTION}:{mount.name}" for mount in mounts)]
+    return tuple((name, direction) for name in names for direction in ("x", "z"))
+
+
+def transmissibility(solution: Solution, outputs: Sequence[Place], soil: Place) -> PoleResidue:
+    """Return the displacement of points per displacement of the soil, (n_out, 1).
+
+    Parameters
+    ----------
+    solution, outputs
+        The assembly in one configuration; points and directions along the global axes.
+    soil : (name, direction)
+        One of the `soil_places`.
+
+    Raises
+    ------
+    ModelError
+        If the soil has no such place.
+    """
+    mechanism = solution.model.mechanism
+    if soil not in soil_places(mechanism):
+        known = ", ".join(".".join(place) for place in soil_places(mechanism))
+        raise ModelError(f"The soil has no motion {'.'.join(soil)}; name one of: {known}.")
+    out = solution.participation(outputs)
+    if mechanism.base is None:
+        return _with_the_ground(solution, out, outputs, soil[1])
+    springs, axis = mount_springs(mechanism.base), "xz".index(soil[1])
+    first = len(solution.joining.stiffness) - len(springs)
+    which = [
+        first + i
+        for i, (mount, along) in enumerate(springs)
+        if along == axis and soil[0] in (MOTION, f"{MOTION}:{mount.name}")
+    ]
+    joining, modes = solution.joining, solution.modes.shapes
+    into = joining.elongation[which] @ modes[: joining.elongation.shape[1]]
+    parts = pole_residue(solution.damped, out, into)
+    # (a + s b) (k + s c) with s^2 = D - kappa - s gamma, where D is the denominator of a term.
+    k, c = joining.stiffness[which], joining.damping[which]
+    a, b, kappa, gamma = parts.residues, parts.rates, parts.stiffness, parts.decay
+
+    def summed(values: ComplexArray, weights: FloatArray) -> ComplexArray:
+        return np.asarray((values * weights[:, np.newaxis]).sum(axis=1, keepdims=True))
+
+    squared = summed(b, c)
+    return replace(
+        parts,
+        residues=summed(a, k) - squared * kappa,
+        rates=summed(a, c) + summed(b, k) - squared * gamma,
+        residual=squared.sum(axis=2),
+    )
+
+
+def _with_the_ground(
+    solution: Solution, out: FloatArray, outputs: Sequence[Place], direction: str
+) -> PoleResidue:
+    """Return the transmissibility of a ground that moves as a whole.
+
+    The inertia force -s^2 M 1 moves the linkage relative to the ground, whose motion is added.
+    """
+    model = solution.model
+    moved = np.zeros(len(model.system.mass))
+    along = np.array([1.0, 0.0] if direction == "x" else [0.0, 1.0])
+    for component in model.components:
+        assert isinstance(component, Component)  # else it could not be solved
+        moved[model.system.rows[component.name]] = _translated(solution, component, along)
+    into = (moved @ model.system.mass @ solution.modes.shapes)[np.newaxis]
+    parts = pole_residue(solution.damped, out, into)
+    a, b, kappa, gamma = parts.residues, parts.rates, parts.stiffness, parts.decay
+    own = np.array([[float(place[1] == direction)] for place in outputs])
+    # -s^2 (a + s b) with s^2 = D - kappa - s gamma; the rates b of all modes add up to zero.
+    return replace(
+        parts,
+        residues=(a - b * gamma) * kappa,
+        rates=(a - b * gamma) * gamma + b * kappa,
+        residual=own - (a - b * gamma).sum(axis=2),
+    )
+
+
+def _translated(solution: Solution, component: Component, along: FloatArray) -> FloatArray:
+    """Return the coordinates of a component that moves by 1 m along a global direction."""
+    rigid = any(dof.point == CENTRE_OF_GRAVITY for dof in component.dofs)
+    turn = np.eye(2) if rigid else rotation(solution.configuration.angle(component.name))
+    local = dict(zip(("x", "z"), along @ turn, strict=True))
+    ends = np.array([local.get(dof.direction, 0.0) for dof in component.dofs])
+    n = len(ends)
+    inner, cross = component.stiffness[n:, n:], component.stiffness[n:, :n]
+    if n == len(component.stiffness):
+        return ends
+    return np.concatenate([ends, -np.linalg.solve(inner, cross @ ends)])

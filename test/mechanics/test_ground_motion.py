@@ -1,0 +1,90 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""The response to motions of the soil."""
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from linkage_vibration.mechanics.ground_motion import soil_places, transmissibility
+from linkage_vibration.mechanics.model import LinkageModel, ModelError
+from linkage_vibration.mechanics.parsing import mechanism_from_mapping
+from linkage_vibration.readers.mechanism import read_mechanism
+from linkage_vibration.support.resources import config_file
+from test.mechanics.test_base import TRACTOR
+
+OUTPUTS = [("E1", "x"), ("E1", "z"), ("E2", "x")]
+LINES = np.array([0.0, 1.0, 2.8, 5.3, 20.0, 80.0])
+
+
+def described(**changes: Any) -> Any:
+    """Return the shipped linkage with other keys."""
+    mapping = yaml.safe_load(config_file("three_point_linkage.yaml").read_text())
+    return {**mapping, **changes}
+
+
+@pytest.mark.parametrize("mount", ["", "rear_axle"])
+@pytest.mark.parametrize("direction", ["x", "z"])
+def test_soil_under_mounts_equals_a_direct_solution(mount: str, direction: str) -> None:
+    """(K + s C + s^2 M) q = G^T (k + s c) at each line, without modes."""
+    model = LinkageModel(read_mechanism(config_file("three_point_linkage_on_tractor.yaml")))
+    solution = model.solve(2.0)
+    coupled, joining = solution.coupled, solution.joining
+    rows = [-4, -2] if direction == "x" else [-3, -1]  # rear along x, z, then front along x, z
+    rows = rows[:1] if mount else rows
+    left = coupled.restrict(model.rows(OUTPUTS, solution.configuration))
+    into = coupled.restrict(joining.elongation[rows])
+    expected = []
+    for s in 2j * math.pi * LINES:
+        matrix = coupled.stiffness + s * coupled.damping + s**2 * coupled.mass
+        force = into.T @ (joining.stiffness[rows] + s * joining.damping[rows])
+        expected.append(left @ np.linalg.solve(matrix, force))
+    soil = f"base:{mount}" if mount else "base", direction
+    found = transmissibility(solution, OUTPUTS, soil).frf(LINES)[:, :, 0]
+    np.testing.assert_allclose(found, np.array(expected), rtol=1e-6, atol=1e-8)
+
+
+@pytest.mark.parametrize("base", [None, TRACTOR])
+@pytest.mark.parametrize("direction", ["x", "z"])
+def test_slow_soil_carries_everything(base: Any, direction: str) -> None:
+    """At 0 Hz every point follows the soil, in its direction only."""
+    model = LinkageModel(mechanism_from_mapping(described(**({"base": base} if base else {}))))
+    found = transmissibility(model.solve(2.0), OUTPUTS, ("base", direction))
+    expected = [float(place[1] == direction) for place in OUTPUTS]
+    np.testing.assert_allclose(found.frf(np.array([0.0]))[0, :, 0], expected, atol=1e-7)
+
+
+@pytest.mark.parametrize("reduced", [True, False])
+@pytest.mark.parametrize("direction", ["x", "z"])
+def test_base_on_rigid_mounts_moves_as_a_ground_that_moves(direction: str, reduced: bool) -> None:
+    """The two ways to excite the linkage meet there, with damping that rigid motion lacks."""
+    damping = {"rule": "modal_ratio", "ratio": 0.02}
+    hard = {"at": [0.6, -0.05], "stiffness": [1e13, 1e13]}
+    base = {**TRACTOR, "mounts": {"one": hard, "two": {**hard, "at": [3.1, -0.05]}}}
+    found = []
+    for keys in ({}, {"base": base}):
+        mechanism = mechanism_from_mapping(described(damping=damping, **keys))
+        solution = LinkageModel(mechanism, reduced=reduced).solve(2.0)
+        found.append(transmissibility(solution, OUTPUTS, ("base", direction)).frf(LINES[1:]))
+    np.testing.assert_allclose(found[1], found[0], atol=1e-4 * np.abs(found[0]).max())
+
+
+def test_axles_together_are_the_sum_of_each() -> None:
+    """The response is linear in the motion under each mount."""
+    solution = LinkageModel(mechanism_from_mapping(described(base=TRACTOR))).solve(2.4)
+    names = "base", "base:rear_axle", "base:front_axle"
+    every, rear, front = (
+        transmissibility(solution, OUTPUTS, (name, "z")).frf(LINES) for name in names
+    )
+    np.testing.assert_allclose(every, rear + front, rtol=1e-9, atol=1e-12)
+
+
+def test_unknown_motion_is_refused() -> None:
+    """The error names the motions that exist."""
+    solution = LinkageModel(mechanism_from_mapping(described(base=TRACTOR))).solve(2.0)
+    assert len(soil_places(solution.model.mechanism)) == 6
+    with pytest.raises(ModelError, match=r"base:rear_axle\.z"):
+        transmissibility(solution, OUTPUTS, ("base:axle", "z"))
