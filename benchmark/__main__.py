@@ -16,6 +16,7 @@ STEPS = (
     "bounds",
     "stability",
     "noise",
+    "uncertainty",
     "speed",
     "speed.paper_job",
     "sweep",

@@ -51,7 +51,7 @@ ROS = {
 }
 # The mechanics take numbers and give numbers, so they need no more of the standard library.
 PURE = {"__future__", "collections", "dataclasses", "difflib", "enum", "functools", "hashlib"}
-PURE |= {"itertools", "json", "math", "numpy", "scipy", "typing"}
+PURE |= {"copy", "itertools", "json", "math", "numpy", "scipy", "typing"}
 
 
 def imports(path: Path) -> set[str]:

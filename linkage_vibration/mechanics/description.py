@@ -316,6 +316,26 @@ class Response:
     mode_names: tuple[str, ...] = field(default=(), metadata=_LATER)
 
 
+@dataclass(frozen=True, slots=True)
+class UncertainNumber:
+    """A number of the description with its standard deviation."""
+
+    path: str  # its paths, as `paths.split_paths` takes them
+    value: float  # as in the description
+    deviation: float  # its standard deviation, in the same unit
+    step: float  # by which the number differs in `sides`
+    # The mechanism with a smaller and with a larger number.
+    sides: "tuple[Mechanism, Mechanism]" = field(compare=False, repr=False)
+
+
+@dataclass(frozen=True, slots=True)
+class Uncertainty:
+    """What is known about the errors of numbers of the description."""
+
+    numbers: tuple[UncertainNumber, ...]
+    correlation: tuple[tuple[float, ...], ...]  # (n, n), 1
+
+
 @dataclass(frozen=True)
 class Mechanism:
     """A planar linkage with one input angle, alpha3."""
@@ -332,6 +352,7 @@ class Mechanism:
     damping: Damping
     response: Response
     base: Base | None = field(default=None, metadata=_LATER)  # None: the ground does not move
+    uncertainty: Uncertainty | None = field(default=None, metadata=_LATER)
 
     @cached_property
     def bodies(self) -> tuple[Link | RigidBody, ...]:
@@ -422,8 +443,12 @@ class Mechanism:
         links = [
             link.body.component(link, self, spatial=spatial, reduced=reduced) for link in self.links
         ]
+        return (*links, *self.rigid_components())
+
+    def rigid_components(self) -> tuple[Component, ...]:
+        """Make the component of every rigid body, and of the base."""
         rigid = [body.component(self.damping) for body in self.rigid_bodies]
-        return (*links, *rigid, *([] if self.base is None else [self.base.component()]))
+        return (*rigid, *([] if self.base is None else [self.base.component()]))
 
 
 def rayleigh_damping(ratio: float, low: float, high: float) -> Rayleigh:
@@ -453,7 +478,7 @@ def _hashable(value: Any) -> Any:
     if getattr(value, "digest", ""):  # a body whose own numbers may differ in their last bits
         return ["matrices", [str(dof) for dof in value.dofs], value.digest]
     if dataclasses.is_dataclass(value):
-        given = {f.name: getattr(value, f.name) for f in dataclasses.fields(value)}
+        given = {f.name: getattr(value, f.name) for f in dataclasses.fields(value) if f.compare}
         for f in dataclasses.fields(value):
             if f.metadata == _LATER and given[f.name] == f.default:
                 del given[f.name]

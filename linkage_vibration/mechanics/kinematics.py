@@ -11,6 +11,7 @@ equations of the pins changes its sign (Allgower and Georg, Numerical Continuati
 ch. 8), and the trace ends.
 """
 
+import copy
 import math
 from dataclasses import dataclass
 
@@ -253,6 +254,12 @@ class Kinematics:
             velocity_ratios=rates[:, 2],
             toggle_distance=min(alpha3 - low, high - alpha3),
         )
+
+    def nearby(self, mechanism: Mechanism) -> "Kinematics":
+        """Return the kinematics of a mechanism whose points differ little, with these toggles."""
+        other = copy.copy(self)
+        other._pins = _pins(mechanism, self._length)
+        return other
 
     def _evenly(self, alpha3: float | FloatArray) -> FloatArray:
         """Turn alpha3 into a variable of which poses are smooth functions, up to the toggles.

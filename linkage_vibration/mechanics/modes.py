@@ -79,12 +79,16 @@ class DampedModes:
         return np.asarray(self._upper_poles[self._oscillating_terms])
 
     @property
+    def oscillating_shapes(self) -> ComplexArray:
+        """Their shapes by the undamped modes, (n_modes, n), scaled as `shapes` are."""
+        assert self.shapes is not None
+        return np.asarray(self.shapes[0][:, self._oscillating_terms])
+
+    @property
     def real_shapes(self) -> FloatArray:
         """Their shapes by the undamped modes, (n_modes, n): the real part at unit modal mass."""
-        assert self.shapes is not None
-        terms = self._oscillating_terms
-        scale = 1.0 if self.poles is None else np.sqrt(2.0 * self._upper_poles[terms])
-        return np.asarray((self.shapes[0][:, terms] * scale).real)
+        scale = 1.0 if self.poles is None else np.sqrt(2.0 * self.oscillating)
+        return np.asarray((self.oscillating_shapes * scale).real)
 
     @property
     def _upper_poles(self) -> ComplexArray:

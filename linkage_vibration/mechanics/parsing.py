@@ -4,6 +4,7 @@
 
 import itertools
 import math
+from dataclasses import replace
 from typing import Any, Literal
 
 from linkage_vibration.mechanics.base import read_mounts
@@ -26,6 +27,7 @@ from linkage_vibration.mechanics.description import (
 )
 from linkage_vibration.mechanics.keys import Keys
 from linkage_vibration.mechanics.springs import read_stiffness
+from linkage_vibration.mechanics.uncertainty import read_uncertainty
 
 # No linkage comes near these limits; numbers in millimetres or tonnes go beyond them.
 _LONGEST = 100.0  # m, between two points of a body
@@ -94,10 +96,35 @@ def mechanism_from_mapping(mapping: Any, read_body: BodyReader = _no_files) -> M
         response=_response(top["response"], points, base=base is not None),
         base=base,
     )
+    if "uncertainty" in top:
+        exact = {key: value for key, value in mapping.items() if key != "uncertainty"}
+        uncertainty = read_uncertainty(
+            top["uncertainty"], exact, lambda other: again_from_mapping(other, mechanism)
+        )
+        mechanism = replace(mechanism, uncertainty=uncertainty)
     top.refuse_unknown()
     _check_lengths(mechanism)
     _check_topology(mechanism)
     return mechanism
+
+
+def again_from_mapping(mapping: dict[str, Any], known: Mechanism) -> Mechanism:
+    """Validate a mapping whose links from files are those of a known mechanism.
+
+    Parameters
+    ----------
+    mapping, known
+        As `mechanism_from_mapping` takes it; the mechanism that has the bodies of these links.
+    """
+    bodies = {f"links.{link.name}": link.body for link in known.links}
+    given = mapping["links"].items()
+    links = {name: {**link, "file": {}} if "file" in link else link for name, link in given}
+
+    def body(keys: Keys, points: dict[str, Point]) -> Body:
+        keys["file"].refuse_unknown()
+        return bodies[keys.path]
+
+    return mechanism_from_mapping({**mapping, "links": links}, body)
 
 
 def _response(keys: Keys, points: dict[str, dict[str, Point]], *, base: bool) -> Response:

@@ -22,9 +22,9 @@ from linkage_vibration.mechanics.kinematics import Configuration, Kinematics
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.modes import solve_modes
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
+from linkage_vibration.mechanics.paths import number_at, with_numbers
 from linkage_vibration.paper.numbers import FITTED, GEOMETRY, PLACES, frequencies
 from linkage_vibration.readers.mechanism import load_yaml
-from linkage_vibration.studies.yaml_editing import number_at, with_numbers
 from linkage_vibration.support.resources import config_file
 
 Closed = dict[float, tuple[Kinematics, list[Configuration]]]

@@ -19,12 +19,12 @@ from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray
 from linkage_vibration.mechanics.components import Component
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.model import LinkageModel, Solution
+from linkage_vibration.mechanics.paths import number_at
 from linkage_vibration.mechanics.response import pole_residue
 from linkage_vibration.paper.figures import draw_figures
 from linkage_vibration.paper.freed_dimensions import PRINTED_FILE, scan_freed_dimensions
 from linkage_vibration.paper.numbers import NUMBERS, PLACES, SOURCE, Number, frequencies
 from linkage_vibration.readers.mechanism import load_yaml, mechanism_of
-from linkage_vibration.studies.yaml_editing import number_at
 from linkage_vibration.support.atomic_files import write_text
 from linkage_vibration.support.resources import DEFAULT_MECHANISM, config_file
 

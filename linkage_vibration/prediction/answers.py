@@ -14,12 +14,11 @@ import yaml
 from numpy.typing import NDArray
 
 from linkage_vibration.errors import LinkageVibrationError
-from linkage_vibration.mechanics.description import GROUND, Body, Mechanism, Point
+from linkage_vibration.mechanics.description import GROUND, Mechanism
 from linkage_vibration.mechanics.ground_motion import soil_places, transmissibility
-from linkage_vibration.mechanics.keys import Keys
 from linkage_vibration.mechanics.model import LinkageModel, Place
 from linkage_vibration.mechanics.modes import MECHANISM
-from linkage_vibration.mechanics.parsing import mechanism_from_mapping
+from linkage_vibration.mechanics.parsing import again_from_mapping
 from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.table.table import Table
 from linkage_vibration.table.tabulation import TOLERANCE, build_table
@@ -272,7 +271,7 @@ def with_implement(
     mapping["rigid_bodies"] = {**bodies, name: {**bodies[name], **numbers}}
     text = "# With another implement than the original file.\n"
     text += yaml.safe_dump(mapping, sort_keys=False, default_flow_style=None, width=100)
-    return _mechanism(mapping, mechanism), text
+    return again_from_mapping(mapping, mechanism), text
 
 
 def rebuilt(mechanism: Mechanism, like: Table, wanted: Path) -> Table:
@@ -324,19 +323,6 @@ def _rigid_body(mechanism: Mechanism, asked: str) -> str:
     if asked not in ("", *names):
         raise ServingError(f"There is no rigid body {asked!r}; name one of: {', '.join(names)}.")
     return asked or names[0]
-
-
-def _mechanism(mapping: dict[str, Any], known: Mechanism) -> Mechanism:
-    """Validate a description whose links from files are those of a known mechanism."""
-    bodies = {f"links.{link.name}": link.body for link in known.links}
-    given = mapping["links"].items()
-    links = {name: {**link, "file": {}} if "file" in link else link for name, link in given}
-
-    def body(keys: Keys, points: dict[str, Point]) -> Body:
-        keys["file"].refuse_unknown()
-        return bodies[keys.path]
-
-    return mechanism_from_mapping({**mapping, "links": links}, body)
 
 
 def _moving_places(mechanism: Mechanism) -> Places:

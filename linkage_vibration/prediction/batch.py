@@ -64,15 +64,19 @@ def predict_many(predictor: Predictor, alpha3: FloatArray, stddev: FloatArray) -
     per_mode = np.empty((5, n, modes))
     single = np.empty((3, n))
     status[inside] = np.where(sound, Status.OK, Status.NEAR_TOGGLE)
-    ratios = values[:, modes : 2 * modes]
-    stddevs = np.abs(slopes) * stddev[inside, np.newaxis]
-    ratio_stddevs = 0.0 * ratios
-    if table.measured:
-        noise, ratio_stddevs = table.deviations(angles)
-        stddevs = np.hypot(stddevs, noise)
-    per_mode[:, inside] = values[:, :modes], ratios, slopes, stddevs, ratio_stddevs
+    error = table.interpolation_error[piece]
+    own = values[:, : 2 * modes]
+    parameters = table.evaluate_parameter_deviations(angles)
+    parameters[:, :modes] *= own[:, :modes]
+    turned = np.abs(slopes) * stddev[inside, np.newaxis]
+    noise = np.hstack(list(table.deviations(angles))) if table.measured else 0.0
+    missed = error[:, np.newaxis] * own
+    total = np.sqrt(parameters**2 + turned**2 + noise**2 + missed**2)
+    frequencies, ratios = np.hsplit(own, 2)
+    frequency_stddevs, ratio_stddevs = np.hsplit(total, 2)
+    per_mode[:, inside] = frequencies, ratios, slopes[:, :modes], frequency_stddevs, ratio_stddevs
     single[:2, inside] = values[:, 2 * modes :].T
-    single[2, inside] = table.interpolation_error[piece]
+    single[2, inside] = error
     # The rest is out of range, not finite, or belongs to a crank that turns all the way.
     for i in np.flatnonzero(~((low <= alpha3) & (alpha3 <= high))):
         one = predictor.predict(float(alpha3[i]), float(stddev[i]))

@@ -50,8 +50,8 @@ class Prediction:
     frequency_slopes : ndarray, (n_modes,)
         Change of the natural frequencies with alpha3, Hz/rad.
     frequency_stddev : ndarray, (n_modes,)
-        Standard deviation of the natural frequencies, Hz, by the angle and by the noise of measured
-        links; NaN also where it is not known.
+        Standard deviation of the natural frequencies, Hz, by everything that `Shares` lists; NaN
+        also where it is not known.
     frf_peak_frequency, frf_peak_magnitude : float
         Hz and m/N.
     interpolation_error : float
@@ -60,8 +60,7 @@ class Prediction:
     table_id : str
         Identifies the table of the numbers.
     damping_ratio_stddev : ndarray, (n_modes,)
-        Standard deviation of the damping ratios, 1, by the noise of measured links alone; NaN also
-        where it is not known.
+        Standard deviation of the damping ratios, 1, by the same; NaN also where it is not known.
     """
 
     crank_angle: float
@@ -103,6 +102,37 @@ def uncertain_modes(
         for mode, (frequency, ratio) in enumerate(100.0 * np.transpose(worst), 1)
         if frequency > _UNCERTAIN_FREQUENCY or ratio > _UNCERTAIN_RATIO
     ]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Shares:
+    """Where the standard deviations of a prediction come from; they add as squares.
+
+    Each is (2, n_modes): of natural frequencies, Hz, and of damping ratios, 1.
+
+    Attributes
+    ----------
+    parameters : ndarray
+        Numbers of the mechanism, as far as its ``uncertainty`` lists them; NaN where the first
+        order is not enough, near a veering of modes or a toggle.
+    angle : ndarray
+        The crank angle.
+    links : ndarray
+        Noise of measured links.
+    table : ndarray
+        Interpolation in the table: the measured bound of its error.
+    """
+
+    parameters: FloatArray
+    angle: FloatArray
+    links: FloatArray
+    table: FloatArray
+
+    @property
+    def total(self) -> FloatArray:
+        """The standard deviations by all together, (2, n_modes)."""
+        parts = self.parameters, self.angle, self.links, self.table
+        return np.asarray(np.sqrt(sum(part**2 for part in parts)))
 
 
 def fault(prediction: Prediction, alpha3_range: tuple[float, float]) -> str:
@@ -181,27 +211,67 @@ class Predictor:
             return self._refuse(alpha3)
         values, peak_frequency, peak_magnitude, error = self.table.interpolate(angle)
         n = self._n_modes
-        slopes = self.table.frequency_slopes(angle)
-        frequency_stddev = np.array([abs(slope) * stddev for slope in slopes])
-        ratios = np.array(values[n:])
-        ratio_stddev = 0.0 * ratios  # NaN for an overdamped mode
-        if self._measured:
-            noise, ratio_stddev = self.table.deviations(np.array([angle]))[:, 0]
-            frequency_stddev = np.hypot(frequency_stddev, noise)
+        slopes = self.table.slopes(angle)
+        stddevs = self._total(angle, stddev, values, slopes, error)
         sound = self._sound_low <= angle <= self._sound_high
         return Prediction(
             crank_angle=alpha3,
             status=Status.OK if sound else Status.NEAR_TOGGLE,
             natural_frequencies=np.array(values[:n]),
-            damping_ratios=ratios,
-            frequency_slopes=np.array(slopes),
-            frequency_stddev=frequency_stddev,
+            damping_ratios=np.array(values[n:]),
+            frequency_slopes=np.array(slopes[:n]),
+            frequency_stddev=np.array(stddevs[:n]),
             frf_peak_frequency=peak_frequency,
             frf_peak_magnitude=peak_magnitude,
             interpolation_error=error,
             table_id=self._table_id,
-            damping_ratio_stddev=ratio_stddev,
+            damping_ratio_stddev=np.array(stddevs[n:]),
         )
+
+    def shares(self, alpha3: float, stddev: float = 0.0) -> Shares:
+        """Return where the standard deviations of a prediction come from.
+
+        Parameters
+        ----------
+        alpha3, stddev : float
+            As `predict` takes them; without a prediction every share is NaN.
+        """
+        angle = self.angle_in_table(float(alpha3))
+        if angle is None:
+            return Shares(*np.full((4, 2, self._n_modes), math.nan))
+        values, _, _, error = self.table.interpolate(angle)
+        parts = self._parts(angle, stddev, values, self.table.slopes(angle), error)
+        return Shares(*np.array(parts).reshape(4, 2, self._n_modes))
+
+    def _parts(
+        self,
+        angle: float,
+        stddev: float,
+        values: list[float],
+        slopes: list[float],
+        error: float,
+    ) -> tuple[list[float], ...]:
+        """Return the parts of the standard deviations of values, each (2 n_modes,)."""
+        n = self._n_modes
+        parameters = self.table.parameter_deviations(angle)
+        parameters[:n] = [part * value for part, value in zip(parameters, values[:n], strict=False)]
+        noise = [0.0] * (2 * n)
+        if self._measured:
+            noise = self.table.deviations(np.array([angle]))[:, 0].ravel().tolist()
+        turned = [abs(slope) * stddev for slope in slopes]
+        return parameters, turned, noise, [error * value for value in values]
+
+    def _total(
+        self,
+        angle: float,
+        stddev: float,
+        values: list[float],
+        slopes: list[float],
+        error: float,
+    ) -> list[float]:
+        """Return the standard deviations of values by all parts, (2 n_modes,)."""
+        parts = self._parts(angle, stddev, values, slopes, error)
+        return [math.sqrt(a * a + b * b + c * c + d * d) for a, b, c, d in zip(*parts, strict=True)]
 
     def _refuse(self, alpha3: float) -> Prediction:
         unknown, nan = np.full(self._n_modes, math.nan), math.nan

@@ -354,8 +354,9 @@ def _summary(log: Log, found: list[Moment], missing: list[tuple[float, float]]) 
     else:
         add("Resonance warnings", "not known", alert=True)
     deviations = log.frequency_stddev, log.damping_ratios, log.damping_ratio_stddev
+    expected = log.table is not None and log.table.uncertain  # numbers of the mechanism are
     for text in uncertain_modes(log.natural_frequencies, *deviations):
-        add("Uncertain", text, alert=True)
+        add("Uncertain", text, alert=not expected)
     faulty = int((log.status != Status.OK).sum())
     add("Predictions not OK", f"{faulty:,}" if faulty else "none", alert=faulty > 0)
     length = f"{len(missing)}, {_span(sum(end - start for start, end in missing))} in total"

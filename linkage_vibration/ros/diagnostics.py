@@ -189,8 +189,11 @@ def _warning(health: Health, statistics: Statistics) -> str:
 
 
 def _uncertain(health: Health) -> list[str]:
-    """Return a sentence about each uncertain mode of the last prediction."""
-    if health.prediction is None:
+    """Return a sentence about each uncertain mode of the last prediction.
+
+    Where numbers of the mechanism are uncertain, every mode is, as the predictions say.
+    """
+    if health.prediction is None or (health.served and health.served.table.uncertain):
         return []
     one = health.prediction
     frequencies = one.natural_frequencies, one.frequency_stddev

@@ -28,8 +28,9 @@ from linkage_vibration.mechanics.keys import Keys
 from linkage_vibration.mechanics.kinematics import Kinematics
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
+from linkage_vibration.mechanics.paths import number_at, split_paths, with_numbers
 from linkage_vibration.readers.mechanism import load_yaml
-from linkage_vibration.studies.yaml_editing import edit_text, number_at, split_paths, with_numbers
+from linkage_vibration.studies.yaml_editing import edit_text
 from linkage_vibration.support.atomic_files import write_text
 
 COARSE_ELEMENTS, COARSE_MODES = 10, 4  # within the fit; they change frequencies by about 1e-5

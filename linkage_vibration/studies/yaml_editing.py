@@ -1,12 +1,7 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Reads and replaces numbers of a YAML file, in the data read from it and in its text.
+"""Replaces numbers in the text of a YAML file, and keeps its comments and its layout."""
 
-A parameter is named by its path: keys joined by dots, with positions in lists counted from 0, as in
-``links.coupler.sections.1.height``. Several paths, joined by commas, share one number.
-"""
-
-import copy
 import functools
 import itertools
 from collections.abc import Iterable, Iterator, Sequence
@@ -15,58 +10,6 @@ from typing import Any
 import yaml
 
 from linkage_vibration.errors import LinkageVibrationError
-from linkage_vibration.mechanics.description import MechanismError
-
-
-def split_paths(path: str) -> tuple[str, ...]:
-    """Return the paths that a parameter's name consists of."""
-    return tuple(part.strip() for part in path.split(","))
-
-
-def number_at(mapping: Any, path: str) -> float:
-    """Return the number at a path in a description.
-
-    Parameters
-    ----------
-    mapping : Any
-        The description, as read from YAML.
-    path : str
-
-    Raises
-    ------
-    MechanismError
-        If the path does not lead to a number.
-    """
-    below = mapping
-    for key in path.split("."):
-        try:
-            below = _below(below, key)
-        except (KeyError, IndexError, ValueError, TypeError):
-            raise MechanismError(
-                f"parameters.{path}", f"the mechanism has no key {key!r} there; check the path."
-            ) from None
-    if isinstance(below, bool) or not isinstance(below, int | float):
-        what = f"{below!r} is not a number; give the path of a number."
-        raise MechanismError(f"parameters.{path}", what)
-    return below
-
-
-def with_numbers(mapping: dict[str, Any], numbers: Iterable[tuple[str, float]]) -> dict[str, Any]:
-    """Return a copy of a description with other numbers.
-
-    Parameters
-    ----------
-    mapping : dict
-        The description, as read from YAML.
-    numbers : iterable of (path, number)
-        The new numbers; each path has to exist.
-    """
-    changed = copy.deepcopy(mapping)
-    for path, number in numbers:
-        *keys, last = path.split(".")
-        parent = functools.reduce(_below, keys, changed)
-        parent[int(last) if isinstance(parent, list) else last] = number
-    return changed
 
 
 def edit_text(
@@ -120,10 +63,6 @@ def _edits(root: Any, keys: Sequence[str], words: Sequence[str]) -> Iterator[tup
         # The mark of a number with an anchor begins at the anchor, so this counts from the end.
         end = scalar.end_mark.index
         yield end - len(scalar.value), end, word
-
-
-def _below(data: Any, key: str) -> Any:
-    return data[int(key) if isinstance(data, list) else key]
 
 
 def _node_below(node: Any, key: str, *, merged: bool = True) -> Any:

@@ -82,7 +82,7 @@ class Cells:
     def values(self, alpha3: float) -> list[float]:
         """Return the k values at an angle in rad."""
         starts, cells = self._plain
-        i = bisect_right(starts, alpha3) - 1
+        i = bisect_right(starts, alpha3, 1) - 1  # the first angle may round below its cell
         cell = cells[i]
         if cell is None:
             return self._known.values(i, alpha3)
@@ -92,7 +92,7 @@ class Cells:
     def slopes(self, alpha3: float) -> list[float]:
         """Return the k slopes at an angle in rad, per rad."""
         starts, cells = self._plain
-        i = bisect_right(starts, alpha3) - 1
+        i = bisect_right(starts, alpha3, 1) - 1  # the first angle may round below its cell
         cell = cells[i]
         if cell is None:
             return self._known.slopes(i, alpha3)

@@ -67,6 +67,9 @@ UNITS = {
 NOISE_UNITS = {"frequency_stddev": "Hz", "damping_ratio_stddev": "1"}
 """Arrays that only tables of measured links have."""
 
+PARAMETER_UNITS = {"parameter_stddev": "1"}
+"""An array that only tables of mechanisms with uncertain numbers have."""
+
 POINTWISE = (
     *NOISE_UNITS,
     "alpha3",
@@ -154,6 +157,10 @@ class Table:
     mode_shares : ndarray, (n_modes, 3)
         Mean shares of its kinetic energy in the base, the rigid bodies and the links, 1; (0, 3) if
         they are not known, as of measured links.
+    parameter_stddev : ndarray, (2, n_angles, n_modes)
+        Standard deviations of the logarithms of frequencies and of damping ratios by uncertain
+        numbers of the mechanism, at even angles over the range; NaN where the first order is not
+        enough. (2, 0, 0) without such numbers.
     model_hash, mechanism_name, package_version : str
         Of the mechanism from which it was built, and of the package that built it.
     """
@@ -194,6 +201,7 @@ class Table:
     package_version: str
     mode_names: tuple[str, ...] = ()
     mode_shares: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
+    parameter_stddev: FloatArray = field(default_factory=lambda: np.empty((2, 0, 0)))
 
     @property
     def n_modes(self) -> int:
@@ -263,6 +271,41 @@ class Table:
             [np.array([np.interp(alpha3, self.alpha3, c) for c in values.T]).T for values in arrays]
         )
 
+    @property
+    def uncertain(self) -> bool:
+        """Whether numbers of the mechanism are uncertain."""
+        return self.parameter_stddev.size > 0
+
+    def parameter_deviations(self, alpha3: float) -> list[float]:
+        """Return the standard deviations by uncertain numbers at an angle (rad) within the range.
+
+        They are those of the logarithms of frequencies, then those of damping ratios, 2 n_modes;
+        NaN where the first order is not enough, and 0 without uncertain numbers.
+        """
+        if not self.uncertain:
+            return [0.0] * (2 * self.n_modes)
+        first, step, rows = self._parameter_rows
+        place = (alpha3 - first) / step
+        i = min(int(place), len(rows) - 2)
+        share = place - i
+        return [a + (b - a) * share for a, b in zip(rows[i], rows[i + 1], strict=True)]
+
+    def evaluate_parameter_deviations(self, alpha3: FloatArray) -> FloatArray:
+        """Return the same at many angles, (n, 2 n_modes), equal to the last bit."""
+        if not self.uncertain:
+            return np.zeros((len(alpha3), 2 * self.n_modes))
+        first, step, plain = self._parameter_rows
+        place, rows = (alpha3 - first) / step, np.array(plain)
+        i = np.minimum(place.astype(np.int64), len(rows) - 2)
+        share = (place - i)[:, np.newaxis]
+        return np.asarray(rows[i] + (rows[i + 1] - rows[i]) * share)
+
+    @cached_property
+    def _parameter_rows(self) -> tuple[float, float, list[list[float]]]:
+        """First angle and step of `parameter_stddev`, rad, and its rows, (n_angles, 2 n_modes)."""
+        (first, last), n = self.alpha3_range, self.parameter_stddev.shape[1]
+        return first, (last - first) / (n - 1), np.hstack(list(self.parameter_stddev)).tolist()
+
     def interpolate(self, alpha3: float) -> tuple[list[float], float, float, float]:
         """Evaluate the values of a prediction at an angle (rad) within the range.
 
@@ -321,13 +364,16 @@ class Table:
         rows = {name: getattr(self, name)[kept] for name in POINTWISE}
         return replace(self, pieces=np.cumsum(kept)[self.pieces] - 1, **rows)
 
-    def frequency_slopes(self, alpha3: float) -> list[float]:
-        """Return d(natural frequency)/d(alpha3) at an angle within the range, n_modes, Hz/rad."""
-        return self._lookup.slopes(alpha3)[: self.n_modes]
+    def slopes(self, alpha3: float) -> list[float]:
+        """Return slopes with alpha3 at an angle (rad) within the range, 2 n_modes.
+
+        They are those of natural frequencies, Hz/rad, then those of damping ratios, 1/rad.
+        """
+        return self._lookup.slopes(alpha3)[: 2 * self.n_modes]
 
     def evaluate_slopes(self, alpha3: FloatArray) -> FloatArray:
-        """Return the same at many angles, (n, n_modes), equal to the last bit."""
-        return self._lookup.many_slopes(alpha3)[:, : self.n_modes]
+        """Return the same at many angles, (n, 2 n_modes), equal to the last bit."""
+        return self._lookup.many_slopes(alpha3)[:, : 2 * self.n_modes]
 
     def frf(self, alpha3: float, outputs: Sequence[Place], inputs: Sequence[Place]) -> PoleResidue:
         """Return receptances between some of the places at an angle, valid within the band.
@@ -466,7 +512,8 @@ class Table:
     @property
     def _names(self) -> tuple[str, ...]:
         """Names of the arrays in the file."""
-        return (*UNITS, *NOISE_UNITS) if self.measured else tuple(UNITS)
+        noise = NOISE_UNITS if self.measured else {}
+        return (*UNITS, *noise, *(PARAMETER_UNITS if self.uncertain else {}))
 
     def _metadata(self) -> dict[str, Any]:
         return {
@@ -558,6 +605,8 @@ def _read(path: Path) -> Table:
             arrays = {name: archive[name] for name in UNITS}
             unknown = np.empty((len(arrays["alpha3"]), 0))
             arrays |= {name: archive.get(name, unknown) for name in NOISE_UNITS}
+            nothing = np.empty((2, 0, 0))
+            arrays |= {name: archive.get(name, nothing) for name in PARAMETER_UNITS}
         if arrays["alpha3"].dtype != np.float64:
             raise TableError(f"{path}: is damaged (its angles are not numbers); {rebuild}")
         toggles, frf_error = metadata["toggles_rad"], metadata["frf_error"]

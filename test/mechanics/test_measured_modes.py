@@ -79,10 +79,8 @@ def test_a_table_has_the_standard_deviations(model: LinkageModel, tmp_path: Path
     predictor = Predictor(table)
     angles, stddev = np.array([low, ALPHA3, 0.0]), 1e-3
     still, moving = predictor.predict(ALPHA3), predictor.predict(ALPHA3, stddev)
-    np.testing.assert_allclose(still.frequency_stddev, exact.frequency_stddev[:3], rtol=1e-9)
-    np.testing.assert_allclose(
-        still.damping_ratio_stddev, exact.damping_ratio_stddev[:3], rtol=1e-9
-    )
+    noise = np.array([exact.frequency_stddev[:3], exact.damping_ratio_stddev[:3]])
+    np.testing.assert_allclose(predictor.shares(ALPHA3).links, noise, rtol=1e-9)
     both = np.hypot(still.frequency_stddev, stddev * np.abs(still.frequency_slopes))
     np.testing.assert_allclose(moving.frequency_stddev, both, rtol=1e-12)
     many = predict_many(predictor, angles, np.full(3, stddev))
@@ -91,4 +89,4 @@ def test_a_table_has_the_standard_deviations(model: LinkageModel, tmp_path: Path
         np.testing.assert_array_equal(many.frequency_stddev[i], one.frequency_stddev)
         np.testing.assert_array_equal(many.damping_ratio_stddev[i], one.damping_ratio_stddev)
     assert not load_table().measured
-    assert not Predictor(load_table()).predict(2.0).damping_ratio_stddev.any()
+    assert not Predictor(load_table()).shares(2.0).links.any()

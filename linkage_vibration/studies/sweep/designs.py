@@ -21,8 +21,8 @@ from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.description import Mechanism, MechanismError
 from linkage_vibration.mechanics.keys import Keys
+from linkage_vibration.mechanics.paths import number_at, split_paths, with_numbers
 from linkage_vibration.readers.mechanism import load_yaml, mechanism_of
-from linkage_vibration.studies.yaml_editing import number_at, split_paths, with_numbers
 from linkage_vibration.support.version import VERSION
 from linkage_vibration.table.tabulation import TOLERANCE
 

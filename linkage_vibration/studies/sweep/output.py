@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from scipy.io import netcdf_file
 
 from linkage_vibration.mechanics.arrays import FloatArray
+from linkage_vibration.mechanics.paths import split_paths
 from linkage_vibration.studies.sweep.designs import Designs
-from linkage_vibration.studies.yaml_editing import split_paths
 from linkage_vibration.support.version import VERSION
 
 BUILT, NOT_BUILDABLE, GIVEN_UP = 0, 1, 2

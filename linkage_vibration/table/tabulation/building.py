@@ -13,6 +13,7 @@ from linkage_vibration.table.table import Table, TableError
 from linkage_vibration.table.tabulation.accuracy import ROUNDING, TOLERANCE, Accuracy
 from linkage_vibration.table.tabulation.assembly import assemble
 from linkage_vibration.table.tabulation.coupled import build_coupled
+from linkage_vibration.table.tabulation.deviations import with_parameter_stddev
 from linkage_vibration.table.tabulation.naming import with_mode_names
 from linkage_vibration.table.tabulation.near_terms import frf_change
 from linkage_vibration.table.tabulation.refinement import Piece, first_points, more_points, refine
@@ -71,7 +72,7 @@ def build_table(
         table = _build(sampler, tolerance)
     except ModesAreCoupled:
         table = build_coupled(sampler, Accuracy(tolerance))
-    return with_mode_names(table, model)
+    return with_parameter_stddev(with_mode_names(table, model), model)
 
 
 def _build(sampler: Sampler, tolerance: float) -> Table:

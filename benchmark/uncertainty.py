@@ -1,0 +1,244 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Compares predicted standard deviations with a Monte Carlo of whole models."""
+
+import copy
+import math
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from benchmark.report import machine, publish, table
+from linkage_vibration.drawing.palette import GREY, mode_colours
+from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.mechanics.description import Mechanism, Uncertainty
+from linkage_vibration.mechanics.model import LinkageModel
+from linkage_vibration.mechanics.paths import split_paths, with_numbers
+from linkage_vibration.mechanics.sensitivity import Sensitivity
+from linkage_vibration.prediction.predictor import Predictor
+from linkage_vibration.readers.mechanism import load_yaml, mechanism_of
+from linkage_vibration.support.resources import config_file
+from linkage_vibration.table.tabulation import build_table
+
+FloatArray = NDArray[np.float64]
+
+PICTURE = Path(__file__).parents[1] / "docs" / "pictures" / "uncertainty.png"
+NAMES = (
+    "three_point_linkage.yaml",
+    "three_point_linkage_as_printed.yaml",
+    "three_point_linkage_on_tractor.yaml",
+)
+SAMPLES = 2000
+ANGLES = 13
+COARSE = {"elements": 8, "modes": 4}  # of links in samples; the effect on deviations is below 1 %
+LIMIT = 0.1  # of a standard deviation: the difference that is accepted
+
+
+@dataclass(frozen=True)
+class Scatter:
+    """Modes of samples at some angles; NaN where a sample does not close.
+
+    The last axes of the arrays are: natural frequency and damping ratio, and the modes.
+    """
+
+    alpha3: FloatArray  # (n_angles,), rad
+    predicted: FloatArray  # (n_angles, 2, n_modes): deviations of ln(frequency) and of ratios
+    found: FloatArray  # (n_samples, n_angles, 2, n_modes): ln(frequency) and ratios
+
+    @property
+    def ratio(self) -> FloatArray:
+        """Return predicted over sampled standard deviations, (n_angles, 2, n_modes)."""
+        return np.asarray(self.predicted / np.nanstd(self.found, axis=0))
+
+    @property
+    def worst(self) -> FloatArray:
+        """Return the largest difference of the ratios from 1 where there is one, (2, n_modes)."""
+        return np.asarray(np.nanmax(np.abs(self.ratio - 1.0), axis=0, initial=0.0))
+
+
+def described(name: str) -> dict[str, Any]:
+    """Return a shipped description; those of the paper get what a tape measure leaves open."""
+    mapping = dict(load_yaml(config_file(name))[0])
+    if "uncertainty" in mapping:
+        return mapping
+    mechanism = mechanism_of(mapping, config_file(name))
+    implement = mechanism.rigid_bodies[0]
+    mapping = copy.deepcopy(mapping)
+    body = mapping["rigid_bodies"][implement.name]
+    body["centre_of_gravity"] = list(implement.centre_of_gravity)
+    sections = [
+        f"links.{link}.section.{key}"
+        for link, keys in mapping["links"].items()
+        for key in keys["section"]
+        if key != "shape"
+    ]
+    relative = dict.fromkeys(sections, 0.05)
+    relative["links.lower_link.material.youngs_modulus"] = 0.03
+    relative |= {f"rigid_bodies.{implement.name}.mass": 0.1}
+    relative |= {f"rigid_bodies.{implement.name}.inertia": 0.2, "damping.ratio": 0.3}
+    places = [f"rigid_bodies.{implement.name}.centre_of_gravity.{i}" for i in (0, 1)]
+    absolute = dict.fromkeys(places, 0.05)
+    pins = [f"ground.{point}.{i}" for point in ("P2", "P3") for i in (0, 1)]
+    pins += [f"rigid_bodies.{implement.name}.points.E2.0"]
+    for link, keys in mapping["links"].items():
+        pins += [f"links.{link}.points.{point}" for point, at in keys["points"].items() if at]
+    absolute |= dict.fromkeys(pins, 0.002)
+    mapping["uncertainty"] = {"relative": relative, "absolute": absolute}
+    return mapping
+
+
+def draws(uncertainty: Uncertainty, count: int, seed: int) -> FloatArray:
+    """Return normal samples of the uncertain numbers, (count, n_numbers).
+
+    Parameters
+    ----------
+    uncertainty, count, seed
+        What is uncertain; how many samples; the seed.
+    """
+    numbers, n = uncertainty.numbers, len(uncertainty.numbers)
+    root = np.linalg.cholesky(np.array(uncertainty.correlation).reshape(n, n))
+    normal = np.random.default_rng(seed).standard_normal((count, n)) @ root.T
+    return np.array([x.value for x in numbers]) + normal * [x.deviation for x in numbers]
+
+
+def sampled(mapping: dict[str, Any], alpha3: FloatArray, count: int, seed: int) -> FloatArray:
+    """Solve models with other numbers, (count, n_angles, 2, n_modes).
+
+    Each is parsed, closed, reduced and solved as a whole, with fewer elements than the original.
+    Its modes are those of the original by rank, so that two that change places are not followed.
+
+    Parameters
+    ----------
+    mapping, alpha3
+        The description with its ``uncertainty``; angles, rad, (n_angles,).
+    count, seed
+        As `draws` takes them.
+    """
+    mechanism = mechanism_of(mapping, Path("description"))
+    assert mechanism.uncertainty is not None
+    exact = {key: value for key, value in mapping.items() if key != "uncertainty"}
+    n = mechanism.response.modes
+    found = np.full((count, len(alpha3), 2, n), math.nan)
+    for row, values in zip(found, draws(mechanism.uncertainty, count, seed), strict=True):
+        pairs = zip(mechanism.uncertainty.numbers, values.tolist(), strict=True)
+        numbers = [(path, value) for number, value in pairs for path in split_paths(number.path)]
+        other = mechanism_of(with_numbers(exact, numbers), Path("sample"))
+        try:
+            model = LinkageModel(coarse(other))
+            for cell, angle in zip(row[::-1], alpha3.tolist()[::-1], strict=True):
+                solution = model.solve(angle)
+                cell[:] = np.log(solution.natural_frequencies[:n]), solution.damping_ratios[:n]
+        except LinkageVibrationError:  # it cannot close, or a cylinder is too short
+            continue
+    return found
+
+
+def coarse(mechanism: Mechanism) -> Mechanism:
+    """Return a mechanism whose links have fewer elements and modes."""
+    links = [
+        replace(link, body=link.body.with_elements(COARSE["elements"]), modes=COARSE["modes"])
+        for link in mechanism.links
+    ]
+    return replace(mechanism, links=tuple(links))
+
+
+def scatter(mapping: dict[str, Any], count: int, angles: int = ANGLES) -> Scatter:
+    """Compare the deviations of a table with samples over the stroke, on all processors.
+
+    Parameters
+    ----------
+    mapping, count, angles
+        The description with its ``uncertainty``; numbers of samples and of angles.
+    """
+    model = LinkageModel(mechanism_of(mapping, Path("description")))
+    predictor = Predictor(build_table(model))
+    alpha3 = np.linspace(*predictor.table.alpha3_range, angles)
+    predicted = np.array([predictor.shares(angle).parameters for angle in alpha3.tolist()])
+    predicted[:, 0] /= predictor.table.evaluate(alpha3)[:, : predictor.table.n_modes]
+    parts = 4
+    with ProcessPoolExecutor() as pool:
+        waiting = [pool.submit(sampled, mapping, alpha3, count // parts, i) for i in range(parts)]
+        found = np.concatenate([one.result() for one in waiting])
+    return Scatter(alpha3, predicted, found)
+
+
+def largest_shares(mapping: dict[str, Any], alpha3: float, mode: int, count: int = 3) -> str:
+    """Return the numbers with the largest shares in the variance of a frequency.
+
+    Parameters
+    ----------
+    mapping, alpha3, mode, count
+        The description; rad; index of the mode; how many numbers.
+    """
+    model = LinkageModel(mechanism_of(mapping, Path("description")))
+    sensitivity, solution = Sensitivity(model), model.solve(alpha3)
+    highest = 1.01 * float(solution.natural_frequencies[mode])
+    shares = sensitivity.at(solution, highest).shares(mode)
+    best = np.argsort(shares)[::-1][:count].tolist()
+    return ", ".join(f"{sensitivity.numbers[i].path} {100.0 * shares[i]:.0f} %" for i in best)
+
+
+def draw(found: dict[str, Scatter], picture: Path) -> None:
+    """Draw the standard deviations over the stroke, predicted and sampled.
+
+    Parameters
+    ----------
+    found, picture
+        For each description; the file to write.
+    """
+    figure = Figure(figsize=(4.2 * len(found), 4.2), dpi=110, layout="constrained")
+    axes = figure.subplots(1, len(found), squeeze=False)[0]
+    for panel, (name, one) in zip(axes, found.items(), strict=True):
+        degrees, spread = np.degrees(one.alpha3), 100.0 * np.nanstd(one.found[:, :, 0], axis=0)
+        for mode, colour in enumerate(mode_colours(spread.shape[1])):
+            panel.plot(degrees, 100.0 * one.predicted[:, 0, mode], color=colour)
+            panel.plot(degrees, spread[:, mode], "o", color=colour, label=f"mode {mode + 1}")
+        panel.set(title=name.removesuffix(".yaml"), xlabel="α3 [deg]", ylim=(0.0, None))
+        panel.grid(color=GREY, alpha=0.2)
+    axes[0].set_ylabel("standard deviation of the natural frequency [%]")
+    axes[0].legend(title=f"lines: first order; dots: {SAMPLES} samples", fontsize=8)
+    figure.savefig(picture)
+
+
+def main() -> None:
+    """Sample the shipped descriptions, and publish how predicted deviations compare."""
+    mappings = {name: described(name) for name in NAMES}
+    found = {name: scatter(mapping, SAMPLES) for name, mapping in mappings.items()}
+    draw(found, PICTURE)
+    columns = ["description", "mode", "deviation of f", "predicted", "worst", "of ratio: worst"]
+    rows, shares = [], []
+    for name, one in found.items():
+        spread = np.nanstd(one.found[:, :, 0], axis=0)
+        for mode in range(spread.shape[1]):
+            limits = [f"{100.0 * f(spread[:, mode]):.1f}" for f in (np.min, np.max)]
+            known = one.predicted[:, 0, mode]
+            own = [f"{100.0 * f(known):.1f}" for f in (np.nanmin, np.nanmax)]
+            worst = [f"{100.0 * value:.1f} %" for value in one.worst[:, mode]]
+            rows.append([name, str(mode + 1), " to ".join(limits), " to ".join(own), *worst])
+            middle = float(np.mean(one.alpha3[[0, -1]]))
+            shares.append([name, str(mode + 1), largest_shares(mappings[name], middle, mode)])
+    publish(
+        "uncertainty",
+        "Uncertain numbers of a mechanism",
+        [
+            f"This page compares the standard deviations that a table predicts to first order with "
+            f"those of {SAMPLES} models whose numbers are drawn at random, at {ANGLES} angles over "
+            "the stroke. Deviations of natural frequencies are in per cent. The last two columns "
+            "are the largest relative difference between predicted and sampled deviations, of "
+            f"which sampling alone explains about {100.0 * 2.5 / math.sqrt(2.0 * SAMPLES):.0f} %.",
+            table(columns, rows),
+            "The numbers with the largest shares in the variance of a natural frequency, in the "
+            "middle of the stroke:",
+            table(["description", "mode", "share"], shares),
+        ],
+        machine(),
+    )
+
+
+if __name__ == "__main__":
+    main()

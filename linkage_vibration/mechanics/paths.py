@@ -1,0 +1,92 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Numbers in a description by their paths, in the data read from YAML.
+
+A number is named by its path: keys joined by dots, with positions in lists counted from 0, as in
+``links.coupler.sections.1.height``. Several paths, joined by commas, share one number.
+"""
+
+import copy
+import functools
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any
+
+from linkage_vibration.mechanics.description import MechanismError
+
+
+def split_paths(path: str) -> tuple[str, ...]:
+    """Return the paths that a parameter's name consists of."""
+    return tuple(part.strip() for part in path.split(","))
+
+
+def number_at(mapping: Any, path: str) -> float:
+    """Return the number at a path in a description.
+
+    Parameters
+    ----------
+    mapping : Any
+        The description, as read from YAML.
+    path : str
+
+    Raises
+    ------
+    MechanismError
+        If the path does not lead to a number.
+    """
+    below = mapping
+    for key in path.split("."):
+        try:
+            below = _below(below, key)
+        except (KeyError, IndexError, ValueError, TypeError):
+            raise MechanismError(
+                f"parameters.{path}", f"the mechanism has no key {key!r} there; check the path."
+            ) from None
+    if isinstance(below, bool) or not isinstance(below, int | float):
+        what = f"{below!r} is not a number; give the path of a number."
+        raise MechanismError(f"parameters.{path}", what)
+    return below
+
+
+def with_numbers(mapping: dict[str, Any], numbers: Iterable[tuple[str, float]]) -> dict[str, Any]:
+    """Return a copy of a description with other numbers.
+
+    Parameters
+    ----------
+    mapping : dict
+        The description, as read from YAML.
+    numbers : iterable of (path, number)
+        The new numbers; each path has to exist.
+    """
+    changed = copy.deepcopy(mapping)
+    for path, number in numbers:
+        *keys, last = path.split(".")
+        parent = functools.reduce(_below, keys, changed)
+        parent[int(last) if isinstance(parent, list) else last] = number
+    return changed
+
+
+def number_paths(data: Any, above: str = "") -> Iterator[str]:
+    """Yield the path of every number in a description.
+
+    Parameters
+    ----------
+    data : Any
+        The description, as read from YAML, or a part of it.
+    above : str
+        The path of the part, with a dot at its end.
+
+    Examples
+    --------
+    >>> list(number_paths({"ground": {"P1": [0.0, 1.0]}, "name": "crank"}))
+    ['ground.P1.0', 'ground.P1.1']
+    """
+    if isinstance(data, Mapping | list | tuple):
+        pairs = data.items() if isinstance(data, Mapping) else enumerate(data)
+        for key, value in pairs:
+            yield from number_paths(value, f"{above}{key}.")
+    elif isinstance(data, int | float) and not isinstance(data, bool):
+        yield above[:-1]
+
+
+def _below(data: Any, key: str) -> Any:
+    return data[int(key) if isinstance(data, list) else key]

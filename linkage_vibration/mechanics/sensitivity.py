@@ -1,0 +1,357 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""First-order changes of the modes with the uncertain numbers of a mechanism.
+
+An eigenvalue w^2 with the shape phi and the forces mu of the constraints B phi = 0 changes by
+phi^T (dK - w^2 dM) phi + 2 mu^T dB phi, where (K - w^2 M) phi + B^T mu = 0. The matrices are
+symmetric, so a damped pole has equal left and right shapes, and with s^2 M + s C + K in place of
+K - w^2 M the same holds for it. dM, dC and dK of a link are differences of its matrices before
+their reduction, on the basis that reduced it: a second reduction might turn its modes round. dB is
+the difference of the compatibility matrices of the closed linkages at the same input angle.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray, IntArray
+from linkage_vibration.mechanics.compatibility import InterfaceMap
+from linkage_vibration.mechanics.components import Component
+from linkage_vibration.mechanics.description import Link, Mechanism, UncertainNumber
+from linkage_vibration.mechanics.kinematics import Kinematics
+from linkage_vibration.mechanics.model import LinkageModel, ModelError, Solution
+from linkage_vibration.mechanics.reduction import craig_bampton
+
+NEAR = 0.5
+"""Distance of two modes, of their frequency, above which they do not mix."""
+
+_NEGLIGIBLE = 1e-3  # of a frequency: the excess of a smaller standard deviation does not matter
+
+Numbers = FloatArray | ComplexArray
+# Eigenvalues, the power of the frequency in them, their changes with mixed ones, (n, k, k), and
+# the first four columns of `ModeChanges`.
+Eigenvalues = tuple[Numbers, float, Numbers, tuple[FloatArray, FloatArray, FloatArray, FloatArray]]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ModeChanges:
+    """Modes in one configuration, and their changes by one standard deviation of each number."""
+
+    frequencies: FloatArray  # (n_modes,), Hz, ascending
+    ratios: FloatArray  # (n_modes,): damping ratios
+    log_frequencies: FloatArray  # (n_numbers, n_modes): changes of ln(frequency)
+    ratio_changes: FloatArray  # (n_numbers, n_modes)
+    correlation: FloatArray  # (n_numbers, n_numbers)
+    # (n_modes,): what higher orders add to the variance of ln(frequency), as a share of it, since
+    # a mode mixes with near ones.
+    excess: FloatArray
+    # (n_modes, n_modes): standard deviations of the distances of modes, relative to their poles.
+    approach: FloatArray
+    toggle_stddev: float  # of the angle of a toggle that is near, rad
+
+    @property
+    def stddev(self) -> FloatArray:
+        """Standard deviations of ln(frequency) and of damping ratios, (2, n_modes)."""
+        both = np.array([self.log_frequencies, self.ratio_changes])
+        return np.asarray(np.sqrt((both * (self.correlation @ both)).sum(axis=1)))
+
+    def shares(self, mode: int) -> FloatArray:
+        """Return the share of each number in the variance of a frequency, (n_numbers,), sum 1."""
+        own = self.log_frequencies[:, mode]
+        parts = own * (self.correlation @ own)
+        return np.asarray(parts / parts.sum())
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Change:
+    """What one standard deviation of a number changes."""
+
+    # For each component that changes: indices of its coordinates, and (4, n, n): dM, dC, dK, dL.
+    blocks: tuple[tuple[IntArray, FloatArray], ...]
+    # The mechanism with the larger number, where its geometry or a spring changes; the kinematics
+    # are None where they do not change.
+    other: tuple[InterfaceMap, Kinematics | None] | None
+    steps: float  # from the number to the larger one, in one standard deviation
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _JoinRate:
+    """How one standard deviation of a number changes what joins the components."""
+
+    compatibility: FloatArray
+    elongation: FloatArray
+    stiffness: FloatArray
+    damping: FloatArray
+    angles: FloatArray  # (n_bodies,), rad
+
+
+Joins = list[_JoinRate | None]
+
+
+class Sensitivity:
+    """The changes of a model's modes with its uncertain numbers.
+
+    Parameters
+    ----------
+    model : LinkageModel
+        With a mechanism whose numbers are uncertain.
+
+    Raises
+    ------
+    ModelError
+        If a link is known by its FRFs alone, or the matrices of a component cannot be compared.
+    """
+
+    def __init__(self, model: LinkageModel) -> None:
+        uncertainty = model.mechanism.uncertainty
+        assert uncertainty is not None
+        model.system  # noqa: B018 - it refuses links that have no matrices
+        self._model = model
+        self.numbers = uncertainty.numbers
+        self.correlation = np.array(uncertainty.correlation).reshape(2 * [len(self.numbers)])
+        self._root = np.linalg.cholesky(self.correlation)
+        bases: dict[str, FloatArray] = {}
+        self._changes = [self._change(number, bases) for number in self.numbers]
+
+    def at(self, solution: Solution, highest: float) -> ModeChanges:
+        """Return the changes of the modes up to a frequency.
+
+        Parameters
+        ----------
+        solution : Solution
+            Of the model.
+        highest : float
+            Hz.
+        """
+        joins = [_join_rates(change, solution) for change in self._changes]
+        find = self._uncoupled if solution.damped.shapes is None else self._coupled
+        values, power, forms, columns = find(solution, joins, 2.0 * math.pi * highest)
+        mixing = self._mixing(forms, values, power)
+        return ModeChanges(
+            *columns, self.correlation, *mixing, self._toggle_stddev(joins, solution)
+        )
+
+    def _uncoupled(self, solution: Solution, joins: Joins, limit: float) -> Eigenvalues:
+        """Return changes of w^2, of modal damping and of modal loss, where shapes are real."""
+        omega, damped = solution.modes.omega, solution.damped
+        own = np.flatnonzero(~solution.modes.mechanism & (omega <= limit))
+        shapes, omega = solution.modes.shapes[:, own], omega[own]
+        values, decay, loss = omega**2, damped.decay[own], damped.stiffness.imag[own]
+        zero, one = np.zeros(len(own)), np.ones(len(own))
+        weights = ([-values, zero, one, zero], [-decay, one, zero, zero], [-loss, zero, zero, one])
+        forms = [self._forms(solution, joins, shapes, np.array(each)) for each in weights]
+        main, slower, lossier = (_diagonals(form).real for form in forms)
+        size = np.abs(values + 1j * loss)
+        viscous, structural = decay / (2.0 * np.sqrt(size)), loss / (2.0 * size)
+        larger = (values * main + loss * lossier) / size**2
+        changes = slower / (2.0 * np.sqrt(size)) + lossier / (2.0 * size)
+        changes -= (viscous / 2.0 + structural) * larger
+        frequencies, logs = omega / (2.0 * math.pi), main / (2.0 * values)
+        return values, 2.0, forms[0], (frequencies, viscous + structural, logs, changes)
+
+    def _coupled(self, solution: Solution, joins: Joins, limit: float) -> Eigenvalues:
+        """Return changes of poles, or of squares of frequencies with structural damping."""
+        damped = solution.damped
+        poles = damped.oscillating
+        poles = poles[np.abs(poles) <= limit]
+        shapes = solution.modes.shapes @ damped.oscillating_shapes[:, : len(poles)]
+        zero, one = np.zeros(len(poles)), np.ones(len(poles))
+        if damped.poles is None:
+            values, power = -(poles**2), 2.0
+            weights = np.array([-values, zero, one, 1j * one])
+            forms = self._forms(solution, joins, shapes, weights)
+        else:
+            values, power = -1j * poles, 1.0
+            weights = 1j * np.array([poles**2, poles, one, zero])  # for -i times the poles
+            forms = self._forms(solution, joins, shapes, weights)
+        relative = _diagonals(forms) / (power * values)
+        size = np.abs(poles)
+        ratios, logs = -poles.real / size, np.asarray(relative.real)
+        changes = np.asarray(-(relative * poles).real / size - ratios * logs)
+        return values, power, forms, (size / (2.0 * math.pi), ratios, logs, changes)
+
+    def _forms(
+        self,
+        solution: Solution,
+        joins: Joins,
+        shapes: Numbers,
+        weights: Numbers,
+    ) -> Numbers:
+        """Return the changes of psi_j^T Z_i psi_i with the forces of the constraints.
+
+        Z is a weighted sum of M, C, K and L, the loss; the weights are (4, k), those of mode i in
+        column i. The result is (n_numbers, k, k).
+        """
+        joining, system, n = solution.joining, self._model.system, len(self._model.interface)
+        own, b = shapes[:n], slice(0, n)
+        matrices = system.mass, system.damping, system.stiffness, system.loss
+        stretch = joining.elongation @ own
+        springs = np.outer(joining.damping, weights[1]) + np.outer(joining.stiffness, weights[2])
+        force = joining.elongation.T @ (springs * stretch)
+        for weight, matrix in zip(weights, matrices, strict=True):
+            if weight.any():
+                force = force + weight * (matrix[b] @ shapes)
+        multipliers = np.linalg.lstsq(joining.compatibility.T, -force, rcond=None)[0]
+        k = shapes.shape[1]
+        found: list[Numbers] = [np.zeros((k, k), dtype=multipliers.dtype) for _ in joins]
+        for form, change, rate in zip(found, self._changes, joins, strict=True):
+            for rows, blocks in change.blocks:
+                for weight, block in zip(weights, blocks, strict=True):
+                    if weight.any():
+                        form += weight * (shapes[rows].T @ block @ shapes[rows])
+            if rate is not None:
+                gap = multipliers.T @ (rate.compatibility @ own)
+                more = rate.elongation @ own
+                stiffer = np.outer(rate.damping, weights[1]) + np.outer(rate.stiffness, weights[2])
+                form += gap + gap.T + stretch.T @ (stiffer * stretch)
+                form += stretch.T @ (springs * more) + more.T @ (springs * stretch)
+        return np.concatenate([np.zeros((0, k, k)), found])
+
+    def _mixing(
+        self, forms: Numbers, values: Numbers, power: float
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return `excess` and `approach` of `ModeChanges`, from the changes of eigenvalues.
+
+        With y, the mixed change of modes i and j, and the gap g between them, the second order of
+        mode i is y^2 / g and the third is y^2 (v_j - v_i) / g^2, all relative to a frequency.
+        """
+        independent = np.tensordot(self._root.T, (forms + forms.swapaxes(1, 2)) / 2.0, 1)
+        relative = (independent / (power * np.sqrt(np.outer(values, values)))).real
+        own = _diagonals(relative)
+        covariance = own.T @ own
+        variance = np.diag(covariance)
+        mixed = (relative**2).sum(axis=0)
+        apart = variance[:, np.newaxis] + variance - 2.0 * covariance
+        along = (own[:, :, np.newaxis] * relative).sum(axis=0)  # of v_i with y
+        gaps = np.abs(np.subtract.outer(np.log(values), np.log(values))) / power
+        # Modes that are far apart do not mix; a shape follows the joints there.
+        near = (gaps > 0.0) & (gaps < NEAR)
+        more = (covariance - variance[:, np.newaxis]) * mixed + 2.0 * along * (along.T - along)
+        share = np.where(near, 2.0 * (mixed**2 + more) / np.where(near, gaps, 1.0) ** 2, 0.0)
+        excess = share.sum(axis=1) / np.maximum(variance, _NEGLIGIBLE**2)
+        return excess, np.sqrt(np.maximum(apart, 0.0) + 4.0 * mixed)
+
+    def _toggle_stddev(self, joins: Joins, solution: Solution) -> float:
+        """Return the standard deviation of the angle of a toggle that is near, rad.
+
+        There a body turns with the square root of the distance. So a number that moves the toggle
+        has the effect of an equal and opposite change of the input angle.
+        """
+        rates = np.append(solution.configuration.velocity_ratios, 1e-9)
+        turns = np.zeros(len(joins))
+        for i, rate in enumerate(joins):
+            if rate is not None:
+                turns[i] = rate.angles @ rates[:-1] / (rates @ rates)
+        return float(np.linalg.norm(self._root.T @ turns))
+
+    def _change(self, number: UncertainNumber, bases: dict[str, FloatArray]) -> _Change:
+        """Return what a number changes; bases of links that were reduced are kept."""
+        mechanism, components = self._model.mechanism, self._model.components
+        rows, blocks = self._model.system.rows, []
+        scale = number.deviation / (2.0 * number.step)
+        sides = number.sides
+        for i, link in enumerate(mechanism.links):
+            pair = [(_meshed_as(side.links[i], link), side) for side in sides]
+            (low, first), (high, second) = pair
+            if low != high or (link.damping is None and first.damping != second.damping):
+                blocks.append((rows[link.name], scale * self._link_block(link, pair, bases)))
+        rigid = zip(*(side.rigid_components() for side in sides), strict=True)
+        for component, (low, high) in zip(components[len(mechanism.links) :], rigid, strict=True):
+            block = scale * (_stacked(high) - _stacked(low))
+            if block.any():
+                blocks.append((rows[component.name], block))
+        other, larger = None, sides[1]
+        if _joined(sides[0]) != _joined(larger):
+            moves = _points(sides[0]) != _points(larger)
+            other = (
+                InterfaceMap(larger, components, spatial=self._spatial),
+                self._model.kinematics.nearby(larger) if moves else None,
+            )
+        return _Change(tuple(blocks), other, number.deviation / number.step)
+
+    def _link_block(
+        self, link: Link, sides: Sequence[tuple[Link, Mechanism]], bases: dict[str, FloatArray]
+    ) -> FloatArray:
+        """Return the difference of a link's matrices, (4, n, n), on the basis that reduced it."""
+        if link.name not in bases:
+            bases[link.name] = self._basis(link)
+        low, high = (self._on(bases[link.name], *side) for side in sides)
+        return high - low
+
+    def _basis(self, link: Link) -> FloatArray:
+        """Return the matrix that turns reduced coordinates of a link into all of its own."""
+        mechanism = self._model.mechanism
+        reduced = self._model.components[mechanism.links.index(link)]
+        one = replace(link, count=1)
+        whole = link.body.component(one, mechanism, spatial=self._spatial, reduced=False)
+        assert isinstance(whole, Component)
+        assert isinstance(reduced, Component)
+        if np.array_equal(link.count * whole.mass, reduced.mass):  # it was not reduced
+            return np.eye(len(whole.mass))
+        interface = len(whole.dofs)
+        modes = len(reduced.mass) - interface
+        return craig_bampton(whole.mass, whole.stiffness, interface, modes).transformation
+
+    def _on(self, basis: FloatArray, link: Link, mechanism: Mechanism) -> FloatArray:
+        """Return the matrices of a link on a basis, (4, n, n)."""
+        whole = link.body.component(link, mechanism, spatial=self._spatial, reduced=False)
+        assert isinstance(whole, Component)
+        if len(whole.mass) != len(basis):
+            raise ModelError(
+                f"links.{link.name}: a small change of a number changes its mesh; give it another "
+                "number of elements."
+            )
+        mass, damping, stiffness, _ = (basis.T @ matrix @ basis for matrix in _stacked(whole))
+        if getattr(link.body, "damping", None) is None:
+            damping = (link.damping or mechanism.damping).viscous(mass, stiffness)
+        return np.array([mass, damping, stiffness, whole.loss_factor * stiffness])
+
+    @property
+    def _spatial(self) -> bool:
+        return bool(self._model.interface.out_of_plane.any())
+
+
+def _join_rates(change: _Change, solution: Solution) -> _JoinRate | None:
+    """Return how a number changes what joins the components in a configuration."""
+    if change.other is None:
+        return None
+    (interface, kinematics), here = change.other, solution.configuration
+    there = here if kinematics is None else kinematics.at(here.alpha3)
+    low, high = solution.joining, interface.join(there)
+    return _JoinRate(
+        change.steps * (high.compatibility - low.compatibility),
+        change.steps * (high.elongation - low.elongation),
+        change.steps * (high.stiffness - low.stiffness),
+        change.steps * (high.damping - low.damping),
+        change.steps * (there.angles - here.angles),
+    )
+
+
+def _stacked(component: Component) -> FloatArray:
+    """Return mass, damping, stiffness and loss of a component, (4, n, n)."""
+    loss = component.loss_factor * component.stiffness
+    return np.array([component.mass, component.damping, component.stiffness, loss])
+
+
+def _points(mechanism: Mechanism) -> object:
+    """Return what the kinematics depend on."""
+    return mechanism.ground, tuple(body.points for body in mechanism.bodies)
+
+
+def _joined(mechanism: Mechanism) -> object:
+    """Return what the joints and the springs depend on."""
+    centres = tuple(body.centre_of_gravity for body in mechanism.rigid_bodies)
+    return _points(mechanism), centres, mechanism.springs, mechanism.base
+
+
+def _meshed_as(link: Link, other: Link) -> Link:
+    """Return a link with as many elements as another."""
+    elements = other.body.elements
+    return link if elements is None else replace(link, body=link.body.with_elements(elements))
+
+
+def _diagonals(forms: Numbers) -> Numbers:
+    """Return the diagonal of each matrix, (n, k)."""
+    return forms[:, range(forms.shape[1]), range(forms.shape[1])]

@@ -1,0 +1,128 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Adds the standard deviations of modes by uncertain numbers of the mechanism to a table.
+
+They are found at the points of the table, to first order. Between the points they are smooth,
+except where the first order is not enough; there they are NaN.
+"""
+
+import math
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+from scipy.interpolate import Akima1DInterpolator
+from scipy.optimize import linear_sum_assignment
+
+from linkage_vibration.mechanics.arrays import BoolArray, FloatArray, IntArray
+from linkage_vibration.mechanics.model import LinkageModel
+from linkage_vibration.mechanics.sensitivity import NEAR, ModeChanges, Sensitivity
+from linkage_vibration.table.table import Table, TableError
+
+N_ANGLES = 257
+"""Even angles over the range at which a table has the standard deviations."""
+
+_FEWEST = 16  # steps of the range between which deviations are interpolated
+_ABOVE = 1.7  # times the highest tracked frequency: modes up to there may mix with tracked ones
+_SAME = 1e-3  # relative: difference between a frequency of the table and the same of the model
+_CLOSE = 2.0  # standard deviations of the distance of two modes; nearer ones may change places
+_EXCESS = 0.15  # of a variance: what higher orders may add, 7 % of a standard deviation
+_TOGGLE = 0.45  # standard deviation of a toggle's angle, of its distance: 7/16 of its square is 9 %
+
+
+def with_parameter_stddev(table: Table, model: LinkageModel) -> Table:
+    """Return a table with the standard deviations by uncertain numbers of its mechanism.
+
+    Parameters
+    ----------
+    table, model
+        The table, and the model that it was built from.
+
+    Raises
+    ------
+    TableError
+        If links are known by FRFs alone, whose change with the numbers is unknown.
+    """
+    uncertainty = model.mechanism.uncertainty
+    if uncertainty is None or not uncertainty.numbers:
+        return table
+    if model.measured_frequencies is not None:
+        raise TableError(
+            f"{model.mechanism.name}: uncertainty needs links with matrices, and some of its links "
+            "are known by FRFs alone; remove this section."
+        )
+    sensitivity = Sensitivity(model)
+    at = _points(table)
+    points = [
+        _point(table, angle, values, sensitivity, model)
+        for angle, values in zip(at.tolist(), table.evaluate(at), strict=True)
+    ]
+    angles = np.linspace(*table.alpha3_range, N_ANGLES)
+    n, fewest = table.n_modes, min(len(each.frequencies) for each, _ in points)
+    rows = [(each, order[:fewest]) for each, order in points]
+    found = _between(at, angles, np.array([each.stddev[:, order[:n]] for each, order in rows]))
+    excess = _between(at, angles, np.array([each.excess[order[:n]] for each, order in rows]))
+    doubtful = np.abs(excess) > _EXCESS
+    doubtful |= _crowded(table, at, angles, rows)
+    toggle = _between(at, angles, np.array([each.toggle_stddev for each, _ in rows]))
+    if table.toggles is not None:
+        apart = np.minimum(angles - table.toggles[0], table.toggles[1] - angles)
+        doubtful |= (toggle > _TOGGLE * apart)[:, np.newaxis]
+    found = np.where(doubtful[:, np.newaxis], math.nan, found)
+    return replace(table, parameter_stddev=np.ascontiguousarray(found.swapaxes(0, 1)))
+
+
+def _points(table: Table) -> FloatArray:
+    """Return the angles of the table's points, and further ones where these are far apart."""
+    longest = float(np.ptp(table.alpha3)) / _FEWEST
+    counts = np.maximum(np.ceil(np.diff(table.alpha3) / longest), 1).astype(np.int64)
+    pairs = zip(pairwise(table.alpha3.tolist()), counts.tolist(), strict=True)
+    parts = [np.linspace(*ends, count, endpoint=False) for ends, count in pairs]
+    return np.concatenate([*parts, table.alpha3[-1:]])
+
+
+def _point(
+    table: Table, alpha3: float, values: FloatArray, sensitivity: Sensitivity, model: LinkageModel
+) -> tuple[ModeChanges, IntArray]:
+    """Return the changes at an angle, and their order: tracked modes, then others."""
+    own = values[: 2 * table.n_modes].reshape(2, -1)
+    oscillates = np.isfinite(own[0])
+    highest = _ABOVE * float(own[0][oscillates].max(initial=0.0))
+    changes = sensitivity.at(model.solve(alpha3), highest)
+    there = np.array([changes.frequencies, changes.ratios])
+    off = np.abs(np.log(own[0][:, np.newaxis] / there[0])) + np.abs(
+        own[1][:, np.newaxis] - there[1]
+    )
+    off = np.where(np.isfinite(off), off, 10.0)  # a mode that does not oscillate takes what is left
+    order = linear_sum_assignment(off)[1]
+    allowed = max(_SAME, 2.0 * float(table.interpolation_error.max()))
+    if (off[np.arange(len(order)), order][oscillates] > allowed).any():
+        raise TableError(
+            f"The table differs from {model.mechanism.name} at "
+            f"{math.degrees(alpha3):.3f} deg; build it again."
+        )
+    others = np.setdiff1d(np.arange(len(changes.frequencies)), order)
+    return changes, np.concatenate([order, others])
+
+
+def _between(points: FloatArray, angles: FloatArray, values: FloatArray) -> FloatArray:
+    """Interpolate values at points, (n_points, ...), at angles."""
+    return np.asarray(Akima1DInterpolator(points, values, method="makima")(angles))
+
+
+def _crowded(
+    table: Table, points: FloatArray, angles: FloatArray, rows: list[tuple[ModeChanges, IntArray]]
+) -> BoolArray:
+    """Return where the tracked modes may change places with others, (n_angles, n_modes)."""
+    n = table.n_modes
+    place = np.array(
+        [[np.log(each.frequencies)[order], each.ratios[order]] for each, order in rows]
+    )
+    place = _between(points, angles, place)
+    own = table.evaluate(angles)
+    place[:, 0, :n], place[:, 1, :n] = np.log(own[:, :n]), own[:, n : 2 * n]
+    approach = np.array([each.approach[np.ix_(order, order)] for each, order in rows])
+    approach = _between(points, angles, approach)[:, :n]
+    gaps = np.hypot(*(place[:, i, :n, np.newaxis] - place[:, i, np.newaxis] for i in (0, 1)))
+    gaps[:, np.arange(n), np.arange(n)] = math.inf
+    return np.asarray(((gaps < _CLOSE * approach) & (gaps < NEAR)).any(axis=2))

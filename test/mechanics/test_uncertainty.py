@@ -1,0 +1,84 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Standard deviations of numbers are read by their paths, and errors name the remedy."""
+
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from linkage_vibration.mechanics.description import Mechanism, MechanismError
+from linkage_vibration.mechanics.parsing import mechanism_from_mapping
+
+MASS, INERTIA = "rigid_bodies.implement.mass", "rigid_bodies.implement.inertia"
+HEIGHT = "links.lower_link.section.height"
+CLAIMS = {"relative": {MASS: 0.1, HEIGHT: 0.05}, "absolute": {INERTIA: 40.0}}
+
+
+def correlated(value: float, *pairs: tuple[str, str]) -> dict[str, Any]:
+    """Return three uncertain numbers with equal correlations of some pairs."""
+    return CLAIMS | {"correlations": [{"between": list(p), "value": value} for p in pairs]}
+
+
+def test_deviations_are_those_of_the_numbers(mapping: Any, mechanism: Mechanism) -> None:
+    """Relative ones are shares of the number; a deviation of 0 leaves the number exact."""
+    claims = correlated(0.5, (MASS, INERTIA))
+    claims["relative"] = claims["relative"] | {"damping.ratio": 0.0}
+    mapping["uncertainty"] = claims
+    found = mechanism_from_mapping(mapping).uncertainty
+    assert found is not None
+    deviations = {number.path: number.deviation for number in found.numbers}
+    assert deviations == pytest.approx({MASS: 80.0, HEIGHT: 0.0016, INERTIA: 40.0})
+    assert found.correlation == ((1.0, 0.0, 0.5), (0.0, 1.0, 0.0), (0.5, 0.0, 1.0))
+    low, high = found.numbers[0].sides
+    assert low.rigid_bodies[0].mass < mechanism.rigid_bodies[0].mass < high.rigid_bodies[0].mass
+
+
+def test_hash_includes_what_is_uncertain(mapping: Any, mechanism: Mechanism) -> None:
+    """A table belongs to its deviations; without them the hash is that of the numbers alone."""
+    mapping["uncertainty"] = CLAIMS
+    uncertain = mechanism_from_mapping(mapping)
+    assert uncertain.model_hash != mechanism.model_hash
+    assert replace(uncertain, uncertainty=None).model_hash == mechanism.model_hash
+    mapping["uncertainty"] = correlated(0.1, (MASS, INERTIA))
+    assert mechanism_from_mapping(mapping).model_hash != uncertain.model_hash
+
+
+@pytest.mark.parametrize(
+    ("claims", "message"),
+    [
+        ({"relative": {"links.lower_link.section.hight": 0.1}}, f"like it are {HEIGHT}, "),
+        ({"relative": {"links.lower_link.elements": 0.1}}, "no number that can be uncertain"),
+        ({"relative": {"response.band_hz.1": 0.1}}, "no number that can be uncertain"),
+        ({"relative": {MASS: -0.1}}, "-0.1 is negative"),
+        ({"relative": {MASS: "10 %"}}, "is text, not a number"),
+        ({"relative": {"ground.P1.0": 0.1}}, "the number is 0"),
+        ({"relative": {MASS: 0.1}, "absolute": {MASS: 3.0}}, "also under relative"),
+        ({"relative": {f"{MASS}, {INERTIA}": 0.1}}, "hold different numbers"),
+        ({"relative": {"links.lower_link.count": 0.1}}, "no number that can be uncertain"),
+        (
+            {
+                "relative": {
+                    "links.lower_link.material.density": 0.1,
+                    "links.lift_rod.material.density": 0.1,
+                }
+            },
+            "are one number, perhaps by an alias",
+        ),
+        (correlated(1.0, (MASS, INERTIA)), "1 is not between -1 and 1"),
+        (correlated(0.5, (MASS, "damping.ratio")), "damping.ratio has no standard deviation"),
+        (correlated(0.5, (MASS, MASS)), "two paths that differ"),
+        (correlated(0.5, (MASS, INERTIA), (INERTIA, MASS)), "have a correlation already"),
+        (
+            correlated(-0.6, (MASS, INERTIA), (INERTIA, HEIGHT), (MASS, HEIGHT)),
+            "contradict one another",
+        ),
+        ({"relative": {}, "margin": 1.0}, "not known here"),
+    ],
+)
+def test_errors_name_the_key_and_the_remedy(mapping: Any, claims: Any, message: str) -> None:
+    """Every error says what is wrong and where."""
+    mapping["uncertainty"] = claims
+    with pytest.raises(MechanismError, match=message) as caught:
+        mechanism_from_mapping(mapping)
+    assert caught.value.path.startswith("uncertainty")
