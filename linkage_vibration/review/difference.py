@@ -114,6 +114,9 @@ def compare(path_a: Path, path_b: Path) -> Difference:
             "as two replays of one bag."
         )
     values_a, values_b = _quantities(a, rows_a), _quantities(b, rows_b)
+    if a.resonances is not None and b.resonances is not None:
+        for values, log, rows in ((values_a, a, rows_a), (values_b, b, rows_b)):
+            values["margin"] = (*values["margin"][:3], _same_margins(a, rows_a, log, rows))
     pairs = [(key, values_a[key], values_b[key][-1]) for key in values_a if key in values_b]
     changes = int((a.status[rows_a] != b.status[rows_b]).sum())
     quantities = tuple(Quantity(key, *first, second) for key, first, second in pairs)
@@ -126,6 +129,7 @@ def summary(found: Difference) -> str:
         f"A: {found.a.path}, table {found.a.table_id}",
         f"B: {found.b.path}, table {found.b.table_id}",
         _matched(found),
+        sentence(found),
         f"{'B - A':<26}{'largest':>14}{'at [s]':>12}{'relative':>12}{'rms':>14}  unit",
     ]
     for name, largest, at, relative, rms, unit in _rows(found):
@@ -133,6 +137,41 @@ def summary(found: Difference) -> str:
     for name, changed in _changed_files(found).items():
         lines += ["", f"{name}, A -> B:", *(f"  {line}" for line in changed)]
     return "\n".join(lines)
+
+
+def sentence(found: Difference) -> str:
+    """Return in one sentence what differs most, and by how much."""
+    compared = [q for q in found.quantities if q.key[0] == "f" and q.differs]
+    if not problems(found):
+        return "The logs have equal predictions."
+    if not compared:
+        return (
+            "The natural frequencies are equal; the logs differ in other quantities or in status."
+        )
+    most = max(compared, key=lambda q: q.largest_relative)
+    at = most.farthest or 0
+    change, times = most.largest, found.times
+    text = (
+        f"{most.name[0].upper()}{most.name[1:]} differs most: in B it is {abs(change):.3g} "
+        f"{most.unit} ({100.0 * abs(change / most.a[at]):.2g} %) "
+        f"{'higher' if change > 0.0 else 'lower'} at {clock(float(times[at]), float(times[-1]))} s"
+    )
+    nearest = _nearest_margin(found)
+    return f"{text}{nearest}."
+
+
+def _nearest_margin(found: Difference) -> str:
+    """Return how near the nearest excitation of A is to the same mode in B, in words."""
+    margins = next((q for q in found.quantities if q.key == "margin"), None)
+    if margins is None or not margins.compared or found.a.resonances is None:
+        return ""
+    at = int(np.nanargmin(np.where(np.isfinite(margins.b), np.abs(margins.a), np.nan)))
+    row = found.rows_a[at]
+    name, mode = found.a.resonances.excitation[row], found.a.resonances.mode[row] + 1
+    return (
+        f"; {name}, in A {100.0 * abs(margins.a[at]):.2g} % from mode {mode}, is "
+        f"{100.0 * abs(margins.b[at]):.2g} % from it in B"
+    )
 
 
 def problems(found: Difference) -> list[str]:
@@ -164,6 +203,7 @@ def difference_page(found: Difference) -> Page:
         "overview": {"column": "a_angle", "factor": DEG, "label": "α3"},
         "readings": readings,
         "brief": [f"d_{q.key}" for q in found.quantities[1:3]],
+        "answer": sentence(found),
         "tables": [_table(found, kept)],
         "summary": _cards(found),
         "histograms": [],
@@ -195,6 +235,19 @@ def _quantities(log: Log, rows: IntArray) -> dict[str, tuple[str, str, float, Fl
         margins = log.resonances.relative_margin[rows]
         found["margin"] = ("margin to resonance", "%", 100.0, margins)
     return found
+
+
+def _same_margins(a: Log, rows_a: IntArray, b: Log, rows_b: IntArray) -> FloatArray:
+    """Return the relative margins in log B of the excitations and modes nearest in A, (n,).
+
+    The drive is the same, so the frequency of an excitation is that of log A.
+    """
+    assert a.resonances is not None
+    modes = a.resonances.mode[rows_a]
+    own = np.full(len(rows_b), np.nan)
+    there = modes < b.n_modes
+    own[there] = b.natural_frequencies[rows_b[there], modes[there]]
+    return np.asarray(a.resonances.excitation_frequency[rows_a] / own - 1.0)
 
 
 def _charts(q: Quantity) -> Items:

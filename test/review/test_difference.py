@@ -14,7 +14,7 @@ from mcap.reader import make_reader
 from linkage_vibration.cli.main import main
 from linkage_vibration.playback.replay import WhatIf, replay
 from linkage_vibration.prediction.settings import Parameters
-from linkage_vibration.review.difference import compare, problems, summary
+from linkage_vibration.review.difference import compare, problems, sentence, summary
 from linkage_vibration.review.log import ReviewError, read_log
 from linkage_vibration.support.resources import config_file
 from test.support.drive import hitch_duty_cycle
@@ -70,6 +70,29 @@ def test_changed_values_are_reported(heavier: tuple[Path, Path]) -> None:
     assert changed.strip() == "rigid_bodies.implement.mass: 800.0 -> 1200.0"
 
 
+def test_same_order_and_mode_are_compared(heavier: tuple[Path, Path]) -> None:
+    """The margin in B is that of the excitation and the mode that are nearest in A."""
+    found = compare(*heavier)
+    [margin] = [q for q in found.quantities if q.key == "margin"]
+    assert found.a.resonances is not None
+    for i in range(0, len(found.stamps), 97):
+        row = found.rows_a[i]
+        if not np.isfinite(margin.a[i]):
+            continue
+        own = found.b.natural_frequencies[found.rows_b[i], found.a.resonances.mode[row]]
+        expected = (found.a.resonances.excitation_frequency[row] - own) / own
+        assert margin.b[i] == pytest.approx(expected, abs=1e-12)
+
+
+def test_difference_in_one_sentence(heavier: tuple[Path, Path]) -> None:
+    """The sentence names what differs most and by how much, and what came nearer or went away."""
+    text = sentence(compare(*heavier))
+    assert text.startswith("Mode 1 differs most: in B it is 1.0")
+    assert " Hz (18 %) lower at 18.90 s; " in text
+    assert text.count(" % from ") == 2
+    assert sentence(compare(heavier[0], heavier[0])) == "The logs have equal predictions."
+
+
 def test_no_stamp_in_common(write_log: Any, tmp_path: Path) -> None:
     """Logs of two different drives are refused."""
     a = write_log(tmp_path / "a.mcap", [0.0, 0.01], [2.0, 2.0], False)
@@ -96,8 +119,10 @@ def test_page_of_a_difference(
     shown = [float(browser.text(f"#read-{part}_f2").split()[0]) for part in "abd"]
     np.testing.assert_allclose(shown[:2], [mode_2.a[at], mode_2.b[at]], rtol=1e-7)
     assert shown[2] == pytest.approx(mode_2.largest, rel=1e-3)
-    browser.key("p", "p")  # The row before has no difference, so that there is nowhere to go.
-    assert browser.text("#jump-label") == "1 of 6"
+    assert browser.text("#answer") == sentence(found)
+    browser.key("p", "p")
+    assert browser.evaluate("review.cursor") < at
+    assert browser.text("#jump-label").endswith(" of 6")
     assert browser.problems == []
 
 
