@@ -236,9 +236,13 @@ def test_cursor_of_a_chart_that_comes_into_sight(page: Any) -> None:
     page.settle()
     page.evaluate("document.querySelector('#chart-margin').scrollIntoView()")
     page.evaluate("new Promise(done => setTimeout(done, 200))")
-    lines = "[...document.querySelectorAll('.chart .cursor')].map(e => parseFloat(e.style.left))"
-    places = page.evaluate(lines)
-    assert max(places) - min(places) < 1.0
+    left, width = page.evaluate(
+        "(e => [parseFloat(e.style.left), e.parentElement.clientWidth])"
+        "(document.querySelector('#chart-margin .cursor'))"
+    )
+    low, high = page.evaluate("review.view")
+    time = page.evaluate("review.columns.time[review.cursor]")
+    assert left / width == pytest.approx((time - low) / (high - low), abs=0.01)
 
 
 def test_ticks_are_round_and_real(page: Any) -> None:
