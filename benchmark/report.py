@@ -45,7 +45,7 @@ def machine(*others: str) -> str:
     return f"{cores}; Python {platform.python_version()}, {', '.join(versions)}"
 
 
-def publish(name: str, title: str, parts: Sequence[str], machine_line: str) -> None:
+def publish(name: str, title: str, parts: Sequence[str], machine_line: str, file: str = "") -> None:
     """Print a benchmark's results and write them to ``benchmark/results``.
 
     Parameters
@@ -58,12 +58,14 @@ def publish(name: str, title: str, parts: Sequence[str], machine_line: str) -> N
         Paragraphs and tables. The first sentence says what the page shows.
     machine_line : str
         What `machine` returns.
+    file : str
+        Another name of the file, without its suffix.
     """
     command = f"Made by `python -m benchmark.{name}` on: {machine_line}."
     text = "\n\n".join([f"# {title}", *parts, command]) + "\n"
     print(text)
     RESULTS.mkdir(exist_ok=True)
-    path = RESULTS / f"{name.rsplit('.', 1)[-1]}.md"
+    path = RESULTS / f"{file or name.rsplit('.', 1)[-1]}.md"
     draft = path.with_suffix(".part")
     draft.write_text(text, encoding="utf-8")
     draft.replace(path)

@@ -13,12 +13,7 @@ from contextlib import suppress
 os.environ.setdefault("AMENT_PREFIX_PATH", sys.prefix)
 
 import rclpy
-from rclpy.executors import (
-    Executor,
-    ExternalShutdownException,
-    MultiThreadedExecutor,
-    SingleThreadedExecutor,
-)
+from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -28,7 +23,6 @@ from linkage_vibration_interfaces.msg import VibrationPrediction
 
 EXECUTORS: dict[str, Callable[[], Executor]] = {
     "single-threaded": SingleThreadedExecutor,
-    "multi-threaded": MultiThreadedExecutor,
     "events": EventsExecutor,
 }
 DEPTH = 100

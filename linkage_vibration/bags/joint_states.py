@@ -1,15 +1,18 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Decodes thousands of ``sensor_msgs/JointState`` together.
+"""Decodes ``sensor_msgs/JointState``, one by one for the node and thousands together for bags.
 
 Own code because rosbags takes 12 times as long to read and decode one (`python -m
-benchmark.libraries`). Messages of one publisher differ only in their stamps and numbers. So the
-first one is parsed, and all others with the same bytes elsewhere are decoded as columns.
+benchmark.libraries`), and rclpy 30 us, a third of a live prediction. Messages of one publisher
+differ only in their stamps and numbers. So the first one is parsed, and all others with the same
+bytes elsewhere are decoded at the same positions.
 """
 
 import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -22,7 +25,18 @@ _ORIGIN = 4  # bytes of the encapsulation header, after which CDR aligns numbers
 
 
 class CdrError(ValueError):
-    """Bytes that are not a joint state in plain CDR."""
+    """Bytes that are not a message in plain CDR."""
+
+
+class JointState(NamedTuple):
+    """One joint state, with the stamp and the frame of its header."""
+
+    sec: int
+    nanosec: int
+    frame_id: str
+    name: list[str]
+    position: tuple[float, ...]
+    velocity: tuple[float, ...]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,7 +69,7 @@ class JointStates:
     velocity: NDArray[np.float64]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class _Layout:
     """Positions of the numbers of a message, and the bytes that similar messages share."""
 
@@ -66,6 +80,11 @@ class _Layout:
     velocity: tuple[int, int]
     shared: NDArray[np.uint64]  # the message, padded
     mask: NDArray[np.uint64]  # ones where the bytes are shared
+
+    @cached_property
+    def bits(self) -> tuple[int, int]:
+        """The shared bytes and the mask as numbers, for one message."""
+        return _bits(self.shared.tobytes()), _bits(self.mask.tobytes())
 
 
 class JointStateReader:
@@ -83,6 +102,30 @@ class JointStateReader:
         self.unreadable = 0
         self.fault = ""
         self._layouts: dict[int, list[_Layout]] = {}
+
+    def read_one(self, data: bytes) -> JointState:
+        """Decode one joint state.
+
+        Raises
+        ------
+        CdrError
+            If the bytes are not a joint state in plain CDR.
+        """
+        bits = _bits(data)
+        for layout in self._layouts.get(len(data), ()):
+            shared, mask = layout.bits
+            if not (bits ^ shared) & mask:
+                break
+        else:
+            layout = _layout(data, _padded(len(data)))
+            self._remember(layout, len(data))
+        order = layout.order
+        sec, nanosec = struct.unpack_from(f"{order}iI", data, _ORIGIN)
+        position, velocity = (
+            struct.unpack_from(f"{order}{count}d", data, at)
+            for at, count in (layout.position, layout.velocity)
+        )
+        return JointState(sec, nanosec, layout.frame_id, layout.name, position, velocity)
 
     def read(self, block: Block, rows: Integers) -> Iterator[JointStates]:
         """Yield the joint states of a block, with equal layouts together.
@@ -102,9 +145,8 @@ class JointStateReader:
 
     def _read(self, messages: Bytes, rows: Integers, size: int) -> Iterator[JointStates]:
         words = messages.view(np.uint64)
-        known = self._layouts.setdefault(size, [])
         left = np.arange(len(rows))
-        for layout in known:
+        for layout in self._layouts.get(size, ()):
             fits = ~((words[left] ^ layout.shared) & layout.mask).any(axis=1)
             if fits.any():
                 found = left[fits]
@@ -115,25 +157,36 @@ class JointStateReader:
         while len(left):
             try:
                 layout = _layout(messages[left[0], :size].tobytes(), messages.shape[1])
-            except (CdrError, struct.error, UnicodeDecodeError) as error:
+            except CdrError as error:
                 self.fault = (
                     self.fault or f"a message of {size} bytes is not a joint state: {error}"
                 )
                 self.unreadable += 1
                 left = left[1:]
                 continue
-            if sum(map(len, self._layouts.values())) >= _KEPT:
-                self._layouts = {size: (known := [])}
-            known.append(layout)
+            self._remember(layout, size)
             fits = ~((words[left] ^ layout.shared) & layout.mask).any(axis=1)
             found = left[fits]
             yield _columns(messages[found], rows[found], size, layout)
             left = left[~fits]
 
+    def _remember(self, layout: _Layout, size: int) -> None:
+        if sum(map(len, self._layouts.values())) >= _KEPT:
+            self._layouts = {}
+        self._layouts.setdefault(size, []).append(layout)
+
+
+def _bits(data: bytes) -> int:
+    return int.from_bytes(data, "little")
+
+
+def _padded(size: int) -> int:
+    return -(-max(size, 1) // 8) * 8
+
 
 def _gathered(block: Block, rows: Integers, size: int) -> Bytes:
     """Return messages of one size as rows that are padded to multiples of 8 bytes."""
-    padded = np.zeros((len(rows), -(-max(size, 1) // 8) * 8), np.uint8)
+    padded = np.zeros((len(rows), _padded(size)), np.uint8)
     if size:
         padded[:, :size] = sliding_window_view(block.buffer, size)[block.starts[rows]]
     return padded
@@ -160,6 +213,13 @@ def _columns(messages: Bytes, rows: Integers, size: int, layout: _Layout) -> Joi
 
 def _layout(data: bytes, padded: int) -> _Layout:
     """Return the layout of a message."""
+    try:
+        return _parsed(data, padded)
+    except (struct.error, UnicodeDecodeError) as error:
+        raise CdrError(str(error)) from None
+
+
+def _parsed(data: bytes, padded: int) -> _Layout:
     if len(data) < _ORIGIN + 12 or data[0] != 0 or data[1] > 1:
         raise CdrError("its encapsulation header is not that of plain CDR")
     order = "<" if data[1] else ">"

@@ -10,7 +10,7 @@ import shutil
 import threading
 import time
 from collections import deque
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.metadata import version
 from pathlib import Path
@@ -204,15 +204,20 @@ class Recorder:
         log_time, publish_time : int
             Times of receiving and of sending, ns; they need not ascend.
         """
-        size = len(data)
+        self.write_together([(topic, data, log_time, publish_time)])
+
+    def write_together(self, messages: Sequence[tuple[str, bytes, int, int]]) -> None:
+        """Queue messages as `write` does, all or none of them, whichever thread calls `stop`."""
+        size = sum(len(data) for _, data, _, _ in messages)
         with self._lock:
             if not self.active:
                 return
             if self._queued >= QUEUE_MESSAGES or self._queued_bytes + size > QUEUE_BYTES:
-                self._overflowed += 1
+                self._overflowed += len(messages)
                 return
-            self._queue.append((self._topics[topic], data, log_time, publish_time))
-            self._queued += 1
+            for topic, data, log_time, publish_time in messages:
+                self._queue.append((self._topics[topic], data, log_time, publish_time))
+            self._queued += len(messages)
             self._queued_bytes += size
 
     def change_provenance(self, provenance: Provenance) -> None:

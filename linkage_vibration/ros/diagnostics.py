@@ -212,7 +212,7 @@ def status(name: str, health: Health, statistics: Statistics) -> DiagnosticStatu
     """
     level, message = _judge(health, statistics)
     table = None if health.served is None else health.served.table
-    latencies, log = 1e3 * np.array(statistics.latencies or math.nan), health.recorder
+    latencies, log = 1e3 * np.array(list(statistics.latencies) or math.nan), health.recorder
     median, high = np.percentile(latencies, [50.0, 99.0])
     mismatches = sorted(statistics.qos_mismatches.items())
     values = {

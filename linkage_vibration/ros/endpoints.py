@@ -36,9 +36,8 @@ def advertise(
 ) -> Any:
     """Return a reliable publisher that reports subscribers whose QoS does not match.
 
-    In rclpy 9.1 a publisher or subscription with QoS events must not be destroyed while the events
-    executor works, because an event at that moment ends the process. So this publisher exists as
-    long as its node, and no other publisher or subscription has QoS events.
+    It exists as long as its node. No other publisher or subscription has QoS events, because the
+    events executor of rclpy ends the process if an event comes as one of them is destroyed.
 
     Parameters
     ----------

@@ -6,6 +6,7 @@ import math
 import time
 from collections.abc import Callable
 from functools import partial
+from inspect import iscoroutinefunction
 from typing import Any
 
 from builtin_interfaces.msg import Time
@@ -15,7 +16,7 @@ from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, JumpThreshold
 from rclpy.clock_type import ClockType
 from rclpy.duration import Duration
-from rclpy.executors import ExternalShutdownException
+from rclpy.executors import Executor, ExternalShutdownException
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
@@ -34,10 +35,12 @@ from linkage_vibration.readers.served import read_served
 from linkage_vibration.ros.diagnostics import Health, Statistics, status
 from linkage_vibration.ros.endpoints import Throttle, advertise, publisher
 from linkage_vibration.ros.interface_check import check_interfaces
+from linkage_vibration.ros.listener import Listener
 from linkage_vibration.ros.log_control import Recording
 from linkage_vibration.ros.markers import Markers
 from linkage_vibration.ros.message_path import Predicting, own_topics
 from linkage_vibration.ros.parameter_server import changed, declare_parameters, new_values
+from linkage_vibration.ros.precedence import rest
 from linkage_vibration.ros.services import Services
 from linkage_vibration.table.table import Table
 from linkage_vibration_interfaces.msg import Resonance, TableInfo, VibrationPrediction
@@ -61,6 +64,8 @@ class LinkageVibrationNode(LifecycleNode):
     ----------
     problem : str
         Why the node could not be configured or activated; empty if it could.
+    requests : int
+        Number of requests to all services.
 
     Raises
     ------
@@ -68,11 +73,15 @@ class LinkageVibrationNode(LifecycleNode):
         If the node starts by itself and a parameter is invalid.
     """
 
+    requests = 0
+
     def __init__(self, stop_asked: Callable[[], bool] = lambda: False) -> None:
         super().__init__(NODE_NAME, automatically_declare_parameters_from_overrides=True)
         for service in self.services:
             if service.srv_type is ChangeState:
                 service.callback = partial(self._change_state, service.callback)
+            if service.srv_type.__module__.startswith("lifecycle_msgs"):
+                service.callback = self._counted(service.callback)
         self.problem = ""
         self._stop_asked = stop_asked
         self._state, self._starting = "unconfigured", False
@@ -94,6 +103,7 @@ class LinkageVibrationNode(LifecycleNode):
         self._settings, self._faults = declare_parameters(self)
         if self._faults and self.autostart:
             raise next(iter(self._faults.values()))
+        self._listener = Listener(self)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         # Simulated time may stop, but the log must be watched and reported all the same.
         self.create_timer(1.0, self._on_second, clock=Clock(clock_type=ClockType.STEADY_TIME))
@@ -179,7 +189,47 @@ class LinkageVibrationNode(LifecycleNode):
         self.get_logger().info(summary)
         if recording is not None:
             recording.report_end()
+        self._listener.close()
         self.destroy_node()
+
+    def serve(self, executor: Executor, seconds: float) -> None:
+        """Handle what is not a reading, for one turn of an executor, and rest after requests.
+
+        Parameters
+        ----------
+        executor, seconds : Executor, float
+            The node's executor, and how long to wait, s.
+        """
+        served, began = self.requests, time.thread_time()
+        executor.spin_once(seconds)
+        self._listener.check()
+        if self.requests > served and self._listener.active:
+            rest(time.thread_time() - began)
+
+    def create_service(self, kind: Any, name: str, callback: Any, **options: Any) -> Any:
+        """Offer a service, as rclpy does, and count its requests.
+
+        Parameters
+        ----------
+        kind, name, callback, **options : type, str, callable, object
+            As in `rclpy.node.Node.create_service`.
+        """
+        return super().create_service(kind, name, self._counted(callback), **options)
+
+    def _counted(self, callback: Callable[..., Any]) -> Callable[..., Any]:
+        """Return a callback that counts its requests."""
+
+        def call(request: Any, response: Any) -> Any:
+            self.requests += 1
+            return callback(request, response)
+
+        async def call_later(request: Any, response: Any) -> Any:
+            self.requests += 1
+            answer = await callback(request, response)
+            self.requests += 1  # its response will be sent in this turn
+            return answer
+
+        return call_later if iscoroutinefunction(callback) else call
 
     def _change_state(
         self, change: Callable[..., Any], request: ChangeState.Request, response: Any
@@ -236,6 +286,7 @@ class LinkageVibrationNode(LifecycleNode):
         self._markers = markers = Markers(self, self._serving, self._settings)
         self._predicting = Predicting(
             self,
+            self._listener,
             *self._outputs,
             settings,
             served.predictor,
@@ -259,6 +310,7 @@ class LinkageVibrationNode(LifecycleNode):
         assert self._recording is not None
         self._recording.activate(begin=self._settings.record)
         self._predicting.subscribe()
+        self._listener.start()
         served = self._serving()
         first, last = map(math.degrees, served.table.alpha3_range)
         self.get_logger().info(
@@ -267,6 +319,7 @@ class LinkageVibrationNode(LifecycleNode):
         )
 
     def _deactivate(self) -> None:
+        self._listener.stop()
         if self._predicting is not None:
             self._predicting.unsubscribe()
         if self._recording is not None:
@@ -295,7 +348,7 @@ class LinkageVibrationNode(LifecycleNode):
 
     def _serving(self) -> Served:
         if self._served is None:
-            # The events executor passes requests that arrived before a service was destroyed.
+            # A request may arrive before its service is destroyed.
             raise LinkageVibrationError("The node is not configured; configure it first.")
         return self._served
 
@@ -303,8 +356,10 @@ class LinkageVibrationNode(LifecycleNode):
         """Use another table from now on."""
         assert self._predicting is not None
         assert self._recording is not None
-        self._served, self._predicting.predictor = served, served.predictor
-        self._recording.recorder.change_provenance(self._provenance(served))
+        provenance = self._provenance(served)
+        with self._listener.paused():
+            self._served, self._predicting.predictor = served, served.predictor
+            self._recording.recorder.change_provenance(provenance)
         self._publish_model(served)
         self.get_logger().info(f"Predicting from table {served.table.table_id} from now on.")
 
@@ -329,8 +384,10 @@ class LinkageVibrationNode(LifecycleNode):
             return
         self._markers.settings = self._settings
         if without_markers(self._settings) != without_markers(before):
-            self._predicting.apply(self._settings)
-            self._recording.recorder.change_provenance(self._provenance(self._serving()))
+            provenance = self._provenance(self._serving())
+            with self._listener.paused():
+                self._predicting.apply(self._settings)
+                self._recording.recorder.change_provenance(provenance)
 
     def _on_second(self) -> None:
         now, counts = time.monotonic(), self._statistics

@@ -62,22 +62,28 @@ class Recording:
         for service in self._services:
             self._node.destroy_service(service)
 
-    def write(self, topic: str, data: bytes, received: int, info: MessageInfo | None) -> None:
-        """Record a message.
+    def write(
+        self, topic: str, data: bytes, received: int, info: MessageInfo, *answers: tuple[str, bytes]
+    ) -> None:
+        """Record a message, and with it the messages of this node that answer it.
 
         Parameters
         ----------
         topic, data : str, bytes
             Its topic and its CDR.
         received : int
-            When it, or the message that it answers, was received, ns.
-        info : MessageInfo or None
-            None for a message of this node.
+            When it was received, ns.
+        info : MessageInfo
+            Where it comes from.
+        *answers : (str, bytes)
+            Topics and CDR of the answers.
         """
         # A simulated clock is at zero until it runs; such times would make the log useless.
         if self.recorder.active and received > 0:
-            sent = info["source_timestamp"] if info is not None else time.time_ns()
-            self.recorder.write(topic, data, received, sent or received)
+            now = time.time_ns()
+            own = [(name, answer, received, now) for name, answer in answers]
+            sent = info["source_timestamp"] or received
+            self.recorder.write_together([(topic, data, received, sent), *own])
 
     def watch(self) -> None:
         """Subscribe to topics whose type is known by now, and report a failure; once a second."""

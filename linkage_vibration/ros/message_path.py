@@ -9,20 +9,31 @@ from functools import partial
 from typing import Any
 
 from rclpy.node import Node
-from rclpy.serialization import deserialize_message
 from std_msgs.msg import Float64
 
+from linkage_vibration.bags.joint_states import CdrError
 from linkage_vibration.bags.writing import Topic
 from linkage_vibration.messages.encoding import encode_prediction, encode_resonance
 from linkage_vibration.messages.topics import INPUT_TOPICS, OUTPUT_TOPICS, SPEEDS, log_topic
 from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.inputs import INPUTS
+<<<<<<< HEAD
 from linkage_vibration.prediction.inputs.crank_input import CrankInput, Reading, ReadingError
 from linkage_vibration.prediction.predictor import Prediction, Predictor, Status, fault
+=======
+from linkage_vibration.prediction.inputs.crank_input import (
+    CrankInput,
+    Reading,
+    ReadingError,
+    read_float,
+)
+from linkage_vibration.prediction.predictor import Predictor, Status, fault
+>>>>>>> aaa5870 (Answer the readings on a thread and a node of their own, and let services rest)
 from linkage_vibration.prediction.resonance import Resonance, ResonanceMonitor
 from linkage_vibration.prediction.settings import Parameters
 from linkage_vibration.ros.diagnostics import Statistics
-from linkage_vibration.ros.endpoints import MessageInfo, Throttle, message_class, subscribe
+from linkage_vibration.ros.endpoints import MessageInfo, Throttle, message_class
+from linkage_vibration.ros.listener import Listener
 
 MISSING_AFTER = 5.0  # s without the joint, before a warning says that it is missing
 MAX_NAMES = 20  # of other joints, in that warning
@@ -46,19 +57,19 @@ class Predicting:
 
     Parameters
     ----------
-    node : Node
-        The node that subscribes.
+    node, listener : Node, Listener
+        The node that publishes, and the one that subscribes.
     predictions, resonances : Publisher
         The publishers of both topics.
     settings : Parameters
-        The parameters at the start; `apply` changes them.
+        The parameters at the start; `apply` changes them while the listener is paused.
     predictor : Predictor
-        Looks up the table. The attribute `predictor` may be replaced between two messages.
+        Looks up the table. The attribute `predictor` may be replaced while the listener is paused.
     monitor : ResonanceMonitor
         Compares the excitations with the natural frequencies.
     record : callable
-        Called with topic, bytes, time of receipt (ns) and `MessageInfo` (None for own messages)
-        of every message that is used or published.
+        Called with the topic, the bytes, the time of receipt (ns) and the `MessageInfo` of every
+        message that is used, and with the topics and bytes of its answers.
     show : callable
         Called with each crank angle that has a prediction, rad.
     statistics, throttle : Statistics, Throttle
@@ -73,12 +84,13 @@ class Predicting:
     def __init__(
         self,
         node: Node,
+        listener: Listener,
         predictions: Any,
         resonances: Any,
         settings: Parameters,
         predictor: Predictor,
         monitor: ResonanceMonitor,
-        record: Callable[[str, bytes, int, MessageInfo | None], None],
+        record: Callable[..., None],
         show: Callable[[float], None],
         statistics: Statistics,
         throttle: Throttle,
@@ -86,10 +98,11 @@ class Predicting:
         self.predictor = predictor
         self.prediction: Prediction | None = None
         self.resonance: Resonance | None = None
-        self._node, self._monitor, self._record, self._show = node, monitor, record, show
+        self._clock, self._listener = node.get_clock(), listener
+        self._monitor, self._record, self._show = monitor, record, show
         self._settings, self._statistics, self._throttle = settings, statistics, throttle
         self._input: CrankInput
-        self._subscriptions: list[Any] = []
+        self._subscribed = False
         self._other_names: set[str] = set()
         self._began = 0.0
         self._input_topics = {i: node.resolve_topic_name(i.topic) for i in INPUTS.values()}
@@ -112,31 +125,24 @@ class Predicting:
         monitor.stale_after = settings.stale_after
         for source in Source:
             monitor.set_fixed(source, settings.fixed_speed(source))
-        if other_input and self._subscriptions:
+        if other_input and self._subscribed:
             self.unsubscribe()
             self.subscribe()
 
     def subscribe(self) -> None:
-        """Answer messages from now on."""
-        self._began = time.monotonic()
+        """Answer messages as soon as the listener starts."""
+        self._began, self._subscribed = time.monotonic(), True
         self._statistics.last_reading = math.nan
         kind = type(self._input)
         message_type, topic = message_class(kind.type), self._input_topics[kind]
-        on_reading = partial(self._on_reading, kind, message_type)
-        # Of messages that wait, the single-threaded executor takes those of the first subscription
-        # first. Speeds come first, so that a reading is compared with the newest speeds. The
-        # events executor takes all messages in the order of their arrival.
-        self._subscriptions = [
-            subscribe(self._node, Float64, name, partial(self._on_speed, source, name))
-            for source, name in self._speed_topics.items()
-        ]
-        self._subscriptions.append(subscribe(self._node, message_type, topic, on_reading))
+        for source, name in self._speed_topics.items():
+            self._listener.subscribe(Float64, name, partial(self._on_speed, source, name))
+        self._listener.subscribe(message_type, topic, partial(self._on_reading, kind))
 
     def unsubscribe(self) -> None:
-        """Answer no more messages."""
-        for subscription in self._subscriptions:
-            self._node.destroy_subscription(subscription)
-        self._subscriptions = []
+        """Answer no more messages, once the listener has stopped."""
+        self._listener.unsubscribe()
+        self._subscribed = False
         self._other_names.clear()
         self.resonance = None
 
@@ -144,29 +150,27 @@ class Predicting:
         """Warn if the joint is missing at a time (steady clock, s), and name the joints seen."""
         last = self._statistics.last_reading
         quiet = now - (self._began if math.isnan(last) else last)
-        if quiet > MISSING_AFTER and self._subscriptions:
+        if quiet > MISSING_AFTER and self._subscribed:
             topic = self._input_topics[type(self._input)]
             explained = self._input.explain_missing(topic, sorted(self._other_names))
             if explained:
                 silence = f"No reading for more than {MISSING_AFTER:g} s: "
                 self._throttle.warn("missing", silence + explained)
 
-    def _on_reading(
-        self, kind: type[CrankInput], message_type: Any, data: bytes, info: MessageInfo
-    ) -> None:
-        began, received = time.monotonic(), self._node.get_clock().now().nanoseconds
+    def _on_reading(self, kind: type[CrankInput], data: bytes, info: MessageInfo) -> None:
+        began, received = time.monotonic(), self._now()
         self._statistics.received += 1
         if kind is not type(self._input):
             return  # it arrived before the input was changed
         topic = self._input_topics[kind]
         try:
-            message = deserialize_message(data, message_type)
+            message = self._input.decode(data)
             reading = self._input.reading(message)
         except ReadingError as error:
             self._throttle.warn("reading", str(error))
             return
-        except RuntimeError as error:
-            problem = f"A message of {len(data)} bytes on {topic} is not valid CDR: {error}"
+        except CdrError as error:
+            problem = f"A message of {len(data)} bytes on {topic} is not valid CDR: {error}."
             self._throttle.warn("bytes", problem)
             return
         if reading is None:
@@ -179,12 +183,16 @@ class Predicting:
         header = self._input.header(message, received)
         self._answer(reading, *header, (topic, data, received, info), began)
 
+    def _now(self) -> int:
+        """Return the time of the node's clock, ns, without rclpy in a third of the time."""
+        return self._clock.now().nanoseconds if self._clock.ros_time_is_active else time.time_ns()
+
     def _on_speed(self, source: Source, topic: str, data: bytes, info: MessageInfo) -> None:
-        received = self._node.get_clock().now().nanoseconds
+        received = self._now()
         try:
-            value = deserialize_message(data, Float64).data
-        except RuntimeError as error:
-            problem = f"A Float64 of {len(data)} bytes is not valid CDR: {error}"
+            value = read_float(data)
+        except CdrError as error:
+            problem = f"A message of {len(data)} bytes on {topic} is not valid CDR: {error}."
             self._throttle.warn("bytes", problem)
             return
         if self._settings.fixed_speed(source) is None:
@@ -194,7 +202,7 @@ class Predicting:
     def _answer(
         self, reading: Reading, sec: int, nanosec: int, frame: str, source: _Message, began: float
     ) -> None:
-        """Predict and publish; then count, and record the message before its prediction."""
+        """Predict and publish; then count, and record the message with its answers."""
         counts, received = self._statistics, source[2]
         prediction = self.predictor.predict(reading.crank_angle, reading.stddev)
         self.prediction = prediction
@@ -203,13 +211,13 @@ class Predicting:
         counts.latencies.append(time.monotonic() - began)
         counts.predicted += 1
         counts.take_reading(began, sec, nanosec, received)
-        self._record(*source)
-        self._record(self._prediction_topic, encoded, received, None)
+        answers = [(self._prediction_topic, encoded)]
         if self._monitor.any_speed_reported:
             self.resonance = self._monitor.assess(prediction, reading.velocity, received)
             encoded = encode_resonance(self.resonance, sec, nanosec, frame)
             self._resonances.publish(encoded)
-            self._record(self._resonance_topic, encoded, received, None)
+            answers.append((self._resonance_topic, encoded))
+        self._record(*source, *answers)
         if prediction.status.has_numbers:
             self._show(reading.crank_angle)
         else:

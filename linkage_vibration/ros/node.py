@@ -19,6 +19,8 @@ def main(args: list[str] | None = None) -> int:
     """Run the node until SIGINT, SIGTERM or SIGHUP, and return the exit code."""
     # A sourced ROS 2 sets this; the wheels, which are in the Python environment, do not.
     os.environ.setdefault("AMENT_PREFIX_PATH", sys.prefix)
+    # The matrices are small; BLAS threads would only keep cores from the readings.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     stop_asked = _handle_signals()
     if _ros_is_too_old():
         name = os.environ.get("ROS_DISTRO", "this release").capitalize()

@@ -3,12 +3,14 @@
 """The node's services: predictions, FRFs, mode shapes, the table, and a change of implement."""
 
 import tempfile
+import time
 from array import array
 from collections.abc import Callable
 from concurrent.futures import CancelledError, ThreadPoolExecutor
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
+from threading import get_ident
 from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
@@ -25,6 +27,7 @@ from linkage_vibration.messages.encoding import encode_prediction
 from linkage_vibration.prediction import answers
 from linkage_vibration.prediction.answers import Served, place_name
 from linkage_vibration.prediction.predictor import Predictor, fault
+from linkage_vibration.ros.precedence import rest
 from linkage_vibration.support.process_pool import LocalPool
 from linkage_vibration.table.table import table_bytes
 from linkage_vibration_interfaces.msg import VibrationPrediction
@@ -39,11 +42,12 @@ from linkage_vibration_interfaces.srv import (
 P = ParamSpec("P")
 T = TypeVar("T")
 
-# Live predictions wait while a request is answered. So many angles take less than 0.1 s, and the
-# queue of joint states holds 1 s at 1 kHz.
+# Other requests wait meanwhile; so many angles take less than 0.1 s.
 MAX_REQUEST = 1_000
 # Largest number of waiting requests; each costs the executor a microsecond when it wakes.
 MAX_WAITING = 16
+# Between so many predictions, less than a millisecond of work, the readings have the processor.
+SLICE = 10
 
 
 class ServiceError(LinkageVibrationError):
@@ -51,10 +55,10 @@ class ServiceError(LinkageVibrationError):
 
 
 class Services:
-    """Answers requests without delaying the live predictions.
+    """Answers requests while the listener's thread predicts.
 
-    Models are solved in a thread, and tables are built in a process. Meanwhile the callback, a
-    coroutine in a reentrant callback group, waits.
+    Models are solved in a thread, which rests afterwards, and tables are built in a process.
+    Meanwhile the callback, a coroutine in a reentrant callback group, waits.
 
     Parameters
     ----------
@@ -76,7 +80,7 @@ class Services:
         self._wanted: Path | None = None  # a folder; its removal stops the building of a table
         offer: Any = partial(node.create_service, callback_group=ReentrantCallbackGroup())
         self._services = [
-            node.create_service(PredictVibration, "~/predict", self._predict),
+            offer(PredictVibration, "~/predict", self._predict),
             offer(GetFrf, "~/get_frf", self._get_frf),
             offer(GetModeShapes, "~/get_mode_shapes", self._get_mode_shapes),
             offer(GetTable, "~/get_table", self._get_table),
@@ -103,31 +107,25 @@ class Services:
         for service in self._services:
             self._node.destroy_service(service)
 
-    def _predict(
+    async def _predict(
         self, request: PredictVibration.Request, response: PredictVibration.Response
     ) -> PredictVibration.Response:
         angles = request.crank_angles
-        if not 0 < len(angles) <= MAX_REQUEST:
-            response.message = (
-                f"crank_angles has {len(angles)} angles; give 1 to {MAX_REQUEST} in a request."
-            )
-            return response
         try:
+            if not 0 < len(angles) <= MAX_REQUEST:
+                raise ServiceError(
+                    f"crank_angles has {len(angles)} angles; give 1 to {MAX_REQUEST} in a request."
+                )
             predictor = self._served().predictor
+            now = self._node.get_clock().now().seconds_nanoseconds()
+            predictions, failed = await self._away(_predict, predictor, list(angles), now)
         except LinkageVibrationError as error:
             response.message = str(error)
             return response
-        predictions = [predictor.predict(angle) for angle in angles]
-        sec, nanosec = self._node.get_clock().now().seconds_nanoseconds()
-        # The bytes of the topic, decoded, so that the service and the topic cannot differ.
-        response.predictions = [
-            deserialize_message(encode_prediction(p, sec, nanosec, ""), VibrationPrediction)
-            for p in predictions
-        ]
-        failed = [i for i, p in enumerate(predictions) if not p.status.has_numbers]
-        response.success = not failed
+        response.predictions, response.success = predictions, not failed
         if failed:
-            problem = fault(predictions[failed[0]], predictor.table.alpha3_range)
+            first = angles[failed[0]]
+            problem = fault(predictor.predict(first), predictor.table.alpha3_range)
             response.message = (
                 f"{len(failed)} of {len(angles)} angles have no prediction, the first is "
                 f"crank_angles[{failed[0]}]: {problem}."
@@ -222,6 +220,12 @@ class Services:
         if self._waiting >= MAX_WAITING:
             raise ServiceError(f"{self._waiting} requests are waiting already; ask again later.")
         ready: Future[None] = Future()
+        worker, began = 0, 0.0
+
+        def measured() -> T:
+            nonlocal worker, began
+            worker, began = get_ident(), time.thread_time()
+            return work(*args, **kwargs)
 
         def done(_: object) -> None:
             ready.set_result(None)
@@ -229,10 +233,12 @@ class Services:
             with suppress(InvalidHandle):
                 if self._node.executor is not None:
                     self._node.executor.wake()
+            if get_ident() == worker:
+                rest(time.thread_time() - began)
 
         self._waiting += 1
         try:
-            answer = self._threads.submit(work, *args, **kwargs)
+            answer = self._threads.submit(measured)
             answer.add_done_callback(done)
             await ready
             return answer.result()
@@ -247,6 +253,25 @@ class Services:
             ) from None
         finally:
             self._waiting -= 1
+
+
+def _predict(
+    predictor: Predictor, angles: list[float], stamp: tuple[int, int]
+) -> tuple[list[VibrationPrediction], list[int]]:
+    """Return predictions, and the indices of angles without one; rest between them."""
+    messages, failed = [], []
+    began = time.thread_time()
+    for i, angle in enumerate(angles):
+        prediction = predictor.predict(angle)
+        # The bytes of the topic, decoded, so that the service and the topic cannot differ.
+        encoded = encode_prediction(prediction, *stamp, "")
+        messages.append(deserialize_message(encoded, VibrationPrediction))
+        if not prediction.status.has_numbers:
+            failed.append(i)
+        if i % SLICE == SLICE - 1:
+            rest(time.thread_time() - began)
+            began = time.thread_time()
+    return messages, failed
 
 
 def _rebuild(mechanism: Mechanism, text: str, served: Served, wanted: Path) -> Served:

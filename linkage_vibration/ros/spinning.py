@@ -4,13 +4,11 @@
 
 import sys
 from collections.abc import Callable
-from contextlib import closing, suppress
-from importlib.metadata import PackageNotFoundError, version
+from contextlib import closing
 from warnings import catch_warnings, simplefilter
 
 import rclpy
-from rclpy.exceptions import InvalidHandle
-from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.logging import get_logger
 from rclpy.signals import SignalHandlerOptions
 
@@ -19,8 +17,10 @@ from linkage_vibration.prediction.settings import NODE_NAME
 from linkage_vibration.ros.command_line import check_arguments, help_text, refusal
 from linkage_vibration.ros.lifecycle import LinkageVibrationNode
 
-EVENTS_SINCE = (9, 1, 2)  # of rclpy; earlier events executors do not wait for asynchronous services
 WATCH_PERIOD = 0.2  # s, between two checks for a signal
+# Longest time for which a thread that answers a request holds Python's lock while a reading waits.
+# Python's own value is 5 ms.
+SWITCH_INTERVAL = 2e-4  # s
 
 
 def run(args: list[str] | None, stop_asked: Callable[[], bool]) -> int:
@@ -34,6 +34,7 @@ def run(args: list[str] | None, stop_asked: Callable[[], bool]) -> int:
         Returns whether a signal has arrived. rclpy does not handle signals here, because it would
         end the context while a callback is about to publish.
     """
+    sys.setswitchinterval(SWITCH_INTERVAL)
     arguments = sys.argv if args is None else args
     if {"-h", "--help"} & set(arguments[1:]):
         print(help_text(), end="")
@@ -67,27 +68,9 @@ def _spin(node: LinkageVibrationNode, stop_asked: Callable[[], bool]) -> None:
                 "Waiting for a lifecycle manager, because autostart is false; or run "
                 f"`ros2 lifecycle set {node.get_fully_qualified_name()} configure`."
             )
-        node.executor = executor = _executor()
+        node.executor = executor = SingleThreadedExecutor()
         try:
             while rclpy.ok() and not stop_asked():
-                with suppress(InvalidHandle):  # a message arrived as its subscription was destroyed
-                    executor.spin_once(WATCH_PERIOD)
+                node.serve(executor, WATCH_PERIOD)
         finally:
             executor.shutdown()  # before the node's entities are destroyed
-
-
-def _executor() -> Executor:
-    """Return the executor with the lowest latency (`python -m benchmark.latency`).
-
-    The single-threaded executor checks all services for each message, and the multi-threaded
-    executor delays and loses messages under load.
-    """
-    try:
-        found = tuple(int(part) for part in version("rclpy").split(".")[:3])
-    except (PackageNotFoundError, ValueError):
-        found = ()
-    if found < EVENTS_SINCE:
-        return SingleThreadedExecutor()
-    from rclpy.experimental.events_executor import EventsExecutor
-
-    return EventsExecutor()

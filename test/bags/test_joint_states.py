@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_typestore
 
-from linkage_vibration.bags.joint_states import JointStateReader
+from linkage_vibration.bags.joint_states import CdrError, JointStateReader
 from linkage_vibration.bags.message_types import JOINT_STATE
 from linkage_vibration.bags.streams import Block
 
@@ -77,6 +77,13 @@ def test_against_rosbags(contents: list[Any]) -> None:
             assert some.data[i].tobytes() == data[row]
     assert sorted(seen) == list(range(len(data)))
     assert reader.unreadable == 0
+    alone = JointStateReader()
+    for one, encoded in zip(messages, data, strict=True):
+        found = alone.read_one(encoded)
+        assert (found.sec, found.nanosec) == (one.header.stamp.sec, one.header.stamp.nanosec)
+        assert (found.frame_id, found.name) == (one.header.frame_id, one.name)
+        assert np.array(found.position).tobytes() == one.position.tobytes()
+        assert np.array(found.velocity).tobytes() == one.velocity.tobytes()
 
 
 def test_padding_is_ignored() -> None:
@@ -87,6 +94,9 @@ def test_padding_is_ignored() -> None:
     found = list(JointStateReader().read(block_of([one, other]), np.arange(2)))
     assert len(found) == 1
     np.testing.assert_array_equal(found[0].position, [[1.0, 1.0]])
+    alone = JointStateReader()
+    assert alone.read_one(one) == alone.read_one(other)
+    assert sum(map(len, alone._layouts.values())) == 1
 
 
 def test_number_of_layouts_is_bounded() -> None:
@@ -99,6 +109,8 @@ def test_number_of_layouts_is_bounded() -> None:
     found = {int(some.sec[0]): some for some in reader.read(block_of(data), np.arange(1000))}
     assert sorted(found) == list(range(1000))
     assert all(some.position[0, 0] == k for k, some in found.items())
+    assert sum(map(len, reader._layouts.values())) <= 256
+    assert [reader.read_one(one).sec for one in data] == list(range(1000))
     assert sum(map(len, reader._layouts.values())) <= 256
 
 
@@ -120,3 +132,10 @@ def test_damaged_messages(seed: int) -> None:
     assert read + reader.unreadable == len(data)
     assert reader.unreadable >= 4
     assert "is not a joint state" in reader.fault
+    unreadable = 0
+    for one in data:
+        try:
+            reader.read_one(one)
+        except CdrError:
+            unreadable += 1
+    assert unreadable == reader.unreadable

@@ -338,6 +338,30 @@ def test_changed_provenance_begins_a_file(tmp_path: Path) -> None:
     assert metadata(logs(tmp_path)[1], PROVENANCE_METADATA) == [{"load": "1200 kg"}]
 
 
+def test_messages_that_belong_together_stay_together(tmp_path: Path) -> None:
+    """However often another thread stops and starts a log, it has both of two messages."""
+    log, ended = recorder(tmp_path), threading.Event()
+
+    def write_pairs() -> None:
+        number = 0
+        while not ended.is_set():
+            number += 1
+            log.write_together([(topic.name, cdr(number), number, number) for topic in TOPICS])
+
+    thread = threading.Thread(target=write_pairs)
+    thread.start()
+    for _ in range(5):
+        log.start()
+        time.sleep(0.05)
+        log.stop()
+        assert log.path is not None
+        found = numbers(log.path)
+        assert found
+        assert found[0::2] == found[1::2]
+    ended.set()
+    thread.join()
+
+
 def test_stops_and_starts(tmp_path: Path) -> None:
     """Each start begins a file and resets the counts; messages in between are ignored."""
     log = recorder(tmp_path)

@@ -18,8 +18,7 @@ from test.support.ros_process import Peer, RunningNode, peer_of, start_node
 def environment(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     """Set and return the environment in which nodes and peers find each other.
 
-    Nodes run with BLAS threads, as on a machine where nobody has turned them off, because a signal
-    to the process may go to any thread.
+    Nodes run without OPENBLAS_NUM_THREADS, as on a machine where nobody has set it.
     """
     os.environ.setdefault("AMENT_PREFIX_PATH", sys.prefix)
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"

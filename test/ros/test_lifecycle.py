@@ -76,9 +76,10 @@ def resident() -> int:
 
 
 def entities(node: Any) -> dict[str, int]:
-    """Return how many entities of each kind a node has."""
+    """Return how many entities of each kind a node has, with those of its readings' node."""
     kinds = ("publishers", "subscriptions", "services", "clients", "timers", "guards", "waitables")
-    return {kind: len(list(getattr(node, kind))) for kind in kinds}
+    both = node, node._listener._node
+    return {kind: sum(len(list(getattr(one, kind))) for one in both) for kind in kinds}
 
 
 def test_hundred_lifecycles_leave_nothing_behind(

@@ -296,20 +296,6 @@ def test_signals_amid_traffic(start: Callable[..., Any], meet: Callable[[str], A
         assert {line.split()[0] for line in busy.printed.splitlines()} <= {"[INFO]"}, busy.printed
 
 
-def test_executor_of_an_older_ros(start: Callable[..., Any], meet: Callable[[str], Any]) -> None:
-    """Where rclpy has no events executor, the node uses the single-threaded one."""
-    older = (
-        "import sys, importlib.metadata as metadata; metadata.version = lambda _: '7.1.4';"
-        "from linkage_vibration.ros.node import main; sys.exit(main())"
-    )
-    node = start(name="older", program=["-c", older])
-    peer = meet("older")
-    assert peer.ask([JOINT], [2.0]).status == Status.OK
-    assert peer.call([2.0]).success
-    assert node.stop() == 0
-    assert {line.split()[0] for line in node.printed.splitlines()} <= {"[INFO]"}
-
-
 def test_signal_ends_a_table_under_way(start: Callable[..., Any]) -> None:
     """A signal also ends a node that is still building its table."""
     builder = start(

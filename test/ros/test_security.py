@@ -9,15 +9,14 @@ from xml.etree import ElementTree
 from linkage_vibration.support.resources import share_directory
 
 POLICY = share_directory() / "config" / "sros2" / "linkage_vibration.policy.xml"
-# A parameter chooses the input; the clock is received where time is simulated.
-OPTIONAL = {"hitch_position", "clock"}
 
 
-def allowed(kind: str, verb: str) -> set[str]:
-    """Return the names that the policy allows for a kind of endpoint."""
-    profile = ElementTree.parse(POLICY).getroot().find("enclaves/enclave/profiles/profile")
+def allowed(node: str, kind: str, verb: str) -> set[str]:
+    """Return the names that the policy allows a node for a kind of endpoint."""
+    profiles = f"enclaves/enclave/profiles/profile[@node='{node}']"
+    profile = ElementTree.parse(POLICY).getroot().find(profiles)
     assert profile is not None
-    assert profile.attrib == {"ns": "/", "node": "linkage_vibration"}
+    assert profile.attrib["ns"] == "/"
     group = profile.find(f"{kind}s[@{verb}='ALLOW']")
     assert group is not None
     return {str(item.text) for item in group.findall(kind)}
@@ -35,17 +34,28 @@ def test_policy_is_the_nodes(start: Callable[..., Any], meet: Callable[[str], An
             for name, _ in found
         }
 
+    # A parameter chooses the input; the clock is received where time is simulated.
     def found() -> list[set[str]]:
-        node, graph = ("linkage_vibration", "/"), peer.node
+        node, readings, graph = (
+            ("linkage_vibration", "/"),
+            ("linkage_vibration_readings", "/"),
+            peer.node,
+        )
         return [
             named(graph.get_publisher_names_and_types_by_node(*node)),
-            named(graph.get_subscriber_names_and_types_by_node(*node)) | OPTIONAL,
+            named(graph.get_subscriber_names_and_types_by_node(*node)) | {"clock"},
             named(graph.get_service_names_and_types_by_node(*node)),
+            named(graph.get_publisher_names_and_types_by_node(*readings)),
+            named(graph.get_subscriber_names_and_types_by_node(*readings)) | {"hitch_position"},
+            named(graph.get_service_names_and_types_by_node(*readings)),
         ]
 
     expected = [
-        allowed("topic", "publish"),
-        allowed("topic", "subscribe") - {"parameter_events"},
-        allowed("service", "reply"),
+        allowed("linkage_vibration", "topic", "publish"),
+        allowed("linkage_vibration", "topic", "subscribe") - {"parameter_events"},
+        allowed("linkage_vibration", "service", "reply"),
+        allowed("linkage_vibration_readings", "topic", "publish"),
+        allowed("linkage_vibration_readings", "topic", "subscribe"),
+        set(),
     ]
     peer.spin(lambda: found() == expected, "the endpoints of the policy")  # they come one by one

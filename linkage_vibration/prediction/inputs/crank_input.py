@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What every input of the crank angle offers to the node and to the replay, and Float64s."""
 
+import struct
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
@@ -11,6 +12,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
+from linkage_vibration.bags.joint_states import CdrError
 from linkage_vibration.bags.message_types import FLOAT64
 from linkage_vibration.bags.streams import Block
 from linkage_vibration.errors import LinkageVibrationError
@@ -97,6 +99,20 @@ class LeftOut:
     joints: set[str] = field(default_factory=set)
 
 
+def read_float(data: bytes) -> float:
+    """Return the number of a message.
+
+    Raises
+    ------
+    CdrError
+        If the bytes are not a ``std_msgs/Float64`` in plain CDR.
+    """
+    if len(data) < _FLOAT64_SIZE or data[0] != 0 or data[1] > 1:
+        raise CdrError(f"{len(data)} bytes are not a {FLOAT64} in plain CDR")
+    [value] = struct.unpack_from("<d" if data[1] else ">d", data, 4)
+    return float(value)
+
+
 def read_floats(
     block: Block, rows: Integers, left_out: LeftOut
 ) -> Iterator[tuple[Integers, NDArray[np.uint8], FloatArray]]:
@@ -149,6 +165,16 @@ class CrankInput(ABC):
         """Return what is read from a topic, in words."""
 
     @abstractmethod
+    def decode(self, data: bytes) -> Any:
+        """Return the message that plain CDR contains.
+
+        Raises
+        ------
+        CdrError
+            If the bytes are not such a message.
+        """
+
+    @abstractmethod
     def reading(self, message: Any) -> Reading | None:
         """Return what a message reports; None if it does not concern this input.
 
@@ -176,14 +202,11 @@ class CrankInput(ABC):
         Parameters
         ----------
         message : object
-            The message as rclpy decodes it.
+            What `decode` returns.
         received : int
             When it was received, ns; the stamp of a message without a header.
         """
-        header = getattr(message, "header", None)
-        if header is None:
-            return *divmod(received, 10**9), ""
-        return header.stamp.sec, header.stamp.nanosec, header.frame_id
+        return *divmod(received, 10**9), ""
 
     def other_names(self, message: Any) -> Sequence[str]:
         """Return what a message concerns instead of this input, by names."""

@@ -6,11 +6,10 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
-from linkage_vibration.bags.joint_states import JointStateReader
+from linkage_vibration.bags.joint_states import JointState, JointStateReader
 from linkage_vibration.bags.message_types import JOINT_STATE
 from linkage_vibration.bags.streams import Block
 from linkage_vibration.prediction.inputs.crank_input import (
@@ -53,12 +52,20 @@ class JointInput(CrankInput):
         """Return the joint and its topic, in words."""
         return f"joint {self.joint_name} on {topic}"
 
-    def reading(self, message: Any) -> Reading | None:
+    def decode(self, data: bytes) -> JointState:
+        """Return the joint state that plain CDR contains; see `JointStateReader.read_one`."""
+        return self._reader.read_one(data)
+
+    def header(self, message: JointState, received: int) -> tuple[int, int, str]:
+        """Return the stamp and the frame of a joint state; see `CrankInput.header`."""
+        return message.sec, message.nanosec, message.frame_id
+
+    def reading(self, message: JointState) -> Reading | None:
         """Return what a joint state reports; None if it does not contain the joint.
 
         Parameters
         ----------
-        message : sensor_msgs.msg.JointState
+        message : JointState
             Its names may have any order. Its velocities are used if there is one for each name.
 
         Raises
@@ -109,7 +116,7 @@ class JointInput(CrankInput):
         left_out.fault = left_out.fault or self._reader.fault
         self._reader.unreadable = 0
 
-    def other_names(self, message: Any) -> Sequence[str]:
+    def other_names(self, message: JointState) -> Sequence[str]:
         """Return the names of the joints in a joint state, at most 20."""
         return list(message.name[:_MAX_NAMES])
 

@@ -6,7 +6,6 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
@@ -20,6 +19,7 @@ from linkage_vibration.prediction.inputs.crank_input import (
     LeftOut,
     Reading,
     Readings,
+    read_float,
     read_floats,
 )
 
@@ -106,9 +106,13 @@ class PercentInput(CrankInput):
         """Return the topic of the hitch position, in words."""
         return f"hitch position on {topic}"
 
-    def reading(self, message: Any) -> Reading:
-        """Return what a ``std_msgs/Float64`` reports; see `angle_at`."""
-        return self.angle_at(float(message.data))
+    def decode(self, data: bytes) -> float:
+        """Return the number in a ``std_msgs/Float64``; see `read_float`."""
+        return read_float(data)
+
+    def reading(self, message: float) -> Reading:
+        """Return what a hitch position (%) reports; see `angle_at`."""
+        return self.angle_at(message)
 
     def angle_at(self, percent: float) -> Reading:
         """Return the crank angle at a hitch position (%); its velocity is unknown.

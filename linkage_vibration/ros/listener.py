@@ -1,0 +1,110 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Receives the inputs on a thread of its own, so that no service or timer delays a reading."""
+
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager, suppress
+from typing import Any
+
+from rclpy.exceptions import InvalidHandle
+from rclpy.executors import Executor, ExternalShutdownException
+from rclpy.experimental.events_executor import EventsExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from linkage_vibration.ros.endpoints import subscribe
+
+WAKE_PERIOD = 0.2  # s; without a limit, the events executor blocks the other threads
+
+
+class Listener:
+    """Subscriptions on a node of their own, which has no services and a thread of its own.
+
+    Only this thread calls back. An executor of rclpy looks at all services for each message, or
+    takes requests and messages in the order of their arrival; both would delay the readings.
+
+    Parameters
+    ----------
+    owner : Node
+        The node whose name, with ``_readings`` added, and namespace the listener's node has.
+    """
+
+    def __init__(self, owner: Node) -> None:
+        self._node = Node(
+            f"{owner.get_name()}_readings",
+            namespace=owner.get_namespace(),
+            context=owner.context,
+            use_global_arguments=False,
+            enable_rosout=False,
+            start_parameter_services=False,
+            parameter_overrides=[Parameter("start_type_description_service", value=False)],
+        )
+        self._executor: Executor = EventsExecutor(context=owner.context)
+        self._executor.add_node(self._node)
+        self._pool = ThreadPoolExecutor(1, "linkage_vibration_readings")
+        self._spinning: Future[None] | None = None
+        self._stopping = False
+
+    @property
+    def active(self) -> bool:
+        """Whether messages are received."""
+        return self._spinning is not None
+
+    def subscribe(self, kind: Any, topic: str, on_message: Callable[..., None]) -> None:
+        """Subscribe to a topic, with best effort, which matches publishers of every QoS.
+
+        Parameters
+        ----------
+        kind, topic : type, str
+            Class of the messages and absolute name of the topic.
+        on_message : callable
+            Called with the bytes of a message and its `MessageInfo`.
+        """
+        subscribe(self._node, kind, topic, on_message)
+
+    def unsubscribe(self) -> None:
+        """Destroy all subscriptions."""
+        for subscription in list(self._node.subscriptions):
+            self._node.destroy_subscription(subscription)
+
+    def start(self) -> None:
+        """Receive messages from now on."""
+        self._stopping = False
+        self._spinning = self._pool.submit(self._spin)
+
+    def stop(self) -> None:
+        """Receive no more messages; a callback ends first, and what it raised is raised here."""
+        if self._spinning is not None:
+            self._stopping, ended, self._spinning = True, self._spinning, None
+            self._executor.create_task(lambda: None)  # so that it does not wait for a message
+            ended.result()
+
+    @contextmanager
+    def paused(self) -> Iterator[None]:
+        """Let messages wait in their queues, while what their callbacks use is changed."""
+        active = self.active
+        self.stop()
+        try:
+            yield
+        finally:
+            if active:
+                self.start()
+
+    def check(self) -> None:
+        """Raise what a callback has raised."""
+        if self._spinning is not None and self._spinning.done():
+            self.stop()
+
+    def close(self) -> None:
+        """Stop, and destroy the node."""
+        self.stop()
+        self._pool.shutdown()
+        self._executor.shutdown()
+        self._node.destroy_node()
+
+    def _spin(self) -> None:
+        with suppress(ExternalShutdownException):
+            while not self._stopping:
+                with suppress(InvalidHandle):  # a message of a subscription that was destroyed
+                    self._executor.spin_once(WAKE_PERIOD)
