@@ -29,7 +29,12 @@ from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.messages.provenance import attachments
 from linkage_vibration.prediction.answers import Served, place_name
 from linkage_vibration.prediction.resonance import ResonanceMonitor
-from linkage_vibration.prediction.settings import NODE_NAME, Parameters, without_markers
+from linkage_vibration.prediction.settings import (
+    NODE_NAME,
+    ParameterError,
+    Parameters,
+    without_markers,
+)
 from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.readers.served import read_served
 from linkage_vibration.ros.diagnostics import Health, Statistics, status
@@ -278,8 +283,7 @@ class LinkageVibrationNode(LifecycleNode):
         self._excitations = path.read_text(encoding="utf-8")
         self._served = served = read_served(settings, self.get_logger().info, self._check_signals)
         topics = own_topics(self)
-        extra_topics = set(map(self.resolve_topic_name, settings.extra_topics.split()))
-        extra_topics -= {topic.name for topic in topics}
+        extra_topics = self._extra_topics() - {topic.name for topic in topics}
         provenance = self._provenance(served)
         recorder = Recorder(folder, topics, provenance, settings.limits(), settings.compression)
         self._recording = recording = Recording(self, recorder, extra_topics, self._throttle)
@@ -304,6 +308,20 @@ class LinkageVibrationNode(LifecycleNode):
         self._publish_model(served)
         if settings.service_events != "off":
             self._publish_service_events()
+
+    def _extra_topics(self) -> set[str]:
+        """Return the full names of the topics that are logged in addition."""
+        found = set()
+        for name in self._settings.extra_topics.split():
+            try:
+                found.add(self.resolve_topic_name(name))
+            except RuntimeError:  # of rcl; the names themselves were checked
+                problem = (
+                    f"Parameter extra_topics has a name of {len(name)} characters, {name[:40]}..., "
+                    "which is too long; ROS 2 allows 247 with the namespace."
+                )
+                raise ParameterError(problem) from None
+        return found
 
     def _activate(self) -> None:
         assert self._predicting is not None

@@ -17,18 +17,13 @@ from linkage_vibration.messages.encoding import encode_prediction, encode_resona
 from linkage_vibration.messages.topics import INPUT_TOPICS, OUTPUT_TOPICS, SPEEDS, log_topic
 from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.inputs import INPUTS
-<<<<<<< HEAD
-from linkage_vibration.prediction.inputs.crank_input import CrankInput, Reading, ReadingError
-from linkage_vibration.prediction.predictor import Prediction, Predictor, Status, fault
-=======
 from linkage_vibration.prediction.inputs.crank_input import (
     CrankInput,
     Reading,
     ReadingError,
     read_float,
 )
-from linkage_vibration.prediction.predictor import Predictor, Status, fault
->>>>>>> aaa5870 (Answer the readings on a thread and a node of their own, and let services rest)
+from linkage_vibration.prediction.predictor import Prediction, Predictor, Status, fault
 from linkage_vibration.prediction.resonance import Resonance, ResonanceMonitor
 from linkage_vibration.prediction.settings import Parameters
 from linkage_vibration.ros.diagnostics import Statistics
