@@ -7,6 +7,7 @@ time and take short turns, so that the load of the machine affects them equally.
 two processes keep two cores busy. The result is a page for each ROS 2 distribution.
 """
 
+import os
 import signal
 import subprocess
 import sys
@@ -44,6 +45,7 @@ def main() -> None:
     """Measure all nodes, and publish their figures and the ratios to the echoes."""
     turns = int(sys.argv[1]) if len(sys.argv) > 1 else TURNS
     names = {name: name.translate({ord(" "): "_", ord("-"): "_", ord(","): None}) for name in NODES}
+    load = os.getloadavg()[0]  # of other processes
     runs: Runs = {(n, m, r): [] for m in MACHINES for r in SECONDS for n in NODES}
     driver = Driver()
     with ExitStack() as stack:
@@ -69,10 +71,11 @@ def main() -> None:
         [
             "This page compares the latency of our node with that of a plain rclpy node that "
             "echoes each joint state. Joint states and predictions pass over DDS between "
-            f"processes, in {turns // 2} turns of each node at each rate on a quiet machine, and "
-            "in as many while two other processes keep two cores busy. The latency is the time "
-            "from just before the driver publishes a joint state until it takes the prediction. "
-            "The brackets contain 90 % of the ratios when turns are resampled (bootstrap).",
+            f"processes, in {turns // 2} turns of each node at each rate on a quiet machine (see "
+            "its load average below), and in as many while two other processes keep two cores "
+            "busy. The latency is the time from just before the driver publishes a joint state "
+            "until it takes the prediction. The brackets contain 90 % of the ratios when turns "
+            "are resampled (bootstrap).",
             "The echo runs on the events executor of rclpy, as our readings do. The targets of the "
             f"ratios to it are {TARGETS[0]:g} for the median, {TARGETS[1]:g} for the 99th "
             f"percentile and {TARGETS[2]:g} for the processor time; nothing may be lost. The last "
@@ -87,7 +90,7 @@ def main() -> None:
             parts(),
             f"![](latency_{distro}.png)",
         ],
-        machine(f"rclpy {version('rclpy')}"),
+        machine(f"rclpy {version('rclpy')}", f"load average {load:.1f} at the start"),
         f"latency_{distro}",
     )
 
