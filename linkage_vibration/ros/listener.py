@@ -15,7 +15,7 @@ from rclpy.parameter import Parameter
 
 from linkage_vibration.ros.endpoints import subscribe
 
-WAKE_PERIOD = 0.2  # s; without a limit, the events executor blocks the other threads
+WAKE_PERIOD = 1.0  # s; without a limit, the events executor blocks the other threads
 
 
 class Listener:

@@ -2,9 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Spins the node until a signal arrives, and returns its exit code."""
 
+import signal
 import sys
-from collections.abc import Callable
-from contextlib import closing
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
+from socket import socketpair
+from threading import Thread
 from warnings import catch_warnings, simplefilter
 
 import rclpy
@@ -17,7 +20,7 @@ from linkage_vibration.prediction.settings import NODE_NAME
 from linkage_vibration.ros.command_line import check_arguments, help_text, refusal
 from linkage_vibration.ros.lifecycle import LinkageVibrationNode
 
-WATCH_PERIOD = 0.2  # s, between two checks for a signal
+WATCH_PERIOD = 1.0  # s, between two checks for a failure of the thread of the readings
 # Longest time for which a thread that answers a request holds Python's lock while a reading waits.
 # Python's own value is 5 ms.
 SWITCH_INTERVAL = 2e-4  # s
@@ -70,7 +73,33 @@ def _spin(node: LinkageVibrationNode, stop_asked: Callable[[], bool]) -> None:
             )
         node.executor = executor = SingleThreadedExecutor()
         try:
-            while rclpy.ok() and not stop_asked():
-                node.serve(executor, WATCH_PERIOD)
+            with _woken_by_signals(executor):
+                while rclpy.ok() and not stop_asked():
+                    node.serve(executor, WATCH_PERIOD)
         finally:
             executor.shutdown()  # before the node's entities are destroyed
+
+
+@contextmanager
+def _woken_by_signals(executor: SingleThreadedExecutor) -> Iterator[None]:
+    """End the waiting of an executor when a signal arrives, whose handler runs only then.
+
+    Frequent checks for a signal would cost more than ten readings a second.
+    """
+    receiver, sender = socketpair()
+    sender.setblocking(False)
+
+    def wake() -> None:
+        while receiver.recv(1):
+            executor.create_task(lambda: None)
+
+    thread = Thread(target=wake, name="linkage_vibration_signals")
+    thread.start()
+    before = signal.set_wakeup_fd(sender.fileno())
+    try:
+        yield
+    finally:
+        signal.set_wakeup_fd(before)
+        sender.close()
+        thread.join()
+        receiver.close()

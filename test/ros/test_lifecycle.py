@@ -146,6 +146,17 @@ def test_table_of_another_mechanism_is_refused(managed: Callable[..., Any]) -> N
     assert "was built from another mechanism" in node.problem
 
 
+def test_name_that_is_too_long_is_refused(managed: Callable[..., Any]) -> None:
+    """ROS 2 limits the length of a topic with its namespace; the node says so."""
+    node = managed("-p", f"extra_topics:={'a' * 247}")
+    assert node.trigger_configure() is FAILURE
+    assert "Parameter extra_topics has a name of 247 characters" in node.problem
+    assert "report" not in node.problem
+    [result] = node.set_parameters([Parameter("extra_topics", value="a" * 246)])
+    assert result.successful
+    assert node.trigger_configure() is SUCCESS
+
+
 def test_defects_are_reported(managed: Callable[..., Any], monkeypatch: pytest.MonkeyPatch) -> None:
     """An unexpected exception is reported and leaves nothing behind; another try succeeds."""
     node = managed()
