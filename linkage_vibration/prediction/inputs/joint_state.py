@@ -57,7 +57,13 @@ class JointInput(CrankInput):
         return self._reader.read_one(data)
 
     def header(self, message: JointState, received: int) -> tuple[int, int, str]:
-        """Return the stamp and the frame of a joint state; see `CrankInput.header`."""
+        """Return the stamp and the frame of a joint state.
+
+        Parameters
+        ----------
+        message, received : JointState, int
+            As in `CrankInput.header`.
+        """
         return message.sec, message.nanosec, message.frame_id
 
     def reading(self, message: JointState) -> Reading | None:
