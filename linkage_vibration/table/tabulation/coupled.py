@@ -11,10 +11,10 @@ import numpy as np
 from linkage_vibration.mechanics.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from linkage_vibration.mechanics.response import FarPoles, far_poles, reach
 from linkage_vibration.support.version import VERSION
-from linkage_vibration.table.interpolation import leja_points
+from linkage_vibration.table.interpolation import interpolation_matrix, leja_points
 from linkage_vibration.table.reduced import Far, Numbers, ReducedModels
 from linkage_vibration.table.table import Table, TableError
-from linkage_vibration.table.tabulation.accuracy import Accuracy
+from linkage_vibration.table.tabulation.accuracy import MARGIN, Accuracy
 from linkage_vibration.table.tabulation.cell_making import Cell, CellArrays, cell_arrays
 from linkage_vibration.table.tabulation.comparison import (
     Errors,
@@ -37,6 +37,7 @@ _SHORTER = 8.0  # the last piece whose rounding was checked, to the next one
 _BATCH = 3  # points that are added at once
 _MOST = 48  # points of a piece; if a polynomial needs more, halving the piece needs fewer
 _NARROW = 64  # parts of a piece: a step that is shorter is not halved to tell poles apart
+_FAR_ANGLES = 65  # of a piece, at which the error by far poles is evaluated
 _BETWEEN = 24  # points that are added to follow poles; with more, the piece is halved
 
 
@@ -155,7 +156,7 @@ def refine_piece(
         if not coarse.misses(variables[~own], [samples[i] for i in np.flatnonzero(~own)], accuracy):
             fine = Polynomials(variables, models, toggles, response)
             rounding = _check_rounding(tracker, fine, accuracy)
-            far_error = _far_error(tracker, samples, models)
+            far_error = MARGIN * _far_error(tracker, samples, models, variables)
             found = compare(coarse, fine, accuracy, far_error, rounding)
             if found is not None:
                 angles = np.array([tracker.sampler.angle(x) for x in finer])
@@ -245,14 +246,26 @@ def _far_weights(far: FarPoles, sums: ComplexArray, viscous: bool) -> ComplexArr
     return np.vstack([constants, np.zeros_like(constants[1:])])
 
 
-def _far_error(tracker: PoleTracker, samples: Sequence[PoleSample], models: ReducedModels) -> float:
-    """Return the largest relative error of FRFs at the points, which far poles cause."""
-    exact = np.array([sample.totals for sample in samples])
-    found = _near_lines(tracker, models)
+def _far_error(
+    tracker: PoleTracker,
+    samples: Sequence[PoleSample],
+    models: ReducedModels,
+    variables: FloatArray,
+) -> float:
+    """Return the largest relative error of FRFs in the piece, which far poles cause.
+
+    It is known at the points. Between them it is interpolated as the weights of the far poles are.
+    """
     omega = check_lines(tracker.band)
-    found = found + Far(models.far.stiffness, models.far.decay, models.far.weights).frf(omega)
-    n = models.shapes.shape[1]
-    return float(relative_errors(found - exact, exact, n).max())
+    near, exact = _near_lines(tracker, models), np.array([sample.totals for sample in samples])
+    off = near + models.far.frf(omega) - exact
+    at = np.union1d(np.linspace(variables[0], variables[-1], _FAR_ANGLES), variables)
+    between = models.at(variables, at)
+    whole = _near_lines(tracker, between) + between.far.frf(omega)
+    off = np.tensordot(interpolation_matrix(variables, at), off, 1)
+    order, weights = np.argsort(omega), np.empty((len(omega), 1))
+    weights[order, 0] = np.sqrt(np.gradient(omega[order]))
+    return float(relative_errors(weights * off, weights * whole, models.shapes.shape[1]).max())
 
 
 def _only(models: ReducedModels, rows: BoolArray) -> ReducedModels:
