@@ -195,16 +195,17 @@ def test_blocks_run(
             run([python, "page.py"], folder, environment)
 
 
-def read_link(block: dict[str, Any]) -> None:
-    """Read a mechanism with the links of a block."""
+def read_part(block: dict[str, Any]) -> None:
+    """Read a mechanism with the links, or the base, of a block."""
     mechanism = yaml.safe_load((ROOT / "config" / "four_bar.yaml").read_text())
-    mechanism["links"].update(block["links"])
+    for key, value in block.items():
+        mechanism[key] = {**mechanism.get(key, {}), **value}
     mechanism_from_mapping(mechanism)
 
 
 @pytest.mark.parametrize(
     ("page", "read"),
-    [("docs/excitation.md", excitations_from_mapping), ("docs/mechanisms.md", read_link)],
+    [("docs/excitation.md", excitations_from_mapping), ("docs/mechanisms.md", read_part)],
 )
 def test_yaml_is_accepted(page: str, read: Callable[[Any], object]) -> None:
     """The reader of the file that a block shows accepts it."""
