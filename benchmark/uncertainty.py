@@ -127,13 +127,15 @@ def sampled(mapping: dict[str, Any], alpha3: FloatArray, count: int, seed: int) 
     for row, values in zip(found, draws(mechanism.uncertainty, count, seed), strict=True):
         pairs = zip(mechanism.uncertainty.numbers, values.tolist(), strict=True)
         numbers = [(path, value) for number, value in pairs for path in split_paths(number.path)]
-        other = mechanism_of(with_numbers(exact, numbers), Path("sample"))
         try:
+            other = mechanism_of(with_numbers(exact, numbers), Path("sample"))
             model = LinkageModel(coarse(other))
             for cell, angle in zip(row[::-1], alpha3.tolist()[::-1], strict=True):
                 solution = model.solve(angle)
                 cell[:] = np.log(solution.natural_frequencies[:n]), solution.damping_ratios[:n]
-        except LinkageVibrationError:  # it cannot close, or a cylinder is too short
+        except (
+            LinkageVibrationError
+        ):  # a negative number, loops that do not close, a short cylinder
             continue
     return found
 

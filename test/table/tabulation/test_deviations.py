@@ -11,6 +11,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+pytest.importorskip("matplotlib")
+
+from benchmark.uncertainty import LIMIT, NAMES, described, scatter
 from linkage_vibration.mechanics.description import Mechanism, UncertainNumber, Uncertainty
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
@@ -110,3 +113,12 @@ def test_near_a_veering_they_hold_or_are_unknown(gap: float, share: float, near:
     assert off[known].max() < room
     assert known.mean() > 0.4
     assert known.all() != near
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("name", NAMES)
+def test_monte_carlo(name: str) -> None:
+    """Of whole models with random numbers, deviations agree within a tenth over the stroke."""
+    found = scatter(described(name), 2000, 5)
+    assert found.worst.max() < LIMIT
+    assert np.isfinite(found.predicted).mean() > 0.9
