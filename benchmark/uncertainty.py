@@ -92,18 +92,25 @@ def described(name: str) -> dict[str, Any]:
     return mapping
 
 
-def draws(uncertainty: Uncertainty, count: int, seed: int) -> FloatArray:
-    """Return normal samples of the uncertain numbers, (count, n_numbers).
+def draws(uncertainty: Uncertainty, relative: set[str], count: int, seed: int) -> FloatArray:
+    """Return samples of the uncertain numbers, (count, n_numbers).
+
+    Those with relative deviations are normal in their logarithms, so that none becomes negative;
+    the others are normal.
 
     Parameters
     ----------
-    uncertainty, count, seed
-        What is uncertain; how many samples; the seed.
+    uncertainty, relative, count, seed
+        What is uncertain; the paths under ``relative``; how many samples; the seed.
     """
     numbers, n = uncertainty.numbers, len(uncertainty.numbers)
     root = np.linalg.cholesky(np.array(uncertainty.correlation).reshape(n, n))
     normal = np.random.default_rng(seed).standard_normal((count, n)) @ root.T
-    return np.array([x.value for x in numbers]) + normal * [x.deviation for x in numbers]
+    values = np.array([x.value for x in numbers])
+    shift = normal * [x.deviation for x in numbers]
+    logarithmic = [x.path in relative for x in numbers]
+    shares = np.divide(shift, values, out=np.zeros_like(shift), where=np.array(logarithmic))
+    return np.where(logarithmic, values * np.exp(shares), values + shift)
 
 
 def sampled(mapping: dict[str, Any], alpha3: FloatArray, count: int, seed: int) -> FloatArray:
@@ -122,9 +129,9 @@ def sampled(mapping: dict[str, Any], alpha3: FloatArray, count: int, seed: int) 
     mechanism = mechanism_of(mapping, Path("description"))
     assert mechanism.uncertainty is not None
     exact = {key: value for key, value in mapping.items() if key != "uncertainty"}
-    n = mechanism.response.modes
+    n, relative = mechanism.response.modes, set(mapping["uncertainty"]["relative"])
     found = np.full((count, len(alpha3), 2, n), math.nan)
-    for row, values in zip(found, draws(mechanism.uncertainty, count, seed), strict=True):
+    for row, values in zip(found, draws(mechanism.uncertainty, relative, count, seed), strict=True):
         pairs = zip(mechanism.uncertainty.numbers, values.tolist(), strict=True)
         numbers = [(path, value) for number, value in pairs for path in split_paths(number.path)]
         try:
