@@ -153,7 +153,7 @@ def _amplification_stddev(log: Log, at: int) -> float:
     mode, forced = log.resonances.mode[at], log.resonances.excitation_frequency[at]
     means = log.natural_frequencies[at, mode], log.damping_ratios[at, mode]
     spreads = log.frequency_stddev[at, mode], log.damping_ratio_stddev[at, mode]
-    if not np.isfinite([*means, *spreads]).all() or min(spreads) <= 0.0:
+    if not np.isfinite([*means, *spreads]).all() or not _states_uncertainty(log):
         return math.nan
     frequency, zeta = (mean + spread * _NODES for mean, spread in zip(means, spreads, strict=True))
     if frequency.min() <= 0.0 or zeta.min() <= 0.0:
@@ -162,6 +162,11 @@ def _amplification_stddev(log: Log, at: int) -> float:
     weights = np.outer(_WEIGHTS, _WEIGHTS) / _WEIGHTS.sum() ** 2
     mean = float((weights * values).sum())
     return math.sqrt(float((weights * (values - mean) ** 2).sum()))
+
+
+def _states_uncertainty(log: Log) -> bool:
+    """Return whether the standard deviations have a basis beside the angle and the table."""
+    return log.table is not None and (log.table.measured or log.table.uncertain)
 
 
 def _avoid(log: Log, moment: Moment) -> str:
