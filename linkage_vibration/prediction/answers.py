@@ -269,9 +269,26 @@ def with_implement(
     # The mapping is copied, as a YAML alias may refer to the same numbers elsewhere.
     bodies = mapping["rigid_bodies"]
     mapping["rigid_bodies"] = {**bodies, name: {**bodies[name], **numbers}}
+    if centre and "uncertainty" in mapping:
+        mapping["uncertainty"] = _uncertain_centre(mapping["uncertainty"], name)
     text = "# With another implement than the original file.\n"
     text += yaml.safe_dump(mapping, sort_keys=False, default_flow_style=None, width=100)
     return again_from_mapping(mapping, mechanism), text
+
+
+def _uncertain_centre(claims: dict[str, Any], body: str) -> dict[str, Any]:
+    """Return what is uncertain with a centre of gravity as [x, z] in place of distances."""
+    above = f"rigid_bodies.{body}.centre_of_gravity."
+    absolute = claims.get("absolute", {})
+    known = [value for path, value in absolute.items() if path.startswith(above)]
+    kinds = {
+        kind: {path: v for path, v in claims.get(kind, {}).items() if not path.startswith(above)}
+        for kind in ("relative", "absolute")
+    }
+    kinds["absolute"] |= {f"{above}{i}": max(known) for i in (0, 1) if known}
+    pairs = claims.get("correlations", [])
+    kept = [p for p in pairs if not any(path.startswith(above) for path in p["between"])]
+    return kinds | ({"correlations": kept} if kept else {})
 
 
 def rebuilt(mechanism: Mechanism, like: Table, wanted: Path) -> Table:

@@ -214,3 +214,15 @@ def test_links_from_files_are_not_read_again(
     assert [k.body for k in changed.links] == [k.body for k in known.links]
     assert yaml.safe_load(text)["links"]["upper_link"]["file"]["path"] == "gone.mat"
     assert changed.rigid_bodies[0].mass == 1200.0
+
+
+def test_another_centre_of_gravity_stays_uncertain() -> None:
+    """Distances that are uncertain become coordinates that are as uncertain."""
+    path = config_file("three_point_linkage_on_tractor.yaml")
+    implement = Implement("", 900.0, 220.0, (0.1, 1.0))
+    changed, _ = with_implement(read_mechanism(path), path.read_text(), implement)
+    assert changed.uncertainty is not None
+    known = {number.path: number.deviation for number in changed.uncertainty.numbers}
+    above = "rigid_bodies.implement.centre_of_gravity"
+    assert [known[f"{above}.{i}"] for i in (0, 1)] == [0.05, 0.05]
+    assert f"{above}.E1" not in known
