@@ -458,4 +458,8 @@ def _table_info(table: Table, stamp: Time) -> TableInfo:
         peak_error=table.peak_error,
         frf_error=table.frf_error,
         places=[place_name(place) for place in table.places],
+        mode_names=table.mode_names,
+        mode_base_shares=table.mode_shares[:, 0],
+        mode_body_shares=table.mode_shares[:, 1],
+        mode_link_shares=table.mode_shares[:, 2],
     )

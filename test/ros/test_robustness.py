@@ -149,6 +149,8 @@ def test_late_subscribers_receive_the_model(peer: Any, predictor: Predictor) -> 
     peer.node.create_subscription(String, "robust/mechanism", received.append, LATCHED)
     peer.spin(lambda: len(received) == 2)
     info = next(m for m in received if isinstance(m, TableInfo))
+    assert list(info.mode_names) == ["implement heave", "implement pitch", "lift rod bending"]
+    assert info.mode_body_shares[0] > 0.9
     text = next(m for m in received if isinstance(m, String))
     assert info.table_id == predictor.table.table_id
     assert (info.n_modes, info.mechanism_name) == (3, "three_point_linkage")
