@@ -5,6 +5,9 @@
 At a pole p of the assembly the joints transmit forces without a gap, (B H(p) B^T + S(p)) z = 0. A
 change dH of the receptances moves the pole by -z^T B dH B^T z / (z^T D z), where D is the
 derivative of B H B^T + S. So the noise of measured links gives the variances of the poles.
+
+The fit of a measured link has real poles at rates that the fit chooses. Noise can join two of them
+to a strongly damped pole of the assembly. Such a pole is not there if the rates are others.
 """
 
 import math
@@ -23,6 +26,7 @@ _STEPS = 20
 _CLOSE = 1e-9  # step of a pole that has converged, relative
 _SAME = 1e-6  # distance of two poles that are one, relative
 _UNCERTAIN = 0.1  # standard deviation of a frequency, relative, of a mode that noise makes
+_DEPENDS = 0.1  # of a pole that the rates of a fit make: how far it moves with them, at least
 _MOVES = 1e-3  # of a pole: one farther away than this, and than its decay rate, is another
 
 
@@ -87,8 +91,8 @@ class Assembly:
     def confirm(self, poles: ComplexArray) -> BoolArray:
         """Return which of some identified poles, (n,), rad/s, are modes of the assembly.
 
-        The others are no poles of the assembly, or their standard deviation exceeds a tenth of
-        their natural frequency: noise makes them.
+        The others are no poles of the assembly, or noise makes them: their standard deviation
+        exceeds a tenth of their natural frequency, or other rates in the fits move them as far.
         """
         self.modes.clear()
         kept = np.zeros(len(poles), dtype=np.bool_)
@@ -97,7 +101,8 @@ class Assembly:
             if pole is None or any(_same(pole, mode.pole) for mode in self.modes):
                 continue
             mode = Mode(pole, *self._deviations(pole).tolist())
-            if mode.frequency_stddev <= _UNCERTAIN * abs(pole.pole) / (2.0 * math.pi):
+            certain = mode.frequency_stddev <= _UNCERTAIN * abs(pole.pole) / (2.0 * math.pi)
+            if certain and self._stays(pole):
                 kept[i] = True
                 self.modes.append(mode)
         return kept
@@ -112,29 +117,40 @@ class Assembly:
                 power += component.noise**2 * own
         return np.asarray(np.sqrt(power))
 
-    def _refined(self, start: complex) -> AssemblyPole | None:
-        """Find the pole near an identified one by Newton's method; None if there is none."""
+    def _stays(self, mode: AssemblyPole) -> bool:
+        """Return whether a pole is there as well with other real poles in the measured links."""
+        other = self._refined(mode.pole, shifted=True)
+        return other is not None and abs(other.pole - mode.pole) <= _DEPENDS * abs(mode.pole)
+
+    def _refined(self, start: complex, *, shifted: bool = False) -> AssemblyPole | None:
+        """Find the pole near an identified one by Newton's method; None if there is none.
+
+        A real pole does not count, as it does not oscillate.
+        """
         pole, allowed = start, max(abs(start.real), _MOVES * abs(start))
         for _ in range(_STEPS):
-            flexibility, side = self._flexibility(pole), _STEP * abs(pole)
+            flexibility, side = self._flexibility(pole, shifted=shifted), _STEP * abs(pole)
             forces = np.linalg.svd(flexibility)[2][-1].conj()
-            rate = self._flexibility(pole + side) - self._flexibility(pole - side)
+            ends = [self._flexibility(pole + step, shifted=shifted) for step in (side, -side)]
+            rate = ends[0] - ends[1]
             slope = complex(forces @ rate @ forces) / (2.0 * side)
             step = complex(forces @ flexibility @ forces) / slope
             pole -= step
             if not abs(pole - start) <= allowed:
                 break
             if abs(step) <= _CLOSE * abs(pole):
-                return AssemblyPole(pole, forces, slope)
+                oscillates = pole.imag > _SAME * abs(pole)
+                return AssemblyPole(pole, forces, slope) if oscillates else None
         return None
 
-    def _flexibility(self, s: complex) -> ComplexArray:
+    def _flexibility(self, s: complex, *, shifted: bool) -> ComplexArray:
         """Return B H(s) B^T + S(s) of independent rows, (n_rows, n_rows)."""
         springs = 1.0 / (self._joining.stiffness + s * self._joining.damping)
         found = np.diag(np.concatenate([self._rigid, springs]).astype(complex))
         for component, held, rows in self._parts:
             if isinstance(component, FrfComponent):
-                found += rows @ component.measured.fit.at(np.array([s]))[0] @ rows.T
+                own = component.measured.fit.at(np.array([s]), shifted=shifted)[0]
+                found += rows @ own @ rows.T
                 continue
             free = np.flatnonzero(~held)
             left = np.ix_(*[[*free, *range(len(held), len(component.mass))]] * 2)

@@ -12,7 +12,9 @@ Bayesian information criterion (Schwarz 1978) chooses the law, the modes, and th
 it departs from the first law only if the lines clearly show another.
 
 Where a link moves as a rigid body the fit has 1 / s^2 in addition, and real poles near the first
-line, as of links whose damping is proportional to their mass, or that are hung up softly.
+line, as of links whose damping is proportional to their mass, or that are hung up softly. Where
+these real poles lie is a choice, so a second fit has them between those of the first: what depends
+on the choice is noise.
 
 Noise is propagated to first order, through the coefficients and through the poles.
 """
@@ -32,6 +34,7 @@ _ORDERS = 4  # most terms for the modes above the lines
 _LOWEST = 0.02  # pole of the deformation, in last lines; below it the link moves as a rigid body
 _NARROWEST = 0.5  # bandwidth of a pole among the lines, in spacings of them
 _RELAXATIONS = 2.0 ** np.arange(-1, 6)  # real poles of the rigid motions, in first lines
+_SHIFT = math.sqrt(2.0)  # of the real poles in the second fit, to the middle between them
 _CLEARLY = 20.0  # least advantage of a law other than the first, in the information criterion
 _STEPS = 4  # of the improvement of the poles
 _NEGLIGIBLE = 1e-6  # improvement of the sum of squares
@@ -140,8 +143,8 @@ class LinkFit:
         Projection on the rigid motions, normalised.
     shape : _Shape
         The terms of the deformation.
-    elastic, moving : _Fit
-        Of the deformation, and of the rigid block.
+    elastic, moving, shifted : _Fit
+        Of the deformation, of the rigid block, and of this block with other real poles.
     pulls : ndarray, (n_parameters, 2 n_freq, n, n)
         Change of the parameters with real and imaginary parts of the lines.
     """
@@ -153,18 +156,26 @@ class LinkFit:
     shape: _Shape
     elastic: _Fit
     moving: _Fit
+    shifted: _Fit
     pulls: FloatArray
 
     def smooth(self) -> ComplexArray:
         """Return the receptances at the lines, (n_freq, n, n), m/N."""
         return self.at(np.asarray(1j * self.omega, dtype=np.complex128))
 
-    def at(self, s: ComplexArray) -> ComplexArray:
-        """Return the receptances, (n_s, n, n), m/N, at points s, (n_s,), rad/s."""
+    def at(self, s: ComplexArray, *, shifted: bool = False) -> ComplexArray:
+        """Return the receptances, (n_s, n, n), m/N, at points s, (n_s,), rad/s.
+
+        Parameters
+        ----------
+        s, shifted
+            Points; whether the real poles of the rigid block are those of the second fit.
+        """
         scaled = s[:, np.newaxis] / self.omega[-1]
         terms = self.shape.terms(scaled)
-        both = _rigid_terms(scaled, terms, self.omega)
-        found = self.elastic.values(terms) + self.moving.values(both)
+        both = _rigid_terms(scaled, terms, self.omega, shifted=shifted)
+        rigid = self.shifted if shifted else self.moving
+        found = self.elastic.values(terms) + rigid.values(both)
         return np.asarray(found * np.outer(self.unit, self.unit))
 
     def variances(self, s: complex, forces: ComplexArray, turns: ComplexArray) -> FloatArray:
@@ -235,8 +246,11 @@ def fit_link(
     rest = side + side.swapaxes(1, 2) + elastic @ (elastic.T @ across) @ elastic.T
     terms = shape.terms(s)
     elastic_fit = _fitted(terms, weights, rest)
-    rigid_fit = _fitted(_rigid_terms(s, terms, omega), weights, rigid @ lines @ rigid)
-    return LinkFit(omega, unit, lines, rigid, shape, elastic_fit, rigid_fit, pulls)
+    moving, shifted = (
+        _fitted(_rigid_terms(s, terms, omega, shifted=other), weights, rigid @ lines @ rigid)
+        for other in (False, True)
+    )
+    return LinkFit(omega, unit, lines, rigid, shape, elastic_fit, moving, shifted, pulls)
 
 
 def _candidates(omega: FloatArray, frf: ComplexArray) -> list[ComplexArray]:
@@ -313,9 +327,11 @@ def _columns(
     return rest, float((rest**2).sum()), columns
 
 
-def _rigid_terms(s: ComplexArray, elastic: ComplexArray, omega: FloatArray) -> ComplexArray:
+def _rigid_terms(
+    s: ComplexArray, elastic: ComplexArray, omega: FloatArray, *, shifted: bool = False
+) -> ComplexArray:
     """Return the terms of rigid motions at s, (n_s, 1), followed by the elastic ones."""
-    rates = _RELAXATIONS * omega[0] / omega[-1]
+    rates = _RELAXATIONS * (_SHIFT if shifted else 1.0) * omega[0] / omega[-1]
     return np.hstack([s**-2.0, s**-2.0 * rates / (s + rates), elastic])
 
 

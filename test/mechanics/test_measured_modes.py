@@ -11,6 +11,8 @@ import pytest
 
 from benchmark.noise import ALPHA3, scatter, with_noise
 from linkage_vibration.mechanics.assembly_poles import Assembly
+from linkage_vibration.mechanics.description import Spring
+from linkage_vibration.mechanics.identification import IdentificationError
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.prediction.batch import predict_many
 from linkage_vibration.prediction.predictor import Predictor
@@ -27,6 +29,35 @@ def test_standard_deviations_of_a_few_seeds() -> None:
     assert found.answered == 3
     scores = (found.found - found.exact) / found.deviations
     assert 0.4 < math.sqrt(float(np.mean(scores**2))) < 1.8
+
+
+def test_modes_of_the_fit_are_left_out(model: LinkageModel) -> None:
+    """A strongly damped pole that noise makes of two real poles of a fit is no mode (seed 47)."""
+    found = with_noise(model, "upper_link", 1e-2, 47).identify(ALPHA3)
+    np.testing.assert_allclose(found.natural_frequencies, [4.180, 98.89, 166.1], rtol=1e-2)
+
+
+@pytest.mark.parametrize(("share", "damping"), [(0.0, 1.3e5), (1e-2, 1e5)])
+def test_strongly_damped_modes_are_kept(model: LinkageModel, share: float, damping: float) -> None:
+    """A damper beside a measured link makes a mode with damping ratios of 0.75 and 0.98."""
+    damper = Spring("damper", ("ground", "implement"), ("P2", "E1"), 0.0, damping)
+    damped = LinkageModel(replace(model.mechanism, springs=(damper,)))
+    exact = damped.solve(ALPHA3)
+    found = with_noise(damped, "upper_link", share, 1).identify(ALPHA3)
+    assert exact.damping_ratios[0] > 0.7
+    np.testing.assert_allclose(found.damping_ratios[0], exact.damping_ratios[0], rtol=1e-3)
+    np.testing.assert_allclose(found.natural_frequencies[0], exact.natural_frequencies[0], 1e-3)
+
+
+def test_a_mode_that_does_not_oscillate_is_refused(model: LinkageModel) -> None:
+    """A pole on the real axis is no mode with a damping ratio of 1."""
+    damper = Spring("damper", ("ground", "implement"), ("P2", "E1"), 0.0, 9e5)
+    (body,) = model.mechanism.rigid_bodies
+    heavy = replace(body, mass=60.0 * body.mass, inertia=60.0 * body.inertia)
+    damped = LinkageModel(replace(model.mechanism, rigid_bodies=(heavy,), springs=(damper,)))
+    assert damped.solve(ALPHA3).natural_frequencies[0] > 10.0
+    with pytest.raises(IdentificationError, match="unexplained near 0.6 Hz"):
+        with_noise(damped, "upper_link", 0.0, 0).identify(ALPHA3)
 
 
 @pytest.mark.nightly
