@@ -8,8 +8,9 @@ distant modes, would leave the link undamped, and the assembly with too little d
 
 There are three laws of damping: viscous, proportional to the stiffness of the distant modes;
 structural likewise; and viscous of any kind, in which each FRF has its own odd powers of s. The
-Bayesian information criterion (Schwarz 1978) chooses the law, the modes, and the number of terms;
-it departs from the first law only if the lines clearly show another.
+Bayesian information criterion (Schwarz 1978) chooses the law, the number of terms, and a set of
+modes, from which it then removes single ones that only fit noise. It departs from the first law
+only if the lines clearly show another.
 
 Where a link moves as a rigid body the fit has 1 / s^2 in addition, and real poles near the first
 line, as of links whose damping is proportional to their mass, or that are hung up softly. Where
@@ -276,16 +277,29 @@ def _choose(
             start = np.concatenate([stiffness, decay, np.zeros(int(law is not _Law.ANY))])
             for order in range(1, _ORDERS + 1):
                 shape, left = _refined(s, _Shape(law, order, start), weights, right)
-                count = shape.terms(s[:1]).size * right.shape[1] + len(shape.parameters)
-                score = right.size * math.log(max(left, 1e-300)) + count * math.log(right.size)
-                score += _CLEARLY * (law is not _Law.VISCOUS)
+                score = _criterion(shape, left, right)
                 if score < best:
                     best, chosen, first, least = score, shape, start, left
     if math.sqrt(least) < _COMPUTED * np.linalg.norm(right):
         # The criterion leaves out what is smaller than the noise of single lines. In FRFs that were
         # computed, and stored in single precision, one term more costs nothing and removes that.
-        chosen = _refined(s, _Shape(chosen.law, chosen.order + 1, first), weights, right)[0]
+        return _refined(s, _Shape(chosen.law, chosen.order + 1, first), weights, right)[0]
+    for i in reversed(range(len(first) // 2)):
+        # A set of poles may hold one that only fits noise beside those of the link.
+        start = np.delete(first, [i, len(first) // 2 + i])
+        shape, left = _refined(s, _Shape(chosen.law, chosen.order, start), weights, right)
+        score = _criterion(shape, left, right)
+        if score < best:
+            best, chosen, first = score, shape, start
     return chosen
+
+
+def _criterion(shape: _Shape, left: float, right: FloatArray) -> float:
+    """Return the Bayesian information criterion of a fit that leaves a sum of squares."""
+    terms = shape.terms(np.ones((1, 1), dtype=np.complex128)).shape[1]
+    count: int = terms * right.shape[1] + len(shape.parameters)
+    score = right.size * math.log(max(left, 1e-300)) + count * math.log(right.size)
+    return score if shape.law is _Law.VISCOUS else score + _CLEARLY
 
 
 def _refined(
