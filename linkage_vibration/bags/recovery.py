@@ -49,6 +49,7 @@ _RECORDS: dict[int, Any] = {
     for opcode in Opcode
     if opcode not in (Opcode.CHUNK, Opcode.MESSAGE, Opcode.MESSAGE_INDEX)
 }
+_MOST_UNKNOWN = 64  # bytes at the end of a record, of fields of a later version of MCAP
 _AFTER_DATA = {
     Opcode.DATA_END,
     Opcode.FOOTER,
@@ -293,11 +294,10 @@ class _Rescue:
             entries = length - MESSAGE_INDEX.size
             sound = entries >= 0 and MESSAGE_INDEX.unpack(content)[1] == entries
         else:
+            # A record of the data may have more fields than are known; the next record confirms it.
+            longer = opcode not in _AFTER_DATA and self._is_likely(end)
             body = source.read(start, length)
-            exact = opcode in _RECORDS and _parse(opcode, body) is not None
-            # A record may have more fields than are known; then the next record confirms it.
-            longer = not exact and self._is_likely(end) and _parse(opcode, body, True) is not None
-            sound = exact or longer
+            sound = opcode in _RECORDS and _parse(opcode, body, longer) is not None
         return end if sound else None
 
     def _head(self, offset: int) -> tuple[int, int]:
@@ -488,7 +488,8 @@ def _split(records: bytes) -> Iterator[tuple[int, bytes]]:
 def _parse(opcode: int, body: bytes, longer: bool = False) -> records.McapRecord | None:
     """Return a record, or None unless it gives the same bytes when it is written again.
 
-    With ``longer``, unknown bytes may follow.
+    With ``longer``, a few unknown bytes may follow. If there are many, its length is damaged, or it
+    is a record of another kind whose opcode is damaged.
     """
     try:
         record: records.McapRecord = _RECORDS[opcode].read(ReadDataStream(io.BytesIO(body)))
@@ -500,7 +501,8 @@ def _parse(opcode: int, body: bytes, longer: bool = False) -> records.McapRecord
     # The CRC of an attachment is optional.
     if opcode == Opcode.ATTACHMENT and body.endswith(bytes(4)):
         written = written[:-4] + bytes(4)
-    same = written == body or (longer and body.startswith(written))
+    unknown = len(body) - len(written)
+    same = body.startswith(written) and unknown <= (_MOST_UNKNOWN if longer else 0)
     return record if same else None
 
 
