@@ -120,6 +120,7 @@ def test_types_come_from_the_file(tmp_path: Path, plugin: str) -> None:
             natural_frequencies=np.array([4.0, 95.0, 170.0]),
             frequency_stddev=np.array([0.0, 0.1, 0.2]),
             damping_ratios=np.array([0.01, 0.02, 0.03]),
+            damping_ratio_stddev=np.array([0.0, 0.001, 0.002]),
             frf_peak_frequency=4.0,
             frf_peak_magnitude=1e-4,
             interpolation_error=1e-6,

@@ -171,6 +171,7 @@ def test_signals_leave_nothing_behind(files: Path, number: signal.Signals) -> No
         [sys.executable, "-m", "linkage_vibration.cli", "replay", "drive.mcap", "-o", "pipe"],
         env=os.environ | {"TMPDIR": str(temporary)},
         stderr=subprocess.DEVNULL,
+        preexec_fn=lambda: signal.signal(number, signal.SIG_DFL),  # nohup ignores SIGHUP
     )
     while not (found := list(temporary.rglob("pipe"))) or not found[0].stat().st_size:
         assert process.poll() is None
