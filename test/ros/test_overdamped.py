@@ -143,7 +143,7 @@ def test_pages(files: dict[str, Path], tmp_path: Path, capsys: Any) -> None:
     for path in page, other:
         [text] = re.findall(r'id="data"[^>]*>(.*?)</script>', path.read_text(), re.DOTALL)
         data[path] = json.loads(text, parse_constant=pytest.fail)
-    [mode] = [card["value"] for card in data[page]["summary"] if card["label"] == "Mode 1"]
+    [mode] = [card["value"] for card in data[page]["summary"] if card["label"].startswith("Mode 1 ")]
     assert re.fullmatch(r"4\.69 to 5\.49 Hz, overdamped in \d+ predictions", mode)
 
 
@@ -154,7 +154,7 @@ def test_page_in_a_browser(files: dict[str, Path]) -> None:
         browser.open(files["html"])
         browser.hover(browser.place("#chart-f2 .u-over", 0.9999))
         assert browser.text("#read-f1") == "overdamped"
-        assert browser.text("#read-f2").endswith("Hz")
+        assert " Hz" in browser.text("#read-f2")
         assert "Mode 1 is overdamped at 165.00°" in browser.text("#linkage-caption")
         assert browser.problems == []
 
