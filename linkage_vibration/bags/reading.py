@@ -262,8 +262,7 @@ def bag_errors(path: Path) -> Iterator[None]:
 
 
 def _foreign(path: Path) -> str:
-    """Return why an intact MCAP file is none of ROS 2; empty if it is damaged or another file."""
-    from mcap.exceptions import McapError
+    """Return why an intact MCAP file is not of ROS 2; empty if it is damaged or another file."""
     from mcap.reader import make_reader
 
     if path.is_dir() or path.suffix != ".mcap":
@@ -272,7 +271,7 @@ def _foreign(path: Path) -> str:
         with path.open("rb") as file:
             reader = make_reader(file)
             profile, summary = reader.get_header().profile, reader.get_summary()
-    except (McapError, OSError, ValueError):
+    except Exception:  # A damaged file makes mcap raise errors of its own, of struct and others.
         return ""
     if summary is None or not summary.channels:
         return ""

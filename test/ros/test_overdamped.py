@@ -143,7 +143,8 @@ def test_pages(files: dict[str, Path], tmp_path: Path, capsys: Any) -> None:
     for path in page, other:
         [text] = re.findall(r'id="data"[^>]*>(.*?)</script>', path.read_text(), re.DOTALL)
         data[path] = json.loads(text, parse_constant=pytest.fail)
-    [mode] = [card["value"] for card in data[page]["summary"] if card["label"].startswith("Mode 1 ")]
+    cards = {card["label"]: card["value"] for card in data[page]["summary"]}
+    mode = cards["Mode 1 (implement heave)"]
     assert re.fullmatch(r"4\.69 to 5\.49 Hz, overdamped in \d+ predictions", mode)
 
 
