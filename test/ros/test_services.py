@@ -20,6 +20,7 @@ import numpy as np
 import pytest
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.task import Future
 
 from linkage_vibration.prediction.answers import Served
 from linkage_vibration.readers.mechanism import read_mechanism
@@ -85,7 +86,8 @@ def bench(domain: int) -> Iterator[Bench]:
         peer_executor.add_node(peer)
         served = [shipped()]
         services = Services(node, lambda: served[-1], served.append)
-        thread = threading.Thread(target=executor.spin)
+        ended: Future[None] = Future(executor=executor)
+        thread = threading.Thread(target=executor.spin_until_future_complete, args=[ended])
         thread.start()
         bench = Bench(
             served, services, thread.is_alive, peer_executor.spin_once, executor.create_task
@@ -94,9 +96,11 @@ def bench(domain: int) -> Iterator[Bench]:
             bench.clients[name] = peer.create_client(kind, f"{NODE}/{name}")
             assert bench.clients[name].wait_for_service(LIMIT)
         yield bench
-        executor.shutdown()
+        # A shutdown may destroy what wakes the executor before that waits for it.
+        executor.create_task(lambda: ended.set_result(None))
         thread.join(LIMIT)
         assert not thread.is_alive()
+        executor.shutdown()
         services.close()
         node.destroy_node()
         peer.destroy_node()
