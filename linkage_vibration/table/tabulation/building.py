@@ -72,7 +72,7 @@ def build_table(
         table = _build(sampler, tolerance)
     except ModesAreCoupled:
         table = build_coupled(sampler, Accuracy(tolerance))
-    return with_parameter_stddev(with_mode_names(table, model), model)
+    return with_parameter_stddev(with_mode_names(table, sampler), sampler)
 
 
 def _build(sampler: Sampler, tolerance: float) -> Table:

@@ -15,9 +15,9 @@ from scipy.interpolate import Akima1DInterpolator
 from scipy.optimize import linear_sum_assignment
 
 from linkage_vibration.mechanics.arrays import BoolArray, FloatArray, IntArray
-from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.sensitivity import NEAR, ModeChanges, Sensitivity
 from linkage_vibration.table.table import Table, TableError
+from linkage_vibration.table.tabulation.sampling import Sampler
 
 N_ANGLES = 257
 """Even angles over the range at which a table has the standard deviations."""
@@ -30,19 +30,20 @@ _EXCESS = 0.15  # of a variance: what higher orders may add, 7 % of a standard d
 _TOGGLE = 0.45  # standard deviation of a toggle's angle, of its distance: 7/16 of its square is 9 %
 
 
-def with_parameter_stddev(table: Table, model: LinkageModel) -> Table:
+def with_parameter_stddev(table: Table, sampler: Sampler) -> Table:
     """Return a table with the standard deviations by uncertain numbers of its mechanism.
 
     Parameters
     ----------
-    table, model
-        The table, and the model that it was built from.
+    table, sampler
+        The table, and the solutions that it was built from.
 
     Raises
     ------
     TableError
         If links are known by FRFs alone, whose change with the numbers is unknown.
     """
+    model = sampler.model
     uncertainty = model.mechanism.uncertainty
     if uncertainty is None or not uncertainty.numbers:
         return table
@@ -54,7 +55,7 @@ def with_parameter_stddev(table: Table, model: LinkageModel) -> Table:
     sensitivity = Sensitivity(model)
     at = _points(table)
     points = [
-        _point(table, angle, values, sensitivity, model)
+        _point(table, angle, values, sensitivity, sampler)
         for angle, values in zip(at.tolist(), table.evaluate(at), strict=True)
     ]
     angles = np.linspace(*table.alpha3_range, N_ANGLES)
@@ -82,13 +83,13 @@ def _points(table: Table) -> FloatArray:
 
 
 def _point(
-    table: Table, alpha3: float, values: FloatArray, sensitivity: Sensitivity, model: LinkageModel
+    table: Table, alpha3: float, values: FloatArray, sensitivity: Sensitivity, sampler: Sampler
 ) -> tuple[ModeChanges, IntArray]:
     """Return the changes at an angle, and their order: tracked modes, then others."""
     own = values[: 2 * table.n_modes].reshape(2, -1)
     oscillates = np.isfinite(own[0])
     highest = _ABOVE * float(own[0][oscillates].max(initial=0.0))
-    changes = sensitivity.at(model.solve(alpha3), highest)
+    changes = sensitivity.at(sampler.solution(alpha3), highest)
     there = np.array([changes.frequencies, changes.ratios])
     off = np.abs(np.log(own[0][:, np.newaxis] / there[0])) + np.abs(
         own[1][:, np.newaxis] - there[1]
@@ -98,7 +99,7 @@ def _point(
     allowed = max(_SAME, 2.0 * float(table.interpolation_error.max()))
     if (off[np.arange(len(order)), order][oscillates] > allowed).any():
         raise TableError(
-            f"The table differs from {model.mechanism.name} at "
+            f"The table differs from {sampler.model.mechanism.name} at "
             f"{math.degrees(alpha3):.3f} deg; build it again."
         )
     others = np.setdiff1d(np.arange(len(changes.frequencies)), order)

@@ -11,31 +11,31 @@ from scipy.optimize import linear_sum_assignment
 
 from linkage_vibration.mechanics.arrays import FloatArray, IntArray
 from linkage_vibration.mechanics.mode_names import kinetic_energy, name_modes
-from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.modes import MECHANISM
 from linkage_vibration.table.table import Table
+from linkage_vibration.table.tabulation.sampling import Sampler
 
 _ANGLES = 5  # points of the table at which the energy is computed
 
 
-def with_mode_names(table: Table, model: LinkageModel) -> Table:
+def with_mode_names(table: Table, sampler: Sampler) -> Table:
     """Return the table with a name for each mode, and its mean shares of kinetic energy.
 
     Modes of links that are known by FRFs alone are numbered, as their energy is not known.
 
     Parameters
     ----------
-    table, model
-        The table, and the model that it was built from.
+    table, sampler
+        The table, and the solutions that it was built from.
     """
-    given = model.mechanism.response.mode_names
+    given = sampler.model.mechanism.response.mode_names
     if table.measured:
         both = zip_longest(given[: table.n_modes], range(table.n_modes), fillvalue="")
         return replace(table, mode_names=tuple(new or f"mode {int(k) + 1}" for new, k in both))
     points = np.linspace(0, len(table.alpha3) - 1, _ANGLES).round().astype(np.int64)
     energies = []
     for point in np.unique(points).tolist():
-        solution = model.solve(float(table.alpha3[point]))
+        solution = sampler.solution(float(table.alpha3[point]))
         modes = _same_modes(table.natural_frequencies[point], solution.modes.omega)
         energies.append(kinetic_energy(solution).select(modes))
     shares = np.mean([energy.shares for energy in energies], axis=0)

@@ -5,7 +5,7 @@
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from linkage_vibration.table.table import TableError
 from linkage_vibration.table.tabulation.peaks import SILENT, heights
 from linkage_vibration.table.tabulation.subspaces import PoleSample, mass_root, sample_poles
 
+_REMEMBERED = 64  # solutions of the model
 _SPARE = 4  # further modes, which may continue a tracked one
 _MANY = 8  # points of a mechanism up to which all have FRFs in the table by default
 _UNDAMPED = 1e-12  # damping ratio that is only rounding
@@ -102,6 +103,8 @@ class Sampler:
         progress: Callable[[float], object],
     ) -> None:
         self.model = model
+        # The names and the deviations of modes use the same solutions; each takes up to megabytes.
+        self.solution = lru_cache(_REMEMBERED)(model.solve)
         self.response = model.mechanism.response
         self._from_frfs = model.measured_frequencies is not None
         self.places = () if self._from_frfs else _places(model, points)
@@ -200,7 +203,7 @@ class Sampler:
         if variable not in self._poles:
             alpha3 = self.angle(variable)
             self._count(alpha3)
-            solution = self.model.solve(alpha3)
+            solution = self.solution(alpha3)
             self.free_modes = max(self.free_modes, int(solution.modes.mechanism.sum()))
             if len(solution.modes.omega) < self.response.modes:
                 raise self._few_modes(len(solution.modes.omega), alpha3)
@@ -259,7 +262,7 @@ class Sampler:
             )
             deviations = np.array([found.frequency_stddev, found.damping_ratio_stddev])
             return replace(sample, deviations=deviations)
-        solution = self.model.solve(alpha3)
+        solution = self.solution(alpha3)
         self.free_modes = max(self.free_modes, int(solution.modes.mechanism.sum()))
         if solution.damped.shapes is not None:
             raise ModesAreCoupled
