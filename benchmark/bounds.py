@@ -285,7 +285,8 @@ def draw(found: Sequence[Result]) -> None:
         left.plot([], [], "o-", color=COLOURS[i], label=f"tolerance {tolerance:.0e}")
     left.plot([], [], "o", color=INK, markerfacecolor="white", label="points in the table")
     left.plot([], [], "o", color=INK, label="solutions of the model")
-    left.set(xlabel="number")
+    left.set(xlabel="number", xticks=(20, 50, 100, 200), xticklabels=("20", "50", "100", "200"))
+    left.minorticks_off()
     left.set_title("What a table costs", loc="left", color=INK)
     for j, name in enumerate(QUANTITIES):
         right.plot([], [], "o", color=(*COLOURS, GREY)[j], markersize=4, label=name)

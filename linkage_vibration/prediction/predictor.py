@@ -202,8 +202,8 @@ class Predictor:
             abs(df/dalpha3) stddev. This is too small at an extremum of a frequency, where only the
             second-order term abs(d2f/dalpha3^2) stddev^2 / sqrt(2) is left. At a distance d from
             a toggle, where frequencies vary with sqrt(d), it is too small by the fraction
-            7/16 (stddev / d)^2; within a few stddev it is meaningless. The standard deviation by
-            the noise of measured links is added as the root of the sum of squares.
+            7/16 (stddev / d)^2; within a few stddev it is meaningless. The other parts (`Shares`)
+            are added as the root of the sum of squares.
         """
         alpha3 = float(alpha3)  # a NumPy number of another precision would change the arithmetic
         angle = self.angle_in_table(alpha3)
@@ -212,7 +212,8 @@ class Predictor:
         values, peak_frequency, peak_magnitude, error = self.table.interpolate(angle)
         n = self._n_modes
         slopes = self.table.slopes(angle)
-        stddevs = self._total(angle, stddev, values, slopes, error)
+        parts = zip(*self._parts(angle, stddev, values, slopes, error), strict=True)
+        stddevs = [math.sqrt(a * a + b * b + c * c + d * d) for a, b, c, d in parts]
         sound = self._sound_low <= angle <= self._sound_high
         return Prediction(
             crank_angle=alpha3,
@@ -260,18 +261,6 @@ class Predictor:
             noise = self.table.deviations(np.array([angle]))[:, 0].ravel().tolist()
         turned = [abs(slope) * stddev for slope in slopes]
         return parameters, turned, noise, [error * value for value in values]
-
-    def _total(
-        self,
-        angle: float,
-        stddev: float,
-        values: list[float],
-        slopes: list[float],
-        error: float,
-    ) -> list[float]:
-        """Return the standard deviations of values by all parts, (2 n_modes,)."""
-        parts = self._parts(angle, stddev, values, slopes, error)
-        return [math.sqrt(a * a + b * b + c * c + d * d) for a, b, c, d in zip(*parts, strict=True)]
 
     def _refuse(self, alpha3: float) -> Prediction:
         unknown, nan = np.full(self._n_modes, math.nan), math.nan

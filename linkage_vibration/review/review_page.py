@@ -189,7 +189,9 @@ def _excitation_names(log: Log) -> list[str]:
 
 
 def _has_spread(log: Log) -> bool:
-    return bool(np.nanmax(log.frequency_stddev, initial=0.0) > 0.0)
+    """Return whether the standard deviations contain more than the error of the table."""
+    by_table = log.interpolation_error[:, np.newaxis] * log.natural_frequencies
+    return bool((log.frequency_stddev > 1.001 * by_table).any())
 
 
 def _charts(log: Log, margin: float | None) -> Items:

@@ -65,12 +65,11 @@ def test_amplification_is_that_of_a_mode(log: Log) -> None:
         )
 
 
-def test_standard_deviation_by_an_independent_sample(
-    log: Log, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_standard_deviation_by_an_independent_sample(log: Log) -> None:
     """Where both deviations are known, that of the amplification is the one of a random sample."""
-    monkeypatch.setattr(findings, "_states_uncertainty", lambda log: True)
-    known = replace(log, damping_ratio_stddev=0.1 * log.damping_ratios)
+    assert log.table is not None
+    table = replace(log.table, parameter_stddev=np.full((2, 257, log.n_modes), 0.1))
+    known = replace(log, table=table, damping_ratio_stddev=0.1 * log.damping_ratios)
     one = meetings(known, moments(known))[0]
     assert log.resonances is not None
     random, n, i = np.random.default_rng(3), 200_000, one.strongest

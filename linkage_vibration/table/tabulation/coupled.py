@@ -173,7 +173,7 @@ def _check_rounding(tracker: PoleTracker, fine: Polynomials, accuracy: Accuracy)
             f"Rounding changes a damping ratio of {tracker.sampler.model.mechanism.name} by "
             f"{rounding:.0e} of it near alpha3 = "
             f"{math.degrees(tracker.sampler.angle(fine.variables[0])):.3f} deg, too much for a "
-            f"tolerance of {accuracy.frequency:g}; give at least {2.0 * rounding:.0e}, more "
+            f"tolerance of {accuracy.frequency:g}; give at least {1.1 * 2.0 * rounding:.1e}, more "
             "damping, or a band_hz that ends nearer to the lowest mode."
         )
     return rounding

@@ -164,10 +164,11 @@ class Sampler:
         rows = [self._undamped(self.angle(x)) for x in near]
         rounding = float((np.abs(rows[0] - 2.0 * rows[1] + rows[2]) / rows[1]).max()) / 2.0
         if rounding > tolerance / _CLEAR:
+            least = 1.1 * _CLEAR * rounding
             raise TableError(
                 f"Rounding changes a natural frequency of {self.model.mechanism.name} by "
                 f"{rounding:.0e} at alpha3 = {math.degrees(self.angle(variable)):.3f} deg, too "
-                f"much for a tolerance of {tolerance:g}; give at least {_CLEAR * rounding:.0e}, or "
+                f"much for a tolerance of {tolerance:g}; give at least {least:.1e}, or "
                 "move apart two points of a link that nearly coincide."
             )
 
