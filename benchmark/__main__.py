@@ -16,6 +16,7 @@ STEPS = (
     "bounds",
     "stability",
     "noise",
+    "gravity",
     "uncertainty",
     "speed",
     "speed.paper_job",

@@ -21,14 +21,22 @@ from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import BoolArray, FloatArray
 from linkage_vibration.mechanics.base import mount_springs
 from linkage_vibration.mechanics.components import CENTRE_OF_GRAVITY, Component, FrfComponent
-from linkage_vibration.mechanics.description import GROUND, Mechanism, MechanismError, Spring
+from linkage_vibration.mechanics.description import (
+    GROUND,
+    Mechanism,
+    MechanismError,
+    Point,
+    Spring,
+)
 from linkage_vibration.mechanics.dofs import InterfaceDof
 from linkage_vibration.mechanics.kinematics import Configuration, rotation, rotation_derivative
-from linkage_vibration.mechanics.springs import spring_stiffness
+from linkage_vibration.mechanics.springs import spring_prestress, spring_stiffness
 
 _ZERO = 1e-12  # of the largest singular value of B: a direction below is a repetition
 _CLEAR = 1e-6  # of the same: a direction above is a constraint; between the two it is unclear
 _INVOLVED = 1e-6  # share of a row in a dependency, 1
+
+_End = tuple[str, str, Point]  # body, name of the point, and its place in the body's own axes
 
 
 class CouplingError(LinkageVibrationError):
@@ -238,6 +246,48 @@ class InterfaceMap:
             stiffness[i] = spring_stiffness(spring, self._mechanism, configuration)[1]
         return compatibility, elongation, stiffness
 
+    def prestress(
+        self, configuration: Configuration, joints: FloatArray, springs: FloatArray
+    ) -> FloatArray:
+        """Return the stiffness on u that forces at rest add where bodies and springs turn, (n, n).
+
+        A point at the arm r of a rigid body that turns by theta moves by -r theta^2 / 2 as well, so
+        a force F there adds F r to the stiffness of the rotation. That of a link is
+        in its `components.Prestress`.
+
+        Parameters
+        ----------
+        configuration, joints, springs
+            Where the bodies are; the forces of the constraints, (n_constraints,), and of the
+            springs and mounts, (n_springs,), in the order and with the signs of `join`'s rows.
+        """
+        found = np.zeros((len(self), len(self)))
+        forces: list[tuple[str, str, FloatArray]] = []
+        for i, ((point, first, second), _) in enumerate(self._joints):
+            force = joints[2 * i : 2 * i + 2]
+            forces += [(first, point, -force), (second, point, force)]
+        for spring, force in zip(self._mechanism.springs, springs, strict=False):
+            added = spring_prestress(spring, self._mechanism, configuration, float(force))
+            if len(spring.points) == 1:
+                row = self._elongation(spring, configuration, rate=False)
+            else:
+                ends, unit, _ = self._line(spring, configuration)
+                row = np.array([-unit[1], unit[0]]) @ self._apart(ends, configuration)
+                pulls = zip(ends, (force * unit, -force * unit), strict=True)
+                forces += [(body, point, pull) for (body, point, _), pull in pulls]
+            found += added * np.outer(row, row)
+        mounts = mount_springs(self._mechanism.base)
+        for (mount, axis), force in zip(mounts, springs[len(springs) - len(mounts) :], strict=True):
+            forces.append((GROUND, mount.name, -force * np.eye(2)[axis]))
+        for body, point, force in forces:
+            if body in self._centres:
+                local = self._mechanism.local_points(body)[point]
+                arm = configuration.place(body, local)
+                arm = arm - configuration.place(body, self._centres[body])
+                theta = self._places[body, CENTRE_OF_GRAVITY][2]
+                found[theta, theta] += force @ arm
+        return found
+
     def _pins(self, configuration: Configuration, *, rate: bool = False) -> FloatArray:
         """Return the rows of B, or of its derivative, that belong to the pins."""
         return np.vstack(
@@ -260,6 +310,18 @@ class InterfaceMap:
         if len(spring.points) == 1:
             turn = self._turn(second, spring.points[0]) - self._turn(first, spring.points[0])
             return np.zeros_like(turn) if rate else turn
+        ends, unit, length = self._line(spring, configuration)
+        apart = self._apart(ends, configuration)
+        if not rate:
+            return np.asarray(unit @ apart)
+        drift = configuration.place_rate(*ends[1][::2]) - configuration.place_rate(*ends[0][::2])
+        turning = (drift - unit * (unit @ drift)) / length
+        return np.asarray(turning @ apart + unit @ self._apart(ends, configuration, rate=True))
+
+    def _line(
+        self, spring: Spring, configuration: Configuration
+    ) -> tuple[list[_End], FloatArray, float]:
+        """Return the ends of a spring between two points, its direction, (2,), and its length."""
         ends = [
             (body, point, self._mechanism.local_points(body)[point])
             for body, point in zip(spring.bodies, spring.points, strict=True)
@@ -272,17 +334,11 @@ class InterfaceMap:
                 f"its two ends meet at alpha3 = {math.degrees(configuration.alpha3):.3f} deg, so "
                 "that it has no direction there; put it on the joint instead.",
             )
-        unit = away / length
-        apart = self._apart(ends, configuration)
-        if not rate:
-            return np.asarray(unit @ apart)
-        drift = configuration.place_rate(*ends[1][::2]) - configuration.place_rate(*ends[0][::2])
-        turning = (drift - unit * (unit @ drift)) / length
-        return np.asarray(turning @ apart + unit @ self._apart(ends, configuration, rate=True))
+        return ends, away / length, length
 
     def _apart(
         self,
-        ends: list[tuple[str, str, tuple[float, float]]],
+        ends: list[_End],
         configuration: Configuration,
         *,
         rate: bool = False,

@@ -6,7 +6,11 @@ A component is invariant: its numbers are in its own axes and are made once. Onl
 matrix that couples the components changes with the configuration.
 """
 
+import math
 from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
 
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.dofs import InterfaceDof
@@ -20,7 +24,23 @@ class Drawing:
     """How the coordinates of a component move the points by which it is drawn."""
 
     places: FloatArray  # (n_points, 2): local x and z of the points, in order along the body, m
-    displacement: FloatArray  # (n_points, 3, n): local x, y and z of each point per coordinate
+    # (n_points, 3 or 4, n): local x, y and z of each point per coordinate; of a beam theta too.
+    displacement: FloatArray
+
+
+class Prestress(Protocol):
+    """How forces on a body change its stiffness."""
+
+    def stiffness(self, forces: FloatArray, gravity: FloatArray) -> FloatArray:
+        """Return the stiffness that forces at rest add, (n, n).
+
+        Parameters
+        ----------
+        forces : ndarray, (n_dofs,)
+            Of the joints and springs on the interface DoFs of the component, N and N m.
+        gravity : ndarray, (2,)
+            Along the local x and z axes, m/s2.
+        """
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,6 +54,36 @@ class Component:
     damping: FloatArray  # (n, n)
     loss_factor: float  # structural damping: the stiffness is K (1 + i eta)
     drawing: Drawing | None  # None where the shape of the body is unknown
+    prestress: Prestress | None = None  # of a beam; that of a rigid body is in the joints
+
+    def own_axes(self, vector: FloatArray, angle: float) -> FloatArray:
+        """Turn a vector from the global axes into those of the component's DoFs, (2,).
+
+        Parameters
+        ----------
+        vector, angle
+            Along x and z, (2,); the angle of the body's own x axis, rad.
+        """
+        if self.dofs[0].point == CENTRE_OF_GRAVITY:  # a rigid body, which has the global axes
+            return vector
+        c, s = math.cos(angle), math.sin(angle)
+        return np.array([[c, s], [-s, c]]) @ vector
+
+    def translation(self, along: FloatArray) -> FloatArray:
+        """Return the coordinates of the component if it moves as a whole, (n,), m.
+
+        Parameters
+        ----------
+        along : ndarray, (2,)
+            The motion along the axes of its DoFs, m.
+        """
+        local = dict(zip(("x", "z"), along.tolist(), strict=True))
+        ends = np.array([local.get(dof.direction, 0.0) for dof in self.dofs])
+        n = len(ends)
+        inner, cross = self.stiffness[n:, n:], self.stiffness[n:, :n]
+        if n == len(self.stiffness):
+            return ends
+        return np.concatenate([ends, -np.linalg.solve(inner, cross @ ends)])
 
 
 @dataclass(frozen=True, slots=True, eq=False)

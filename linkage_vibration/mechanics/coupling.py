@@ -89,10 +89,10 @@ def couple(system: UncoupledSystem, joining: Joining) -> CoupledSystem:
     basis = constraints.null_space
     stretch = joining.elongation @ basis
     return CoupledSystem(
-        mass=_congruent(system, system.mass, basis),
-        stiffness=_congruent(system, system.stiffness, basis, stretch, joining.stiffness),
-        damping=_congruent(system, system.damping, basis, stretch, joining.damping),
-        loss=_congruent(system, system.loss, basis),
+        mass=congruent(system, system.mass, basis),
+        stiffness=congruent(system, system.stiffness, basis, stretch, joining.stiffness),
+        damping=congruent(system, system.damping, basis, stretch, joining.damping),
+        loss=congruent(system, system.loss, basis),
         basis=basis,
         redundant=tuple(joining.labels[row] for row in constraints.redundant),
         cutoff=constraints.cutoff,
@@ -159,14 +159,23 @@ def _infinite(frequencies: FloatArray) -> CouplingError:
     )
 
 
-def _congruent(
+def congruent(
     system: UncoupledSystem,
     matrix: FloatArray,
     basis: FloatArray,
     stretch: FloatArray | None = None,
     weights: FloatArray | None = None,
 ) -> FloatArray:
-    """Return L^T A L, symmetric to the last bit, with springs added on the interface."""
+    """Return L^T A L, symmetric to the last bit, with springs added on the interface.
+
+    Parameters
+    ----------
+    system, matrix, basis
+        The components; a matrix of theirs, (n, n); the motions that open no joint, as
+        `CoupledSystem` has them.
+    stretch, weights : ndarray, (n_springs, m) and (n_springs,), optional
+        Elongations of springs by these motions, and their stiffness or damping.
+    """
     n, free = system.n_interface, basis.shape[1]
     own = basis.T @ matrix[:n, :n] @ basis
     if stretch is not None and weights is not None:

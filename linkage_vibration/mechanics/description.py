@@ -352,6 +352,7 @@ class Mechanism:
     damping: Damping
     response: Response
     base: Base | None = field(default=None, metadata=_LATER)  # None: the ground does not move
+    gravity: float = field(default=0.0, metadata=_LATER)  # m/s2, downwards; 0 leaves it out
     uncertainty: Uncertainty | None = field(default=None, metadata=_LATER)
 
     @cached_property

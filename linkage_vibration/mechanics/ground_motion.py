@@ -15,9 +15,8 @@ import numpy as np
 
 from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray
 from linkage_vibration.mechanics.base import mount_springs
-from linkage_vibration.mechanics.components import CENTRE_OF_GRAVITY, Component
+from linkage_vibration.mechanics.components import Component
 from linkage_vibration.mechanics.description import Mechanism
-from linkage_vibration.mechanics.kinematics import rotation
 from linkage_vibration.mechanics.model import ModelError, Place, Solution
 from linkage_vibration.mechanics.response import PoleResidue, pole_residue
 
@@ -95,7 +94,8 @@ def _with_the_ground(
     along = np.array([1.0, 0.0] if direction == "x" else [0.0, 1.0])
     for component in model.components:
         assert isinstance(component, Component)  # else it could not be solved
-        moved[model.system.rows[component.name]] = _translated(solution, component, along)
+        local = component.own_axes(along, solution.configuration.angle(component.name))
+        moved[model.system.rows[component.name]] = component.translation(local)
     into = (moved @ model.system.mass @ solution.modes.shapes)[np.newaxis]
     parts = pole_residue(solution.damped, out, into)
     a, b, kappa, gamma = parts.residues, parts.rates, parts.stiffness, parts.decay
@@ -107,16 +107,3 @@ def _with_the_ground(
         rates=(a - b * gamma) * gamma + b * kappa,
         residual=own - (a - b * gamma).sum(axis=2),
     )
-
-
-def _translated(solution: Solution, component: Component, along: FloatArray) -> FloatArray:
-    """Return the coordinates of a component that moves by 1 m along a global direction."""
-    rigid = any(dof.point == CENTRE_OF_GRAVITY for dof in component.dofs)
-    turn = np.eye(2) if rigid else rotation(solution.configuration.angle(component.name))
-    local = dict(zip(("x", "z"), along @ turn, strict=True))
-    ends = np.array([local.get(dof.direction, 0.0) for dof in component.dofs])
-    n = len(ends)
-    inner, cross = component.stiffness[n:, n:], component.stiffness[n:, :n]
-    if n == len(component.stiffness):
-        return ends
-    return np.concatenate([ends, -np.linalg.solve(inner, cross @ ends)])

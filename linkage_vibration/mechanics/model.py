@@ -28,6 +28,7 @@ from linkage_vibration.mechanics.fbs import (
     couple_frfs,
     couple_frfs_with_error,
 )
+from linkage_vibration.mechanics.gravity import check_gravity, prestress, with_prestress
 from linkage_vibration.mechanics.identification import IdentifiedModes, identify
 from linkage_vibration.mechanics.kinematics import Configuration, Kinematics, rotation
 from linkage_vibration.mechanics.modes import DampedModes, Modes, damp_modes, solve_modes
@@ -43,6 +44,7 @@ from linkage_vibration.mechanics.response import (
 
 _STILL = 1e-6  # of the largest response: below it a DoF is held
 _NOISE = 0.5  # of coupled FRFs, root mean square over lines: the largest noise accepted
+_STEP = 1e-5  # rad, of a difference
 _ROUNDING = 1e-9  # of the largest response, 1: with a larger error the assembly is solved
 
 Place = tuple[str, str]
@@ -84,6 +86,7 @@ class LinkageModel:
         self.mechanism = mechanism
         self.kinematics = kinematics or Kinematics(mechanism)
         self.components = mechanism.components(spatial=spatial, reduced=reduced)
+        check_gravity(mechanism, self.components, spatial=spatial)
         self.interface = InterfaceMap(mechanism, self.components, spatial=spatial)
 
     @cached_property
@@ -147,9 +150,31 @@ class LinkageModel:
         """
         configuration = self.kinematics.at(alpha3)
         joining = self.interface.join(configuration)
-        coupled = couple(self.system, joining)
+        coupled, added = self._assemble(configuration, joining)
         modes, vectors = solve_modes(coupled)
-        return Solution(self, configuration, joining, coupled, modes, vectors)
+        return Solution(self, configuration, joining, coupled, modes, vectors, added)
+
+    def prestress(self, configuration: Configuration, joining: Joining) -> FloatArray:
+        """Return the stiffness that gravity adds to the components, (n, n); 0 without gravity.
+
+        Parameters
+        ----------
+        configuration, joining
+            Where the bodies are, and what joins them there.
+        """
+        if not self.mechanism.gravity:
+            return np.zeros_like(self.system.stiffness)
+        own = self.mechanism, self.components, self.interface, self.system
+        return prestress(*own, configuration, joining)
+
+    def _assemble(
+        self, configuration: Configuration, joining: Joining
+    ) -> tuple[CoupledSystem, FloatArray]:
+        """Return the assembly, and the stiffness that gravity adds to the components."""
+        coupled, added = couple(self.system, joining), self.prestress(configuration, joining)
+        if not self.mechanism.gravity:
+            return coupled, added
+        return with_prestress(coupled, self.system, added, configuration.alpha3), added
 
     def coupled_frf(
         self,
@@ -266,6 +291,9 @@ class LinkageModel:
             self._check_noise(blocks, rows, inputs, compliance)
             parts = receptances(blocks)
             return couple_frfs(parts, rows, outputs, inputs, compliance, frequencies)
+        if self.mechanism.gravity:  # which changes the components with the configuration
+            coupled = self._assemble(configuration, joining)[0]
+            return assembled_frf(coupled, frequencies, outputs, inputs)
         frf = np.empty((len(frequencies), len(outputs), len(inputs)), dtype=complex)
         moving = frequencies != 0.0
         blocks, rows, compliance = self._blocks(joining, frequencies[moving])
@@ -423,6 +451,8 @@ class Solution:
         Undamped, ascending.
     vectors : ndarray, (m, m)
         Their shapes on the generalised coordinates.
+    prestress : ndarray, (n, n)
+        The stiffness that gravity adds to the components, SI.
     """
 
     model: LinkageModel
@@ -431,6 +461,7 @@ class Solution:
     coupled: CoupledSystem
     modes: Modes
     vectors: FloatArray
+    prestress: FloatArray
 
     @cached_property
     def natural_frequencies(self) -> FloatArray:
@@ -565,6 +596,8 @@ class Solution:
             stretch = self.joining.elongation @ u
             force = self.joining.stiffness[:, np.newaxis] * stretch
             slope += 2.0 * (force * (stretch_rate @ u)).sum(axis=0) + stiffness_rate @ stretch**2
+        if self.model.mechanism.gravity:
+            slope += (self.modes.shapes * (self._prestress_rate @ self.modes.shapes)).sum(axis=0)
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.asarray(slope / (2.0 * self.modes.omega) / (2.0 * math.pi))
 
@@ -578,7 +611,7 @@ class Solution:
         phi, squared = self.modes.shapes[:, mode], self.modes.omega[mode] ** 2
         rate, stretch_rate, weights_rate = self.model.interface.join_rate(self.configuration)
         n, n_rows = len(phi), len(rate)
-        stiffness = system.stiffness.copy()
+        stiffness = system.stiffness + self.prestress
         weights = self.joining.stiffness[:, np.newaxis]
         b = slice(0, n_interface)
         stretch = self.joining.elongation
@@ -594,18 +627,31 @@ class Solution:
         matrix[:n, n : n + n_rows] = matrix[n : n + n_rows, :n].T
         matrix[:n, -1] = matrix[-1, :n] = -(system.mass @ phi) * math.sqrt(scale)
         right = np.zeros(len(matrix))
-        right[b] = -stiffness_rate @ phi[b] - rate.T @ self._multipliers()[:, mode]
+        right[:n] = -self._prestress_rate @ phi
+        right[b] -= stiffness_rate @ phi[b] + rate.T @ self._multipliers()[:, mode]
         right[n : n + n_rows] = -scale * (rate @ phi[b])
         if self.coupled.redundant:  # then the constraints' forces are not unique, but the shape is
             return np.asarray(np.linalg.lstsq(matrix, right, rcond=None)[0][:n])
         return np.asarray(np.linalg.solve(matrix, right)[:n])
+
+    @cached_property
+    def _prestress_rate(self) -> FloatArray:
+        """Return d(prestress)/d(alpha3), (n, n), by a difference; it is small beside the rest."""
+        if not self.model.mechanism.gravity:
+            return self.prestress
+        here, model = self.configuration.alpha3, self.model
+        sides = [model.kinematics.at(here + step) for step in (-_STEP, _STEP)]
+        low, high = (model.prestress(side, model.interface.join(side)) for side in sides)
+        return np.asarray((high - low) / (2.0 * _STEP))
 
     def _multipliers(self) -> FloatArray:
         """Return mu of every mode, (n_constraints, n_modes), of B^T mu = -(K - w^2 M) phi."""
         system = self.model.system
         b = slice(0, len(self.model.interface))
         phi = self.modes.shapes
-        residual = system.stiffness[b] @ phi - system.mass[b] @ (phi * self.modes.omega**2)
+        residual = (system.stiffness + self.prestress)[b] @ phi - system.mass[b] @ (
+            phi * self.modes.omega**2
+        )
         stretch = self.joining.elongation
         residual += stretch.T @ (self.joining.stiffness[:, np.newaxis] * (stretch @ phi[b]))
         found = np.linalg.lstsq(self.joining.compatibility.T, -residual, rcond=None)[0]

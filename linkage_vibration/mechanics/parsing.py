@@ -95,6 +95,7 @@ def mechanism_from_mapping(mapping: Any, read_body: BodyReader = _no_files) -> M
         damping=_damping(top["damping"]),
         response=_response(top["response"], points, base=base is not None),
         base=base,
+        gravity=_gravity(top),
     )
     if "uncertainty" in top:
         exact = {key: value for key, value in mapping.items() if key != "uncertainty"}
@@ -182,6 +183,13 @@ def _link(keys: Keys, name: str, ground: dict[str, Point], read_file: BodyReader
         ),
         damping=_damping(keys["damping"]) if "damping" in keys else None,
     )
+
+
+def _gravity(keys: Keys) -> float:
+    gravity = keys.number("gravity", default=0.0)
+    if gravity < 0.0:
+        raise keys.error("gravity", f"{gravity:g} points upwards; give 9.81, in m/s2.")
+    return gravity
 
 
 def _damping(keys: Keys) -> Damping:

@@ -10,6 +10,7 @@ their reduction, on the basis that reduced it: a second reduction might turn its
 the difference of the compatibility matrices of the closed linkages at the same input angle.
 """
 
+import copy
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -20,7 +21,6 @@ from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray, IntArra
 from linkage_vibration.mechanics.compatibility import InterfaceMap
 from linkage_vibration.mechanics.components import Component
 from linkage_vibration.mechanics.description import Link, Mechanism, UncertainNumber
-from linkage_vibration.mechanics.kinematics import Kinematics
 from linkage_vibration.mechanics.model import LinkageModel, ModelError, Solution
 from linkage_vibration.mechanics.reduction import craig_bampton
 
@@ -70,9 +70,9 @@ class _Change:
 
     # For each component that changes: indices of its coordinates, and (4, n, n): dM, dC, dK, dL.
     blocks: tuple[tuple[IntArray, FloatArray], ...]
-    # The mechanism with the larger number, where its geometry or a spring changes; the kinematics
-    # are None where they do not change.
-    other: tuple[InterfaceMap, Kinematics | None] | None
+    # The model with the larger number, where its geometry, a spring or, with gravity, a weight
+    # changes.
+    other: LinkageModel | None
     steps: float  # from the number to the larger one, in one standard deviation
 
 
@@ -85,6 +85,7 @@ class _JoinRate:
     stiffness: FloatArray
     damping: FloatArray
     angles: FloatArray  # (n_bodies,), rad
+    prestress: FloatArray  # of all components, (n, n)
 
 
 Joins = list[_JoinRate | None]
@@ -186,7 +187,8 @@ class Sensitivity:
         """
         joining, system, n = solution.joining, self._model.system, len(self._model.interface)
         own, b = shapes[:n], slice(0, n)
-        matrices = system.mass, system.damping, system.stiffness, system.loss
+        stiffness = system.stiffness + solution.prestress
+        matrices = system.mass, system.damping, stiffness, system.loss
         stretch = joining.elongation @ own
         springs = np.outer(joining.damping, weights[1]) + np.outer(joining.stiffness, weights[2])
         force = joining.elongation.T @ (springs * stretch)
@@ -205,6 +207,8 @@ class Sensitivity:
                 gap = multipliers.T @ (rate.compatibility @ own)
                 more = rate.elongation @ own
                 stiffer = np.outer(rate.damping, weights[1]) + np.outer(rate.stiffness, weights[2])
+                if self._model.mechanism.gravity:
+                    form += weights[2] * (shapes.T @ rate.prestress @ shapes)
                 form += gap + gap.T + stretch.T @ (stiffer * stretch)
                 form += stretch.T @ (springs * more) + more.T @ (springs * stretch)
         return np.concatenate([np.zeros((0, k, k)), found])
@@ -262,13 +266,16 @@ class Sensitivity:
             block = scale * (_stacked(high) - _stacked(low))
             if block.any():
                 blocks.append((rows[component.name], block))
-        other, larger = None, sides[1]
+        larger = sides[1]
+        other: LinkageModel | None = None
         if _joined(sides[0]) != _joined(larger):
-            moves = _points(sides[0]) != _points(larger)
-            other = (
-                InterfaceMap(larger, components, spatial=self._spatial),
-                self._model.kinematics.nearby(larger) if moves else None,
-            )
+            other = copy.copy(self._model)
+            other.mechanism = larger
+            # Links that were reduced again might differ in the signs of their modes.
+            other.components = (*components[: len(mechanism.links)], *larger.rigid_components())
+            other.interface = InterfaceMap(larger, components, spatial=self._spatial)
+            if _points(sides[0]) != _points(larger):
+                other.kinematics = self._model.kinematics.nearby(larger)
         return _Change(tuple(blocks), other, number.deviation / number.step)
 
     def _link_block(
@@ -317,15 +324,17 @@ def _join_rates(change: _Change, solution: Solution) -> _JoinRate | None:
     """Return how a number changes what joins the components in a configuration."""
     if change.other is None:
         return None
-    (interface, kinematics), here = change.other, solution.configuration
-    there = here if kinematics is None else kinematics.at(here.alpha3)
-    low, high = solution.joining, interface.join(there)
+    other, here = change.other, solution.configuration
+    moves = other.kinematics is not solution.model.kinematics
+    there = other.kinematics.at(here.alpha3) if moves else here
+    low, high = solution.joining, other.interface.join(there)
     return _JoinRate(
         change.steps * (high.compatibility - low.compatibility),
         change.steps * (high.elongation - low.elongation),
         change.steps * (high.stiffness - low.stiffness),
         change.steps * (high.damping - low.damping),
         change.steps * (there.angles - here.angles),
+        change.steps * (other.prestress(there, high) - solution.prestress),
     )
 
 
@@ -343,7 +352,8 @@ def _points(mechanism: Mechanism) -> object:
 def _joined(mechanism: Mechanism) -> object:
     """Return what the joints and the springs depend on."""
     centres = tuple(body.centre_of_gravity for body in mechanism.rigid_bodies)
-    return _points(mechanism), centres, mechanism.springs, mechanism.base
+    weights = tuple(body.mass for body in mechanism.rigid_bodies if mechanism.gravity)
+    return _points(mechanism), centres, weights, mechanism.springs, mechanism.base
 
 
 def _meshed_as(link: Link, other: Link) -> Link:

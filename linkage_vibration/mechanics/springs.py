@@ -18,6 +18,7 @@ from linkage_vibration.mechanics.description import (
     Cylinder,
     Mechanism,
     MechanismError,
+    Point,
     Spring,
     StiffnessCurve,
 )
@@ -48,6 +49,28 @@ def spring_stiffness(
         spline = _spline(spring.stiffness)
         return float(spline(configuration.alpha3)), float(spline(configuration.alpha3, 1))
     return _oil_stiffness(spring, spring.stiffness, mechanism, configuration)
+
+
+def spring_prestress(
+    spring: Spring, mechanism: Mechanism, configuration: Configuration, force: float
+) -> float:
+    """Return the stiffness that the force of a spring at rest adds.
+
+    Between two points it acts across the spring, N/m: T / L. On a joint it acts on the rotation,
+    N m/rad, if a cylinder turns the joint, whose lever r changes: M / r dr/dangle.
+
+    Parameters
+    ----------
+    spring, mechanism, configuration, force
+        As `spring_stiffness` takes them; its tension, N, or its moment on the joint, N m.
+    """
+    if len(spring.points) == 2:
+        return force / _line(_ends(spring, mechanism), configuration)[1]
+    if not isinstance(spring.stiffness, Cylinder):
+        return 0.0
+    unit, length = _line(_ends(spring, mechanism), configuration)
+    lever, rate = _lever(_arm(spring, mechanism, configuration), unit, length)
+    return force / lever * rate
 
 
 def read_stiffness(keys: Keys, stroke: tuple[float, float]) -> float | StiffnessCurve | Cylinder:
@@ -132,25 +155,39 @@ def _oil_stiffness(
     spring: Spring, cylinder: Cylinder, mechanism: Mechanism, configuration: Configuration
 ) -> tuple[float, float]:
     """Return the stiffness of the oil in a cylinder, and its derivative."""
-    locals_ = cylinder.ends or tuple(
-        mechanism.local_points(body)[point]
-        for body, point in zip(spring.bodies, spring.points, strict=True)
-    )
-    ends = list(zip(spring.bodies, locals_, strict=True))
-    away = configuration.place(*ends[1]) - configuration.place(*ends[0])
-    length = math.hypot(*away)
-    unit = away / length
+    ends = _ends(spring, mechanism)
+    unit, length = _line(ends, configuration)
     axial, slope = _column(spring.name, cylinder, length, configuration)
     if cylinder.ends is None:
         drift = configuration.place_rate(*ends[1]) - configuration.place_rate(*ends[0])
         return axial, slope * float(unit @ drift)
     first, second = spring.bodies
-    pin = mechanism.local_points(first)[spring.points[0]]
-    arm = configuration.place(*ends[1]) - configuration.place(first, pin)
-    lever, lever_rate = _lever(arm, unit, length)
+    lever, lever_rate = _lever(_arm(spring, mechanism, configuration), unit, length)
     turning = configuration.velocity_ratio(second) - configuration.velocity_ratio(first)
     rate = slope * lever**3 + 2.0 * axial * lever * lever_rate
     return axial * lever**2, rate * turning
+
+
+def _ends(spring: Spring, mechanism: Mechanism) -> list[tuple[str, Point]]:
+    """Return the two ends of a spring or of a cylinder on a joint: body and place in its axes."""
+    if isinstance(spring.stiffness, Cylinder) and spring.stiffness.ends is not None:
+        return list(zip(spring.bodies, spring.stiffness.ends, strict=True))
+    both = zip(spring.bodies, spring.points, strict=True)
+    return [(body, mechanism.local_points(body)[point]) for body, point in both]
+
+
+def _line(ends: list[tuple[str, Point]], configuration: Configuration) -> tuple[FloatArray, float]:
+    """Return the direction from the first end to the second, (2,), and the distance, m."""
+    away = configuration.place(*ends[1]) - configuration.place(*ends[0])
+    length = math.hypot(*away)
+    return away / length, length
+
+
+def _arm(spring: Spring, mechanism: Mechanism, configuration: Configuration) -> FloatArray:
+    """Return the way from a joint to the second end of the cylinder that turns it, (2,), m."""
+    first, pin = spring.bodies[0], spring.points[0]
+    start = configuration.place(first, mechanism.local_points(first)[pin])
+    return configuration.place(*_ends(spring, mechanism)[1]) - start
 
 
 def _lever(arm: FloatArray, unit: FloatArray, length: float) -> tuple[float, float]:

@@ -24,7 +24,16 @@ from linkage_vibration.mechanics.dofs import InterfaceDof
 from linkage_vibration.mechanics.keys import Keys
 from linkage_vibration.mechanics.material import read_material
 from linkage_vibration.mechanics.sections import SHAPES
-from linkage_vibration.mechanics.timoshenko import CHI, PSI, THETA, U, V, W, element_matrices
+from linkage_vibration.mechanics.timoshenko import (
+    CHI,
+    PSI,
+    THETA,
+    U,
+    V,
+    W,
+    element_matrices,
+    prestress_matrices,
+)
 
 _COORDINATE = {"x": U, "y": V, "z": W, "theta": THETA}
 _SAME_PLACE = 1e-9  # of the beam's length: what lies closer together is one place
@@ -81,7 +90,41 @@ class Beam:
         body = Matrices(found.dofs, found.mass, found.stiffness)
         places = np.column_stack([found.nodes, np.zeros(len(found.nodes))])
         drawing = Drawing(places, found.displacement)
-        return component_of(link, mechanism, body, drawing, spatial=spatial, reduced=reduced)
+        made = component_of(link, mechanism, body, drawing, spatial=spatial, reduced=reduced)
+        return made if spatial else replace(made, prestress=_prestress(self, link, made))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BeamPrestress:
+    """How the forces on a beam stiffen it: its tension and its shear force, and its arms."""
+
+    motion: FloatArray  # (3 n_nodes, n): u, w and theta of the nodes per coordinate
+    middles: FloatArray  # (n_elements,): places along the axis, m
+    unit: FloatArray  # (2, n_elements, 6, 6): stiffness per newton of tension, and of shear
+    carried: FloatArray  # (n_elements,): mass before the middle of each element, kg
+    places: FloatArray  # (n_points, 2): x and z of the points, m
+    masses: FloatArray  # (n_points,): point masses, kg
+    turns: tuple[int, ...]  # (n_points,): rows of `motion` that are the points' rotations
+    loaded: tuple[tuple[int, int], ...]  # (n_points,): interface DoFs along x and z
+
+    def stiffness(self, forces: FloatArray, gravity: FloatArray) -> FloatArray:
+        """Return the stiffness that forces at rest add, (n, n).
+
+        Parameters
+        ----------
+        forces, gravity
+            As `components.Prestress.stiffness` takes them.
+        """
+        applied = forces[np.array(self.loaded)] + self.masses[:, np.newaxis] * gravity
+        before = self.places[:, 0] < self.middles[:, np.newaxis]
+        cut = -(before @ applied + self.carried[:, np.newaxis] * gravity)  # tension and shear
+        elements = np.einsum("ec,ceij->eij", cut, self.unit)
+        nodal = np.zeros((len(self.motion),) * 2)
+        for i, element in enumerate(elements):
+            nodal[3 * i : 3 * i + 6, 3 * i : 3 * i + 6] += element
+        nodal[self.turns, self.turns] += applied[:, 1] * self.places[:, 1]
+        found = self.motion.T @ nodal @ self.motion
+        return np.asarray((found + found.T) / 2.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -92,7 +135,7 @@ class BeamMatrices:
     stiffness: FloatArray  # (n, n)
     dofs: tuple[InterfaceDof, ...]  # point by point x, (y,) z and, where asked for, theta
     nodes: FloatArray  # (n_nodes,): places along the axis, ascending, m
-    displacement: FloatArray  # (n_nodes, 3, n): local x, y and z of the nodes per coordinate
+    displacement: FloatArray  # (n_nodes, 4, n): local x, y, z and theta of nodes per coordinate
 
 
 def read(keys: Keys, places: dict[str, Point]) -> Beam:
@@ -224,8 +267,8 @@ def beam_matrices(
         )
     start = _first_coordinates(points, nodes, size)
     mass, stiffness = _chain(nodes, sections, beam.material, spatial)
-    displacement = np.zeros((len(nodes), 3, len(mass)))
-    for axis, coordinate in enumerate((U, V, W)):
+    displacement = np.zeros((len(nodes), 4, len(mass)))
+    for axis, coordinate in enumerate((U, V, W, THETA)):
         if coordinate < size:
             displacement[:, axis, coordinate::size] = np.eye(len(nodes))
 
@@ -250,6 +293,36 @@ def beam_matrices(
     block = np.ix_(order, order)
     return BeamMatrices(
         mass[block], stiffness[block], tuple(rows), nodes, displacement[:, :, order]
+    )
+
+
+def _prestress(beam: Beam, link: Link, component: Component) -> BeamPrestress:
+    """Return how forces stiffen the equal beams of a link together."""
+    assert component.drawing is not None
+    places = np.array([place for _, place in link.points])
+    nodes, sections = _mesh(beam, places[:, 0].tolist())
+    lengths = np.diff(nodes)
+    both = zip(lengths.tolist(), sections, strict=True)
+    unit = np.array([prestress_matrices(length, own, beam.material) for length, own in both])
+    masses = link.count * beam.material.density * lengths * [own.area for own in sections]
+    motion = component.drawing.displacement[:, [0, 2, 3]].reshape(3 * len(nodes), -1)
+    first = _first_coordinates(link.points, nodes, 3)
+    extra = dict(link.masses)
+    return BeamPrestress(
+        motion=motion,
+        middles=(nodes[1:] + nodes[:-1]) / 2.0,
+        unit=unit.swapaxes(0, 1),
+        carried=np.cumsum(masses) - masses / 2.0,
+        places=places,
+        masses=np.array([link.count * extra.get(point, 0.0) for point, _ in link.points]),
+        turns=tuple(first[point] + THETA for point, _ in link.points),
+        loaded=tuple(
+            (
+                component.dofs.index(InterfaceDof(point, "x")),
+                component.dofs.index(InterfaceDof(point, "z")),
+            )
+            for point, _ in link.points
+        ),
     )
 
 

@@ -1,0 +1,158 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""The stiffness that the weight of a linkage adds to it.
+
+The configuration at an angle is that of the linkage at rest under its weight. Joints, springs and
+links then carry forces, which turn with the bodies in a vibration. To the second order, the energy
+of a force that turns is that of a stiffness: of beams by tension and shear force
+(`bodies.beam.BeamPrestress`), of rigid bodies, points beside the axis of a beam, springs and
+cylinders by their arms (`InterfaceMap.prestress`).
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy.linalg import eigvalsh
+
+from linkage_vibration.mechanics.arrays import FloatArray
+from linkage_vibration.mechanics.compatibility import CouplingError, InterfaceMap, Joining
+from linkage_vibration.mechanics.components import Component, FrfComponent
+from linkage_vibration.mechanics.coupling import CoupledSystem, UncoupledSystem, congruent, couple
+from linkage_vibration.mechanics.description import Mechanism, MechanismError
+from linkage_vibration.mechanics.kinematics import Configuration
+from linkage_vibration.mechanics.modes import MECHANISM
+
+_SINGULAR = 1e-13  # of the largest scaled singular value: a motion that nothing holds
+_BALANCED = 1e-6  # of the weight: a larger part that nothing carries is no rounding
+
+Components = Sequence[Component | FrfComponent]
+
+
+def check_gravity(mechanism: Mechanism, components: Components, *, spatial: bool) -> None:
+    """Refuse gravity where the stiffness that it adds is not known.
+
+    Parameters
+    ----------
+    mechanism, components, spatial
+        What `LinkageModel` has.
+
+    Raises
+    ------
+    MechanismError
+        If the model is spatial, or a link is not made of beams.
+    """
+    if not mechanism.gravity:
+        return
+    if spatial:
+        raise MechanismError(
+            "gravity", "is not available in a spatial model; remove it, or use a planar model."
+        )
+    for link, component in zip(mechanism.links, components, strict=False):
+        if not isinstance(component, Component) or component.prestress is None:
+            raise MechanismError(
+                "gravity",
+                f"the stiffness that forces add to links.{link.name} does not follow from a file; "
+                "describe the link by material and section, or remove gravity.",
+            )
+
+
+def prestress(
+    mechanism: Mechanism,
+    components: Components,
+    interface: InterfaceMap,
+    system: UncoupledSystem,
+    configuration: Configuration,
+    joining: Joining,
+) -> FloatArray:
+    """Return the stiffness that gravity adds to the components in a configuration, (n, n).
+
+    Parameters
+    ----------
+    mechanism, components, interface, system
+        What `LinkageModel` has.
+    configuration, joining
+        Where the bodies are, and what joins them there.
+
+    Raises
+    ------
+    CouplingError
+        If the linkage is not at rest, because nothing carries its weight.
+    """
+    known = [c for c in components if isinstance(c, Component)]
+    down = np.array([0.0, -mechanism.gravity])
+    axes = {c.name: c.own_axes(down, configuration.angle(c.name)) for c in known}
+    weight = np.zeros(len(system.mass))
+    for each in known:
+        weight[system.rows[each.name]] = each.mass @ each.translation(axes[each.name])
+    moved = at_rest(couple(system, joining), weight, configuration)
+    b = slice(0, system.n_interface)
+    springs = joining.stiffness * (joining.elongation @ moved[b])
+    on_bodies = system.stiffness[b] @ moved - weight[b]
+    on_joints = -on_bodies - joining.elongation.T @ springs
+    joints = np.linalg.lstsq(joining.compatibility.T, on_joints, rcond=None)[0]
+    found = np.zeros_like(system.stiffness)
+    found[b, b] = interface.prestress(configuration, np.asarray(joints, np.float64), springs)
+    for each in known:
+        if each.prestress is not None:
+            rows = system.rows[each.name]
+            forces = on_bodies[rows[: len(each.dofs)]]
+            added = each.prestress.stiffness(forces, axes[each.name])
+            found[np.ix_(rows, rows)] += added
+    return found
+
+
+def at_rest(coupled: CoupledSystem, weight: FloatArray, configuration: Configuration) -> FloatArray:
+    """Return how far weights move the components until springs and links carry them, (n,).
+
+    Parameters
+    ----------
+    coupled, weight, configuration
+        The assembly; the weights on the components, (n,), N; where the bodies are.
+
+    Raises
+    ------
+    CouplingError
+        If nothing carries them.
+    """
+    n = len(coupled.basis)
+    load = np.concatenate([coupled.basis.T @ weight[:n], weight[n:]])
+    size = np.diag(coupled.stiffness)
+    scale = np.sqrt(np.maximum(size, _SINGULAR * size.max() or 1.0))
+    scaled = coupled.stiffness / np.outer(scale, scale)
+    found = np.linalg.lstsq(scaled, load / scale, rcond=_SINGULAR)[0] / scale
+    rest = np.abs(coupled.stiffness @ found - load).max()
+    if not rest <= _BALANCED * np.abs(weight).max():
+        raise CouplingError(
+            "Nothing carries the weight of the linkage at alpha3 = "
+            f"{math.degrees(configuration.alpha3):.3f} deg; hold its crank with `clamped` or a "
+            "spring and its base with mounts, or remove gravity."
+        )
+    return coupled.expand(found[:, np.newaxis])[:, 0]
+
+
+def with_prestress(
+    coupled: CoupledSystem, system: UncoupledSystem, added: FloatArray, alpha3: float
+) -> CoupledSystem:
+    """Return an assembly with the stiffness that gravity adds.
+
+    Parameters
+    ----------
+    coupled, system, added, alpha3
+        The assembly without it; the components; from `prestress`; the input angle, rad.
+
+    Raises
+    ------
+    CouplingError
+        If the linkage does not stay in this configuration: it buckles, or falls over.
+    """
+    stiffness = coupled.stiffness + congruent(system, added, coupled.basis)
+    lowest = float(eigvalsh(stiffness, coupled.mass, subset_by_index=[0, 0])[0])
+    if lowest < -(MECHANISM**2):
+        raise CouplingError(
+            f"Under its weight the linkage does not stay at alpha3 = {math.degrees(alpha3):.3f} "
+            "deg, as its springs and links are too soft for it; make them stiffer, or remove "
+            "gravity."
+        )
+    return replace(coupled, stiffness=stiffness)
