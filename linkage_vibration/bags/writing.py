@@ -83,8 +83,8 @@ class Attachment:
     data: bytes
 
 
-def offered_qos_profiles(*, reliable: bool, depth: int) -> str:
-    """Return the QoS of one volatile keep-last publisher as the YAML list that rosbag2 stores.
+def offered_qos_profiles(*, reliable: bool, depth: int, latched: bool = False) -> str:
+    """Return the QoS of one keep-last publisher as the YAML list that rosbag2 stores.
 
     The policies are the integers of ``rmw/types.h``, as rosbag2 wrote them up to Iron. Humble and
     Iron read only these; Jazzy and later read both these and names.
@@ -95,13 +95,15 @@ def offered_qos_profiles(*, reliable: bool, depth: int) -> str:
         Whether the publisher is reliable or best effort.
     depth : int
         Number of messages that it keeps.
+    latched : bool
+        Whether it is transient local or volatile.
     """
     infinite = dict(zip(("sec", "nsec"), divmod(2**63 - 1, 10**9), strict=True))
     profile = {
         "history": 1,
         "depth": depth,
         "reliability": 1 if reliable else 2,
-        "durability": 2,
+        "durability": 1 if latched else 2,
         "deadline": infinite.copy(),  # a copy, as YAML would refer to an object that it has already
         "lifespan": infinite.copy(),
         "liveliness": 1,

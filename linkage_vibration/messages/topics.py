@@ -101,13 +101,15 @@ def topic_table(topics: tuple[NodeTopic, ...]) -> str:
     return "\n".join(["| topic | type | QoS | meaning |", "|---|---|---|---|", *rows]) + "\n"
 
 
-def log_topic(name: str, type_name: str) -> Topic:
+def log_topic(name: str, type_name: str, *, latched: bool = False) -> Topic:
     """Return what a log stores about a topic.
 
     Parameters
     ----------
     name, type_name : str
         Full names of the topic and of its type, such as ``std_msgs/msg/Float64``.
+    latched : bool
+        Whether later subscribers of the topic receive what was published before.
 
     Raises
     ------
@@ -115,5 +117,5 @@ def log_topic(name: str, type_name: str) -> Topic:
         If the type is not installed, and rosbags does not know it either.
     """
     # `ros2 bag play` then publishes as reliable, which reaches subscribers of both kinds.
-    qos = offered_qos_profiles(reliable=True, depth=QUEUE_DEPTH)
+    qos = offered_qos_profiles(reliable=True, depth=QUEUE_DEPTH, latched=latched)
     return Topic(name, type_name, message_definition(type_name), type_hash(type_name), qos)

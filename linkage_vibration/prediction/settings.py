@@ -5,7 +5,7 @@
 import math
 import os
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
 from difflib import get_close_matches
 from pathlib import Path
@@ -42,6 +42,9 @@ NODE_NAME = "linkage_vibration"
 DEPRECATED = {"percent_points": (0.0, 100.0), "percent_angles": (3.14159, 1.5708)}
 """The lists that release 1.0.0 had instead of the pairs of `percent_calibration`, and their
 defaults."""
+
+ROS_PARAMETERS = ("qos_overrides", "start_type_description_service", "use_sim_time")
+"""The parameters that ROS 2 gives every node."""
 
 _TOPIC_NAME = re.compile(r"(~/|/)?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*")
 
@@ -308,7 +311,8 @@ def check_value(name: str, value: object) -> Any:
     """
     known = {f.name: f for f in fields(Parameters)}
     if name not in known:
-        raise ParameterError(f"Parameter {name} is unknown; {ask_for(name, known)}")
+        valid_names = [*known, *ROS_PARAMETERS]
+        raise ParameterError(f"Parameter {name} is unknown; {ask_for(name, valid_names)}")
     parameter = known[name]
     value = own_value(name, value)
     words = parameter.metadata
@@ -348,11 +352,7 @@ def with_values(parameters: Parameters, values: Mapping[str, object]) -> Paramet
 
 def is_own(name: str) -> bool:
     """Return whether a name is not that of a parameter which ROS 2 gives every node."""
-    return name.partition(".")[0] not in (
-        "qos_overrides",
-        "start_type_description_service",
-        "use_sim_time",
-    )
+    return name.partition(".")[0] not in ROS_PARAMETERS
 
 
 def with_pairs(given: Mapping[str, object]) -> dict[str, object]:
@@ -469,21 +469,11 @@ def read_parameters(path: str | Path) -> Parameters:
         invalid value.
     """
     path = Path(path)
-    try:
-        content = yaml.load(path.read_text(encoding="utf-8"), _Loader)
-    except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:
-        problem = " ".join(str(error).split())
-        raise ParameterError(f"{path} cannot be read as YAML: {problem}.") from None
-    sections = content if isinstance(content, dict) else {}
-    found = [section for name, section in sections.items() if _matches_node(str(name))]
+    found = [given for name, given in _sections(path) if _matches(name, f"/{NODE_NAME}")]
     if not found:
-        raise ParameterError(
-            f"{path} has no parameters for the node; give them below "
-            f"`{NODE_NAME}:` or `/**:` and there `ros__parameters:`."
-        )
+        raise ParameterError(no_parameters(path, NODE_NAME))
     values: dict[str, object] = {}
-    for section in found:
-        given = section.get("ros__parameters") if isinstance(section, dict) else None
+    for given in found:
         if isinstance(given, dict):
             values.update({n: value for name, value in given.items() if is_own(n := str(name))})
     try:
@@ -492,11 +482,60 @@ def read_parameters(path: str | Path) -> Parameters:
         raise ParameterError(f"{path}: {error}") from None
 
 
-def _matches_node(section: str) -> bool:
-    """Return whether the name of a section, which may have wildcards, matches the node."""
-    pattern = re.escape("/" + section.lstrip("/"))
-    pattern = pattern.replace(r"/\*\*", r"(/\w+)*").replace(r"/\*", r"/\w+")
-    return re.fullmatch(pattern, f"/{NODE_NAME}") is not None
+def has_parameters(path: Path, node_name: str) -> bool:
+    """Return whether a file of parameters has a section for a node.
+
+    Parameters
+    ----------
+    path, node_name : Path, str
+        The file, and the name of the node with its namespace.
+
+    Raises
+    ------
+    ParameterError
+        If the file cannot be read.
+    """
+    return any(_matches(name, node_name) for name, _ in _sections(path))
+
+
+def no_parameters(path: Path, node_name: str) -> str:
+    """Return the sentence that a file of parameters has no section for a node.
+
+    Parameters
+    ----------
+    path, node_name : Path, str
+        The file, and the name of the node, with its namespace if it has one.
+    """
+    return (
+        f"{path} has no parameters for the node; give them below `{node_name}:` or `/**:` and "
+        "there `ros__parameters:`."
+    )
+
+
+def _sections(path: Path) -> list[tuple[str, object]]:
+    """Return the names of the nodes in a file, which may have wildcards, and their parameters."""
+    try:
+        content = yaml.load(path.read_text(encoding="utf-8"), _Loader)
+    except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:
+        problem = " ".join(str(error).split())
+        raise ParameterError(f"{path} cannot be read as YAML: {problem}.") from None
+    return list(_named(content, ""))
+
+
+def _named(content: object, namespace: str) -> Iterator[tuple[str, object]]:
+    """Yield the names and the parameters of the nodes in a namespace, also in nested ones."""
+    for key, section in content.items() if isinstance(content, dict) else ():
+        name = f"{namespace}/{str(key).strip('/')}"
+        if isinstance(section, dict) and "ros__parameters" in section:
+            yield name, section["ros__parameters"]
+        else:
+            yield from _named(section, name)
+
+
+def _matches(section: str, node_name: str) -> bool:
+    """Return whether the name of a section, which may have wildcards, is that of a node."""
+    pattern = re.escape(section).replace(r"/\*\*", r"(/\w+)*").replace(r"/\*", r"/\w+")
+    return re.fullmatch(pattern, node_name) is not None
 
 
 def parameter_table() -> str:

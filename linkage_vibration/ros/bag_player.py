@@ -19,6 +19,7 @@ from linkage_vibration.bags.writing import QUEUE_DEPTH
 from linkage_vibration.playback.remapping import choose_topics
 from linkage_vibration.prediction.inputs import INPUTS
 from linkage_vibration.prediction.settings import Parameters
+from linkage_vibration.ros.command_line import start_errors
 from linkage_vibration.ros.endpoints import message_class
 from linkage_vibration_interfaces.msg import VibrationPrediction
 
@@ -47,7 +48,8 @@ def play_bag(path: Path, remaps: Mapping[str, str], report: Callable[[str], None
     """
     with open_bags([path]) as bags, _node("linkage_vibration_play") as node:
         types = {topic.type for topic in bags.topics if topic.count}
-        inputs = [name for name, kind in INPUTS.items() if kind.type in types]
+        inputs = [name for name, kind in INPUTS.items() if kind.topic in remaps]
+        inputs += [name for name, kind in INPUTS.items() if kind.type in types]
         topics = choose_topics(bags, Parameters(input=[*inputs, "joint_state"][0]), remaps)
         publishers = [
             node.create_publisher(message_class(topic.type), name, QUEUE_DEPTH)
@@ -92,7 +94,8 @@ def watch(node_name: str, show: Callable[[Any], None], report: Callable[[str], N
             arrived = True
             show(prediction)
 
-        node.create_subscription(VibrationPrediction, topic, on_prediction, QUEUE_DEPTH)
+        with start_errors():
+            node.create_subscription(VibrationPrediction, topic, on_prediction, QUEUE_DEPTH)
         executor = SingleThreadedExecutor(context=node.context)
         executor.add_node(node)
         while True:
@@ -110,10 +113,14 @@ def watch(node_name: str, show: Callable[[Any], None], report: Callable[[str], N
 def _node(name: str) -> Iterator[Node]:
     """Yield a node that leaves signals to Python."""
     context = Context()
-    rclpy.init(context=context, signal_handler_options=SignalHandlerOptions.NO)
-    node = Node(name, context=context, use_global_arguments=False)
     try:
-        yield node
+        with start_errors():
+            # The arguments of the process are not those of ROS 2, also if they have the same form.
+            rclpy.init(args=[], context=context, signal_handler_options=SignalHandlerOptions.NO)
+            node = Node(name, context=context, use_global_arguments=False)
+        try:
+            yield node
+        finally:
+            node.destroy_node()
     finally:
-        node.destroy_node()
         context.try_shutdown()

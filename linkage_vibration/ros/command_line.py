@@ -3,15 +3,26 @@
 """The node's command line: its help, and errors that name the closest valid argument."""
 
 import ast
+import os
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import fields
 from difflib import get_close_matches
+from itertools import pairwise
+from pathlib import Path
 from textwrap import fill
+
+from rclpy.exceptions import NameValidationException
 
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.messages.topics import INPUT_TOPICS
-from linkage_vibration.prediction.settings import Parameters
+from linkage_vibration.prediction.settings import (
+    ParameterError,
+    Parameters,
+    has_parameters,
+    no_parameters,
+)
 
 USAGE = """\
 usage: linkage_vibration_node [--help] [--ros-args [-p PARAMETER:=VALUE] [--params-file FILE]
@@ -79,10 +90,61 @@ def _unknown(argument: str) -> StartError:
     return StartError(f"Argument {argument} is unknown; {hint}")
 
 
+def unused_files(arguments: Sequence[str], node_name: str) -> list[str]:
+    """Return a sentence about each file of parameters that has none for this node.
+
+    Parameters
+    ----------
+    arguments, node_name : sequence of str, str
+        The arguments of the process, and the name of the node with its namespace.
+
+    Raises
+    ------
+    ParameterError
+        If there are such files only, so that the node would run on its defaults.
+    """
+    files = [Path(file) for option, file in pairwise(arguments) if option == "--params-file"]
+    unused = [
+        no_parameters(file, node_name) for file in files if not has_parameters(file, node_name)
+    ]
+    if files and len(unused) == len(files):
+        raise ParameterError(unused[0])
+    return unused
+
+
+@contextmanager
+def start_errors() -> Iterator[None]:
+    """Turn the errors with which rcl and rclpy refuse to start into a sentence.
+
+    Raises
+    ------
+    StartError
+        If there is such an error.
+    """
+    try:
+        yield
+    except NameValidationException as error:
+        problem = str(error).splitlines()[0].rstrip(":")
+        raise StartError(f"ROS 2 cannot start: {problem}; choose another name.") from None
+    except ValueError as error:
+        if "NOT_SET" not in str(error):  # rclpy declares the parameters that were given
+            raise
+        raise StartError(
+            "A parameter was given without a value, for example as an empty list; give it a value."
+        ) from None
+    except RuntimeError as error:  # of rcl, such as an invalid argument or missing security
+        raise refusal(error) from None
+
+
 def refusal(error: RuntimeError) -> StartError:
     """Return an error of rcl as one sentence without its places in the source code."""
     text = re.sub(r",? at /\S+:\d+", "", str(error)).strip().rstrip(".")
     if text.startswith("["):  # arguments behind --ros-args that rcl does not know
         return _unknown(ast.literal_eval(text)[0])
     sentence = re.sub(r"\s*\n\s*", "; ", text)
-    return StartError(f"ROS 2 cannot start the node: {sentence}.")
+    if os.environ.get("ROS_SECURITY_ENABLE") == "true":  # rcl may not name it
+        sentence += (
+            "; ROS_SECURITY_ENABLE is true, so check ROS_SECURITY_KEYSTORE, the enclave, and "
+            "whether this DDS was built with security"
+        )
+    return StartError(f"ROS 2 cannot start: {sentence}.")

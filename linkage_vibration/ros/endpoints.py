@@ -83,7 +83,9 @@ def publisher(node: Node, kind: Any, name: str, *, latched: bool = False) -> Any
     return node.create_publisher(kind, name, qos, event_callbacks=events)
 
 
-def subscribe(node: Node, kind: Any, topic: str, on_message: Callable[..., None]) -> Any:
+def subscribe(
+    node: Node, kind: Any, topic: str, on_message: Callable[..., None], *, latched: bool = False
+) -> Any:
     """Return a subscription, which matches publishers of every QoS and waits for no lost message.
 
     Parameters
@@ -94,6 +96,8 @@ def subscribe(node: Node, kind: Any, topic: str, on_message: Callable[..., None]
         Class of the messages and name of the topic.
     on_message : callable
         Called with the bytes of a message and its `MessageInfo`.
+    latched : bool
+        Whether all publishers are latched; then it receives what they have published before.
     """
 
     @wraps(on_message)
@@ -103,6 +107,9 @@ def subscribe(node: Node, kind: Any, topic: str, on_message: Callable[..., None]
 
     events = SubscriptionEventCallbacks(use_default_callbacks=False)  # see `advertise`
     qos, bytes_call = _qos(ReliabilityPolicy.BEST_EFFORT), cast(Any, call)
+    if latched:
+        qos.reliability = ReliabilityPolicy.RELIABLE
+        qos.durability = DurabilityPolicy.TRANSIENT_LOCAL
     # The type hints of rclpy do not know that `raw` passes bytes.
     return node.create_subscription(kind, topic, bytes_call, qos, raw=True, event_callbacks=events)
 

@@ -5,13 +5,11 @@
 import math
 import time
 from collections.abc import Callable
-from functools import partial
 from inspect import iscoroutinefunction
 from typing import Any
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
-from lifecycle_msgs.srv import ChangeState
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, JumpThreshold
 from rclpy.clock_type import ClockType
@@ -83,8 +81,6 @@ class LinkageVibrationNode(LifecycleNode):
     def __init__(self, stop_asked: Callable[[], bool] = lambda: False) -> None:
         super().__init__(NODE_NAME, automatically_declare_parameters_from_overrides=True)
         for service in self.services:
-            if service.srv_type is ChangeState:
-                service.callback = partial(self._change_state, service.callback)
             if service.srv_type.__module__.startswith("lifecycle_msgs"):
                 service.callback = self._counted(service.callback)
         self.problem = ""
@@ -222,11 +218,19 @@ class LinkageVibrationNode(LifecycleNode):
         return super().create_service(kind, name, self._counted(callback), **options)
 
     def _counted(self, callback: Callable[..., Any]) -> Callable[..., Any]:
-        """Return a callback that counts its requests."""
+        """Return a callback that counts its requests, and whose errors do not end the process.
+
+        rclpy raises them for invalid requests, such as a parameter of an unknown type.
+        """
 
         def call(request: Any, response: Any) -> Any:
             self.requests += 1
-            return callback(request, response)
+            try:
+                return callback(request, response)
+            except (RuntimeError, ValueError) as error:
+                problem = " ".join(str(error).split())
+                self.get_logger().error(f"A request was refused: {problem}")
+                return response
 
         async def call_later(request: Any, response: Any) -> Any:
             self.requests += 1
@@ -235,17 +239,6 @@ class LinkageVibrationNode(LifecycleNode):
             return answer
 
         return call_later if iscoroutinefunction(callback) else call
-
-    def _change_state(
-        self, change: Callable[..., Any], request: ChangeState.Request, response: Any
-    ) -> Any:
-        """Answer a request of a manager; in rclpy 7 an invalid one would end the process."""
-        try:
-            return change(request, response)
-        except RuntimeError as error:
-            self.get_logger().error(" ".join(str(error).split()))
-            response.success = False
-            return response
 
     def _become(
         self, state: str, do: Callable[[], None], undo: Callable[[], None] = lambda: None

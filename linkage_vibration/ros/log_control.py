@@ -7,6 +7,7 @@ from functools import partial
 from typing import Any
 
 from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from std_srvs.srv import Trigger
 
 from linkage_vibration.bags.recorder import Recorder
@@ -105,14 +106,21 @@ class Recording:
             logger.info(f"Log: {self.recorder.path}")
 
     def _subscribe(self, topic: str, type_name: str) -> None:
+        latched = self._is_latched(topic)
         try:
             kind = message_class(type_name)
-            self.recorder.add_topic(log_topic(topic, type_name))
+            self.recorder.add_topic(log_topic(topic, type_name, latched=latched))
         except (LinkageVibrationError, ImportError, AttributeError) as error:
             self._throttle.warn(topic, f"{topic} cannot be recorded: {error}")
             return
         on_message = partial(self._on_message, topic)
-        self._subscriptions[topic] = subscribe(self._node, kind, topic, on_message)
+        self._subscriptions[topic] = subscribe(self._node, kind, topic, on_message, latched=latched)
+
+    def _is_latched(self, topic: str) -> bool:
+        """Return whether all publishers of a topic send later subscribers what they sent before."""
+        latched = ReliabilityPolicy.RELIABLE, DurabilityPolicy.TRANSIENT_LOCAL
+        offered = [p.qos_profile for p in self._node.get_publishers_info_by_topic(topic)]
+        return bool(offered) and all((q.reliability, q.durability) == latched for q in offered)
 
     def _on_message(self, topic: str, data: bytes, info: MessageInfo) -> None:
         self.write(topic, data, self._node.get_clock().now().nanoseconds, info)

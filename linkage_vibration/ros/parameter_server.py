@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Declares, describes and sets the node's parameters in ROS 2."""
 
+from collections.abc import Iterable
 from dataclasses import fields
 from typing import Any
 
@@ -39,7 +40,7 @@ def declare_parameters(node: Node) -> tuple[Parameters, dict[str, ParameterError
     Raises
     ------
     ParameterError
-        If an unknown parameter was given.
+        If an unknown parameter was given, or use_sim_time is not true or false.
     """
     at_start = node.get_parameters_by_prefix("")
     given = with_pairs({name: p.value for name, p in at_start.items() if is_own(name)})
@@ -50,6 +51,7 @@ def declare_parameters(node: Node) -> tuple[Parameters, dict[str, ParameterError
         )
     for name in filter(is_own, at_start):
         node.undeclare_parameter(name)
+    _check_sim_time(at_start.values())
     values: dict[str, Any] = {}
     faults: dict[str, ParameterError] = {}
     for parameter in fields(Parameters):
@@ -122,6 +124,7 @@ def changed(
     own = [p for p in asked if is_own(p.name)]
     live = {parameter.name: parameter.metadata["live"] for parameter in fields(Parameters)}
     try:
+        _check_sim_time(asked)
         found = with_values(settings, {p.name: p.value for p in own})
     except ParameterError as error:
         return settings, SetParametersResult(successful=False, reason=str(error))
@@ -137,3 +140,13 @@ def changed(
             continue
         return settings, SetParametersResult(successful=False, reason=reason)
     return found, SetParametersResult(successful=True)
+
+
+def _check_sim_time(parameters: "Iterable[Parameter[Any]]") -> None:
+    """Refuse a value with which rclpy would silently use the wall clock."""
+    for parameter in parameters:
+        if parameter.name == "use_sim_time" and type(parameter.value) is not bool:
+            raise ParameterError(
+                f"Parameter use_sim_time must be true or false, not {parameter.value!r}; "
+                "write for example `use_sim_time: true`."
+            )

@@ -23,6 +23,7 @@ from std_msgs.msg import Float64
 from linkage_vibration.bags.reading import JointStateRecord
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.prediction.settings import NODE_NAME
+from linkage_vibration.ros.command_line import start_errors
 from linkage_vibration_interfaces.msg import VibrationPrediction
 from linkage_vibration_interfaces.srv import PredictVibration
 
@@ -86,9 +87,10 @@ def play(
     """
     # rclpy would turn Ctrl-C into a silent end of spinning, so the caller handles it.
     context = Context()
-    rclpy.init(context=context, signal_handler_options=SignalHandlerOptions.NO)
     try:
-        node = Node("linkage_vibration_player", context=context, use_global_arguments=False)
+        with start_errors():
+            rclpy.init(args=[], context=context, signal_handler_options=SignalHandlerOptions.NO)
+            node = Node("linkage_vibration_player", context=context, use_global_arguments=False)
         executor = SingleThreadedExecutor(context=context)
         executor.add_node(node)
         try:

@@ -205,7 +205,11 @@ class Services:
         with tempfile.TemporaryDirectory(prefix="linkage_vibration_") as folder:
             self._wanted = Path(folder)
             try:
-                self._swap(await self._away(_rebuild, *changed, served, self._wanted))
+                rebuilt = await self._away(_rebuild, *changed, served, self._wanted)
+                # The table may be complete although the node was cleaned up meanwhile.
+                if self._served() is not served:
+                    raise ServiceError("The node was configured again; ask again.")
+                self._swap(rebuilt)
             finally:
                 self._wanted = None
 

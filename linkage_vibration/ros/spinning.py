@@ -17,7 +17,12 @@ from rclpy.signals import SignalHandlerOptions
 
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.prediction.settings import NODE_NAME
-from linkage_vibration.ros.command_line import check_arguments, help_text, refusal
+from linkage_vibration.ros.command_line import (
+    check_arguments,
+    help_text,
+    start_errors,
+    unused_files,
+)
 from linkage_vibration.ros.lifecycle import LinkageVibrationNode
 
 WATCH_PERIOD = 1.0  # s, between two checks for a failure of the thread of the readings
@@ -43,15 +48,15 @@ def run(args: list[str] | None, stop_asked: Callable[[], bool]) -> int:
         print(help_text(), end="")
         return 0
     try:
-        try:
-            check_arguments(arguments[1:])
+        check_arguments(arguments[1:])
+        with start_errors(), catch_warnings():
+            simplefilter("ignore", RuntimeWarning)  # of rcl, as it cleans up after an error
             rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
-            with catch_warnings():
-                simplefilter("ignore", RuntimeWarning)  # of rcl, as it cleans up after an error
-                node = LinkageVibrationNode(stop_asked)
-        except RuntimeError as error:  # of rcl, such as an invalid argument or missing security
-            raise refusal(error) from None
-        _spin(node, stop_asked)
+            node = LinkageVibrationNode(stop_asked)
+        with closing(node):
+            for problem in unused_files(arguments, node.get_fully_qualified_name()):
+                node.get_logger().warning(problem)
+            _spin(node, stop_asked)
     except LinkageVibrationError as error:
         get_logger(NODE_NAME).fatal(str(error))
         return 1
@@ -63,21 +68,20 @@ def run(args: list[str] | None, stop_asked: Callable[[], bool]) -> int:
 
 
 def _spin(node: LinkageVibrationNode, stop_asked: Callable[[], bool]) -> None:
-    with closing(node):
-        if node.autostart:
-            node.start()
-        else:
-            node.get_logger().info(
-                "Waiting for a lifecycle manager, because autostart is false; or run "
-                f"`ros2 lifecycle set {node.get_fully_qualified_name()} configure`."
-            )
-        node.executor = executor = SingleThreadedExecutor()
-        try:
-            with _woken_by_signals(executor):
-                while rclpy.ok() and not stop_asked():
-                    node.serve(executor, WATCH_PERIOD)
-        finally:
-            executor.shutdown()  # before the node's entities are destroyed
+    if node.autostart:
+        node.start()
+    else:
+        node.get_logger().info(
+            "Waiting for a lifecycle manager, because autostart is false; or run "
+            f"`ros2 lifecycle set {node.get_fully_qualified_name()} configure`."
+        )
+    node.executor = executor = SingleThreadedExecutor()
+    try:
+        with _woken_by_signals(executor):
+            while rclpy.ok() and not stop_asked():
+                node.serve(executor, WATCH_PERIOD)
+    finally:
+        executor.shutdown()  # before the node's entities are destroyed
 
 
 @contextmanager

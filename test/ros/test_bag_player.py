@@ -42,6 +42,7 @@ def test_play_and_watch(
     played = subprocess.run(play, env=environment, capture_output=True, text=True, check=True)
     assert "Playing joint_states, engine_speed of" in played.stdout
     assert "161 messages were published." in played.stdout
+    assert played.stderr == ""
     until(lambda: "crank" in shown.read_text(), "a prediction")
     watching.send_signal(signal.SIGINT)
     assert watching.wait(LIMIT) == 0

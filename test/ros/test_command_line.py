@@ -7,13 +7,17 @@ import subprocess
 import sys
 from collections.abc import Callable
 from dataclasses import fields
+from pathlib import Path
 from typing import Any
 
 import pytest
 
 from linkage_vibration.prediction.settings import Parameters
+from linkage_vibration.ros.bag_player import watch
 from linkage_vibration.ros.command_line import StartError, check_arguments, refusal
 from linkage_vibration.ros.node import main
+from linkage_vibration.ros.player import play
+from linkage_vibration.ros.spinning import run
 from linkage_vibration.support.missing_library import missing_library
 from test.support.ros_process import until
 
@@ -43,7 +47,7 @@ def test_unknown_arguments(arguments: list[str], words: str) -> None:
 def test_errors_of_rcl_are_sentences() -> None:
     """The places in rcl's source code are left out, and lines become one."""
     error = RuntimeError("no security.\nPlease compile it, at /a/b.cpp:4, at /c.c:20")
-    assert str(refusal(error)) == "ROS 2 cannot start the node: no security.; Please compile it."
+    assert str(refusal(error)) == "ROS 2 cannot start: no security.; Please compile it."
     assert "did you mean `--ros-args --params-file FILE`?" in str(
         refusal(RuntimeError("['--params_file']"))
     )
@@ -58,23 +62,66 @@ def test_help_lists_every_parameter(capsys: pytest.CaptureFixture[str]) -> None:
         assert f"\n  {parameter.name}\n" in printed
 
 
-@pytest.mark.parametrize(
-    ("name", "arguments", "words"),
-    [
-        (256 * "a", [], "cannot start the node: error creating node: invalid node"),
-        ("failed", ["-p", "recrod:=true"], "Parameter recrod is unknown; did you mean record?"),
-        ("failed", ["--params_file", "x"], "did you mean `--ros-args --params-file FILE`?"),
-    ],
-)
-def test_refusals_end_the_node(
-    start: Callable[..., Any], name: str, arguments: list[str], words: str
-) -> None:
+def test_refusals_end_the_process(start: Callable[..., Any]) -> None:
     """The process ends with one sentence and exit code 1."""
-    failed = start(*arguments, name=name)
+    failed = start("-p", "recrod:=true", name="failed")
     until(lambda: failed.process.poll() is not None, "the node's end")
     assert failed.process.returncode == 1
     [line] = failed.printed.splitlines()
-    assert words in line
+    assert "Parameter recrod is unknown; did you mean record?" in line
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["-r", f"__node:={256 * 'a'}"], "cannot start: error creating node: invalid node"),
+        (["-r", f"__node:={240 * 'a'}"], "cannot start: Invalid service name: topic length"),
+        (["-r", f"__ns:=/{240 * 'a'}"], "choose another name."),
+        (["--params_file", "x"], "did you mean `--ros-args --params-file FILE`?"),
+        (["-p", "percent_calibration:=[]"], "given without a value, for example as an empty list"),
+        (["-p", "use_simtime:=true"], "did you mean use_sim_time?"),
+        (["-p", "use_sim_time:=1"], "Parameter use_sim_time must be true or false, not 1"),
+        (["--log-level", "loud"], "does not use a valid severity level"),
+    ],
+)
+def test_refusals(
+    environment: dict[str, str],
+    arguments: list[str],
+    words: str,
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    """Whatever prevents the start, the node ends with a sentence and exit code 1."""
+    assert run(["node", "--ros-args", *arguments], lambda: False) == 1
+    assert words in capfd.readouterr().err.splitlines()[-1]
+
+
+def test_files_without_parameters_for_the_node(
+    environment: dict[str, str], tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """A node does not run on its defaults because a file names another node or namespace."""
+    own, other = tmp_path / "own.yaml", tmp_path / "other.yaml"
+    own.write_text("/**: {ros__parameters: {autostart: false}}")
+    other.write_text("linkage_vibration: {ros__parameters: {joint_name: arm}}")
+    named = ["node", "--ros-args", "-r", "__ns:=/tractor", "-r", "__node:=hitch"]
+    assert run([*named, "--params-file", str(other)], lambda: True) == 1
+    words = f"{other} has no parameters for the node; give them below `/tractor/hitch:` or `/**:`"
+    assert words in capfd.readouterr().err.splitlines()[-1]
+    both = ["--params-file", str(own), "--params-file", str(other)]
+    assert run([*named, *both], lambda: True) == 0
+    assert words in capfd.readouterr().err
+
+
+def test_commands_without_security(
+    environment: dict[str, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """`watch`, `play` and the demo refuse an invalid name, and security that is not set up."""
+    with pytest.raises(StartError, match="Invalid topic name"):
+        watch("bad name!", print, print)
+    monkeypatch.setenv("ROS_SECURITY_ENABLE", "true")
+    monkeypatch.setenv("ROS_SECURITY_STRATEGY", "Enforce")
+    for start in (lambda: watch("/node", print, print), lambda: play([], [], print, lambda: None)):
+        with pytest.raises(StartError, match="check ROS_SECURITY_KEYSTORE"):
+            start()
 
 
 @pytest.mark.parametrize(

@@ -3,6 +3,7 @@
 """Declaring and setting parameters."""
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 import rclpy
@@ -10,7 +11,12 @@ from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from linkage_vibration.prediction.settings import NODE_NAME, Parameters, read_parameters
+from linkage_vibration.prediction.settings import (
+    NODE_NAME,
+    Parameters,
+    has_parameters,
+    read_parameters,
+)
 from linkage_vibration.ros.parameter_server import changed, declare_parameters, new_values
 
 
@@ -25,6 +31,7 @@ from linkage_vibration.ros.parameter_server import changed, declare_parameters, 
         "/*: {ros__parameters: {sign: -1}}\n/**/linkage_vibration: {ros__parameters: {scale: .5}}",
         "/a/linkage_vibration: {ros__parameters: {sign: -1}}\n/**: {ros__parameters: {scale: 2.}}",
         "/*/linkage_vibration: {ros__parameters: {sign: -1}}\n/**: {ros__parameters: {scale: 2e0}}",
+        "a: {linkage_vibration: {ros__parameters: {sign: -1}}}\n/**: {ros__parameters: {scale: 2}}",
         "/**: {ros__parameters: {use_sim_time: false, qos_overrides: {a: 1}, offset: -.5E+1}}",
     ],
 )
@@ -46,6 +53,25 @@ def test_a_file_means_the_same_to_node_and_replay(
     assert read_parameters(path) == given != Parameters()
 
 
+SECTIONS = ["a", "/a", "/ns/a", "ns/a", "/*/a", "/**/a", "/**", "/*", "/ns/*", "/ns/b", "/**/b"]
+
+
+@pytest.mark.parametrize("opened", [f"{section}: {{" for section in SECTIONS] + ["ns: {a: {"])
+def test_sections_of_a_node(environment: dict[str, str], tmp_path: Path, opened: str) -> None:
+    """A file has parameters for a node exactly if rclpy takes some from it."""
+    path = tmp_path / "params.yaml"
+    path.write_text(f"{opened} ros__parameters: {{sign: -1}} " + "}" * opened.count("{"))
+    context = Context()
+    rclpy.init(args=["--ros-args", "--params-file", str(path)], context=context)
+    options: Any = {"automatically_declare_parameters_from_overrides": True}
+    node = Node("a", namespace="ns", context=context, start_parameter_services=False, **options)
+    try:
+        assert has_parameters(path, "/ns/a") == node.has_parameter("sign")
+    finally:
+        node.destroy_node()
+        rclpy.shutdown(context=context)
+
+
 def test_what_may_be_set() -> None:
     """Live parameters may be set at any time, others only while the node is not configured."""
     settings = Parameters()
@@ -62,6 +88,7 @@ def test_what_may_be_set() -> None:
     for name, value, words in (
         ("sign", True, "sign must be 1 or -1, not True; write for example `sign: 1`"),
         ("autostart", False, "autostart is read at the start"),
+        ("use_sim_time", 1, "use_sim_time must be true or false, not 1"),
         ("logdirectory", "/tmp", r"did you mean log_directory?"),
     ):
         found, result = changed(settings, [Parameter(name, value=value)], configured=False)

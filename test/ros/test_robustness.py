@@ -15,7 +15,10 @@ import pytest
 import yaml
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
+from lifecycle_msgs.srv import ChangeState
 from mcap.reader import make_reader
+from rcl_interfaces.msg import Parameter as ParameterMessage
+from rcl_interfaces.msg import ParameterValue
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
@@ -32,6 +35,7 @@ from linkage_vibration.table.table import load_table
 from linkage_vibration_interfaces.msg import Resonance, TableInfo, VibrationPrediction
 from test.support.ros_process import JOINT, SENSOR, until
 
+UNKNOWN_TYPE = ParameterMessage(name="sign", value=ParameterValue(type=77))
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
@@ -84,6 +88,19 @@ def test_uncertainty_is_propagated(peer: Any, predictor: Predictor) -> None:
     refused = set_parameter(peer, "robust", "angle_stddev", -1.0)
     assert not refused.successful
     assert peer.ask([JOINT], [2.5]).frequency_stddev == message.frequency_stddev
+
+
+def test_invalid_requests_do_not_end_the_node(peer: Any, node: Any) -> None:
+    """A parameter of a type that does not exist and an invalid transition are refused."""
+    for kind, name, request in (
+        (SetParameters, "set_parameters", SetParameters.Request(parameters=[UNKNOWN_TYPE])),
+        (ChangeState, "change_state", ChangeState.Request()),
+    ):
+        client = peer.node.create_client(kind, f"robust/{name}")
+        peer.spin(client.service_is_ready)
+        peer.result(client.call_async(request))
+    node.wait_for("A request was refused: 77 is not a valid Parameter.Type")
+    assert peer.ask([JOINT], [2.0]).status == Status.OK
 
 
 def test_stamps_in_any_order(peer: Any, predictor: Predictor) -> None:

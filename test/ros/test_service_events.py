@@ -9,7 +9,9 @@ from typing import Any
 from mcap.reader import make_reader
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from linkage_vibration.messages.definitions import message_definition, type_hash
@@ -50,9 +52,11 @@ def test_events_are_published_and_logged(
         name="evented",
         record=True,
         log_directory=tmp_path,
-        extra_topics=f"~/predict/_service_event {TRIGGERED}",
+        extra_topics=f"~/predict/_service_event {TRIGGERED} /latched",
     )
     peer = meet("evented")
+    qos = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    peer.node.create_publisher(String, "/latched", qos).publish(String(data="once"))
     client = peer.node.create_client(SetParameters, "evented/set_parameters")
     trigger = peer.node.create_client(Trigger, "evented/start_recording")
     peer.spin(lambda: client.service_is_ready() and trigger.service_is_ready())
@@ -79,8 +83,10 @@ def test_events_are_published_and_logged(
         ask()
     assert set_events("off").successful
     assert node.stop() == 0
-    kinds, angles, triggered = set(), set(), 0
+    kinds, angles, triggered, latched = set(), set(), 0, 0
     for path in tmp_path.iterdir():
+        with path.open("rb") as file:
+            latched += len(list(make_reader(file).iter_messages("/latched")))
         for topic, event in logged_events(path):
             kinds.add(event.info.event_type)
             if topic == EVENTS:
@@ -90,3 +96,4 @@ def test_events_are_published_and_logged(
     assert kinds == {REQUEST_RECEIVED, RESPONSE_SENT}
     assert angles == {1.75}
     assert triggered > 0
+    assert latched == 1  # although the node subscribes later than the message was published

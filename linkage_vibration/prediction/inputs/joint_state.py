@@ -134,7 +134,9 @@ class JointInput(CrankInput):
         topic, names : str and sequence of str
             The topic that was read, and the joints that its messages contain.
         """
-        listing = ", ".join(sorted(names)[:_MAX_NAMES]) or "none"
+        if not names:
+            return f"{topic} has no joint at all; check its publisher, or choose another topic."
+        listing = ", ".join(sorted(names)[:_MAX_NAMES])
         return (
             f"{topic} has no joint {self.joint_name}; it has {listing}. Set joint_name "
             "(`--joint`) to one of them, or choose another topic."
