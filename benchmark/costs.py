@@ -70,7 +70,7 @@ def _resonance_costs(predictor: Predictor) -> tuple[float, float]:
     monitor = ResonanceMonitor(read_excitations(config_file(DEFAULT_EXCITATIONS)))
     times = np.arange(BLOCK) * SECOND // 1000
     found = predict_many(predictor, np.linspace(1.6, 3.1, BLOCK), np.zeros(BLOCK))
-    numbers = found.natural_frequencies, found.frequency_slopes, np.zeros(BLOCK), times
+    numbers = found, np.zeros(BLOCK), times
     speeds = [
         ReportedSpeed(i, Source.ENGINE, 1800.0 + i, int(times[i])) for i in range(0, BLOCK, 10)
     ]

@@ -60,8 +60,8 @@ OUTPUT_TOPICS = (
         "~/resonance",
         RESONANCE,
         _OUTPUT_QOS,
-        "The excitation nearest to a natural frequency, with each prediction, once a speed is "
-        "known ([excitation](excitation.md)).",
+        "With each prediction, once a speed is known: the most severe excitation, whether it "
+        "warns, and how strongly each shakes the response point ([excitation](excitation.md)).",
     ),
     NodeTopic(
         "~/table_info",

@@ -26,9 +26,10 @@ from linkage_vibration.messages.topics import (
 )
 from linkage_vibration.playback.remapping import ReplayError, bag_paths, choose_topics
 from linkage_vibration.prediction.answers import Implement, Served, with_implement
-from linkage_vibration.prediction.batch import Predictions, predict_many
+from linkage_vibration.prediction.batch import Predictions, joined, predict_many
 from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.inputs.crank_input import LeftOut, Readings, read_floats
+from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.prediction.predictor import Predictor, Status
 from linkage_vibration.prediction.resonance import ReportedSpeed, ResonanceMonitor
 from linkage_vibration.prediction.settings import NODE_NAME, Parameters
@@ -167,7 +168,7 @@ def replay(
         served = _served(settings, what_if)
         log_topics = [log_topic(topic.name, topic.type) for topic in topics.values()]
         log_topics.append(log_topic(PREDICTION_TOPIC, PREDICTION))
-        monitor, excitations = _monitor(settings, topics), None
+        monitor, excitations = _monitor(settings, topics, served), None
         if monitor is not None:
             log_topics.append(log_topic(RESONANCE_TOPIC, RESONANCE))
             excitations = settings.excitation_path().read_bytes().decode()
@@ -261,8 +262,7 @@ class _Replay:
         first = 0 if monitor.any_speed_reported else min([len(rows), *before])
         assessed = order[first:]
         resonances = monitor.assess_many(
-            np.concatenate([group.natural_frequencies for group in predicted])[assessed],
-            np.concatenate([group.frequency_slopes for group in predicted])[assessed],
+            joined(predicted, assessed),
             np.concatenate([group.velocity for group in groups])[assessed],
             block.log_times[rows[assessed]],
             [
@@ -334,13 +334,17 @@ def _refuse_empty(done: Replayed, bags: Bags, settings: Parameters) -> None:
     )
 
 
-def _monitor(settings: Parameters, topics: Mapping[str, BagTopic]) -> ResonanceMonitor | None:
+def _monitor(
+    settings: Parameters, topics: Mapping[str, BagTopic], served: Served
+) -> ResonanceMonitor | None:
     """Return a monitor of resonance; None if no speed is known."""
     fixed = {source: settings.fixed_speed(source) for source in Source}
     if set(fixed.values()) == {None} and not topics.keys() & SPEEDS.keys():
         return None
-    limits = settings.warning_margin, settings.hysteresis, settings.stale_after
-    monitor = ResonanceMonitor(read_excitations(settings.excitation_path()), *limits)
+    excitations = read_excitations(settings.excitation_path())
+    levels = LevelTable(served.predictor, served.mechanism, excitations)
+    limits = settings.warning_limits()
+    monitor = ResonanceMonitor(excitations, limits, settings.stale_after, levels)
     for source, speed in fixed.items():
         monitor.set_fixed(source, speed)
     return monitor

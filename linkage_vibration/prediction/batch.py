@@ -2,7 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Predicts at many angles at once, with the same results as `Predictor` to the last bit."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +40,23 @@ class Predictions:
     interpolation_error: FloatArray
     table_id: str
     damping_ratio_stddev: FloatArray
+
+
+def joined(parts: Sequence[Predictions], which: NDArray[np.int64] | None = None) -> Predictions:
+    """Return predictions of one table, one part after the other.
+
+    Parameters
+    ----------
+    parts : sequence of Predictions
+    which : ndarray, optional
+        Indices of the predictions to return; all by default.
+    """
+    rows = slice(None) if which is None else which
+    columns: dict[str, Any] = {}
+    for name in (column.name for column in fields(Predictions)):
+        values = [getattr(part, name) for part in parts]
+        columns[name] = values[0] if name == "table_id" else np.concatenate(values)[rows]
+    return Predictions(**columns)
 
 
 def predict_many(predictor: Predictor, alpha3: FloatArray, stddev: FloatArray) -> Predictions:

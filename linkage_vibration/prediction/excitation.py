@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Excitations: frequencies that follow the speed of the engine, the PTO or the ground."""
+"""Excitations: frequencies and forces that follow the speed of engine, PTO or ground."""
 
 import enum
 import math
@@ -14,6 +14,7 @@ RPM = 1.0 / 60.0
 """1/min in Hz."""
 
 _LEAST, _LARGEST = 1e-6, 1e6  # of a number in a description
+_STEEPEST = 4.0  # of exponents
 
 
 class ExcitationError(LinkageVibrationError):
@@ -33,6 +34,42 @@ class Source(enum.Enum):
         return "m/s" if self is Source.GROUND else "rpm"
 
 
+class LoadKind(enum.Enum):
+    """What an excitation does to the mechanism; the values are keys of its description."""
+
+    FORCE = "force"  # N
+    MOMENT = "moment"  # N m
+    BASE_ACCELERATION = "base_acceleration"  # m/s^2, of the soil under the mounts of a base
+
+
+@dataclass(frozen=True, slots=True)
+class Load:
+    """The amplitude of an excitation, and where it acts.
+
+    Attributes
+    ----------
+    kind : LoadKind
+    place : str
+        A point and a direction such as "E1.z" for a force, a rigid body for a moment, and a motion
+        of the soil such as "base.z" or "base:rear_axle.z" for an acceleration.
+    amplitude : float
+        Half of peak to peak, N, N m or m/s^2.
+    speed : float
+        The speed at which it has this amplitude, rpm or m/s.
+    exponent : float
+        The amplitude grows with this power of the speed.
+    relative_stddev : float
+        Standard deviation of the amplitude over the amplitude, 1; 0 if it is taken as exact.
+    """
+
+    kind: LoadKind
+    place: str
+    amplitude: float
+    speed: float
+    exponent: float
+    relative_stddev: float
+
+
 @dataclass(frozen=True, slots=True)
 class Excitation:
     """A frequency that follows a speed.
@@ -45,11 +82,20 @@ class Excitation:
         The speed.
     ratio : float
         Frequency per speed, Hz/rpm or Hz/(m/s).
+    load : Load, optional
+        None if the amplitude is not known.
+    relative_stddev : float
+        Standard deviation of the frequency over the frequency, 1.
+    warns : bool
+        Whether it may warn.
     """
 
     name: str
     source: Source
     ratio: float
+    load: Load | None = None
+    relative_stddev: float = 0.0
+    warns: bool = True
 
 
 def excitations_from_mapping(mapping: object, where: str = "excitations") -> tuple[Excitation, ...]:
@@ -60,7 +106,11 @@ def excitations_from_mapping(mapping: object, where: str = "excitations") -> tup
     mapping : mapping
         For each name ``speed`` (engine, pto or ground) and ``orders``, turns of the excitation per
         turn of that shaft. ``ratio`` is the speed of the excited shaft per speed of that shaft. For
-        ``ground``, ``rolling_radius`` (m) converts metres to turns.
+        ``ground``, ``rolling_radius`` (m) converts metres to turns. ``frequency_stddev`` is the
+        relative standard deviation of the frequencies, ``no_warning`` lists orders that never warn.
+        ``force``, ``moment`` or ``base_acceleration`` list the amplitude of each order ``at`` a
+        place and ``at_speed``; they grow with the power ``exponent`` of the speed, and have the
+        relative standard deviation ``amplitude_stddev``.
     where : str
         Path of the mapping in errors.
 
@@ -96,10 +146,53 @@ def _orders(keys: Keys, name: str) -> list[Excitation]:
         radius = _in_range(keys, "rolling_radius", keys.number("rolling_radius"))
         per_unit *= 60.0 / (2.0 * math.pi * radius)
     orders = keys.numbers("orders")
+    silent = keys.numbers("no_warning") if "no_warning" in keys else []
+    for order in silent:
+        if order not in orders:
+            raise keys.error("no_warning", f"{order:g} is not one of the orders; remove it.")
+    spread, loads = _stddev(keys, "frequency_stddev"), _loads(keys, orders)
     return [
-        Excitation(f"{name} {order:g}", source, _in_range(keys, f"orders[{i}]", order) * per_unit)
+        Excitation(
+            f"{name} {order:g}",
+            source,
+            _in_range(keys, f"orders[{i}]", order) * per_unit,
+            loads[i],
+            spread,
+            order not in silent,
+        )
         for i, order in enumerate(orders)
     ]
+
+
+def _loads(keys: Keys, orders: list[float]) -> list[Load | None]:
+    """Return the load of each order; None without amplitudes."""
+    kinds = [kind for kind in LoadKind if kind.value in keys]
+    if not kinds:
+        return [None] * len(orders)
+    if len(kinds) > 1:
+        raise keys.error(
+            kinds[1].value, f"{kinds[0].value} is given too; describe each under a name of its own."
+        )
+    kind = kinds[0]
+    amplitudes = keys.numbers(kind.value)
+    if len(amplitudes) != len(orders) or min(amplitudes) < 0.0:
+        raise keys.error(
+            kind.value, f"give one number for each of the {len(orders)} orders, none below zero."
+        )
+    place, speed = keys.text("at"), _in_range(keys, "at_speed", keys.number("at_speed"))
+    exponent = keys.number("exponent", default=0.0)
+    if abs(exponent) > _STEEPEST:
+        raise keys.error("exponent", f"{exponent:g} is not from -{_STEEPEST:g} to {_STEEPEST:g}.")
+    spread = _stddev(keys, "amplitude_stddev")
+    return [Load(kind, place, value, speed, exponent, spread) for value in amplitudes]
+
+
+def _stddev(keys: Keys, key: str) -> float:
+    """Return a relative standard deviation, 0 if it is not given."""
+    value = keys.number(key, default=0.0)
+    if not 0.0 <= value <= 1.0:
+        raise keys.error(key, f"{value:g} is not from 0 to 1, as a part of the value.")
+    return value
 
 
 def _in_range(keys: Keys, key: str, number: float) -> float:

@@ -1,16 +1,21 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Resonances: which excitation is nearest to a natural frequency, and whether they approach."""
+"""Resonances: which excitation shakes most or is nearest to a mode, and whether it warns."""
 
 import enum
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
+from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtr
 
+from linkage_vibration.prediction.batch import Predictions
 from linkage_vibration.prediction.excitation import Excitation, Source
+from linkage_vibration.prediction.levels import Levels, LevelTable, Single, no_levels
 from linkage_vibration.prediction.predictor import Prediction
 
 FloatArray = NDArray[np.float64]
@@ -19,6 +24,11 @@ Integers = NDArray[np.int64]
 # The least time between two values of which a rate is computed; a burst is delivered faster.
 _SHORTEST = 5e-3  # s
 _LATEST = 2**63 - 1  # ns
+_LEAST_MARGIN = 1e-300
+_TURN = 2.0 * math.pi
+
+_unknown = partial(np.full, 1, math.nan, np.float32)  # one excitation, of which nothing is known
+_Pair = tuple[int, float, float]  # mode, frequency of the excitation (Hz), relative margin
 
 
 class ResonanceState(enum.IntEnum):
@@ -27,20 +37,29 @@ class ResonanceState(enum.IntEnum):
     CLEAR = 0
     WARNING = 1
     STALE = 2
+    NOTE = 3
 
 
-@dataclass(frozen=True, slots=True)
+_RANKS = {ResonanceState.CLEAR: 0, ResonanceState.NOTE: 1, ResonanceState.WARNING: 2}
+_RANK_ARRAY = np.array([0, 2, -1, 1])  # the same by the number of the state
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Resonance:
-    """The excitation that is nearest to a natural frequency.
+    """What the excitations do: the most severe one, and the levels of all.
+
+    An excitation is as severe as its level of vibration over the limit; where its level is not
+    known, as the probability that it lies in the half-power band of its nearest mode over that
+    limit; where this is not known either, as the limit of the margin over the margin.
 
     Attributes
     ----------
     state : ResonanceState
         If it is STALE, every number below is NaN and the mode is 0.
     excitation : str
-        Its name; empty when stale.
+        Name of the most severe one of those in this state; empty when stale.
     mode : int
-        Index of the natural frequency, from 0.
+        Index of the natural frequency that is nearest to it, from 0.
     excitation_frequency, natural_frequency : float
         Hz.
     margin, relative_margin : float
@@ -51,6 +70,16 @@ class Resonance:
         Time until they are equal at the present rates, s; infinite if they do not meet.
     table_id : str
         Identifies the table of the prediction.
+    probability : float
+        That the excitation lies within the half-power band of the mode, 1; NaN if the mechanism
+        does not state its uncertainty.
+    velocity, velocity_stddev : float
+        Of the response point by this excitation, m/s rms; NaN if they are not known.
+    states : ndarray of uint8, (n_excitations,)
+        The state of each excitation.
+    velocities, velocity_stddevs, accelerations, amplifications : ndarray, (n_excitations,)
+    total_velocity, total_velocity_stddev, total_acceleration : float
+        As in `Levels`.
     """
 
     state: ResonanceState
@@ -63,18 +92,32 @@ class Resonance:
     approach: int
     time_to_crossing: float
     table_id: str
+    probability: float = math.nan
+    velocity: float = math.nan
+    velocity_stddev: float = math.nan
+    states: NDArray[np.uint8] = field(default_factory=lambda: np.zeros(1, np.uint8))
+    velocities: Single = field(default_factory=_unknown)
+    velocity_stddevs: Single = field(default_factory=_unknown)
+    accelerations: Single = field(default_factory=_unknown)
+    amplifications: Single = field(default_factory=_unknown)
+    total_velocity: float = math.nan
+    total_velocity_stddev: float = math.nan
+    total_acceleration: float = math.nan
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Resonances:
-    """Resonances by columns of shape (n,), whose names and units are those of `Resonance`.
+    """Resonances by columns of shape (n, ...), whose names and units are those of `Resonance`.
 
     Attributes
     ----------
     excitation : ndarray
         Index of the excitation in the monitor; -1 if stale.
     state, excitation_frequency, mode, natural_frequency, margin : ndarray
-    relative_margin, approach, time_to_crossing : ndarray
+    relative_margin, approach, time_to_crossing, probability, velocity : ndarray
+    velocity_stddev, states : ndarray
+    velocities, velocity_stddevs, accelerations, amplifications : ndarray
+    total_velocity, total_velocity_stddev, total_acceleration : ndarray
     """
 
     state: NDArray[np.uint8]
@@ -86,6 +129,17 @@ class Resonances:
     relative_margin: FloatArray
     approach: NDArray[np.int8]
     time_to_crossing: FloatArray
+    probability: FloatArray
+    velocity: FloatArray
+    velocity_stddev: FloatArray
+    states: NDArray[np.uint8]
+    velocities: Single
+    velocity_stddevs: Single
+    accelerations: Single
+    amplifications: Single
+    total_velocity: Single
+    total_velocity_stddev: Single
+    total_acceleration: Single
 
     def rows(self, which: Integers | slice) -> "Resonances":
         """Return the resonances with these indices."""
@@ -120,36 +174,156 @@ class _Speed:
     earlier: tuple[float, int] = (0.0, 0)  # value and time (ns) from which the next rate counts
 
 
+@dataclass(frozen=True, slots=True)
+class WarningLimits:
+    """When an excitation warns.
+
+    Attributes
+    ----------
+    level : float
+        Velocity of the response point, m/s rms; where it is known, nothing else counts.
+    probability : float
+        That the excitation lies within the half-power band of its nearest mode, 1; it counts where
+        no level is known.
+    margin : float
+        Relative margin to that mode, 1; it counts where neither is known.
+    hysteresis : float
+        A warning by the margin ends when this exceeds ``margin`` by so much, 1; one by level or
+        probability ends at the same share of its limit, margin / (margin + hysteresis).
+    dwell : float
+        Until the limit has been exceeded for so long, s, there is a note instead of a warning. It
+        remains a note until the mode has had time to build up, or when the speed changes so
+        slowly that it will have: 1 / (zeta omega), against the time within the half-power band.
+    """
+
+    level: float = 5e-3
+    probability: float = 0.1
+    margin: float = 0.1
+    hysteresis: float = 0.02
+    dwell: float = 0.0
+
+    @property
+    def release(self) -> float:
+        """Share of a limit at which a warning ends."""
+        return self.margin / (self.margin + self.hysteresis) if self.margin > 0.0 else 1.0
+
+
+def half_power_probability(
+    frequency: FloatArray,
+    frequency_stddev: FloatArray,
+    natural: FloatArray,
+    natural_stddev: FloatArray,
+    zeta: FloatArray,
+) -> FloatArray:
+    """Return the probability that excitations lie within the half-power bands of modes.
+
+    The band of a natural frequency f is f (1 - zeta) to f (1 + zeta). Both frequencies are normal
+    and independent.
+
+    Parameters
+    ----------
+    frequency, frequency_stddev : ndarray, (n,)
+        Of the excitations, Hz.
+    natural, natural_stddev, zeta : ndarray, (n,)
+        Natural frequencies, their standard deviations, Hz, and damping ratios, 1.
+    """
+    with np.errstate(all="ignore"):
+        low, high = 1.0 - zeta, 1.0 + zeta
+        own = frequency_stddev * frequency_stddev
+        below = np.sqrt(own + (low * natural_stddev) ** 2)
+        above = np.sqrt(own + (high * natural_stddev) ** 2)
+        upper = ndtr((high * natural - frequency) / above)
+        return np.asarray(upper - ndtr((low * natural - frequency) / below))
+
+
+def _nearest(one: Excitation, speed: _Speed | None, naturals: list[float]) -> _Pair | None:
+    """Return the nearest mode, the frequency of the excitation, Hz, and their relative margin."""
+    if speed is None or speed.value == 0.0:
+        return None
+    frequency, nearest, mode = one.ratio * speed.value, math.inf, 0
+    for i, natural in enumerate(naturals):
+        apart = abs(frequency / natural - 1.0)
+        if apart < nearest:
+            nearest, mode = apart, i
+    return (mode, frequency, nearest) if nearest < math.inf else None
+
+
+def _nearest_of_many(frequency: FloatArray, naturals: FloatArray) -> tuple[Integers, FloatArray]:
+    """Return the nearest modes, and the relative margins to them; infinite if there is none."""
+    nearest, mode = np.full(len(frequency), math.inf), np.zeros(len(frequency), np.int64)
+    for i, natural in enumerate(naturals.T):
+        apart = np.abs(frequency / natural - 1.0)
+        nearer = apart < nearest
+        np.copyto(nearest, apart, where=nearer)
+        np.copyto(mode, i, where=nearer)
+    return mode, nearest
+
+
+def _columns(
+    predictions: Predictions,
+    levels: Levels,
+    states: NDArray[np.uint8],
+    best: Integers,
+    chosen: FloatArray,
+    mode: Integers,
+) -> Resonances:
+    """Return resonances with the chosen frequencies, rates (Hz/s) and probabilities, (3, n)."""
+    frequency, rate, probability = chosen
+    rows, stale = np.arange(len(best)), best < 0
+    natural = np.where(stale, math.nan, predictions.natural_frequencies[rows, mode])
+    margin = frequency - natural
+    closing = np.where(margin > 0.0, -rate, rate)
+    crossing = np.where(closing > 0.0, np.abs(margin) / closing, math.inf)
+    crossing[stale] = math.nan
+    own = states[rows, best]
+    return Resonances(
+        state=np.where(stale, ResonanceState.STALE, own).astype(np.uint8),
+        excitation=best,
+        excitation_frequency=frequency,
+        mode=mode,
+        natural_frequency=natural,
+        margin=margin,
+        relative_margin=margin / natural,
+        approach=(closing > 0.0).astype(np.int8) - (closing < 0.0),
+        time_to_crossing=crossing,
+        probability=probability,
+        velocity=np.where(stale, math.nan, levels.velocities[rows, best]),
+        velocity_stddev=np.where(stale, math.nan, levels.velocity_stddevs[rows, best]),
+        states=states,
+        **{column.name: getattr(levels, column.name) for column in fields(levels)},
+    )
+
+
 class ResonanceMonitor:
-    """Compares excitation frequencies with predicted natural frequencies.
+    """Compares excitation frequencies with predicted natural frequencies, and levels with limits.
 
     It has no clock, so the same calls give the same answers, live or offline.
 
     Parameters
     ----------
     excitations : sequence of Excitation
-    warning_margin : float
-        Relative margin below which the state is WARNING, 1.
-    hysteresis : float
-        The warning ends when the margin exceeds `warning_margin` by this much, 1. The warning
-        applies to the nearest pair, so it does not flicker if two pairs alternate.
+    limits : WarningLimits
     stale_after : float
         Older speeds are not used, s.
+    levels : LevelTable, optional
+        Levels of the excitations. Without it, levels and probabilities are not known.
     """
 
     def __init__(
         self,
         excitations: Sequence[Excitation],
-        warning_margin: float = 0.1,
-        hysteresis: float = 0.02,
+        limits: WarningLimits = WarningLimits(),
         stale_after: float = 1.0,
+        levels: LevelTable | None = None,
     ) -> None:
         self.excitations = tuple(excitations)
-        self.warning_margin = warning_margin
-        self.hysteresis = hysteresis
+        self.limits = limits
         self.stale_after = stale_after
+        self.levels = levels
         self._speeds: dict[Source, _Speed] = {}
-        self._warning = False
+        # Of each excitation: whether it exceeds its limit, and since when, ns.
+        self._exceeds = [False] * len(self.excitations)
+        self._since = [0] * len(self.excitations)
         self.any_speed_reported = False  # without a speed there is nothing to assess
 
     def set_speed(self, source: Source, value: float, time: int) -> None:
@@ -195,7 +369,7 @@ class ResonanceMonitor:
             del self._speeds[source]
 
     def assess(self, prediction: Prediction, velocity: float, time: int) -> Resonance:
-        """Return the excitation that is nearest to a natural frequency.
+        """Return the most severe excitation, and the levels of all.
 
         Parameters
         ----------
@@ -206,47 +380,120 @@ class ResonanceMonitor:
             When the prediction was made, by the clock of the speeds, ns.
         """
         fresh = self._fresh(time) if prediction.status.has_numbers else {}
+        levels = self._levels(prediction, fresh)
         naturals = prediction.natural_frequencies.tolist()
-        nearest, best, mode = math.inf, None, 0
-        for excitation in self.excitations:
-            speed = fresh.get(excitation.source)
-            if speed is None or speed.value == 0.0:
+        pairs = [_nearest(one, fresh.get(one.source), naturals) for one in self.excitations]
+        probabilities = self._probabilities(prediction, pairs)
+        states = [ResonanceState.STALE] * len(pairs)
+        best, best_key, best_rate = -1, (-1, -math.inf), 0.0
+        for k, (one, pair) in enumerate(zip(self.excitations, pairs, strict=True)):
+            if pair is None:
+                self._exceeds[k] = False
                 continue
-            frequency = excitation.ratio * speed.value
-            for i, natural in enumerate(naturals):
-                apart = abs(frequency / natural - 1.0)
-                if apart < nearest:
-                    nearest, best, mode = apart, excitation, i
-        if best is None:
-            self._warning = False
-            nan, stale = math.nan, ResonanceState.STALE
-            return Resonance(stale, "", nan, 0, nan, nan, nan, 0, nan, prediction.table_id)
-        limit = self.warning_margin + (self.hysteresis if self._warning else 0.0)
-        self._warning = nearest < limit
-        speed = fresh[best.source]
-        frequency, natural = best.ratio * speed.value, naturals[mode]
-        margin = frequency - natural
-        known = velocity == velocity  # it is not NaN
-        turning = float(prediction.frequency_slopes[mode]) * velocity if known else 0.0
-        rate = best.ratio * speed.rate - turning
-        closing = float(-rate if margin > 0.0 else rate)  # Hz/s, rate at which the distance shrinks
-        return Resonance(
-            state=ResonanceState.WARNING if self._warning else ResonanceState.CLEAR,
-            excitation=best.name,
-            excitation_frequency=frequency,
-            mode=mode,
-            natural_frequency=natural,
-            margin=margin,
-            relative_margin=margin / natural,
-            approach=(closing > 0.0) - (closing < 0.0),
-            time_to_crossing=abs(margin) / closing if closing > 0.0 else math.inf,
-            table_id=prediction.table_id,
+            mode, _, apart = pair
+            rate = one.ratio * fresh[one.source].rate
+            if velocity == velocity:  # it is not NaN
+                rate -= float(prediction.frequency_slopes[mode]) * float(velocity)
+            severity = self._severity(float(levels.velocities[k]), probabilities[k], apart)
+            self._follow(k, severity, time)
+            zeta = float(prediction.damping_ratios[mode])
+            states[k] = self._state(k, naturals[mode], zeta, rate, time)
+            key = _RANKS[states[k]], severity
+            if key > best_key:
+                best, best_key, best_rate = k, key, rate
+        return self._resonance(prediction, levels, states, best, best_rate, pairs, probabilities)
+
+    def _levels(self, prediction: Prediction, fresh: dict[Source, _Speed]) -> Levels:
+        """Return the levels of all excitations; NaN without a level table."""
+        if self.levels is None:
+            return no_levels(len(self.excitations))
+        speeds = [fresh[s].value if s in fresh else math.nan for s in Source]
+        relative = prediction.frequency_stddev / prediction.natural_frequencies
+        stddev = np.array([relative, prediction.damping_ratio_stddev])
+        return self.levels.at(prediction.crank_angle, tuple(speeds), stddev)
+
+    def _probabilities(self, prediction: Prediction, pairs: Sequence[_Pair | None]) -> list[float]:
+        """Return the probability of each pair of excitation and mode; NaN if it is not known."""
+        found = [math.nan] * len(pairs)
+        if self.levels is None or not self.levels.states_uncertainty:
+            return found
+        known = [k for k, pair in enumerate(pairs) if pair is not None]
+        modes = [pair[0] for pair in pairs if pair is not None]
+        frequencies = np.array([pair[1] for pair in pairs if pair is not None])
+        values = half_power_probability(
+            frequencies,
+            frequencies * np.array([self.excitations[k].relative_stddev for k in known]),
+            prediction.natural_frequencies[modes],
+            prediction.frequency_stddev[modes],
+            prediction.damping_ratios[modes],
         )
+        for k, value in zip(known, values.tolist(), strict=True):
+            found[k] = value
+        return found
+
+    def _severity(self, level: float, probability: float, apart: float) -> float:
+        """Return by how much an excitation exceeds its limit, by the best that is known."""
+        if level == level:  # it is not NaN
+            return level / self.limits.level
+        if probability == probability:
+            return probability / self.limits.probability
+        return self.limits.margin / max(apart, _LEAST_MARGIN)
+
+    def _follow(self, k: int, severity: float, time: int) -> None:
+        """Let an excitation exceed its limit, or not; between both limits it stays as it was."""
+        exceeds = severity > 1.0 or (self._exceeds[k] and severity > self.limits.release)
+        if exceeds and not self._exceeds[k]:
+            self._since[k] = time
+        self._exceeds[k] = exceeds
+
+    def _state(self, k: int, natural: float, zeta: float, rate: float, time: int) -> ResonanceState:
+        """Return the state of an excitation."""
+        if not (self._exceeds[k] and self.excitations[k].warns):
+            return ResonanceState.CLEAR
+        held, decay = 1e-9 * abs(time - self._since[k]), zeta * (_TURN * natural)
+        built_up = held * decay >= 1.0 or 2.0 * zeta * natural * decay >= abs(rate)
+        if built_up and held >= self.limits.dwell:
+            return ResonanceState.WARNING
+        return ResonanceState.NOTE
+
+    def _resonance(
+        self,
+        prediction: Prediction,
+        levels: Levels,
+        states: list[ResonanceState],
+        best: int,
+        rate: float,
+        pairs: Sequence[_Pair | None],
+        probabilities: list[float],
+    ) -> Resonance:
+        """Return what the excitation `best` does, or a stale resonance."""
+        state, nan = ResonanceState.STALE, math.nan
+        numbers: Any = "", nan, 0, nan, nan, nan, 0, nan, prediction.table_id, nan, nan, nan
+        pair = pairs[best] if best >= 0 else None
+        if pair is not None:
+            mode, frequency, _ = pair
+            state, natural = states[best], float(prediction.natural_frequencies[mode])
+            margin = frequency - natural
+            closing = -rate if margin > 0.0 else rate  # Hz/s, at which the distance shrinks
+            approach = (closing > 0.0) - (closing < 0.0)
+            crossing = abs(margin) / closing if closing > 0.0 else math.inf
+            numbers = (
+                self.excitations[best].name,
+                frequency,
+                mode,
+                natural,
+                margin,
+                margin / natural,
+            )
+            numbers += approach, crossing, prediction.table_id, probabilities[best]
+            numbers += float(levels.velocities[best]), float(levels.velocity_stddevs[best])
+        columns: Any = [getattr(levels, column.name) for column in fields(levels)]
+        numbers += np.array(states, np.uint8), *columns
+        return Resonance(state, *numbers)
 
     def assess_many(
         self,
-        natural_frequencies: FloatArray,
-        frequency_slopes: FloatArray,
+        predictions: Predictions,
         velocity: FloatArray,
         time: Integers,
         speeds: Sequence[ReportedSpeed],
@@ -255,8 +502,8 @@ class ResonanceMonitor:
 
         Parameters
         ----------
-        natural_frequencies, frequency_slopes : ndarray, (n, n_modes)
-            Of the predictions, Hz and Hz/rad; NaN where a prediction has no numbers.
+        predictions : Predictions
+            n of them.
         velocity : ndarray, (n,)
             Of the crank, rad/s; NaN where it is unknown.
         time : ndarray, (n,)
@@ -264,45 +511,98 @@ class ResonanceMonitor:
         speeds : sequence of ReportedSpeed
             In the order in which they were reported.
         """
-        n = len(time)
         value, rate = self._speeds_at(time, speeds)
-        naturals = np.ascontiguousarray(natural_frequencies.T)
-        nearest = np.full(n, math.inf)
-        best, mode = np.full(n, -1), np.zeros(n, np.int64)
+        levels = self._many_levels(predictions, value)
+        n, m = len(time), len(self.excitations)
+        states = np.full((n, m), ResonanceState.STALE, np.uint8)
+        best, rank, severest = np.full(n, -1), np.full(n, -1), np.full(n, -math.inf)
+        chosen, chosen_mode = np.full((3, n), math.nan), np.zeros(n, np.int64)
+        still = np.isnan(velocity)
         with np.errstate(all="ignore"):  # as Python computes
-            for k, excitation in enumerate(self.excitations):
-                frequency = excitation.ratio * value[excitation.source]
-                for i, natural in enumerate(naturals):
-                    apart = np.abs(frequency / natural - 1.0)
-                    nearer = apart < nearest
-                    np.copyto(nearest, apart, where=nearer)
-                    np.copyto(best, k, where=nearer)
-                    np.copyto(mode, i, where=nearer)
-            stale = best < 0
-            warning = self._warnings(nearest, stale)
-            frequency, following = np.full(n, math.nan), np.full(n, math.nan)
-            for k, excitation in enumerate(self.excitations):
-                for column, out in ((value, frequency), (rate, following)):
-                    np.multiply(excitation.ratio, column[excitation.source], out, where=best == k)
-            rows = np.arange(n)
-            natural = np.where(stale, math.nan, natural_frequencies[rows, mode])
-            margin = frequency - natural
-            turning = frequency_slopes[rows, mode] * velocity
-            change = following - np.where(np.isnan(velocity), 0.0, turning)
-            closing = np.where(margin > 0.0, -change, change)
-            crossing = np.where(closing > 0.0, np.abs(margin) / closing, math.inf)
-            crossing[stale] = math.nan
-            return Resonances(
-                state=np.where(stale, ResonanceState.STALE, warning).astype(np.uint8),
-                excitation=best,
-                excitation_frequency=frequency,
-                mode=mode,
-                natural_frequency=natural,
-                margin=margin,
-                relative_margin=margin / natural,
-                approach=(closing > 0.0).astype(np.int8) - (closing < 0.0),
-                time_to_crossing=crossing,
-            )
+            for k, one in enumerate(self.excitations):
+                frequency = one.ratio * value[one.source]
+                mode, apart = _nearest_of_many(frequency, predictions.natural_frequencies)
+                known = apart < math.inf
+                own = np.arange(n), mode
+                probability = self._many_probabilities(predictions, own, frequency, one)
+                severity = self._many_severities(levels.velocities[:, k], probability, apart)
+                exceeds, since = self._follow_many(k, known, severity, time)
+                turning = predictions.frequency_slopes[own] * velocity
+                change = one.ratio * rate[one.source]
+                change = np.where(still, change, change - turning)
+                natural, zeta = (
+                    predictions.natural_frequencies[own],
+                    predictions.damping_ratios[own],
+                )
+                held, decay = 1e-9 * np.abs(time - since), zeta * (_TURN * natural)
+                built_up = (held * decay >= 1.0) | (2.0 * zeta * natural * decay >= np.abs(change))
+                warned = np.where(
+                    built_up & (held >= self.limits.dwell),
+                    ResonanceState.WARNING,
+                    ResonanceState.NOTE,
+                )
+                state = np.where(exceeds & one.warns, warned, ResonanceState.CLEAR)
+                states[known, k] = state[known]
+                own_rank = _RANK_ARRAY[state]
+                worse = known & ((own_rank > rank) | ((own_rank == rank) & (severity > severest)))
+                for new, out in ((k, best), (own_rank, rank), (severity, severest)):
+                    np.copyto(out, new, where=worse)
+                np.copyto(chosen, (frequency, change, probability), where=worse)
+                np.copyto(chosen_mode, mode, where=worse)
+            return _columns(predictions, levels, states, best, chosen, chosen_mode)
+
+    def _many_levels(self, predictions: Predictions, value: dict[Source, FloatArray]) -> Levels:
+        """Return the levels of all excitations for many predictions."""
+        if self.levels is None:
+            return no_levels(len(self.excitations), len(predictions.status))
+        with np.errstate(all="ignore"):
+            relative = predictions.frequency_stddev / predictions.natural_frequencies
+        stddev = np.stack([relative, predictions.damping_ratio_stddev], axis=1)
+        speeds = np.array([value[source] for source in Source])
+        return self.levels.many(predictions.crank_angle, speeds, stddev)
+
+    def _many_probabilities(
+        self,
+        predictions: Predictions,
+        own: tuple[Integers, Integers],
+        frequency: FloatArray,
+        excitation: Excitation,
+    ) -> FloatArray:
+        """Return the probabilities of one excitation with its nearest modes."""
+        if self.levels is None or not self.levels.states_uncertainty:
+            return np.full(len(frequency), math.nan)
+        return half_power_probability(
+            frequency,
+            frequency * excitation.relative_stddev,
+            predictions.natural_frequencies[own],
+            predictions.frequency_stddev[own],
+            predictions.damping_ratios[own],
+        )
+
+    def _many_severities(
+        self, level: Single, probability: FloatArray, apart: FloatArray
+    ) -> FloatArray:
+        """Return by how much an excitation exceeds its limit."""
+        limits, level = self.limits, level.astype(float)
+        margins = limits.margin / np.maximum(apart, _LEAST_MARGIN)
+        others = np.where(np.isnan(probability), margins, probability / limits.probability)
+        return np.where(np.isnan(level), others, level / limits.level)
+
+    def _follow_many(
+        self, k: int, known: NDArray[np.bool_], severity: FloatArray, time: Integers
+    ) -> tuple[NDArray[np.bool_], Integers]:
+        """Return where an excitation exceeds its limit, and since when, ns."""
+        begins = known & (severity > 1.0)
+        ends = ~(known & (severity > self.limits.release))
+        places = np.arange(len(time))
+        last = np.maximum.accumulate(np.where(begins | ends, places, -1))
+        exceeds = np.where(last < 0, self._exceeds[k], begins[last])
+        before = np.append(self._exceeds[k], exceeds[:-1])[: len(time)]
+        start = np.maximum.accumulate(np.where(exceeds & ~before, places, -1))
+        since = np.where(start < 0, self._since[k], time[start])
+        if len(time):
+            self._exceeds[k], self._since[k] = bool(exceeds[-1]), int(since[-1])
+        return exceeds, since
 
     def _speeds_at(
         self, time: Integers, speeds: Sequence[ReportedSpeed]
@@ -324,16 +624,6 @@ class ResonanceMonitor:
             value[~(fixed | ((-limit <= age) & (age <= limit)))] = math.nan
             values[source], rates[source] = value, np.array([s.rate for s in known])[valid]
         return values, rates
-
-    def _warnings(self, nearest: FloatArray, stale: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Return where the state is WARNING; between both limits it stays as it was before."""
-        begins = nearest < self.warning_margin
-        ends = stale | ~(nearest < self.warning_margin + self.hysteresis)
-        last = np.maximum.accumulate(np.where(begins | ends, np.arange(len(nearest)), -1))
-        warning = np.where(last < 0, self._warning, begins[last])
-        if len(warning):
-            self._warning = bool(warning[-1])
-        return warning
 
     def _fresh(self, time: int) -> dict[Source, _Speed]:
         """Return the speeds that are not stale, before or after a jump of the clock."""

@@ -19,6 +19,7 @@ from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.inputs import INPUTS, PercentInput
 from linkage_vibration.prediction.inputs.crank_input import CrankInput, InputError
+from linkage_vibration.prediction.resonance import WarningLimits
 from linkage_vibration.support.resources import (
     DEFAULT_EXCITATIONS,
     DEFAULT_MECHANISM,
@@ -182,15 +183,45 @@ class Parameters:
     engine_speed: float = _speed(Source.ENGINE)
     pto_speed: float = _speed(Source.PTO)
     ground_speed: float = _speed(Source.GROUND)
+    warning_level: float = _ranged(
+        5.0,
+        1e-6,
+        1e6,
+        "mm/s",
+        "Warn when an excitation whose amplitude is known shakes the response point with this "
+        "velocity (root mean square).",
+    )
+    warning_probability: float = _ranged(
+        0.1,
+        1e-6,
+        1.0,
+        "1",
+        "Warn when another excitation lies within the half-power band of a mode with this "
+        "probability, if the mechanism states its uncertainty.",
+    )
     warning_margin: float = _ranged(
         0.1,
         0.0,
         1.0,
         "1",
-        "Warn when an excitation frequency is within this fraction of a natural frequency.",
+        "If neither is known, warn when an excitation frequency is within this fraction of a "
+        "natural frequency.",
     )
     hysteresis: float = _ranged(
-        0.02, 0.0, 1.0, "1", "The warning ends when the margin exceeds warning_margin by this much."
+        0.02,
+        0.0,
+        1.0,
+        "1",
+        "A warning ends when the margin exceeds warning_margin by this much; one by level or "
+        "probability ends at the same share of its limit, warning_margin / (warning_margin + "
+        "hysteresis).",
+    )
+    warning_dwell: float = _ranged(
+        0.0,
+        0.0,
+        3600.0,
+        "s",
+        "A warning begins when its limit has been exceeded for this long; until then it is a note.",
     )
     stale_after: float = _ranged(
         1.0, 0.01, 3600.0, "s", "A speed or a crank angle that is older than this is not used."
@@ -261,6 +292,16 @@ class Parameters:
         """Return a fixed speed (rpm or m/s), or None if the speed is read from its topic."""
         value: float = getattr(self, f"{source.value}_speed")
         return value if value >= 0.0 else None
+
+    def warning_limits(self) -> WarningLimits:
+        """Return when an excitation warns."""
+        return WarningLimits(
+            1e-3 * self.warning_level,
+            self.warning_probability,
+            self.warning_margin,
+            self.hysteresis,
+            self.warning_dwell,
+        )
 
     def mechanism_path(self) -> Path:
         """Return the file of the mechanism."""

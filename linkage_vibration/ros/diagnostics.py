@@ -178,14 +178,27 @@ def _warning(health: Health, statistics: Statistics) -> str:
     if second.clock_jumps:
         return "The clock has jumped."
     if near is not None and near.state is ResonanceState.WARNING:
-        served = health.served
-        mode = f"mode {near.mode + 1}" if served is None else served.table.mode_label(near.mode)
-        return (
-            f"{near.excitation} ({near.excitation_frequency:.1f} Hz) is within "
-            f"{100.0 * abs(near.relative_margin):.1f} % of {mode} "
-            f"({near.natural_frequency:.1f} Hz)."
-        )
+        return _resonance_warning(near, health.served)
     return " ".join(_uncertain(health))
+
+
+def _resonance_warning(near: Resonance, served: Served | None) -> str:
+    """Return a sentence about an excitation that warns, and how far what it says can be trusted."""
+    mode = f"mode {near.mode + 1}" if served is None else served.table.mode_label(near.mode)
+    text = (
+        f"{near.excitation} ({near.excitation_frequency:.1f} Hz) is within "
+        f"{100.0 * abs(near.relative_margin):.1f} % of {mode} ({near.natural_frequency:.1f} Hz)"
+    )
+    if near.velocity == near.velocity:  # it is not NaN
+        spread = near.velocity_stddev
+        known = "not known" if math.isnan(spread) else f"{1e3 * spread:.2g} mm/s"
+        return (
+            f"{text}, and shakes the response point with {1e3 * near.velocity:.3g} mm/s rms "
+            f"(standard deviation {known}) if its amplitude is as described."
+        )
+    if near.probability == near.probability:
+        return f"{text}, in its half-power band with a probability of {near.probability:.2g}."
+    return f"{text}."
 
 
 def _uncertain(health: Health) -> list[str]:
@@ -234,6 +247,8 @@ def status(name: str, health: Health, statistics: Statistics) -> DiagnosticStatu
     if health.resonance is not None:
         values["resonance"] = health.resonance.state.name.lower()
         values["margin [%]"] = f"{100.0 * health.resonance.relative_margin:.1f}"
+        values["probability"] = f"{health.resonance.probability:.2g}"
+        values["total velocity [mm/s]"] = f"{1e3 * float(health.resonance.total_velocity):.3g}"
     if log is not None:
         values["recording"] = str(log.recording).lower()
         values["log"] = str(log.path or "")

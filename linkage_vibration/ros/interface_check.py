@@ -32,9 +32,12 @@ def check_interfaces() -> None:
         If a message class has other fields, or reads other values.
     """
     one, two, three, four, five = np.arange(2.0, 12.0).reshape(5, 2)
+    levels = np.arange(3.0, 11.0, dtype=np.float32).reshape(4, 2)
     near, warning = Status.NEAR_TOGGLE, ResonanceState.WARNING
     prediction = Prediction(1.0, near, one, two, three, four, 12.0, 13.0, 14.0, "table", five)
-    resonance = Resonance(warning, "engine 1", 1.0, 2, 3.0, 4.0, 5.0, -1, 6.0, "table")
+    about: Any = warning, "engine 1", 1.0, 2, 3.0, 4.0, 5.0, -1, 6.0, "table", 0.25, 0.5, 0.75
+    about += np.array([1, 3], np.uint8), *levels, 15.0, 16.0, 17.0
+    resonance = Resonance(*about)
     _check_names(TABLE_INFO)
     _check_values(PREDICTION, prediction, encode_prediction(prediction, 1, 2, "frame"))
     _check_values(RESONANCE, resonance, encode_resonance(resonance, 1, 2, "frame"))

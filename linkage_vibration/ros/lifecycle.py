@@ -4,7 +4,7 @@
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from inspect import iscoroutinefunction
 from typing import Any
 
@@ -26,6 +26,8 @@ from linkage_vibration.bags.writing import QUEUE_DEPTH
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.messages.provenance import attachments
 from linkage_vibration.prediction.answers import Served, place_name
+from linkage_vibration.prediction.excitation import Excitation
+from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.prediction.resonance import ResonanceMonitor
 from linkage_vibration.prediction.settings import (
     NODE_NAME,
@@ -45,7 +47,6 @@ from linkage_vibration.ros.message_path import Predicting, own_topics
 from linkage_vibration.ros.parameter_server import changed, declare_parameters, new_values
 from linkage_vibration.ros.precedence import rest
 from linkage_vibration.ros.services import Services
-from linkage_vibration.table.table import Table
 from linkage_vibration_interfaces.msg import Resonance, TableInfo, VibrationPrediction
 
 # The packages of the services whose events can be published.
@@ -94,7 +95,7 @@ class LinkageVibrationNode(LifecycleNode):
         )
         # These exist while the node is configured.
         self._served: Served | None = None
-        self._excitations = ""
+        self._excitations, self._monitored = "", tuple[Excitation, ...]()
         self._predicting: Predicting | None = None
         self._recording: Recording | None = None
         self._offered: Services | None = None
@@ -272,9 +273,10 @@ class LinkageVibrationNode(LifecycleNode):
         check_interfaces()
         settings = self._settings
         folder, path = settings.log_path(), settings.excitation_path()
-        excitations = read_excitations(path)
+        self._monitored = excitations = read_excitations(path)
         self._excitations = path.read_text(encoding="utf-8")
         self._served = served = read_served(settings, self.get_logger().info, self._check_signals)
+        levels = LevelTable(served.predictor, served.mechanism, excitations)
         topics = own_topics(self)
         extra_topics = self._extra_topics() - {topic.name for topic in topics}
         provenance = self._provenance(served)
@@ -287,7 +289,7 @@ class LinkageVibrationNode(LifecycleNode):
             *self._outputs,
             settings,
             served.predictor,
-            ResonanceMonitor(excitations),
+            ResonanceMonitor(excitations, levels=levels),
             recording.write,
             markers.update,
             self._statistics,
@@ -368,15 +370,17 @@ class LinkageVibrationNode(LifecycleNode):
         assert self._predicting is not None
         assert self._recording is not None
         provenance = self._provenance(served)
+        levels = LevelTable(served.predictor, served.mechanism, self._monitored)
         with self._listener.paused():
-            self._served, self._predicting.predictor = served, served.predictor
+            self._served = served
+            self._predicting.replace(served.predictor, levels)
             self._recording.recorder.change_provenance(provenance)
         self._publish_model(served)
         self.get_logger().info(f"Predicting from table {served.table.table_id} from now on.")
 
     def _publish_model(self, served: Served) -> None:
         info, mechanism = self._latched
-        info.publish(_table_info(served.table, self.get_clock().now().to_msg()))
+        info.publish(_table_info(served, self._monitored, self.get_clock().now().to_msg()))
         mechanism.publish(String(data=served.mechanism_text))
 
     def _provenance(self, served: Served) -> Provenance:
@@ -429,8 +433,9 @@ class LinkageVibrationNode(LifecycleNode):
         self._statistics.clock_jumps += 1
 
 
-def _table_info(table: Table, stamp: Time) -> TableInfo:
+def _table_info(served: Served, excitations: Sequence[Excitation], stamp: Time) -> TableInfo:
     """Return the message that describes a table, which is in use since a time."""
+    table, response = served.table, served.mechanism.response
     first, last = table.alpha3_range
     sound_first, sound_last = table.sound_range
     return TableInfo(
@@ -455,4 +460,6 @@ def _table_info(table: Table, stamp: Time) -> TableInfo:
         mode_base_shares=table.mode_shares[:, 0],
         mode_body_shares=table.mode_shares[:, 1],
         mode_link_shares=table.mode_shares[:, 2],
+        excitations=[one.name for one in excitations],
+        response_place=place_name((response.point, response.direction)),
     )

@@ -23,6 +23,7 @@ from linkage_vibration.prediction.inputs.crank_input import (
     ReadingError,
     read_float,
 )
+from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.prediction.predictor import Prediction, Predictor, Status, fault
 from linkage_vibration.prediction.resonance import Resonance, ResonanceMonitor
 from linkage_vibration.prediction.settings import Parameters
@@ -59,7 +60,7 @@ class Predicting:
     settings : Parameters
         The parameters at the start; `apply` changes them while the listener is paused.
     predictor : Predictor
-        Looks up the table. The attribute `predictor` may be replaced while the listener is paused.
+        Looks up the table.
     monitor : ResonanceMonitor
         Compares the excitations with the natural frequencies.
     record : callable
@@ -115,14 +116,23 @@ class Predicting:
         """Use other parameters from now on."""
         monitor, other_input = self._monitor, settings.input != self._settings.input
         self._settings, self._input = settings, settings.crank_input()
-        monitor.warning_margin = settings.warning_margin
-        monitor.hysteresis = settings.hysteresis
+        monitor.limits = settings.warning_limits()
         monitor.stale_after = settings.stale_after
         for source in Source:
             monitor.set_fixed(source, settings.fixed_speed(source))
         if other_input and self._subscribed:
             self.unsubscribe()
             self.subscribe()
+
+    def replace(self, predictor: Predictor, levels: LevelTable) -> None:
+        """Use another table while the listener is paused.
+
+        Parameters
+        ----------
+        predictor, levels : Predictor, LevelTable
+            What looks it up.
+        """
+        self.predictor, self._monitor.levels = predictor, levels
 
     def subscribe(self) -> None:
         """Answer messages as soon as the listener starts."""

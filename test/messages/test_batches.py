@@ -18,9 +18,10 @@ from linkage_vibration.messages.encoding import (
     encode_resonances,
 )
 from linkage_vibration.prediction.batch import predict_many
-from linkage_vibration.prediction.excitation import Excitation, Source
+from linkage_vibration.prediction.excitation import Excitation, Source, excitations_from_mapping
+from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.prediction.predictor import Predictor
-from linkage_vibration.prediction.resonance import ReportedSpeed, ResonanceMonitor
+from linkage_vibration.prediction.resonance import ReportedSpeed, ResonanceMonitor, WarningLimits
 from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.resources import DEFAULT_EXCITATIONS, DEFAULT_TABLE, config_file
@@ -95,9 +96,11 @@ READINGS = st.tuples(ANGLES, st.one_of(st.floats(-1.0, 1.0), st.sampled_from(ODD
 
 
 def assert_same_resonances(
-    monitors: Sequence[ResonanceMonitor], events: Sequence[Reported | Asked]
-) -> None:
-    """Let one monitor answer one by one and another at once, and compare the bytes."""
+    monitors: Sequence[ResonanceMonitor],
+    events: Sequence[Reported | Asked],
+    predictor: Predictor = SHIPPED,
+) -> list[int]:
+    """Let one monitor answer one by one and another at once; return the states if bytes agree."""
     asked, reported, expected = [], [], []
     for event in events:
         first, value, time = event
@@ -106,13 +109,12 @@ def assert_same_resonances(
             reported.append(ReportedSpeed(len(asked), first, value, time))
         else:
             asked.append(event)
-            resonance = monitors[0].assess(SHIPPED.predict(first), value, time)
+            resonance = monitors[0].assess(predictor.predict(first), value, time)
             expected.append(encode_resonance(resonance, -len(asked), time % SECOND, "base_link"))
     angle, velocity, times = np.array(asked, object).reshape(-1, 3).T
-    predictions = predict_many(SHIPPED, angle.astype(float), np.zeros(len(asked)))
+    predictions = predict_many(predictor, angle.astype(float), np.zeros(len(asked)))
     resonances = monitors[1].assess_many(
-        predictions.natural_frequencies,
-        predictions.frequency_slopes,
+        predictions,
         velocity.astype(float),
         times.astype(np.int64),
         reported,
@@ -126,6 +128,7 @@ def assert_same_resonances(
         for i, row in zip(which, rows, strict=True)
     }
     assert [found[i] for i in range(len(asked))] == expected
+    return resonances.state.tolist()
 
 
 @settings(max_examples=500)
@@ -138,7 +141,8 @@ def test_same_bytes_of_resonances(
     blocks: list[list[Reported | Asked]], limits: tuple[float, float, float], fixed: bool
 ) -> None:
     """Any speeds among any readings, block after block, give the bytes that the node publishes."""
-    monitors = [ResonanceMonitor(EXCITATIONS, *limits) for _ in range(2)]
+    margins, stale_after = WarningLimits(margin=limits[0], hysteresis=limits[1]), limits[2]
+    monitors = [ResonanceMonitor(EXCITATIONS, margins, stale_after) for _ in range(2)]
     for monitor in monitors:
         if fixed:
             monitor.set_fixed(Source.PTO, 540.0)
@@ -159,6 +163,34 @@ def test_same_warnings(margins: list[float]) -> None:
     half = len(events) // 2
     assert_same_resonances(monitors, events[:half])
     assert_same_resonances(monitors, events[half:])
+
+
+def test_same_bytes_of_levels() -> None:
+    """Levels, probabilities and warnings by them agree on the linkage on a tractor."""
+    rng = np.random.default_rng(5)
+    mechanism = read_mechanism(config_file("three_point_linkage_on_tractor.yaml"))
+    predictor = Predictor(load_table(config_file("tables/three_point_linkage_on_tractor.npz")))
+    load = {"force": [150.0, 40.0], "at": "E2.x", "at_speed": 540.0, "amplitude_stddev": 0.3}
+    excitations = excitations_from_mapping(
+        {
+            "engine": {"speed": "engine", "orders": [0.5, 1, 3], "frequency_stddev": 0.01},
+            "rotor": {"speed": "pto", "ratio": 0.45, "orders": [1, 2], "exponent": 2, **load},
+        }
+    )
+    levels = LevelTable(predictor, mechanism, excitations)
+    limits = WarningLimits(level=5e-4, probability=0.15, dwell=0.05)
+    monitors = [ResonanceMonitor(excitations, limits, levels=levels) for _ in range(2)]
+    events: list[Reported | Asked] = []
+    for k in range(400):
+        time = k * SECOND // 100
+        if k % 4 == 0:
+            value = 900.0 + 500.0 * math.sin(0.02 * k) + rng.normal(scale=1.0)
+            events.append((Source.ENGINE, value, time))
+            events.append((Source.PTO, 0.5 * value, time))
+        events.append((2.3 + 0.9 * math.sin(0.01 * k), 0.9 * math.cos(0.01 * k), time))
+    blocks = events[:200], events[200:]
+    states = [state for few in blocks for state in assert_same_resonances(monitors, few, predictor)]
+    assert set(states) == {0, 1, 2, 3}
 
 
 def test_same_bytes_of_many_resonances() -> None:

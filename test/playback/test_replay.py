@@ -27,12 +27,19 @@ from linkage_vibration.playback.remapping import ReplayError, remappings
 from linkage_vibration.playback.replay import WhatIf, replay
 from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.inputs import JointInput, PercentInput
+from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.prediction.predictor import Predictor, Status
 from linkage_vibration.prediction.resonance import ResonanceMonitor
 from linkage_vibration.prediction.settings import Parameters, read_parameters
 from linkage_vibration.readers.excitations import read_excitations
+from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.atomic_files import OutputError
-from linkage_vibration.support.resources import DEFAULT_EXCITATIONS, DEFAULT_TABLE, config_file
+from linkage_vibration.support.resources import (
+    DEFAULT_EXCITATIONS,
+    DEFAULT_MECHANISM,
+    DEFAULT_TABLE,
+    config_file,
+)
 from linkage_vibration.table.table import load_table
 
 DRIVE = config_file("drives/hitch_duty_cycle.mcap")
@@ -116,7 +123,9 @@ def test_same_as_one_by_one(tmp_path: Path) -> None:
     done = replay([bag], log, settings)
 
     predictor = Predictor(load_table(config_file(DEFAULT_TABLE)))
-    monitor = ResonanceMonitor(read_excitations(config_file("excitations.yaml")))
+    excitations = read_excitations(config_file("excitations.yaml"))
+    levels = LevelTable(predictor, read_mechanism(config_file(DEFAULT_MECHANISM)), excitations)
+    monitor = ResonanceMonitor(excitations, levels=levels)
     rule = JointInput(JOINT, -1, 0.9, 4.6, 1e-3)
     sources = {"/engine_speed": Source.ENGINE, "/pto_speed": Source.PTO}
     predictions, resonances, statuses = [], [], set()

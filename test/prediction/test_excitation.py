@@ -9,6 +9,8 @@ import pytest
 
 from linkage_vibration.prediction.excitation import (
     ExcitationError,
+    Load,
+    LoadKind,
     Source,
     excitations_from_mapping,
 )
@@ -60,3 +62,36 @@ def test_invalid_descriptions(mapping: Any, words: str) -> None:
     """The error names the path of the invalid key."""
     with pytest.raises(ExcitationError, match=words):
         excitations_from_mapping(mapping)
+
+
+LOAD = {"speed": "pto", "orders": [1, 2], "force": [3.0, 4.0], "at": "E1.z", "at_speed": 540.0}
+
+
+def test_amplitudes_of_each_order() -> None:
+    """Every order has its own amplitude, and all share place, speed and growth."""
+    given = {**LOAD, "exponent": 2, "amplitude_stddev": 0.5, "no_warning": [2]}
+    one, two = excitations_from_mapping({"rotor": {**given, "frequency_stddev": 0.01}})
+    assert one.load == Load(LoadKind.FORCE, "E1.z", 3.0, 540.0, 2.0, 0.5)
+    assert two.load is not None
+    assert (two.load.amplitude, two.relative_stddev) == (4.0, 0.01)
+    assert (one.warns, two.warns) == (True, False)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"force": [3.0]}, r"rotor.force: give one number for each of the 2 orders"),
+        ({"force": [3.0, -1.0]}, r"rotor.force: give one number .* none below zero"),
+        ({"moment": [1.0, 2.0]}, r"rotor.moment: force is given too; describe each under a name"),
+        ({"exponent": 9}, r"rotor.exponent: 9 is not from -4 to 4"),
+        ({"amplitude_stddev": 50}, r"rotor.amplitude_stddev: 50 is not from 0 to 1"),
+        ({"no_warning": [3]}, r"rotor.no_warning: 3 is not one of the orders; remove it"),
+        ({"at": None}, r"rotor.at: this key is missing"),
+        ({"force": None}, r"rotor.at: this key is not known here"),
+    ],
+)
+def test_amplitudes_that_are_refused(changes: dict[str, object], words: str) -> None:
+    """The error names the key and what to do."""
+    given = {key: value for key, value in ({**LOAD, **changes}).items() if value is not None}
+    with pytest.raises(ExcitationError, match=words):
+        excitations_from_mapping({"rotor": given})

@@ -1,0 +1,509 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""How strongly excitations shake the response point, from the poles and residues of a table.
+
+Numbers for one angle and for many are equal to the last bit, so complex numbers are pairs of arrays
+here, and sums run in the order of the terms.
+"""
+
+import math
+from bisect import bisect_right
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+from scipy.optimize import linear_sum_assignment
+
+from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray
+from linkage_vibration.mechanics.description import Mechanism
+from linkage_vibration.prediction.excitation import Excitation, ExcitationError, LoadKind, Source
+from linkage_vibration.prediction.loads import Input, load_input
+from linkage_vibration.prediction.predictor import Predictor
+from linkage_vibration.table.interpolation import stroke_angle, stroke_variable
+from linkage_vibration.table.table import Table
+
+Single = NDArray[np.float32]
+
+ERROR = 1e-4
+"""Largest error of a response between the angles at which the table was evaluated, over the sum of
+the magnitudes of its terms; where it is larger, levels are not known."""
+
+FIRST_ORDER, RELATIVE = 0.08, 0.3
+"""Largest ratio of the terms of second order to those of first order, and largest relative standard
+deviation, up to which the first order agrees with samples within 10 %."""
+
+_FIRST_CELLS, _MOST_CELLS = 32, 512  # of a piece of the table
+_SIGNIFICANT = 0.1  # of a total: an order above it has a say in whether a deviation is known
+_CHUNK = 32  # angles that are evaluated together, so that their terms stay in the cache
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Levels:
+    """Steady vibration of the response point by each excitation and by all, at n angles.
+
+    It is NaN where it is not known: without an amplitude or a speed, above the band of the table,
+    and a standard deviation also where the first order is not enough.
+
+    Attributes
+    ----------
+    velocities, velocity_stddevs, accelerations : ndarray of float32, (n, n_excitations)
+        m/s, m/s and m/s^2, root mean square over time.
+    amplifications : ndarray of float32, (n, n_excitations)
+        Response over the static response to the same load, 1. Without an amplitude, the load is a
+        force at the response point.
+    total_velocity, total_velocity_stddev, total_acceleration : ndarray of float32, (n,)
+        Roots of the sums of squares over the excitations that are known.
+    """
+
+    velocities: Single
+    velocity_stddevs: Single
+    accelerations: Single
+    amplifications: Single
+    total_velocity: Single
+    total_velocity_stddev: Single
+    total_acceleration: Single
+
+    def rows(self, which: NDArray[np.int64] | slice) -> "Levels":
+        """Return the levels with these indices."""
+        return Levels(*(getattr(self, column.name)[which] for column in fields(self)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Layout:
+    """How interpolated numbers are arranged.
+
+    First come k (real and imaginary part) and c of the terms; then, for each input and term, a
+    (both parts) and b; then, for each input, the residual (both parts), its rate, and the size of
+    the static response.
+    """
+
+    n_terms: int
+    n_inputs: int
+    n_modes: int
+
+    @property
+    def terms(self) -> int:
+        """Number of values of poles and residues."""
+        return 3 * self.n_terms * (1 + self.n_inputs)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Forcing:
+    """What excitations do at n times, each (n_excitations, n)."""
+
+    omega: FloatArray  # rad/s; 1 where nothing is known
+    known: FloatArray  # 1, or NaN where a speed is not known or zero, or the band is exceeded
+    velocity: FloatArray  # m/s, root mean square, per response to a unit load; NaN if not known
+
+
+class LevelTable:
+    """Levels of vibration at any angle of a table.
+
+    Parameters
+    ----------
+    predictor, mechanism : Predictor and Mechanism
+        What looks up the table, and the mechanism of that table.
+    excitations : sequence of Excitation
+
+    Raises
+    ------
+    ExcitationError
+        If a load acts where the table has no FRF.
+    """
+
+    def __init__(
+        self, predictor: Predictor, mechanism: Mechanism, excitations: Sequence[Excitation]
+    ) -> None:
+        self._predictor, table = predictor, predictor.table
+        inputs: dict[tuple[str, str], Input] = {}
+        loads, which = [one.load for one in excitations], []
+        for one, load in zip(excitations, loads, strict=True):
+            if load is not None and not table.places:
+                raise ExcitationError(
+                    f"excitation {one.name} has an amplitude, but the table of "
+                    f"{table.mechanism_name} has no FRFs to compute a level from; leave the "
+                    "amplitude out."
+                )
+            key = ("", "") if load is None else (load.kind.value, load.place)
+            if key not in inputs:
+                inputs[key] = load_input(one, table, mechanism)
+            which.append(list(inputs).index(key))
+        self.states_uncertainty = table.uncertain or table.measured
+        self._top, self._inputs = 2.0 * math.pi * table.band[1], np.array(which)
+        self._sources = np.array([list(Source).index(one.source) for one in excitations])
+
+        def column(values: list[float]) -> FloatArray:
+            return np.array(values)[:, np.newaxis]
+
+        self._omega = column([2.0 * math.pi * one.ratio for one in excitations])
+        self._rms = column([x.amplitude / math.sqrt(2.0) if x else math.nan for x in loads])
+        self._speed = column([load.speed if load else 1.0 for load in loads])
+        self._exponent = column([load.exponent if load else 0.0 for load in loads])
+        self._deviation = column([load.relative_stddev if load else 0.0 for load in loads])
+        self._soil = column([x is not None and x.kind is LoadKind.BASE_ACCELERATION for x in loads])
+        self._loaded = any(loads)
+        self._cells: tuple[FloatArray, FloatArray] | None = None
+        if table.places:
+            place = mechanism.response.point, mechanism.response.direction
+            self._cells, self._layout = _sampled(table, list(inputs.values()), place)
+            self._starts = self._cells[0].tolist()
+        self._last: tuple[tuple[float, ...], _Forcing] | None = None
+
+    def at(self, alpha3: float, speeds: tuple[float, ...], stddev: FloatArray) -> Levels:
+        """Return the levels at one angle.
+
+        Parameters
+        ----------
+        alpha3 : float
+            rad; outside the table, levels are not known.
+        speeds : tuple of float
+            rpm or m/s of each `Source`; NaN where it is not known.
+        stddev : ndarray, (2, n_modes)
+            Standard deviations of natural frequencies over these, and of damping ratios.
+        """
+        angle = self._predictor.angle_in_table(alpha3)
+        if self._cells is None or angle is None:
+            return self._split(np.full((4 * len(self._inputs) + 3, 1), math.nan), 0)
+        if self._last is None or self._last[0] != speeds:
+            self._last = speeds, self._forcing(np.array([speeds, speeds]).T)
+        i = max(bisect_right(self._starts, angle) - 1, 0)
+        values = _cubic(self._cells[1][i], angle - self._starts[i])
+        # Two equal columns, as NumPy sums a single one in another order.
+        both = values[:, np.newaxis].repeat(2, axis=1)
+        deviations = stddev[:, :, np.newaxis].repeat(2, axis=2)
+        return self._split(self._evaluate(both, self._last[1], deviations), 0)
+
+    def many(self, alpha3: FloatArray, speeds: FloatArray, stddev: FloatArray) -> Levels:
+        """Return the same at many angles, equal to the last bit.
+
+        Parameters
+        ----------
+        alpha3, speeds, stddev : ndarray, (n,), (n_sources, n) and (n, 2, n_modes)
+        """
+        found = np.full((4 * len(self._inputs) + 3, len(alpha3)), math.nan)
+        if self._cells is None:
+            return self._split(found, slice(None))
+        starts, cubics = self._cells
+        low, high = self._predictor.table.alpha3_range
+        angles = alpha3.copy()
+        for row in np.flatnonzero(~((low <= alpha3) & (alpha3 <= high))).tolist():
+            angle = self._predictor.angle_in_table(float(alpha3[row]))
+            angles[row] = math.nan if angle is None else angle
+        [rows] = np.nonzero(~np.isnan(angles))
+        for start in range(0, len(rows), _CHUNK):
+            at = rows[start : start + _CHUNK]
+            twice = at if len(at) > 1 else at.repeat(2)
+            i = np.maximum(starts.searchsorted(angles[twice], side="right") - 1, 0)
+            cell, t = cubics[i].swapaxes(0, 1), (angles[twice] - starts[i])[:, np.newaxis]
+            values = _cubic(cell, t)
+            deviations = np.ascontiguousarray(stddev[twice].transpose(1, 2, 0))
+            forcing = self._forcing(speeds[:, twice])
+            together = self._evaluate(np.ascontiguousarray(values.T), forcing, deviations)
+            found[:, at] = together[:, : len(at)]
+        return self._split(found, slice(None))
+
+    def _split(self, found: FloatArray, which: int | slice) -> Levels:
+        with np.errstate(over="ignore"):
+            rows = found.astype(np.float32)[:, which].T
+        n = len(self._inputs)
+        columns = [rows[..., n * i : n * i + n] for i in range(4)]
+        return Levels(*columns, *(rows[..., 4 * n + i] for i in range(3)))
+
+    def _forcing(self, speeds: FloatArray) -> _Forcing:
+        """Return what excitations do at speeds, (n_sources, n)."""
+        with np.errstate(all="ignore"):
+            speed = speeds[self._sources]
+            omega = self._omega * speed
+            known = np.where((speed > 0.0) & (omega <= self._top), 1.0, math.nan)
+            omega = np.where(np.isnan(known), 1.0, omega)
+            # An acceleration of the soil moves it by its amplitude / omega^2.
+            factor = np.where(self._soil, 1.0 / omega, omega)
+            rms = self._rms * (speed / self._speed) ** self._exponent
+            return _Forcing(omega, known, rms * factor * known)
+
+    def _evaluate(
+        self, values: FloatArray, forcing: _Forcing, deviations: FloatArray
+    ) -> FloatArray:
+        """Return everything at n angles, (4 n_excitations + 3, n).
+
+        The terms are (a + i w b) / D with D = k - w^2 + i w c.
+        """
+        layout, n, w = self._layout, values.shape[1], forcing.omega
+        kept = 3 * layout.n_terms
+        poles = values[:kept].reshape(3, layout.n_terms, 1, n)
+        above = values[kept : layout.terms].reshape(3, layout.n_terms, layout.n_inputs, n)
+        above = above.take(self._inputs, axis=2)
+        rest = values[layout.terms :].reshape(4, layout.n_inputs, n).take(self._inputs, axis=1)
+        above[2] *= w
+        above[1] += above[2]
+        below = np.empty(above.shape)
+        np.subtract(poles[0], w * w, below[0])
+        np.multiply(poles[2], w, below[1])
+        below[1] += poles[1]
+        below[2] = below[0]
+        square = below[:2] * below[:2]
+        size = square[0] + square[1]
+        terms = _times_conjugate(above[:2], below)
+        terms /= size
+        response = np.empty(rest[:3].shape)
+        np.add.reduce(terms, axis=1, out=response[:2])
+        response[:2] += rest[:2]
+        response[1] += rest[2] * w
+        response[2] = response[0]
+        square = response[:2] * response[:2]
+        square = square[0] + square[1]
+        magnitude = np.sqrt(square)
+        found = np.full((4 * len(w) + 3, n), math.nan)
+        velocity, spread, acceleration, amplification = found[:-3].reshape(4, len(w), n)
+        np.divide(magnitude * forcing.known, rest[3], amplification)
+        if not self._loaded:
+            return found
+        np.multiply(magnitude, forcing.velocity, velocity)
+        np.multiply(velocity, w, acceleration)
+        known = np.fmax(velocity, 0.0)  # 0 where it is not known
+        squares, fast = known * known, known * w
+        total = np.sqrt(np.add.reduce(squares))
+        total[total == 0.0] = math.nan
+        found[-3], found[-1] = total, np.sqrt(np.add.reduce(fast * fast))
+        if self.states_uncertainty:
+            m = layout.n_modes
+            parts = terms[:, :m], below[:, :m], size[:m], poles[:, :m], response[:, np.newaxis]
+            changes, relative = _spread(*parts, square, w, deviations)
+            relative = np.sqrt(relative * relative + self._deviation * self._deviation)
+            np.multiply(velocity, relative, spread)
+            # A change of one mode acts on all excitations.
+            together = np.add.reduce(squares * changes, axis=2)
+            together = np.add.reduce((together * together).reshape(2 * m, n))
+            apart = squares * self._deviation
+            together += np.add.reduce(apart * apart)
+            doubtful = (np.isnan(relative) & (known > _SIGNIFICANT * total)).any(axis=0)
+            found[-2] = np.where(doubtful, math.nan, np.sqrt(together) / total)
+        return found
+
+
+def _cubic(cell: FloatArray, t: float | FloatArray) -> FloatArray:
+    return np.asarray(((cell[0] * t + cell[1]) * t + cell[2]) * t + cell[3])
+
+
+def no_levels(n_excitations: int, *n: int) -> Levels:
+    """Return levels that are not known.
+
+    Parameters
+    ----------
+    n_excitations, *n : int
+        How many excitations, and how many angles if there are several.
+    """
+    each = [np.full((*n, n_excitations), math.nan, np.float32)] * 4
+    return Levels(*each, *[np.full(n, math.nan, np.float32)] * 3)
+
+
+def _times_conjugate(one: FloatArray, other: FloatArray) -> FloatArray:
+    """Return one times the conjugate of another, (2, ...), as real and imaginary part.
+
+    Parameters
+    ----------
+    one, other : ndarray, (2, ...) and (3, ...)
+        Real and imaginary part; the other has its real part again after these.
+    """
+    straight, across = one * other[:2], one * other[1:]
+    product = np.empty_like(straight)
+    np.add(straight[0], straight[1], product[0])
+    np.subtract(across[1], across[0], product[1])
+    return product
+
+
+def _spread(
+    terms: FloatArray,
+    below: FloatArray,
+    size: FloatArray,
+    poles: FloatArray,
+    response: FloatArray,
+    response_size: FloatArray,
+    w: FloatArray,
+    stddev: FloatArray,
+) -> tuple[FloatArray, FloatArray]:
+    """Return what deviations of modes change in responses, relative to them, to first order.
+
+    With k = omega^2 and c = 2 zeta omega, a relative change of omega changes the denominator D by
+    2 k + i w c, and one of zeta by 2 i w omega. The modes deviate independently.
+
+    Parameters
+    ----------
+    terms, below, size, poles : ndarray, (2, m, n_excitations, n), (3, ...), (m, ...), (3, m, 1, n)
+        Terms of the modes, their denominators and the squares of these, and their poles.
+    response, response_size, w : ndarray, (3, 1, n_excitations, n), (n_excitations, n)
+        Sums of all terms, the squares of these, and the angular frequencies, rad/s.
+    stddev : ndarray, (2, m, n)
+        Standard deviations of ln omega and of zeta.
+
+    Returns
+    -------
+    changes : ndarray, (2, m, n_excitations, n)
+        By one standard deviation of each mode's frequency and damping ratio.
+    relative : ndarray, (n_excitations, n)
+        Standard deviations by all together; NaN where the second order matters.
+    """
+    slopes = _times_conjugate(terms, below)
+    slopes /= size
+    slopes = _times_conjugate(slopes, response)
+    deviations, twice = stddev[:, :, np.newaxis], 2.0 * poles[0]
+    rate = np.sqrt(2.0 * twice) * w
+    changes = np.empty_like(terms)
+    np.subtract(slopes[0] * twice, slopes[1] * (below[1] + poles[1]), changes[0])
+    np.multiply(slopes[1], rate, changes[1])
+    changes *= deviations / response_size
+    squares = changes * changes
+    m = terms.shape[1]
+    first = np.sqrt(np.add.reduce(squares.reshape(2 * m, *w.shape)))
+    twice, rate = twice * deviations[0], rate * deviations[1]
+    shares = np.sqrt((terms[0] * terms[0] + terms[1] * terms[1]) / response_size)
+    second = np.add.reduce(shares * ((twice * twice + rate * rate) / size))
+    return changes, np.where((second <= FIRST_ORDER * first) & (first <= RELATIVE), first, math.nan)
+
+
+def _sampled(
+    table: Table, inputs: list[Input], place: tuple[str, str]
+) -> tuple[tuple[FloatArray, FloatArray], _Layout]:
+    """Return poles and residues of the responses to inputs over the stroke, as cubics.
+
+    The cells begin at angles, (n_cells,), rad, and have coefficients, (n_cells, 4, n_values).
+    """
+    pieces, n_terms = [], 0
+    for first, last in pairwise(table.alpha3[table.pieces].tolist()):
+        samples = _Samples(table, inputs, place, (first, last))
+        pieces.append(samples.refined())
+        n_terms = max(n_terms, samples.n_terms)
+    layout = _Layout(n_terms, len(inputs), table.n_modes)
+    splines = [CubicSpline(at, _padded(values, layout)) for at, values in pieces]
+    starts = np.concatenate([spline.x[:-1] for spline in splines])
+    cubics = np.concatenate([spline.c.swapaxes(0, 1) for spline in splines])
+    return (starts, np.ascontiguousarray(cubics)), layout
+
+
+def _padded(values: FloatArray, layout: _Layout) -> FloatArray:
+    """Return the rows of a piece with terms of no effect, if other pieces have more."""
+    own = (values.shape[1] - 4 * layout.n_inputs) // (3 * (1 + layout.n_inputs))
+    missing = layout.n_terms - own
+    if not missing:
+        return values
+    n = len(values)
+    poles, above, rest = np.split(values, [3 * own, 3 * own * (1 + layout.n_inputs)], axis=1)
+    poles = np.pad(poles.reshape(n, 3, own), ((0, 0), (0, 0), (0, missing)), constant_values=1.0)
+    above = above.reshape(n, 3, own, layout.n_inputs)
+    above = np.pad(above, ((0, 0), (0, 0), (0, missing), (0, 0)))
+    return np.hstack([poles.reshape(n, -1), above.reshape(n, -1), rest])
+
+
+class _Samples:
+    """Poles and residues at the angles of one piece, with the modes of the table first."""
+
+    def __init__(
+        self, table: Table, inputs: list[Input], place: tuple[str, str], ends: tuple[float, float]
+    ) -> None:
+        self._table, self._inputs, self._place, self._ends = table, inputs, place, ends
+        self._variables = stroke_variable(np.array(ends), table.toggles)
+        self._places = list(dict.fromkeys(p for one in inputs for p in one.places))
+        self._known: dict[float, FloatArray] = {}
+        self.n_terms = 0
+
+    def refined(self) -> tuple[FloatArray, FloatArray]:
+        """Return angles and values; NaN around cells whose middle is not met."""
+        cells = _FIRST_CELLS
+        while True:
+            at, values = self._along(2 * cells)
+            found = CubicSpline(at[::2], values[::2])(at[1::2])
+            wrong = ~(self._errors(found, values[1::2]) <= ERROR)
+            if not wrong.any():
+                return at, values
+            if cells >= _MOST_CELLS:
+                values[1::2][wrong] = math.nan
+                return at, values
+            cells *= 2
+
+    def _along(self, cells: int) -> tuple[FloatArray, FloatArray]:
+        """Return the ends of equal cells in the stroke variable, rad, and the values there."""
+        at = stroke_angle(
+            np.linspace(self._variables[0], self._variables[1], cells + 1), self._table.toggles
+        )
+        at[[0, -1]] = self._ends
+        roots: ComplexArray | None = None
+        rows = []
+        for alpha3 in at.tolist():
+            row, roots = self._row(alpha3, roots)
+            rows.append(row)
+        return at, np.array(rows)
+
+    def _row(self, alpha3: float, before: ComplexArray | None) -> tuple[FloatArray, ComplexArray]:
+        """Return the values at an angle and its poles, in the order of those before."""
+        table = self._table
+        frf = table.frf(alpha3, [self._place], self._places)
+        half = frf.decay / 2.0 + 0j
+        roots: ComplexArray = np.asarray(np.sqrt(half * half - frf.stiffness) - half)
+        n = table.n_modes
+        frequencies, ratios = np.split(np.array(table.interpolate(alpha3)[0]), 2)
+        modes = 2.0 * math.pi * frequencies * (-ratios + np.sqrt(ratios**2 - 1.0 + 0j))
+        if before is None:
+            order = _in_order(np.where(np.isnan(modes), roots[:n], modes), roots)
+        else:
+            order = _in_order(
+                np.append(np.where(np.isnan(modes), before[:n], modes), before[n:]), roots
+            )
+        self.n_terms = len(roots)
+        k, c = frf.stiffness[order], frf.decay[order]
+        parts = [k.real, k.imag, c]
+        columns, rests = [], []
+        for one in self._inputs:
+            which = [self._places.index(place) for place in one.places]
+            own = type(frf)(
+                frf.stiffness,
+                frf.decay,
+                frf.residues[:, which],
+                frf.rates[:, which],
+                frf.residual[:, which],
+            )
+            response, rate = one.response(own, alpha3)
+            a, b = response.residues[0, 0, order], response.rates[0, 0, order]
+            columns.append([a.real, a.imag, b.real])
+            static = abs(complex((a / k).sum() + response.residual[0, 0]))
+            residual = complex(response.residual[0, 0])
+            rests.append(
+                [residual.real, residual.imag, complex(rate[0, 0]).real, static or math.nan]
+            )
+        above = np.transpose(columns, (1, 2, 0))
+        values = [*parts, above.ravel(), np.transpose(rests).ravel()]
+        return np.concatenate(values), roots[order]
+
+    def _errors(self, found: FloatArray, exact: FloatArray) -> FloatArray:
+        """Return the error of responses at each angle, over the sums of sizes of terms.
+
+        They are compared at the resonances of the modes.
+        """
+        layout = _Layout(self.n_terms, len(self._inputs), self._table.n_modes)
+        values = [_responses(rows, layout, exact) for rows in (found, exact)]
+        return np.asarray((np.abs(values[0][0] - values[1][0]) / values[1][1]).max(axis=(1, 2)))
+
+
+def _in_order(wanted: ComplexArray, roots: ComplexArray) -> NDArray[np.int64]:
+    """Return an order of all roots in which those nearest to the wanted ones come first."""
+    rows, columns = linear_sum_assignment(np.abs(wanted[:, np.newaxis] - roots))
+    first = columns[np.argsort(rows)]
+    return np.append(first, np.setdiff1d(np.arange(len(roots)), first))
+
+
+def _responses(
+    rows: FloatArray, layout: _Layout, exact: FloatArray
+) -> tuple[ComplexArray, FloatArray]:
+    """Return responses at the resonances of other rows, (n, n_modes, n_inputs), and their sizes."""
+    n, t = len(rows), layout.n_terms
+    w = np.sqrt(exact[:, np.newaxis, : layout.n_modes]).swapaxes(1, 2)
+    real, imaginary, decay = np.split(rows[:, : 3 * t], 3, axis=1)
+    below = (real + 1j * imaginary)[:, np.newaxis] - w**2 + 1j * w * decay[:, np.newaxis]
+    above = rows[:, 3 * t : layout.terms].reshape(n, 3, t, layout.n_inputs)
+    a, b = (above[:, 0] + 1j * above[:, 1])[:, np.newaxis], above[:, 2][:, np.newaxis]
+    terms = (a + 1j * w[..., np.newaxis] * b) / below[..., np.newaxis]
+    rest = rows[:, layout.terms :].reshape(n, 4, 1, layout.n_inputs)
+    residual = rest[:, 0] + 1j * rest[:, 1] + 1j * w * rest[:, 2]
+    return terms.sum(axis=2) + residual, np.abs(terms).sum(axis=2) + np.abs(residual)

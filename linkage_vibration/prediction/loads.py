@@ -1,0 +1,166 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Turns loads of excitations into forces at the places between which a table has FRFs."""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray
+from linkage_vibration.mechanics.base import mount_springs
+from linkage_vibration.mechanics.description import Mechanism
+from linkage_vibration.mechanics.ground_motion import soil_places
+from linkage_vibration.mechanics.kinematics import Kinematics
+from linkage_vibration.mechanics.model import Place
+from linkage_vibration.mechanics.response import PoleResidue
+from linkage_vibration.prediction.excitation import Excitation, ExcitationError, Load, LoadKind
+from linkage_vibration.table.table import Table
+
+Weights = Callable[[float], tuple[FloatArray, FloatArray]]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Input:
+    """A load of unit size, as forces at places: the sum of (w + s v) over the places.
+
+    The weights w and v, (n_places,), are those at an input angle, rad; s is i omega.
+    """
+
+    places: tuple[Place, ...]
+    weights: Weights
+
+    def response(self, frf: PoleResidue, alpha3: float) -> tuple[PoleResidue, ComplexArray]:
+        """Return the response to the load, (n_out, 1), and the part of its residual times s.
+
+        Parameters
+        ----------
+        frf : PoleResidue
+            Receptances from the places, (n_out, n_places).
+        alpha3 : float
+            rad.
+        """
+        w, v = self.weights(alpha3)
+        a, b, kappa, gamma = frf.residues, frf.rates, frf.stiffness, frf.decay
+
+        def summed(values: ComplexArray, by: FloatArray) -> ComplexArray:
+            return np.asarray(np.tensordot(values, by, ([1], [0]))[:, np.newaxis])
+
+        # (a + s b) (w + s v) with s^2 = D - kappa - s gamma, where D is the term's denominator.
+        squared = summed(b, v)
+        parts = PoleResidue(
+            kappa,
+            gamma,
+            summed(a, w) - squared * kappa,
+            summed(a, v) + summed(b, w) - squared * gamma,
+            squared.sum(axis=2) + frf.residual @ w[:, np.newaxis],
+        )
+        return parts, np.asarray(frf.residual @ v[:, np.newaxis])
+
+
+def load_input(excitation: Excitation, table: Table, mechanism: Mechanism) -> Input:
+    """Return the input of an excitation; without a load, a force at the response point.
+
+    Parameters
+    ----------
+    excitation : Excitation
+    table, mechanism : Table and Mechanism
+        The table that has the FRFs, and the mechanism of that table.
+
+    Raises
+    ------
+    ExcitationError
+        If the mechanism has no such place, or the table no FRF there.
+    """
+    load, response = excitation.load, mechanism.response
+    if load is None:
+        return _force((response.point, response.direction))
+    found = _input(load, mechanism, f"excitation {excitation.name}")
+    missing = sorted(
+        {point for point, direction in found.places if (point, direction) not in table.places}
+    )
+    if missing:
+        raise ExcitationError(
+            f"excitation {excitation.name}: the table has no FRF at {', '.join(missing)}, where "
+            f"{load.place} acts; name them and {response.point} in `linkage-vibration build "
+            "--frf-points`, and give that table in table_file."
+        )
+    return found
+
+
+def _input(load: Load, mechanism: Mechanism, where: str) -> Input:
+    if load.kind is LoadKind.BASE_ACCELERATION:
+        return _soil(load.place, mechanism, where)
+    if load.kind is LoadKind.MOMENT:
+        return _moment(load.place, mechanism, where)
+    point, _, direction = load.place.rpartition(".")
+    if not mechanism.owners(point) or direction not in ("x", "z"):
+        raise ExcitationError(
+            f"{where}: the mechanism {mechanism.name} has no place {load.place}; give a point and "
+            f"a direction, such as {mechanism.response.point}.z."
+        )
+    return _force((point, direction))
+
+
+def _force(place: Place) -> Input:
+    weights = np.ones(1), np.zeros(1)
+    return Input((place,), lambda alpha3: weights)
+
+
+def _soil(name: str, mechanism: Mechanism, where: str) -> Input:
+    """Return the forces of the mounts per displacement of the soil."""
+    point, _, direction = name.rpartition(".")
+    if mechanism.base is None:
+        raise ExcitationError(
+            f"{where}: the ground of {mechanism.name} has no base that could be accelerated; "
+            "describe the tractor under base: in the mechanism, or give a force."
+        )
+    if (point, direction) not in soil_places(mechanism):
+        known = ", ".join(".".join(place) for place in soil_places(mechanism))
+        raise ExcitationError(f"{where}: the soil has no motion {name}; name one of: {known}.")
+    axis = "xz".index(direction)
+    mounts = [
+        mount
+        for mount, along in mount_springs(mechanism.base)
+        if along == axis and point in ("base", f"base:{mount.name}")
+    ]
+    weights = (
+        np.array([mount.stiffness[axis] for mount in mounts]),
+        np.array([mount.damping[axis] for mount in mounts]),
+    )
+    return Input(tuple((mount.name, direction) for mount in mounts), lambda alpha3: weights)
+
+
+def _moment(body: str, mechanism: Mechanism, where: str) -> Input:
+    """Return a pair of forces at two points of a rigid body, which is a moment of 1 N m on it."""
+    rigid = {one.name: one for one in mechanism.rigid_bodies}
+    if mechanism.base is not None:
+        rigid["base"] = mechanism.base.body
+    if body not in rigid:
+        raise ExcitationError(
+            f"{where}: a moment acts on a rigid body, and {body} is none; give one of: "
+            f"{', '.join(rigid)}."
+        )
+    points = dict(rigid[body].points)
+    if body == "base":
+        points = {mount.name: mount.at for mount in mechanism.base.mounts} if mechanism.base else {}
+    if len(points) < 2:
+        raise ExcitationError(
+            f"{where}: {body} has fewer than two points at which a table can have FRFs; give a "
+            "force at a point."
+        )
+    pairs = [(one, other) for one in points for other in points]
+    one, other = max(pairs, key=lambda pair: math.dist(points[pair[0]], points[pair[1]]))
+    (x0, z0), (x1, z1) = points[one], points[other]
+    across = np.array([-(z1 - z0), x1 - x0]) / math.dist(points[one], points[other]) ** 2
+    places: Sequence[Place] = [(point, d) for point in (one, other) for d in ("x", "z")]
+    kinematics = None if body == "base" else Kinematics(mechanism)
+
+    def weights(alpha3: float) -> tuple[FloatArray, FloatArray]:
+        turn = 0.0 if kinematics is None else kinematics.at(alpha3).angle(body)
+        cos, sin = math.cos(turn), math.sin(turn)
+        x, z = cos * across[0] - sin * across[1], sin * across[0] + cos * across[1]
+        return np.array([-x, -z, x, z]), np.zeros(4)
+
+    return Input(tuple(places), weights)
