@@ -42,7 +42,9 @@ from linkage_vibration.table.table import Table, TableError, load_table
 IntArray = NDArray[np.int64]
 
 _TURN = 2.0 * np.pi
-_UNUSED = ("header.frame_id",)  # fields of messages that nobody reviews
+# Fields of messages that nobody reviews; the excitation of a resonance has its own columns.
+_LEVELS = ("states", "velocities", "velocity_stddevs", "accelerations", "amplifications")
+_UNUSED = ("header.frame_id", *_LEVELS)
 
 
 class ReviewError(LinkageVibrationError):
@@ -51,7 +53,7 @@ class ReviewError(LinkageVibrationError):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Resonances:
-    """The nearest excitation at each prediction, as columns of the message's fields.
+    """The most severe excitation at each prediction, as columns of the message's fields.
 
     Where the log has no resonance for a prediction, its state is stale, and its other fields are
     NaN, 0 or "".
@@ -68,6 +70,12 @@ class Resonances:
         Margin over natural frequency, 1.
     time_to_crossing : ndarray, (n,)
         s.
+    probability : ndarray, (n,)
+        1; with all below, NaN in logs that are older than these fields.
+    velocity, velocity_stddev : ndarray, (n,)
+        By this excitation, m/s rms.
+    total_velocity, total_velocity_stddev, total_acceleration : ndarray, (n,)
+        By all excitations, m/s and m/s^2 rms.
     """
 
     state: IntArray
@@ -79,6 +87,12 @@ class Resonances:
     relative_margin: FloatArray
     approach: IntArray
     time_to_crossing: FloatArray
+    probability: FloatArray
+    velocity: FloatArray
+    velocity_stddev: FloatArray
+    total_velocity: FloatArray
+    total_velocity_stddev: FloatArray
+    total_acceleration: FloatArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -289,6 +303,11 @@ def write_csv(log: Log, path: Path) -> None:
         columns += [r.state, r.excitation, r.excitation_frequency, r.mode + 1]
         names += ["margin_hz", "relative_margin", "approach", "time_to_crossing_s"]
         columns += [r.margin, r.relative_margin, r.approach, r.time_to_crossing]
+        names += ["probability", "velocity_m_per_s", "velocity_stddev_m_per_s"]
+        columns += [r.probability, r.velocity, r.velocity_stddev]
+        names += ["total_velocity_m_per_s", "total_velocity_stddev_m_per_s"]
+        names += ["total_acceleration_m_per_s2"]
+        columns += [r.total_velocity, r.total_velocity_stddev, r.total_acceleration]
     # str() of a Python float is the shortest text from which the same float is read.
     rows = [names, *(map(str, row) for row in zip(*(c.tolist() for c in columns), strict=True))]
     write_text(path, "".join(",".join(row) + "\n" for row in rows), ReviewError)
@@ -334,7 +353,7 @@ def _resonances(
     missing: dict[str, Any] = {"f": np.nan, "U": "", "i": 0}
     values: dict[str, Any] = {}
     for field in fields(Resonances):
-        column = columns[field.name][rows]
+        column = columns.get(field.name, np.full(len(own), np.nan))[rows]
         if column.dtype.kind in "iu":
             column = column.astype(np.int64)
         other = ResonanceState.STALE if field.name == "state" else missing[column.dtype.kind]

@@ -42,7 +42,7 @@ Items = list[dict[str, Any]]  # as the scripts of the page read them
 
 DEG = 180.0 / math.pi
 STATUSES = ["OK", "out of range", "invalid angle", "near a toggle"]
-STATES = ["clear", "warning", "unknown"]
+STATES = ["clear", "warning", "unknown", "note"]
 _STYLES = {Source.ENGINE: "solid", Source.PTO: "dashed", Source.GROUND: "dotted"}
 _INVALID = (Status.OUT_OF_RANGE, Status.INVALID_ANGLE)
 MAX_MEETINGS = 6  # rows of the table of excitations and modes
@@ -256,7 +256,7 @@ def _readings(log: Log) -> Items:
     return [
         *readings,
         reading("state", "Resonance", column="state", words=STATES),
-        reading("excitation", "Nearest excitation", column="excitation", words=names),
+        reading("excitation", "Most severe excitation", column="excitation", words=names),
         reading("exc_f", "Excitation frequency", column="excitation_frequency", unit="Hz"),
         reading("near_mode", "Nearest mode", column="resonance_mode", digits=1),
         reading("margin", "Margin", column="margin", factor=100.0, unit="%", digits=4),
@@ -353,6 +353,13 @@ def _summary(log: Log, found: list[Moment], missing: list[tuple[float, float]]) 
         elif known < _NEARLY_ALL:
             text += f"; not known for {100.0 * (1.0 - known):.1f} %"
         add("Resonance warnings", text, alert=bool(found) or not known)
+        total = log.resonances.total_velocity
+        if np.isfinite(total).any():
+            at = int(np.nanargmax(total))
+            spread = 1e3 * float(log.resonances.total_velocity_stddev[at])
+            text = "not known" if math.isnan(spread) else f"{spread:.2g} mm/s"
+            text = f"{1e3 * total[at]:.3g} mm/s rms, standard deviation {text}"
+            add("Strongest vibration", f"{text}, for the amplitudes that the excitations state")
     else:
         add("Resonance warnings", "not known", alert=True)
     deviations = log.frequency_stddev, log.damping_ratios, log.damping_ratio_stddev

@@ -28,7 +28,7 @@ def with_resonances(
         frequency * np.array(margin),
         np.array(margin),
         np.zeros(n, dtype=int),
-        none,
+        *[none] * 7,
     )
     rows = {
         name: getattr(log, name)[:n]
