@@ -38,12 +38,13 @@ _MICROMETRE = 1e-6  # m
 
 @dataclass(frozen=True)
 class Case:
-    """A shipped linkage, often with a damper, or with another point on its coupler."""
+    """A shipped linkage, often with a damper, or with another point on a link."""
 
     linkage: str
     damper: tuple[str, ...] = ()  # the points between which it acts, or the joint
     damping: float = 0.0  # N s/m or N m s/rad
-    apart: float = 0.0  # m, from the first point of the coupler to another one
+    apart: float = 0.0  # m, from the first point of a link to another one
+    link: str = "coupler"  # that has the other point
 
     def __str__(self) -> str:
         """Name it in a table."""
@@ -62,9 +63,9 @@ class Case:
             pair = bodies[0][:2] if len(bodies) == 1 else (bodies[0][0], bodies[1][0])
             springs.append(Spring("damper", (pair[0], pair[1]), self.damper, _ALONE, self.damping))
         if self.apart:
-            i = [link.name for link in links].index("coupler")
+            i = [link.name for link in links].index(self.link)
             start, *rest = links[i].points
-            beside = ("Q", (start[1][0] + self.apart, 0.0))
+            beside = ("Q", (start[1][0] + self.apart, start[1][1]))
             links[i] = replace(links[i], points=(start, beside, *rest))
         return LinkageModel(replace(mechanism, links=tuple(links), springs=tuple(springs)))
 
@@ -80,6 +81,7 @@ COUPLED = (
     *(Case("three_point_linkage", ("P1",), c) for c in (20.0, 100.0, 500.0, 5e3)),
     *(Case("four_bar", ("A", "C"), c) for c in (10.0, 1e3, 1e4, 1e6)),
     Case("four_bar", apart=_MICROMETRE),
+    Case("three_point_linkage", apart=_MICROMETRE, link="lower_link"),
 )
 CASES = (*SHIPPED, *COUPLED)
 

@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from linkage_vibration.errors import LinkageVibrationError
-from linkage_vibration.mechanics.arrays import BoolArray, ComplexArray, FloatArray
+from linkage_vibration.mechanics.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from linkage_vibration.mechanics.assembly_poles import Assembly
 from linkage_vibration.mechanics.compatibility import InterfaceMap, Joining
 from linkage_vibration.mechanics.components import Component, FrfComponent
@@ -473,6 +473,29 @@ class Solution:
         if self.damped.shapes is None:
             return self.modes.omega / (2.0 * math.pi)
         return np.abs(self.damped.oscillating) / (2.0 * math.pi)
+
+    def rounding(self, modes: IntArray) -> FloatArray:
+        """Return by how much rounding changes frequencies and modal damping, relative, (k,).
+
+        A number of magnitude a is known within eps a, so phi^T K phi is known within
+        eps abs(phi)^T abs(K) abs(phi), which is much more where parts of it cancel.
+
+        Parameters
+        ----------
+        modes : ndarray of int, (k,)
+            Which of the undamped modes; not those of a mechanism.
+        """
+        shapes, squared = self.vectors[:, modes], self.modes.omega[modes] ** 2
+        size, coupled = np.abs(shapes), self.coupled
+
+        def added(matrix: FloatArray) -> FloatArray:
+            return np.asarray((size * (np.abs(matrix) @ size)).sum(axis=0))
+
+        decay = np.abs((shapes * (coupled.damping @ shapes)).sum(axis=0))
+        damping = added(coupled.damping)
+        damping = np.divide(damping, decay, out=np.zeros(len(modes)), where=decay > 0.0)
+        frequency = (added(coupled.stiffness) / squared + added(coupled.mass)) / 2.0
+        return np.asarray(np.finfo(float).eps * np.maximum(frequency, damping))
 
     @property
     def redundant(self) -> tuple[str, ...]:

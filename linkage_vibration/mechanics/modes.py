@@ -21,6 +21,7 @@ _SLOWEST = 1e-3  # rad/s, the frequency given to a mechanism mode if damping cou
 _COINCIDENT = 1e-9  # of a natural frequency: modes nearer than that coincide within rounding
 _CLOSE = 0.1  # of a natural frequency: modes farther apart mix only if they are coupled
 _TURNED = 1e-9  # rad, by which shapes differ through rounding
+_STEP = 0.1  # of the distance to another pole: a Newton step that converges
 _DIAGONAL = 1e-9  # of the modal damping: off-diagonal terms below this are rounding
 
 
@@ -278,12 +279,14 @@ def _is_diagonal(modal: FloatArray, matrix: FloatArray, vectors: FloatArray) -> 
 def _viscous_modes(omega: FloatArray, viscous: FloatArray) -> DampedModes:
     """Solve q'' + D q' + W^2 q = f with x = (W q, q'): x' = [[0, W], [-W, -D]] x + (0, f).
 
-    With this scaling, rounding of the highest modes does not affect the lowest.
+    With this scaling, rounding of the highest modes does not affect the shapes of the lowest.
     """
     n = len(omega)
-    w = np.diag(np.maximum(omega, _SLOWEST))
+    omega = np.maximum(omega, _SLOWEST)
+    w = np.diag(omega)
     poles, vectors = eig(np.block([[np.zeros((n, n)), w], [-w, -viscous]]))
     shapes = vectors[n:] / poles
+    poles = _refined(poles, shapes, omega, viscous)
     # x^T [[D, I], [I, 0]] x with x = (psi, lambda psi), by which the residues are scaled.
     scale = (shapes * (viscous @ shapes)).sum(axis=0) + 2.0 * poles * (shapes**2).sum(axis=0)
     shapes = shapes / np.sqrt(scale.astype(complex))
@@ -303,6 +306,25 @@ def _viscous_modes(omega: FloatArray, viscous: FloatArray) -> DampedModes:
         np.array([shapes[:, first], shapes[:, second]]),
         both,
     )
+
+
+def _refined(
+    poles: ComplexArray, shapes: ComplexArray, omega: FloatArray, viscous: FloatArray
+) -> ComplexArray:
+    """Return poles without the rounding of the highest ones, by a Newton step each.
+
+    `eig` rounds every pole by as much as the largest, which is 1e-9 of a small damping ratio. The
+    root s of psi^T (s^2 + s D + W^2) psi has an error that is the square of the error of psi.
+    """
+    damped = (shapes * (viscous @ shapes)).sum(axis=0)
+    size = (shapes**2).sum(axis=0)
+    slope = damped + 2.0 * poles * size
+    value = poles * (poles * size + damped) + (omega[:, np.newaxis] ** 2 * shapes**2).sum(axis=0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        step = value / slope
+        # Where two poles meet, the slope is zero, and a step leads nowhere.
+        known = np.abs(step * size) <= _STEP * np.abs(slope)
+    return np.asarray(np.where(known, poles - step, poles))
 
 
 def _structural_modes(omega: FloatArray, loss: FloatArray) -> DampedModes:

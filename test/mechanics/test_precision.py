@@ -27,6 +27,7 @@ from linkage_vibration.mechanics.bodies.matrices import Matrices
 from linkage_vibration.mechanics.coupling import assembled_frf
 from linkage_vibration.mechanics.description import Mechanism, MechanismError
 from linkage_vibration.mechanics.model import LinkageModel
+from linkage_vibration.mechanics.parsing import mechanism_from_mapping
 from linkage_vibration.readers.component_files import ComponentFileError
 from linkage_vibration.readers.matrices import read_matrices
 
@@ -154,3 +155,31 @@ def test_similar_linkages(mechanism: Mechanism, scale: float) -> None:
         LinkageModel(some).solve(ALPHA3).natural_frequencies[:5] for some in (other, mechanism)
     )
     np.testing.assert_allclose(ours * scale, base, rtol=1e-9)
+
+
+def test_damped_poles_are_not_rounded_as_the_highest_is(mapping: Any) -> None:
+    """Between close angles damping ratios are smooth within 1e-11; those of `eig` jump by 1e-9."""
+    mapping["springs"] = {"oil": {"joint": "P1", "stiffness": 1e-6, "damping": 5000.0}}
+    model = LinkageModel(mechanism_from_mapping(mapping))
+    steps = np.arange(-8, 9)
+    rows = [model.solve(ALPHA3 + 1e-6 * i) for i in steps.tolist()]
+    assert rows[0].damped.poles is not None
+    ratios = np.array([row.damping_ratios[:3] for row in rows])
+    line = np.polynomial.Polynomial.fit
+    smooth = np.array([line(steps, ratio, 2)(steps) for ratio in ratios.T]).T
+    np.testing.assert_allclose(ratios, smooth, rtol=1e-11)
+
+
+def test_rounding_of_close_points_is_known(mapping: Any) -> None:
+    """It bounds the noise of natural frequencies, and is less than ten times as large."""
+    points = mapping["links"]["lower_link"]["points"]
+    mapping["links"]["lower_link"]["points"] = {"P1": 0.0, "N": 1e-6, **points}
+    model = LinkageModel(mechanism_from_mapping(mapping))
+    steps = np.arange(-16, 17)
+    rows = [model.solve(ALPHA3 + 1e-6 * i).natural_frequencies[:3] for i in steps.tolist()]
+    line = np.polynomial.Polynomial.fit
+    noise = [np.abs(line(steps, row, 2)(steps) / row - 1.0).max() for row in np.array(rows).T]
+    known = model.solve(ALPHA3).rounding(np.arange(3))
+    assert known.max() > 1e-8
+    assert (noise < known).all()
+    assert (noise > known / 10.0).all()

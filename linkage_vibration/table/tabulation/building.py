@@ -140,7 +140,7 @@ def _refined(tracker: Tracker, waiting: list[list[float]], accuracy: Accuracy) -
             )
         if high - low < suspicious:
             suspicious = (high - low) / _SHORTER
-            sampler.check_rounding(low, accuracy.frequency)
+            sampler.check_rounding(accuracy)
         waiting += _halves(sampler, low, high)
     return pieces
 

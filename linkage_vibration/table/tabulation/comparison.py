@@ -182,9 +182,11 @@ def compare(
     frf = max(_frf_error(one, other, row, fine.response.band) for row in rows) + far_error
     if frf > accuracy.frf:
         return None
-    slope = _slope_error(coarse, fine) + _slope_jump(cells)
     # The error of a cubic in its middle is a little more than half of its largest.
     rest = 2.0 * CELL_ERROR + rounding
+    if max(shifts) + rest > accuracy.frequency:
+        return None
+    slope = _slope_error(coarse, fine) + _slope_jump(cells)
     return Errors(max(shifts) + rest, peak + rest, frf + rounding, slope), cells
 
 

@@ -155,8 +155,9 @@ def refine_piece(
         coarse = Polynomials(variables[own], _only(models, own), toggles, response)
         if not coarse.misses(variables[~own], [samples[i] for i in np.flatnonzero(~own)], accuracy):
             fine = Polynomials(variables, models, toggles, response)
-            rounding = _check_rounding(tracker, fine, accuracy)
+            rounding = _check_rounding(tracker, fine, finer, accuracy)
             far_error = MARGIN * _far_error(tracker, samples, models, variables)
+            far_error += tracker.sampler.rounding(finer).frf
             found = compare(coarse, fine, accuracy, far_error, rounding)
             if found is not None:
                 angles = np.array([tracker.sampler.angle(x) for x in finer])
@@ -165,16 +166,19 @@ def refine_piece(
     return f"the poles or the peak change too quickly for a tolerance of {accuracy.frequency:g}"
 
 
-def _check_rounding(tracker: PoleTracker, fine: Polynomials, accuracy: Accuracy) -> float:
-    """Return how much rounding changes values in a piece; refuse more than the tolerance."""
-    rounding = fine.rounding()
-    if rounding > accuracy.frequency:
+def _check_rounding(
+    tracker: PoleTracker, fine: Polynomials, points: list[float], accuracy: Accuracy
+) -> float:
+    """Return how much rounding changes values in a piece; refuse more than half the tolerance."""
+    rounding = fine.rounding() + tracker.sampler.rounding(points).values
+    if rounding > accuracy.frequency / 2.0:
         raise TableError(
-            f"Rounding changes a damping ratio of {tracker.sampler.model.mechanism.name} by "
-            f"{rounding:.0e} of it near alpha3 = "
+            f"Rounding changes a natural frequency or damping ratio of "
+            f"{tracker.sampler.model.mechanism.name} by {rounding:.0e} of it near alpha3 = "
             f"{math.degrees(tracker.sampler.angle(fine.variables[0])):.3f} deg, too much for a "
-            f"tolerance of {accuracy.frequency:g}; give at least {1.1 * 2.0 * rounding:.1e}, more "
-            "damping, or a band_hz that ends nearer to the lowest mode."
+            f"tolerance of {accuracy.frequency:g}; give at least {1.2 * 2.0 * rounding:.1e}, more "
+            "damping, or a band_hz that ends nearer to the lowest mode, or move apart two points "
+            "of a link that nearly coincide."
         )
     return rounding
 
@@ -312,7 +316,7 @@ def build_coupled(sampler: Sampler, accuracy: Accuracy) -> Table:
             )
         if high - low < suspicious:
             suspicious = (high - low) / _SHORTER
-            sampler.check_rounding(low, accuracy.frequency)
+            sampler.check_rounding(accuracy)
         middle = (low + high) / 2.0
         waiting += [(middle, high), (low, middle)]
     return _table(sampler, pieces)

@@ -16,6 +16,7 @@ from linkage_vibration.mechanics.modes import MECHANISM, DampedModes, Modes
 from linkage_vibration.mechanics.response import Peak, PoleResidue, in_reach, pole_residue
 from linkage_vibration.table.interpolation import stroke_angle, stroke_variable
 from linkage_vibration.table.table import TableError
+from linkage_vibration.table.tabulation.accuracy import LOOSER, Accuracy
 from linkage_vibration.table.tabulation.peaks import SILENT, heights
 from linkage_vibration.table.tabulation.subspaces import PoleSample, mass_root, sample_poles
 
@@ -26,8 +27,7 @@ _UNDAMPED = 1e-12  # damping ratio that is only rounding
 MOST_SOLUTIONS = 3000
 """Solutions of the model for one table: ten times those of the most difficult shipped linkage."""
 
-_CLEAR = 20.0  # roundings to a tolerance
-_TINY = 1e-8  # of the stroke: a step over which only rounding is not linear
+_CLEAR = 5.0  # roundings to a tolerance, so that polynomials through rounded values meet it
 _SHORTEST = 1e-7  # of the stroke: 1e-5 deg of 90 deg, which no joint sensor resolves
 
 
@@ -51,6 +51,14 @@ class Terms:
         return pole_residue(
             self.damped, self.own[upper[0]] * self.own[upper[1]], np.ones((1, self.own.shape[1]))
         )
+
+
+@dataclass(frozen=True, slots=True)
+class Rounding:
+    """Relative errors that rounding causes in a solution."""
+
+    values: float = 0.0  # of natural frequencies and damping ratios
+    frf: float = 0.0  # of FRFs, L2 norm over the band
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,6 +122,7 @@ class Sampler:
         self.toggles = None if toggles is None else (toggles[0].alpha3, toggles[1].alpha3)
         self.samples: dict[float, Sample] = {}
         self._poles: dict[float, PoleSample] = {}
+        self._roundings: dict[float, Rounding] = {}  # by the angle, rad
         self.free_modes = 0  # modes at 0 Hz, which are not sampled
         self._progress, self._unfinished, self._solved = progress, 1.0, 0
         first, last = stroke_variable(np.array(model.mechanism.stroke), self.toggles).tolist()
@@ -144,41 +153,55 @@ class Sampler:
             self._progress(1.0 - self._unfinished)
         return self.samples[variable]
 
-    def check_rounding(self, variable: float, tolerance: float) -> None:
-        """Refuse a tolerance that rounding prevents.
-
-        Over steps of 1e-8 of the stroke undamped frequencies are straight lines, apart from
-        rounding.
+    def rounding(self, variables: Sequence[float]) -> Rounding:
+        """Return the largest errors by rounding at some of the points that are solved.
 
         Parameters
         ----------
-        variable, tolerance
-            Stroke variable; relative tolerance of natural frequencies.
+        variables : sequence of float
+            Stroke variables.
+        """
+        found = [self._roundings.get(self.angle(x), Rounding()) for x in variables]
+        return Rounding(max(each.values for each in found), max(each.frf for each in found))
+
+    def check_rounding(self, accuracy: Accuracy) -> None:
+        """Refuse an accuracy that rounding prevents at a point that is solved.
+
+        Parameters
+        ----------
+        accuracy : Accuracy
+            The accuracy to be met.
 
         Raises
         ------
         TableError
-            If rounding is more than a twentieth of the tolerance.
+            If rounding is more than a fifth of a tolerance.
         """
-        near = [variable + i * _TINY * self.length for i in (0.0, 1.0, 2.0)]
-        rows = [self._undamped(self.angle(x)) for x in near]
-        rounding = float((np.abs(rows[0] - 2.0 * rows[1] + rows[2]) / rows[1]).max()) / 2.0
-        if rounding > tolerance / _CLEAR:
-            least = 1.1 * _CLEAR * rounding
+        if self._from_frfs:
+            return  # their noise is larger
+        alpha3, worst = max(self._roundings.items(), key=lambda item: item[1].values)
+        frf = worst.frf if self.places else 0.0
+        if worst.values > accuracy.frequency / _CLEAR or frf > accuracy.frf / _CLEAR:
+            least = 1.1 * _CLEAR * max(worst.values, frf / LOOSER)
             raise TableError(
-                f"Rounding changes a natural frequency of {self.model.mechanism.name} by "
-                f"{rounding:.0e} at alpha3 = {math.degrees(self.angle(variable)):.3f} deg, too "
-                f"much for a tolerance of {tolerance:g}; give at least {least:.1e}, or "
-                "move apart two points of a link that nearly coincide."
+                f"Rounding changes a natural frequency or damping ratio of "
+                f"{self.model.mechanism.name} by {worst.values:.0e} at alpha3 = "
+                f"{math.degrees(alpha3):.3f} deg, too much for a tolerance of "
+                f"{accuracy.frequency:g}; give at least {least:.1e}, or move apart two points of a "
+                "link that nearly coincide."
             )
 
-    def _undamped(self, alpha3: float) -> FloatArray:
-        """Return undamped natural frequencies, (n_modes,)."""
-        if self._from_frfs:
-            return self._solve(alpha3).frequencies[: self.response.modes]
-        self._count(alpha3)
-        omega = self.model.solve(alpha3).modes.omega
-        return omega[omega >= MECHANISM][: self.response.modes]
+    def _note_rounding(self, solution: Solution) -> None:
+        """Keep the errors by rounding of a solution."""
+        omega, ratios = solution.modes.omega, solution.damping_ratios
+        reach = int(in_reach(omega**2, self.response.band).sum())
+        lowest = np.flatnonzero(omega >= MECHANISM)[: max(self.response.modes, reach)]
+        relative = solution.rounding(lowest).max(initial=0.0)
+        damped = ratios[: max(self.response.modes, reach)]
+        damped = damped[damped > _UNDAMPED]
+        # By the derivative of a Lorentzian, as `accuracy.LOOSER` says.
+        frf = relative / (math.sqrt(2.0) * damped.min()) if len(damped) else relative
+        self._roundings[solution.configuration.alpha3] = Rounding(float(relative), float(frf))
 
     def _count(self, alpha3: float) -> None:
         """Refuse to solve the model more often than a table may need."""
@@ -212,6 +235,7 @@ class Sampler:
             drive = (self.response.point, self.response.direction)
             places = (drive, *(place for place in self.places if place != drive))
             self._poles[variable] = sample_poles(solution, self._mass_root, places)
+            self._note_rounding(solution)
             self._check(self._poles[variable])
             self._progress(1.0 - self._unfinished)
         return self._poles[variable]
@@ -268,6 +292,7 @@ class Sampler:
         if solution.damped.shapes is not None:
             raise ModesAreCoupled
         elastic = np.flatnonzero(~solution.modes.mechanism)
+        self._note_rounding(solution)
         terms, own = self._terms(solution), (self.response.point, self.response.direction)
         if terms is not None and own in self.places:
             row = terms.own[[self.places.index(own)]]

@@ -186,7 +186,11 @@ def sample_poles(solution: Solution, root: FloatArray, places: tuple[Place, ...]
         states = np.vstack([turned @ q, turned @ v / scale])
         inertia = q.T @ viscous @ q + q.T @ v + v.T @ q
         above = np.hstack([(q.T @ viscous + v.T) @ turned.T, scale * q.T @ turned.T])
-        stiffness = -inertia @ t
+        # Unlike -inertia t, this has an error that is the square of the error of the subspace, so
+        # that rounding of the highest poles does not affect the lowest.
+        stiffness = np.asarray((q.T * omega**2) @ q - v.T @ v)
+        t = np.asarray(-np.linalg.solve(inertia, stiffness))
+        poles = np.linalg.eigvals(t).astype(complex)
     basis, turn = np.linalg.qr(states)  # a basis that is well-conditioned
     back = np.linalg.inv(turn)
     inertia, stiffness = back.T @ inertia @ back, back.T @ stiffness @ back

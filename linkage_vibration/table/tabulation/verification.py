@@ -76,7 +76,12 @@ def bound_errors(
         known = np.concatenate([each[: table.n_modes] for each in exact])
         values = max(values, _value_error(table, sampler.at(x), known))
         peak = _peak_error(table, sampler.at(x), peak)
-    frf, far = _frf_error(table, finer, sampler, piece) if table.places else (0.0, 0.0)
+    rounding, frf, far = sampler.rounding(piece.finer.fitted), 0.0, 0.0
+    if table.places:
+        frf, far = _frf_error(table, finer, sampler, piece)
+        frf += rounding.frf
+    # The height of a resonance follows its frequency and its damping.
+    values, peak = values + rounding.values, peak + 2.0 * rounding.values
     found = np.maximum(MARGIN * np.array([values, peak, frf, slope, far]), ROUNDING)
     return Bounds(*found.tolist())
 

@@ -10,13 +10,14 @@ from benchmark.bounds import (
     COUPLED,
     QUANTITIES,
     SHIPPED,
+    TOLERANCES,
     Case,
     results,
     slopes_of_poles,
 )
 from linkage_vibration.mechanics.model import LinkageModel
 
-FEW = dict.fromkeys(SHIPPED[:3], 100) | {SHIPPED[3]: 15}  # angles
+FEW = dict.fromkeys([*SHIPPED[:3], COUPLED[-1]], 100) | {SHIPPED[3]: 15}  # angles
 MANY = 10_000
 
 
@@ -30,12 +31,14 @@ def test_reported_errors_are_bounds(case: Case) -> None:
 @pytest.mark.parametrize("case", CASES, ids=str)
 def test_reported_errors_are_bounds_at_many_angles(case: Case) -> None:
     """The same holds at many angles, and where dampers couple the modes."""
-    _check(case, (1e-6, 1e-4), MANY)
+    _check(case, TOLERANCES, MANY)
 
 
 def _check(case: Case, tolerances: tuple[float, ...], count: int) -> None:
     for result in results(case, tolerances, np.random.default_rng(3).uniform(size=count)):
-        assert result.share is not None, result.refusal
+        if result.share is None:
+            assert "Rounding changes" in result.refusal
+            continue
         for quantity, ratios in zip(QUANTITIES, result.share.T, strict=True):
             assert (ratios > 1.0).mean() <= 0.01, quantity
             assert ratios.max() <= 2.0, quantity
