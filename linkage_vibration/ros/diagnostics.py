@@ -4,9 +4,9 @@
 
 import math
 from collections import Counter, deque
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
 from linkage_vibration.bags.recorder import Recorder
@@ -213,6 +213,11 @@ def _uncertain(health: Health) -> list[str]:
     return uncertain_modes(*frequencies, one.damping_ratios, one.damping_ratio_stddev)
 
 
+def _percentile(latencies: Sequence[float], share: float) -> float:
+    """Return the latency that a share of the ascending ones does not exceed, ms; NaN of none."""
+    return 1e3 * latencies[int(share * (len(latencies) - 1))] if latencies else math.nan
+
+
 def status(name: str, health: Health, statistics: Statistics) -> DiagnosticStatus:
     """Return the status with all its values.
 
@@ -225,8 +230,7 @@ def status(name: str, health: Health, statistics: Statistics) -> DiagnosticStatu
     """
     level, message = _judge(health, statistics)
     table = None if health.served is None else health.served.table
-    latencies, log = 1e3 * np.array(list(statistics.latencies) or math.nan), health.recorder
-    median, high = np.percentile(latencies, [50.0, 99.0])
+    latencies, log = sorted(statistics.latencies), health.recorder
     mismatches = sorted(statistics.qos_mismatches.items())
     values = {
         "state": health.state,
@@ -234,8 +238,8 @@ def status(name: str, health: Health, statistics: Statistics) -> DiagnosticStatu
         "input rate [Hz]": f"{health.second.rate:.1f}",
         "stamp age [s]": f"{statistics.stamp_age:.3f}",
         "without numbers [%]": f"{100.0 * health.second.without_numbers:.1f}",
-        "latency p50 [ms]": f"{median:.3f}",
-        "latency p99 [ms]": f"{high:.3f}",
+        "latency p50 [ms]": f"{_percentile(latencies, 0.5):.3f}",
+        "latency p99 [ms]": f"{_percentile(latencies, 0.99):.3f}",
         "messages received": str(statistics.received),
         "predictions": str(statistics.predicted),
         "stamps that went back": str(statistics.stamps_back),

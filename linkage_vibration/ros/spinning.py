@@ -25,7 +25,6 @@ from linkage_vibration.ros.command_line import (
 )
 from linkage_vibration.ros.lifecycle import LinkageVibrationNode
 
-WATCH_PERIOD = 1.0  # s, between two checks for a failure of the thread of the readings
 # Longest time for which a thread that answers a request holds Python's lock while a reading waits.
 # Python's own value is 5 ms.
 SWITCH_INTERVAL = 2e-4  # s
@@ -79,7 +78,7 @@ def _spin(node: LinkageVibrationNode, stop_asked: Callable[[], bool]) -> None:
     try:
         with _woken_by_signals(executor):
             while rclpy.ok() and not stop_asked():
-                node.serve(executor, WATCH_PERIOD)
+                node.serve(executor)
     finally:
         executor.shutdown()  # before the node's entities are destroyed
 
