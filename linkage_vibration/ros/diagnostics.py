@@ -214,8 +214,12 @@ def _uncertain(health: Health) -> list[str]:
 
 
 def _percentile(latencies: Sequence[float], share: float) -> float:
-    """Return the latency that a share of the ascending ones does not exceed, ms; NaN of none."""
-    return 1e3 * latencies[int(share * (len(latencies) - 1))] if latencies else math.nan
+    """Return a percentile of ascending latencies, ms; NaN of none."""
+    if not latencies:
+        return math.nan
+    rest, below = math.modf(share * (len(latencies) - 1))
+    low, high = latencies[int(below)], latencies[math.ceil(below + rest)]
+    return 1e3 * (low + rest * (high - low))
 
 
 def status(name: str, health: Health, statistics: Statistics) -> DiagnosticStatus:

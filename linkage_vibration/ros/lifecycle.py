@@ -412,6 +412,8 @@ class LinkageVibrationNode(LifecycleNode):
             recording.watch()
         if predicting is not None:
             predicting.report_missing(now)
+        if self._markers is not None:
+            self._markers.watch()
         health = Health(
             state=self._state,
             problem=self.problem,

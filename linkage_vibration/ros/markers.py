@@ -31,7 +31,6 @@ SWING = 0.08  # largest drawn movement of a mode, as a fraction of the linkage's
 SWINGS_PER_SECOND = 0.5  # slow enough for the eye
 _LINE, _PIN = 0.012, 0.03  # widths of lines and diameters of joints, as fractions of the size
 _PICTURES = 3.0  # a picture disappears if so many periods bring no new one
-_UNSEEN_PERIOD = 1.0  # s, between two checks for a subscriber
 
 
 class Markers:
@@ -57,9 +56,14 @@ class Markers:
         self._drawing: Future[None] | None = None
         self._publisher = publisher(node, MarkerArray, "~/markers")
         # Simulated time may stop while somebody watches.
-        self._timer = node.create_timer(
-            _UNSEEN_PERIOD, self._on_timer, clock=Clock(clock_type=ClockType.STEADY_TIME)
-        )
+        clock = Clock(clock_type=ClockType.STEADY_TIME)
+        self._timer = node.create_timer(1.0 / settings.marker_rate, self._on_timer, clock=clock)
+        self._timer.cancel()  # its calls without a subscriber would cost as much as predictions
+
+    def watch(self) -> None:
+        """Begin to draw if the markers have a subscriber; the node calls this every second."""
+        if self._timer.is_canceled() and self._publisher.get_subscription_count():
+            self._timer.reset()
 
     def update(self, crank_angle: float) -> None:
         """Draw this crank angle (rad) from now on."""
@@ -75,12 +79,13 @@ class Markers:
     def _on_timer(self) -> None:
         if not math.isfinite(self._angle):
             return
-        seen = self._publisher.get_subscription_count() > 0
-        # Ten calls a second without a subscriber would cost as much as ten predictions.
-        period = round(1e9 / self.settings.marker_rate) if seen else round(1e9 * _UNSEEN_PERIOD)
+        if not self._publisher.get_subscription_count():
+            self._timer.cancel()
+            return
+        period = round(1e9 / self.settings.marker_rate)
         if self._timer.timer_period_ns != period:
             self._timer.timer_period_ns = period
-        if seen and (self._drawing is None or self._drawing.done()):
+        if self._drawing is None or self._drawing.done():
             self._drawing = self._thread.submit(self._draw, self._angle, self.settings)
 
     def _draw(self, angle: float, settings: Parameters) -> None:

@@ -88,7 +88,7 @@ def test_hundred_lifecycles_leave_nothing_behind(
     """After 100 lifecycles the node has as many entities, files and bytes as before."""
     node = managed("-p", "record:=true", "-p", f"log_directory:={tmp_path}")
     before = entities(node)
-    assert [timer.timer_period_ns for timer in node.timers] == [10**9]  # of the diagnostics
+    assert not list(node.timers)
     sizes = []
     for i in range(100):
         assert node.trigger_configure() is SUCCESS
