@@ -44,6 +44,6 @@ def run(options: argparse.Namespace) -> int:
         result = study.calibrate(calibration, starts, show)
     print(study.summary(calibration, result))
     if options.output:
-        study.write_mechanism(calibration, result.values.tolist(), options.output)
+        study.write_mechanism(calibration, result, options.output)
         print(f"\nWritten: {options.output}")
     return 0

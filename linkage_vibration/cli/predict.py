@@ -5,6 +5,10 @@
 import argparse
 import math
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from linkage_vibration.prediction.predictor import Shares
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -12,6 +16,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("angle_deg", nargs="+", type=float, help="crank angle alpha3 in degrees")
     parser.add_argument("--mechanism", type=Path, help="YAML file (default: the shipped linkage)")
     parser.add_argument("--table", type=Path, help="table to use (default: the shipped one)")
+    text = "also print the standard deviations, and the share of each of their causes"
+    parser.add_argument("--shares", action="store_true", help=text)
+    text = "standard deviation of the angle in degrees, for --shares (default: %(default)s)"
+    parser.add_argument("--angle-stddev-deg", type=float, default=0.0, help=text)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -39,4 +47,19 @@ def run(options: argparse.Namespace) -> int:
             + f"{prediction.frf_peak_frequency:13.4f}{prediction.frf_peak_magnitude:13.4e}"
             + ("" if prediction.status is Status.OK else f"  {prediction.status.name}")
         )
+        if options.shares:
+            stddev = math.radians(options.angle_stddev_deg)
+            print(_described(predictor.shares(math.radians(angle), stddev)))
     return 0 if good else 1
+
+
+def _described(shares: "Shares") -> str:
+    """Return the standard deviations, and what each cause contributes to them."""
+    lines = []
+    for i, quantity in enumerate(("natural frequencies [Hz]", "damping ratios [1]")):
+        lines.append(f"  standard deviations of the {quantity} by")
+        for cause in ("parameters", "angle", "links", "table", "total"):
+            values = getattr(shares, cause)[i].tolist()
+            name = "all together" if cause == "total" else cause
+            lines.append(f"{name:>12}" + "".join(f"{value:13.3g}" for value in values))
+    return "\n".join(lines)

@@ -324,6 +324,7 @@ class UncertainNumber:
     value: float  # as in the description
     deviation: float  # its standard deviation, in the same unit
     step: float  # by which the number differs in `sides`
+    relative: bool  # whether its logarithm is normal, rather than the number itself
     # The mechanism with a smaller and with a larger number.
     sides: "tuple[Mechanism, Mechanism]" = field(compare=False, repr=False)
 

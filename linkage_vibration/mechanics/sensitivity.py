@@ -22,12 +22,15 @@ from linkage_vibration.mechanics.compatibility import InterfaceMap
 from linkage_vibration.mechanics.components import Component
 from linkage_vibration.mechanics.description import Link, Mechanism, UncertainNumber
 from linkage_vibration.mechanics.model import LinkageModel, ModelError, Solution
+from linkage_vibration.mechanics.paths import split_paths
 from linkage_vibration.mechanics.reduction import craig_bampton
 
 NEAR = 0.5
 """Distance of two modes, of their frequency, above which they do not mix."""
 
-_NEGLIGIBLE = 1e-3  # of a frequency: the excess of a smaller standard deviation does not matter
+# Of a frequency and of a damping ratio: errors of smaller standard deviations do not matter.
+_NEGLIGIBLE, _NEGLIGIBLE_RATIO = 1e-4, 1e-3
+_MOST = 0.9  # of a variance, which higher orders may take away
 
 Numbers = FloatArray | ComplexArray
 # Eigenvalues, the power of the frequency in them, their changes with mixed ones, (n, k, k), and
@@ -44,9 +47,10 @@ class ModeChanges:
     log_frequencies: FloatArray  # (n_numbers, n_modes): changes of ln(frequency)
     ratio_changes: FloatArray  # (n_numbers, n_modes)
     correlation: FloatArray  # (n_numbers, n_numbers)
-    # (n_modes,): what higher orders add to the variance of ln(frequency), as a share of it, since
-    # a mode mixes with near ones.
-    excess: FloatArray
+    spreads: FloatArray  # (n_numbers,), as `_spread` returns them
+    # (2, n_modes): what the second and the third order of the mixing with near modes add to the
+    # variances of ln(frequency) and of damping ratios.
+    mixing: FloatArray
     # (n_modes, n_modes): standard deviations of the distances of modes, relative to their poles.
     approach: FloatArray
     toggle_stddev: float  # of the angle of a toggle that is near, rad
@@ -54,8 +58,21 @@ class ModeChanges:
     @property
     def stddev(self) -> FloatArray:
         """Standard deviations of ln(frequency) and of damping ratios, (2, n_modes)."""
-        both = np.array([self.log_frequencies, self.ratio_changes])
-        return np.asarray(np.sqrt((both * (self.correlation @ both)).sum(axis=1)))
+        variance = self._variance
+        return np.asarray(np.sqrt(variance + np.maximum(self.mixing, -_MOST * variance)))
+
+    @property
+    def excess(self) -> FloatArray:
+        """What higher orders add to these variances, as shares of them, (2, n_modes)."""
+        least = np.array([np.full(len(self.ratios), _NEGLIGIBLE), _NEGLIGIBLE_RATIO * self.ratios])
+        return np.asarray(self.mixing / np.maximum(self._variance, least**2))
+
+    @property
+    def _variance(self) -> FloatArray:
+        """Variances of ln(frequency) and of damping ratios without mixing, (2, n_modes)."""
+        ratio_changes = self.ratio_changes * self.spreads[:, np.newaxis]
+        both = np.array([self.log_frequencies, ratio_changes])
+        return np.asarray((both * (self.correlation @ both)).sum(axis=1))
 
     def shares(self, mode: int) -> FloatArray:
         """Return the share of each number in the variance of a frequency, (n_numbers,), sum 1."""
@@ -113,6 +130,7 @@ class Sensitivity:
         self.numbers = uncertainty.numbers
         self.correlation = np.array(uncertainty.correlation).reshape(2 * [len(self.numbers)])
         self._root = np.linalg.cholesky(self.correlation)
+        self._spreads = np.array([_spread(number) for number in self.numbers])
         bases: dict[str, FloatArray] = {}
         self._changes = [self._change(number, bases) for number in self.numbers]
 
@@ -129,10 +147,10 @@ class Sensitivity:
         joins = [_join_rates(change, solution) for change in self._changes]
         find = self._uncoupled if solution.damped.shapes is None else self._coupled
         values, power, forms, columns = find(solution, joins, 2.0 * math.pi * highest)
-        mixing = self._mixing(forms, values, power)
-        return ModeChanges(
-            *columns, self.correlation, *mixing, self._toggle_stddev(joins, solution)
-        )
+        mixing, approach = self._mixing(forms, values, power)
+        mixing[1] *= 1.0 - columns[1] ** 2  # from the angle of a pole to its damping ratio
+        toggle = self._toggle_stddev(joins, solution)
+        return ModeChanges(*columns, self.correlation, self._spreads, mixing, approach, toggle)
 
     def _uncoupled(self, solution: Solution, joins: Joins, limit: float) -> Eigenvalues:
         """Return changes of w^2, of modal damping and of modal loss, where shapes are real."""
@@ -216,26 +234,32 @@ class Sensitivity:
     def _mixing(
         self, forms: Numbers, values: Numbers, power: float
     ) -> tuple[FloatArray, FloatArray]:
-        """Return `excess` and `approach` of `ModeChanges`, from the changes of eigenvalues.
+        """Return what mixing adds to the variances of ln(pole), (2, k), and `approach`.
 
-        With y, the mixed change of modes i and j, and the gap g between them, the second order of
-        mode i is y^2 / g and the third is y^2 (v_j - v_i) / g^2, all relative to a frequency.
+        With u, the change of ln(pole) of mode i, y, the mixed change with mode j, and the gap g
+        between them, the second order of mode i is y^2 / g and the third is y^2 (u_j - u_i) / g^2.
+        Real parts belong to the frequency, and imaginary ones to the damping ratio.
         """
         independent = np.tensordot(self._root.T, (forms + forms.swapaxes(1, 2)) / 2.0, 1)
-        relative = (independent / (power * np.sqrt(np.outer(values, values)))).real
-        own = _diagonals(relative)
-        covariance = own.T @ own
-        variance = np.diag(covariance)
-        mixed = (relative**2).sum(axis=0)
-        apart = variance[:, np.newaxis] + variance - 2.0 * covariance
-        along = (own[:, :, np.newaxis] * relative).sum(axis=0)  # of v_i with y
-        gaps = np.abs(np.subtract.outer(np.log(values), np.log(values))) / power
+        relative = independent / (power * np.sqrt(np.outer(values, values)))
+        own, logs = _diagonals(relative), np.log(values) / power
+        mixed, size = (relative**2).sum(axis=0), (np.abs(relative) ** 2).sum(axis=0)
+        along = (own[:, :, np.newaxis] * relative).sum(axis=0)  # of u_i with y
+        gaps = np.subtract.outer(logs, logs)
         # Modes that are far apart do not mix; a shape follows the joints there.
-        near = (gaps > 0.0) & (gaps < NEAR)
-        more = (covariance - variance[:, np.newaxis]) * mixed + 2.0 * along * (along.T - along)
-        share = np.where(near, 2.0 * (mixed**2 + more) / np.where(near, gaps, 1.0) ** 2, 0.0)
-        excess = share.sum(axis=1) / np.maximum(variance, _NEGLIGIBLE**2)
-        return excess, np.sqrt(np.maximum(apart, 0.0) + 4.0 * mixed)
+        near = (np.abs(gaps) > 0.0) & (np.abs(gaps) < NEAR)
+        gaps = np.where(near, gaps, 1.0)
+        found = []
+        for part, sign in ((np.real, 1.0), (np.imag, -1.0)):
+            first = part(own)
+            products = first.T @ own
+            third = (products - np.diag(products)[:, np.newaxis]) * mixed
+            third += 2.0 * (first[:, :, np.newaxis] * relative).sum(axis=0) * (along.T - along)
+            square = np.abs(size / gaps) ** 2 + sign * ((mixed / gaps) ** 2).real
+            share = square + 2.0 * part(third / gaps**2)
+            found.append(np.where(near, share, 0.0).sum(axis=1))
+        apart = np.abs(own[:, :, np.newaxis] - own[:, np.newaxis]) ** 2
+        return np.array(found), np.sqrt(apart.sum(axis=0) + 4.0 * size)
 
     def _toggle_stddev(self, joins: Joins, solution: Solution) -> float:
         """Return the standard deviation of the angle of a toggle that is near, rad.
@@ -318,6 +342,20 @@ class Sensitivity:
     @property
     def _spatial(self) -> bool:
         return bool(self._model.interface.out_of_plane.any())
+
+
+def _spread(number: UncertainNumber) -> float:
+    """Return the factor from the first order to the effect of a number on damping ratios.
+
+    Damping ratios are proportional to dampings. If the logarithm of a damping is normal with the
+    deviation s, that of the damping is its median times sqrt(exp(s^2) (exp(s^2) - 1)).
+    """
+    keys = split_paths(number.path)[0].split(".")
+    if not number.relative or "damping" not in keys or "at_hz" in keys:
+        return 1.0
+    share = number.deviation / abs(number.value)
+    grown = math.exp(share**2)
+    return math.sqrt(grown * (grown - 1.0)) / share
 
 
 def _join_rates(change: _Change, solution: Solution) -> _JoinRate | None:

@@ -104,7 +104,7 @@ def _number(
         )
     except MechanismError as error:
         raise keys.error(path, f"the number cannot vary by {step:.3g} ({error}).") from None
-    return UncertainNumber(path, values[0], deviation, step, (low, high))
+    return UncertainNumber(path, values[0], deviation, step, relative, (low, high))
 
 
 def _check_places(keys: Keys, paths: list[str], mapping: dict[str, Any]) -> None:

@@ -2,12 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """The node's services: predictions, FRFs, mode shapes, the table, and a change of implement."""
 
+import math
 import tempfile
 import time
 from array import array
 from collections.abc import Callable
 from concurrent.futures import CancelledError, ThreadPoolExecutor
 from contextlib import suppress
+from dataclasses import astuple
 from functools import partial
 from pathlib import Path
 from threading import get_ident
@@ -116,13 +118,20 @@ class Services:
                 raise ServiceError(
                     f"crank_angles has {len(angles)} angles; give 1 to {MAX_REQUEST} in a request."
                 )
+            if not 0.0 <= request.crank_angle_stddev < math.inf:
+                raise ServiceError(
+                    f"crank_angle_stddev is {request.crank_angle_stddev} rad; give a finite number "
+                    "of at least 0."
+                )
             predictor = self._served().predictor
             now = self._node.get_clock().now().seconds_nanoseconds()
-            predictions, failed = await self._away(_predict, predictor, list(angles), now)
+            predictions, failed, shares = await self._away(_predict, predictor, request, now)
         except LinkageVibrationError as error:
             response.message = str(error)
             return response
         response.predictions, response.success = predictions, not failed
+        response.frequency_shares = _doubles(shares[:, :, 0])
+        response.damping_ratio_shares = _doubles(shares[:, :, 1])
         if failed:
             first = angles[failed[0]]
             problem = fault(predictor.predict(first), predictor.table.alpha3_range)
@@ -260,22 +269,27 @@ class Services:
 
 
 def _predict(
-    predictor: Predictor, angles: list[float], stamp: tuple[int, int]
-) -> tuple[list[VibrationPrediction], list[int]]:
-    """Return predictions, and the indices of angles without one; rest between them."""
-    messages, failed = [], []
-    began = time.thread_time()
-    for i, angle in enumerate(angles):
-        prediction = predictor.predict(angle)
+    predictor: Predictor, request: PredictVibration.Request, stamp: tuple[int, int]
+) -> tuple[list[VibrationPrediction], list[int], NDArray[np.float64]]:
+    """Return predictions, the indices of angles without one, and shares; rest between them.
+
+    The shares are (n_angles, 4, 2, n_modes), in the order of `Shares`, or none if none are wanted.
+    """
+    messages, failed, shares = [], [], []
+    stddev, began = request.crank_angle_stddev, time.thread_time()
+    for i, angle in enumerate(request.crank_angles):
+        prediction = predictor.predict(angle, stddev)
         # The bytes of the topic, decoded, so that the service and the topic cannot differ.
         encoded = encode_prediction(prediction, *stamp, "")
         messages.append(deserialize_message(encoded, VibrationPrediction))
         if not prediction.status.has_numbers:
             failed.append(i)
+        if request.shares:
+            shares.append(astuple(predictor.shares(angle, stddev)))
         if i % SLICE == SLICE - 1:
             rest(time.thread_time() - began)
             began = time.thread_time()
-    return messages, failed
+    return messages, failed, np.reshape(shares, (len(shares), 4, 2, predictor.table.n_modes))
 
 
 def _rebuild(mechanism: Mechanism, text: str, served: Served, wanted: Path) -> Served:

@@ -9,6 +9,11 @@ frequencies of modes, at an angle or as an extreme over the stroke).
 
 The fit minimises the squares of the logarithms of the frequency ratios. Its variables are the
 logarithms of the parameters. It begins at several points within the bounds.
+
+The errors of the fitted logarithms have two causes. The targets scatter by their deviations; if the
+residuals contradict these (sum of squares above its 95 % quantile), by as much as the residuals
+show. And an error of a number that is uncertain and not fitted makes others of the fitted ones.
+Where the targets say little, the bounds limit the errors, as those of a uniform distribution.
 """
 
 import itertools
@@ -20,6 +25,7 @@ from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares
+from scipy.special import chdtri
 
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import BoolArray, FloatArray, IntArray
@@ -30,6 +36,11 @@ from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
 from linkage_vibration.mechanics.paths import number_at, split_paths, with_numbers
 from linkage_vibration.readers.mechanism import load_yaml
+from linkage_vibration.studies.calibrated_uncertainty import (
+    other_claims,
+    replace_section,
+    with_fitted,
+)
 from linkage_vibration.studies.yaml_editing import edit_text
 from linkage_vibration.support.atomic_files import write_text
 
@@ -38,6 +49,7 @@ STROKE_ANGLES = 13  # angles at which an extreme is sought, before a parabola re
 UNDETERMINED = 0.5  # standard deviation of a logarithm above which a direction is undetermined
 CORRELATED = 0.9  # correlation above which the summary names two parameters
 SHARE = 0.3  # component of a direction above which a parameter belongs to it
+_LIKELY = 0.95  # share of sums of squared residuals that do not contradict the deviations
 _STEP = 1e-4  # of the logarithms, in the central differences of the covariance
 
 
@@ -86,15 +98,15 @@ class Calibration:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CalibrationResult:
-    """The result of a fit.
-
-    The covariance of the parameters' logarithms follows from the targets' deviations. Its diagonal
-    is infinite for parameters that the targets do not determine, and zero for those on a bound.
-    """
+    """The result of a fit."""
 
     values: FloatArray  # (n_parameters,), SI, as in the description
     frequencies: FloatArray  # (n_targets,), Hz, from the full model of the calibrated mechanism
-    covariance: FloatArray  # (n_parameters, n_parameters)
+    # (n, n), of the errors of the parameters' logarithms, then of those of the other uncertain
+    # numbers, each in units of its own standard deviation.
+    covariance: FloatArray
+    others: tuple[str, ...]  # the paths of the other uncertain numbers
+    scatter: float  # of the residuals, over what deviations and uncertain numbers explain; from 1
     undetermined: tuple[tuple[str, ...], ...]  # can change together without an effect on targets
     on_bound: tuple[str, ...]  # parameters that the fit pushed to a bound
 
@@ -169,7 +181,7 @@ def calibrate(
             f"the description. The last problem: {problem}"
         )
     logs = np.clip(best.x, low, high)
-    return _result(calibration, logs, (logs - low < 1e-6) | (high - logs < 1e-6))
+    return _result(calibration, logs, (logs - low < 1e-6) | (high - logs < 1e-6), closed)
 
 
 def summary(calibration: Calibration, result: CalibrationResult) -> str:
@@ -187,39 +199,51 @@ def summary(calibration: Calibration, result: CalibrationResult) -> str:
     lines += ["", f"{'parameter':44}{'value':>12}{'deviation':>12}"]
     names = [parameter.path for parameter in calibration.parameters]
     deviations = np.sqrt(np.diag(result.covariance))
-    for name, value, deviation in zip(names, result.values, deviations, strict=True):
-        certainty = f"{deviation:.1%}" if math.isfinite(deviation) else "unknown"
+    unknown = {*itertools.chain(*result.undetermined), *result.on_bound}
+    for name, value, deviation in zip(names, result.values, deviations, strict=False):
+        certainty = f"{deviation:.1%}" if name not in unknown else "unknown"
         certainty = "on a bound" if name in result.on_bound else certainty
         lines.append(f"{name:44}{value:12.5g}{certainty:>12}")
     for i, j in zip(*np.triu_indices(len(names), 1), strict=True):
-        scale = deviations[i] * deviations[j]
-        if 0.0 < scale < math.inf and abs(result.covariance[i, j]) > CORRELATED * scale:
-            share = result.covariance[i, j] / scale
+        share = result.covariance[i, j] / (deviations[i] * deviations[j])
+        if abs(share) > CORRELATED and not unknown & {names[i], names[j]}:
             lines.append(f"correlation {share:+.2f} of {names[i]} and {names[j]}")
+    if result.scatter > 1.0:
+        lines.append(
+            f"\nThe differences are {result.scatter:.2g} times as large as the deviations of the "
+            "targets explain, so the deviations of the parameters are larger, too."
+        )
     for together in result.undetermined:
         lines.append(f"\nThe targets do not determine, or do not separate: {', '.join(together)}.")
     return "\n".join(lines)
 
 
 def _apply(calibration: Calibration, values: Sequence[float]) -> dict[str, Any]:
-    """Return the description with other values of the parameters, SI."""
-    return with_numbers(calibration.mapping, _numbers(calibration, values))
+    """Return the description with other values of the parameters, SI, without uncertainty."""
+    exact = {key: value for key, value in calibration.mapping.items() if key != "uncertainty"}
+    return with_numbers(exact, _numbers(calibration, values))
 
 
-def write_mechanism(calibration: Calibration, values: Sequence[float], path: Path) -> None:
-    """Write the description with other values of the parameters; its comments and order stay.
+def write_mechanism(calibration: Calibration, result: CalibrationResult, path: Path) -> None:
+    """Write the description with the fitted parameters and their uncertainty.
 
-    A `CalibrationError` is raised if the file cannot be written, or if an alias in it makes one
+    Its comments and order stay, except for the section ``uncertainty``, which comes last. A
+    `CalibrationError` is raised if the file cannot be written, or if an alias in it makes one
     number of two parameters.
 
     Parameters
     ----------
     calibration : Calibration
-    values : sequence of float, (n_parameters,), SI
+    result : CalibrationResult
     path : Path
     """
-    numbers = [(at.split("."), [f"{value:.6g}"]) for at, value in _numbers(calibration, values)]
-    write_text(path, edit_text(calibration.text, numbers, CalibrationError), CalibrationError)
+    pairs = _numbers(calibration, result.values.tolist())
+    numbers = [(at.split("."), [f"{value:.6g}"]) for at, value in pairs]
+    text = edit_text(calibration.text, numbers, CalibrationError)
+    names = [parameter.path for parameter in calibration.parameters]
+    claims = other_claims(calibration.mapping, names)
+    claims = with_fitted(claims, names, result.others, result.covariance)
+    write_text(path, replace_section(text, claims, CalibrationError), CalibrationError)
 
 
 def _natural_frequencies(model: LinkageModel, targets: Sequence[Target]) -> FloatArray:
@@ -280,52 +304,112 @@ def _positive_number(mapping: Any, path: str) -> float:
 def _residuals(
     calibration: Calibration, logs: FloatArray, closed: dict[object, Kinematics]
 ) -> FloatArray:
+    """Return ln(found / wanted) / deviation, (n_targets,), as `_misfits` does."""
+    mechanism = mechanism_from_mapping(_apply(calibration, np.exp(logs).tolist()))
+    return _misfits(mechanism, calibration.targets, closed)
+
+
+def _misfits(
+    mechanism: Mechanism, targets: Sequence[Target], closed: dict[object, Kinematics]
+) -> FloatArray:
     """Return ln(found / wanted) / deviation, (n_targets,).
 
     ``closed`` keeps the kinematics, which take longest, while no point of the linkage changes.
     """
-    mechanism = _coarse(mechanism_from_mapping(_apply(calibration, np.exp(logs).tolist())))
+    mechanism = _coarse(mechanism)
     geometry = mechanism.ground, tuple((body.name, body.points) for body in mechanism.bodies)
     if geometry not in closed:
         closed.clear()
         closed[geometry] = Kinematics(mechanism)
     model = LinkageModel(mechanism, kinematics=closed[geometry])
-    found = _natural_frequencies(model, calibration.targets)
-    wanted, deviations = np.array([(t.frequency, t.deviation) for t in calibration.targets]).T
+    found = _natural_frequencies(model, targets)
+    wanted, deviations = np.array([(t.frequency, t.deviation) for t in targets]).T
     return np.asarray(np.log(found / wanted) / deviations)
 
 
-def _result(calibration: Calibration, logs: FloatArray, bound: BoolArray) -> CalibrationResult:
+def _result(
+    calibration: Calibration, logs: FloatArray, bound: BoolArray, closed: dict[object, Kinematics]
+) -> CalibrationResult:
     columns = []
     for step in _STEP * np.eye(len(logs)):
-        before, after = (_residuals(calibration, end, {}) for end in (logs - step, logs + step))
+        before, after = (_residuals(calibration, end, closed) for end in (logs - step, logs + step))
         columns.append((after - before) / (2.0 * _STEP))
-    covariance, undetermined = _covariance(np.array(columns).T, np.flatnonzero(~bound))
-    names = [parameter.path for parameter in calibration.parameters]
+    jacobian = np.array(columns).T
+    free, names = np.flatnonzero(~bound), [parameter.path for parameter in calibration.parameters]
+    undetermined = [tuple(names[i] for i in free[own]) for own in _undetermined(jacobian[:, free])]
     mechanism = mechanism_from_mapping(_apply(calibration, np.exp(logs).tolist()))
     frequencies = _natural_frequencies(LinkageModel(mechanism), calibration.targets)
-    together = tuple(tuple(names[i] for i in members) for members in undetermined)
+    others = _others(calibration, np.exp(logs), closed)
+    residuals = _residuals(calibration, logs, closed)
+    widths = np.log([p.high / p.low for p in calibration.parameters])
+    covariance, scatter = _covariance(jacobian, residuals, others[1:], widths)
     on_bound = tuple(names[i] for i in np.flatnonzero(bound))
-    return CalibrationResult(np.exp(logs), frequencies, covariance, together, on_bound)
+    return CalibrationResult(
+        np.exp(logs), frequencies, covariance, others[0], scatter, tuple(undetermined), on_bound
+    )
 
 
-def _covariance(jacobian: FloatArray, free: IntArray) -> tuple[FloatArray, list[IntArray]]:
-    """Return the covariance of all parameters, and the sets that the targets do not determine.
+def _others(
+    calibration: Calibration, values: FloatArray, closed: dict[object, Kinematics]
+) -> tuple[tuple[str, ...], FloatArray, FloatArray]:
+    """Return the uncertain numbers that are not fitted.
 
-    ``jacobian`` is (n_targets, n_parameters); ``free`` lists the parameters that are on no bound.
+    These are their paths, the changes of the residuals by one standard deviation of each,
+    (n_targets, n), and their correlations, (n, n).
     """
-    covariance = np.zeros((jacobian.shape[1], jacobian.shape[1]))
-    if not len(free):
-        return covariance, []
-    values, directions = np.linalg.svd(jacobian[:, free], full_matrices=True)[1:]
-    values = np.pad(values, (0, len(free) - len(values)))
-    determined = values > 1.0 / UNDETERMINED
-    inverse = np.where(determined, 1.0 / np.where(determined, values, 1.0), 0.0)
-    covariance[np.ix_(free, free)] = (directions.T * inverse**2) @ directions
-    undetermined = [free[np.abs(direction) > SHARE] for direction in directions[~determined]]
-    for members in undetermined:
-        covariance[members, members] = np.inf
-    return covariance, undetermined
+    claims = other_claims(calibration.mapping, [p.path for p in calibration.parameters])
+    mapping = _apply(calibration, values.tolist()) | ({"uncertainty": claims} if claims else {})
+    uncertainty = mechanism_from_mapping(mapping).uncertainty
+    numbers = uncertainty.numbers if uncertainty else ()
+    columns = []
+    for number in numbers:
+        low, high = (_misfits(side, calibration.targets, closed) for side in number.sides)
+        columns.append((high - low) * number.deviation / (2.0 * number.step))
+    n = len(numbers)
+    rows = np.reshape(columns, (n, len(calibration.targets)))
+    correlation = np.reshape(uncertainty.correlation if uncertainty else [], (n, n))
+    return tuple(number.path for number in numbers), rows.T, correlation
+
+
+def _undetermined(jacobian: FloatArray) -> list[IntArray]:
+    """Return the sets of parameters, columns of a Jacobian, that the targets do not determine."""
+    if not jacobian.shape[1]:
+        return []
+    values, directions = np.linalg.svd(jacobian, full_matrices=True)[1:]
+    values = np.pad(values, (0, jacobian.shape[1] - len(values)))
+    weak = directions[values <= 1.0 / UNDETERMINED]
+    return [np.flatnonzero(np.abs(direction) > SHARE) for direction in weak]
+
+
+def _covariance(
+    jacobian: FloatArray,
+    residuals: FloatArray,
+    others: tuple[FloatArray, FloatArray],
+    widths: FloatArray,
+) -> tuple[FloatArray, float]:
+    """Return `covariance` and `scatter` of a `CalibrationResult`.
+
+    Parameters
+    ----------
+    jacobian, residuals
+        (n_targets, n_parameters) and (n_targets,), at the optimum.
+    others
+        As `_others` returns them, without the paths.
+    widths
+        Of the bounds, as logarithms, (n_parameters,).
+    """
+    changes, correlation = others
+    explained = np.eye(len(residuals)) + changes @ correlation @ changes.T
+    spare = len(residuals) - int(np.linalg.matrix_rank(jacobian))
+    square = float(residuals @ np.linalg.solve(explained, residuals))
+    likely = spare == 0 or square < chdtri(spare, 1.0 - _LIKELY)
+    scatter = 1.0 if likely else math.sqrt(square / spare)
+    inverse = np.linalg.inv(jacobian.T @ jacobian / scatter**2 + np.diag(12.0 / widths**2))
+    # An error e of the others shifts the optimum by -into e.
+    into = inverse @ jacobian.T @ changes / scatter**2
+    mixed = -into @ correlation
+    own = inverse + into @ correlation @ into.T
+    return np.block([[own, mixed], [mixed.T, correlation]]), scatter
 
 
 def _extreme(curve: FloatArray, lowest: bool) -> float:

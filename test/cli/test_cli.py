@@ -56,6 +56,10 @@ def test_predict_prints_what_the_predictor_says(tmp_path: Path) -> None:
     predictor = Predictor(load_table(config_file("tables/three_point_linkage.npz")))
     first = predictor.predict(90.0 * 3.141592653589793 / 180.0).natural_frequencies[0]
     assert f"{first:.4f}" in done.stdout.splitlines()[1]
+    shares = run("predict", "140", "--shares", "--angle-stddev-deg", "1", folder=tmp_path).stdout
+    expected = predictor.shares(140.0 * 3.141592653589793 / 180.0, 3.141592653589793 / 180.0)
+    rows = [line.split()[-3:] for line in shares.splitlines() if line.strip().startswith("angle")]
+    assert rows == [[f"{value:.3g}" for value in row] for row in expected.angle.tolist()]
     outside = run("predict", "200", folder=tmp_path)
     assert outside.returncode == 1
     assert "OUT_OF_RANGE" in outside.stdout

@@ -125,6 +125,24 @@ def test_predict(bench: Bench) -> None:
     assert len(outside.predictions) == 2
 
 
+def test_shares(bench: Bench) -> None:
+    """A request may have what contributes to the standard deviations, as in Python."""
+    angles, stddev = [1.7, 2.3], 0.01
+    asked = {"crank_angles": array("d", angles), "crank_angle_stddev": stddev}
+    answer = bench.call("predict", shares=True, **asked)
+    predictor = bench.served[0].predictor
+    shares = [predictor.shares(angle, stddev) for angle in angles]
+    parts = np.array([[one.parameters, one.angle, one.links, one.table] for one in shares])
+    assert (parts[:, 1:] > 0.0).any(axis=(0, 2, 3)).tolist() == [True, False, True]
+    np.testing.assert_array_equal(answer.frequency_shares, parts[:, :, 0].ravel())
+    np.testing.assert_array_equal(answer.damping_ratio_shares, parts[:, :, 1].ravel())
+    found = answer.predictions[1].frequency_stddev
+    assert list(found) == predictor.predict(2.3, stddev).frequency_stddev.tolist()
+    assert list(bench.call("predict", **asked).frequency_shares) == []
+    asked["crank_angle_stddev"] = -0.1
+    assert "crank_angle_stddev is -0.1" in bench.call("predict", **asked).message
+
+
 def test_get_frf(bench: Bench) -> None:
     """The answer is the table's FRF to the bit; the exact FRF is within 1e-4 of it."""
     outputs, inputs, lines = ["E1.z", "V1.x"], ["E2.x", "E1.z"], np.linspace(0.0, 200.0, 401)
@@ -343,8 +361,9 @@ def test_manual(environment: dict[str, str], tmp_path: Path) -> None:
     old = shipped().table.table_id
     lines = done.stdout.splitlines()
     assert [line.split()[0] for line in lines[:3]] == [old] * 3
-    assert lines[3].startswith("E1.z peaks at ")
-    assert len(lines) == 8
+    assert [line.split()[0] for line in lines[3:7]] == ["parameters", "angle", "links", "table"]
+    assert lines[7].startswith("E1.z peaks at ")
+    assert len(lines) == 12
     read = load_table(tmp_path / f"{old}.npz", read_mechanism(tmp_path / f"{old}.yaml"))
     assert read.table_id == old
     assert lines[-1].startswith("now in use: ")

@@ -26,8 +26,10 @@ _FEWEST = 16  # steps of the range between which deviations are interpolated
 _ABOVE = 1.7  # times the highest tracked frequency: modes up to there may mix with tracked ones
 _SAME = 1e-3  # relative: difference between a frequency of the table and the same of the model
 _CLOSE = 2.0  # standard deviations of the distance of two modes; nearer ones may change places
-_EXCESS = 0.15  # of a variance: what higher orders may add, 7 % of a standard deviation
-_TOGGLE = 0.45  # standard deviation of a toggle's angle, of its distance: 7/16 of its square is 9 %
+_EXCESS = 0.15  # of a variance: what the second and the third order may add
+# Standard deviation of a toggle's angle, of its distance. A frequency that vanishes there varies as
+# the logarithm of the distance, whose standard deviation is larger by 5/4 of the square, or 8 %.
+_TOGGLE = 0.25
 
 
 def with_parameter_stddev(table: Table, sampler: Sampler) -> Table:
@@ -62,14 +64,15 @@ def with_parameter_stddev(table: Table, sampler: Sampler) -> Table:
     n, fewest = table.n_modes, min(len(each.frequencies) for each, _ in points)
     rows = [(each, order[:fewest]) for each, order in points]
     found = _between(at, angles, np.array([each.stddev[:, order[:n]] for each, order in rows]))
-    excess = _between(at, angles, np.array([each.excess[order[:n]] for each, order in rows]))
+    excess = _between(at, angles, np.array([each.excess[:, order[:n]] for each, order in rows]))
     doubtful = np.abs(excess) > _EXCESS
-    doubtful |= _crowded(table, at, angles, rows)
+    doubtful[:, 1] |= doubtful[:, 0]  # a damping ratio depends on the frequency
+    doubtful |= _crowded(table, at, angles, rows)[:, np.newaxis]
     toggle = _between(at, angles, np.array([each.toggle_stddev for each, _ in rows]))
     if table.toggles is not None:
         apart = np.minimum(angles - table.toggles[0], table.toggles[1] - angles)
-        doubtful |= (toggle > _TOGGLE * apart)[:, np.newaxis]
-    found = np.where(doubtful[:, np.newaxis], math.nan, found)
+        doubtful |= (toggle > _TOGGLE * apart)[:, np.newaxis, np.newaxis]
+    found = np.where(doubtful, math.nan, found)
     return replace(table, parameter_stddev=np.ascontiguousarray(found.swapaxes(0, 1)))
 
 
