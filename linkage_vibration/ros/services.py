@@ -99,13 +99,16 @@ class Services:
             with suppress(FileNotFoundError):
                 self._wanted.rmdir()
         self._threads.shutdown(cancel_futures=True)
-        if self._waiting and self._node.executor is not None:
-            # If the executor continues, it first answers the waiting requests.
-            self._node.executor.create_task(self._destroy)
-        else:
-            self._destroy()
+        self._destroy()
 
     def _destroy(self) -> None:
+        """Destroy the services; if the executor continues, it first answers waiting requests.
+
+        It may call this first, as rclpy 7 begins with the latest task, so this may call itself.
+        """
+        if self._waiting and self._node.executor is not None:
+            self._node.executor.create_task(self._destroy)
+            return
         for service in self._services:
             self._node.destroy_service(service)
 

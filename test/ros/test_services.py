@@ -55,7 +55,7 @@ class Bench:
     services: Services
     spinning: Callable[[], bool]
     spin: Callable[[float], None]
-    run: Callable[[Callable[[], None]], Any]
+    run: Callable[[Callable[[], None]], None]
     clients: dict[str, Any] = field(default_factory=dict)
 
     def ask(self, service: str, **fields: Any) -> Any:
@@ -89,9 +89,20 @@ def bench(domain: int) -> Iterator[Bench]:
         ended: Future[None] = Future(executor=executor)
         thread = threading.Thread(target=executor.spin_until_future_complete, args=[ended])
         thread.start()
-        bench = Bench(
-            served, services, thread.is_alive, peer_executor.spin_once, executor.create_task
-        )
+
+        def run(work: Callable[[], None]) -> None:
+            """Call a function in the executor's thread, as a callback calls it, and wait."""
+            called = threading.Event()
+
+            def call() -> None:
+                timer.cancel()
+                work()
+                called.set()
+
+            timer = node.create_timer(0.01, call)
+            assert called.wait(LIMIT)
+
+        bench = Bench(served, services, thread.is_alive, peer_executor.spin_once, run)
         for name, kind in SERVICES.items():
             bench.clients[name] = peer.create_client(kind, f"{NODE}/{name}")
             assert bench.clients[name].wait_for_service(LIMIT)
@@ -330,13 +341,25 @@ def test_close_while_building(bench: Bench) -> None:
     future = bench.ask("set_implement", mass=1200.0, inertia=300.0)
     while not multiprocessing.active_children() and not future.done():
         bench.spin(0.01)
-    closed = bench.run(bench.services.close)
+    bench.run(bench.services.close)
     answer = bench.wait(future)
-    assert closed.done()
     assert not answer.success
     assert answer.message.startswith("The table is unchanged: ")
     assert not multiprocessing.active_children()
     assert len(bench.served) == 1
+
+
+def test_table_that_comes_too_late(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A table that is complete only after another configuration is not used."""
+
+    def rebuild(*_: object) -> Served:
+        bench.served.append(shipped())  # as if the node was configured again meanwhile
+        return shipped()
+
+    monkeypatch.setattr("linkage_vibration.ros.services._rebuild", rebuild)
+    answer = bench.call("set_implement", mass=1200.0, inertia=300.0)
+    assert answer.message.endswith("The node was configured again; ask again.")
+    assert len(bench.served) == 2
 
 
 def test_manual(environment: dict[str, str], tmp_path: Path) -> None:
