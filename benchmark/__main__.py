@@ -25,6 +25,7 @@ STEPS = (
     "measured_faults",
     "properties",
     "campbell",
+    "warnings",
     "tutorial",
     "latency",
     "rebuild",

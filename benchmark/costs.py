@@ -18,10 +18,12 @@ from benchmark.report import machine, publish, table
 from linkage_vibration.bags.recorder import Provenance, Recorder
 from linkage_vibration.bags.writing import Topic
 from linkage_vibration.prediction.batch import predict_many
-from linkage_vibration.prediction.excitation import Excitation, Source
+from linkage_vibration.prediction.excitation import Excitation, Source, excitations_from_mapping
+from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.prediction.resonance import ReportedSpeed, ResonanceMonitor
 from linkage_vibration.readers.excitations import read_excitations
+from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.resources import DEFAULT_EXCITATIONS, DEFAULT_TABLE, config_file
 from linkage_vibration.table.table import load_table
 
@@ -36,11 +38,14 @@ def main() -> int:
     lookup = _lowest(lambda: predictor.predict(2.3), 200)
     single, many = _resonance_costs(predictor)
     twelve, write = _twelve_excitations(predictor), _write_cost()
+    level, block = _level_costs()
     costs = [
         ("prediction, one lookup of the table", lookup, None),
         ("resonance of one prediction, shipped excitations", single, None),
         ("resonance of one prediction in a block", many, single / 3.0),
         ("resonance of one prediction, 12 excitations", twelve, 8.0 * lookup),
+        ("levels of ten orders with deviations, one prediction", *level),
+        ("levels of ten orders with deviations, in a block", *block),
         ("recorder's write at 10 kHz, median", write, 5e-6),
     ]
     rows = [
@@ -85,6 +90,22 @@ def _twelve_excitations(predictor: Predictor) -> float:
     monitor, prediction = ResonanceMonitor(orders), predictor.predict(2.3)
     monitor.set_speed(Source.ENGINE, 2000.0, 0)
     return _lowest(lambda: monitor.assess(prediction, 0.1, 0), 200)
+
+
+def _level_costs() -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return the times of levels of one angle and in a block, and their limits, s."""
+    mechanism = read_mechanism(config_file("three_point_linkage_on_tractor.yaml"))
+    predictor = Predictor(load_table(config_file("tables/three_point_linkage_on_tractor.npz")))
+    shaft = {"speed": "engine", "orders": list(range(1, 11)), "force": [10.0] * 10}
+    orders = {"shaft": {**shaft, "at": "E2.x", "at_speed": 600.0, "amplitude_stddev": 0.5}}
+    levels = LevelTable(predictor, mechanism, excitations_from_mapping(orders))
+    alpha3, speeds = np.linspace(1.6, 3.1, BLOCK), np.full((3, BLOCK), 600.0)
+    found = predict_many(predictor, alpha3, np.zeros(BLOCK))
+    relative = found.frequency_stddev / found.natural_frequencies
+    stddev = np.stack([relative, found.damping_ratio_stddev], axis=1)
+    many = _lowest(lambda: levels.many(alpha3, speeds, stddev), 1) / BLOCK
+    one = tuple(speeds[:, 0].tolist())
+    return (_lowest(lambda: levels.at(2.3, one, stddev[0]), 200), 20e-6), (many, 5e-6)
 
 
 def _write_cost() -> float:

@@ -26,8 +26,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--frf-points",
         nargs="+",
         metavar="POINT",
-        help="points between which the table holds FRFs (default: all moving points, if there are "
-        "at most 8)",
+        help="points between which the table holds FRFs (default: all moving points and mounts, if "
+        "there are at most 8)",
     )
 
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.optimize import linear_sum_assignment
 
-from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray
+from linkage_vibration.mechanics.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.prediction.excitation import Excitation, ExcitationError, LoadKind, Source
 from linkage_vibration.prediction.loads import Input, load_input
@@ -31,12 +31,12 @@ ERROR = 1e-4
 """Largest error of a response between the angles at which the table was evaluated, over the sum of
 the magnitudes of its terms; where it is larger, levels are not known."""
 
-FIRST_ORDER, RELATIVE = 0.08, 0.3
-"""Largest ratio of the terms of second order to those of first order, and largest relative standard
-deviation, up to which the first order agrees with samples within 10 %."""
+# Of a variance: the largest share of second order over that of first order, and over the square of
+# the value, up to which standard deviations agree with samples within 10 %, in 98 of 100 cases.
+_EVEN, _LARGE = 0.04, 0.25
+_REACH = math.sqrt(3.0)  # standard deviations, to the points at which a response is evaluated
 
 _FIRST_CELLS, _MOST_CELLS = 32, 512  # of a piece of the table
-_SIGNIFICANT = 0.1  # of a total: an order above it has a say in whether a deviation is known
 _CHUNK = 32  # angles that are evaluated together, so that their terms stay in the cache
 
 
@@ -152,6 +152,37 @@ class LevelTable:
             self._starts = self._cells[0].tolist()
         self._last: tuple[tuple[float, ...], _Forcing] | None = None
 
+    def terms(self, alpha3: FloatArray) -> tuple[FloatArray, FloatArray, IntArray]:
+        """Return the terms (a + s b) / (k + c s + s^2) of the responses, those of the modes first.
+
+        Parameters
+        ----------
+        alpha3 : ndarray, (n,)
+            rad, in the table, which has FRFs.
+
+        Returns
+        -------
+        poles : ndarray, (3, n_terms, n)
+            Real and imaginary part of k, and c.
+        residues : ndarray, (3, n_terms, n_inputs, n)
+            Real and imaginary part of a, and b.
+        inputs : ndarray of int, (n_excitations,)
+            Which input each excitation has.
+        """
+        layout, values = self._layout, self._values(alpha3)
+        kept, n = 3 * layout.n_terms, len(alpha3)
+        poles = values[:kept].reshape(3, layout.n_terms, n)
+        shape = 3, layout.n_terms, layout.n_inputs, n
+        return poles, values[kept : layout.terms].reshape(shape), self._inputs
+
+    def _values(self, angles: FloatArray) -> FloatArray:
+        """Return the interpolated numbers at angles in the table, (n_values, n)."""
+        assert self._cells is not None
+        starts, cubics = self._cells
+        i = np.maximum(starts.searchsorted(angles, side="right") - 1, 0)
+        found = _cubic(cubics[i].swapaxes(0, 1), (angles - starts[i])[:, np.newaxis])
+        return np.ascontiguousarray(found.T)
+
     def at(self, alpha3: float, speeds: tuple[float, ...], stddev: FloatArray) -> Levels:
         """Return the levels at one angle.
 
@@ -186,7 +217,6 @@ class LevelTable:
         found = np.full((4 * len(self._inputs) + 3, len(alpha3)), math.nan)
         if self._cells is None:
             return self._split(found, slice(None))
-        starts, cubics = self._cells
         low, high = self._predictor.table.alpha3_range
         angles = alpha3.copy()
         for row in np.flatnonzero(~((low <= alpha3) & (alpha3 <= high))).tolist():
@@ -196,12 +226,9 @@ class LevelTable:
         for start in range(0, len(rows), _CHUNK):
             at = rows[start : start + _CHUNK]
             twice = at if len(at) > 1 else at.repeat(2)
-            i = np.maximum(starts.searchsorted(angles[twice], side="right") - 1, 0)
-            cell, t = cubics[i].swapaxes(0, 1), (angles[twice] - starts[i])[:, np.newaxis]
-            values = _cubic(cell, t)
             deviations = np.ascontiguousarray(stddev[twice].transpose(1, 2, 0))
             forcing = self._forcing(speeds[:, twice])
-            together = self._evaluate(np.ascontiguousarray(values.T), forcing, deviations)
+            together = self._evaluate(self._values(angles[twice]), forcing, deviations)
             found[:, at] = together[:, : len(at)]
         return self._split(found, slice(None))
 
@@ -264,23 +291,24 @@ class LevelTable:
         np.multiply(magnitude, forcing.velocity, velocity)
         np.multiply(velocity, w, acceleration)
         known = np.fmax(velocity, 0.0)  # 0 where it is not known
-        squares, fast = known * known, known * w
-        total = np.sqrt(np.add.reduce(squares))
+        fast = known * w
+        total = np.sqrt(np.add.reduce(known * known))
         total[total == 0.0] = math.nan
         found[-3], found[-1] = total, np.sqrt(np.add.reduce(fast * fast))
         if self.states_uncertainty:
             m = layout.n_modes
-            parts = terms[:, :m], below[:, :m], size[:m], poles[:, :m], response[:, np.newaxis]
-            changes, relative = _spread(*parts, square, w, deviations)
-            relative = np.sqrt(relative * relative + self._deviation * self._deviation)
-            np.multiply(velocity, relative, spread)
-            # A change of one mode acts on all excitations.
-            together = np.add.reduce(squares * changes, axis=2)
-            together = np.add.reduce((together * together).reshape(2 * m, n))
-            apart = squares * self._deviation
-            together += np.add.reduce(apart * apart)
-            doubtful = (np.isnan(relative) & (known > _SIGNIFICANT * total)).any(axis=0)
-            found[-2] = np.where(doubtful, math.nan, np.sqrt(together) / total)
+            others = _deviated(
+                above[:2, :m], terms[:, :m], response[:2], poles[:, :m], w, deviations
+            )
+            scale = known / magnitude
+            own = _standard_deviation(others, magnitude, 0.0) * scale
+            amplitude = known * self._deviation
+            np.sqrt(own * own + amplitude * amplitude, spread)
+            spread[np.isnan(velocity)] = math.nan
+            parts = amplitude * (known / total)
+            others *= scale
+            others = np.sqrt(np.add.reduce(others * others, axis=1))
+            found[-2] = _standard_deviation(others, total, np.add.reduce(parts * parts))
         return found
 
 
@@ -315,53 +343,91 @@ def _times_conjugate(one: FloatArray, other: FloatArray) -> FloatArray:
     return product
 
 
-def _spread(
+def _deviated(
+    above: FloatArray,
     terms: FloatArray,
-    below: FloatArray,
-    size: FloatArray,
-    poles: FloatArray,
     response: FloatArray,
-    response_size: FloatArray,
+    poles: FloatArray,
     w: FloatArray,
-    stddev: FloatArray,
-) -> tuple[FloatArray, FloatArray]:
-    """Return what deviations of modes change in responses, relative to them, to first order.
+    deviations: FloatArray,
+) -> FloatArray:
+    """Return responses when one frequency or damping ratio deviates, (4 m, n_excitations, n).
 
-    With k = omega^2 and c = 2 zeta omega, a relative change of omega changes the denominator D by
-    2 k + i w c, and one of zeta by 2 i w omega. The modes deviate independently.
+    They are NaN where they do not show a resonance that is within reach of the deviations.
+
+    The first 2 m have smaller and the others larger frequencies and damping ratios of the m modes,
+    by the square root of three standard deviations.
 
     Parameters
     ----------
-    terms, below, size, poles : ndarray, (2, m, n_excitations, n), (3, ...), (m, ...), (3, m, 1, n)
-        Terms of the modes, their denominators and the squares of these, and their poles.
-    response, response_size, w : ndarray, (3, 1, n_excitations, n), (n_excitations, n)
-        Sums of all terms, the squares of these, and the angular frequencies, rad/s.
-    stddev : ndarray, (2, m, n)
-        Standard deviations of ln omega and of zeta.
-
-    Returns
-    -------
-    changes : ndarray, (2, m, n_excitations, n)
-        By one standard deviation of each mode's frequency and damping ratio.
-    relative : ndarray, (n_excitations, n)
-        Standard deviations by all together; NaN where the second order matters.
+    above, terms : ndarray, (2, m, n_excitations, n)
+        Numerators of the modes' terms, a + i w b, and the terms.
+    response, poles, w : ndarray, (2, n_excitations, n), (3, m, 1, n) and (n_excitations, n)
+        Sums of all terms, the poles of the modes, and the angular frequencies, rad/s.
+    deviations : ndarray, (2, m, n)
+        Standard deviations of the logarithms of frequencies, and of damping ratios.
     """
-    slopes = _times_conjugate(terms, below)
-    slopes /= size
-    slopes = _times_conjugate(slopes, response)
-    deviations, twice = stddev[:, :, np.newaxis], 2.0 * poles[0]
-    rate = np.sqrt(2.0 * twice) * w
-    changes = np.empty_like(terms)
-    np.subtract(slopes[0] * twice, slopes[1] * (below[1] + poles[1]), changes[0])
-    np.multiply(slopes[1], rate, changes[1])
-    changes *= deviations / response_size
-    squares = changes * changes
-    m = terms.shape[1]
-    first = np.sqrt(np.add.reduce(squares.reshape(2 * m, *w.shape)))
-    twice, rate = twice * deviations[0], rate * deviations[1]
-    shares = np.sqrt((terms[0] * terms[0] + terms[1] * terms[1]) / response_size)
-    second = np.add.reduce(shares * ((twice * twice + rate * rate) / size))
-    return changes, np.where((second <= FIRST_ORDER * first) & (first <= RELATIVE), first, math.nan)
+    m, n = deviations.shape[1:]
+    step = _REACH * deviations[:, :, np.newaxis]
+    k, c = np.empty((2, 2, 2, m, 1, n))  # smaller or larger; frequency or damping ratio
+    ratio = np.sqrt(4.0 * poles[0])  # c over zeta
+    for sign, shift in ((0, -step), (1, step)):
+        size = 1.0 + shift[0]
+        np.multiply(poles[0], size * size, k[sign, 0])
+        np.multiply(poles[2], size, c[sign, 0])
+        k[sign, 1] = poles[0]
+        np.add(poles[2], ratio * shift[1], c[sign, 1])
+    below = np.empty((3, 2, 2, m, *w.shape))
+    np.subtract(k, w * w, below[0])
+    np.multiply(c, w, below[1])
+    below[1] += poles[1]
+    below[2] = below[0]
+    square = below[:2] * below[:2]
+    changed = _times_conjugate(above[:, np.newaxis, np.newaxis], below)
+    changed /= square[0] + square[1]
+    changed += (response[:, np.newaxis] - terms)[:, np.newaxis, np.newaxis]
+    changed *= changed
+    changed[0, :, 0][:, _hides_a_peak(above, response, poles, w, deviations[0])] = math.nan
+    return np.asarray(np.sqrt(changed[0] + changed[1]).reshape(4 * m, *w.shape))
+
+
+def _hides_a_peak(
+    above: FloatArray, response: FloatArray, poles: FloatArray, w: FloatArray, stddev: FloatArray
+) -> BoolArray:
+    """Return where a mode that may meet the excitation resonates too sharply for a few points.
+
+    That is within three standard deviations, if the half-power half-width is less than two of
+    them, and the mode's own response there is more than half of the present one.
+    """
+    stddev, twice = stddev[:, np.newaxis], 2.0 * poles[0]
+    width = poles[2] * w
+    square = above * above
+    strong = 4.0 * (square[0] + square[1]) > width * width * (response * response).sum(axis=0)
+    near = np.abs(poles[0] - w * w) < 3.0 * stddev * twice
+    sharp = poles[2] * poles[2] < 8.0 * stddev * stddev * twice
+    return np.asarray(strong & near & sharp)
+
+
+def _standard_deviation(
+    others: FloatArray, centre: FloatArray, further: float | FloatArray
+) -> FloatArray:
+    """Return the standard deviation of a value by those of the modes, each on its own.
+
+    Three points of Gauss and Hermite in each direction are exact for a cubic. It is NaN where the
+    modes are so uncertain that they are not enough.
+
+    Parameters
+    ----------
+    others, centre : ndarray, (4 m, ...) and (...)
+        Values at the points on both sides, as `_deviated` returns them, and between them.
+    further : float or ndarray, (...)
+        Variance that is added.
+    """
+    low, high = np.split(others - centre, 2)
+    odd, even = high - low, high + low
+    first, second = np.add.reduce(odd * odd) / 12.0, np.add.reduce(even * even) / 18.0
+    known = (second <= _EVEN * first) & (first + second <= _LARGE * centre * centre)
+    return np.where(known, np.sqrt(first + second + further), math.nan)
 
 
 def _sampled(

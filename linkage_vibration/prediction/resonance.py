@@ -192,8 +192,10 @@ class WarningLimits:
         probability ends at the same share of its limit, margin / (margin + hysteresis).
     dwell : float
         Until the limit has been exceeded for so long, s, there is a note instead of a warning. It
-        remains a note until the mode has had time to build up, or when the speed changes so
-        slowly that it will have: 1 / (zeta omega), against the time within the half-power band.
+        remains a note until the mode has had time to build up, 1 / (zeta omega), unless the speed
+        changes so slowly that the excitation needs longer to pass the half-power band. Where the
+        level counts, the distance from the mode adds to its width, as forced vibration builds up
+        faster beside a mode.
     """
 
     level: float = 5e-3
@@ -390,14 +392,16 @@ class ResonanceMonitor:
             if pair is None:
                 self._exceeds[k] = False
                 continue
-            mode, _, apart = pair
+            mode, frequency, apart = pair
             rate = one.ratio * fresh[one.source].rate
             if velocity == velocity:  # it is not NaN
                 rate -= float(prediction.frequency_slopes[mode]) * float(velocity)
-            severity = self._severity(float(levels.velocities[k]), probabilities[k], apart)
+            level = float(levels.velocities[k])
+            severity = self._severity(level, probabilities[k], apart)
             self._follow(k, severity, time)
-            zeta = float(prediction.damping_ratios[mode])
-            states[k] = self._state(k, naturals[mode], zeta, rate, time)
+            width = float(prediction.damping_ratios[mode]) * naturals[mode]
+            apart = frequency - naturals[mode] if level == level else 0.0
+            states[k] = self._state(k, width * width + apart * apart, rate, time)
             key = _RANKS[states[k]], severity
             if key > best_key:
                 best, best_key, best_rate = k, key, rate
@@ -446,12 +450,18 @@ class ResonanceMonitor:
             self._since[k] = time
         self._exceeds[k] = exceeds
 
-    def _state(self, k: int, natural: float, zeta: float, rate: float, time: int) -> ResonanceState:
-        """Return the state of an excitation."""
+    def _state(self, k: int, reach: float, rate: float, time: int) -> ResonanceState:
+        """Return the state of an excitation.
+
+        Vibration builds up in the time 1 / (2 pi r), where the square of r (Hz) is `reach`: the
+        half-power half-width and, if the level counts, the distance from the mode. The excitation
+        passes 2 r at a rate (Hz/s).
+        """
         if not (self._exceeds[k] and self.excitations[k].warns):
             return ResonanceState.CLEAR
-        held, decay = 1e-9 * abs(time - self._since[k]), zeta * (_TURN * natural)
-        built_up = held * decay >= 1.0 or 2.0 * zeta * natural * decay >= abs(rate)
+        held = 1e-9 * abs(time - self._since[k])
+        turned = _TURN * held
+        built_up = turned * turned * reach >= 1.0 or 2.0 * _TURN * reach >= abs(rate)
         if built_up and held >= self.limits.dwell:
             return ResonanceState.WARNING
         return ResonanceState.NOTE
@@ -530,12 +540,14 @@ class ResonanceMonitor:
                 turning = predictions.frequency_slopes[own] * velocity
                 change = one.ratio * rate[one.source]
                 change = np.where(still, change, change - turning)
-                natural, zeta = (
-                    predictions.natural_frequencies[own],
-                    predictions.damping_ratios[own],
-                )
-                held, decay = 1e-9 * np.abs(time - since), zeta * (_TURN * natural)
-                built_up = (held * decay >= 1.0) | (2.0 * zeta * natural * decay >= np.abs(change))
+                natural = predictions.natural_frequencies[own]
+                width = predictions.damping_ratios[own] * natural
+                off = np.where(np.isnan(levels.velocities[:, k]), 0.0, frequency - natural)
+                reach = width * width + off * off
+                held = 1e-9 * np.abs(time - since)
+                turned = _TURN * held
+                built_up = turned * turned * reach >= 1.0
+                built_up |= 2.0 * _TURN * reach >= np.abs(change)
                 warned = np.where(
                     built_up & (held >= self.limits.dwell),
                     ResonanceState.WARNING,

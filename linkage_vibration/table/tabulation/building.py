@@ -51,8 +51,9 @@ def build_table(
         Relative, of natural frequencies; a hundred times that of the highest peak's frequency and
         magnitude, and of each FRF between the points (L2 norm over the band; 1e-5 at best).
     points : sequence of str, optional
-        Points between which the table has FRFs; by default all that move, if they are no more than
-        eight, otherwise the response point. A model from measured FRFs has none.
+        Points between which the table has FRFs; by default all that move and the mounts
+        of a base, if they are no more than eight, otherwise the response point. A model from
+        measured FRFs has none.
     progress : callable
         Called after each solution of the model with the fraction of the stroke that is finished.
 

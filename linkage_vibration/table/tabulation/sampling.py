@@ -362,7 +362,9 @@ def _places(model: LinkageModel, points: Sequence[str] | None) -> tuple[Place, .
     mechanism = model.mechanism
     if points is None:
         moving = {p for body in mechanism.bodies for p in mechanism.local_points(body.name)}
-        names = sorted(moving.difference(mechanism.local_points(GROUND)))
+        mounts = () if mechanism.base is None else mechanism.base.mounts
+        held = set(mechanism.local_points(GROUND)).difference(mount.name for mount in mounts)
+        names = sorted((moving | {mount.name for mount in mounts}).difference(held))
         points = names if len(names) <= _MANY else [mechanism.response.point]
     for point in points:
         if not mechanism.owners(point):
