@@ -246,7 +246,8 @@ def draw(
         upper.annotate(rule, (times[-1], (low + high) / 2.0), va="center", fontsize=8)
     upper.set(title="The shipped drive, and when each rule warns", xlabel="time [s]")
     upper.set(ylabel="velocity [mm/s]", xlim=(0.0, 1.25 * times[-1]), ylim=(-0.5 * top, top))
-    upper.legend(loc="upper left", fontsize=8)
+    upper.set_yticks(np.arange(0.0, top, 10.0))
+    upper.legend(loc="upper center", fontsize=8)
     at, width = np.arange(len(RULES)), 0.27
     for i, (name, label) in enumerate(
         (
