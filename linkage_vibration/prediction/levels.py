@@ -297,18 +297,19 @@ class LevelTable:
         found[-3], found[-1] = total, np.sqrt(np.add.reduce(fast * fast))
         if self.states_uncertainty:
             m = layout.n_modes
-            others = _deviated(
-                above[:2, :m], terms[:, :m], response[:2], poles[:, :m], w, deviations
+            near = above[:2, :m], terms[:, :m], poles[:, :m]
+            others = np.empty((4 * m, len(w) + 1, n))  # each excitation, and all together
+            own = others[:, :-1]
+            np.multiply(
+                _deviated(*near, response[:2], square, w, deviations), known / magnitude, own
             )
-            scale = known / magnitude
-            own = _standard_deviation(others, magnitude, 0.0) * scale
+            np.sqrt(np.add.reduce(own * own, axis=1), others[:, -1])
+            variance = _variance(others, np.concatenate([known, total[np.newaxis]]))
             amplitude = known * self._deviation
-            np.sqrt(own * own + amplitude * amplitude, spread)
+            np.sqrt(variance[:-1] + amplitude * amplitude, spread)
             spread[np.isnan(velocity)] = math.nan
-            parts = amplitude * (known / total)
-            others *= scale
-            others = np.sqrt(np.add.reduce(others * others, axis=1))
-            found[-2] = _standard_deviation(others, total, np.add.reduce(parts * parts))
+            amplitude *= known / total
+            found[-2] = np.sqrt(variance[-1] + np.add.reduce(amplitude * amplitude))
         return found
 
 
@@ -346,8 +347,9 @@ def _times_conjugate(one: FloatArray, other: FloatArray) -> FloatArray:
 def _deviated(
     above: FloatArray,
     terms: FloatArray,
-    response: FloatArray,
     poles: FloatArray,
+    response: FloatArray,
+    response_size: FloatArray,
     w: FloatArray,
     deviations: FloatArray,
 ) -> FloatArray:
@@ -360,10 +362,10 @@ def _deviated(
 
     Parameters
     ----------
-    above, terms : ndarray, (2, m, n_excitations, n)
-        Numerators of the modes' terms, a + i w b, and the terms.
-    response, poles, w : ndarray, (2, n_excitations, n), (3, m, 1, n) and (n_excitations, n)
-        Sums of all terms, the poles of the modes, and the angular frequencies, rad/s.
+    above, terms, poles : ndarray, (2, m, n_excitations, n) and (3, m, 1, n)
+        Numerators of the modes' terms, a + i w b, the terms, and the poles.
+    response, response_size, w : ndarray, (2, n_excitations, n) and (n_excitations, n)
+        Sums of all terms, their squares, and the angular frequencies, rad/s.
     deviations : ndarray, (2, m, n)
         Standard deviations of the logarithms of frequencies, and of damping ratios.
     """
@@ -387,12 +389,12 @@ def _deviated(
     changed /= square[0] + square[1]
     changed += (response[:, np.newaxis] - terms)[:, np.newaxis, np.newaxis]
     changed *= changed
-    changed[0, :, 0][:, _hides_a_peak(above, response, poles, w, deviations[0])] = math.nan
+    changed[0, :, 0][:, _hides_a_peak(above, response_size, poles, w, deviations[0])] = math.nan
     return np.asarray(np.sqrt(changed[0] + changed[1]).reshape(4 * m, *w.shape))
 
 
 def _hides_a_peak(
-    above: FloatArray, response: FloatArray, poles: FloatArray, w: FloatArray, stddev: FloatArray
+    above: FloatArray, size: FloatArray, poles: FloatArray, w: FloatArray, stddev: FloatArray
 ) -> BoolArray:
     """Return where a mode that may meet the excitation resonates too sharply for a few points.
 
@@ -402,16 +404,14 @@ def _hides_a_peak(
     stddev, twice = stddev[:, np.newaxis], 2.0 * poles[0]
     width = poles[2] * w
     square = above * above
-    strong = 4.0 * (square[0] + square[1]) > width * width * (response * response).sum(axis=0)
+    strong = 4.0 * (square[0] + square[1]) > width * width * size
     near = np.abs(poles[0] - w * w) < 3.0 * stddev * twice
     sharp = poles[2] * poles[2] < 8.0 * stddev * stddev * twice
     return np.asarray(strong & near & sharp)
 
 
-def _standard_deviation(
-    others: FloatArray, centre: FloatArray, further: float | FloatArray
-) -> FloatArray:
-    """Return the standard deviation of a value by those of the modes, each on its own.
+def _variance(others: FloatArray, centre: FloatArray) -> FloatArray:
+    """Return the variance of values by those of the modes, each on its own.
 
     Three points of Gauss and Hermite in each direction are exact for a cubic. It is NaN where the
     modes are so uncertain that they are not enough.
@@ -420,14 +420,16 @@ def _standard_deviation(
     ----------
     others, centre : ndarray, (4 m, ...) and (...)
         Values at the points on both sides, as `_deviated` returns them, and between them.
-    further : float or ndarray, (...)
-        Variance that is added.
     """
-    low, high = np.split(others - centre, 2)
-    odd, even = high - low, high + low
-    first, second = np.add.reduce(odd * odd) / 12.0, np.add.reduce(even * even) / 18.0
-    known = (second <= _EVEN * first) & (first + second <= _LARGE * centre * centre)
-    return np.where(known, np.sqrt(first + second + further), math.nan)
+    others -= centre
+    half = len(others) // 2
+    odd, even = others[half:] - others[:half], others[half:] + others[:half]
+    odd *= odd
+    even *= even
+    first, second = np.add.reduce(odd) / 12.0, np.add.reduce(even) / 18.0
+    total = first + second
+    known = (second <= _EVEN * first) & (total <= _LARGE * centre * centre)
+    return np.where(known, total, math.nan)
 
 
 def _sampled(

@@ -83,6 +83,22 @@ SOUND = Health(
             r"engine 3 \(94.0 Hz\) is within 1.1 % of mode 2 \(implement pitch\) \(95.0 Hz\)",
         ),
         (
+            {"resonance": replace(NEAR, probability=0.3)},
+            WARN,
+            r"within 1.1 % of mode 2 .*, in its half-power band with a probability of 0.3\.",
+        ),
+        (
+            {"resonance": replace(NEAR, velocity=0.0123, velocity_stddev=0.004)},
+            WARN,
+            r"shakes the response point with 12.3 mm/s rms \(standard deviation 4 mm/s\) if its",
+        ),
+        (
+            {"resonance": replace(NEAR, velocity=0.0123)},
+            WARN,
+            r"12.3 mm/s rms \(standard deviation not known\) if its amplitude is as described",
+        ),
+        ({"resonance": replace(NEAR, state=ResonanceState.NOTE)}, OK, "Predicting at 100 Hz"),
+        (
             {"prediction": UNCERTAIN},
             WARN,
             r"Mode 2 is uncertain: .* 1.4 % of its natural frequency and 30 % of its damping ratio",
