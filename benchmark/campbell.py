@@ -14,7 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from linkage_vibration.drawing.palette import COLOURS, GREY, INK
+from linkage_vibration.drawing.palette import GREY, INK, mode_colours
 from linkage_vibration.prediction.excitation import Excitation, Source
 from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.prediction.resonance import Resonance, ResonanceMonitor, ResonanceState
@@ -28,7 +28,7 @@ FloatArray = NDArray[np.float64]
 PICTURE = Path(__file__).parents[1] / "docs" / "pictures" / "campbell.png"
 EXCITATIONS = "excitations.yaml"
 ENGINE_SPEEDS = np.array([700.0, 2200.0])  # rpm
-TOP = 210.0  # Hz
+TOP = 215.0  # Hz
 SHADE = "#F9E08B"
 
 
@@ -47,10 +47,11 @@ def draw(picture: Path) -> None:
 def over_the_stroke(ax: Axes, table: Table) -> None:
     """Draw the natural frequencies over the crank angle."""
     alpha3, frequencies = _swept(table)
-    for mode, colour in enumerate(COLOURS[: table.n_modes]):
+    for mode, colour in enumerate(mode_colours(table.n_modes)):
         ax.plot(np.degrees(alpha3), frequencies[:, mode], color=colour, lw=2.0)
-        place = (92.0, frequencies[0, mode] + 4.0)
-        ax.annotate(f"mode {mode + 1}", place, color=colour, fontsize=9)
+        place = (130.0, frequencies[len(frequencies) // 2, mode] + 4.0)
+        if not table.mode_names[mode].startswith("tractor"):  # these are too near to one another
+            ax.annotate(table.mode_names[mode], place, color=colour, fontsize=9)
     first, last = np.degrees(table.alpha3_range)
     ax.set(
         title="Natural frequencies over the stroke",
@@ -65,7 +66,7 @@ def over_the_stroke(ax: Axes, table: Table) -> None:
 def over_engine_speed(ax: Axes, table: Table, excitations: Sequence[Excitation]) -> None:
     """Draw the engine's orders over its speed, and the range of each mode over the stroke."""
     _, frequencies = _swept(table)
-    for mode, colour in enumerate(COLOURS[: table.n_modes]):
+    for mode, colour in enumerate(mode_colours(table.n_modes)):
         low, high = frequencies[:, mode].min(), frequencies[:, mode].max()
         ax.axhspan(low, high, color=colour, alpha=0.25, lw=0.0)
     for one in excitations:
@@ -96,8 +97,9 @@ def over_the_drive(ax: Axes, predictor: Predictor, excitations: Sequence[Excitat
     warned = [resonance.state is ResonanceState.WARNING for resonance in resonances]
     across = ax.get_xaxis_transform()
     ax.fill_between(times, 0, 1, where=warned, transform=across, color=SHADE, lw=0, label="warning")
-    for mode, colour in enumerate(COLOURS[: predictor.table.n_modes]):
-        ax.plot(times, frequencies[:, mode], color=colour, lw=2.0, label=f"mode {mode + 1}")
+    names = predictor.table.mode_names
+    for name, values, colour in zip(names, frequencies.T, mode_colours(len(names)), strict=True):
+        ax.plot(times, values, color=colour, lw=2.0, label=name)
     speed_times, engine, pto = engine_and_pto_speed()
     speeds = {Source.ENGINE: engine, Source.PTO: pto}
     nearest = {resonance.excitation for resonance in resonances}
@@ -116,7 +118,7 @@ def over_the_drive(ax: Axes, predictor: Predictor, excitations: Sequence[Excitat
         xlim=(0.0, times[-1]),
         ylim=(0.0, TOP),
     )
-    ax.legend(loc="lower right", bbox_to_anchor=(0.99, 0.13), ncols=4, fontsize=8)
+    ax.legend(loc="lower right", bbox_to_anchor=(0.99, 0.13), ncols=3, fontsize=8)
 
 
 def assess_drive(

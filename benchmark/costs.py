@@ -24,7 +24,7 @@ from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.prediction.resonance import ReportedSpeed, ResonanceMonitor
 from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.readers.mechanism import read_mechanism
-from linkage_vibration.support.resources import DEFAULT_EXCITATIONS, DEFAULT_TABLE, config_file
+from linkage_vibration.support.resources import DEFAULT_EXCITATIONS, PAPER_TABLE, config_file
 from linkage_vibration.table.table import load_table
 
 MESSAGES = 5_000
@@ -34,7 +34,7 @@ SECOND = 10**9  # ns
 
 def main() -> int:
     """Measure every cost, publish the table, and return 1 if a limit is exceeded."""
-    predictor = Predictor(load_table(config_file(DEFAULT_TABLE)))
+    predictor = Predictor(load_table(config_file(PAPER_TABLE)))
     lookup = _lowest(lambda: predictor.predict(2.3), 200)
     single, many = _resonance_costs(predictor)
     twelve, write = _twelve_excitations(predictor), _write_cost()

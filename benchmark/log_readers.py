@@ -27,7 +27,7 @@ from linkage_vibration.bags.writing import COMPRESSIONS, Topic, offered_qos_prof
 from linkage_vibration.messages.definitions import message_definition, type_hash
 from linkage_vibration.messages.encoding import encode_prediction
 from linkage_vibration.prediction.predictor import Predictor
-from linkage_vibration.support.resources import DEFAULT_TABLE, config_file
+from linkage_vibration.support.resources import PAPER_TABLE, config_file
 from linkage_vibration.table.table import load_table
 from test.support.drive import hitch_duty_cycle
 from test.support.messages import plain
@@ -58,7 +58,7 @@ def record(folder: Path, compression: str, limits: Limits) -> None:
     store.register(get_types_from_msg(message_definition(JOINT_STATE), JOINT_STATE))
     joint_state, header = store.types[JOINT_STATE], store.types["std_msgs/msg/Header"]
     stamp = store.types["builtin_interfaces/msg/Time"]
-    predictor = Predictor(load_table(config_file(DEFAULT_TABLE)))
+    predictor = Predictor(load_table(config_file(PAPER_TABLE)))
     topics = [topic("/joint_states", JOINT_STATE), topic("/prediction", PREDICTION)]
     recorder = Recorder(folder, topics, Provenance(), limits, compression)
     recorder.start()

@@ -21,11 +21,11 @@ from mcap.writer import CompressionType, Writer
 from rosbags.typesys import Stores, get_typestore
 from tqdm import tqdm
 
+from benchmark.paper_linkage import PARAMETERS
 from benchmark.replay import NAMES, RATE, START
 from benchmark.report import machine, publish, table
 from linkage_vibration.bags.message_types import FLOAT64, JOINT_STATE
 from linkage_vibration.playback.replay import replay
-from linkage_vibration.prediction.settings import Parameters
 
 GIGABYTES = 10.0
 POINT_CLOUD = "sensor_msgs/msg/PointCloud2"
@@ -85,7 +85,7 @@ def replayed(bag: Path, output: Path) -> tuple[float, int, float]:
             bar.total = total
             bar.update(done - bar.n)
 
-        done = replay([bag], output, Parameters(), progress=show)
+        done = replay([bag], output, PARAMETERS, progress=show)
     took = time.perf_counter() - begin
     [kibibytes] = re.findall(r"VmHWM:\s*(\d+) kB", Path("/proc/self/status").read_text())
     return took, done.predictions, int(kibibytes) / 1024.0

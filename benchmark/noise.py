@@ -17,6 +17,7 @@ from linkage_vibration.mechanics.components import Component
 from linkage_vibration.mechanics.fbs import component_frf
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.readers.mechanism import read_mechanism
+from linkage_vibration.support.resources import PAPER_MECHANISM, config_file
 
 FloatArray = NDArray[np.float64]
 
@@ -50,14 +51,14 @@ class Scatter:
 
 
 def scatter(link: str, share: float, seeds: Sequence[int], lines: FloatArray = LINES) -> Scatter:
-    """Identify the modes of the default linkage with a noisy link, with many seeds.
+    """Identify the modes of the paper's linkage with a noisy link, with many seeds.
 
     Parameters
     ----------
     link, share, seeds, lines
         The link that is measured; its relative noise, 1; seeds of the noise; Hz.
     """
-    model = LinkageModel(read_mechanism())
+    model = LinkageModel(read_mechanism(config_file(PAPER_MECHANISM)))
     solution = model.solve(ALPHA3)
     inside = solution.natural_frequencies < model.mechanism.response.band[1]
     exact = np.concatenate([solution.natural_frequencies[inside], solution.damping_ratios[inside]])
@@ -144,7 +145,7 @@ def main() -> None:
         "noise",
         "Noise in measured links",
         [
-            f"This page shows the modes of the default linkage at {math.degrees(ALPHA3):g} deg, "
+            f"This page shows the modes of the paper's linkage at {math.degrees(ALPHA3):g} deg, "
             f"with one link measured at {len(LINES)} lines up to {LINES[-1]:g} Hz with relative "
             f"noise, for {SEEDS} seeds of the noise. Bias and scatter are relative to the truth. "
             "The predicted standard deviation is the median. The last column of each group is the "

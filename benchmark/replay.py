@@ -24,10 +24,10 @@ from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_typestore
 from tqdm import tqdm
 
+from benchmark.paper_linkage import PARAMETERS
 from benchmark.report import machine, publish, table
 from linkage_vibration.bags.message_types import JOINT_STATE
 from linkage_vibration.playback.replay import replay
-from linkage_vibration.prediction.settings import Parameters
 
 RATE = 1000  # Hz
 SECONDS = 600
@@ -90,14 +90,14 @@ def main() -> None:
 def timed(bag: Path, output: Path) -> tuple[float, float, int]:
     """Replay a bag; return wall-clock and processor time (s) and the number of predictions."""
     begin, busy = time.perf_counter(), time.process_time()
-    done = replay([bag], output, Parameters())
+    done = replay([bag], output, PARAMETERS)
     return time.perf_counter() - begin, time.process_time() - busy, done.predictions
 
 
 def profiled(bag: Path, output: Path) -> list[list[str]]:
     """Replay a bag; return the share of time of each step."""
     profile = cProfile.Profile()
-    profile.runcall(replay, [bag], output, Parameters())
+    profile.runcall(replay, [bag], output, PARAMETERS)
     found: dict[str, float] = {}
     stats = pstats.Stats(profile).stats  # type: ignore[attr-defined]
     total = max(cumulative for *_, cumulative, _ in stats.values())

@@ -18,11 +18,11 @@ import numpy as np
 from mcap.reader import make_reader
 from tqdm import tqdm
 
+from benchmark.paper_linkage import PARAMETERS
 from benchmark.report import machine, publish, table
 from linkage_vibration.bags.writing import LogWriter, Topic, offered_qos_profiles
 from linkage_vibration.demo.demo import ENGINE_SPEED
 from linkage_vibration.playback.replay import replay
-from linkage_vibration.prediction.settings import Parameters
 from linkage_vibration.review.html import write_page
 from linkage_vibration.review.log import read_log
 from linkage_vibration.review.review_page import review_page
@@ -67,7 +67,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as name:
         bag, log, page = (Path(name) / f for f in ("bag.mcap", "log.mcap", "page.html"))
         write_bag(bag, minutes)
-        predictions = replay([bag], log, Parameters()).predictions
+        predictions = replay([bag], log, PARAMETERS).predictions
         making = timed(lambda: write_page(review_page(read_log(log)), page))
         size = page.stat().st_size
         with Browser(WIDTH, HEIGHT) as browser:

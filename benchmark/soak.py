@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from benchmark.latency.driver import QUIET, cpu_time
+from benchmark.paper_linkage import ARGUMENTS
 from benchmark.report import RESULTS, machine, publish, table
 
 os.environ.setdefault("AMENT_PREFIX_PATH", sys.prefix)
@@ -66,7 +67,7 @@ def main() -> None:
     """Send joint states, count the predictions, and publish the result."""
     minutes = float(sys.argv[1]) if len(sys.argv) > 1 else 60.0
     with tempfile.TemporaryDirectory() as folder:
-        command = [sys.executable, "-m", "linkage_vibration.ros.node", "--ros-args"]
+        command = [sys.executable, "-m", "linkage_vibration.ros.node", "--ros-args", *ARGUMENTS]
         command += ["-p", "record:=true", "-p", "split_duration:=600.0"]
         node = subprocess.Popen(command, cwd=folder, stdout=subprocess.DEVNULL)
         try:

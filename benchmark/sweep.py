@@ -116,7 +116,7 @@ def main() -> None:
     columns.append("relative to one process")
     text = (
         "This page shows how many designs a sweep builds per second, depending on its workers. It "
-        f"has {designs.size} designs of the default linkage at {len(designs.alpha3)} angles, with "
+        f"has {designs.size} designs of the paper's linkage at {len(designs.alpha3)} angles, with "
         f"tables to a tolerance of {designs.tolerance:g}. Values are medians of {REPEATS} sweeps, "
         "which include writing the files but not the start of the workers. All rows take turns, so "
         "that the load of the machine affects them equally. OPENBLAS_NUM_THREADS is "

@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Which speeds of a six-cylinder engine come within 10 % of mode 2 or 3 at each hitch angle?"""
+"""Which speeds of a six-cylinder engine come within 10 % of a mode at each hitch angle?"""
 
 import math
 
@@ -14,7 +14,7 @@ predictor = lv.Predictor(lv.load_table())
 for angle_deg in range(90, 181, 15):
     prediction = predictor.predict(math.radians(angle_deg))
     ranges = []
-    for frequency in prediction.natural_frequencies[1:3]:
+    for frequency in prediction.natural_frequencies:
         low, high = (60.0 * frequency * (1.0 + side) / ORDER for side in (-MARGIN, MARGIN))
         if low < RATED and high > IDLE:
             ranges.append(f"{max(low, IDLE):.0f} to {min(high, RATED):.0f} rpm")

@@ -20,6 +20,6 @@ change = heavy.natural_frequencies / light.natural_frequencies - 1.0  # (n, n_mo
 for mode in range(light.n_modes):
     largest = np.abs(change[:, mode]).argmax()
     print(
-        f"mode {mode + 1}: at most {100.0 * change[largest, mode]:+.1f} %, "
+        f"{light.mode_label(mode)}: at most {100.0 * change[largest, mode]:+.1f} %, "
         f"at {np.degrees(light.crank_angle[largest]):.1f} deg"
     )

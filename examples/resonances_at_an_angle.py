@@ -9,7 +9,7 @@ import linkage_vibration as lv
 model = lv.LinkageModel(lv.read_mechanism())
 solution = model.solve(math.radians(132.0))
 
-modes = zip(solution.natural_frequencies[:3], solution.damping_ratios[:3], strict=True)
+modes = zip(solution.natural_frequencies[:6], solution.damping_ratios[:6], strict=True)
 for mode, (frequency, damping) in enumerate(modes, start=1):
     print(f"mode {mode}: {frequency:7.2f} Hz, damping ratio {100.0 * damping:.2f} %")
 

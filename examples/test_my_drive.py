@@ -15,7 +15,7 @@ def test_no_reading_is_missing(check_bag):
 
 
 def test_margin_is_measured():
-    """The engine comes near to mode 2 in this drive, and the report says when."""
+    """Excitations come near to modes in this drive, and the report says when."""
     report = lv.check_bag(DRIVE, lv.Limits(margin=0.01))
     assert not report.passed
     assert report.failures[0].limit == "margin"

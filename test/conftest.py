@@ -33,13 +33,13 @@ def pytest_pycollect_makemodule(module_path: Path, parent: Any) -> pytest.Module
 
 @pytest.fixture(scope="session")
 def mechanism_file() -> Path:
-    """Return the path of the default linkage."""
+    """Return the path of the paper's linkage."""
     return config_file("three_point_linkage.yaml")
 
 
 @pytest.fixture(scope="session")
 def mechanism(mechanism_file: Path) -> Mechanism:
-    """Return the default linkage."""
+    """Return the paper's linkage."""
     return read_mechanism(mechanism_file)
 
 
@@ -51,11 +51,11 @@ def printed() -> Mechanism:
 
 @pytest.fixture(scope="session")
 def model(mechanism: Mechanism) -> LinkageModel:
-    """Return the default linkage, ready to be solved."""
+    """Return the paper's linkage, ready to be solved."""
     return LinkageModel(mechanism)
 
 
 @pytest.fixture
 def mapping(mechanism_file: Path) -> Any:
-    """Return the default linkage as a mapping that a test may spoil."""
+    """Return the paper's linkage as a mapping that a test may spoil."""
     return yaml.safe_load(mechanism_file.read_text())

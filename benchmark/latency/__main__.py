@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 from benchmark.latency.driver import Driver, Run, named, running
+from benchmark.paper_linkage import ARGUMENTS
 from benchmark.report import RESULTS, machine, publish, table
 
 TURNS = 18
@@ -35,8 +36,8 @@ OURS = ["-m", "linkage_vibration.ros.node"]
 NODES = {
     "echo": [*ECHO, "events", *named("echo")],
     "echo, single-threaded": [*ECHO, "single-threaded", *named("echo_single_threaded")],
-    "ours": [*OURS, *named("ours")],
-    "ours, recording": [*OURS, *named("ours_recording", "-p", "record:=true")],
+    "ours": [*OURS, *named("ours", *ARGUMENTS)],
+    "ours, recording": [*OURS, *named("ours_recording", *ARGUMENTS, "-p", "record:=true")],
 }
 Runs = dict[tuple[str, str, float], list[Run]]
 
@@ -184,10 +185,10 @@ def parts() -> str:
     from linkage_vibration.bags.joint_states import JointStateReader
     from linkage_vibration.messages.encoding import encode_prediction
     from linkage_vibration.prediction.predictor import Predictor
-    from linkage_vibration.support.resources import DEFAULT_TABLE, config_file
+    from linkage_vibration.support.resources import PAPER_TABLE, config_file
     from linkage_vibration.table.table import load_table
 
-    predictor = Predictor(load_table(config_file(DEFAULT_TABLE)))
+    predictor = Predictor(load_table(config_file(PAPER_TABLE)))
     message = JointState(name=["hitch_rockshaft_joint"], position=[2.0])
     data, reader = serialize_message(message), JointStateReader()
     prediction = predictor.predict(2.0)

@@ -51,7 +51,7 @@ _CUTS = (1e-7, 1e-6, 1e-5, 1e-4)  # of the largest singular value of B H B^T
 
 @dataclass(frozen=True)
 class _Bench:
-    """The default linkage at 140 deg with one measured link."""
+    """The paper's linkage at 140 deg with one measured link."""
 
     solution: Solution
     lines: FloatArray
@@ -127,7 +127,7 @@ def section(pictures: Path) -> str:
     return f"""\
 A free link moves far more than it deforms. At mode 1, noise of 0.1 % in the receptances of the lift
 rod is {_drowned(rod):.0f} times as large as its flexibility along its axis. The table is for the
-default linkage at 140 deg, with 2000 lines up to 200 Hz, and with one link measured with relative
+paper's linkage at 140 deg, with 2000 lines up to 200 Hz, and with one link measured with relative
 noise. It shows the error of the drive point's FRF (L2 norm over the band) from the raw FRFs, with
 the best of four truncations of the SVD of B H B^T, and with ours; the modes that ours finds (exact:
 {truth} Hz); and the gain of the noise (L2 norm over the band):

@@ -47,7 +47,7 @@ lines. The table shows the share of the peak's magnitude that the higher line mi
 
 {table(columns, [*seen, ["ours", *_exact()]])}
 
-In the default linkage with this damping at 4 and 180 Hz, 0.1 Hz lines miss {_over_the_stroke()} of
+In the paper's linkage with this damping at 4 and 180 Hz, 0.1 Hz lines miss {_over_the_stroke()} of
 the highest peak at 46 angles. The error goes up and down from one angle to the next, as the peak
 approaches a line or leaves it. Ours finds the zeros of the derivative of abs(H)^2, bracketed
 between lines around each resonance. It refines every maximum that may be the highest before it

@@ -77,12 +77,12 @@ def section(pictures: Path) -> str:
             "FRFs, their flexibility is fitted before they are coupled (third row). With matrices, "
             "the assembly replaces LM-FBS where it loses digits (0.1 Hz). Matrices in single "
             f"precision are rejected: *{_single_matrices()}*",
-            "**Units.** The default linkage in other units than SI causes these errors:",
+            "**Units.** The paper's linkage in other units than SI causes these errors:",
             table(["mistake", "error"], texts),
             "Large or small values in SI units are accepted: implements of 1 g or 100 t, "
             "linkages of 25 m, bars of 1e15 Pa or 0.001 kg/m3. A mass *and* its inertia in t, or "
             "a spring in N/mm, are possible values in SI units, so they are accepted, too.",
-            "**Extremes.** The next table compares a natural frequency of the default linkage at "
+            "**Extremes.** The next table compares a natural frequency of the paper's linkage at "
             "140 deg with an independent computation. The shift-and-invert solver (`solve_modes`) "
             "preserves the digits of low frequencies beside stiff bars:",
             table(["case", "against", "Hz", "ours off by"], limits),
@@ -181,7 +181,7 @@ def _message(call: Callable[[], object]) -> str:
 
 
 def description() -> Any:
-    """Return the default linkage as a mapping of its own, materials of links apart."""
+    """Return the paper's linkage as a mapping of its own, materials of links apart."""
     found = yaml.safe_load(config_file("three_point_linkage.yaml").read_text(encoding="utf-8"))
     for link in found["links"].values():
         link["material"] = dict(link["material"])

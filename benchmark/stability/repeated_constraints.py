@@ -31,7 +31,7 @@ LINES = np.linspace(0.5, 200.0, 400)
 
 
 def section(pictures: Path) -> str:
-    """Repeat constraints of the default linkage in several ways, draw B's spectra, and report."""
+    """Repeat constraints of the paper's linkage in several ways, draw B's spectra, and report."""
     model = linkage()
     solution = model.solve(ALPHA3)
     rows, joining = model.rows(PLACES, solution.configuration), solution.joining

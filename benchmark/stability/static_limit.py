@@ -33,7 +33,7 @@ ALPHA3 = math.radians(140.0)
 
 
 def linkage(damping: Damping | None = None) -> LinkageModel:
-    """Return the default linkage, with another damping if one is given."""
+    """Return the paper's linkage, with another damping if one is given."""
     mechanism = read_mechanism(config_file("three_point_linkage.yaml"))
     return LinkageModel(replace(mechanism, damping=damping) if damping else mechanism)
 

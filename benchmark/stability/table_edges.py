@@ -47,7 +47,7 @@ def section(pictures: Path) -> str:
         crank.predict(1.0 - 3.0 * turn).natural_frequencies, crank.predict(1.0).natural_frequencies
     )
     return f"""\
-The table shows the largest relative error of three natural frequencies of the default linkage, 90
+The table shows the largest relative error of three natural frequencies of the paper's linkage, 90
 to 180 deg. Clamped is `numpy.interp` on 2 deg steps, which silently repeats the end values.
 Extrapolated is a cubic spline on the same steps.
 

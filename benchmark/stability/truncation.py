@@ -47,7 +47,7 @@ def section(pictures: Path) -> str:
     _draw(exact, [_truncated(complete, 3, k) for k in range(2)], ours, pictures)
     return f"""\
 The natural frequencies of the modes that are kept remain right. The errors are where modes cancel
-each other. The table is for the default linkage at 140 deg and the 16 FRFs between four places, 0
+each other. The table is for the paper's linkage at 140 deg and the 16 FRFs between four places, 0
 to 200 Hz. It shows the largest relative error at any line (large ones are at antiresonances) and at
 0 Hz, when modes are left out of the sum: with no replacement, with their static flexibility, and
 also with the next term (together the sum of r / k + (w^2 - i w c) r / k^2):

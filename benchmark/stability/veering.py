@@ -58,7 +58,7 @@ wider one.
 - **Still ambiguous.** To resolve a gap of 1e-9 Hz to a tolerance of 1e-11, steps shorter than
   1e-7 of the stroke would be needed. This is rejected: "{_refused()}"
 
-**FRFs between the angles.** The next table is for the default linkage on an even grid and 16 FRFs
+**FRFs between the angles.** The next table is for the paper's linkage on an even grid and 16 FRFs
 from 0 to 200 Hz. It shows the largest relative L2 error halfway between grid points. FRFs that are
 interpolated directly have two lower peaks instead of one. Interpolating all modes by splines is
 accurate only if each shape keeps its sign from angle to angle, which no eigenvalue solver

@@ -70,7 +70,8 @@ def run(options: argparse.Namespace) -> int:
     )
     if table.measured:
         deviations = table.frequency_stddev, table.damping_ratios, table.damping_ratio_stddev
-        for sentence in uncertain_modes(table.natural_frequencies, *deviations):
+        found = uncertain_modes(table.natural_frequencies, *deviations, table.mode_label)
+        for sentence in found:
             print(sentence)
     for mode, shares in enumerate(table.mode_shares):
         base, bodies, links = (f"{100.0 * share:.0f} %" for share in shares)

@@ -72,7 +72,7 @@ def _write_page(
         write_csv(log, options.csv)
         step(1)
     if options.png:
-        plot_predictions(path, options.png)
+        plot_predictions(path, options.png, () if log.table is None else log.table.mode_names)
         step(1)
     return problems(log)
 

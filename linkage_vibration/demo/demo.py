@@ -68,9 +68,10 @@ def run_demo(bag: Path | None, joint: str | None, output: Path) -> int:
     """
     drive, followed = bag or config_file(DRIVE), joint or HITCH_JOINT
     parameters: dict[str, object] = {"joint_name": followed, "record": True}
+    table = load_table(config_file(DEFAULT_TABLE))
     if bag is not None or joint is not None:
         low, high = _swing(drive, joint)
-        first, last = load_table(config_file(DEFAULT_TABLE)).alpha3_range
+        first, last = table.alpha3_range
         scale = (last - first - 2 * MARGIN) / (high - low)
         parameters |= {"scale": scale, "offset": first + MARGIN - scale * low}
     try:
@@ -91,11 +92,12 @@ def run_demo(bag: Path | None, joint: str | None, output: Path) -> int:
     records = (record for record in read_joint_states(drive) if _has_position(record, followed))
     logs_before = set(output.glob("*.mcap"))
     print(f"Playing {followed} of {drive} to the node on ROS domain {os.environ['ROS_DOMAIN_ID']}.")
+    print("The modes are, from the lowest:", ", ".join(table.mode_names), end=".\n")
     live = LiveLine(sys.stdout)
     with _node(parameters, output) as check, closing(live):
         playback = play(records, [] if bag else _speeds(drive), live.show, check)
     log = max(set(output.glob("*.mcap")) - logs_before, key=lambda path: path.stat().st_mtime)
-    plot_predictions(log, log.with_suffix(".png"))
+    plot_predictions(log, log.with_suffix(".png"), table.mode_names)
     return _report(playback, log)
 
 

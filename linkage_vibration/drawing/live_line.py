@@ -3,6 +3,7 @@
 """Shows the newest prediction as one line of text."""
 
 import math
+import shutil
 import time
 from typing import Any, TextIO
 
@@ -23,7 +24,10 @@ class LiveLine:
         if now < self._due:
             return
         self._due = now + (0.1 if self._in_place else 1.0)
-        self._stream.write(f"\r{_line(prediction)}" if self._in_place else f"{_line(prediction)}\n")
+        line = _line(prediction)
+        # A line that wraps could not be overwritten.
+        width = shutil.get_terminal_size().columns - 1
+        self._stream.write(f"\r{line[:width]}" if self._in_place else f"{line}\n")
         self._stream.flush()
 
     def close(self) -> None:
@@ -33,7 +37,7 @@ class LiveLine:
 
 
 def _line(prediction: Any) -> str:
-    """Return a line of constant width, less than 80 columns for 3 modes.
+    """Return a line of constant width: less than 80 columns for 3 modes, 94 for 6.
 
     An overdamped mode ("overd.") has no frequency.
     """

@@ -69,7 +69,7 @@ def tidy(ax: "Axes") -> None:
     ax.spines[["top", "right"]].set_visible(False)
 
 
-def plot_predictions(log: Path, picture: Path) -> None:
+def plot_predictions(log: Path, picture: Path, names: Sequence[str] = ()) -> None:
     """Draw crank angle, natural frequencies and FRF peak of a log over the time of its stamps.
 
     Excitations are drawn where they are near a natural frequency. Where predictions are missing
@@ -83,13 +83,15 @@ def plot_predictions(log: Path, picture: Path) -> None:
         An MCAP file, as the node or a replay writes it.
     picture : Path
         The PNG file to write. An existing file is replaced.
+    names : sequence of str
+        Names of the modes, where they are known.
     """
     require_matplotlib()
     from matplotlib.figure import Figure
 
     predictions, resonances = _read(log)
     figure = Figure(figsize=(10, 8.6), dpi=150, layout="constrained")
-    _draw(figure, predictions, resonances)
+    _draw(figure, predictions, resonances, names)
     title = "Natural frequencies and FRF peak of the linkage as its crank turns"
     figure.suptitle(title, x=0.01, horizontalalignment="left", fontweight="bold")
     table_ids = predictions["table_id"]
@@ -113,7 +115,9 @@ def _read(log: Path) -> tuple[Columns, Columns]:
     return {name: column[order] for name, column in predictions.items()}, resonances
 
 
-def _draw(figure: "Figure", predictions: Columns, resonances: Columns) -> None:
+def _draw(
+    figure: "Figure", predictions: Columns, resonances: Columns, names: Sequence[str] = ()
+) -> None:
     """Draw one row for the angle, one for each mode (the highest on top) and one for the peak."""
     n_modes = predictions["natural_frequencies"].shape[1]
     stamps = header_stamps(predictions)
@@ -122,7 +126,10 @@ def _draw(figure: "Figure", predictions: Columns, resonances: Columns) -> None:
     gaps = gap_starts(times)
     axes = figure.subplots(n_modes + 2, sharex=True, height_ratios=[1.4, *[1] * n_modes, 1.4])
     rows = axes[-2:0:-1]  # of the modes, from the lowest
-    keys: dict[str, Artist] = _draw_lines(axes, times, np.union1d(gaps + 1, jumps), predictions)
+    breaks = np.union1d(gaps + 1, jumps)
+    keys: dict[str, Artist] = _draw_lines(axes, times, breaks, predictions)
+    for mode, (name, ax) in enumerate(zip(names, rows, strict=False)):
+        ax.set_ylabel(f"{name}\n$f_{mode + 1}$ [Hz]")
     near = resonances["state"] == ResonanceState.WARNING if resonances else np.zeros(0, bool)
     if near.any():
         places = np.maximum.accumulate(predictions[PLACE])
@@ -186,7 +193,7 @@ def _draw_lines(
     line(last, columns["frf_peak_magnitude"], color=palette.PEAK, lw=2)
     last.set_yscale("log")
     last.yaxis.set_major_locator(LogLocator(subs=(1, 1.5, 2, 3, 5, 7)))
-    last.yaxis.set_major_formatter("{x:.2g}")
+    last.yaxis.set_major_formatter("{x:.3g}")
     last.yaxis.set_minor_locator(NullLocator())
     last.set_ylabel("FRF peak\n[m/N]", color=palette.PEAK)
     last.set_xlabel("time [s]")

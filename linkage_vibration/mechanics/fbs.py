@@ -52,7 +52,7 @@ def component_frf(
     complex ndarray, (n_freq, n_dofs, n_dofs)
         m/N between displacements; symmetric. Below 1 Hz a free body moves so much more than a
         coupled one that the rounding of its FRFs alone leaves errors in those of an assembly: with
-        the default linkage 4e-9 of the largest at 0.1 Hz, 1e-7 at 0.01 Hz.
+        the paper's linkage 4e-9 of the largest at 0.1 Hz, 1e-7 at 0.01 Hz.
 
     Raises
     ------

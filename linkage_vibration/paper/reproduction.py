@@ -26,13 +26,13 @@ from linkage_vibration.paper.freed_dimensions import PRINTED_FILE, scan_freed_di
 from linkage_vibration.paper.numbers import NUMBERS, PLACES, SOURCE, Number, frequencies
 from linkage_vibration.readers.mechanism import load_yaml, mechanism_of
 from linkage_vibration.support.atomic_files import write_text
-from linkage_vibration.support.resources import DEFAULT_MECHANISM, config_file
+from linkage_vibration.support.resources import PAPER_MECHANISM, config_file
 
 Progress = Callable[[str, int, int], None]
 """Called with the name of a task, the number of its steps that are done, and of all its steps."""
 
 CORRECTED, PRINTED = "upper link 0.520 m", "as printed, 0.420 m"
-FILES = {CORRECTED: DEFAULT_MECHANISM, PRINTED: PRINTED_FILE}
+FILES = {CORRECTED: PAPER_MECHANISM, PRINTED: PRINTED_FILE}
 SWEEP: FloatArray = np.radians(np.linspace(90.0, 180.0, 46))
 LINES: FloatArray = np.linspace(0.0, 200.0, 2001)  # Hz
 

@@ -4,6 +4,7 @@
 
 import enum
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -81,6 +82,7 @@ def uncertain_modes(
     frequency_stddev: FloatArray,
     ratios: FloatArray,
     ratio_stddev: FloatArray,
+    label: Callable[[int], str] = lambda mode: f"mode {mode + 1}",
 ) -> list[str]:
     """Return a sentence about each mode whose standard deviations are large.
 
@@ -91,15 +93,17 @@ def uncertain_modes(
     frequencies, frequency_stddev, ratios, ratio_stddev : ndarray, (..., n_modes)
         Natural frequencies, damping ratios and their standard deviations, Hz and 1, of one
         prediction or of many, of which the worst counts.
+    label : callable
+        Returns how a mode, counted from 0, is called, as `Table.mode_label` does.
     """
     worst = []
     for values, stddev in ((frequencies, frequency_stddev), (ratios, ratio_stddev)):
         shares = np.divide(stddev, values, out=np.zeros(np.shape(values)), where=values > 0.0)
         worst.append(np.fmax.reduce(shares.reshape(-1, shares.shape[-1]), axis=0, initial=0.0))
     return [
-        f"Mode {mode} is uncertain: the standard deviation is {frequency:.2g} % of its natural "
-        f"frequency and {ratio:.2g} % of its damping ratio."
-        for mode, (frequency, ratio) in enumerate(100.0 * np.transpose(worst), 1)
+        f"M{label(mode)[1:]} is uncertain: the standard deviation is {frequency:.2g} % of its "
+        f"natural frequency and {ratio:.2g} % of its damping ratio."
+        for mode, (frequency, ratio) in enumerate(100.0 * np.transpose(worst))
         if frequency > _UNCERTAIN_FREQUENCY or ratio > _UNCERTAIN_RATIO
     ]
 

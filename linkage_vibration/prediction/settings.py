@@ -169,7 +169,8 @@ class Parameters:
     )
     mechanism_file: str = _text(
         "the path of a YAML file",
-        "The mechanism. If it is empty, the three-point linkage of the package is used.",
+        "The mechanism. If it is empty, the three-point linkage on a tractor of the "
+        "package is used.",
     )
     table_file: str = _text(
         "the path of an .npz file",
@@ -268,11 +269,12 @@ class Parameters:
         lambda value: value in ("off", "metadata", "contents"),
     )
     marker_mode: str = _parameter(
-        "2",
         "",
-        "the number of a mode or its name",
-        "Mode that `~/markers` shows: its number, counted from 1, or its name; 0 for no mode.",
-        lambda mode: mode != "" and not mode.startswith("-"),
+        "",
+        "the number of a mode, its name, or empty",
+        "Mode that `~/markers` shows: its number, counted from 1, or its name; 0 for no mode. If "
+        "it is empty, the first mode that is not the tractor's is shown.",
+        lambda mode: not mode.startswith("-"),
     )
     marker_rate: float = _ranged(10.0, 0.1, 100.0, "Hz", "Rate at which `~/markers` is published.")
     marker_frame: str = _parameter(

@@ -130,10 +130,10 @@ def summary(found: Difference) -> str:
         f"B: {found.b.path}, table {found.b.table_id}",
         _matched(found),
         sentence(found),
-        f"{'B - A':<26}{'largest':>14}{'at [s]':>12}{'relative':>12}{'rms':>14}  unit",
+        f"{'B - A':<30}{'largest':>14}{'at [s]':>12}{'relative':>12}{'rms':>14}  unit",
     ]
     for name, largest, at, relative, rms, unit in _rows(found):
-        lines.append(f"{name:<26}{largest:>14}{at:>12}{relative:>12}{rms:>14}  {unit}")
+        lines.append(f"{name:<30}{largest:>14}{at:>12}{relative:>12}{rms:>14}  {unit}")
     for name, changed in _changed_files(found).items():
         lines += ["", f"{name}, A -> B:", *(f"  {line}" for line in changed)]
     return "\n".join(lines)
@@ -167,9 +167,10 @@ def _nearest_margin(found: Difference) -> str:
         return ""
     at = int(np.nanargmin(np.where(np.isfinite(margins.b), np.abs(margins.a), np.nan)))
     row = found.rows_a[at]
-    name, mode = found.a.resonances.excitation[row], found.a.resonances.mode[row] + 1
+    name = found.a.resonances.excitation[row]
+    mode = found.a.mode_label(int(found.a.resonances.mode[row]))
     return (
-        f"; {name}, in A {100.0 * abs(margins.a[at]):.2g} % from mode {mode}, is "
+        f"; {name}, in A {100.0 * abs(margins.a[at]):.2g} % from {mode}, is "
         f"{100.0 * abs(margins.b[at]):.2g} % from it in B"
     )
 
@@ -227,8 +228,8 @@ def _quantities(log: Log, rows: IntArray) -> dict[str, tuple[str, str, float, Fl
     """Return the name, the unit, the factor and the values of each quantity of a log."""
     angles = np.where(np.isfinite(log.crank_angle), log.crank_angle, np.nan)
     found = {"angle": ("crank angle", "deg", DEG, angles[rows])}
-    for mode, values in enumerate(log.natural_frequencies[rows].T, 1):
-        found[f"f{mode}"] = (f"mode {mode}", "Hz", 1.0, values)
+    for mode, values in enumerate(log.natural_frequencies[rows].T):
+        found[f"f{mode + 1}"] = (log.mode_label(mode), "Hz", 1.0, values)
     found["peak_frequency"] = ("FRF peak frequency", "Hz", 1.0, log.peak_frequency[rows])
     found["peak_magnitude"] = ("FRF peak", "m/N", 1.0, log.peak_magnitude[rows])
     if log.resonances is not None:

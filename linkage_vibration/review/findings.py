@@ -104,14 +104,14 @@ def first_sentence(log: Log, found: list[Meeting]) -> str:
         at = int(np.nanargmin(margins))
         return (
             f"No excitation came near a natural frequency; the nearest was "
-            f"{log.resonances.excitation[at]}, {100.0 * margins[at]:.1f} % from mode "
-            f"{log.resonances.mode[at] + 1}."
+            f"{log.resonances.excitation[at]}, {100.0 * margins[at]:.1f} % from "
+            f"{log.mode_label(int(log.resonances.mode[at]))}."
         )
     worst = found[0]
     angle = math.degrees(log.crank_angle[worst.strongest])
     return (
         f"The worst moment was at {real_times(log)[worst.strongest]:.2f} s and {angle:.1f} deg: "
-        f"{worst.excitation} met mode {worst.mode + 1} for "
+        f"{worst.excitation} met {log.mode_label(worst.mode)} for "
         f"{worst.worst.end - worst.worst.start:.2f} s. If this lasts, the response is "
         f"{in_words(worst)} the static one. "
         f"Avoid {worst.avoid}."

@@ -165,6 +165,15 @@ class Log:
         """Number of modes."""
         return int(self.natural_frequencies.shape[1])
 
+    def mode_label(self, mode: int) -> str:
+        """Return a mode, counted from 0, by its number, and its name if the log has its table."""
+        return f"mode {mode + 1}" if self.table is None else self.table.mode_label(mode)
+
+    def mode_name(self, mode: int) -> str:
+        """Return the name of a mode, counted from 0; empty if the log has no table."""
+        names = () if self.table is None else self.table.mode_names
+        return names[mode] if mode < len(names) else ""
+
     @property
     def times(self) -> FloatArray:
         """Seconds since the first stamp, (n,); after a jump of the clock back, they continue."""
@@ -299,8 +308,10 @@ def write_csv(log: Log, path: Path) -> None:
     columns += [log.peak_frequency, log.peak_magnitude, log.interpolation_error]
     if log.resonances is not None:
         r = log.resonances
-        names += ["resonance_state", "excitation", "excitation_frequency_hz", "mode"]
+        names += ["resonance_state", "excitation", "excitation_frequency_hz", "mode", "mode_name"]
         columns += [r.state, r.excitation, r.excitation_frequency, r.mode + 1]
+        known = np.array([log.mode_name(mode) for mode in range(log.n_modes)])
+        columns.append(known[np.minimum(r.mode, log.n_modes - 1)])
         names += ["margin_hz", "relative_margin", "approach", "time_to_crossing_s"]
         columns += [r.margin, r.relative_margin, r.approach, r.time_to_crossing]
         names += ["probability", "velocity_m_per_s", "velocity_stddev_m_per_s"]

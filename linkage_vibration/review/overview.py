@@ -66,6 +66,7 @@ def drive_summary(log: Log) -> dict[str, Any]:
             "crank_angle_deg": math.degrees(log.crank_angle[first.strongest]),
             "excitation": first.excitation,
             "mode": first.mode + 1,
+            "mode_name": log.mode_name(first.mode),
             "duration_s": first.worst.end - first.worst.start,
             "amplification": first.amplification,
             "amplification_stddev": _known(first.amplification_stddev),

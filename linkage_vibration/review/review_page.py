@@ -60,6 +60,7 @@ def review_page(log: Log) -> Page:
         "charts": _charts(log, margin),
         "overview": {"column": "crank_angle", "factor": DEG, "label": "α3"},
         "readings": _readings(log),
+        "mode_labels": [_mode_name(log, mode) for mode in range(log.n_modes)],
         "brief": ["crank_angle", *(f"f{mode + 1}" for mode in range(log.n_modes))],
         "answer": first_sentence(log, met),
         "tables": [
@@ -96,8 +97,13 @@ def review_page(log: Log) -> Page:
 
 def _mode_name(log: Log, mode: int) -> str:
     """Return how the page calls a mode: its number, and its name if the log has its table."""
-    label = f"mode {mode + 1}" if log.table is None else log.table.mode_label(mode)
+    label = log.mode_label(mode)
     return label[0].upper() + label[1:]
+
+
+def _numbered(log: Log, mode: int) -> str:
+    """Return the number of a mode, and its name if the log has its table."""
+    return log.mode_label(mode).removeprefix("mode ")
 
 
 def provenance_rows(log: Log) -> list[list[str]]:
@@ -253,12 +259,13 @@ def _readings(log: Log) -> Items:
     if log.resonances is None:
         return readings
     names = [name or "none" for name in _excitation_names(log)]
+    near = ["none", *(_numbered(log, mode) for mode in range(log.n_modes))]
     return [
         *readings,
         reading("state", "Resonance", column="state", words=STATES),
         reading("excitation", "Most severe excitation", column="excitation", words=names),
         reading("exc_f", "Excitation frequency", column="excitation_frequency", unit="Hz"),
-        reading("near_mode", "Nearest mode", column="resonance_mode", digits=1),
+        reading("near_mode", "Nearest mode", column="resonance_mode", words=near),
         reading("margin", "Margin", column="margin", factor=100.0, unit="%", digits=4),
     ]
 
@@ -273,7 +280,7 @@ def _meetings_table(log: Log, met: list[Meeting], rows: IntArray, axis: TimeAxis
         spread = (
             "" if math.isnan(one.amplification_stddev) else f" ± {one.amplification_stddev:.2g}"
         )
-        cells = [one.excitation, str(one.mode + 1), f"{one.amplification:.3g}{spread}"]
+        cells = [one.excitation, _numbered(log, one.mode), f"{one.amplification:.3g}{spread}"]
         at = clock(float(times[one.strongest]), float(times.max()))
         cells += [f"{one.dwell:.2f}", str(one.count), at, one.avoid]
         length = one.worst.end - one.worst.start
@@ -309,7 +316,11 @@ def _moments_table(
         time, length = float(times[m.nearest]), m.end - m.start
         severity = float(strength[m.first : m.last + 1].max())
         margin = f"{100.0 * m.relative_margin:+.1f}" + (" ×" if m.crossed else "")
-        cells = [clock(float(real[m.nearest]), float(real.max())), m.excitation, str(m.mode + 1)]
+        cells = [
+            clock(float(real[m.nearest]), float(real.max())),
+            m.excitation,
+            _numbered(log, m.mode),
+        ]
         cells += [f"{m.natural_frequency:.2f}", margin, f"{severity:.3g}", f"{length:.2f}"]
         index = int(np.searchsorted(rows, m.nearest))
         at = {"cells": cells, "time": time, "length": length, "index": index, "mode": m.mode}
@@ -364,7 +375,7 @@ def _summary(log: Log, found: list[Moment], missing: list[tuple[float, float]]) 
         add("Resonance warnings", "not known", alert=True)
     deviations = log.frequency_stddev, log.damping_ratios, log.damping_ratio_stddev
     expected = log.table is not None and log.table.uncertain  # numbers of the mechanism are
-    for text in uncertain_modes(log.natural_frequencies, *deviations):
+    for text in uncertain_modes(log.natural_frequencies, *deviations, log.mode_label):
         add("Uncertain", text, alert=not expected)
     faulty = int((log.status != Status.OK).sum())
     add("Predictions not OK", f"{faulty:,}" if faulty else "none", alert=faulty > 0)

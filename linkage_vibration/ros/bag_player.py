@@ -12,6 +12,7 @@ import rclpy
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.signals import SignalHandlerOptions
 
 from linkage_vibration.bags.streams import open_bags
@@ -21,7 +22,7 @@ from linkage_vibration.prediction.inputs import INPUTS
 from linkage_vibration.prediction.settings import Parameters
 from linkage_vibration.ros.command_line import start_errors
 from linkage_vibration.ros.endpoints import message_class
-from linkage_vibration_interfaces.msg import VibrationPrediction
+from linkage_vibration_interfaces.msg import TableInfo, VibrationPrediction
 
 SETTLING = 1.0  # s; a subscriber finds a publisher somewhat later than the publisher finds it
 HINT_AFTER = 5.0  # s without what is waited for
@@ -83,7 +84,8 @@ def watch(node_name: str, show: Callable[[Any], None], report: Callable[[str], N
     show : callable
         Called with each prediction.
     report : callable
-        Called with a sentence if no prediction arrives at the beginning.
+        Called with the names of the modes, and with a sentence if no prediction arrives at the
+        beginning.
     """
     with _node("linkage_vibration_watch") as node:
         topic, due = f"{node_name}/prediction", time.monotonic() + HINT_AFTER
@@ -94,8 +96,13 @@ def watch(node_name: str, show: Callable[[Any], None], report: Callable[[str], N
             arrived = True
             show(prediction)
 
+        def on_table(table: TableInfo) -> None:
+            report(f"The modes are, from the lowest: {', '.join(table.mode_names)}.")
+
+        last = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         with start_errors():
             node.create_subscription(VibrationPrediction, topic, on_prediction, QUEUE_DEPTH)
+            node.create_subscription(TableInfo, f"{node_name}/table_info", on_table, last)
         executor = SingleThreadedExecutor(context=node.context)
         executor.add_node(node)
         while True:

@@ -210,7 +210,8 @@ def _uncertain(health: Health) -> list[str]:
         return []
     one = health.prediction
     frequencies = one.natural_frequencies, one.frequency_stddev
-    return uncertain_modes(*frequencies, one.damping_ratios, one.damping_ratio_stddev)
+    labels = [] if health.served is None else [health.served.table.mode_label]
+    return uncertain_modes(*frequencies, one.damping_ratios, one.damping_ratio_stddev, *labels)
 
 
 def _percentile(latencies: Sequence[float], share: float) -> float:

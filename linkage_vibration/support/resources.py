@@ -11,9 +11,12 @@ from linkage_vibration.errors import LinkageVibrationError
 PACKAGE = "linkage_vibration"
 
 # The default files, below config.
-DEFAULT_MECHANISM = "three_point_linkage.yaml"
-DEFAULT_TABLE = "tables/three_point_linkage.npz"
+DEFAULT_MECHANISM = "three_point_linkage_on_tractor.yaml"
+DEFAULT_TABLE = "tables/three_point_linkage_on_tractor.npz"
 DEFAULT_EXCITATIONS = "excitations.yaml"
+# The paper's linkage, on a ground that does not move.
+PAPER_MECHANISM = "three_point_linkage.yaml"
+PAPER_TABLE = "tables/three_point_linkage.npz"
 
 
 class ResourceError(LinkageVibrationError):

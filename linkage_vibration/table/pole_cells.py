@@ -5,6 +5,7 @@
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -53,11 +54,18 @@ def pole_piece(
     variables = stroke_variable(alpha3, toggles)
     angles = stroke_angle(np.linspace(variables[0], variables[-1], FIRST_CELLS + 1), toggles)
     angles[[0, -1]] = alpha3[[0, -1]]
+    # A function within this one could not be sent to another process with its table.
+    return PolePiece(angles, partial(_modal, models, variables, toggles), 0, band)
 
-    def modal(at: FloatArray) -> Modal:
-        return models.at(variables, stroke_variable(at, toggles)).modal
 
-    return PolePiece(angles, modal, 0, band)
+def _modal(
+    models: ReducedModels,
+    variables: FloatArray,
+    toggles: tuple[float, float] | None,
+    angles: FloatArray,
+) -> Modal:
+    """Return the poles and residues at angles, rad."""
+    return models.at(variables, stroke_variable(angles, toggles)).modal
 
 
 def oscillating(poles: ComplexArray) -> ComplexArray:

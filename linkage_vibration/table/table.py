@@ -229,8 +229,12 @@ class Table:
     def find_mode(self, wanted: str) -> int | None:
         """Return the index of a mode by its number, counted from 1, or its name; None if unknown.
 
-        The number 0 is no mode, whose index is -1.
+        The number 0 is no mode, whose index is -1. Without a number and a name, the mode is the
+        first that is not the tractor's.
         """
+        if not wanted:
+            own = (i for i, name in enumerate(self.mode_names) if not name.startswith("tractor "))
+            return next(own, 0)
         if wanted.isdecimal():
             return int(wanted) - 1
         return self.mode_names.index(wanted) if wanted in self.mode_names else None

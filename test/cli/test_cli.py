@@ -53,7 +53,7 @@ def test_predict_prints_what_the_predictor_says(tmp_path: Path) -> None:
     """There is one row for each angle; an angle out of range says so and sets the exit code."""
     done = run("predict", "90", "140", "180", folder=tmp_path)
     assert done.returncode == 0
-    predictor = Predictor(load_table(config_file("tables/three_point_linkage.npz")))
+    predictor = Predictor(load_table(config_file("tables/three_point_linkage_on_tractor.npz")))
     first = predictor.predict(90.0 * 3.141592653589793 / 180.0).natural_frequencies[0]
     assert f"{first:.4f}" in done.stdout.splitlines()[1]
     shares = run("predict", "140", "--shares", "--angle-stddev-deg", "1", folder=tmp_path).stdout

@@ -92,7 +92,7 @@ def test_every_joint_state_is_answered_and_logged(tmp_path: Path) -> None:
     logged = list(read_joint_states(log))
     predictions = [message for _, message in read_messages(log, PREDICTION_TOPIC)]
     assert len(played) == len(logged) == len(predictions) == 240
-    predictor = Predictor(load_table(config_file("tables/three_point_linkage.npz")))
+    predictor = Predictor(load_table(config_file("tables/three_point_linkage_on_tractor.npz")))
     first, last = predictor.table.alpha3_range
     positions = np.array([record.position[0] for record in played])
     low, high = np.nanmin(positions), np.nanmax(positions)

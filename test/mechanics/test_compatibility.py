@@ -25,7 +25,7 @@ SPRINGS = {
 
 @pytest.fixture
 def sprung(mapping: Any) -> LinkageModel:
-    """Return the default linkage with springs and without its clamp."""
+    """Return the paper's linkage with springs and without its clamp."""
     del mapping["links"]["input_crank"]["clamped"]
     mapping["springs"] = SPRINGS
     return LinkageModel(mechanism_from_mapping(mapping))

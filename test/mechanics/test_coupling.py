@@ -31,7 +31,7 @@ FREQUENCIES = np.linspace(0.5, 200.0, 40)
 
 @pytest.fixture(scope="module")
 def undamped(mechanism: Mechanism) -> LinkageModel:
-    """Return the default linkage without damping."""
+    """Return the paper's linkage without damping."""
     return LinkageModel(replace(mechanism, damping=Rayleigh(0.0, 0.0)))
 
 

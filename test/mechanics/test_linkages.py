@@ -182,7 +182,7 @@ def test_the_order_of_bodies_changes_nothing(mapping: Any, model: LinkageModel) 
 def test_wrong_descriptions_are_reported(
     stephenson_mapping: Any, path: tuple[str, ...], value: Any, words: str
 ) -> None:
-    """Each wrong key of what the default linkage does not use names its path."""
+    """Each wrong key of what the paper's linkage does not use names its path."""
     below = stephenson_mapping
     for key in path[:-1]:
         below = below[key]

@@ -55,9 +55,11 @@ def test_names_of_the_linkage_on_its_tractor_hold_over_the_stroke(tmp_path: Path
 
 def test_without_tractor_the_same_mode_has_the_same_name() -> None:
     """Whoever watches the implement's heave watches mode 1 there, and mode 4 on the tractor."""
-    assert load_table().mode_names[0] == "implement heave"
+    table = load_table(config_file("tables/three_point_linkage.npz"))
+    assert table.mode_names[0] == "implement heave"
+    assert table.find_mode("") == 0
     shipped = load_table(config_file("tables/three_point_linkage_on_tractor.npz"))
-    assert shipped.find_mode("implement heave") == 3
+    assert shipped.find_mode("implement heave") == shipped.find_mode("") == 3
 
 
 def test_link_bends_and_repeated_names_are_numbered() -> None:
@@ -89,7 +91,9 @@ def test_names_of_the_file_come_first() -> None:
     mechanism = mechanism_from_mapping(_named(["my mode", ""]))
     table = build_table(LinkageModel(mechanism), 1e-3)
     assert table.mode_names[:2] == ("my mode", "implement pitch")
-    assert mechanism.model_hash != read_mechanism().model_hash
+    assert (
+        mechanism.model_hash != read_mechanism(config_file("three_point_linkage.yaml")).model_hash
+    )
     assert math.isclose(table.mode_shares[0].sum(), 1.0, abs_tol=1e-3)
 
 

@@ -34,7 +34,7 @@ PLACES = [("E1", "z"), ("E1", "x"), ("E2", "x"), ("V1", "z")]
 
 @dataclass(frozen=True)
 class Bench:
-    """The default linkage at 140 deg, one of whose links is measured."""
+    """The paper's linkage at 140 deg, one of whose links is measured."""
 
     model: LinkageModel
     lines: FloatArray

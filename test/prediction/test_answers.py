@@ -67,8 +67,9 @@ def test_motion_of_the_base_is_an_input(mechanism_file: Path) -> None:
     answer = answer_frf(served, 2.0, ["rear_axle.z"], inputs, line, exact=True)
     np.testing.assert_allclose(answer.frf[0, 0, :2], [1.0, 0.0], atol=1e-6)
     assert answer.frf[0, 0, 2].real == pytest.approx(0.0, abs=1e-9)
-    mechanism = read_mechanism()
-    clamped = Served(Predictor(load_table()), mechanism, mechanism_file.read_text())
+    mechanism = read_mechanism(mechanism_file)
+    table = load_table(config_file("tables/three_point_linkage.npz"))
+    clamped = Served(Predictor(table), mechanism, mechanism_file.read_text())
     answer = answer_frf(clamped, 2.0, ["E1.z"], ["base.z"], line, exact=True)
     assert answer.frf[0, 0, 0] == pytest.approx(1.0)
     with pytest.raises(ServingError, match=r"base\.z"):

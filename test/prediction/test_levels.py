@@ -21,7 +21,7 @@ from linkage_vibration.prediction.excitation import (
 from linkage_vibration.prediction.levels import Levels, LevelTable
 from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.readers.mechanism import read_mechanism
-from linkage_vibration.support.resources import config_file
+from linkage_vibration.support.resources import PAPER_TABLE, config_file
 from linkage_vibration.table.table import load_table
 
 SPEEDS = {Source.ENGINE: 1800.0, Source.PTO: 540.0, Source.GROUND: math.nan}
@@ -215,7 +215,7 @@ def test_clamped_ground_is_not_accelerated() -> None:
 
 def test_table_without_frfs() -> None:
     """Without FRFs in the table, nothing is known, and an amplitude is refused."""
-    predictor = Predictor(replace(load_table(), places=()))
+    predictor = Predictor(replace(load_table(config_file(PAPER_TABLE)), places=()))
     mechanism = read_mechanism(config_file("three_point_linkage.yaml"))
     plain = [Excitation("e 1", Source.ENGINE, 1.0 / 60.0)]
     level = LevelTable(predictor, mechanism, plain).at(2.0, speeds(), np.zeros((2, 3)))

@@ -27,7 +27,7 @@ from linkage_vibration.prediction.resonance import (
     half_power_probability,
 )
 from linkage_vibration.readers.mechanism import read_mechanism
-from linkage_vibration.support.resources import DEFAULT_TABLE, config_file
+from linkage_vibration.support.resources import PAPER_TABLE, config_file
 from linkage_vibration.table.table import load_table
 
 SECOND = 10**9  # ns
@@ -37,8 +37,8 @@ BUS = Path(__file__).parents[3] / "shared" / "data" / "tractor_can_gears.csv"
 
 @pytest.fixture(scope="module")
 def predictor() -> Predictor:
-    """Return a predictor on the shipped table."""
-    return Predictor(load_table(config_file(DEFAULT_TABLE)))
+    """Return a predictor on the table of the paper's linkage."""
+    return Predictor(load_table(config_file(PAPER_TABLE)))
 
 
 @pytest.fixture

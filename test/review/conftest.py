@@ -16,7 +16,7 @@ from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.prediction.resonance import ResonanceMonitor
 from linkage_vibration.readers.excitations import read_excitations
-from linkage_vibration.support.resources import DEFAULT_MECHANISM, DEFAULT_TABLE, config_file
+from linkage_vibration.support.resources import PAPER_MECHANISM, PAPER_TABLE, config_file
 from linkage_vibration.table.table import load_table, table_bytes
 from test.support.browser import CHROMIUM, NAMES, Browser
 from test.support.drive import engine_and_pto_speed, hitch_duty_cycle
@@ -47,7 +47,7 @@ def write_log() -> WriteLog:
         speeds: bool = True,
         provenance: bool = True,
     ) -> Path:
-        table = load_table(config_file(DEFAULT_TABLE))
+        table = load_table(config_file(PAPER_TABLE))
         predictor = Predictor(table)
         monitor = ResonanceMonitor(read_excitations(config_file("excitations.yaml")))
         qos = offered_qos_profiles(reliable=True, depth=10)
@@ -57,7 +57,7 @@ def write_log() -> WriteLog:
             if speeds or "prediction" in name
         ]
         files = {
-            DEFAULT_MECHANISM: config_file(DEFAULT_MECHANISM).read_bytes(),
+            PAPER_MECHANISM: config_file(PAPER_MECHANISM).read_bytes(),
             f"{table.table_id}.npz": table_bytes(table),
             "excitations.yaml": config_file("excitations.yaml").read_bytes(),
             "parameters.yaml": PARAMETERS,

@@ -89,7 +89,7 @@ def test_first_sentence(log: Log) -> None:
     text, worst = first_sentence(log, met), met[0]
     for part in (
         f"{log.times[worst.strongest]:.2f} s",
-        f"{worst.excitation} met mode {worst.mode + 1} for ",
+        f"{worst.excitation} met {log.mode_label(worst.mode)} for ",
         f"{worst.amplification:.3g} times (standard deviation not known)",
         " rpm between ",
     ):

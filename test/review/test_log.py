@@ -23,7 +23,7 @@ from linkage_vibration.review.log import (
     read_log,
     write_csv,
 )
-from linkage_vibration.support.resources import DEFAULT_MECHANISM, DEFAULT_TABLE, config_file
+from linkage_vibration.support.resources import PAPER_MECHANISM, PAPER_TABLE, config_file
 from linkage_vibration.table.table import load_table
 
 
@@ -61,12 +61,12 @@ def test_resonances_are_the_message_s_fields() -> None:
 def test_provenance_is_found(drive: Path) -> None:
     """Table, mechanism, excitations, parameters and speeds are read from the log."""
     log = read_log(drive)
-    table = load_table(config_file(DEFAULT_TABLE))
+    table = load_table(config_file(PAPER_TABLE))
     assert log.table is not None
     assert log.table.table_id == table.table_id == log.table_id
     assert log.mechanism is not None
     assert log.mechanism.model_hash == table.model_hash
-    assert log.mechanism_text == config_file(DEFAULT_MECHANISM).read_text()
+    assert log.mechanism_text == config_file(PAPER_MECHANISM).read_text()
     assert [e.name for e in log.excitations][:2] == ["engine 0.5", "engine 1"]
     assert log.parameters == {"angle_stddev": 0.005, "warning_margin": 0.1}
     times, engine = log.speeds[Source.ENGINE]

@@ -12,7 +12,7 @@ from linkage_vibration.drawing.geometry import curves
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.review.model_grid import linkage_grid, receptance_grid
-from linkage_vibration.support.resources import DEFAULT_TABLE, config_file
+from linkage_vibration.support.resources import PAPER_TABLE, config_file
 from linkage_vibration.table.table import load_table
 from linkage_vibration.table.tabulation import build_table
 from test.support.crossing import crossing_crank
@@ -23,7 +23,7 @@ Grid = dict[str, Any]
 @pytest.fixture(scope="module")
 def drawn(mechanism: Mechanism) -> Grid:
     """Return the grid of the shipped linkage."""
-    found = linkage_grid(mechanism, load_table(config_file(DEFAULT_TABLE)))
+    found = linkage_grid(mechanism, load_table(config_file(PAPER_TABLE)))
     assert found is not None
     return found
 
@@ -46,7 +46,7 @@ def test_shapes_do_not_flip(drawn: Grid) -> None:
 
 def test_terms_between_angles(mechanism: Mechanism) -> None:
     """Halfway between two angles of the grid, interpolated terms give |H| within 1e-3."""
-    table = load_table(config_file(DEFAULT_TABLE))
+    table = load_table(config_file(PAPER_TABLE))
     found = receptance_grid(mechanism, table)
     assert found is not None
     assert found["place"] == "E1 z"
@@ -63,7 +63,7 @@ def test_terms_between_angles(mechanism: Mechanism) -> None:
 
 def test_no_frf_no_waterfall(mechanism: Mechanism) -> None:
     """A table without the drive point gives no receptance."""
-    table = load_table(config_file(DEFAULT_TABLE))
+    table = load_table(config_file(PAPER_TABLE))
     assert receptance_grid(mechanism, replace(table, places=table.places[2:])) is None
 
 

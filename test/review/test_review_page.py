@@ -12,7 +12,7 @@ import pytest
 from linkage_vibration.cli.main import main
 from linkage_vibration.review.log import Log, read_log
 from linkage_vibration.review.moments import moments
-from linkage_vibration.support.resources import DEFAULT_TABLE, config_file
+from linkage_vibration.support.resources import PAPER_TABLE, config_file
 from linkage_vibration.table.table import load_table
 
 SHIFT = 8
@@ -192,7 +192,7 @@ def test_linkage_is_drawn_and_moves(page: Any, log: Log) -> None:
 
 def test_receptance_is_the_table_s(page: Any) -> None:
     """|H| in the waterfall is within 0.3 % of the table, also beside resonances."""
-    table = load_table(config_file(DEFAULT_TABLE))
+    table = load_table(config_file(PAPER_TABLE))
     for degrees, frequency in ((101.3, 3.1), (133.37, 98.0), (165.21, 5.4), (178.0, 150.0)):
         angle = float(np.deg2rad(degrees))
         shown = page.evaluate(f"review.receptance({angle!r}, {frequency})")

@@ -18,6 +18,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.prediction.resonance import Resonance, ResonanceState
 from linkage_vibration.ros.diagnostics import LATENCIES, Health, Second, Statistics, status
+from linkage_vibration.support.resources import PAPER_TABLE, config_file
 from linkage_vibration.table.table import load_table
 from test.support.ros_process import until
 
@@ -32,7 +33,7 @@ NEAR = Resonance(
 )
 # Mode 1 is known, and mode 3 is overdamped, so that nothing about it is uncertain.
 UNCERTAIN = replace(
-    Predictor(load_table()).predict(2.0),
+    Predictor(load_table(config_file(PAPER_TABLE))).predict(2.0),
     natural_frequencies=np.array([4.0, 100.0, math.nan]),
     frequency_stddev=np.array([0.01, 1.4, math.nan]),
     damping_ratios=np.array([0.01, 0.02, math.nan]),
@@ -58,7 +59,9 @@ SOUND = Health(
     resonance=replace(NEAR, state=ResonanceState.CLEAR),
     recorder=recorder(),
     served=SimpleNamespace(  # type: ignore[arg-type]
-        table=replace(load_table(), interpolation_error=np.array([1e-9, 4.6e-7])),
+        table=replace(
+            load_table(config_file(PAPER_TABLE)), interpolation_error=np.array([1e-9, 4.6e-7])
+        ),
         mechanism=SimpleNamespace(name="a linkage"),
     ),
 )
@@ -101,7 +104,7 @@ SOUND = Health(
         (
             {"prediction": UNCERTAIN},
             WARN,
-            r"Mode 2 is uncertain: .* 1.4 % of its natural frequency and 30 % of its damping ratio",
+            r"Mode 2 \(implement pitch\) is uncertain: .* 1.4 % of .* and 30 % of its damping",
         ),
         ({"prediction": UNCERTAIN, "resonance": NEAR}, WARN, "engine 3"),
         ({"age": 2.5, "recorder": recorder(error="disk full")}, ERROR, "disk full"),
@@ -178,7 +181,7 @@ def test_once_a_second_over_dds(start: Callable[..., Any], meet: Callable[[str],
     until(lambda: len(own()) > 1, "diagnostics", publish)
     values = {value.key: value.value for value in own()[-1].values}
     assert own()[-1].level in (OK, WARN)
-    assert own()[-1].hardware_id == "three_point_linkage"
+    assert own()[-1].hardware_id == "three_point_linkage_on_tractor"
     assert float(values["input rate [Hz]"]) > 0.0
     assert 0.0 < float(values["latency p50 [ms]"]) <= float(values["latency p99 [ms]"])
     assert values["resonance"] in ("clear", "warning")

@@ -65,7 +65,7 @@ def viewer(domain: int) -> Iterator[Viewer]:
             return served
 
         markers = Markers(
-            drawing, ask, Parameters(marker_mode="2", marker_rate=20.0, marker_frame="hitch")
+            drawing, ask, Parameters(marker_mode="", marker_rate=20.0, marker_frame="hitch")
         )
         executors = [SingleThreadedExecutor(context=context) for _ in range(2)]
         executors[0].add_node(drawing)
@@ -154,8 +154,8 @@ def test_picture(viewer: Viewer) -> None:
         "mode_text",
     }
     assert max(swings) <= most * (1.0 + 1e-9)
-    frequency = viewer.served.predictor.predict(ANGLE).natural_frequencies[1]
-    assert found["mode_text", 0].text == f"mode 2 (implement pitch): {frequency:.1f} Hz"
+    frequency = viewer.served.predictor.predict(ANGLE).natural_frequencies[3]
+    assert found["mode_text", 0].text == f"mode 4 (implement heave): {frequency:.1f} Hz"
 
 
 def test_other_settings(viewer: Viewer) -> None:
@@ -172,7 +172,7 @@ def test_other_settings(viewer: Viewer) -> None:
     assert picture.markers[0].lifetime.nanosec == 60_000_000
     viewer.markers.settings = Parameters(marker_mode="1", marker_rate=50.0, marker_frame="tractor")
     viewer.next(lambda p: "mode" in {marker.ns for marker in p.markers})
-    viewer.markers.settings = Parameters(marker_mode="4", marker_rate=50.0, marker_frame="tractor")
+    viewer.markers.settings = Parameters(marker_mode="7", marker_rate=50.0, marker_frame="tractor")
     viewer.next(lambda p: "mode" not in {marker.ns for marker in p.markers})
     viewer.markers.settings = Parameters(marker_mode="1", marker_rate=50.0, marker_frame="tractor")
     viewer.markers.update(3.3)  # the linkage closes there, but the table ends before it

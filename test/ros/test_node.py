@@ -36,7 +36,7 @@ from test.support.ros_process import JOINT, until
 @pytest.fixture(scope="module")
 def predictor() -> Predictor:
     """Return a predictor on the table that the node uses."""
-    return Predictor(load_table(config_file("tables/three_point_linkage.npz")))
+    return Predictor(load_table(config_file("tables/three_point_linkage_on_tractor.npz")))
 
 
 @pytest.fixture(scope="module")

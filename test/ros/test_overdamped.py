@@ -23,7 +23,7 @@ from linkage_vibration.messages.topics import PREDICTION_TOPIC, RESONANCE_TOPIC
 from linkage_vibration.playback.replay import replay
 from linkage_vibration.prediction.settings import Parameters
 from linkage_vibration.readers.mechanism import read_mechanism
-from linkage_vibration.support.resources import DEFAULT_MECHANISM, config_file
+from linkage_vibration.support.resources import PAPER_MECHANISM, config_file
 from linkage_vibration.table.table import save_table
 from linkage_vibration.table.tabulation import build_table
 from linkage_vibration_interfaces.srv import GetModeShapes
@@ -38,7 +38,7 @@ OVERDAMPED = np.greater(ANGLES, BEGIN)
 @pytest.fixture(scope="module")
 def hitch(tmp_path_factory: pytest.TempPathFactory) -> Parameters:
     """Return the parameters for the shipped hitch with a damper from P2 to E1, coarsely meshed."""
-    mapping = yaml.safe_load(config_file(DEFAULT_MECHANISM).read_text())
+    mapping = yaml.safe_load(config_file(PAPER_MECHANISM).read_text())
     for link in mapping["links"].values():
         link |= {"elements": 4, "modes": 2}
     mapping["input"]["range_deg"] = [150.0, 165.0]

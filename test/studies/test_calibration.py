@@ -40,7 +40,7 @@ MODULUS = "links.input_crank.material.youngs_modulus"
 
 
 def calibration(mapping: Any, targets: list[Target], *parameters: Parameter) -> Calibration:
-    """Return a calibration of the default linkage."""
+    """Return a calibration of the paper's linkage."""
     text = config_file("three_point_linkage.yaml").read_text()
     return Calibration(mapping, text, parameters, tuple(targets))
 

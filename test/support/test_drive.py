@@ -15,7 +15,7 @@ from linkage_vibration.prediction.inputs import JointInput
 from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.prediction.resonance import Resonance, ResonanceMonitor, ResonanceState
 from linkage_vibration.readers.excitations import read_excitations
-from linkage_vibration.support.resources import DEFAULT_TABLE, config_file
+from linkage_vibration.support.resources import PAPER_TABLE, config_file
 from linkage_vibration.table.table import load_table
 from test.support.drive import (  # type: ignore[attr-defined]
     ENGINE_SPEED,
@@ -110,7 +110,7 @@ def test_bag_holds_the_speeds() -> None:
 
 def replayed() -> list[tuple[float, Resonance]]:
     """Assess every joint state of the shipped bag as a node does; times are s from its start."""
-    predictor = Predictor(load_table(config_file(DEFAULT_TABLE)))
+    predictor = Predictor(load_table(config_file(PAPER_TABLE)))
     monitor = ResonanceMonitor(read_excitations(config_file("excitations.yaml")))
     sources = {ENGINE_SPEED: Source.ENGINE, PTO_SPEED: Source.PTO}
     joint, resonances = JointInput(HITCH_JOINT), []

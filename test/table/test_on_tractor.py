@@ -3,13 +3,14 @@
 """The table of the linkage on its tractor, as it ships and as it is built."""
 
 import math
+import pickle
 
 import numpy as np
 import pytest
 
 from linkage_vibration.mechanics.model import LinkageModel, Solution
 from linkage_vibration.readers.mechanism import read_mechanism
-from linkage_vibration.support.resources import config_file
+from linkage_vibration.support.resources import PAPER_MECHANISM, config_file
 from linkage_vibration.table.table import load_table
 from linkage_vibration.table.tabulation import build_table
 
@@ -54,9 +55,18 @@ def test_table_needs_at_most_sixty_solutions(
 
 def test_oil_and_tractor_change_the_modes_as_measured(model: LinkageModel) -> None:
     """Three modes of the tractor lie below 3 Hz; the implement's is higher than on clamps."""
-    clamped = LinkageModel(read_mechanism())
+    clamped = LinkageModel(read_mechanism(config_file(PAPER_MECHANISM)))
     for alpha3_deg in (90.0, 135.0, 180.0):
         alpha3 = math.radians(alpha3_deg)
         found = model.solve(alpha3).natural_frequencies
         assert found[2] < 3.0 < found[3]
         assert 1.1 < found[3] / clamped.solve(alpha3).natural_frequencies[0] < 1.9
+
+
+def test_table_can_be_sent_to_another_process() -> None:
+    """As `set_implement` does, also after its first lookup."""
+    table = load_table(config_file(f"tables/{NAME}.npz"))
+    table.interpolate(2.0)
+    sent = pickle.loads(pickle.dumps(table))
+    assert sent.interpolate(2.5) == table.interpolate(2.5)
+    assert sent.checksum == table.checksum

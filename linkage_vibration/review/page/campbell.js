@@ -21,7 +21,7 @@ for (const { title, unit, speeds, orders, bands, dots } of data.campbell ?? []) 
   bands.forEach(({ colour, ends }, k) => {
     if (!ends || ends[0] > most) return;
     drawn.append(svg("rect", { x: left, width: W - left - right, y: y(ends[1]), height: Math.max(2, y(ends[0]) - y(ends[1])), fill: colour, "fill-opacity": .25 }),
-      svg("text", { x: left + 4, y: (y(ends[0]) + y(ends[1])) / 2 + 4 }, `mode ${k + 1}`));
+      svg("text", { x: left + 4, y: (y(ends[0]) + y(ends[1])) / 2 + 4 }, data.mode_labels[k]));
   });
   for (const v of roundValues(0, most, 6)) drawn.append(svg("line", { x1: left, x2: W - right, y1: y(v), y2: y(v), stroke: "#e4e4e4" }), svg("text", { x: left - 6, y: y(v) + 4, "text-anchor": "end" }, String(v)));
   for (const v of roundValues(low, high, 5)) drawn.append(svg("line", { x1: x(v), x2: x(v), y1: y(0), y2: y(0) + 5, stroke: GREY }), svg("text", { x: x(v), y: y(0) + 17, "text-anchor": "middle" }, String(v)));

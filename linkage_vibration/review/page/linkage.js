@@ -80,9 +80,9 @@ const linkage = data.linkage && (() => {
       if (!moving) draw(Math.PI / 2);
       const f = columns[`f${mode + 1}`][cursor], angle = tableAngle[cursor];
       byId("linkage-caption").textContent = Number.isFinite(f)
-        ? `Mode ${mode + 1}, ${digits(f)} Hz, at ${(angle * DEG).toFixed(2)}°. The motion is magnified and slowed down; grey shows the linkage at rest.`
+        ? `${data.mode_labels[mode]}, ${digits(f)} Hz, at ${(angle * DEG).toFixed(2)}°. The motion is magnified and slowed down; grey shows the linkage at rest.`
         : Number.isFinite(columns.peak_magnitude[cursor])
-          ? `Mode ${mode + 1} is overdamped at ${(angle * DEG).toFixed(2)}°: it does not oscillate.`
+          ? `${data.mode_labels[mode]} is overdamped at ${(angle * DEG).toFixed(2)}°: it does not oscillate.`
           : `No prediction at ${Number.isFinite(angle) ? `${(angle * DEG).toFixed(2)}°` : "an invalid angle"}.`;
     },
   };

@@ -2,7 +2,7 @@
 // Chooses the mode that the page shows.
 
 const modeButtons = data.modes.map((colour, k) => {
-  const button = element("button", { type: "button", role: "radio", "aria-checked": String(k === 0), tabindex: k ? -1 : 0, id: `mode-${k + 1}` }, `Mode ${k + 1}`);
+  const button = element("button", { type: "button", role: "radio", "aria-checked": String(k === 0), tabindex: k ? -1 : 0, id: `mode-${k + 1}` }, data.mode_labels[k]);
   button.addEventListener("click", () => setMode(k));
   byId("modes").append(button);
   return button;

@@ -13,7 +13,7 @@ const TABLED = 25;  // times in a table of numbers
 function addNumbers(chart) {
   const box = element("details", { class: "numbers" }, element("summary", {}, "Numbers"));
   const lines = chart.spec.paint
-    ? data.modes.map((_, k) => ({ column: `f${k + 1}`, name: `mode ${k + 1} [Hz]` }))
+    ? data.modes.map((_, k) => ({ column: `f${k + 1}`, name: `${data.mode_labels[k]} [Hz]` }))
     : chart.spec.series.map((line, k) => ({ ...line, name: chart.spec.key?.[k]?.label && chart.spec.series.length > 1 ? chart.spec.key[k].label : `${chart.spec.title} [${chart.spec.unit}]` }));
   const fill = () => {
     if (!box.open) return;
