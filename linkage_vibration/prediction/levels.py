@@ -37,7 +37,7 @@ _EVEN, _LARGE = 0.04, 0.25
 _REACH = math.sqrt(3.0)  # standard deviations, to the points at which a response is evaluated
 
 _FIRST_CELLS, _MOST_CELLS = 32, 512  # of a piece of the table
-_CHUNK = 32  # angles that are evaluated together, so that their terms stay in the cache
+_CHUNK = 64  # angles that are evaluated together, so that their terms stay in the cache
 
 
 @dataclass(frozen=True, slots=True, eq=False)
