@@ -112,7 +112,7 @@ def over_the_drive(ax: Axes, predictor: Predictor, excitations: Sequence[Excitat
         ax.annotate(name, (0.2, height), fontsize=8)
     ax.annotate("PTO shaft and rotor", (0.2, 21.0), fontsize=8, color=GREY)
     ax.set(
-        title="The shipped drive: a warning begins below a margin of 10 % and ends above 12 %",
+        title="The shipped drive by the margin: a warning begins below 10 % and ends above 12 %",
         xlabel="time [s]",
         ylabel="frequency [Hz]",
         xlim=(0.0, times[-1]),
