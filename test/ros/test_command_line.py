@@ -82,6 +82,10 @@ def test_refusals_end_the_process(start: Callable[..., Any]) -> None:
         (["-p", "use_simtime:=true"], "did you mean use_sim_time?"),
         (["-p", "use_sim_time:=1"], "Parameter use_sim_time must be true or false, not 1"),
         (["--log-level", "loud"], "does not use a valid severity level"),
+        (["-p", "sign:=3"], "Parameter sign must be 1 or -1, not 3"),
+        (["-p", "offset:=.nan"], "Parameter offset must be"),
+        (["-p", "table_file:=/none.npz"], "/none.npz: cannot be read"),
+        (["-p", "log_directory:=/none"], "log_directory must be a folder to which the node"),
     ],
 )
 def test_refusals(

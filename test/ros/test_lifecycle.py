@@ -26,7 +26,7 @@ from sensor_msgs.msg import JointState
 from linkage_vibration.prediction.predictor import Status
 from linkage_vibration.support.resources import config_file
 from linkage_vibration_interfaces.msg import VibrationPrediction
-from test.support.ros_process import JOINT, LIMIT, SENSOR, own_context, until
+from test.support.ros_process import JOINT, LIMIT, SENSOR, own_context, response, until
 
 SUCCESS, FAILURE = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAILURE
 
@@ -82,15 +82,13 @@ def entities(node: Any) -> dict[str, int]:
     return {kind: sum(len(list(getattr(one, kind))) for one in both) for kind in kinds}
 
 
-def test_hundred_lifecycles_leave_nothing_behind(
-    managed: Callable[..., Any], tmp_path: Path
-) -> None:
-    """After 100 lifecycles the node has as many entities, files and bytes as before."""
+def test_many_lifecycles_leave_nothing_behind(managed: Callable[..., Any], tmp_path: Path) -> None:
+    """After 60 lifecycles the node has as many entities, files and bytes as before."""
     node = managed("-p", "record:=true", "-p", f"log_directory:={tmp_path}")
     before = entities(node)
     assert not list(node.timers)
     sizes = []
-    for i in range(100):
+    for i in range(60):
         assert node.trigger_configure() is SUCCESS
         inactive = entities(node)
         assert node.trigger_activate() is SUCCESS
@@ -104,8 +102,8 @@ def test_hundred_lifecycles_leave_nothing_behind(
         if i % 10 == 9:
             gc.collect()
             sizes.append((open_files(), resident()))
-    assert sizes[-1][0] == sizes[1][0]
-    assert sizes[-1][1] - sizes[4][1] < 5 * 2**20  # 50 lifecycles; a table alone has half of that
+    assert sizes[-1][0] == sizes[0][0]
+    assert sizes[-1][1] - sizes[0][1] < 5 * 2**20  # 50 lifecycles; a table alone has half of that
     assert node.trigger_configure() is SUCCESS
     assert node.trigger_shutdown() is SUCCESS
     assert entities(node) == before
@@ -205,12 +203,16 @@ def test_later_failures_are_logged(
     assert f"[here]: {node.problem}" in capfd.readouterr().err
 
 
-def test_without_autostart_the_node_says_what_it_waits_for(start: Callable[..., Any]) -> None:
+def test_without_autostart_the_node_says_what_it_waits_for(
+    environment: dict[str, str], capfd: pytest.CaptureFixture[str]
+) -> None:
     """The message names the command that configures the node."""
-    node = start(name="waits", autostart=False)
-    node.wait_for("`ros2 lifecycle set /waits configure`")
-    assert node.stop() == 0
-    assert node.printed.count("Waiting for") == 1
+    from linkage_vibration.ros.spinning import run
+
+    arguments = ["node", "--ros-args", "-r", "__node:=waits", "-p", "autostart:=false"]
+    assert run(arguments, lambda: True) == 0
+    [line] = [line for line in capfd.readouterr().err.splitlines() if "Waiting for" in line]
+    assert "`ros2 lifecycle set /waits configure`" in line
 
 
 @pytest.mark.parametrize(
@@ -301,6 +303,9 @@ def test_transitions_while_peers_come_and_go(
     peer.create_timer(0.002, lambda: publisher.publish(message))
     try:
         assert change.wait_for_service(LIMIT)
+        # From this answer to an invalid request on, the node knows the client; before, it may lose
+        # an answer, and a request for a transition cannot be repeated.
+        assert not response(change, ChangeState.Request(), executor.spin_once).success
         for _ in range(8):
             for transition in (
                 Transition.TRANSITION_CONFIGURE,
@@ -335,9 +340,7 @@ def test_manager_over_dds(start: Callable[..., Any], manager: Any) -> None:
     publisher = peer.create_publisher(JointState, "joint_states", SENSOR)
 
     def call(client: Any, request: Any) -> Any:
-        future = client.call_async(request)
-        executor.spin_until_future_complete(future, LIMIT)
-        return future.result()
+        return response(client, request, executor.spin_once)
 
     def go(transition: int) -> int:
         assert call(change, ChangeState.Request(transition=Transition(id=transition))).success
@@ -352,6 +355,8 @@ def test_manager_over_dds(start: Callable[..., Any], manager: Any) -> None:
 
     assert change.wait_for_service(LIMIT)
     assert ask.wait_for_service(LIMIT)
+    wrong = Transition(id=Transition.TRANSITION_ACTIVATE)
+    assert not call(change, ChangeState.Request(transition=wrong)).success  # as above
     assert go(Transition.TRANSITION_CONFIGURE) == State.PRIMARY_STATE_INACTIVE
     for active, inactive in ((2.0, 2.1), (2.2, 2.3)):
         for _ in range(10):
@@ -364,6 +369,5 @@ def test_manager_over_dds(start: Callable[..., Any], manager: Any) -> None:
             publish(inactive)
         assert not answers(inactive)
     assert go(Transition.TRANSITION_CLEANUP) == State.PRIMARY_STATE_UNCONFIGURED
-    wrong = Transition(id=Transition.TRANSITION_ACTIVATE)
     assert not call(change, ChangeState.Request(transition=wrong)).success
     assert process.stop() == 0

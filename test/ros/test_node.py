@@ -221,26 +221,6 @@ def test_parameters_turn_positions_into_angles(
     assert turned.stop() == 0
 
 
-@pytest.mark.parametrize(
-    ("parameters", "words"),
-    [
-        ({"sign": 3}, "Parameter sign must be 1 or -1, not 3"),
-        ({"offset": ".nan"}, "Parameter offset must be"),
-        ({"table_file": "/none.npz"}, "/none.npz: cannot be read"),
-        ({"record": True, "log_directory": "/none"}, "/none"),
-    ],
-)
-def test_invalid_parameters_end_the_node(
-    start: Callable[..., Any], parameters: dict[str, Any], words: str
-) -> None:
-    """A node that cannot start says why in one line, and exits with 1."""
-    failed = start(name="failed", **parameters)
-    until(lambda: failed.process.poll() is not None, "the node's end")
-    assert failed.process.returncode == 1
-    assert words in failed.printed
-    assert "Traceback" not in failed.printed
-
-
 def test_humble_is_refused(environment: dict[str, str], tmp_path: Path) -> None:
     """On a ROS 2 before Jazzy, one sentence says what to use."""
     metadata = tmp_path / "rclpy-3.3.16.dist-info" / "METADATA"

@@ -66,8 +66,7 @@ def recorded(
     found = [peer.ask(positions=(angle,)) for angle in ANGLES.tolist()]
     answer = peer.call(ANGLES.tolist())
     client = peer.node.create_client(GetModeShapes, "heavy/get_mode_shapes")
-    peer.spin(client.service_is_ready)
-    shapes = peer.result(client.call_async(GetModeShapes.Request(crank_angle=ANGLES[-1])))
+    shapes = peer.request(client, GetModeShapes.Request(crank_angle=ANGLES[-1]))
     assert node.stop() == 0
     [log] = folder.glob("*.mcap")
     return log, found, answer, shapes, node.printed

@@ -67,9 +67,8 @@ def stamped(peer: Any, sec: int, nanosec: int, angle: float) -> None:
 def set_parameter(peer: Any, node: str, name: str, value: Any) -> Any:
     """Set a parameter as `ros2 param set` does, and return the result."""
     client = peer.node.create_client(SetParameters, f"{node}/set_parameters")
-    peer.spin(client.service_is_ready)
     parameter = Parameter(name, value=value).to_parameter_msg()
-    result = peer.result(client.call_async(SetParameters.Request(parameters=[parameter])))
+    result = peer.request(client, SetParameters.Request(parameters=[parameter]))
     peer.node.destroy_client(client)
     return result.results[0]
 
@@ -97,8 +96,7 @@ def test_invalid_requests_do_not_end_the_node(peer: Any, node: Any) -> None:
         (ChangeState, "change_state", ChangeState.Request()),
     ):
         client = peer.node.create_client(kind, f"robust/{name}")
-        peer.spin(client.service_is_ready)
-        peer.result(client.call_async(request))
+        peer.request(client, request)
     node.wait_for("A request was refused: 77 is not a valid Parameter.Type")
     assert peer.ask([JOINT], [2.0]).status == Status.OK
 
@@ -316,8 +314,7 @@ def test_recording_on_demand(
     stop_client = peer.node.create_client(Trigger, "on_demand/stop_recording")
 
     def call(client: Any) -> Any:
-        peer.spin(client.service_is_ready)
-        return peer.result(client.call_async(Trigger.Request()))
+        return peer.request(client, Trigger.Request())
 
     def publish(text: str) -> None:
         note.publish(String(data=text))

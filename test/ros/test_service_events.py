@@ -59,12 +59,11 @@ def test_events_are_published_and_logged(
     peer.node.create_publisher(String, "/latched", qos).publish(String(data="once"))
     client = peer.node.create_client(SetParameters, "evented/set_parameters")
     trigger = peer.node.create_client(Trigger, "evented/start_recording")
-    peer.spin(lambda: client.service_is_ready() and trigger.service_is_ready())
 
     def set_events(value: str) -> Any:
         parameter = Parameter("service_events", value=value).to_parameter_msg()
         request = SetParameters.Request(parameters=[parameter])
-        return peer.result(client.call_async(request)).results[0]
+        return peer.request(client, request).results[0]
 
     assert "off, metadata or contents" in set_events("all").reason
     assert set_events("contents").successful
@@ -75,12 +74,14 @@ def test_events_are_published_and_logged(
 
     def ask() -> None:
         assert peer.call([1.75]).success
-        peer.result(trigger.call_async(Trigger.Request()))
+        peer.request(trigger, Trigger.Request())
         peer.pause(0.3)
 
     until(lambda: len(events) >= 2, "events", ask)
-    for _ in range(8):  # the node subscribes once a second
-        ask()
+    extra = {EVENTS: 2, TRIGGERED: 1, "/latched": 1}  # the node subscribes once a second
+    peer.spin(lambda: all(peer.node.count_subscribers(t) == n for t, n in extra.items()))
+    seen = len(events)
+    until(lambda: len(events) >= seen + 4, "more events", ask)
     assert set_events("off").successful
     assert node.stop() == 0
     kinds, angles, triggered, latched = set(), set(), 0, 0

@@ -148,6 +148,30 @@ def own_context(domain: int) -> Iterator[Context]:
         context.try_shutdown()
 
 
+def response(client: Any, request: Any, spin: Callable[[float], object]) -> Any:
+    """Return the response of a service to a request.
+
+    The request is sent again if there is none for a while: DDS loses a response if the service has
+    not found the client yet.
+
+    Parameters
+    ----------
+    client, request : rclpy Client and request
+    spin : callable
+        Receives messages for so many seconds at most.
+    """
+    futures: list[Any] = []
+
+    def ask() -> None:
+        futures.append(client.call_async(request))
+        end = time.monotonic() + LIMIT / 6.0
+        while not futures[-1].done() and time.monotonic() < end:
+            spin(0.05)
+
+    until(lambda: any(future.done() for future in futures), "a service's response", ask)
+    return next(future.result() for future in futures if future.done())
+
+
 @dataclass
 class Peer:
     """Another participant, which publishes joint states, receives predictions and calls services.
@@ -232,15 +256,15 @@ class Peer:
         """Receive messages until something is done."""
         until(done, event, lambda: self.executor.spin_once(0.05))
 
-    def result(self, future: Any) -> Any:
-        """Return the response to a request."""
-        self.spin(future.done, "a service's response")
-        return future.result()
+    def request(self, client: Any, request: Any) -> Any:
+        """Return the response of a service to a request, which may be sent again."""
+        self.spin(client.service_is_ready, "a service")
+        return response(client, request, self.executor.spin_once)
 
     def call(self, angles: Sequence[float]) -> Any:
         """Call the node's prediction service and return its response."""
         request = PredictVibration.Request(crank_angles=array("d", angles))
-        return self.result(self.client.call_async(request))
+        return self.request(self.client, request)
 
 
 @contextmanager
