@@ -27,9 +27,10 @@ _ABOVE = 1.7  # times the highest tracked frequency: modes up to there may mix w
 _SAME = 1e-3  # relative: difference between a frequency of the table and the same of the model
 _CLOSE = 2.0  # standard deviations of the distance of two modes; nearer ones may change places
 _EXCESS = 0.15  # of a variance: what the second and the third order may add
-# Standard deviation of a toggle's angle, of its distance. A frequency that vanishes there varies as
-# the logarithm of the distance, whose standard deviation is larger by 5/4 of the square, or 8 %.
-_TOGGLE = 0.25
+# Standard deviation of a toggle's angle, of its distance. A frequency may vanish with the distance,
+# and a damping ratio then grows with its inverse. Higher orders add 5/4 and 4 times the square of
+# this to their standard deviations: 2 % and 8 %.
+_TOGGLE = 0.14
 
 
 def with_parameter_stddev(table: Table, sampler: Sampler) -> Table:

@@ -161,16 +161,18 @@ def test_near_a_toggle_they_hold_or_are_unknown() -> None:
     mapping["input"]["range_deg"] = [50.0, 69.3]
     mapping["uncertainty"] = {"absolute": {"ground.D.0": stddev}}
     table = build_table(LinkageModel(mechanism_from_mapping(mapping)), 1e-3)
-    angles = np.radians([55.0, 62.0, 66.0, 67.5, 68.2, 68.4, 68.6, 68.8, 69.0])
+    angles = np.radians([55.0, 62.0, 65.0, 66.5, 67.0, 67.5, 68.0, 68.5, 69.0])
     draws = stddev * normal_samples(40)
-    sampled = np.full((len(draws), len(angles), 3), math.nan)
+    sampled = np.full((len(draws), len(angles), 6), math.nan)
     for row, draw in zip(sampled, draws.tolist(), strict=True):
         model = LinkageModel(mechanism_from_mapping(toggling(yaml.safe_load(text), 0.5 + draw)))
         for cell, angle in zip(row, angles.tolist(), strict=True):
             if angle < model.kinematics.closable_range[1]:
-                cell[:] = np.log(model.solve(angle).natural_frequencies[:3])
+                solution = model.solve(angle)
+                cell[:3] = np.log(solution.natural_frequencies[:3])
+                cell[3:] = solution.damping_ratios[:3]
     deviations = np.nanstd(sampled, axis=0)
-    predicted = table.evaluate_parameter_deviations(angles)[:, :3]
+    predicted = table.evaluate_parameter_deviations(angles)
     known = np.isfinite(predicted)
     assert np.abs(predicted / deviations - 1.0)[known].max() < 0.1
     assert known[:5].all()
