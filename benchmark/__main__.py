@@ -18,6 +18,7 @@ STEPS = (
     "noise",
     "gravity",
     "uncertainty",
+    "budget",
     "speed",
     "speed.paper_job",
     "sweep",

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from benchmark.report import machine, publish, table
-from linkage_vibration.drawing.palette import GREY, mode_colours
+from linkage_vibration.drawing.palette import COLOURS, GREY, mode_colours
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.description import Mechanism, Uncertainty
 from linkage_vibration.mechanics.model import LinkageModel
@@ -193,24 +193,33 @@ def largest_shares(mapping: dict[str, Any], alpha3: float, mode: int, count: int
 
 
 def draw(found: dict[str, Scatter], picture: Path) -> None:
-    """Draw the standard deviations over the stroke, predicted and sampled.
+    """Draw both kinds of standard deviations over the stroke, predicted and sampled.
 
     Parameters
     ----------
     found, picture
         For each description; the file to write.
     """
-    figure = Figure(figsize=(4.2 * len(found), 4.2), dpi=110, layout="constrained")
-    axes = figure.subplots(1, len(found), squeeze=False)[0]
-    for panel, (name, one) in zip(axes, found.items(), strict=True):
-        degrees, spread = np.degrees(one.alpha3), 100.0 * np.nanstd(one.found[:, :, 0], axis=0)
-        for mode, colour in enumerate(mode_colours(spread.shape[1])):
-            panel.plot(degrees, 100.0 * one.predicted[:, 0, mode], color=colour)
-            panel.plot(degrees, spread[:, mode], "o", color=colour, label=f"mode {mode + 1}")
-        panel.set(title=name.removesuffix(".yaml"), xlabel="α3 [deg]", ylim=(0.0, None))
-        panel.grid(color=GREY, alpha=0.2)
-    axes[0].set_ylabel("standard deviation of the natural frequency [%]")
-    axes[0].legend(title=f"lines: first order; dots: {SAMPLES} samples", fontsize=8)
+    figure = Figure(figsize=(4.2 * len(found), 7.4), dpi=110, layout="constrained")
+    axes = figure.subplots(2, len(found), sharex="col")
+    for column, (name, one) in zip(axes.T, found.items(), strict=True):
+        degrees, spread = np.degrees(one.alpha3), 100.0 * np.nanstd(one.found, axis=0)
+        for panel, sampled_spread, predicted in zip(
+            column, spread.swapaxes(0, 1), 100.0 * one.predicted.swapaxes(0, 1), strict=True
+        ):
+            for mode, colour in enumerate(mode_colours(spread.shape[2])):
+                marker = "os"[mode // len(COLOURS)]
+                panel.plot(degrees, predicted[:, mode], color=colour)
+                label = f"mode {mode + 1}"
+                panel.plot(degrees, sampled_spread[:, mode], marker, color=colour, label=label)
+            panel.set_ylim(0.0, None)
+            panel.grid(color=GREY, alpha=0.2)
+        column[0].set_title(name.removesuffix(".yaml"), fontsize=10)
+        column[1].set_xlabel("α3 [deg]")
+    axes[0, 0].set_ylabel("standard deviation of f [%]")
+    axes[1, 0].set_ylabel("standard deviation of ζ [percentage points]")
+    title = f"lines: predicted; points: {SAMPLES} samples"
+    axes[0, -1].legend(title=title, fontsize=8, ncols=2)
     figure.savefig(picture)
 
 
@@ -219,7 +228,15 @@ def main() -> None:
     mappings = {name: described(name) for name in NAMES}
     found = {name: scatter(mapping, SAMPLES) for name, mapping in mappings.items()}
     draw(found, PICTURE)
-    columns = ["description", "mode", "deviation of f", "predicted", "worst", "of ratio: worst"]
+    columns = [
+        "description",
+        "mode",
+        "deviation of f",
+        "predicted",
+        "worst",
+        "damping: worst",
+        "known",
+    ]
     rows, shares = [], []
     for name, one in found.items():
         spread = np.nanstd(one.found[:, :, 0], axis=0)
@@ -228,18 +245,22 @@ def main() -> None:
             known = one.predicted[:, 0, mode]
             own = [f"{100.0 * f(known):.1f}" for f in (np.nanmin, np.nanmax)]
             worst = [f"{100.0 * value:.1f} %" for value in one.worst[:, mode]]
-            rows.append([name, str(mode + 1), " to ".join(limits), " to ".join(own), *worst])
+            share = f"{100.0 * np.isfinite(one.predicted[:, :, mode]).all(axis=1).mean():.0f} %"
+            rows.append([name, str(mode + 1), " to ".join(limits), " to ".join(own), *worst, share])
             middle = float(np.mean(one.alpha3[[0, -1]]))
             shares.append([name, str(mode + 1), largest_shares(mappings[name], middle, mode)])
     publish(
         "uncertainty",
         "Uncertain numbers of a mechanism",
         [
-            f"This page compares the standard deviations that a table predicts to first order with "
-            f"those of {SAMPLES} models whose numbers are drawn at random, at {ANGLES} angles over "
-            "the stroke. Deviations of natural frequencies are in per cent. The last two columns "
-            "are the largest relative difference between predicted and sampled deviations, of "
-            f"which sampling alone explains about {100.0 * 2.5 / math.sqrt(2.0 * SAMPLES):.0f} %.",
+            f"This page compares the standard deviations that a table predicts with those "
+            f"of {SAMPLES} models whose numbers are drawn at random, at {ANGLES} angles over "
+            "the stroke. Deviations of natural frequencies are in per cent. The columns with "
+            "`worst` are the largest relative differences between predicted and sampled "
+            "deviations, of natural frequencies and of damping ratios; sampling alone explains "
+            f"about {100.0 * 2.5 / math.sqrt(2.0 * SAMPLES):.0f} %. Where the table says that it "
+            "does not know a deviation, there is no difference; the last column is the share of "
+            "the angles at which it knows both.",
             table(columns, rows),
             "The numbers with the largest shares in the variance of a natural frequency, in the "
             "middle of the stroke:",

@@ -6,6 +6,8 @@ import argparse
 import math
 from pathlib import Path
 
+_TOLERANCE = 1e-4  # by default, of a mechanism whose numbers count as exact
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
@@ -29,9 +31,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--tolerance",
         type=float,
-        default=1e-4,
         help="largest relative error of a natural frequency; for FRFs and their peak it is a "
-        "hundred times as large (default: %(default)s)",
+        "hundred times as large (default: a tenth of the least standard deviation by uncertain "
+        "numbers of the mechanism; 1e-4 without these)",
     )
     where = parser.add_mutually_exclusive_group()
     where.add_argument("--angle-deg", type=float, help="one crank angle alpha3")
@@ -74,17 +76,25 @@ def run(options: argparse.Namespace) -> int:
     mechanism = read_mechanism(source, spatial="y" in words[1::2])
     low, high = options.range_deg or [options.angle_deg, options.angle_deg]
     limit = options.microseconds_per_prediction
+    band = tuple(options.band_hz or mechanism.response.band)
+    angles = mechanism.stroke if low is None else (math.radians(low), math.radians(high))
+    unknown = plan.unknowns(mechanism, band, [angles[0], sum(angles) / 2.0, angles[1]])
+    tolerance = options.tolerance
+    if tolerance is None:
+        tolerance = _TOLERANCE if unknown is None else unknown.tolerance
     scene = plan.Scene(
         mechanism,
-        tuple(options.band_hz or mechanism.response.band),
+        band,
         places,
-        options.tolerance,
-        mechanism.stroke if low is None else (math.radians(low), math.radians(high)),
+        tolerance,
+        angles,
         None if limit is None else 1e-6 * limit,
     )
     with tqdm(disable=None, desc=mechanism.name, unit=" solves", delay=2.0) as bar:
         chosen, measured = plan.plan_and_measure(scene, lambda: bar.update(1))
     print(plan.summary(chosen, measured))
+    if unknown is not None:
+        print(f"\n{unknown}")
     if options.output:
         plan.write_planned(chosen, load_yaml(source)[1], options.output)
         print(f"\nWritten: {options.output}")

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from linkage_vibration.mechanics.bodies.matrices import Matrices
 from linkage_vibration.mechanics.components import Component
 from linkage_vibration.mechanics.description import Mechanism, Rayleigh
 from linkage_vibration.mechanics.model import LinkageModel
+from linkage_vibration.mechanics.parsing import mechanism_from_mapping
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.studies.plan import (
     Measured,
@@ -28,6 +30,7 @@ from linkage_vibration.studies.plan import (
     plan_and_measure,
     solve_reference,
     summary,
+    unknowns,
     write_planned,
 )
 from linkage_vibration.studies.plan.choice import ELEMENTS, MODES
@@ -294,3 +297,18 @@ def test_numbers_tied_by_an_alias_are_refused(tmp_path: Path, mechanism: Mechani
     assert chosen.n_modes != chosen.modes
     with pytest.raises(PlanError, match="one number in the file"):
         write_planned(chosen, shared.replace("  modes: 3", "  modes: *kept"), target)
+
+
+def test_numbers_that_are_not_known_limit_the_accuracy(mapping: Any) -> None:
+    """Every frequency grows with the root of the modulus, so its deviation is half of that."""
+    modulus, mass = "links.lower_link.material.youngs_modulus", "rigid_bodies.implement.mass"
+    mapping["uncertainty"] = {"relative": {mass: 1e-4, modulus: 0.1}}
+    mechanism = mechanism_from_mapping(mapping)
+    found = unknowns(mechanism, (0.0, 200.0), [2.0, 2.5])
+    assert found is not None
+    assert found.path == modulus
+    assert found.share == pytest.approx(1.0, abs=1e-4)
+    assert found.tolerance == pytest.approx(0.005, rel=1e-3)
+    assert f"Measure next: {modulus}, which causes 100 % of the variance" in str(found)
+    del mapping["uncertainty"]
+    assert unknowns(mechanism_from_mapping(mapping), (0.0, 200.0), [2.0]) is None

@@ -17,6 +17,7 @@ from linkage_vibration.studies.plan.measurement import (
 )
 from linkage_vibration.studies.plan.report import summary, write_planned
 from linkage_vibration.studies.plan.scene import PlanError, Scene
+from linkage_vibration.studies.plan.unknowns import Unknowns, unknowns
 
-__all__ = ["Measured", "Plan", "PlanError", "Scene", "measure", "plan"]
-__all__ += ["plan_and_measure", "solve_reference", "summary", "write_planned"]
+__all__ = ["Measured", "Plan", "PlanError", "Scene", "Unknowns", "measure", "plan"]
+__all__ += ["plan_and_measure", "solve_reference", "summary", "unknowns", "write_planned"]
