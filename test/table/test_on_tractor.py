@@ -4,10 +4,13 @@
 
 import math
 import pickle
+from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
+from linkage_vibration.cli.main import main
 from linkage_vibration.mechanics.model import LinkageModel, Solution
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.resources import PAPER_MECHANISM, config_file
@@ -70,3 +73,21 @@ def test_table_can_be_sent_to_another_process() -> None:
     sent = pickle.loads(pickle.dumps(table))
     assert sent.interpolate(2.5) == table.interpolate(2.5)
     assert sent.checksum == table.checksum
+
+
+def test_base_without_mounts_floats(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The table leaves out three modes at 0 Hz and has no FRFs, and `build` says how to hold it."""
+    mapping = yaml.safe_load(config_file(f"{NAME}.yaml").read_text())
+    del mapping["uncertainty"]
+    mapping["base"]["mounts"], mapping["response"]["modes"] = {}, 2
+    mapping["input"]["range_deg"] = [134.0, 136.0]
+    (tmp_path / "free.yaml").write_text(yaml.safe_dump(mapping, sort_keys=False))
+    output = tmp_path / "free.npz"
+    assert (
+        main(["build", str(tmp_path / "free.yaml"), "--tolerance", "1e-3", "-o", str(output)]) == 0
+    )
+    table = load_table(output)
+    assert (table.free_modes, table.places) == (3, ())
+    assert "3 modes at 0 Hz are left out of the table. To hold it, give its base mounts." in (
+        capsys.readouterr().out
+    )
