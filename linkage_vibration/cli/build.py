@@ -77,10 +77,10 @@ def run(options: argparse.Namespace) -> int:
         base, bodies, links = (f"{100.0 * share:.0f} %" for share in shares)
         print(f"{table.mode_label(mode)}: base {base}, rigid bodies {bodies}, links {links}")
     if table.free_modes:
-        one, base = table.free_modes == 1, model.mechanism.base
+        one, ground = table.free_modes == 1, model.mechanism.base
         left_out = "1 mode at 0 Hz is" if one else f"{table.free_modes} modes at 0 Hz are"
         fix = "clamp the input link or put a spring on its joint"
-        if base is not None and not base.mounts:
+        if ground is not None and not ground.mounts:
             fix = "give its base mounts"
         print(
             f"Nothing holds {model.mechanism.name}: {left_out} left out of the table. To hold it, "
