@@ -183,6 +183,6 @@ def test_near_a_toggle_they_hold_or_are_unknown() -> None:
 @pytest.mark.parametrize("name", NAMES)
 def test_monte_carlo(name: str) -> None:
     """Of whole models with random numbers, both kinds of deviations agree within a tenth."""
-    found = scatter(described(name), 2000, 5)
+    found = scatter(described(name), 2000, 11)
     assert found.worst.max() < LIMIT
     assert np.isfinite(found.predicted).mean() > 0.9
