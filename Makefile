@@ -23,6 +23,8 @@ suffix := $(if $(AMENT_PREFIX_PATH),,$(filter-out -jazzy,-$(ROS_DISTRO)))
 venv := .venv$(suffix)
 # The matrices are small, so BLAS threads cost more time in waiting for each other than they save.
 export OPENBLAS_NUM_THREADS ?= 1
+# Many tests wait for other processes, so two run at a time.
+in_two := -n 2 --dist loadfile
 in_venv = @. $(venv)/bin/activate &&
 
 .PHONY: demo test lint coverage docs bench setup clean
@@ -31,7 +33,7 @@ demo: setup
 	$(in_venv) linkage-vibration demo $(if $(BAG),--bag "$(BAG)") $(if $(JOINT),--joint "$(JOINT)")
 
 test: $(if $(ONLY),setup,lint)
-	$(in_venv) python -m pytest $(ONLY)
+	$(in_venv) python -m pytest $(if $(ONLY),$(ONLY),$(in_two))
 
 lint: setup
 	$(in_venv) python -m ruff check .
@@ -40,7 +42,7 @@ lint: setup
 
 coverage: setup
 	$(in_venv) python -m coverage erase
-	$(in_venv) python -m coverage run -m pytest
+	$(in_venv) python -m coverage run -m pytest $(in_two)
 	$(in_venv) python -m coverage combine -q
 	$(in_venv) python tools/write_coverage.py
 

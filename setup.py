@@ -50,6 +50,7 @@ TEST = [
     "mypy",
     "packaging",
     "pytest",
+    "pytest-xdist",
     "ruff",
     "types-PyYAML",
     "types-tqdm",

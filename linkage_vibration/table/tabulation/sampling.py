@@ -3,7 +3,8 @@
 """Solves the model at angles of the stroke, each once, and keeps the values for a table."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
@@ -12,9 +13,10 @@ import numpy as np
 from linkage_vibration.mechanics.arrays import FloatArray, IntArray
 from linkage_vibration.mechanics.description import GROUND
 from linkage_vibration.mechanics.model import LinkageModel, Place, Solution
-from linkage_vibration.mechanics.modes import MECHANISM, DampedModes, Modes
+from linkage_vibration.mechanics.modes import MECHANISM, DampedModes, Modes, ModesError
 from linkage_vibration.mechanics.response import Peak, PoleResidue, in_reach, pole_residue
 from linkage_vibration.table.interpolation import stroke_angle, stroke_variable
+from linkage_vibration.table.pole_cells import oscillating, values_of
 from linkage_vibration.table.table import TableError
 from linkage_vibration.table.tabulation.accuracy import LOOSER, Accuracy
 from linkage_vibration.table.tabulation.peaks import SILENT, heights
@@ -191,14 +193,13 @@ class Sampler:
                 "link that nearly coincide."
             )
 
-    def _note_rounding(self, solution: Solution) -> None:
-        """Keep the errors by rounding of a solution."""
-        omega, ratios = solution.modes.omega, solution.damping_ratios
-        reach = int(in_reach(omega**2, self.response.band).sum())
-        lowest = np.flatnonzero(omega >= MECHANISM)[: max(self.response.modes, reach)]
+    def _note_rounding(self, solution: Solution, ratios: FloatArray) -> None:
+        """Keep the errors by rounding of a solution, whose elastic modes have damping ratios."""
+        omega = solution.modes.omega
+        count = max(self.response.modes, int(in_reach(omega**2, self.response.band).sum()))
+        lowest = np.flatnonzero(omega >= MECHANISM)[:count]
         relative = solution.rounding(lowest).max(initial=0.0)
-        damped = ratios[: max(self.response.modes, reach)]
-        damped = damped[damped > _UNDAMPED]
+        damped = ratios[:count][ratios[:count] > _UNDAMPED]
         # By the derivative of a Lorentzian, as `accuracy.LOOSER` says.
         frf = relative / (math.sqrt(2.0) * damped.min()) if len(damped) else relative
         self._roundings[solution.configuration.alpha3] = Rounding(float(relative), float(frf))
@@ -234,8 +235,10 @@ class Sampler:
             self._check_band(solution.modes.omega[~solution.modes.mechanism], alpha3)
             drive = (self.response.point, self.response.direction)
             places = (drive, *(place for place in self.places if place != drive))
-            self._poles[variable] = sample_poles(solution, self._mass_root, places)
-            self._note_rounding(solution)
+            with _names_angle(alpha3):
+                found = sample_poles(solution, self._mass_root, places)
+            self._poles[variable] = found
+            self._note_rounding(solution, values_of(oscillating(found.poles))[1])
             self._check(self._poles[variable])
             self._progress(1.0 - self._unfinished)
         return self._poles[variable]
@@ -289,10 +292,12 @@ class Sampler:
             return replace(sample, deviations=deviations)
         solution = self.solution(alpha3)
         self.free_modes = max(self.free_modes, int(solution.modes.mechanism.sum()))
-        if solution.damped.shapes is not None:
+        with _names_angle(alpha3):
+            coupled = solution.damped.shapes is not None
+        if coupled:
             raise ModesAreCoupled
         elastic = np.flatnonzero(~solution.modes.mechanism)
-        self._note_rounding(solution)
+        self._note_rounding(solution, solution.damping_ratios[elastic])
         terms, own = self._terms(solution), (self.response.point, self.response.direction)
         if terms is not None and own in self.places:
             row = terms.own[[self.places.index(own)]]
@@ -344,6 +349,15 @@ class Sampler:
         rows = self.model.rows(self.places, solution.configuration)
         undamped = rows @ solution.modes.shapes[: rows.shape[1]]
         return Terms(solution.damped, rows, undamped)
+
+
+@contextmanager
+def _names_angle(alpha3: float) -> Iterator[None]:
+    """Add the angle (rad) to the error that the modes cannot be found there."""
+    try:
+        yield
+    except ModesError as error:
+        raise TableError(f"At alpha3 = {math.degrees(alpha3):.3f} deg: {error}") from None
 
 
 def _undamped(name: str) -> TableError:
