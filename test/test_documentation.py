@@ -54,7 +54,12 @@ NOT_RUN = {
     "twine": "releases are made by hand",
 }
 # Pages with commands that take longer than everything else together.
-SLOW = {"docs/calibration.md", "docs/reproduction.md", "docs/sweep.md"}
+SLOW = {
+    "docs/calibration.md",
+    "docs/measure_your_hitch.md",
+    "docs/reproduction.md",
+    "docs/sweep.md",
+}
 
 
 @dataclass(frozen=True)

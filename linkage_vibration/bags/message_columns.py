@@ -20,7 +20,8 @@ from linkage_vibration.bags.streams import Block, open_bags
 
 Column: TypeAlias = NDArray[Any]
 Columns: TypeAlias = dict[str, Column]
-_Field: TypeAlias = tuple[str, str, bool]  # name, type, whether it is a sequence
+# Name, type and length: that of an array, 0 for a sequence (messages say it), None for one value.
+_Field: TypeAlias = tuple[str, str, int | None]
 
 LOG_TIME = "log_time"  # a column of every topic, ns
 PLACE = "place"  # a column of every topic: the number of messages that are read before each
@@ -51,9 +52,9 @@ def read_columns(
     -------
     dict of str to columns
         The fields of each topic by name, such as ``data`` or ``header.stamp.sec``: ndarray (n,),
-        or (n, longest) of a sequence, with NaN after a shorter one. Messages are in the order of
-        log times, which are in the column ``log_time``, ns. The column ``place`` has the place of
-        each among the messages of all topics.
+        or (n, longest) of an array or a sequence, with NaN after a shorter one. Messages are in the
+        order of log times, which are in the column ``log_time``, ns. The column ``place`` has the
+        place of each among the messages of all topics.
 
     Raises
     ------
@@ -124,13 +125,13 @@ def _fields(path: Path, types: Mapping[str, str]) -> dict[str, list[_Field]]:
                 continue
             base = content if kind.name == "BASE" else content[0][1]
             base = str(base[0]) if isinstance(base, tuple) else str(base)
-            sequence = kind.name == "SEQUENCE"
-            if (base not in _CODES and (base != "string" or sequence)) or kind.name == "ARRAY":
+            length = None if kind.name == "BASE" else int(content[1] or 0)
+            if base not in _CODES and (base != "string" or length is not None):
                 raise BagError(
                     f"{path}: field {prefix}{name} of {type_name} is not a number, text or list of "
                     "numbers; read this topic with another tool."
                 )
-            yield prefix + name, base, sequence
+            yield prefix + name, base, length
 
     return {topic: list(flat(type_name, "")) for topic, type_name in types.items()}
 
@@ -173,20 +174,20 @@ def _columns(
         values = np.ascontiguousarray(messages[:, at : at + width])
         return values.view(order + code).astype(code).reshape(len(rows), count)
 
-    for k, (name, kind, sequence) in enumerate(fields):
+    for k, (name, kind, length) in enumerate(fields):
         code = _CODES.get(kind, "u1")
-        if sequence or kind == "string":
+        if length == 0 or kind == "string":
             position += -position % 4
             lengths = numbers(position, "u4", 1)[:, 0]
             if (lengths != lengths[0]).any():
-                for length in np.unique(lengths):
-                    same = lengths == length
+                for each in np.unique(lengths):
+                    same = lengths == each
                     known = {key: column[same] for key, column in found.items()}
                     yield from _columns(messages[same], rows[same], fields[k:], position, known)
                 return
             position, count = position + 4, int(lengths[0])
         else:
-            count = 1
+            count = length or 1
         if count and kind != "string":
             position += -(position - _ORIGIN) % int(code[1:])
         values = numbers(position, code, count)
@@ -195,7 +196,7 @@ def _columns(
             text = np.ascontiguousarray(values).view(f"S{max(count, 1)}")[:, 0]
             found = {**found, name: _decoded(text)}
         else:
-            found = {**found, name: values if sequence else values[:, 0]}
+            found = {**found, name: values[:, 0] if length is None else values}
     yield rows, found
 
 
@@ -210,9 +211,9 @@ def _decoded(text: NDArray[np.bytes_]) -> Column:
 def _joined(parts: Sequence[Columns], fields: Sequence[_Field]) -> Columns:
     """Concatenate columns; sequences get the width of the longest."""
     joined: Columns = {}
-    for name, kind, sequence in fields:
+    for name, kind, length in fields:
         columns = [part[name] for part in parts]
-        if sequence and columns:
+        if length is not None and columns:
             width = max(column.shape[1] for column in columns)
             columns = [
                 np.pad(column, ((0, 0), (0, width - column.shape[1])), constant_values=np.nan)
@@ -220,7 +221,9 @@ def _joined(parts: Sequence[Columns], fields: Sequence[_Field]) -> Columns:
                 else column
                 for column in columns
             ]
-        empty = np.empty((0, 0) if sequence else 0, "U1" if kind == "string" else _CODES[kind])
+        empty = np.empty(
+            0 if length is None else (0, 0), "U1" if kind == "string" else _CODES[kind]
+        )
         joined[name] = np.concatenate(columns) if columns else empty
     for name in (LOG_TIME, PLACE):
         if all(name in part for part in parts):

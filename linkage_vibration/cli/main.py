@@ -19,6 +19,7 @@ from linkage_vibration.support.version import VERSION
 SUBCOMMANDS = (
     "build",
     "predict",
+    "measure",
     "calibrate",
     "plan",
     "sweep",

@@ -28,6 +28,7 @@ DRIVE = config_file("drives/hitch_duty_cycle.mcap")
 OVERWRITES = {
     "build": ["linkage.yaml", "-o", "linkage.yaml"],
     "plan": ["linkage.yaml", "--angle-deg", "120", "-o", "linkage.yaml"],
+    "measure": ["120:linkage.csv", "--mechanism", "linkage.yaml", "-o", "linkage.yaml"],
     "calibrate": ["fit.yaml", "-o", "linkage.yaml"],
     "sweep": ["fit.yaml", "-o", "linkage.yaml"],
     "recover": ["log.mcap", "-o", "log.mcap"],

@@ -1,0 +1,87 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Reads recordings of an accelerometer: CSV files of a phone, and bags with an IMU."""
+
+from pathlib import Path
+
+import numpy as np
+
+from linkage_vibration.bags.message_columns import Columns, header_stamps, read_columns, topic_types
+from linkage_vibration.bags.message_types import IMU
+from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.mechanics.arrays import FloatArray
+
+_CHANNELS = [
+    f"{part}.{axis}" for part in ("linear_acceleration", "angular_velocity") for axis in "xyz"
+]
+_FEWEST = 2  # columns of a CSV file: the time and one channel; and lines
+
+
+class RecordingError(LinkageVibrationError):
+    """A recording cannot be read."""
+
+
+def read_recording(path: Path, topic: str | None = None) -> tuple[FloatArray, FloatArray]:
+    """Return times (s), (n,), ascending, and signals, (n, n_channels).
+
+    Parameters
+    ----------
+    path : Path
+        A CSV file whose first column is the time in s, with any other numbers in the others, or a
+        bag with messages of the type ``sensor_msgs/msg/Imu``.
+    topic : str, optional
+        The topic of a bag that has several of them.
+
+    Raises
+    ------
+    RecordingError
+        If there is no such topic, or the file is no table of numbers.
+    """
+    if path.suffix.lower() == ".csv":
+        return _csv(path)
+    found = [name for name, kind in topic_types(path).items() if kind == IMU]
+    if topic is not None and topic not in found:
+        names = f"topics: {', '.join(found)}" if found else "no such topic"
+        raise RecordingError(f"{path} has no {topic} of type {IMU}; it has {names}.")
+    if topic is None and len(found) != 1:
+        fix = f"choose one with --topic: {', '.join(found)}" if found else "record an IMU"
+        raise RecordingError(f"{path} has {len(found)} topics of type {IMU}; {fix}.")
+    name = topic or found[0]
+    columns = read_columns(path, {name: IMU})[name]
+    signals = np.column_stack([columns[channel] for channel in _CHANNELS])
+    return _ordered(_seconds(columns), signals)
+
+
+def _seconds(columns: Columns) -> FloatArray:
+    """Return the times of messages, s: those of measuring, or of recording without stamps."""
+    stamps = header_stamps(columns)
+    times = stamps if stamps.any() else columns["log_time"].astype(np.int64)
+    return np.asarray(1e-9 * (times - times[:1]))
+
+
+def _csv(path: Path) -> tuple[FloatArray, FloatArray]:
+    """Read a CSV file with commas, semicolons or tabs, and with or without a line of names."""
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        raise RecordingError(f"{path}: cannot be read ({error}).") from None
+    first = text.partition("\n")[0]
+    separator = max(",;\t", key=first.count)
+    if len(text.splitlines()) < _FEWEST:
+        raise RecordingError(f"{path}: has no line of numbers below its first line.")
+    lines = text.replace(",", ".").splitlines() if separator == ";" else text.splitlines()
+    try:
+        rows = np.loadtxt(lines[1:], delimiter=separator, ndmin=2)
+    except ValueError as error:
+        problem = f"{path}: is no table of numbers below its first line ({error})."
+        raise RecordingError(problem) from None
+    if rows.shape[1] < _FEWEST:
+        raise RecordingError(f"{path}: has {rows.shape[1]} columns; give the time and a channel.")
+    return _ordered(rows[:, 0], rows[:, 1:])
+
+
+def _ordered(times: FloatArray, signals: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return what is finite in the order of its times."""
+    kept = np.isfinite(times) & np.isfinite(signals).all(axis=1)
+    order = np.argsort(times[kept], kind="stable")
+    return times[kept][order], signals[kept][order]

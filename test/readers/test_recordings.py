@@ -1,0 +1,86 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Recordings of accelerometers are read from CSV files of phones and from bags with an IMU."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
+
+from linkage_vibration.readers.recordings import RecordingError, read_recording
+
+STORE = get_typestore(Stores.ROS2_JAZZY)
+TYPES = STORE.types
+
+
+def imu_bag(path: Path, topics: dict[str, int], *, stamped: bool) -> Path:
+    """Write a bag in which each topic has so many IMU messages, 10 ms apart."""
+    vector, stamp = TYPES["geometry_msgs/msg/Vector3"], TYPES["builtin_interfaces/msg/Time"]
+    turn = TYPES["geometry_msgs/msg/Quaternion"](x=0.0, y=0.0, z=0.0, w=1.0)
+    kind, unknown = "sensor_msgs/msg/Imu", np.zeros(9)
+    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as bag:
+        for topic, count in topics.items():
+            connection = bag.add_connection(topic, kind, typestore=STORE)
+            for i in range(count):
+                ns = 10_000_000 * i
+                time = stamp(sec=5, nanosec=ns) if stamped else stamp(sec=0, nanosec=0)
+                message = TYPES[kind](
+                    header=TYPES["std_msgs/msg/Header"](stamp=time, frame_id="implement"),
+                    orientation=turn,
+                    orientation_covariance=unknown,
+                    angular_velocity=vector(x=0.1 * i, y=0.2, z=0.3),
+                    angular_velocity_covariance=unknown,
+                    linear_acceleration=vector(x=1.0 * i, y=2.0, z=9.81),
+                    linear_acceleration_covariance=unknown,
+                )
+                bag.write(connection, 10**9 + ns, STORE.serialize_cdr(message, kind))
+    return path
+
+
+@pytest.mark.parametrize("stamped", [True, False])
+def test_bag(tmp_path: Path, stamped: bool) -> None:
+    """Accelerations and rates are the channels, at the stamps or at the times of recording."""
+    path = imu_bag(tmp_path / "bag", {"/imu": 30}, stamped=stamped)
+    times, signals = read_recording(path)
+    np.testing.assert_allclose(times, 0.01 * np.arange(30), atol=1e-9)
+    assert signals.shape == (30, 6)
+    np.testing.assert_allclose(signals[:, 0], np.arange(30))
+    np.testing.assert_allclose(signals[:, 3], 0.1 * np.arange(30))
+
+
+def test_topics(tmp_path: Path) -> None:
+    """With several IMUs one must be chosen; the error lists them."""
+    path = imu_bag(tmp_path / "bag", {"/front": 3, "/rear": 4}, stamped=True)
+    with pytest.raises(RecordingError, match=r"2 topics .*--topic: /front, /rear"):
+        read_recording(path)
+    assert len(read_recording(path, "/rear")[0]) == 4
+    with pytest.raises(RecordingError, match="has no /left"):
+        read_recording(path, "/left")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "time,x,z\n0.0,1.0,2.0\n0.1,3.0,4.0\n",
+        '"Time (s)";"Acceleration x (m/s^2)";"z"\n0,0;1,0;2,0\n0,1;3,0;4,0\n',
+        "t\tx\tz\n0.1\t3\t4\n0.0\t1\t2\n",
+    ],
+)
+def test_csv(tmp_path: Path, text: str) -> None:
+    """Commas, semicolons with decimal commas and tabs separate; the order is that of the times."""
+    path = tmp_path / "phone.csv"
+    path.write_text(text)
+    times, signals = read_recording(path)
+    np.testing.assert_array_equal(times, [0.0, 0.1])
+    np.testing.assert_array_equal(signals, [[1.0, 2.0], [3.0, 4.0]])
+
+
+@pytest.mark.parametrize("text", ["", "time,x\n0.0,abc\n", "time\n1.0\n2.0\n"])
+def test_csv_that_is_no_recording(tmp_path: Path, text: str) -> None:
+    """The error names the file."""
+    path = tmp_path / "phone.csv"
+    path.write_text(text)
+    with pytest.raises(RecordingError, match=r"phone\.csv"):
+        read_recording(path)
