@@ -21,10 +21,12 @@ from linkage_vibration.table.tabulation.comparison import (
     Polynomials,
     compare,
     relative_errors,
+    weighted_frf,
 )
 from linkage_vibration.table.tabulation.refinement import first_points
 from linkage_vibration.table.tabulation.sampling import Sampler
 from linkage_vibration.table.tabulation.subspaces import (
+    N_CHECK,
     N_FAR,
     N_FIT,
     PoleSample,
@@ -37,6 +39,7 @@ _SHORTER = 8.0  # the last piece whose rounding was checked, to the next one
 _BATCH = 3  # points that are added at once
 _MOST = 48  # points of a piece; if a polynomial needs more, halving the piece needs fewer
 _NARROW = 64  # parts of a piece: a step that is shorter is not halved to tell poles apart
+_END = 1.0 / 200.0  # of the band: its end, where far poles are least accurate
 _FAR_ANGLES = 65  # of a piece, at which the error by far poles is evaluated
 _BETWEEN = 24  # points that are added to follow poles; with more, the piece is halved
 
@@ -264,13 +267,22 @@ def _far_error(
     near, exact = _near_lines(tracker, models), np.array([sample.totals for sample in samples])
     off = near + models.far.frf(omega) - exact
     at = np.union1d(np.linspace(variables[0], variables[-1], _FAR_ANGLES), variables)
-    between = models.at(variables, at)
-    whole = _near_lines(tracker, between) + between.far.frf(omega)
+    between, n = models.at(variables, at).modal, models.shapes.shape[1]
     matrix = interpolation_matrix(variables, at)
     off = np.asarray(np.tensordot(matrix, off, 1), dtype=np.complex128)
     order, weights = np.argsort(omega), np.empty((len(omega), 1))
     weights[order, 0] = np.sqrt(np.gradient(omega[order]))
-    return float(relative_errors(weights * off, weights * whole, models.shapes.shape[1]).max())
+    # The fit makes its own lines better than those between them. The last one is the end of the
+    # band, where the error is large over a small part of it.
+    width, checked = float(np.ptp(omega)), np.zeros_like(weights)
+    checked[N_FIT:-1] = math.sqrt(width / (N_CHECK - 1))
+    checked[-1] = math.sqrt(_END * width)
+    worst = 0.0
+    for row, error in enumerate(off):
+        whole = weighted_frf(between, row, tracker.band, n)
+        parts = [relative_errors(w * error, whole, n).max() for w in (weights, checked)]
+        worst = max(worst, *parts)
+    return float(worst)
 
 
 def _only(models: ReducedModels, rows: BoolArray) -> ReducedModels:

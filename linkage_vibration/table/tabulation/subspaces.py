@@ -30,7 +30,7 @@ _LEAVES = 0.5  # of a pole's state: the share outside a subspace up to which it 
 N_FAR = 5
 """Number of poles that represent all other modes."""
 
-N_FIT, N_CHECK = 3 * N_FAR + 4, 7
+N_FIT, N_CHECK = 3 * N_FAR + 4, 8
 """Frequencies at which the sum of all other modes is fitted, and others at which it is checked."""
 
 
@@ -131,7 +131,8 @@ def check_lines(band: tuple[float, float]) -> FloatArray:
     """
     low, high = band
     fit = (1.0 - np.cos(np.pi * (np.arange(N_FIT) + 0.5) / N_FIT)) / 2.0
-    check = (np.arange(N_CHECK) + 0.5) / N_CHECK
+    # The error is largest at the end of the band.
+    check = np.append((np.arange(N_CHECK - 1) + 0.5) / (N_CHECK - 1), 1.0)
     lines = low + (high - low) * np.concatenate([fit, check])
     return np.asarray(2.0 * math.pi * lines)
 
