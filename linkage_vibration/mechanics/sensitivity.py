@@ -372,7 +372,9 @@ def _join_rates(change: _Change, solution: Solution) -> _JoinRate | None:
         change.steps * (high.stiffness - low.stiffness),
         change.steps * (high.damping - low.damping),
         change.steps * (there.angles - here.angles),
-        change.steps * (other.prestress(there, high) - solution.prestress),
+        change.steps * (other.prestress(there, high) - solution.prestress)
+        if other.mechanism.gravity
+        else solution.prestress,
     )
 
 
