@@ -156,8 +156,8 @@ def fit_decay(signals: FloatArray, rate: float) -> ComplexArray:
         return np.zeros(0, dtype=complex)
     shift = np.linalg.lstsq(kept[:-1], kept[1:], rcond=None)[0]
     turns = np.linalg.eigvals(shift)
-    turns = turns[np.abs(turns) > 0.0]
-    poles = np.log(turns.astype(complex)) * rate
+    turns = turns[np.abs(turns) > 0.0].astype(complex)
+    poles = np.log(turns[turns != 1.0]) * rate
     strong = _energies(signals, poles, rate) > _STRONG * signals.shape[1]
     return np.asarray(np.sort_complex(poles[_oscillates(poles, rate) & strong]))
 
