@@ -155,7 +155,9 @@ def test_page_in_a_browser(files: dict[str, Path]) -> None:
         browser.hover(browser.place("#chart-f2 .u-over", 0.9999))
         assert browser.text("#read-f1") == "overdamped"
         assert browser.text("#read-f2").endswith("Hz")
-        assert "Mode 1 is overdamped at 165.00°" in browser.text("#linkage-caption")
+        assert "Mode 1 (implement heave) is overdamped at 165.00°" in browser.text(
+            "#linkage-caption"
+        )
         assert browser.problems == []
 
 
