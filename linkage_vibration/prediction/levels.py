@@ -9,7 +9,7 @@ here, and sums run in the order of the terms.
 import math
 from bisect import bisect_right
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -65,10 +65,6 @@ class Levels:
     total_velocity: Single
     total_velocity_stddev: Single
     total_acceleration: Single
-
-    def rows(self, which: NDArray[np.int64] | slice) -> "Levels":
-        """Return the levels with these indices."""
-        return Levels(*(getattr(self, column.name)[which] for column in fields(self)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

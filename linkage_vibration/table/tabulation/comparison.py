@@ -223,19 +223,19 @@ def _peak_error(one: Modal, other: Modal, band: tuple[float, float]) -> float:
 def _frf_error(one: Modal, other: Modal, row: int, band: tuple[float, float]) -> float:
     """Return the largest relative difference of FRFs at an angle, L2 norm over the band."""
     n, poles = other.shapes.shape[1], other.frequencies[row]
-    found, exact = (weighted_frf(each, row, band, n, poles) for each in (one, other))
+    found, exact = (weighted_frf(each, row, band, poles) for each in (one, other))
     return float(relative_errors(found - exact, exact, n).max())
 
 
 def weighted_frf(
-    modal: Modal, row: int, band: tuple[float, float], n: int, poles: ComplexArray | None = None
+    modal: Modal, row: int, band: tuple[float, float], poles: ComplexArray | None = None
 ) -> ComplexArray:
     """Return FRFs at an angle, (n_freq, n_triangle), whose squares add up to those of the L2 norm.
 
     Parameters
     ----------
-    modal, row, band, n
-        Poles and residues, the index of the angle, the band, Hz, and the number of places.
+    modal, row, band
+        Poles and residues, the index of the angle, and the band, Hz.
     poles : ndarray, optional
         Near which there are more lines, rad/s; its own by default.
     """
@@ -244,7 +244,8 @@ def weighted_frf(
     poles = poles[(poles.imag > 0.0) & (poles.imag < high)]
     near = poles.imag - np.multiply.outer(np.linspace(-2.0, 2.0, 9), poles.real)
     lines = np.unique(np.clip([*np.linspace(low, high, _LINES), *near.ravel()], low, high))
-    weights, upper = np.sqrt(np.gradient(lines))[:, np.newaxis], np.triu_indices(n)
+    weights = np.sqrt(np.gradient(lines))[:, np.newaxis]
+    upper = np.triu_indices(modal.shapes.shape[1])
     return np.asarray(weights * modal.frf(row, lines)[:, upper[0], upper[1]])
 
 

@@ -279,7 +279,7 @@ def _far_error(
     checked[-1] = math.sqrt(_END * width)
     worst = 0.0
     for row, error in enumerate(off):
-        whole = weighted_frf(between, row, tracker.band, n)
+        whole = weighted_frf(between, row, tracker.band)
         parts = [relative_errors(w * error, whole, n).max() for w in (weights, checked)]
         worst = max(worst, *parts)
     return float(worst)
