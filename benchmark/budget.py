@@ -16,6 +16,7 @@ from linkage_vibration.drawing.palette import COLOURS, GREY, PEAK
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.model import LinkageModel, Solution
 from linkage_vibration.readers.mechanism import read_mechanism
+from linkage_vibration.studies.plan.physics import GRAVITY, rigid_crank
 from linkage_vibration.support.resources import config_file
 from linkage_vibration.table.table import load_table
 
@@ -26,7 +27,6 @@ NAME = "three_point_linkage_on_tractor"
 QUANTITIES = ("f1", "f2", "f3", "highest peak")
 N_ANGLES = 7
 FINER = 4  # times the elements of the description
-GRAVITY = 9.81  # m/s2
 N_HITCH, N_TRACTOR = 3, 3  # modes of the hitch, after those of the tractor
 
 
@@ -100,15 +100,6 @@ def meshed(mechanism: Mechanism, factor: int) -> Mechanism:
     return replace(mechanism, links=tuple(links))
 
 
-def clamped(mechanism: Mechanism) -> Mechanism:
-    """Return a mechanism whose input crank is clamped to the base, without oil."""
-    links = [
-        replace(link, clamped="P3") if link.name == mechanism.input_body else link
-        for link in mechanism.links
-    ]
-    return replace(mechanism, links=tuple(links), springs=())
-
-
 def numerical(exact: FloatArray, model: LinkageModel) -> list[Entry]:
     """Return what table, reduction and mesh change.
 
@@ -147,7 +138,8 @@ def physical(exact: FloatArray, model: LinkageModel) -> list[Entry]:
     def solved(mechanism: Mechanism) -> FloatArray:
         return over_the_stroke(LinkageModel(mechanism, kinematics=known))
 
-    rigid = clamped(own)
+    rigid = rigid_crank(own)
+    assert rigid is not None
     on_base, on_ground = solved(rigid), solved(replace(rigid, base=None))
     whole = LinkageModel(own, spatial=True, kinematics=known)
     flat = over_the_stroke(model, undamped=True)

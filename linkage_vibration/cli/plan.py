@@ -78,7 +78,8 @@ def run(options: argparse.Namespace) -> int:
     limit = options.microseconds_per_prediction
     band = tuple(options.band_hz or mechanism.response.band)
     angles = mechanism.stroke if low is None else (math.radians(low), math.radians(high))
-    unknown = plan.unknowns(mechanism, band, [angles[0], sum(angles) / 2.0, angles[1]])
+    few = list(dict.fromkeys([angles[0], sum(angles) / 2.0, angles[1]]))
+    unknown = plan.unknowns(mechanism, band, few)
     tolerance = options.tolerance
     if tolerance is None:
         tolerance = _TOLERANCE if unknown is None else unknown.tolerance
@@ -93,6 +94,7 @@ def run(options: argparse.Namespace) -> int:
     with tqdm(disable=None, desc=mechanism.name, unit=" solves", delay=2.0) as bar:
         chosen, measured = plan.plan_and_measure(scene, lambda: bar.update(1))
     print(plan.summary(chosen, measured))
+    print(f"\n{plan.physics_table(plan.effects(chosen.mechanism, band, few), tolerance)}")
     if unknown is not None:
         print(f"\n{unknown}")
     if options.output:

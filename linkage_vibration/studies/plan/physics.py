@@ -1,0 +1,149 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Says which physics a scene needs: by how much natural frequencies change without each."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.mechanics.arrays import FloatArray
+from linkage_vibration.mechanics.description import GROUND, Mechanism
+from linkage_vibration.mechanics.kinematics import Kinematics
+from linkage_vibration.mechanics.mode_names import kinetic_energy
+from linkage_vibration.mechanics.model import LinkageModel, Solution
+from linkage_vibration.mechanics.modes import MECHANISM
+
+GRAVITY = 9.81  # m/s2, where the mechanism leaves gravity out
+CRANK, TRACTOR = "springs that hold the crank", "motion of the tractor"
+
+
+@dataclass(frozen=True, slots=True)
+class Effect:
+    """What one part of the physics changes.
+
+    Attributes
+    ----------
+    name : str
+        Of the part of the physics.
+    described : bool
+        Whether the mechanism contains it.
+    change : float
+        Largest relative change of a natural frequency in the band at the angles, if it is left out
+        or added, 1; NaN if it is not known.
+    advice : str
+        What to do if it is needed but not described, or why the change is not known.
+    """
+
+    name: str
+    described: bool
+    change: float
+    advice: str
+
+    def verdict(self, tolerance: float) -> str:
+        """Return in words whether a scene with this tolerance needs it."""
+        if math.isnan(self.change):
+            return f"not known; {self.advice}"
+        if self.change <= tolerance:
+            return "not needed" + (", and may be left out" if self.described else "")
+        return "needed, and described" if self.described else f"missing; {self.advice}"
+
+
+def rigid_crank(mechanism: Mechanism) -> Mechanism | None:
+    """Return a mechanism whose input crank is clamped to the ground instead of held by springs.
+
+    It is None if no spring holds the crank.
+    """
+    crank, ground = mechanism.input_body, dict(mechanism.ground)
+    ends = {crank, GROUND}
+    others = tuple(spring for spring in mechanism.springs if set(spring.bodies) != ends)
+    if len(others) == len(mechanism.springs):
+        return None
+    links = [
+        replace(link, clamped=next(name for name, _ in link.points if name in ground))
+        if link.name == crank
+        else link
+        for link in mechanism.links
+    ]
+    return replace(mechanism, links=tuple(links), springs=others, uncertainty=None)
+
+
+def effects(
+    mechanism: Mechanism, band: tuple[float, float], angles: Sequence[float]
+) -> list[Effect]:
+    """Return the parts of the physics in order of what they change.
+
+    Modes are compared in ascending order, without those of the tractor.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+        What is planned.
+    band : tuple of float
+        Frequency band of interest, Hz.
+    angles : sequence of float
+        Where natural frequencies are compared, rad.
+    """
+    plain = replace(mechanism, uncertainty=None)
+    kinematics = Kinematics(plain)
+
+    def effect(name: str, described: bool, other: Mechanism) -> Effect:
+        """Return what changes from the mechanism to another one."""
+        try:
+            one, two = (LinkageModel(each, kinematics=kinematics) for each in (plain, other))
+            found = [_change(one.solve(at), two.solve(at), band[1]) for at in angles]
+        except LinkageVibrationError as error:
+            return Effect(name, described, math.nan, str(error))
+        changes = [one for one in found if not math.isnan(one)]
+        if not changes:
+            return Effect(name, described, math.nan, "the linkage has no mode in the band")
+        return Effect(name, described, max(changes), f"add `gravity: {GRAVITY}`")
+
+    other = replace(plain, gravity=0.0 if plain.gravity else GRAVITY)
+    found = [effect("gravity", plain.gravity != 0.0, other)]
+    rigid = rigid_crank(plain)
+    if rigid is None:
+        advice = "describe what holds the crank under `springs:`, such as locked oil"
+        found.append(Effect(CRANK, False, math.nan, advice))
+    else:
+        found.append(effect(CRANK, True, rigid))
+    if plain.base is None:
+        advice = "describe the tractor under `base:`"
+        found.append(Effect(TRACTOR, False, math.nan, advice))
+    else:
+        found.append(effect(TRACTOR, True, replace(plain, base=None)))
+    return sorted(found, key=lambda one: math.inf if math.isnan(one.change) else -one.change)
+
+
+def _change(one: Solution, other: Solution, top: float) -> float:
+    """Return the largest relative change of the natural frequencies up to a frequency, Hz."""
+    own, others = _of_linkage(one), _of_linkage(other)
+    own = own[own <= top][: len(others)]
+    if not len(own):
+        return math.nan
+    return float(np.abs(others[: len(own)] / own - 1.0).max())
+
+
+def _of_linkage(solution: Solution) -> FloatArray:
+    """Return the undamped natural frequencies without those of the tractor's modes, Hz."""
+    omega = solution.modes.omega
+    own = (omega > MECHANISM) & (kinetic_energy(solution).mounts <= 0.5)
+    return np.asarray(omega[own] / (2.0 * math.pi))
+
+
+def physics_table(found: Sequence[Effect], tolerance: float) -> str:
+    """Return the effects as lines: what they change, and whether a scene needs them.
+
+    Parameters
+    ----------
+    found : sequence of Effect
+    tolerance : float
+        Relative error allowed for natural frequencies, 1.
+    """
+    lines = [f"{'physics':30}{'changes up to':>14}  verdict"]
+    for one in found:
+        percent = "" if math.isnan(one.change) else f"{100.0 * one.change:.2g} %"
+        lines.append(f"{one.name:30}{percent:>14}  {one.verdict(tolerance)}")
+    return "\n".join(lines)
