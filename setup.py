@@ -33,13 +33,16 @@ EXTRAS = {
         "ros-visualization-msgs",
     ],
     "bags": ["rosbags>=0.11"],
+    # Logs of Vector's tools, and DBC files; text of candump needs neither.
+    "can": ["cantools", "python-can>=4.3"],
     "fe": ["meshio", "scikit-fem"],
     "uff": ["pyuff"],
     "plots": ["matplotlib>=3.7", "pillow"],
     "dask": ["dask", "distributed"],
     "docs": ["furo", "myst-parser", "numpydoc", "sphinx"],
 }
-OPTIONAL = [name for extra in ("bags", "fe", "uff", "plots", "dask") for name in EXTRAS[extra]]
+_USED = ("bags", "can", "fe", "uff", "plots", "dask")
+OPTIONAL = [name for extra in _USED for name in EXTRAS[extra]]
 # colcon runs the tests with pytest because the extra "test" names it.
 TEST = [
     *OPTIONAL,

@@ -22,6 +22,8 @@ OURS = {"linkage_vibration", "benchmark", "linkages", "test"}
 # Imported name: distribution, and the key of package.xml where rosdep has one.
 DISTRIBUTIONS = {
     "PIL": ("pillow", "python3-pil"),
+    "can": ("python-can", None),
+    "cantools": ("cantools", None),
     "dask": ("dask", None),
     "distributed": ("distributed", None),
     "exudyn": ("exudyn", None),
@@ -68,7 +70,7 @@ for name in [
     DISTRIBUTIONS[name] = (f"ros-{name.replace('_', '-')}", name)
 
 # What a folder needs when it is used: lists of setup.py, and whether package.xml installs it.
-USER = {"bags", "dask", "fe", "plots", "ros", "uff"}
+USER = {"bags", "can", "dask", "fe", "plots", "ros", "uff"}
 FOLDERS = {
     "linkage_vibration": (USER, "exec_depend"),
     "launch": (USER, "exec_depend"),

@@ -5,3 +5,4 @@
 JOINT_STATE = "sensor_msgs/msg/JointState"
 FLOAT64 = "std_msgs/msg/Float64"
 IMU = "sensor_msgs/msg/Imu"
+CAN_FRAME = "can_msgs/msg/Frame"

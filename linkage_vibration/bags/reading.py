@@ -2,21 +2,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """Reads messages one by one from bags: ROS 1 ``.bag``, ROS 2 ``.db3``, ``.mcap`` and folders.
 
-Messages come in the order of their log times, with one chunk of the file in memory at a time (and
-the index of a ROS 1 bag). Every failure is a `BagError`, raised at the first message or when the
-damage is reached.
+A log of a CAN bus is read as a bag. Messages come in the order of their log times, with one chunk
+of the file in memory at a time (and the index of a ROS 1 bag, or all frames of a CAN log). Every
+failure is a `BagError`, raised at the first message or when the damage is reached.
 """
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from linkage_vibration.bags.can_logs import SUFFIXES, CanLogError, CanLogReader, can_log_suffix
 from linkage_vibration.bags.message_types import JOINT_STATE
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.support.yaml_size import refuse_unbounded
@@ -26,8 +27,11 @@ if TYPE_CHECKING:
     from rosbags.rosbag1 import Reader as Reader1
     from rosbags.rosbag2 import Reader as Reader2
 
+    BagReader: TypeAlias = Reader1 | Reader2 | CanLogReader
+
 # By suffix (a folder has none): the first bytes of a file, and what repairs an incomplete one.
 _MAGIC = {".bag": b"#ROSBAG V2.0", ".mcap": b"\x89MCAP0\r\n", ".db3": b"SQLite format 3\0"}
+_MAGIC |= dict.fromkeys(SUFFIXES, b"")
 _ROS2_SCHEMAS = ("ros2msg", "ros2idl", "omgidl")
 _REPAIR = {
     ".bag": "`rosbag reindex`",
@@ -173,14 +177,14 @@ def _topic_list(connections: "Sequence[Connection]") -> str:
 
 
 @contextmanager
-def open_bag(path: Path) -> "Iterator[Reader1 | Reader2]":
+def open_bag(path: Path) -> "Iterator[BagReader]":
     """Open a bag; every failure until it is closed is a `BagError`."""
     with bag_errors(path), bag_reader(path) as bag:
         check_topics(bag)
         yield bag
 
 
-def check_topics(bag: "Reader1 | Reader2") -> None:
+def check_topics(bag: "BagReader") -> None:
     """Raise an error for an open bag whose messages have no topics, as rosbags would skip them.
 
     Raises
@@ -192,7 +196,7 @@ def check_topics(bag: "Reader1 | Reader2") -> None:
         raise ValueError("its summary has no channels")
 
 
-def bag_reader(path: Path, *, by_chunks: bool = False) -> "Reader1 | Reader2":
+def bag_reader(path: Path, *, by_chunks: bool = False) -> "BagReader":
     """Return a reader of a bag, to be opened inside of `bag_errors`.
 
     Parameters
@@ -214,13 +218,25 @@ def bag_reader(path: Path, *, by_chunks: bool = False) -> "Reader1 | Reader2":
         raise BagError(
             "Reading bags needs rosbags 0.11 or later; run `pip install linkage_vibration[bags]`."
         ) from None
-    if _kind(path) != ".bag":
+    kind = _kind(path)
+    if kind in SUFFIXES:
+        return _can_log_reader(path)
+    if kind != ".bag":
         return Reader2(path)
     if not by_chunks:
         return Reader1(path)
     from linkage_vibration.bags.ros1 import ChunkReader
 
     return ChunkReader(path)
+
+
+def _can_log_reader(path: Path) -> CanLogReader:
+    try:
+        return CanLogReader(path)
+    except ImportError:
+        raise BagError(
+            f"Reading {path} needs python-can; run `pip install linkage_vibration[can]`."
+        ) from None
 
 
 def mcap_files(path: Path) -> list[Path]:
@@ -246,6 +262,8 @@ def bag_errors(path: Path) -> Iterator[None]:
     """
     try:
         yield
+    except CanLogError as error:
+        raise BagError(f"{path} {error}") from None
     except (LinkageVibrationError, ImportError):
         raise
     except OSError as error:
@@ -257,6 +275,9 @@ def bag_errors(path: Path) -> Iterator[None]:
         if foreign := _foreign(path):
             raise BagError(f"{path} {foreign}") from error
         text = " ".join(str(error).split()) or type(error).__name__
+        if can_log_suffix(path):
+            remedy = "convert it again, or read what is left of it with the tool that wrote it"
+            raise BagError(f"{path} is damaged or incomplete ({text}); {remedy}.") from error
         repair = _REPAIR["" if path.is_dir() else path.suffix]
         raise BagError(f"{path} is damaged or incomplete ({text}); try {repair}.") from error
 
@@ -304,16 +325,20 @@ def _kind(path: Path) -> str:
             )
         _check_metadata(path / "metadata.yaml")
         return ""
-    if path.suffix not in _MAGIC:
-        raise BagError(f"{path} is not a bag; give a .bag, .mcap or .db3 file.")
-    magic = _MAGIC[path.suffix]
+    suffix = can_log_suffix(path) or path.suffix
+    if suffix not in _MAGIC:
+        raise BagError(
+            f"{path} is not a bag; give a .bag, .mcap or .db3 file, or a log of a CAN bus "
+            f"({', '.join(SUFFIXES)})."
+        )
+    magic = _MAGIC[suffix]
     with path.open("rb") as file:
-        start = file.read(len(magic))
+        start = file.read(len(magic) or 1)
     if not start:
         raise BagError(f"{path} is empty, as its recording ended before anything was written.")
-    if not magic.startswith(start):
+    if magic and not magic.startswith(start):
         raise BagError(f"{path} is not a {path.suffix} file, despite its name; give a bag.")
-    return path.suffix
+    return suffix
 
 
 def _check_metadata(path: Path) -> None:

@@ -30,6 +30,7 @@ from mcap.summary import Summary
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
+from linkage_vibration.bags.can_logs import CanLogReader
 from linkage_vibration.bags.mcap_records import (
     CHUNK,
     MESSAGE,
@@ -41,9 +42,8 @@ from linkage_vibration.bags.reading import bag_errors, bag_reader, check_topics,
 
 if TYPE_CHECKING:
     from rosbags.interfaces import Connection
-    from rosbags.rosbag1 import Reader as Reader1
-    from rosbags.rosbag2 import Reader as Reader2
 
+    from linkage_vibration.bags.reading import BagReader
     from linkage_vibration.bags.ros1 import ChunkReader
 
 Bytes = NDArray[np.uint8]
@@ -163,7 +163,7 @@ class Bags:
         Their topics; one with several types occurs once for each.
     """
 
-    def __init__(self, paths: Sequence[Path], bags: "Sequence[Reader1 | Reader2]") -> None:
+    def __init__(self, paths: Sequence[Path], bags: "Sequence[BagReader]") -> None:
         self.paths = tuple(paths)
         self._bags = tuple(bags)
         counts: Counter[tuple[str, str]] = Counter()
@@ -207,7 +207,7 @@ def open_bags(paths: Sequence[Path]) -> Iterator[Bags]:
     BagError
         If one of them is missing, empty, incomplete, damaged or not a bag.
     """
-    bags: list[Reader1 | Reader2] = []
+    bags: list[BagReader] = []
     with ExitStack() as stack:
         for path in paths:
             with bag_errors(path):
@@ -262,7 +262,7 @@ def _compact(block: Block) -> Block:
 
 
 def _parts(
-    path: Path, bag: "Reader1 | Reader2", number: int, names: Sequence[str], as_written: bool
+    path: Path, bag: "BagReader", number: int, names: Sequence[str], as_written: bool
 ) -> Iterator[_Part]:
     """Yield the parts of a bag in the order of their first times, or as MCAP has them."""
     from linkage_vibration.bags.ros1 import ChunkReader
@@ -270,6 +270,9 @@ def _parts(
     with bag_errors(path), ExitStack() as stack:
         if isinstance(bag, ChunkReader):
             yield from _ros1_parts(path, bag, number, names)
+            return
+        if isinstance(bag, CanLogReader):
+            yield from _can_parts(bag, number, names)
             return
         files = [stack.enter_context(file.open("rb")) for file in mcap_files(path)]
         summaries = [_summary(file) for file in files]
@@ -480,7 +483,26 @@ def _ros1_block(
     return _joined(blocks).rows(np.argsort(np.concatenate(order)))
 
 
-def _other_parts(bag: "Reader1 | Reader2", number: int, names: Sequence[str]) -> Iterator[_Part]:
+def _can_parts(bag: CanLogReader, number: int, names: Sequence[str]) -> Iterator[_Part]:
+    topic = np.full(1 + max(c.id for c in bag.connections), -1)
+    for connection in bag.connections:
+        if connection.topic in names:
+            topic[connection.id] = names.index(connection.topic)
+    wanted = np.flatnonzero(topic[bag.channels] >= 0)
+    for place, rows in enumerate(np.split(wanted, range(BLOCK, len(wanted), BLOCK))):
+
+        def load(rows: Integers = rows) -> Block:
+            messages, times = bag.encoded(rows), bag.times[rows]
+            starts = messages.shape[1] * np.arange(len(rows))
+            sizes = np.full(len(rows), messages.shape[1])
+            topics = topic[bag.channels[rows]]
+            return Block(messages.ravel(), starts, sizes, topics, times, times)
+
+        if len(rows):
+            yield _Part(int(bag.times[rows[0]]), (number, place), load)
+
+
+def _other_parts(bag: "BagReader", number: int, names: Sequence[str]) -> Iterator[_Part]:
     connections = [connection for connection in bag.connections if connection.topic in names]
     if not connections:
         return

@@ -213,10 +213,10 @@ def test_what_is_no_bag(tmp_path: Path) -> None:
     """Missing paths, other files and plain folders have errors of their own."""
     with pytest.raises(BagError, match=r"There is no bag .*nothing\.bag"):
         list(read_joint_states(tmp_path / "nothing.bag"))
-    (tmp_path / "notes.txt").write_text("hello")
-    with pytest.raises(BagError, match=r"notes\.txt is not a bag; give a \.bag, \.mcap or \.db3"):
-        list(read_joint_states(tmp_path / "notes.txt"))
-    shutil.copy(tmp_path / "notes.txt", tmp_path / "notes.mcap")
+    (tmp_path / "notes.md").write_text("hello")
+    with pytest.raises(BagError, match=r"notes\.md is not a bag; give a \.bag, \.mcap or \.db3"):
+        list(read_joint_states(tmp_path / "notes.md"))
+    shutil.copy(tmp_path / "notes.md", tmp_path / "notes.mcap")
     with pytest.raises(BagError, match=r"notes\.mcap is not a \.mcap file"):
         list(read_joint_states(tmp_path / "notes.mcap"))
     with pytest.raises(BagError, match=r"has no metadata\.yaml; give a file of the bag"):

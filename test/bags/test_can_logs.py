@@ -1,0 +1,368 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Logs of CAN buses are read as bags with a topic for each channel."""
+
+import gzip
+import random
+import struct
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from linkage_vibration.bags.can_frames import (
+    ERROR,
+    EXTENDED,
+    REMOTE,
+    Frame,
+    read_frame,
+    read_frames,
+    read_key,
+)
+from linkage_vibration.bags.joint_states import CdrError
+from linkage_vibration.bags.message_columns import topic_types
+from linkage_vibration.bags.reading import BagError, read_messages
+from linkage_vibration.bags.streams import Block, open_bags
+from test.support.can_bus import EPOCH, BusFrame, identifier, recorded_frames, write_candump
+
+can = pytest.importorskip("can", reason="logs are written with python-can (extra can)")
+
+HITCH = identifier(65093, 0xF0)
+
+
+def frames_of(
+    paths: Path | list[Path], topics: list[str] | None = None
+) -> list[tuple[int, str, Frame]]:
+    """Return log time, topic and frame of each message of logs, read in blocks and one by one."""
+    found = []
+    with open_bags([paths] if isinstance(paths, Path) else paths) as bags:
+        names = topics or [topic.name for topic in bags.topics]
+        for block in bags.blocks(names):
+            rows = np.arange(len(block))
+            groups, unreadable = read_frames(block, rows)
+            assert not len(unreadable)
+            columns = {}
+            for group in groups:
+                for i, row in enumerate(group.rows.tolist()):
+                    columns[row] = Frame(
+                        int(group.sec[i]),
+                        int(group.nanosec[i]),
+                        group.frame_id,
+                        int(group.key[i]),
+                        int(group.dlc[i]),
+                        group.payload[i].tobytes(),
+                    )
+            for row in rows.tolist():
+                assert read_frame(block.message(row)) == columns[row]
+                assert read_key(block.message(row)) == columns[row].key
+                found.append((int(block.log_times[row]), names[block.topics[row]], columns[row]))
+    return found
+
+
+def write(path: Path, frames: list[BusFrame]) -> Path:
+    """Write a log with python-can."""
+    with can.Logger(path) as logger:
+        for frame in frames:
+            channel = int(frame.channel[-1])
+            logger(
+                can.Message(
+                    timestamp=1e-9 * frame.time,
+                    arbitration_id=frame.identifier,
+                    is_extended_id=frame.extended,
+                    data=frame.data,
+                    channel=channel,
+                )
+            )
+    return path
+
+
+def drive(n: int = 500) -> list[BusFrame]:
+    """Return frames of two channels, of all lengths."""
+    rng = random.Random(4)
+    found = []
+    for k in range(n):
+        extended = rng.random() < 0.8
+        number = rng.randrange(1 << (29 if extended else 11))
+        data = rng.randbytes(rng.randrange(9))
+        time = EPOCH + 1_000_000 * k
+        found.append(BusFrame(time, number, data, extended, f"can{rng.randrange(2)}"))
+    return found
+
+
+def expected(frames: list[BusFrame]) -> list[tuple[int, Frame]]:
+    """Return time and message of each frame."""
+    return [
+        (
+            frame.time,
+            Frame(
+                frame.time // 10**9,
+                frame.time % 10**9,
+                "can",
+                frame.identifier | (EXTENDED if frame.extended else 0),
+                len(frame.data),
+                frame.data.ljust(8, b"\0"),
+            ),
+        )
+        for frame in frames
+    ]
+
+
+KINDS = ["bus.log", "bus.txt", "bus.asc", "bus.blf", "bus.log.gz", "bus.asc.gz", "bus.blf.gz"]
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_every_kind_of_log(tmp_path: Path, name: str) -> None:
+    """Each log that python-can writes has the frames that were written, by their channels."""
+    frames = drive()
+    path = tmp_path / name
+    kind = Path(name.removesuffix(".gz")).suffix.replace(".txt", ".log")
+    plain = write(tmp_path / f"plain{kind}", frames)
+    if name.endswith(".gz"):
+        path.write_bytes(gzip.compress(plain.read_bytes()))
+    else:
+        plain.rename(path)
+    found = frames_of(path)
+    first = 0 if kind == ".log" else 1
+    names = [f"/{'channel_' if first else 'can'}{int(f.channel[-1]) + first}" for f in frames]
+    assert [topic for _, topic, _ in found] == names
+    wanted = expected(frames)
+    # The text of ASC begins in the time zone of the machine that writes it.
+    shift = found[0][0] - frames[0].time
+    assert shift % (900 * 10**9) == 0 if kind == ".asc" else shift == 0
+    for (time, _, frame), (wanted_time, wanted_frame) in zip(found, wanted, strict=True):
+        assert time == wanted_time + shift
+        assert frame[2:] == wanted_frame[2:]
+        assert 10**9 * frame.sec + frame.nanosec == time
+    assert topic_types(path) == dict.fromkeys(sorted(set(names)), "can_msgs/msg/Frame")
+    [(time, message), *_] = read_messages(path, names[0])
+    assert (time, message.id, message.dlc) == (
+        found[0][0],
+        frames[0].identifier,
+        len(frames[0].data),
+    )
+
+
+def test_channels_and_bags_are_merged(tmp_path: Path) -> None:
+    """One channel can be read by itself, and several logs are read as one."""
+    frames = drive()
+    halves = [frames[:250], frames[250:]]
+    paths = [write(tmp_path / f"{k}.log", half) for k, half in enumerate(halves)]
+    wanted = [pair for pair, f in zip(expected(frames), frames, strict=True) if f.channel == "can1"]
+    found = frames_of(paths, ["/can1"])
+    assert [(time, frame) for time, _, frame in found] == wanted
+
+
+CONSOLE = """\
+ (1700000000.000100)  can0  0CFE45F0   [8]  7D FF FF FF FF FF FF FF
+ (1700000000.000200)  can0  123   [3]  11 22 33
+ (1700000000.000300)  can0  RX - -  0CFE45F0   [1]  7E
+ (1700000000.000400)  can0  0CFE45F0   [0]  remote request
+ (1700000000.000500)  can0  20000080   [8]  00 00 00 00 00 00 00 00   ERRORFRAME
+ (1700000000.000600)  can0  0CFE45F0  [12]  01 02 03 04 05 06 07 08 09 0A 0B 0C
+ (1700000000.000700)  can0  0CFE45F0   [4]  41 42 43 27   'ABC''
+
+(2023-11-14 22:13:20.000800)  can0  0CFE45F0   [0]
+"""
+LOG = """\
+(1700000000.000100) can0 0CFE45F0#7DFFFFFFFFFFFFFF
+(1700000000.000200) can0 123#112233
+(1700000000.000300) can0 0CFE45F0#7E R
+(1700000000.000400) can0 0CFE45F0#R
+(1700000000.000500) can0 20000080#0000000000000000
+(1700000000.000600) can0 0CFE45F0##10102030405060708090A0B0C
+(1700000000.000700) can0 0CFE45F0#41.42.43.27 T
+(1700000000.000800000) can0 0CFE45F0#
+"""
+
+
+@pytest.mark.parametrize("text", [CONSOLE, LOG], ids=["console", "log"])
+def test_text_of_candump(tmp_path: Path, text: str) -> None:
+    """Both texts of candump give the same: data, remote, error and CAN FD frames, and no data."""
+    path = tmp_path / "candump-2023-11-14.log"
+    path.write_text(text)
+    found = frames_of(path)
+    assert [time - EPOCH for time, *_ in found] == [100_000 * k for k in range(1, 9)]
+    extended = EXTENDED | 0x0CFE45F0
+    assert [(frame.key, frame.dlc, frame.payload.hex()) for *_, frame in found] == [
+        (extended, 8, "7dffffffffffffff"),
+        (0x123, 3, "1122330000000000"),
+        (extended, 1, "7e00000000000000"),
+        (REMOTE | extended, 0, 16 * "0"),
+        (ERROR | 0x80, 8, 16 * "0"),
+        (extended, 12, "0102030405060708"),
+        (extended, 4, "4142432700000000"),
+        (extended, 0, 16 * "0"),
+    ]
+
+
+def test_recorded_tractor(tmp_path: Path) -> None:
+    """The frames of a real tractor come out of a log as they went in."""
+    frames = recorded_frames()
+    found = frames_of(write_candump(tmp_path / "tractor.log", frames))
+    ordered = sorted(frames, key=lambda frame: frame.time)
+    assert [(time, frame) for time, _, frame in found] == expected(ordered)
+
+
+LINE = "(1700000000.000100) can0 0CFE45F0#7D\n"
+FAULTS = {
+    "empty": ("", r"is empty, as its recording ended before"),
+    "no frames": ("\n\n", r"has no frames"),
+    "other text": ("[INFO] [1700000000.1] [node]: hello\n", r"not a log of candump, as line 1 is"),
+    "one word": ("hello", r"not a log of candump, as line 1 is 'hello'"),
+    "a damaged line": (LINE + "(1700000000.1) can0 0CFE#7\n" + LINE, r"as line 2 is .*correct or"),
+    "wrong length": (" (1700000000.000100)  can0  123   [3]  11 22\n", r"as line 1 is"),
+    "no times": ("  can0  0CFE45F0   [1]  7D\n", r"has no times \(line 1 .*candump -ta"),
+    "one long line": ("x" * 10**6, r"not a log of candump"),
+    "clock set back": (
+        LINE + LINE.replace("1700000000", "1699999998"),
+        r"goes back in time by 2.000 s at frame 2.*split the log there",
+    ),
+    "differences": (
+        "".join(f" (000.0{10 + k * 7 % 5}000)  can0  123   [1]  11\n" for k in range(20)),
+        r"has differences of times instead of times; record it with `candump -L`",
+    ),
+    "many channels": (
+        "".join(LINE.replace("can0", f"can{k}") for k in range(65)),
+        r"more than 64 channels",
+    ),
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_faults_of_text(tmp_path: Path, fault: str) -> None:
+    """An error names the file, the line or the frame, and the remedy."""
+    text, words = FAULTS[fault]
+    path = tmp_path / "bus.log"
+    path.write_text(text)
+    with pytest.raises(BagError, match=rf"bus\.log .*{words}"):
+        frames_of(path)
+
+
+def test_slight_disorder_is_sorted(tmp_path: Path) -> None:
+    """Frames of two channels that were written a little late are read in the order of times."""
+    frames = drive()
+    path = write_candump(tmp_path / "bus.log", frames)
+    lines = path.read_text().splitlines(keepends=True)
+    random.Random(1).shuffle(lines)
+    path.write_text("".join(lines))
+    assert [(time, frame) for time, _, frame in frames_of(path)] == expected(frames)
+
+
+def test_relative_times(tmp_path: Path) -> None:
+    """A log whose times begin at 0 keeps them, unless they are differences."""
+    path = tmp_path / "bus.log"
+    path.write_text(" (000.000000)  can0  123   [1]  11\n (001.250000)  can0  123   [1]  12\n")
+    assert [time for time, *_ in frames_of(path)] == [0, 1_250_000_000]
+    asc = tmp_path / "bus.asc"
+    text = "date Tue Nov 14 10:13:20.500 pm 2023\nbase hex  timestamps absolute\n"
+    text += "no internal events logged\n   0.250000 1  CFE45F0x        Rx   d 1 7D\n"
+    asc.write_text(text)
+    assert [time for time, *_ in frames_of(asc)] == [EPOCH + 750_000_000]
+    asc.write_text(text.replace("Nov", "Gov"))
+    assert [time for time, *_ in frames_of(asc)] == [250_000_000]
+    asc.write_text(text.replace("absolute", "relative"))
+    with pytest.raises(BagError, match=r"bus\.asc has times since the previous event"):
+        frames_of(asc)
+
+
+@pytest.mark.parametrize("kind", [".log", ".asc", ".blf", ".log.gz", ".blf.gz"])
+def test_truncated_logs(tmp_path: Path, kind: str) -> None:
+    """A log that was cut off has the frames before the cut, or gives an error."""
+    frames = drive(60)
+    path = write(tmp_path / f"bus{kind.removesuffix('.gz')}", frames)
+    whole = path.read_bytes()
+    if kind.endswith(".gz"):
+        whole, path = gzip.compress(whole), tmp_path / f"bus{kind}"
+        path.write_bytes(whole)
+    complete = frames_of(path)
+    read = 0
+    for size in [
+        *range(0, len(whole), max(1, len(whole) // 150)),
+        *range(len(whole) - 60, len(whole)),
+    ]:
+        path.write_bytes(whole[:size])
+        try:
+            found = frames_of(path)
+        except BagError as error:
+            assert str(error).startswith(str(path))
+            continue
+        read += 1
+        # The last frame of a text may have lost bytes, which its length says.
+        assert [each[0] for each in found[:-1]] == [each[0] for each in complete[: len(found) - 1]]
+        assert [each[2] for each in found[:-1]] == [each[2] for each in complete[: len(found) - 1]]
+        last, truth = found[-1][2], complete[len(found) - 1][2]
+        if last.key & 0xFF == truth.key & 0xFF:
+            assert last.payload[: last.dlc] == truth.payload[: last.dlc]
+    assert read or kind.endswith(".gz")
+
+
+@pytest.mark.parametrize("kind", [".log", ".txt", ".asc", ".blf", ".log.gz", ".asc.gz", ".blf.gz"])
+def test_garbage(tmp_path: Path, kind: str) -> None:
+    """Random bytes, and logs with changed bytes, give an error of this package or frames."""
+    rng = random.Random(7)
+    suffix = kind.removesuffix(".gz").replace(".txt", ".log")
+    data = write(tmp_path / f"plain{suffix}", drive(30)).read_bytes()
+    whole = gzip.compress(data) if kind.endswith(".gz") else data
+    path = tmp_path / f"bus{kind}"
+    for k in range(60):
+        damaged = bytearray(whole)
+        for _ in range(rng.randrange(1, 5)):
+            damaged[rng.randrange(len(damaged))] = rng.randrange(256)
+        path.write_bytes(damaged if k % 4 else rng.randbytes(300))
+        try:
+            assert frames_of(path)
+        except BagError as error:
+            assert str(path) in str(error)
+
+
+def test_python_can_is_missing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without python-can, the error names the extra; text of candump does not need it."""
+    monkeypatch.setitem(sys.modules, "can", None)
+    path = tmp_path / "bus.blf"
+    path.write_bytes(b"LOGG")
+    with pytest.raises(
+        BagError, match=r"bus.blf needs python-can; run `pip install linkage_vibration\[can\]`"
+    ):
+        frames_of(path)
+    text = tmp_path / "bus.log"
+    text.write_text(LINE)
+    assert len(frames_of(text)) == 1
+
+
+def cdr(name: str, order: str = "<", key: int = HITCH) -> bytes:
+    """Return a frame in CDR, with garbage between its name and its identifier."""
+    head = bytes([0, order == "<", 0, 0]) + struct.pack(f"{order}iI", 3, 4)
+    text = struct.pack(f"{order}I", len(name) + 1) + name.encode() + b"\0"
+    padding = b"\xee" * (-len(text) % 4)
+    return head + text + padding + struct.pack(f"{order}I4B", key, 0, 1, 0, 8) + bytes(range(8))
+
+
+def test_frames_of_other_publishers() -> None:
+    """Frames with any name, in both orders of bytes, are decoded; other bytes are counted."""
+    good = [cdr(name, order) for name in ("", "can", "can0", "längerer Name") for order in "<>"]
+    bad = [b"", b"\0", good[0][:-1], b"\1" + good[0][1:], good[0][:12] + b"\xff" * 28, bytes(40)]
+    messages = [*good, *bad, *good, *bad]
+    sizes = np.array([len(message) for message in messages])
+    zeros = np.zeros(len(messages), np.int64)
+    buffer = np.frombuffer(b"".join(messages), np.uint8)
+    block = Block(buffer, np.cumsum(sizes) - sizes, sizes, zeros, zeros, zeros)
+    groups, unreadable = read_frames(block, np.arange(len(messages)))
+    n = len(good)
+    expected_bad = [*range(n, n + 5), *range(2 * n + 6, 2 * n + 11)]
+    assert sorted(set(unreadable.tolist()) - {n + 5, 2 * n + 11}) == expected_bad
+    for message in bad[:5]:
+        for read in (read_key, read_frame):
+            with pytest.raises(CdrError):
+                read(message)
+    decoded = {}
+    for group in groups:
+        for i, row in enumerate(group.rows.tolist()):
+            decoded[row] = group.frame_id, int(group.key[i]), group.payload[i].tobytes()
+    for row in range(n):
+        frame = read_frame(messages[row])
+        assert frame[:2] == (3, 4)
+        assert (frame.frame_id, frame.key, frame.payload) == decoded[row]
+        assert frame.key == EXTENDED | HITCH
+        assert frame.payload == bytes(range(8))
+    assert [decoded[row][0] for row in range(0, n, 2)] == ["", "can", "can0", "längerer Name"]
