@@ -16,7 +16,7 @@ from scipy.special import ndtr
 from linkage_vibration.prediction.batch import Predictions
 from linkage_vibration.prediction.excitation import Excitation, Source
 from linkage_vibration.prediction.levels import Levels, LevelTable, Single, no_levels
-from linkage_vibration.prediction.predictor import Prediction
+from linkage_vibration.prediction.predictor import Prediction, Predictor
 
 FloatArray = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -25,6 +25,7 @@ Integers = NDArray[np.int64]
 _SHORTEST = 5e-3  # s
 _LATEST = 2**63 - 1  # ns
 _LEAST_MARGIN = 1e-300
+_LOOKED_AT = 65  # angles of the range
 _TURN = 2.0 * math.pi
 
 _unknown = partial(np.full, 1, math.nan, np.float32)  # one excitation, of which nothing is known
@@ -236,6 +237,36 @@ def half_power_probability(
         above = np.sqrt(own + (high * natural_stddev) ** 2)
         upper = ndtr((high * natural - frequency) / above)
         return np.asarray(upper - ndtr((low * natural - frequency) / below))
+
+
+def never_warned(predictor: Predictor, limit: float) -> str:
+    """Return a sentence that names modes for which the probability cannot reach a limit, or "".
+
+    An excitation that equals the natural frequency gives the largest probability; it is small if
+    the half-power band is much narrower than the standard deviation of the natural frequency.
+
+    Parameters
+    ----------
+    predictor : Predictor
+    limit : float
+        As `WarningLimits.probability`.
+    """
+    table = predictor.table
+    found = [predictor.predict(at) for at in np.linspace(*table.alpha3_range, _LOOKED_AT).tolist()]
+    naturals, stddevs, zetas = (
+        np.array([getattr(one, name) for one in found])
+        for name in ("natural_frequencies", "frequency_stddev", "damping_ratios")
+    )
+    largest = half_power_probability(naturals, 0.0 * naturals, naturals, stddevs, zetas)
+    reached = (largest >= limit).any(axis=0) | ~(stddevs > 0.0).any(axis=0)
+    names = [table.mode_label(int(mode)) for mode in np.flatnonzero(~reached)]
+    if not names:
+        return ""
+    return (
+        f"{', '.join(names)}: the natural frequency is so uncertain for its damping that the "
+        f"probability of a resonance never reaches warning_probability, {limit:g}, so no "
+        "excitation without an amplitude warns there. Lower it, or give amplitudes."
+    )
 
 
 def _nearest(one: Excitation, speed: _Speed | None, naturals: list[float]) -> _Pair | None:

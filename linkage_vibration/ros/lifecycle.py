@@ -27,7 +27,7 @@ from linkage_vibration.messages.provenance import attachments
 from linkage_vibration.prediction.answers import Served, place_name
 from linkage_vibration.prediction.excitation import Excitation
 from linkage_vibration.prediction.levels import LevelTable
-from linkage_vibration.prediction.resonance import ResonanceMonitor
+from linkage_vibration.prediction.resonance import ResonanceMonitor, never_warned
 from linkage_vibration.prediction.settings import (
     NODE_NAME,
     ParameterError,
@@ -277,6 +277,8 @@ class LinkageVibrationNode(LifecycleNode):
         self._excitations = path.read_text(encoding="utf-8")
         self._served = served = read_served(settings, self.get_logger().info, self._check_signals)
         levels = LevelTable(served.predictor, served.mechanism, excitations)
+        if sharp := never_warned(served.predictor, settings.warning_probability):
+            self.get_logger().warning(sharp)
         topics = own_topics(self)
         extra_topics = self._extra_topics() - {topic.name for topic in topics}
         provenance = self._provenance(served)

@@ -25,9 +25,10 @@ from linkage_vibration.prediction.resonance import (
     ResonanceState,
     WarningLimits,
     half_power_probability,
+    never_warned,
 )
 from linkage_vibration.readers.mechanism import read_mechanism
-from linkage_vibration.support.resources import PAPER_TABLE, config_file
+from linkage_vibration.support.resources import DEFAULT_TABLE, PAPER_TABLE, config_file
 from linkage_vibration.table.table import load_table
 
 SECOND = 10**9  # ns
@@ -233,6 +234,22 @@ def test_probability_is_that_of_a_sample() -> None:
         share = float((np.abs(forced - free) < zeta * free).mean())
         numbers = (np.array([x]) for x in (frequency, own, natural, spread, zeta))
         assert half_power_probability(*numbers)[0] == pytest.approx(share, abs=0.004)
+
+
+def test_modes_that_never_warn() -> None:
+    """A mode is named if no excitation in its half-power band could reach the limit."""
+    mechanism = read_mechanism(config_file("three_point_linkage_on_tractor.yaml"))
+    predictor = Predictor(load_table(config_file(DEFAULT_TABLE), mechanism))
+    assert never_warned(predictor, 0.1) == ""
+    sentence = never_warned(predictor, 0.2)
+    assert "mode 5" in sentence
+    assert "mode 1" not in sentence
+    sharp = [predictor.predict(at) for at in np.linspace(*predictor.table.alpha3_range, 7)]
+    for one in sharp:  # erf(zeta / (sqrt(2) sigma)) is the probability at a perfect match
+        sigma = one.frequency_stddev[4] / one.natural_frequencies[4]
+        assert math.erf(one.damping_ratios[4] / math.sqrt(2.0) / sigma) < 0.2
+    known = load_table(config_file(PAPER_TABLE))
+    assert never_warned(Predictor(known), 0.9) == ""  # its frequencies are known
 
 
 def uncertain_monitor(limits: WarningLimits, **load: float) -> ResonanceMonitor:
