@@ -4,7 +4,7 @@
 
 import itertools
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -387,6 +387,18 @@ def _read_provenance(path: Path) -> tuple[dict[str, bytes], dict[str, dict[str, 
                 f"{one} is damaged ({error}); repair it with `linkage-vibration recover`."
             ) from None
     return attachments, metadata
+
+
+def mode_label(path: Path, table_id: str) -> Callable[[int], str]:
+    """Return how modes, counted from 0, are called: by number, and by name if a log has the table.
+
+    Parameters
+    ----------
+    path, table_id : Path, str
+        The log, and the table of its predictions.
+    """
+    table, _, _ = _read_model(_read_provenance(path)[0], table_id)
+    return (lambda mode: f"mode {mode + 1}") if table is None else table.mode_label
 
 
 def _read_model(

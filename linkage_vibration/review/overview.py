@@ -48,9 +48,10 @@ def drive_summary(log: Log) -> dict[str, Any]:
     -------
     dict
         ``log``; ``start``, UTC; ``duration_s``; ``predictions``; ``not_ok``, predictions without
-        the status OK; ``gaps``; ``clock_jumps``; ``in_resonance_s``, the time of warnings about
-        each mode, or None; ``worst``, its time, angle, excitation, mode, duration and
-        amplification, or None; ``sentence``; ``model``, the ids of table and model.
+        the status OK; ``gaps``; ``clock_jumps``; ``mode_names``, empty if they are not known;
+        ``in_resonance_s``, the time of warnings about each mode, or None; ``worst``, its time,
+        angle, excitation, mode, duration and amplification, or None; ``sentence``; ``model``, the
+        ids of table and model.
     """
     found = meetings(log, moments(log))
     near = None
@@ -81,6 +82,7 @@ def drive_summary(log: Log) -> dict[str, Any]:
         "not_ok": int((log.status != Status.OK).sum()),
         "gaps": len(gaps(log)),
         "clock_jumps": len(log.passes),
+        "mode_names": list(log.table.mode_names) if log.table else [],
         "in_resonance_s": near,
         "worst": worst,
         "sentence": first_sentence(log, found),
@@ -103,7 +105,10 @@ def overview_html(drives: Sequence[tuple[dict[str, Any], str]], failures: Sequen
         A sentence for each log that could not be read.
     """
     n_modes = max((len(drive["in_resonance_s"] or ()) for drive, _ in drives), default=0)
-    modes = [f"near mode {mode + 1} [s]" for mode in range(n_modes)]
+    names = [list(drive["mode_names"]) for drive, _ in drives if drive["mode_names"]]
+    shared = names[0] if names and all(own == names[0] for own in names) else []
+    shared += [""] * (n_modes - len(shared))
+    modes = [f"near {name or f'mode {i}'} [s]" for i, name in enumerate(shared[:n_modes], 1)]
     head = ["drive", "start, UTC", "duration [s]", *modes, "worst moment", "model"]
     rows = "".join(f"<tr>{_cells(drive, page, n_modes)}</tr>\n" for drive, page in drives)
     columns = "".join(f'<th scope="col">{text}</th>' for text in head)

@@ -25,6 +25,7 @@ from linkage_vibration.playback.replay import replay
 from linkage_vibration.prediction.inputs import INPUTS
 from linkage_vibration.prediction.predictor import Status
 from linkage_vibration.prediction.settings import Parameters
+from linkage_vibration.review.log import mode_label
 from linkage_vibration.support.atomic_files import write_bytes
 
 FloatArray = NDArray[np.float64]
@@ -152,7 +153,7 @@ class _Signals:
     margin_time: Integers  # (m,), ns, of resonances
     margin: FloatArray  # 1, NaN where stale
     excitation: NDArray[np.object_]
-    mode: Integers  # (m,), from 0
+    mode: NDArray[np.object_]  # (m,), its number from 1 and its name
     latency: FloatArray  # (n,), s, NaN if the reading is not in the log
 
 
@@ -214,6 +215,9 @@ def _signals(bag: Path, log: Path, limits: Limits) -> _Signals:
             "ground_speed too, or give a fixed speed in the settings."
         )
     n = len(predictions["log_time"])
+    label = mode_label(log, str(predictions["table_id"][-1]))
+    modes = resonances.get("mode", np.empty(0, np.int64)).tolist()
+    labels = {mode: label(mode) for mode in set(modes)}
     return _Signals(
         predictions["log_time"],
         np.rad2deg(predictions["crank_angle"]),
@@ -221,7 +225,7 @@ def _signals(bag: Path, log: Path, limits: Limits) -> _Signals:
         resonances.get("log_time", np.empty(0, np.int64)),
         np.abs(resonances.get("relative_margin", np.empty(0))),
         resonances.get("excitation", np.empty(0, object)),
-        resonances.get("mode", np.empty(0)).astype(np.int64),
+        np.array([labels[mode] for mode in modes], object),
         np.full(n, np.nan) if limits.latency is None else _latencies(bag, log, types),
     )
 
@@ -299,7 +303,7 @@ def _failures(signals: _Signals, limits: Limits) -> list[Failure]:
 def _nearest(signals: _Signals, at: int) -> str:
     """Return in words which excitation and mode are nearest to each other in a resonance."""
     distance = f"{100 * signals.margin[at]:.2f} %"
-    return f"{signals.excitation[at]} is {distance} from mode {signals.mode[at] + 1}"
+    return f"{signals.excitation[at]} is {distance} from {signals.mode[at]}"
 
 
 def _draw(bag: Path, signals: _Signals, limits: Limits, failure: Failure, picture: Path) -> None:
@@ -339,7 +343,7 @@ def _draw(bag: Path, signals: _Signals, limits: Limits, failure: Failure, pictur
         ax.axvline(failure.seconds, color=INK, linewidth=1.0)
         then = int(np.searchsorted(signals.margin_time, failure.time, "right")) - 1
         if values.size and label.startswith("margin") and then >= 0:
-            about = f" {signals.excitation[then]}, mode {signals.mode[then] + 1}"
+            about = f" {signals.excitation[then]}, {signals.mode[then]}"
             ax.annotate(about, (failure.seconds, 0.9), xycoords=("data", "axes fraction"))
         if ax is not axes[0]:
             ax.set_ylim(bottom=0.0)

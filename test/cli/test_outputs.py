@@ -168,9 +168,11 @@ def test_signals_leave_nothing_behind(files: Path, number: signal.Signals) -> No
     """SIGTERM and SIGHUP end a command with 128 + their number, and remove temporary files."""
     os.mkfifo("pipe")  # The command waits for a reader of its output when its file is complete.
     (temporary := files / "temporary").mkdir()
+    # A signal that arrives while coverage.py holds its lock would block the command forever.
+    own = {name: value for name, value in os.environ.items() if not name.startswith("COVERAGE")}
     process = subprocess.Popen(
         [sys.executable, "-m", "linkage_vibration.cli", "replay", "drive.mcap", "-o", "pipe"],
-        env=os.environ | {"TMPDIR": str(temporary)},
+        env=own | {"TMPDIR": str(temporary)},
         stderr=subprocess.DEVNULL,
         preexec_fn=lambda: signal.signal(number, signal.SIG_DFL),  # nohup ignores SIGHUP
     )

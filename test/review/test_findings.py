@@ -18,6 +18,7 @@ from linkage_vibration.review import findings
 from linkage_vibration.review.findings import amplification, first_sentence, meetings
 from linkage_vibration.review.log import Log, problems, read_log
 from linkage_vibration.review.moments import angle_shares, moments
+from linkage_vibration.review.overview import overview_html
 from linkage_vibration.review.review_page import review_page
 from linkage_vibration.review.time_axis import time_axis
 from test.support.drive import hitch_duty_cycle
@@ -206,6 +207,11 @@ def test_summary_is_json(drive: Path, jumping: Path, capsys: Any, log: Log) -> N
     assert first["predictions"] == len(log.stamps)
     assert sum(first["in_resonance_s"]) > sum(m.end - m.start for m in moments(log))
     assert (second["clock_jumps"], second["gaps"]) == (1, 1)
+    assert first["mode_names"] == (list(log.table.mode_names) if log.table else [])
+    shared = overview_html([(first, "a.html")], [])
+    other = overview_html([(first, "a.html"), ({**second, "mode_names": ["sway"]}, "b.html")], [])
+    assert f"near {first['mode_names'][0]} [s]" in shared
+    assert "near mode 1 [s]" in other  # the drives have modes of other names
 
 
 @pytest.fixture

@@ -26,7 +26,8 @@ from linkage_vibration.messages.topics import (
 from linkage_vibration.playback.replay import replay
 from linkage_vibration.prediction.predictor import Status
 from linkage_vibration.prediction.settings import Parameters
-from linkage_vibration.support.resources import config_file
+from linkage_vibration.support.resources import DEFAULT_TABLE, config_file
+from linkage_vibration.table.table import load_table
 from linkage_vibration.testing.bag_checks import Limits, TestKitError, check_bag
 
 DRIVE = config_file("drives/hitch_duty_cycle.mcap")
@@ -144,7 +145,8 @@ def test_failures_name_excitation_and_mode(log: Path, tmp_path: Path) -> None:
     [failure] = check_bag(log, Limits(margin=0.05)).failures
     about = messages[failure.time]
     assert f"{about.excitation} is " in failure.words
-    assert f" from mode {about.mode + 1}, less" in failure.words
+    named = load_table(config_file(DEFAULT_TABLE)).mode_label(about.mode)
+    assert f" from {named}, less" in failure.words
     failure = check_bag(log, Limits(gap=0.001)).failures[0]
     assert f"({messages[failure.time].excitation} is " in failure.words
 
