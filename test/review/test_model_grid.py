@@ -11,8 +11,14 @@ import pytest
 from linkage_vibration.drawing.geometry import curves
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.model import LinkageModel
+from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.review.model_grid import linkage_grid, receptance_grid
-from linkage_vibration.support.resources import PAPER_TABLE, config_file
+from linkage_vibration.support.resources import (
+    DEFAULT_MECHANISM,
+    DEFAULT_TABLE,
+    PAPER_TABLE,
+    config_file,
+)
 from linkage_vibration.table.table import load_table
 from linkage_vibration.table.tabulation import build_table
 from test.support.crossing import crossing_crank
@@ -88,3 +94,27 @@ def test_terms_of_a_mode_that_becomes_real() -> None:
         exact = table.frf(halfway, place, place).frf(frequencies)[:, 0, 0]
         off.append(np.linalg.norm(mixed - exact) / np.linalg.norm(exact))
     assert max(off) < 1e-2
+
+
+def test_tractor_is_drawn_and_moves() -> None:
+    """The base is a body of the picture, and bounces in its mode while the linkage follows."""
+    own = read_mechanism(config_file(DEFAULT_MECHANISM))
+    table = load_table(config_file(DEFAULT_TABLE))
+    found = linkage_grid(own, table)
+    assert found is not None
+    at = found["bodies"].index("ground")
+    start = sum(found["lengths"][:at])
+    points = slice(start, start + found["lengths"][at])
+    bounce = table.mode_names.index("tractor bounce")
+    moved = found["shapes"][bounce][:, points]  # (n_angles, n_points, 2)
+    assert np.abs(moved[..., 1]).min() > 0.1  # upwards or downwards at every angle
+    places = found["places"][:, points]
+    assert np.ptp(places, axis=0).max() < 1e-6  # only modes move the tractor
+    # A rigid body moves by a translation and a rotation: u = t + (-theta z, theta x).
+    x, z = places[0].T
+    rigid = np.zeros((2 * len(x), 3))
+    rigid[: len(x), 0] = rigid[len(x) :, 1] = 1.0
+    rigid[: len(x), 2], rigid[len(x) :, 2] = -z, x
+    every = found["shapes"][:, :, points].transpose(3, 2, 0, 1).reshape(len(rigid), -1)
+    fitted = rigid @ np.linalg.lstsq(rigid, every)[0]
+    np.testing.assert_allclose(fitted, every, atol=1e-5)

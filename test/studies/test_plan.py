@@ -36,7 +36,7 @@ from linkage_vibration.studies.plan import (
 from linkage_vibration.studies.plan.choice import ELEMENTS, MODES
 from linkage_vibration.studies.plan.results import Result, result_at
 from linkage_vibration.studies.plan.scene import Errors
-from linkage_vibration.support.resources import config_file
+from linkage_vibration.support.resources import DEFAULT_MECHANISM, config_file
 
 PLACES = (("E1", "z"), ("V1", "x"))
 STROKE = (math.radians(90.0), math.radians(180.0))
@@ -64,6 +64,11 @@ def heavier(mechanism: Mechanism) -> Mechanism:
     return replace(mechanism, rigid_bodies=(implement,))
 
 
+def on_tractor() -> Mechanism:
+    """Return the linkage on its tractor, with the oil that holds its crank."""
+    return read_mechanism(config_file(DEFAULT_MECHANISM))
+
+
 SCENES: dict[str, Callable[[Mechanism], Scene]] = {
     "up to 40 Hz": lambda m: Scene(m, (0.0, 40.0), PLACES, 8e-8, STROKE),
     "up to 200 Hz": lambda m: Scene(m, LOW, PLACES, 1e-3, STROKE),
@@ -72,6 +77,7 @@ SCENES: dict[str, Callable[[Mechanism], Scene]] = {
     ),
     "one angle": lambda m: Scene(m, LOW, PLACES, 1e-4, (math.radians(140.0),) * 2),
     "whole stroke, live": lambda m: Scene(m, LOW, PLACES, 2e-4, STROKE, LIVE),
+    "on the tractor": lambda m: Scene(on_tractor(), LOW, PLACES, 1e-3, (math.radians(150.0),) * 2),
     "heavier implement": lambda m: Scene(heavier(m), LOW, PLACES, 1e-4, STROKE, LIVE),
 }
 

@@ -26,7 +26,7 @@ from linkage_vibration.mechanics.parsing import mechanism_from_mapping
 from linkage_vibration.studies.sweep import Designs, SweepError, dask_executor, read_designs, sweep
 from linkage_vibration.studies.sweep.output import BUILT, GIVEN_UP, NOT_BUILDABLE
 from linkage_vibration.support.process_pool import LocalPool
-from linkage_vibration.support.resources import config_file
+from linkage_vibration.support.resources import DEFAULT_MECHANISM, config_file
 from linkage_vibration.table.tabulation import build_table
 
 LENGTH, HEIGHT = "links.coupler.points.C", "links.rocker.section.height"
@@ -151,6 +151,26 @@ def test_file_holds_what_the_tables_say(tmp_path: Path) -> None:
         same(variables["frf_peak_magnitude"][place], expected[:, 7])
         assert variables["model_hash"][place].tobytes().decode() == mechanism.model_hash
         assert 0.0 < variables["interpolation_error"][place] < 1e-3
+
+
+def test_numbers_of_the_tractor_are_swept(tmp_path: Path) -> None:
+    """The mass of the base and the bulk modulus of the oil change the modes as they should."""
+    mapping = yaml.safe_load(config_file(DEFAULT_MECHANISM).read_text())
+    mapping["input"]["range_deg"] = [135.0, 145.0]
+    for link in mapping["links"].values():
+        link.update(elements=4, modes=3)
+    del mapping["uncertainty"]
+    paths = ("base.mass", "springs.lift_cylinders.cylinder.bulk_modulus")
+    values, angles = ((3000.0, 6000.0), (0.8e9, 1.6e9)), np.radians([136.0, 144.0])
+    designs = Designs(mapping, Path("tractor.yaml"), paths, values, angles, 1e-3)
+    with netcdf_file(in_one_go(designs, tmp_path / "tractor.nc"), mmap=False) as found:
+        swept = found.variables["natural_frequencies"][:].copy()
+    for index in range(designs.size):
+        model = LinkageModel(designs.mechanism(index))
+        exact = [model.solve(at).natural_frequencies[: swept.shape[-1]] for at in angles.tolist()]
+        np.testing.assert_allclose(swept.reshape(-1, *np.shape(exact))[index], exact, rtol=1e-3)
+    assert (swept[0] > swept[1]).all(where=np.arange(swept.shape[-1]) < 2)  # a lighter tractor
+    assert (swept[:, 0, ..., 5] < swept[:, 1, ..., 5]).all()  # softer oil
 
 
 def test_xarray_opens_the_file(tmp_path: Path, designs: Designs) -> None:
