@@ -27,6 +27,7 @@ STEPS = (
     "properties",
     "campbell",
     "warnings",
+    "motion",
     "tutorial",
     "latency",
     "rebuild",

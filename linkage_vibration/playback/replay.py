@@ -30,6 +30,7 @@ from linkage_vibration.prediction.batch import Predictions, joined, predict_many
 from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.inputs.crank_input import LeftOut, Readings, read_floats
 from linkage_vibration.prediction.levels import LevelTable
+from linkage_vibration.prediction.motion import crank_filter, crank_resolution
 from linkage_vibration.prediction.predictor import Predictor, Status
 from linkage_vibration.prediction.resonance import ReportedSpeed, ResonanceMonitor
 from linkage_vibration.prediction.settings import NODE_NAME, Parameters
@@ -39,6 +40,7 @@ from linkage_vibration.readers.served import read_served
 from linkage_vibration.support.atomic_files import check_outputs, replacement
 from linkage_vibration.table.tabulation import build_table
 
+FloatArray = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 REPLAY_METADATA = "linkage_vibration.replay"
@@ -203,7 +205,8 @@ class _Replay:
         self._sources = [SPEEDS.get(name) for name in topics]
         self._predictor = predictor
         self._monitor = monitor
-        self._input = settings.crank_input()
+        self._input, self._angle_stddev = settings.crank_input(), settings.angle_stddev
+        self._motion = crank_filter()
         self.done = Replayed(topic=self._names[0])
 
     def messages(self, block: Block) -> list[Messages]:
@@ -261,14 +264,16 @@ class _Replay:
         # There is nothing to assess before the first speed.
         first = 0 if monitor.any_speed_reported else min([len(rows), *before])
         assessed = order[first:]
+        velocity, error = self._velocities(groups, order)
         resonances = monitor.assess_many(
             joined(predicted, assessed),
-            np.concatenate([group.velocity for group in groups])[assessed],
+            velocity[assessed],
             block.log_times[rows[assessed]],
             [
                 ReportedSpeed(earlier - first, source, value, int(block.log_times[row]))
                 for earlier, (row, source, value) in zip(before, speeds, strict=True)
             ],
+            error[assessed],
         )
         answers = np.argsort(order) - first
         for group in groups:
@@ -287,6 +292,34 @@ class _Replay:
                 found.append(Messages(RESONANCE_TOPIC, data, _PLACES * rows + 2, *times))
                 self.done.resonances += len(rows)
         return found
+
+    def _velocities(
+        self, groups: Sequence[Readings], order: Integers
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return the velocities, as reported or else as estimated, and bounds of their errors.
+
+        Parameters
+        ----------
+        groups : sequence of Readings
+        order : ndarray, (n,)
+            In which order the readings arrived.
+        """
+        velocity = np.concatenate([group.velocity for group in groups])
+        error = np.zeros(len(velocity))
+        unknown = order[np.isnan(velocity[order])]
+        if len(unknown):
+            stamps, angles, stddevs = (
+                np.concatenate(columns)[unknown].tolist()
+                for columns in (
+                    [10**9 * group.sec.astype(np.int64) + group.nanosec for group in groups],
+                    [group.crank_angle for group in groups],
+                    [group.stddev for group in groups],
+                )
+            )
+            resolutions = [crank_resolution(stddev, self._angle_stddev) for stddev in stddevs]
+            found = self._motion.add_many(stamps, angles, resolutions)
+            velocity[unknown], error[unknown] = found
+        return velocity, error
 
 
 def _served(settings: Parameters, what_if: WhatIf) -> Served:

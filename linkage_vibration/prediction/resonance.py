@@ -16,19 +16,20 @@ from scipy.special import ndtr
 from linkage_vibration.prediction.batch import Predictions
 from linkage_vibration.prediction.excitation import Excitation, Source
 from linkage_vibration.prediction.levels import Levels, LevelTable, Single, no_levels
+from linkage_vibration.prediction.motion import UNKNOWN, Rate, speed_filter
 from linkage_vibration.prediction.predictor import Prediction, Predictor
 
 FloatArray = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-# The least time between two values of which a rate is computed; a burst is delivered faster.
-_SHORTEST = 5e-3  # s
 _LATEST = 2**63 - 1  # ns
 _LEAST_MARGIN = 1e-300
 _LOOKED_AT = 65  # angles of the range
+_CONSTANT = Rate(0.0, 0.0)
 _TURN = 2.0 * math.pi
 
 _unknown = partial(np.full, 1, math.nan, np.float32)  # one excitation, of which nothing is known
+Rates = tuple[FloatArray, FloatArray]  # rates and bounds of their errors, (n,) each
 _Pair = tuple[int, float, float]  # mode, frequency of the excitation (Hz), relative margin
 
 
@@ -66,9 +67,10 @@ class Resonance:
     margin, relative_margin : float
         Excitation minus natural frequency, Hz, and the same over the natural frequency, 1.
     approach : int
-        1 if they approach each other, -1 if they separate, otherwise 0.
+        1 if they approach each other, -1 if they separate, 0 if neither or not known.
     time_to_crossing : float
-        Time until they are equal at the present rates, s; infinite if they do not meet.
+        Time until they are equal at the present rates, s; infinite if they do not meet, NaN if it
+        is not known which of both.
     table_id : str
         Identifies the table of the prediction.
     probability : float
@@ -81,6 +83,10 @@ class Resonance:
     velocities, velocity_stddevs, accelerations, amplifications : ndarray, (n_excitations,)
     total_velocity, total_velocity_stddev, total_acceleration : float
         As in `Levels`.
+    approach_rate, approach_rate_error : float
+        How fast the distance shrinks, and a bound of its error, Hz/s; NaN if they are not known.
+    crank_velocity, crank_velocity_error : float
+        As reported or estimated, and a bound of its error, rad/s; NaN if they are not known.
     """
 
     state: ResonanceState
@@ -104,6 +110,10 @@ class Resonance:
     total_velocity: float = math.nan
     total_velocity_stddev: float = math.nan
     total_acceleration: float = math.nan
+    approach_rate: float = math.nan
+    approach_rate_error: float = math.nan
+    crank_velocity: float = math.nan
+    crank_velocity_error: float = math.nan
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -119,6 +129,7 @@ class Resonances:
     velocity_stddev, states : ndarray
     velocities, velocity_stddevs, accelerations, amplifications : ndarray
     total_velocity, total_velocity_stddev, total_acceleration : ndarray
+    approach_rate, approach_rate_error, crank_velocity, crank_velocity_error : ndarray
     """
 
     state: NDArray[np.uint8]
@@ -141,6 +152,10 @@ class Resonances:
     total_velocity: Single
     total_velocity_stddev: Single
     total_acceleration: Single
+    approach_rate: FloatArray
+    approach_rate_error: FloatArray
+    crank_velocity: FloatArray
+    crank_velocity_error: FloatArray
 
     def rows(self, which: Integers | slice) -> "Resonances":
         """Return the resonances with these indices."""
@@ -171,8 +186,7 @@ class _Speed:
 
     value: float
     time: int | None  # ns; None where it is fixed
-    rate: float = 0.0  # per second
-    earlier: tuple[float, int] = (0.0, 0)  # value and time (ns) from which the next rate counts
+    rate: Rate = _CONSTANT  # per second
 
 
 @dataclass(frozen=True, slots=True)
@@ -299,14 +313,18 @@ def _columns(
     best: Integers,
     chosen: FloatArray,
     mode: Integers,
+    turning: Rates,
 ) -> Resonances:
-    """Return resonances with the chosen frequencies, rates (Hz/s) and probabilities, (3, n)."""
-    frequency, rate, probability = chosen
+    """Return resonances with the chosen frequencies, rates, their errors and probabilities."""
+    frequency, rate, error, probability = chosen
     rows, stale = np.arange(len(best)), best < 0
     natural = np.where(stale, math.nan, predictions.natural_frequencies[rows, mode])
     margin = frequency - natural
     closing = np.where(margin > 0.0, -rate, rate)
-    crossing = np.where(closing > 0.0, np.abs(margin) / closing, math.inf)
+    approach = (closing > error).astype(np.int8) - (closing < -error)
+    crossing = np.where((closing == 0.0) & (error == 0.0), math.inf, math.nan)
+    crossing[approach < 0] = math.inf
+    np.copyto(crossing, np.abs(margin) / closing, where=approach > 0)
     crossing[stale] = math.nan
     own = states[rows, best]
     return Resonances(
@@ -317,13 +335,17 @@ def _columns(
         natural_frequency=natural,
         margin=margin,
         relative_margin=margin / natural,
-        approach=(closing > 0.0).astype(np.int8) - (closing < 0.0),
+        approach=approach,
         time_to_crossing=crossing,
         probability=probability,
         velocity=np.where(stale, math.nan, levels.velocities[rows, best]),
         velocity_stddev=np.where(stale, math.nan, levels.velocity_stddevs[rows, best]),
         states=states,
         **{column.name: getattr(levels, column.name) for column in fields(levels)},
+        approach_rate=closing,
+        approach_rate_error=error,
+        crank_velocity=turning[0],
+        crank_velocity_error=turning[1],
     )
 
 
@@ -354,37 +376,32 @@ class ResonanceMonitor:
         self.stale_after = stale_after
         self.levels = levels
         self._speeds: dict[Source, _Speed] = {}
+        self._filters = {source: speed_filter(source) for source in Source}
         # Of each excitation: whether it exceeds its limit, and since when, ns.
         self._exceeds = [False] * len(self.excitations)
         self._since = [0] * len(self.excitations)
         self.any_speed_reported = False  # without a speed there is nothing to assess
 
     def set_speed(self, source: Source, value: float, time: int) -> None:
-        """Use a reported speed; its rate follows from the last two values.
+        """Use a reported speed; its rate is estimated as `RateFilter` describes.
 
         Parameters
         ----------
         source : Source
         value : float
-            rpm or m/s; if it is negative, infinite or NaN, the speed becomes unknown.
+            rpm or m/s; if it is infinite or NaN, or if that of a shaft is negative, the speed
+            becomes unknown. A ground speed is negative in reverse; its magnitude counts.
         time : int
-            When it was reported, ns. Values within 5 ms count as one for the rate, which restarts
-            when the clock jumps back, or after `stale_after`.
+            When it was reported, ns.
         """
-        self.any_speed_reported = True
+        self.any_speed_reported, value = True, float(value)
+        rate = self._filters[source].add(time, value)
+        if source is Source.GROUND and value < 0.0:
+            value, rate = -value, Rate(-rate.value, rate.error)
         if not 0.0 <= value < math.inf:
             self._speeds.pop(source, None)
             return
-        last = self._speeds.get(source)
-        rate, earlier = 0.0, (value, time)
-        if last is not None and last.time is not None:
-            before, since = last.earlier
-            apart = 1e-9 * (time - since)
-            if 0.0 <= apart < _SHORTEST:
-                rate, earlier = last.rate, last.earlier
-            elif _SHORTEST <= apart < self.stale_after:
-                rate = (value - before) / apart
-        self._speeds[source] = _Speed(value, time, rate, earlier)
+        self._speeds[source] = _Speed(value, time, rate)
 
     def set_fixed(self, source: Source, value: float | None) -> None:
         """Fix a speed (rpm or m/s); with None, a fixed speed becomes unknown.
@@ -401,32 +418,39 @@ class ResonanceMonitor:
         elif last is not None and last.time is None:
             del self._speeds[source]
 
-    def assess(self, prediction: Prediction, velocity: float, time: int) -> Resonance:
+    def assess(
+        self, prediction: Prediction, velocity: float, time: int, velocity_error: float = 0.0
+    ) -> Resonance:
         """Return the most severe excitation, and the levels of all.
 
         Parameters
         ----------
         prediction : Prediction
         velocity : float
-            Of the crank, rad/s; if it is NaN, the crank is assumed to stand still.
+            Of the crank, rad/s; NaN if it is not known.
         time : int
             When the prediction was made, by the clock of the speeds, ns.
+        velocity_error : float
+            Bound of the error of the velocity, rad/s.
         """
+        velocity, velocity_error = turning = Rate(float(velocity), float(velocity_error))
         fresh = self._fresh(time) if prediction.status.has_numbers else {}
         levels = self._levels(prediction, fresh)
         naturals = prediction.natural_frequencies.tolist()
         pairs = [_nearest(one, fresh.get(one.source), naturals) for one in self.excitations]
         probabilities = self._probabilities(prediction, pairs)
         states = [ResonanceState.STALE] * len(pairs)
-        best, best_key, best_rate = -1, (-1, -math.inf), 0.0
+        best, best_key, best_rate = -1, (-1, -math.inf), UNKNOWN
         for k, (one, pair) in enumerate(zip(self.excitations, pairs, strict=True)):
             if pair is None:
                 self._exceeds[k] = False
                 continue
             mode, frequency, apart = pair
-            rate = one.ratio * fresh[one.source].rate
-            if velocity == velocity:  # it is not NaN
-                rate -= float(prediction.frequency_slopes[mode]) * float(velocity)
+            slope, changing = float(prediction.frequency_slopes[mode]), fresh[one.source].rate
+            rate = Rate(
+                one.ratio * changing.value - slope * velocity,
+                one.ratio * changing.error + abs(slope) * velocity_error,
+            )
             level = float(levels.velocities[k])
             severity = self._severity(level, probabilities[k], apart)
             self._follow(k, severity, time)
@@ -436,7 +460,9 @@ class ResonanceMonitor:
             key = _RANKS[states[k]], severity
             if key > best_key:
                 best, best_key, best_rate = k, key, rate
-        return self._resonance(prediction, levels, states, best, best_rate, pairs, probabilities)
+        return self._resonance(
+            prediction, levels, states, best, best_rate, turning, pairs, probabilities
+        )
 
     def _levels(self, prediction: Prediction, fresh: dict[Source, _Speed]) -> Levels:
         """Return the levels of all excitations; NaN without a level table."""
@@ -481,18 +507,19 @@ class ResonanceMonitor:
             self._since[k] = time
         self._exceeds[k] = exceeds
 
-    def _state(self, k: int, reach: float, rate: float, time: int) -> ResonanceState:
+    def _state(self, k: int, reach: float, rate: Rate, time: int) -> ResonanceState:
         """Return the state of an excitation.
 
         Vibration builds up in the time 1 / (2 pi r), where the square of r (Hz) is `reach`: the
         half-power half-width and, if the level counts, the distance from the mode. The excitation
-        passes 2 r at a rate (Hz/s).
+        passes 2 r at a rate (Hz/s), of which the least possible magnitude counts.
         """
         if not (self._exceeds[k] and self.excitations[k].warns):
             return ResonanceState.CLEAR
         held = 1e-9 * abs(time - self._since[k])
         turned = _TURN * held
-        built_up = turned * turned * reach >= 1.0 or 2.0 * _TURN * reach >= abs(rate)
+        slowest = max(0.0, abs(rate.value) - rate.error)  # 0 if it is not known
+        built_up = turned * turned * reach >= 1.0 or 2.0 * _TURN * reach >= slowest
         if built_up and held >= self.limits.dwell:
             return ResonanceState.WARNING
         return ResonanceState.NOTE
@@ -503,21 +530,26 @@ class ResonanceMonitor:
         levels: Levels,
         states: list[ResonanceState],
         best: int,
-        rate: float,
+        rate: Rate,
+        turning: Rate,
         pairs: Sequence[_Pair | None],
         probabilities: list[float],
     ) -> Resonance:
         """Return what the excitation `best` does, or a stale resonance."""
         state, nan = ResonanceState.STALE, math.nan
         numbers: Any = "", nan, 0, nan, nan, nan, 0, nan, prediction.table_id, nan, nan, nan
+        approach_rate, error = nan, nan
         pair = pairs[best] if best >= 0 else None
         if pair is not None:
             mode, frequency, _ = pair
             state, natural = states[best], float(prediction.natural_frequencies[mode])
             margin = frequency - natural
-            closing = -rate if margin > 0.0 else rate  # Hz/s, at which the distance shrinks
-            approach = (closing > 0.0) - (closing < 0.0)
-            crossing = abs(margin) / closing if closing > 0.0 else math.inf
+            approach_rate, error = -rate.value if margin > 0.0 else rate.value, rate.error
+            approach = (approach_rate > error) - (approach_rate < -error)
+            parts = approach < 0 or (approach_rate == 0.0 and error == 0.0)
+            crossing = math.inf if parts else nan
+            if approach > 0:
+                crossing = abs(margin) / approach_rate
             numbers = (
                 self.excitations[best].name,
                 frequency,
@@ -529,7 +561,7 @@ class ResonanceMonitor:
             numbers += approach, crossing, prediction.table_id, probabilities[best]
             numbers += float(levels.velocities[best]), float(levels.velocity_stddevs[best])
         columns: Any = [getattr(levels, column.name) for column in fields(levels)]
-        numbers += np.array(states, np.uint8), *columns
+        numbers += np.array(states, np.uint8), *columns, approach_rate, error, *turning
         return Resonance(state, *numbers)
 
     def assess_many(
@@ -538,6 +570,7 @@ class ResonanceMonitor:
         velocity: FloatArray,
         time: Integers,
         speeds: Sequence[ReportedSpeed],
+        velocity_error: FloatArray | None = None,
     ) -> Resonances:
         """Return what calls of `set_speed` and `assess` give, to the last bit.
 
@@ -551,14 +584,16 @@ class ResonanceMonitor:
             When the predictions were made, ns.
         speeds : sequence of ReportedSpeed
             In the order in which they were reported.
+        velocity_error : ndarray, (n,), optional
+            Bounds of the errors of the velocities, rad/s; 0 by default.
         """
-        value, rate = self._speeds_at(time, speeds)
+        value, rates = self._speeds_at(time, speeds)
+        turning = velocity, np.zeros(len(time)) if velocity_error is None else velocity_error
         levels = self._many_levels(predictions, value)
         n, m = len(time), len(self.excitations)
         states = np.full((n, m), ResonanceState.STALE, np.uint8)
         best, rank, severest = np.full(n, -1), np.full(n, -1), np.full(n, -math.inf)
-        chosen, chosen_mode = np.full((3, n), math.nan), np.zeros(n, np.int64)
-        still = np.isnan(velocity)
+        chosen, chosen_mode = np.full((4, n), math.nan), np.zeros(n, np.int64)
         with np.errstate(all="ignore"):  # as Python computes
             for k, one in enumerate(self.excitations):
                 frequency = one.ratio * value[one.source]
@@ -568,9 +603,9 @@ class ResonanceMonitor:
                 probability = self._many_probabilities(predictions, own, frequency, one)
                 severity = self._many_severities(levels.velocities[:, k], probability, apart)
                 exceeds, since = self._follow_many(k, known, severity, time)
-                turning = predictions.frequency_slopes[own] * velocity
-                change = one.ratio * rate[one.source]
-                change = np.where(still, change, change - turning)
+                slope, (rate, error) = predictions.frequency_slopes[own], rates[one.source]
+                change = one.ratio * rate - slope * turning[0]
+                error = one.ratio * error + np.abs(slope) * turning[1]
                 natural = predictions.natural_frequencies[own]
                 width = predictions.damping_ratios[own] * natural
                 off = np.where(np.isnan(levels.velocities[:, k]), 0.0, frequency - natural)
@@ -578,7 +613,7 @@ class ResonanceMonitor:
                 held = 1e-9 * np.abs(time - since)
                 turned = _TURN * held
                 built_up = turned * turned * reach >= 1.0
-                built_up |= 2.0 * _TURN * reach >= np.abs(change)
+                built_up |= 2.0 * _TURN * reach >= np.fmax(0.0, np.abs(change) - error)
                 warned = np.where(
                     built_up & (held >= self.limits.dwell),
                     ResonanceState.WARNING,
@@ -590,9 +625,9 @@ class ResonanceMonitor:
                 worse = known & ((own_rank > rank) | ((own_rank == rank) & (severity > severest)))
                 for new, out in ((k, best), (own_rank, rank), (severity, severest)):
                     np.copyto(out, new, where=worse)
-                np.copyto(chosen, (frequency, change, probability), where=worse)
+                np.copyto(chosen, (frequency, change, error, probability), where=worse)
                 np.copyto(chosen_mode, mode, where=worse)
-            return _columns(predictions, levels, states, best, chosen, chosen_mode)
+            return _columns(predictions, levels, states, best, chosen, chosen_mode, turning)
 
     def _many_levels(self, predictions: Predictions, value: dict[Source, FloatArray]) -> Levels:
         """Return the levels of all excitations for many predictions."""
@@ -649,23 +684,24 @@ class ResonanceMonitor:
 
     def _speeds_at(
         self, time: Integers, speeds: Sequence[ReportedSpeed]
-    ) -> tuple[dict[Source, FloatArray], dict[Source, FloatArray]]:
+    ) -> tuple[dict[Source, FloatArray], dict[Source, Rates]]:
         """Use reported speeds; return the speeds at each time (NaN if unknown) and their rates."""
         histories = {source: [(0, self._speeds.get(source))] for source in Source}
         for one in speeds:
             self.set_speed(one.source, one.value, one.time)
             histories[one.source].append((one.before, self._speeds.get(one.source)))
         limit = math.floor(min(1e9 * self.stale_after, _LATEST))
-        values, rates = {}, {}
+        values, rates = {}, dict[Source, Rates]()
         for source, history in histories.items():
-            known = [_Speed(math.nan, None) if speed is None else speed for _, speed in history]
+            known = [speed or _Speed(math.nan, None) for _, speed in history]
             begins = [before for before, _ in history]
             valid = np.repeat(np.arange(len(known)), np.diff([*begins, len(time)]))
             value = np.array([speed.value or math.nan for speed in known])[valid]
             fixed = np.array([speed.time is None for speed in known])[valid]
             age = time - np.array([speed.time or 0 for speed in known])[valid]
             value[~(fixed | ((-limit <= age) & (age <= limit)))] = math.nan
-            values[source], rates[source] = value, np.array([s.rate for s in known])[valid]
+            rate, error = np.array([speed.rate for speed in known])[valid].T
+            values[source], rates[source] = value, (rate, error)
         return values, rates
 
     def _fresh(self, time: int) -> dict[Source, _Speed]:

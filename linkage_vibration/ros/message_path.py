@@ -24,6 +24,7 @@ from linkage_vibration.prediction.inputs.crank_input import (
     read_float,
 )
 from linkage_vibration.prediction.levels import LevelTable
+from linkage_vibration.prediction.motion import Rate, crank_filter, crank_resolution
 from linkage_vibration.prediction.predictor import Prediction, Predictor, Status, fault
 from linkage_vibration.prediction.resonance import Resonance, ResonanceMonitor
 from linkage_vibration.prediction.settings import Parameters
@@ -116,6 +117,7 @@ class Predicting:
         """Use other parameters from now on."""
         monitor, other_input = self._monitor, settings.input != self._settings.input
         self._settings, self._input = settings, settings.crank_input()
+        self._motion = crank_filter()  # another calibration is not a motion
         monitor.limits = settings.warning_limits()
         monitor.stale_after = settings.stale_after
         for source in Source:
@@ -217,8 +219,9 @@ class Predicting:
         counts.predicted += 1
         counts.take_reading(began, sec, nanosec, received)
         answers = [(self._prediction_topic, encoded)]
+        velocity, error = self._velocity(reading, 10**9 * sec + nanosec)
         if self._monitor.any_speed_reported:
-            self.resonance = self._monitor.assess(prediction, reading.velocity, received)
+            self.resonance = self._monitor.assess(prediction, velocity, received, error)
             encoded = encode_resonance(self.resonance, sec, nanosec, frame)
             self._resonances.publish(encoded)
             answers.append((self._resonance_topic, encoded))
@@ -230,3 +233,10 @@ class Predicting:
         if prediction.status is not Status.OK:
             problem = fault(prediction, self.predictor.table.alpha3_range)
             self._throttle.warn(prediction.status.name, f"{self.input_name}: {problem}.")
+
+    def _velocity(self, reading: Reading, stamp: int) -> Rate:
+        """Return the velocity of the crank: as reported, or else as estimated."""
+        if reading.velocity == reading.velocity:  # it is not NaN
+            return Rate(reading.velocity, 0.0)
+        resolution = crank_resolution(reading.stddev, self._settings.angle_stddev)
+        return self._motion.add(stamp, reading.crank_angle, resolution)

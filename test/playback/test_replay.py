@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Replays equal the results of the single parts, and report what a bag lacks."""
 
+import math
 import subprocess
 import sys
 from collections.abc import Iterable
@@ -28,6 +29,7 @@ from linkage_vibration.playback.replay import WhatIf, replay
 from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.inputs import JointInput, PercentInput
 from linkage_vibration.prediction.levels import LevelTable
+from linkage_vibration.prediction.motion import crank_filter, crank_resolution
 from linkage_vibration.prediction.predictor import Predictor, Status
 from linkage_vibration.prediction.resonance import ResonanceMonitor
 from linkage_vibration.prediction.settings import Parameters, read_parameters
@@ -41,6 +43,7 @@ from linkage_vibration.support.resources import (
     config_file,
 )
 from linkage_vibration.table.table import load_table
+from test.support.motions import MOTIONS, PERCENT, read
 
 DRIVE = config_file("drives/hitch_duty_cycle.mcap")
 JOINT = "hitch_rockshaft_joint"
@@ -148,6 +151,41 @@ def test_same_as_one_by_one(tmp_path: Path) -> None:
     assert (done.predictions, done.resonances) == (len(predictions), len(resonances))
     for topic in ("/joint_states", "/engine_speed", "/pto_speed"):
         assert data_of(log, topic) == data_of(bag, topic)
+
+
+def test_motion_that_is_estimated(tmp_path: Path) -> None:
+    """Without velocities in the bag, resonances are those of estimates one by one."""
+    stamps, angles, _, _ = read(MOTIONS["lift in 2.5 s"], PERCENT, 1)
+    calibration = (0.0, math.pi, 100.0, math.pi / 2.0)
+    percents = [0.4 * round((math.pi - angle) / PERCENT.step) for angle in angles]
+    entries = []
+    for stamp, percent in zip(stamps, percents, strict=True):
+        entries.append(
+            ("/engine_speed", FLOAT64, stamp - 1000, float64(900.0 + 1e-7 * stamp % 600))
+        )
+        entries.append(("/hitch_position", FLOAT64, stamp, float64(percent)))
+    bag, log = write_mcap(tmp_path / "bag.mcap", entries), tmp_path / "log.mcap"
+    settings = Parameters(input="percent", percent_calibration=calibration, angle_stddev=1e-3)
+    replay([bag], log, settings)
+
+    predictor = Predictor(load_table(config_file(DEFAULT_TABLE)))
+    excitations = read_excitations(config_file("excitations.yaml"))
+    levels = LevelTable(predictor, read_mechanism(config_file(DEFAULT_MECHANISM)), excitations)
+    monitor, crank = ResonanceMonitor(excitations, levels=levels), crank_filter()
+    expected, directions = [], set()
+    for topic, _, time, message in entries:
+        if topic == "/engine_speed":
+            monitor.set_speed(Source.ENGINE, message.data, time)
+            continue
+        reading = PercentInput(calibration, 1e-3).angle_at(message.data)
+        prediction = predictor.predict(reading.crank_angle, reading.stddev)
+        resolution = crank_resolution(reading.stddev, 1e-3)
+        velocity, error = crank.add(time, reading.crank_angle, resolution)
+        found = monitor.assess(prediction, velocity, time, error)
+        directions.add(found.approach)
+        expected.append((time, encode_resonance(found, *divmod(time, 10**9), "")))
+    assert data_of(log, RESONANCE) == expected
+    assert directions > {0}
 
 
 def test_a_log_replayed_is_the_same_log(tmp_path: Path) -> None:

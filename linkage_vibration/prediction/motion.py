@@ -1,0 +1,294 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Estimates the rate of a quantity from its readings, with a bound of the error.
+
+Two means of readings give the mean rate between them. The rate now differs from it by at most the
+errors of both means over the time between them, plus the largest second derivative of the quantity
+(its bend) times the time since their middle. So each pair of means gives an interval for the rate:
+near pairs suffer from the errors of the readings, far ones from the bend. The estimate is the
+intersection of the intervals of all recent pairs. If it is empty, the quantity bends more than
+assumed, and four times the bend is tried.
+
+Readings within `POOL` form one mean, so that noise at a high rate averages out. The error of a mean
+is half a step of the sensor's resolution, which does not average out, and noise. The resolution is
+given, or it is the smallest change between readings so far, or less while a motion is smoother than
+such steps. The noise is the part of the third differences of means that the steps do not explain.
+
+Nothing here has a clock. The same readings give the same estimates to the last bit, one by one
+(`RateFilter.add`) or many together (`RateFilter.add_many`).
+"""
+
+import math
+from collections.abc import Iterable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from linkage_vibration.prediction.excitation import Source
+
+FloatArray = NDArray[np.float64]
+
+POOL = 40_000_000  # ns; readings within it are averaged
+GAP = 500_000_000  # ns; readings that are farther apart do not belong to one motion
+
+_LAGS = 8  # means with which each of the newest two is compared
+_BENDS = 1.0, 2.0, 4.0, 8.0, 16.0  # times the assumed bend
+_EXPLAINED = 0.5  # of the largest third difference that steps cause: the usual one
+_SPREAD = 2.0  # half-width of the noise over its largest recent residual
+_AGREEMENT = 0.65  # width of an intersection over that of the narrowest interval
+_FEW = 4.0  # residuals; as many more would be needed to know the largest
+_DECAY = 0.98  # of that residual with each new mean
+_RESIDUALS = 6  # before the noise is known, and in which a motion is smooth
+
+
+_CRANK = 1.0, 0.01  # rad/s^2, such as of a lift of 90 deg in 3 s, and rad
+_SPEEDS = {
+    Source.ENGINE: (250.0, 1.0),
+    Source.PTO: (250.0, 1.0),
+    Source.GROUND: (2.0, 0.1),
+}
+"""Usual bend, rpm/s^2 or m/s^3, and coarsest resolution, rpm or m/s."""
+
+
+class Rate(NamedTuple):
+    """A rate, and a bound of its error; both are NaN if the rate is not known."""
+
+    value: float
+    error: float
+
+
+UNKNOWN = Rate(math.nan, math.nan)
+_Mean = tuple[float, float, float, float]
+"""Time (s) and value of a mean, half of the resolution, and 1 / sqrt(number of readings)."""
+
+
+def _residuals(means: list[_Mean]) -> tuple[float, float]:
+    """Return by how much a reading errs, by the third difference of four means, and by noise alone.
+
+    The second is the part that the steps of the sensor do not explain.
+    """
+    (a, *_), (b, *_), (c, *_), (d, *_) = means
+    ab, ac, ad, bc, bd, cd = a - b, a - c, a - d, b - c, b - d, c - d
+    weights = (
+        1.0 / (ab * ac * ad),
+        -1.0 / (ab * bc * bd),
+        1.0 / (ac * bc * cd),
+        -1.0 / (ad * bd * cd),
+    )
+    total = allowed = variance = 0.0
+    for weight, (_, value, half_step, share) in zip(weights, means, strict=True):
+        total += weight * value
+        allowed += abs(weight) * half_step
+        variance += (weight * share) ** 2
+    norm = math.sqrt(variance)
+    return abs(total) / norm, max(0.0, abs(total) - _EXPLAINED * allowed) / norm
+
+
+def crank_filter() -> "RateFilter":
+    """Return a filter for crank angles, rad."""
+    return RateFilter(*_CRANK)
+
+
+def speed_filter(source: Source) -> "RateFilter":
+    """Return a filter for a speed, rpm or m/s."""
+    return RateFilter(*_SPEEDS[source])
+
+
+def crank_resolution(stddev: float, angle_stddev: float) -> float:
+    """Return the resolution of a crank angle, rad; 0 if it is not known.
+
+    Parameters
+    ----------
+    stddev, angle_stddev : float
+        Standard deviation of the crank angle with that of its steps, and without it, rad.
+    """
+    steps = stddev * stddev - angle_stddev * angle_stddev
+    return math.sqrt(12.0 * steps) if steps > 0.0 else 0.0
+
+
+class RateFilter:
+    """Estimates the rate of a quantity.
+
+    Parameters
+    ----------
+    bend : float
+        Largest usual second derivative of the quantity, per s^2.
+    coarsest : float
+        Resolution that is assumed until two readings differ.
+    """
+
+    def __init__(self, bend: float, coarsest: float) -> None:
+        self._bends = [factor * bend for factor in _BENDS]
+        self._resolution = coarsest
+        self._means: list[_Mean] = []
+        self._start = 0  # of the motion, in the list
+        self._noise, self._residuals = 0.0, 0  # of one reading, and from how many residuals
+        self._smooth: list[float] = []  # errors of readings since the motion has one direction
+        self._origin = self._last = self._cell = 0  # ns, ns, and multiples of POOL
+        self._value = self._half_step = math.nan  # of the last reading
+        self._times, self._sum, self._count = 0, 0.0, 0  # of the readings since the last mean
+
+    def add(self, stamp: int, value: float, resolution: float = 0.0) -> Rate:
+        """Return the rate at a reading.
+
+        Parameters
+        ----------
+        stamp : int
+            When it was taken, ns.
+        value : float
+            The reading; without a finite one the rate is not known.
+        resolution : float
+            Smallest change that the sensor reports; 0 if it is not known.
+        """
+        if not self._take(stamp, value, resolution) or self._residuals < _RESIDUALS:
+            return UNKNOWN
+        now, spread = 1e-9 * (stamp - self._origin), self._spread()
+        first = max(self._start, len(self._means) - _LAGS)
+        points = [
+            (time, mean, half_step + spread * share)
+            for time, mean, half_step, share in (self._mean(), *reversed(self._means[first:]))
+        ]
+        self._trim()
+        pairs = []
+        for i, (time, mean, error) in enumerate(points[:2]):
+            for earlier, before, other in points[i + 1 :]:
+                apart = time - earlier
+                age = now - 0.5 * (time + earlier)
+                pairs.append(((mean - before) / apart, (error + other) / apart, age))
+        for bend in self._bends:
+            low, high, least = -math.inf, math.inf, math.inf
+            for rate, error, age in pairs:
+                error += bend * age
+                low = rate - error if rate - error > low else low
+                high = rate + error if rate + error < high else high
+                least = error if error < least else least
+            if 2.0 * _AGREEMENT * least <= high - low < math.inf:
+                return Rate(0.5 * (low + high), least)
+        return UNKNOWN
+
+    def add_many(
+        self, stamps: Iterable[int], values: Iterable[float], resolutions: Iterable[float]
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return what `add` returns for each reading: the rates, and the bounds of their errors.
+
+        Parameters
+        ----------
+        stamps, values, resolutions : iterable of int, of float and of float
+            As those of `add`.
+        """
+        rows: list[float] = []
+        for stamp, value, resolution in zip(stamps, values, resolutions, strict=True):
+            known = self._take(stamp, value, resolution) and self._residuals >= _RESIDUALS
+            now, spread = 1e-9 * (stamp - self._origin), self._spread()
+            time, mean, half_step, share = self._mean()
+            error = half_step + spread * share
+            rows += known, now, spread, time, mean, error, len(self._means), self._start
+        means = np.array(self._means).reshape(-1, 4)
+        found = _intersections(np.array(rows).reshape(-1, 8), means, self._bends)
+        self._trim()
+        return found
+
+    def _take(self, stamp: int, value: float, resolution: float) -> bool:
+        """Take a reading; return whether it has a value."""
+        if not -math.inf < value < math.inf:
+            return False
+        cell = stamp // POOL
+        if not 0 <= stamp - self._last <= GAP or self._count == 0:
+            self._start, self._origin = len(self._means), stamp
+            self._times, self._sum, self._count = 0, 0.0, 0
+        elif stamp == self._last and value == self._value:
+            return True  # the same reading once more
+        elif cell != self._cell:
+            self._close()
+        change = abs(value - self._value)
+        if 0.0 < change < self._resolution:
+            self._resolution = change
+        self._half_step = 0.5 * (resolution or self._resolution)
+        if len(self._smooth) >= _RESIDUALS and not resolution:
+            self._half_step = min(self._half_step, _SPREAD * max(self._smooth))
+        self._last, self._cell, self._value = stamp, cell, value
+        self._times += stamp - self._origin
+        self._sum += value
+        self._count += 1
+        return True
+
+    def _spread(self) -> float:
+        """Return the half-width of the noise of one reading."""
+        return _SPREAD * self._noise * (1.0 + _FEW / (self._residuals + 1.0))
+
+    def _mean(self) -> _Mean:
+        """Return the mean of the readings since the last one."""
+        count = self._count or 1
+        time = 1e-9 * (self._times / count)
+        return time, self._sum / count, self._half_step, 1.0 / math.sqrt(count)
+
+    def _close(self) -> None:
+        """Keep the mean of the readings, and begin the next."""
+        self._means.append(self._mean())
+        self._times, self._sum, self._count = 0, 0.0, 0
+        if len(self._means) - self._start < 4:
+            self._smooth = []
+            return
+        *_, third, second, first = (value for _, value, _, _ in self._means[-4:])
+        error, noise = _residuals(self._means[-4:])
+        self._noise = max(noise, _DECAY * self._noise)
+        self._residuals += 1
+        self._smooth = self._smooth[1 - _RESIDUALS :]
+        if (first - second) * (second - third) > 0.0:
+            self._smooth.append(error)
+        else:
+            self._smooth = []
+
+    def _trim(self) -> None:
+        """Forget the means that are no longer used."""
+        surplus = max(0, len(self._means) - _LAGS)
+        del self._means[:surplus]
+        self._start = max(0, self._start - surplus)
+
+
+def _intersections(
+    rows: FloatArray, means: FloatArray, bends: list[float]
+) -> tuple[FloatArray, FloatArray]:
+    """Return rates and bounds of their errors, (n,) each, as `RateFilter.add` computes them.
+
+    Parameters
+    ----------
+    rows : ndarray, (n, 8)
+        Of each reading: whether its rate can be known, its time, the half-width of the noise of
+        one reading; time, value and error of the newest mean; and the numbers of means before it,
+        and before its motion.
+    means : ndarray, (n_means, 4)
+        `_Mean` of each.
+    bends : list of float
+        Those that are tried.
+    """
+    known, now, spread, time, mean, error, end, start = rows.T
+    end, start = end.astype(np.int64), start.astype(np.int64)
+    times, values, half_steps, shares = np.vstack([means, np.zeros((1, 4))]).T
+    pairs = []
+    with np.errstate(all="ignore"):
+        before = end - 1
+        second = times[before], values[before], half_steps[before] + spread * shares[before]
+        for newest, nearest in (((time, mean, error), 1), (second, 2)):
+            for lag in range(nearest, _LAGS + 1):
+                at = end - lag
+                there = at >= start
+                at = np.where(there, at, 0)
+                apart = newest[0] - times[at]
+                other = half_steps[at] + spread * shares[at]
+                width = np.where(there, (newest[2] + other) / apart, math.inf)
+                age = now - 0.5 * (newest[0] + times[at])
+                pairs.append(((newest[1] - values[at]) / apart, width, age))
+        rate, bound = np.full((2, len(rows)), math.nan)
+        left = np.flatnonzero(known)
+        for bend in bends:
+            low, high, least = (np.full(len(left), sign * math.inf) for sign in (-1.0, 1.0, 1.0))
+            for slope, width, age in pairs:
+                wide = width[left] + bend * age[left]
+                low, high = np.fmax(low, slope[left] - wide), np.fmin(high, slope[left] + wide)
+                least = np.fmin(least, wide)
+            met = (2.0 * _AGREEMENT * least <= high - low) & (high - low < math.inf)
+            rate[left[met]], bound[left[met]] = 0.5 * (low + high)[met], least[met]
+            left = left[~met]
+    return rate, bound

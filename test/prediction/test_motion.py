@@ -1,0 +1,141 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Estimated velocities, and bounds of their errors, against known motions."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from linkage_vibration.prediction.excitation import Source
+from linkage_vibration.prediction.inputs.percent import PercentInput
+from linkage_vibration.prediction.motion import GAP, crank_filter, crank_resolution, speed_filter
+from test.support.motions import MOTIONS, SENSORS, Sensor, read
+
+SECOND = 10**9  # ns
+
+
+@pytest.mark.parametrize("name", SENSORS)
+def test_no_direction_is_wrong(name: str) -> None:
+    """No direction is reported for a hitch at rest or opposite to the true one; bounds hold.
+
+    A hitch that accelerates faster than assumed is noticed a moment later.
+    """
+    sensor = SENSORS[name]
+    for motion, angles in MOTIONS.items():
+        for seed in range(2):
+            stamps, values, _, true = read(angles, sensor, seed)
+            resolutions = [sensor.step if sensor.stated else 0.0] * len(values)
+            velocity, error = crank_filter().add_many(stamps, values, resolutions)
+            known = np.isfinite(velocity)
+            directed = np.abs(velocity) > error
+            assert not (directed & (velocity * true <= 0.0)).any(), motion
+            within = (np.abs(velocity - true) <= error)[known]
+            assert within.mean() > 0.95, motion
+            assert known.mean() > 0.85
+
+
+@pytest.mark.parametrize(
+    ("name", "share"),
+    [("percent, 10 Hz", 0.9), ("exact, 50 Hz", 0.98), ("noise of 0.1 deg, 1 kHz", 0.9)],
+)
+def test_directions_of_lifts_are_known(name: str, share: float) -> None:
+    """The direction of a hitch that is lifted is known nearly always."""
+    sensor = SENSORS[name]
+    for motion in ("lift in 2.5 s", "lift in 4 s", "slow lift in 6 s"):
+        stamps, values, _, true = read(MOTIONS[motion], sensor, 1)
+        resolutions = [sensor.step if sensor.stated else 0.0] * len(values)
+        velocity, error = crank_filter().add_many(stamps, values, resolutions)
+        assert (np.abs(velocity) > error)[np.abs(true) > 0.1].mean() > share
+
+
+def test_one_step_is_no_motion() -> None:
+    """A sensor that alternates between two steps while the hitch stands still is no motion."""
+    step = 0.004 * math.pi / 2.0
+    crank = crank_filter()
+    found = [crank.add(i * SECOND // 10, 2.0 + step * (i % 7 == 0), step) for i in range(200)]
+    assert all(abs(one.value) <= one.error for one in found[20:])
+
+
+def test_gaps_and_jumps_of_the_clock() -> None:
+    """After a gap, a jump back or a jump ahead, the rate is not known until there are two means."""
+    for jump in (GAP + 1, -5 * SECOND, 10**17):
+        crank, time = crank_filter(), 10**18
+        for i in range(40):
+            found = crank.add(time, 2.0 + 0.02 * i)
+            time += SECOND // 25
+        assert found.value == pytest.approx(0.5)
+        time += jump
+        assert math.isnan(crank.add(time, 2.8).error)
+        for i in range(1, 10):
+            found = crank.add(time + i * SECOND // 25, 2.8 - 0.02 * i)
+        assert found.value == pytest.approx(-0.5)
+        assert found.error < 0.5
+
+
+def test_readings_that_give_no_rate() -> None:
+    """Stamps that stay the same, and values that are not finite, give no rate."""
+    crank = crank_filter()
+    assert all(math.isnan(crank.add(0, 2.0 + 0.1 * i).value) for i in range(50))
+    for value in (math.nan, math.inf, -math.inf):
+        assert math.isnan(crank.add(0, value).value)
+
+
+def test_an_exact_ramp_of_a_speed() -> None:
+    """A speed that rises by the same amount each time is not taken for steps of its sensor."""
+    engine = speed_filter(Source.ENGINE)
+    found = [engine.add(i * SECOND // 10, 1000.0 + 10.0 * i) for i in range(20)][-1]
+    assert found.value == pytest.approx(100.0)
+    assert found.error < 50.0
+
+
+def test_resolution_of_percent() -> None:
+    """The steps of the bus follow from the standard deviations, and are not known without steps."""
+    hitch = PercentInput((0.0, 3.0, 100.0, 1.5), angle_stddev=0.01)
+    assert crank_resolution(hitch.angle_at(40.0).stddev, 0.01) == pytest.approx(0.004 * 1.5)
+    assert crank_resolution(0.01, 0.01) == 0.0
+
+
+STAMPS = st.integers(-GAP // 3, GAP) | st.sampled_from([0, 1, GAP, GAP + 1, -(10**18), 2**62])
+VALUES = st.floats(-4.0, 4.0) | st.sampled_from([0.0, 1e300, -1e300, 5e-324, math.nan, math.inf])
+
+
+@settings(max_examples=100)
+@given(st.lists(st.tuples(STAMPS, VALUES, st.sampled_from([0.0, 0.006])), max_size=40), st.data())
+def test_one_by_one_or_together(
+    readings: list[tuple[int, float, float]], data: st.DataObject
+) -> None:
+    """Estimates are the same to the last bit, one by one or in blocks of any size."""
+    ahead, values, resolutions = [list(column) for column in zip(*readings, strict=True)] or [
+        []
+    ] * 3
+    stamps = np.cumsum([0, *ahead], dtype=object)[1:].tolist()
+    crank, together = crank_filter(), crank_filter()
+    one_by_one = [crank.add(*reading) for reading in zip(stamps, values, resolutions, strict=True)]
+    found: list[tuple[float, float]] = []
+    while stamps:
+        n = data.draw(st.integers(1, len(stamps)))
+        rates = together.add_many(stamps[:n], values[:n], resolutions[:n])
+        found += zip(*(column.tolist() for column in rates), strict=True)
+        stamps, values, resolutions = stamps[n:], values[n:], resolutions[n:]
+    np.testing.assert_array_equal(
+        np.array(found).reshape(-1, 2), np.array(one_by_one).reshape(-1, 2)
+    )
+
+
+def test_one_by_one_or_together_for_motions() -> None:
+    """The same holds for motions, whose estimates are known."""
+    sensor = Sensor(200, noise=1e-3)
+    for angles in MOTIONS.values():
+        stamps, values, _, _ = read(angles, sensor, 5)
+        crank, together = crank_filter(), crank_filter()
+        expected = [crank.add(*reading) for reading in zip(stamps, values, strict=True)]
+        found = [
+            together.add_many(
+                stamps[i : i + 700], values[i : i + 700], [0.0] * len(values[i : i + 700])
+            )
+            for i in range(0, len(stamps), 700)
+        ]
+        np.testing.assert_array_equal(np.hstack(found).T, expected)
