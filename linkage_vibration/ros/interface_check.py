@@ -36,7 +36,7 @@ def check_interfaces() -> None:
     near, warning = Status.NEAR_TOGGLE, ResonanceState.WARNING
     prediction = Prediction(1.0, near, one, two, three, four, 12.0, 13.0, 14.0, "table", five)
     about: Any = warning, "engine 1", 1.0, 2, 3.0, 4.0, 5.0, -1, 6.0, "table", 0.25, 0.5, 0.75
-    about += np.array([1, 3], np.uint8), *levels, 15.0, 16.0, 17.0
+    about += np.array([1, 3], np.uint8), *levels, 15.0, 16.0, 17.0, 18.0, 19.0, 20.0, 21.0
     resonance = Resonance(*about)
     _check_names(TABLE_INFO)
     _check_values(PREDICTION, prediction, encode_prediction(prediction, 1, 2, "frame"))

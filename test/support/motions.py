@@ -121,9 +121,9 @@ def read(
         When they were truly taken, and the true velocities then, s and rad/s.
     """
     rng = np.random.default_rng(seed)
-    fine = np.arange(round(DURATION / _STEP)) * _STEP
+    fine: FloatArray = np.arange(round(DURATION / _STEP)) * _STEP
     angles = motion(fine)
-    velocity: FloatArray = np.gradient(angles, _STEP)
+    velocity: FloatArray = np.asarray(np.gradient(angles, _STEP), np.float64)
     every = round(1.0 / (sensor.rate * _STEP))
     rows = np.arange(int(rng.integers(every)), len(fine), every)
     rows = rows[rng.random(len(rows)) >= sensor.lost]
@@ -134,4 +134,5 @@ def read(
     delays = sensor.jitter * np.abs(rng.normal(size=len(fine)))[rows]
     stamps: list[int] = (START + np.rint(1e9 * (fine[rows] + delays)).astype(np.int64)).tolist()
     readings: list[float] = values.tolist()
-    return stamps, readings, fine[rows], velocity[rows]
+    times: FloatArray = fine[rows]
+    return stamps, readings, times, velocity[rows]
