@@ -1,0 +1,67 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Message packages of other projects, built with pip in the shape of ours, for tests over DDS."""
+
+import hashlib
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+INTERFACES = ROOT / "linkage_vibration_interfaces"
+
+
+def built_package(name: str, messages: Mapping[str, str]) -> Path:
+    """Return the prefix in which a package of messages is installed; it is built once.
+
+    Parameters
+    ----------
+    name : str
+        The name of the package.
+    messages : mapping of str to str
+        The definitions of its messages by their names.
+    """
+    pytest.importorskip("scikit_build_core", reason="pip builds message packages for ROS 2 wheels")
+    key = hashlib.sha256(repr((name, sorted(messages.items()), sys.prefix)).encode()).hexdigest()
+    prefix = ROOT / "build" / "message_packages" / f"{name}-{key[:12]}"
+    if prefix.is_dir():
+        return prefix
+    prefix.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=prefix.parent) as folder:
+        source, target = Path(folder) / "source", Path(folder) / "prefix"
+        (source / "msg").mkdir(parents=True)
+        for file in ("CMakeLists.txt", "package.xml", "pyproject.toml"):
+            text = (INTERFACES / file).read_text().replace(INTERFACES.name, name)
+            (source / file).write_text(text)
+        for message, definition in messages.items():
+            (source / "msg" / f"{message}.msg").write_text(definition)
+        pip = [sys.executable, "-m", "pip", "install", "-qq", "--no-deps", "--no-build-isolation"]
+        subprocess.run([*pip, "--prefix", str(target), str(source)], check=True)
+        if not prefix.is_dir():  # another worker may have built it too
+            shutil.move(target, prefix)
+    return prefix
+
+
+def environment_with(environment: Mapping[str, str], prefix: Path) -> dict[str, str]:
+    """Return the environment of a process that finds a package.
+
+    Parameters
+    ----------
+    environment, prefix : mapping of str to str, Path
+        The environment without it, and where it is installed.
+    """
+    version = f"python{sys.version_info[0]}.{sys.version_info[1]}"
+    found = dict(environment)
+    for variable, folder in (
+        ("AMENT_PREFIX_PATH", prefix),
+        ("LD_LIBRARY_PATH", prefix / "lib"),
+        ("PYTHONPATH", prefix / "lib" / version / "site-packages"),
+    ):
+        found[variable] = os.pathsep.join(filter(None, [str(folder), found.get(variable)]))
+    return found
