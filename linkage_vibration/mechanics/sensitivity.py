@@ -393,7 +393,10 @@ def _joined(mechanism: Mechanism) -> object:
     """Return what the joints and the springs depend on."""
     centres = tuple(body.centre_of_gravity for body in mechanism.rigid_bodies)
     weights = tuple(body.mass for body in mechanism.rigid_bodies if mechanism.gravity)
-    return _points(mechanism), centres, weights, mechanism.springs, mechanism.base
+    base = mechanism.base
+    if base is not None and not mechanism.gravity:
+        base = replace(base, body=replace(base.body, mass=1.0, inertia=1.0))
+    return _points(mechanism), centres, weights, mechanism.springs, base
 
 
 def _meshed_as(link: Link, other: Link) -> Link:

@@ -91,7 +91,9 @@ class Beam:
         places = np.column_stack([found.nodes, np.zeros(len(found.nodes))])
         drawing = Drawing(places, found.displacement)
         made = component_of(link, mechanism, body, drawing, spatial=spatial, reduced=reduced)
-        return made if spatial else replace(made, prestress=_prestress(self, link, made))
+        if spatial or not mechanism.gravity:
+            return made
+        return replace(made, prestress=_prestress(self, link, made))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
