@@ -78,7 +78,7 @@ def installed_files() -> list[tuple[str, list[str]]]:
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (str(SHARE), ["package.xml"]),
     ]
-    for top in ("config", "launch", f"{INTERFACES}/msg"):
+    for top in ("config", "launch", f"{INTERFACES}/msg", f"{INTERFACES}/srv"):
         for folder in sorted({p.parent for p in Path(top).rglob("*") if p.is_file()}):
             inside = sorted(str(p) for p in folder.iterdir() if p.is_file())
             files.append((str(SHARE / folder), inside))

@@ -155,6 +155,7 @@ def test_wheel_holds_every_file(wheel: Path) -> None:
         f"{SHARE}/package.xml",
         *(f"{SHARE}/{name}" for name in files_below("config") | files_below("launch")),
         *(f"{SHARE}/{name}" for name in files_below("linkage_vibration_interfaces/msg")),
+        *(f"{SHARE}/{name}" for name in files_below("linkage_vibration_interfaces/srv")),
     }
 
 

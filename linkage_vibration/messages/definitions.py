@@ -63,11 +63,7 @@ def message_text(type_name: str) -> str:
     package, _, name = type_name.split("/")
     if (part := _EVENT_PART.fullmatch(name)) is not None:
         return _event_text(package, part["service"], part["part"])
-    if package == OWN_PACKAGE:
-        own = share_directory() / OWN_PACKAGE / "msg" / f"{name}.msg"
-        if own.is_file():
-            return own.read_text(encoding="utf-8")
-    installed = _installed(type_name)
+    installed = _shipped(type_name) or _installed(type_name)
     if installed is not None:
         return installed.read_text(encoding="utf-8")
     known = None
@@ -121,7 +117,8 @@ def _event_text(package: str, service: str, part: str) -> str:
             f"service_msgs/ServiceEventInfo info\n{service}_Request[<=1] request\n"
             f"{service}_Response[<=1] response\n"
         )
-    path = _installed(f"{package}/srv/{service}")
+    name = f"{package}/srv/{service}"
+    path = _shipped(name) or _installed(name)
     if path is None:
         raise DefinitionError(
             f"The definition of {package}/srv/{service} was not found under "
@@ -150,6 +147,19 @@ def _dependencies(text: str, package: str) -> list[str]:
         if words and (match := _MESSAGE_TYPE.fullmatch(words[0])):
             names.append(f"{match['package'] or package}/msg/{match['name']}")
     return names
+
+
+def own_services() -> list[str]:
+    """Return the full names of our service types."""
+    paths = (share_directory() / OWN_PACKAGE / "srv").glob("*.srv")
+    return sorted(f"{OWN_PACKAGE}/srv/{path.stem}" for path in paths)
+
+
+def _shipped(type_name: str) -> Path | None:
+    """Return the path of one of our definitions, which ship with this package."""
+    package, kind, name = type_name.split("/")
+    path = share_directory() / OWN_PACKAGE / kind / f"{name}.{kind}"
+    return path if package == OWN_PACKAGE and path.is_file() else None
 
 
 def _installed(type_name: str) -> Path | None:

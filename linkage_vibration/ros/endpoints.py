@@ -115,7 +115,7 @@ def subscribe(
 
 
 def message_class(type_name: str) -> Any:
-    """Return the Python class of a type such as ``std_msgs/msg/String`` or an event of a service.
+    """Return the class of a message such as ``std_msgs/msg/String``, a service or its event.
 
     Raises
     ------
@@ -124,7 +124,9 @@ def message_class(type_name: str) -> Any:
     """
     package, kind, name = type_name.split("/")
     module = import_module(f"{package}.{kind}")
-    return getattr(module, name) if kind == "msg" else getattr(module, name[: -len("_Event")]).Event
+    if kind == "srv" and name.endswith("_Event"):
+        return getattr(module, name.removesuffix("_Event")).Event
+    return getattr(module, name)
 
 
 def _qos(reliability: ReliabilityPolicy, depth: int = QUEUE_DEPTH) -> QoSProfile:

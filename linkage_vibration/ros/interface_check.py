@@ -9,7 +9,7 @@ import numpy as np
 from rclpy.serialization import deserialize_message
 
 from linkage_vibration.errors import LinkageVibrationError
-from linkage_vibration.messages.definitions import OWN_PACKAGE
+from linkage_vibration.messages.definitions import OWN_PACKAGE, own_services
 from linkage_vibration.messages.encoding import encode_prediction, encode_resonance
 from linkage_vibration.messages.fields import message_fields
 from linkage_vibration.messages.topics import PREDICTION, RESONANCE, TABLE_INFO
@@ -24,7 +24,10 @@ class InterfaceError(LinkageVibrationError):
 
 
 def check_interfaces() -> None:
-    """Decode one message of each kind with rclpy, and compare it with what was encoded.
+    """Compare the installed classes of messages and services with our definitions of them.
+
+    One message of each kind that the node publishes is also decoded with rclpy, and compared with
+    what was encoded.
 
     Raises
     ------
@@ -38,15 +41,19 @@ def check_interfaces() -> None:
     about: Any = warning, "engine 1", 1.0, 2, 3.0, 4.0, 5.0, -1, 6.0, "table", 0.25, 0.5, 0.75
     about += np.array([1, 3], np.uint8), *levels, 15.0, 16.0, 17.0, 18.0, 19.0, 20.0, 21.0
     resonance = Resonance(*about)
-    _check_names(TABLE_INFO)
+    _check_names(TABLE_INFO, message_class(TABLE_INFO))
+    for name in own_services():
+        service = message_class(name)
+        _check_names(f"{name}_Request", service.Request)
+        _check_names(f"{name}_Response", service.Response)
     _check_values(PREDICTION, prediction, encode_prediction(prediction, 1, 2, "frame"))
     _check_values(RESONANCE, resonance, encode_resonance(resonance, 1, 2, "frame"))
 
 
-def _check_names(type_name: str) -> None:
+def _check_names(type_name: str, kind: Any) -> None:
     """Refuse a message class whose fields have other names."""
     expected = list(dict.fromkeys(f.name.split(".")[0] for f in message_fields(type_name)))
-    found = list(message_class(type_name).get_fields_and_field_types())
+    found = list(kind.get_fields_and_field_types())
     if found != expected:
         differing = ", ".join(sorted({*found} ^ {*expected})) or "their order"
         raise _mismatch(type_name, f"has other fields ({differing})")
@@ -54,7 +61,7 @@ def _check_names(type_name: str) -> None:
 
 def _check_values(type_name: str, example: object, encoded: bytes) -> None:
     """Refuse a message class that reads other values than were encoded."""
-    _check_names(type_name)
+    _check_names(type_name, message_class(type_name))
     try:
         decoded = deserialize_message(encoded, message_class(type_name))
     except RuntimeError as error:

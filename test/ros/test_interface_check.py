@@ -9,6 +9,7 @@ import pytest
 from linkage_vibration.ros import interface_check
 from linkage_vibration.ros.interface_check import InterfaceError, check_interfaces
 from linkage_vibration_interfaces.msg import Resonance, VibrationPrediction
+from linkage_vibration_interfaces.srv import PredictVibration
 
 
 def test_installed_classes_fit() -> None:
@@ -48,4 +49,27 @@ def test_class_that_reads_other_values(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(interface_check, "deserialize_message", swapped)
     with pytest.raises(InterfaceError, match="VibrationPrediction reads other values of frequency"):
+        check_interfaces()
+
+
+def test_service_with_other_fields(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A request without one of our fields would fail at the first call, so it is refused before."""
+
+    class Stale(PredictVibration.Request):
+        @classmethod
+        def get_fields_and_field_types(cls) -> dict[str, str]:
+            fields = PredictVibration.Request.get_fields_and_field_types()
+            return {name: kind for name, kind in fields.items() if name != "shares"}
+
+    class Service(PredictVibration):
+        Request = Stale
+
+    original = interface_check.message_class
+    monkeypatch.setattr(
+        interface_check,
+        "message_class",
+        lambda kind: Service if kind.endswith("PredictVibration") else original(kind),
+    )
+    match = r"srv/PredictVibration_Request has other fields \(shares\).* install linkage"
+    with pytest.raises(InterfaceError, match=match):
         check_interfaces()
