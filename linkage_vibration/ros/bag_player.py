@@ -26,6 +26,7 @@ from linkage_vibration_interfaces.msg import TableInfo, VibrationPrediction
 
 SETTLING = 1.0  # s; a subscriber finds a publisher somewhat later than the publisher finds it
 HINT_AFTER = 5.0  # s without what is waited for
+LONG_WAIT = 2.0  # s between two messages
 
 
 def play_bag(path: Path, remaps: Mapping[str, str], report: Callable[[str], None]) -> int:
@@ -66,7 +67,10 @@ def play_bag(path: Path, remaps: Mapping[str, str], report: Callable[[str], None
             for row, log_time in enumerate(block.log_times.tolist()):
                 now = time.monotonic()
                 offset = now - 1e-9 * log_time if offset is None else offset
-                time.sleep(max(1e-9 * log_time + offset - now, 0.0))
+                wait = 1e-9 * log_time + offset - now
+                if wait > LONG_WAIT:
+                    report(f"The next message follows in {wait:.0f} s.")
+                time.sleep(max(wait, 0.0))
                 publishers[block.topics[row]].publish(block.message(row))
                 count += 1
         for publisher in publishers:

@@ -22,7 +22,7 @@ def test_play_and_watch(
     """The node answers every joint state of a bag, and the last angle is shown."""
     entries = [("/engine_speed", FLOAT64, START, float64(2000.0))]
     for k in range(160):
-        time = START + k * 10**7
+        time = START + k * 10**7 + (k == 159) * 21 * 10**8  # the last one comes 2.1 s later
         entries.append(("/arm", JOINT_STATE, time, joint_state(time, [JOINT], [1.7 + 0.005 * k])))
     bag = write_mcap(tmp_path / "bag.mcap", entries)
     node = start(name="played")
@@ -41,6 +41,7 @@ def test_play_and_watch(
     play = [*COMMAND, "play", str(bag), "--remap", "joint_states:=/arm"]
     played = subprocess.run(play, env=environment, capture_output=True, text=True, check=True)
     assert "Playing joint_states, engine_speed of" in played.stdout
+    assert "The next message follows in 2 s." in played.stdout
     assert "161 messages were published." in played.stdout
     assert played.stderr == ""
     until(lambda: "crank" in shown.read_text(), "a prediction")
