@@ -18,14 +18,11 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
+from linkage_vibration.bags.numbers import CdrError
 from linkage_vibration.bags.streams import Block, Bytes, Integers
 
 _KEPT = 256  # layouts; a publisher has one for each order of its joints
 _ORIGIN = 4  # bytes of the encapsulation header, after which CDR aligns numbers to their sizes
-
-
-class CdrError(ValueError):
-    """Bytes that are not a message in plain CDR."""
 
 
 class JointState(NamedTuple):

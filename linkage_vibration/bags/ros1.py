@@ -125,7 +125,7 @@ def many_to_cdr(
 
     Joint states of one publisher differ only in their stamps and numbers. So ``to_cdr`` converts
     one of them, and only their numbers are copied for the others. The same goes for single
-    numbers; messages of another type are grouped if they are equal.
+    numbers; messages of another type are converted one by one.
 
     Parameters
     ----------
@@ -141,11 +141,14 @@ def many_to_cdr(
     which, encoded : ndarray, (m,); ndarray of uint8, (m, n_bytes)
         Indices of the messages in one group, and what ``to_cdr`` returns for each.
     """
+    if type_name not in _MOVES:
+        yield from _one_by_one(messages, type_name, to_cdr)
+        return
     left = np.arange(len(messages))
     while len(left):
         first = messages[left[0]].tobytes()
         example = np.frombuffer(to_cdr(first, type_name), np.uint8)
-        moves = _MOVES[type_name](first) if type_name in _MOVES else []
+        moves = _MOVES[type_name](first)
         shared = np.ones(len(first), bool)
         for source, _, length in moves:
             shared[source : source + length] = False
@@ -159,6 +162,20 @@ def many_to_cdr(
             encoded[:, target : target + length] = rest[alike, source : source + length]
         yield left[alike], encoded
         left = left[~alike]
+
+
+def _one_by_one(
+    messages: Bytes, type_name: str, to_cdr: Callable[[bytes, str], bytes]
+) -> Iterator[tuple[Integers, Bytes]]:
+    """Convert messages of any type, and yield those that have the same size in CDR together."""
+    found: dict[int, list[tuple[int, bytes]]] = {}
+    for i, message in enumerate(messages):
+        data = to_cdr(message.tobytes(), type_name)
+        found.setdefault(len(data), []).append((i, data))
+    for size, group in found.items():
+        rows, encoded = zip(*group, strict=True)
+        joined = np.frombuffer(b"".join(encoded), np.uint8).reshape(len(rows), size)
+        yield np.array(rows, np.int64), joined
 
 
 def _joint_state_moves(data: bytes) -> list[tuple[int, int, int]]:

@@ -38,7 +38,14 @@ from linkage_vibration.bags.mcap_records import (
     MESSAGE_RECORD,
     RECORD,
 )
-from linkage_vibration.bags.reading import bag_errors, bag_reader, check_topics, mcap_files
+from linkage_vibration.bags.reading import (
+    BagError,
+    bag_errors,
+    bag_reader,
+    check_topics,
+    mcap_files,
+)
+from linkage_vibration.bags.schemas import Schema, schema_of_store
 
 if TYPE_CHECKING:
     from rosbags.interfaces import Connection
@@ -52,6 +59,7 @@ Integers = NDArray[np.int64]
 BLOCK = 4096
 """The least number of messages in a block, so that calls of NumPy cost little for each."""
 
+_HEADER, _TIME = "std_msgs/msg/Header", "builtin_interfaces/msg/Time"
 _GATHERED = 1024  # messages in a part that rosbags reads one by one
 
 
@@ -170,6 +178,35 @@ class Bags:
         for connection in itertools.chain.from_iterable(bag.connections for bag in bags):
             counts[connection.topic, connection.msgtype] += connection.msgcount
         self.topics = tuple(BagTopic(*key, count) for key, count in sorted(counts.items()))
+
+    def defined(self, name: str) -> tuple[str, str, Schema] | None:
+        """Return how the bags define the type of a topic; None if they do not.
+
+        Returns
+        -------
+        text, hash, schema : str, str, Schema
+            The definition as an MCAP schema, its RIHS01 hash (REP 2016), and its fields. Those of
+            ROS 1 are converted to ROS 2, as the messages are.
+
+        Raises
+        ------
+        BagError
+            If a definition cannot be read, or if the bags define the type in several ways.
+        """
+        found: list[tuple[str, str, Schema]] = []
+        for path, bag in zip(self.paths, self._bags, strict=True):
+            with bag_errors(path):
+                for connection in bag.connections:
+                    if connection.topic == name and connection.msgdef.data:
+                        store, kind = _store([connection]), connection.msgtype
+                        text, _ = store.generate_msgdef(kind, ros_version=2)
+                        found.append((text, store.hash_rihs01(kind), schema_of_store(store, kind)))
+        if any(schema != found[0][2] for _, _, schema in found):
+            raise BagError(
+                f"{', '.join(map(str, self.paths))}: the type of topic {name} is defined in "
+                "several ways; read each recording by itself."
+            )
+        return found[0] if found else None
 
     def blocks(self, names: Sequence[str], as_written: bool = False) -> Iterator[Block]:
         """Yield the messages of topics with these names, in the order of log times.
@@ -526,14 +563,25 @@ def _gathered(data: Collection[bytes], columns: Sequence[tuple[int, ...]], rank:
     return _Part(columns[0][3], rank, lambda: block)
 
 
+def _store(connections: "Sequence[Connection]") -> Any:
+    """Return a type store that knows the types of connections, as ROS 2 has them."""
+    from rosbags.interfaces import MessageDefinitionFormat
+    from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
+
+    store = get_typestore(Stores.EMPTY)
+    for one in connections:
+        text, is_idl = one.msgdef.data, one.msgdef.format == MessageDefinitionFormat.IDL
+        # Before 2011 the header of ROS 1 had the name of another package.
+        text = text.replace("roslib/Header", "std_msgs/Header")
+        types = get_types_from_idl(text) if is_idl else get_types_from_msg(text, one.msgtype)
+        if _HEADER in types:  # that of ROS 2 has no sequence number
+            latest = get_typestore(Stores.LATEST)
+            types |= {name: latest.fielddefs[name] for name in (_TIME, _HEADER)}
+        store.register({name: kind for name, kind in types.items() if name not in store.fielddefs})
+    return store
+
+
 def _to_cdr(connections: "Sequence[Connection]") -> Callable[[bytes, str], bytes]:
     """Return a function that converts a message of ROS 1 to CDR."""
-    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-
-    store = get_typestore(Stores.LATEST)
-    for type_name, text in sorted({(c.msgtype, c.msgdef.data) for c in connections}):
-        if type_name not in store.fielddefs:
-            types = get_types_from_msg(text, type_name)
-            types.pop("std_msgs/msg/Header", None)  # that of ROS 2 has no sequence number
-            store.register(types)
+    store = _store(connections)
     return lambda raw, type_name: bytes(store.ros1_to_cdr(raw, type_name))

@@ -15,8 +15,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         nargs="+",
         default=[],
         metavar="NAME:=TOPIC",
-        help="topic in the bag for joint_states, hitch_position, engine_speed, pto_speed or "
-        "ground_speed",
+        help="topic in the bag for a topic of the node, such as joint_states, hitch_position, "
+        "engine_speed, pto_speed or ground_speed",
     )
 
 

@@ -40,8 +40,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         nargs="+",
         default=[],
         metavar="NAME:=TOPIC",
-        help="topic in the bags for joint_states, hitch_position, engine_speed, pto_speed or "
-        "ground_speed",
+        help="topic in the bags for a topic of the node, such as joint_states, hitch_position, "
+        "engine_speed, pto_speed or ground_speed",
     )
     add_strict(parser, "a prediction has no numbers or a message was left out")
 

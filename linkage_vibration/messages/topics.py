@@ -4,11 +4,9 @@
 
 from dataclasses import dataclass
 
-from linkage_vibration.bags.message_types import FLOAT64
 from linkage_vibration.bags.writing import QUEUE_DEPTH, Topic, offered_qos_profiles
 from linkage_vibration.messages.definitions import OWN_PACKAGE, message_definition, type_hash
-from linkage_vibration.prediction.excitation import Source
-from linkage_vibration.prediction.inputs import INPUTS
+from linkage_vibration.prediction.inputs.presets import PRESETS
 
 PREDICTION = f"{OWN_PACKAGE}/msg/VibrationPrediction"
 RESONANCE = f"{OWN_PACKAGE}/msg/Resonance"
@@ -17,8 +15,6 @@ TABLE_INFO = f"{OWN_PACKAGE}/msg/TableInfo"
 PREDICTION_TOPIC = "/linkage_vibration/prediction"
 """Topic of the predictions in a replay, and of a node that has its default name."""
 RESONANCE_TOPIC = "/linkage_vibration/resonance"
-SPEEDS = {f"{source.value}_speed": source for source in Source}
-"""The sources of the speeds by their topics."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,9 +41,10 @@ class NodeTopic:
 _INPUT_QOS, _OUTPUT_QOS = (f"{q}, keep last {QUEUE_DEPTH}" for q in ("best effort", "reliable"))
 _LATCHED = "reliable, transient local"
 
-INPUT_TOPICS = (
-    *(NodeTopic(i.topic, i.type, _INPUT_QOS, i.description) for i in INPUTS.values()),
-    *(NodeTopic(n, FLOAT64, _INPUT_QOS, f"Speed in {s.unit}.") for n, s in SPEEDS.items()),
+INPUT_TOPICS = tuple(
+    NodeTopic(one.topic, one.type, _INPUT_QOS, one.meaning)
+    for presets in PRESETS.values()
+    for one in {one.topic: one for one in presets.values()}.values()
 )
 OUTPUT_TOPICS = (
     NodeTopic(

@@ -5,11 +5,15 @@
 from collections.abc import Mapping, Sequence
 
 from linkage_vibration.bags.message_types import FLOAT64
+from linkage_vibration.bags.schemas import Schema, schema_of_text
 from linkage_vibration.bags.streams import Bags, BagTopic
+from linkage_vibration.bags.writing import QUEUE_DEPTH, Topic, offered_qos_profiles
 from linkage_vibration.errors import LinkageVibrationError
-from linkage_vibration.messages.topics import SPEEDS
-from linkage_vibration.prediction.inputs import INPUTS
-from linkage_vibration.prediction.settings import Parameters
+from linkage_vibration.messages.definitions import DefinitionError, message_definition
+from linkage_vibration.messages.topics import INPUT_TOPICS, log_topic
+from linkage_vibration.prediction.inputs.presets import HITCH
+from linkage_vibration.prediction.inputs.sources import SourceSettings
+from linkage_vibration.prediction.settings import NODE_NAME, Parameters
 
 
 class ReplayError(LinkageVibrationError):
@@ -38,13 +42,15 @@ def remappings(words: Sequence[str]) -> dict[str, str]:
 def choose_topics(
     bags: Bags, settings: Parameters, remaps: Mapping[str, str]
 ) -> dict[str, BagTopic]:
-    """Return the topics to read by the node's names of them; the input comes first.
+    """Return the topics to read by the inputs, of which the hitch comes first.
+
+    Several inputs may read one topic.
 
     Parameters
     ----------
     bags : Bags
     settings : Parameters
-        They choose the input, and may fix speeds.
+        They choose the inputs, and may fix speeds.
     remaps : mapping of str to str
         The bags' names of the node's topics.
 
@@ -53,31 +59,91 @@ def choose_topics(
     ReplayError
         If a remapping is unknown, or a topic is missing or ambiguous.
     """
-    names = [*dict.fromkeys(kind.topic for kind in INPUTS.values()), *SPEEDS]
+    speeds = settings.speed_sources()
+    sources = {HITCH: settings.source(HITCH)}
+    sources |= {s.value: one for s, one in speeds.items() if settings.fixed_speed(s) is None}
+    names = dict.fromkeys([each.topic for each in (*sources.values(), *speeds.values())])
+    names |= dict.fromkeys(each.name for each in INPUT_TOPICS)
     unknown = sorted(set(remaps) - set(names))
     if unknown:
         raise ReplayError(
             f"--remap: the node has no topic {unknown[0]}; use one of: {', '.join(names)}."
         )
-    chosen = INPUTS[settings.input]
-    name, topic = chosen.topic, remaps.get(chosen.topic)
-    if topic is None and chosen.unique_type:
-        found = sorted({topic.name for topic in bags.topics if topic.type == chosen.type})
-        if len(found) > 1:
-            raise ReplayError(
-                f"{bag_paths(bags)} has {len(found)} topics of type {chosen.type}; choose one, as "
-                f"in `--remap {name}:={found[0]}`: {', '.join(found)}."
-            )
-        topic = found[0] if found else None
-    topics = {name: _bag_topic(bags, topic or f"/{name}", chosen.type, name)}
-    for name, source in SPEEDS.items():
-        if settings.fixed_speed(source) is not None:
-            continue
-        wanted = remaps.get(name)
+    topics: dict[str, BagTopic] = {}
+    for name, source in sources.items():
+        topic = remaps.get(source.topic) or _only_topic(bags, source)
+        full = _full_name(source.topic)
         # A log lists all topics of the node, even those without messages.
-        if wanted or any(topic.name == f"/{name}" and topic.count for topic in bags.topics):
-            topics[name] = _bag_topic(bags, wanted or f"/{name}", FLOAT64, name)
+        there = any(each.name == full and each.count for each in bags.topics)
+        if name == HITCH or topic or there or source.chosen:
+            topics[name] = _bag_topic(bags, topic or full, source.type, source.topic)
     return topics
+
+
+def _full_name(topic: str) -> str:
+    """Return the name of a topic of a node that has its default name."""
+    if topic.startswith("~/"):
+        return f"/{NODE_NAME}/{topic[2:]}"
+    return topic if topic.startswith("/") else f"/{topic}"
+
+
+def _only_topic(bags: Bags, source: SourceSettings) -> str | None:
+    """Return the only topic that has the type of a source, unless a parameter names the topic."""
+    if source.chosen or source.type == FLOAT64:
+        return None
+    found = sorted({each.name for each in bags.topics if each.type == source.type})
+    if len(found) > 1:
+        raise ReplayError(
+            f"{bag_paths(bags)} has {len(found)} topics of type {source.type}; choose one, as in "
+            f"`--remap {source.topic}:={found[0]}`: {', '.join(found)}."
+        )
+    return found[0] if found else None
+
+
+def topic_schema(bags: Bags, topic: BagTopic) -> Schema:
+    """Return the fields of the messages of a topic.
+
+    The bags define them, or else an installed package does.
+
+    Parameters
+    ----------
+    bags, topic : Bags, BagTopic
+
+    Raises
+    ------
+    ReplayError
+        If neither defines the type.
+    """
+    defined = bags.defined(topic.name)
+    if defined is not None:
+        return defined[2]
+    try:
+        return schema_of_text(message_definition(topic.type), topic.type)
+    except DefinitionError as error:
+        raise ReplayError(
+            f"{bag_paths(bags)} does not define the type of topic {topic.name}. {error}"
+        ) from None
+
+
+def logged_topic(bags: Bags, topic: BagTopic) -> Topic:
+    """Return what a log stores about a topic of bags.
+
+    Parameters
+    ----------
+    bags, topic : Bags, BagTopic
+    """
+    defined = bags.defined(topic.name)
+    try:
+        known = log_topic(topic.name, topic.type)
+    except DefinitionError:
+        if defined is None:
+            raise
+    else:
+        if defined is None or known.type_hash == defined[1]:
+            return known
+    text, type_hash, _ = defined
+    qos = offered_qos_profiles(reliable=True, depth=QUEUE_DEPTH)
+    return Topic(topic.name, topic.type, text, type_hash, qos)
 
 
 def _bag_topic(bags: Bags, name: str, kind: str, remap: str) -> BagTopic:

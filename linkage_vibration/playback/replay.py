@@ -2,15 +2,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """Replays bags through the prediction, and writes a log as the node would have done."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
+from typing import TypeAlias
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from linkage_vibration.bags.chunks import ChunkLog, Messages
+from linkage_vibration.bags.numbers import LeftOut
 from linkage_vibration.bags.recorder import PROVENANCE_METADATA, package_versions
 from linkage_vibration.bags.streams import Bags, BagTopic, Block, open_bags
 from linkage_vibration.mechanics.model import LinkageModel
@@ -21,14 +24,20 @@ from linkage_vibration.messages.topics import (
     PREDICTION_TOPIC,
     RESONANCE,
     RESONANCE_TOPIC,
-    SPEEDS,
     log_topic,
 )
-from linkage_vibration.playback.remapping import ReplayError, bag_paths, choose_topics
+from linkage_vibration.playback.remapping import (
+    ReplayError,
+    bag_paths,
+    choose_topics,
+    logged_topic,
+    topic_schema,
+)
 from linkage_vibration.prediction.answers import Implement, Served, with_implement
 from linkage_vibration.prediction.batch import Predictions, joined, predict_many
 from linkage_vibration.prediction.excitation import Source
-from linkage_vibration.prediction.inputs.crank_input import LeftOut, Readings, read_floats
+from linkage_vibration.prediction.inputs.presets import HITCH
+from linkage_vibration.prediction.inputs.sources import CrankInput, Readings, SpeedInput
 from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.prediction.motion import crank_filter, crank_resolution
 from linkage_vibration.prediction.predictor import Predictor, Status
@@ -44,6 +53,7 @@ FloatArray = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 REPLAY_METADATA = "linkage_vibration.replay"
+_SpeedRow: TypeAlias = tuple[int, Source, float, int]  # row, speed, value, time (ns)
 _PLACES = 4  # in the log for each message of a block: itself, its prediction, its resonance
 
 
@@ -168,7 +178,9 @@ def replay(
     with open_bags(paths) as bags:
         topics = choose_topics(bags, settings, remaps)
         served = _served(settings, what_if)
-        log_topics = [log_topic(topic.name, topic.type) for topic in topics.values()]
+        inputs_read = _inputs(bags, settings, topics)
+        once = {topic.name: topic for topic in topics.values()}
+        log_topics = [logged_topic(bags, topic) for topic in once.values()]
         log_topics.append(log_topic(PREDICTION_TOPIC, PREDICTION))
         monitor, excitations = _monitor(settings, topics, served), None
         if monitor is not None:
@@ -179,15 +191,15 @@ def replay(
             PROVENANCE_METADATA: package_versions(),
             REPLAY_METADATA: {"inputs": " ".join(path.name for path in paths)},
         }
-        run = _Replay(settings, topics, served.predictor, monitor)
-        total, done = sum(topic.count for topic in topics.values()), 0
+        run = _Replay(list(once), topics, inputs_read, served.predictor, monitor)
+        total, done = sum(topic.count for topic in once.values()), 0
         with replacement(output, ReplayError) as unfinished:
             with ChunkLog(unfinished, log_topics, files, metadata) as log:
-                for block in bags.blocks([topic.name for topic in topics.values()]):
+                for block in bags.blocks(list(once)):
                     log.write(run.messages(block))
                     done += len(block)
                     progress(done, total)
-            _refuse_empty(run.done, bags, settings)
+            _refuse_empty(run.done, bags, inputs_read[0])
     return run.done
 
 
@@ -196,57 +208,73 @@ class _Replay:
 
     def __init__(
         self,
-        settings: Parameters,
+        names: Sequence[str],
         topics: Mapping[str, BagTopic],
+        inputs: tuple[CrankInput, dict[Source, SpeedInput]],
         predictor: Predictor,
         monitor: ResonanceMonitor | None,
     ) -> None:
-        self._names = [topic.name for topic in topics.values()]
-        self._sources = [SPEEDS.get(name) for name in topics]
+        self._names = names
+        self._places = {name: names.index(topic.name) for name, topic in topics.items()}
+        self._input, self._speed_inputs = inputs
         self._predictor = predictor
         self._monitor = monitor
-        self._input, self._angle_stddev = settings.crank_input(), settings.angle_stddev
         self._motion = crank_filter()
-        self.done = Replayed(topic=self._names[0])
+        self.done = Replayed(topic=topics[HITCH].name)
 
     def messages(self, block: Block) -> list[Messages]:
-        """Return the input messages of a block, and what is predicted for them."""
+        """Return the input messages of a block that are used, and what is predicted for them."""
         found: list[Messages] = []
         predicted: list[Predictions] = []
-        rows = np.flatnonzero(block.topics == 0)
+        used: list[Integers] = []
+        rows = np.flatnonzero(block.topics == self._places[HITCH])
         groups = list(self._input.read_block(block, rows, self.done))
         for group in groups:
-            log_times, sent = block.log_times[group.rows], block.publish_times[group.rows]
+            log_times = block.log_times[group.rows]
             predictions = predict_many(self._predictor, group.crank_angle, group.stddev)
             predicted.append(predictions)
             encoded = encode_predictions(predictions, group.sec, group.nanosec, group.frame_id)
-            place = _PLACES * group.rows
-            found.append(Messages(self._names[0], group.data, place, log_times, sent))
-            found.append(Messages(PREDICTION_TOPIC, encoded, place + 1, log_times, log_times))
+            place = _PLACES * group.rows + 1
+            found.append(Messages(PREDICTION_TOPIC, encoded, place, log_times, log_times))
+            used.append(group.rows)
             counts = np.bincount(predictions.status, minlength=len(Status))
             for status, count in enumerate(counts.tolist()):
                 self.done.statuses[status] += count
         if self._monitor is not None:
-            speeds = self._speeds(block, found)
+            speeds = self._speeds(block, used)
             if groups:
                 found += self._resonances(self._monitor, block, groups, predicted, speeds)
             else:
-                for row, source, value in speeds:
-                    self._monitor.set_speed(source, value, int(block.log_times[row]))
-        return found
+                for _, source, value, time in speeds:
+                    self._monitor.set_speed(source, value, time)
+        return [*self._inputs(block, used), *found]
 
-    def _speeds(self, block: Block, found: list[Messages]) -> list[tuple[int, Source, float]]:
-        """Return the speeds of a block by rows, and add their messages to those found."""
-        speeds: list[tuple[int, Source, float]] = []
-        for topic, source in enumerate(self._sources):
-            if source is not None:
-                of_topic = np.flatnonzero(block.topics == topic)
-                for rows, data, values in read_floats(block, of_topic, self.done):
-                    times = block.log_times[rows], block.publish_times[rows]
-                    found.append(Messages(self._names[topic], data, _PLACES * rows, *times))
-                    pairs = zip(rows.tolist(), values.tolist(), strict=True)
-                    speeds += [(row, source, value) for row, value in pairs]
-        return sorted(speeds)
+    def _inputs(self, block: Block, used: Sequence[Integers]) -> Iterator[Messages]:
+        """Yield the messages of a block that were used, those of one topic and size together."""
+        rows = np.unique(np.concatenate(used)) if used else np.zeros(0, np.int64)
+        for topic, name in enumerate(self._names):
+            of_topic = rows[block.topics[rows] == topic]
+            sizes = block.sizes[of_topic]
+            for size in np.unique(sizes).tolist():
+                same = of_topic[sizes == size]
+                data = sliding_window_view(block.buffer, size)[block.starts[same]]
+                times = block.log_times[same], block.publish_times[same]
+                yield Messages(name, data, _PLACES * same, *times)
+
+    def _speeds(self, block: Block, used: list[Integers]) -> list[_SpeedRow]:
+        """Return the speeds of a block by rows, and add those rows to the used ones."""
+        speeds: list[_SpeedRow] = []
+        for source, each in self._speed_inputs.items():
+            of_topic = np.flatnonzero(block.topics == self._places[source.value])
+            left_out = LeftOut()
+            for rows, values, times in each.read_block(block, of_topic, left_out):
+                used.append(rows)
+                columns = rows.tolist(), values.tolist(), times.tolist()
+                speeds += [(row, source, v, time) for row, v, time in zip(*columns, strict=True)]
+            self.done.unreadable += left_out.unreadable
+            self.done.refused += left_out.refused
+            self.done.fault = self.done.fault or left_out.fault
+        return sorted(speeds, key=lambda speed: speed[0])
 
     def _resonances(
         self,
@@ -254,13 +282,13 @@ class _Replay:
         block: Block,
         groups: Sequence[Readings],
         predicted: Sequence[Predictions],
-        speeds: Sequence[tuple[int, Source, float]],
+        speeds: Sequence[_SpeedRow],
     ) -> list[Messages]:
         """Assess predictions, with the speeds that were received among them."""
         found: list[Messages] = []
         rows = np.concatenate([group.rows for group in groups])
         order = np.argsort(rows)
-        before = np.searchsorted(rows[order], [row for row, _, _ in speeds]).tolist()
+        before = np.searchsorted(rows[order], [speed[0] for speed in speeds]).tolist()
         # There is nothing to assess before the first speed.
         first = 0 if monitor.any_speed_reported else min([len(rows), *before])
         assessed = order[first:]
@@ -268,10 +296,10 @@ class _Replay:
         resonances = monitor.assess_many(
             joined(predicted, assessed),
             velocity[assessed],
-            block.log_times[rows[assessed]],
+            np.concatenate([group.times for group in groups])[assessed],
             [
-                ReportedSpeed(earlier - first, source, value, int(block.log_times[row]))
-                for earlier, (row, source, value) in zip(before, speeds, strict=True)
+                ReportedSpeed(earlier - first, source, value, time)
+                for earlier, (_, source, value, time) in zip(before, speeds, strict=True)
             ],
             error[assessed],
         )
@@ -316,10 +344,22 @@ class _Replay:
                     [group.stddev for group in groups],
                 )
             )
-            resolutions = [crank_resolution(stddev, self._angle_stddev) for stddev in stddevs]
+            resolutions = [crank_resolution(stddev, self._input.scale.angle_stddev) for stddev in stddevs]
             found = self._motion.add_many(stamps, angles, resolutions)
             velocity[unknown], error[unknown] = found
         return velocity, error
+
+
+def _inputs(
+    bags: Bags, settings: Parameters, topics: Mapping[str, BagTopic]
+) -> tuple[CrankInput, dict[Source, SpeedInput]]:
+    """Return the inputs whose topics are in the bags."""
+    speeds = {
+        source: settings.speed_input(source, topic_schema(bags, topics[source.value]))
+        for source in Source
+        if source.value in topics
+    }
+    return settings.crank_input(topic_schema(bags, topics[HITCH])), speeds
 
 
 def _served(settings: Parameters, what_if: WhatIf) -> Served:
@@ -354,12 +394,12 @@ def _refuse_repeated(paths: Sequence[Path]) -> None:
                 found[key] = path
 
 
-def _refuse_empty(done: Replayed, bags: Bags, settings: Parameters) -> None:
+def _refuse_empty(done: Replayed, bags: Bags, read: CrankInput) -> None:
     """Refuse a log without predictions, and explain why there are none."""
     if done.predictions:
         return
-    if done.joints:
-        missing = settings.crank_input().explain_missing(done.topic, sorted(done.joints))
+    if done.names:
+        missing = read.reader.explain_missing(done.topic, sorted(done.names))
         raise ReplayError(f"{bag_paths(bags)}: {missing}")
     raise ReplayError(
         f"{bag_paths(bags)} has no reading of the hitch on {done.topic} that can be used: "
@@ -372,7 +412,7 @@ def _monitor(
 ) -> ResonanceMonitor | None:
     """Return a monitor of resonance; None if no speed is known."""
     fixed = {source: settings.fixed_speed(source) for source in Source}
-    if set(fixed.values()) == {None} and not topics.keys() & SPEEDS.keys():
+    if set(fixed.values()) == {None} and topics.keys() == {HITCH}:
         return None
     excitations = read_excitations(settings.excitation_path())
     levels = LevelTable(served.predictor, served.mechanism, excitations)

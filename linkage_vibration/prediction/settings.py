@@ -9,16 +9,31 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Any, TypeVar, cast
+from typing import Any, TypeVar
 
 import yaml
 
 from linkage_vibration.bags.recorder import Limits
+from linkage_vibration.bags.schemas import Schema
 from linkage_vibration.bags.writing import COMPRESSIONS
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.prediction.excitation import Source
-from linkage_vibration.prediction.inputs import INPUTS, PercentInput
-from linkage_vibration.prediction.inputs.crank_input import CrankInput, InputError
+from linkage_vibration.prediction.inputs.presets import ENGINE, GROUND, HITCH, PRESETS, PTO
+from linkage_vibration.prediction.inputs.sources import (
+    TIMES,
+    CrankInput,
+    SourceSettings,
+    SpeedInput,
+)
+from linkage_vibration.prediction.inputs.units import (
+    ANGLES,
+    CALIBRATED,
+    ROTATIONS,
+    SPEEDS,
+    Calibration,
+    HitchScale,
+    InputError,
+)
 from linkage_vibration.prediction.resonance import WarningLimits
 from linkage_vibration.support.resources import (
     DEFAULT_EXCITATIONS,
@@ -41,12 +56,13 @@ TYPE_NAMES = {
 NODE_NAME = "linkage_vibration"
 
 DEPRECATED = {"percent_points": (0.0, 100.0), "percent_angles": (3.14159, 1.5708)}
-"""The lists that release 1.0.0 had instead of the pairs of `percent_calibration`, and their
-defaults."""
+"""The lists that release 1.0.0 had instead of the pairs of `calibration`, and their defaults."""
 
 ROS_PARAMETERS = ("qos_overrides", "start_type_description_service", "use_sim_time")
 """The parameters that ROS 2 gives every node."""
 
+_UNITS = {HITCH: (*ANGLES, *CALIBRATED), ENGINE: ROTATIONS, PTO: ROTATIONS, GROUND: SPEEDS}
+_TYPE_NAME = re.compile(r"[a-z][a-z0-9_]*/(msg/)?[A-Z][A-Za-z0-9]*")
 _TOPIC_NAME = re.compile(r"(~/|/)?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*")
 
 
@@ -102,10 +118,109 @@ def _is_limit(value: Any) -> bool:
 
 def _speed(source: Source) -> float:
     """Return the field of a speed that may be fixed."""
-    name = "PTO" if source is Source.PTO else source.value
-    topic = f"`{source.value}_speed` (std_msgs/Float64)"
-    description = f"Fixed {name} speed. If negative, the speed is read from {topic}."
+    name = source.value
+    description = (
+        f"Fixed {_NAMES[name]} speed. If negative, the speed is read as `{name}_input` says."
+    )
     return _parameter(-1.0, source.unit, "a finite number", description, math.isfinite)
+
+
+_NAMES = {HITCH: "hitch", ENGINE: "engine", PTO: "PTO", GROUND: "ground"}
+
+
+def _preset(name: str) -> str:
+    """Return the field of the preset of an input."""
+    presets = PRESETS[name]
+    listing = "; ".join(
+        f"`{key}` is the {one.field.replace('{joint_name}', 'joint_name')} of {one.type} on "
+        f"`{one.topic}`, in {one.unit}"
+        for key, one in presets.items()
+    )
+    what = "crank angle" if name == HITCH else f"{_NAMES[name]} speed"
+    return _parameter(
+        next(iter(presets)),
+        "",
+        " or ".join(presets),
+        f"What publishes the {what}: {listing}. Other parameters of the input override it.",
+        presets.__contains__,
+    )
+
+
+def _override(name: str, what: str, valid: str, check: Callable[[str], Any]) -> str:
+    """Return the field of a text that overrides what the preset of an input says."""
+    return _parameter(
+        "",
+        "",
+        f"{valid}, or empty",
+        f"{what} of the {_NAMES[name]} input. If it is empty, the preset decides.",
+        lambda value: not value or bool(check(value)),
+    )
+
+
+def _topic(name: str) -> str:
+    return _override(name, "Topic", "the name of a topic", _TOPIC_NAME.fullmatch)
+
+
+def _type(name: str) -> str:
+    what = "Type of the messages"
+    return _override(name, what, "a type such as nav_msgs/msg/Odometry", _TYPE_NAME.fullmatch)
+
+
+def _field(name: str) -> str:
+    valid = "a path such as twist.twist.linear.x, position[boom] or data[0]"
+    return _override(name, "Path to the number in the messages", valid, str.isprintable)
+
+
+def _unit(name: str) -> str:
+    units = _UNITS[name]
+    return _override(name, "Unit of the number", " or ".join(units), units.__contains__)
+
+
+def _time(name: str) -> str:
+    """Return the field of the origin of an input's time."""
+    usual = "receipt" if name != HITCH else "header, or receipt for messages without a header"
+    return _parameter(
+        "",
+        "",
+        f"{' or '.join(TIMES)}, or empty",
+        f"Origin of the time of the {_NAMES[name]} input: the stamp in the header of its messages, "
+        f"or their receipt, which is the log time of a bag. If it is empty, {usual}.",
+        lambda value: value in ("", *TIMES),
+    )
+
+
+def _delay(name: str) -> float:
+    """Return the field of an input's known delay."""
+    description = (
+        f"Known time from the moment of a value of the {_NAMES[name]} input to its receipt."
+    )
+    return _ranged(0.0, 0.0, 10.0, "s", f"{description} It is subtracted from the time of receipt.")
+
+
+def _sign(description: str) -> int:
+    return _parameter(1, "1", "1 or -1", description, lambda sign: sign in (1, -1))
+
+
+def _scale(unit: str, description: str) -> float:
+    valid = "a finite number greater than 0"
+    return _parameter(1.0, unit, valid, description, lambda scale: 0.0 < scale < math.inf)
+
+
+def _offset(unit: str, description: str) -> float:
+    return _parameter(0.0, unit, "a finite number", description, math.isfinite)
+
+
+def _speed_sign(name: str) -> int:
+    return _sign(f"Sign of the {_NAMES[name]} speed: speed = sign * scale * number + offset.")
+
+
+def _speed_scale(name: str) -> float:
+    unit = f"{name}_unit per unit of the number"
+    return _scale(unit, f"Change of the {_NAMES[name]} speed per unit of the number.")
+
+
+def _speed_offset(name: str) -> float:
+    return _offset(f"{name}_unit", f"The {_NAMES[name]} speed at the number 0.")
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,54 +233,42 @@ class Parameters:
     autostart: bool = _switch(
         True, "Configure and activate the node at start, without a lifecycle manager."
     )
-    input: str = _parameter(
-        "joint_state",
-        "",
-        " or ".join(INPUTS),
-        "The source of the crank angle: a joint on `joint_states`, or the hitch position in "
-        "percent on `hitch_position` (std_msgs/Float64, from 0 for down to 100 for up).",
-        lambda value: value in INPUTS,
-    )
+    input: str = _preset(HITCH)
     joint_name: str = _parameter(
         "hitch_rockshaft_joint",
         "",
         "the name of a joint",
-        "Name of the joint that turns the input crank.",
+        "Name of the joint that turns the input crank, for the preset `joint_states`.",
         lambda name: name != "",
     )
-    sign: int = _parameter(
-        1,
-        "1",
-        "1 or -1",
-        "Direction of the joint: crank angle = sign * scale * position + offset.",
-        lambda sign: sign in (1, -1),
+    hitch_topic: str = _topic(HITCH)
+    hitch_type: str = _type(HITCH)
+    hitch_field: str = _field(HITCH)
+    hitch_unit: str = _unit(HITCH)
+    sign: int = _sign(
+        "Direction of the hitch input: position = sign * scale * number + offset. A position in "
+        "rad or deg is the crank angle; another one is looked up in `calibration`."
     )
-    scale: float = _parameter(
-        1.0,
-        "rad per unit of position",
-        "a finite number greater than 0",
-        "Change of the crank angle per unit of joint position.",
-        lambda scale: 0.0 < scale < math.inf,
-    )
-    offset: float = _parameter(
-        0.0, "rad", "a finite number", "Crank angle at joint position 0.", math.isfinite
-    )
-    percent_calibration: tuple[float, ...] = _parameter(
+    scale: float = _scale("hitch_unit per unit of the number", "Change of the position per number.")
+    offset: float = _offset("hitch_unit", "Position at the number 0.")
+    calibration: tuple[float, ...] = _parameter(
         (0.0, 3.14159, 100.0, 1.5708),
-        "%, rad",
-        "a position and an angle in turn, from 0 to 100 %",
-        "Pairs of a hitch position (%) and the crank angle there (rad), one pair after the other. "
-        "The positions ascend from 0 to 100, and the angles all ascend or all descend; a monotone "
-        "curve connects them.",
-        lambda pairs: PercentInput(pairs) is not None,
+        "hitch_unit, rad",
+        "a position and an angle in turn, all ascending or all descending angles",
+        "Pairs of a hitch position and the crank angle there (rad), one pair after the other, for "
+        "positions in percent (from 0 to 100), in m (such as the stroke of a cylinder), or in any "
+        "other unit. A monotone curve connects them.",
+        lambda pairs: Calibration(pairs) is not None,
     )
+    hitch_time: str = _time(HITCH)
+    hitch_delay: float = _delay(HITCH)
     angle_stddev: float = _ranged(
         0.0,
         0.0,
         1.0,
         "rad",
         "Standard deviation of the crank angle, from which that of the frequencies follows. With "
-        "the input `percent`, the uncertainty of its steps of 0.4 % is added.",
+        "positions in percent, the uncertainty of their steps of 0.4 % is added.",
     )
     mechanism_file: str = _text(
         "the path of a YAML file",
@@ -182,8 +285,38 @@ class Parameters:
         "The excitations. If it is empty, the excitations of the package are used.",
     )
     engine_speed: float = _speed(Source.ENGINE)
+    engine_input: str = _preset(ENGINE)
+    engine_topic: str = _topic(ENGINE)
+    engine_type: str = _type(ENGINE)
+    engine_field: str = _field(ENGINE)
+    engine_unit: str = _unit(ENGINE)
+    engine_sign: int = _speed_sign(ENGINE)
+    engine_scale: float = _speed_scale(ENGINE)
+    engine_offset: float = _speed_offset(ENGINE)
+    engine_time: str = _time(ENGINE)
+    engine_delay: float = _delay(ENGINE)
     pto_speed: float = _speed(Source.PTO)
+    pto_input: str = _preset(PTO)
+    pto_topic: str = _topic(PTO)
+    pto_type: str = _type(PTO)
+    pto_field: str = _field(PTO)
+    pto_unit: str = _unit(PTO)
+    pto_sign: int = _speed_sign(PTO)
+    pto_scale: float = _speed_scale(PTO)
+    pto_offset: float = _speed_offset(PTO)
+    pto_time: str = _time(PTO)
+    pto_delay: float = _delay(PTO)
     ground_speed: float = _speed(Source.GROUND)
+    ground_input: str = _preset(GROUND)
+    ground_topic: str = _topic(GROUND)
+    ground_type: str = _type(GROUND)
+    ground_field: str = _field(GROUND)
+    ground_unit: str = _unit(GROUND)
+    ground_sign: int = _speed_sign(GROUND)
+    ground_scale: float = _speed_scale(GROUND)
+    ground_offset: float = _speed_offset(GROUND)
+    ground_time: str = _time(GROUND)
+    ground_delay: float = _delay(GROUND)
     warning_level: float = _ranged(
         5.0,
         1e-6,
@@ -285,10 +418,87 @@ class Parameters:
         lambda name: name != "",
     )
 
-    def crank_input(self) -> CrankInput:
-        """Return the chosen input with its parameters."""
-        kind: Any = INPUTS[self.input]
-        return cast(CrankInput, kind(**{f.name: getattr(self, f.name) for f in fields(kind)}))
+    def speed_sources(self) -> dict[Source, SourceSettings]:
+        """Return where the speeds come from, unless they are fixed."""
+        return {source: self.source(source.value) for source in Source}
+
+    def crank_input(self, schema: Schema) -> CrankInput:
+        """Return the input of the crank angle.
+
+        Parameters
+        ----------
+        schema : Schema
+            The fields of the type of its messages.
+        """
+        return CrankInput(self.source(HITCH), schema, self._hitch_scale())
+
+    def speed_input(self, source: Source, schema: Schema) -> SpeedInput:
+        """Return the input of a speed.
+
+        Parameters
+        ----------
+        source, schema : Source, Schema
+            The speed, and the fields of the type of its messages.
+        """
+        name = source.value
+        factor = {**ROTATIONS, **SPEEDS}[self._chosen(name, "unit")]
+        sign, scale, offset = (
+            getattr(self, f"{name}_{each}") for each in ("sign", "scale", "offset")
+        )
+        return SpeedInput(self.source(name), schema, factor, sign, scale, offset)
+
+    def check_inputs(self) -> None:
+        """Refuse parameters of inputs that do not fit each other.
+
+        Raises
+        ------
+        ParameterError
+            If the calibration does not belong to the unit, or a delay to the origin of the time.
+        """
+        try:
+            self._hitch_scale()
+        except InputError as error:
+            raise ParameterError(f"Parameter {error}") from None
+        for name in PRESETS:
+            if getattr(self, f"{name}_time") == "header" and getattr(self, f"{name}_delay"):
+                raise ParameterError(
+                    f"Parameter {name}_delay is subtracted from the time of receipt, but "
+                    f"{name}_time is header; write `{name}_time: receipt`, or remove the delay."
+                )
+
+    def source(self, name: str) -> SourceSettings:
+        """Return where an input comes from: "hitch", "engine", "pto" or "ground"."""
+        preset = PRESETS[name][self._preset_of(name)]
+        kind, own = self._chosen(name, "type"), not self._own(name, "field")
+        field = self._chosen(name, "field").replace("{joint_name}", self.joint_name)
+        package, _, last = kind.rpartition("/")
+        return SourceSettings(
+            name,
+            self._chosen(name, "topic"),
+            f"{package.removesuffix('/msg')}/msg/{last}",
+            field,
+            self._own(name, "time"),
+            getattr(self, f"{name}_delay"),
+            preset.low if own else -math.inf,
+            preset.high if own else math.inf,
+            bool(self._own(name, "topic")),
+        )
+
+    def _hitch_scale(self) -> HitchScale:
+        unit, calibration = self._chosen(HITCH, "unit"), Calibration(self.calibration)
+        return HitchScale(unit, self.sign, self.scale, self.offset, calibration, self.angle_stddev)
+
+    def _preset_of(self, name: str) -> str:
+        return self.input if name == HITCH else str(getattr(self, f"{name}_input"))
+
+    def _own(self, name: str, what: str) -> str:
+        """Return what a parameter of an input says; empty if it says nothing."""
+        return str(getattr(self, f"{name}_{what}"))
+
+    def _chosen(self, name: str, what: str) -> str:
+        """Return what a parameter of an input says, or else its preset."""
+        preset = PRESETS[name][self._preset_of(name)]
+        return self._own(name, what) or str(getattr(preset, what))
 
     def fixed_speed(self, source: Source) -> float | None:
         """Return a fixed speed (rpm or m/s), or None if the speed is read from its topic."""
@@ -388,9 +598,12 @@ def with_values(parameters: Parameters, values: Mapping[str, object]) -> Paramet
     Raises
     ------
     ParameterError
-        If a parameter does not exist, or a value has another type or is invalid.
+        If a parameter does not exist, if a value has another type or is invalid, or if parameters
+        of an input do not fit each other.
     """
-    return replace(parameters, **{name: check_value(name, v) for name, v in values.items()})
+    changed = replace(parameters, **{name: check_value(name, v) for name, v in values.items()})
+    changed.check_inputs()
+    return changed
 
 
 def is_own(name: str) -> bool:
@@ -399,7 +612,9 @@ def is_own(name: str) -> bool:
 
 
 def with_pairs(given: Mapping[str, object]) -> dict[str, object]:
-    """Return values in which the pairs of a calibration replace the two lists of release 1.0.0.
+    """Return values in which the calibration has its present name and form.
+
+    Release 1.0.0 had two lists instead of pairs.
 
     Raises
     ------
@@ -407,6 +622,8 @@ def with_pairs(given: Mapping[str, object]) -> dict[str, object]:
         If the lists are not lists of the same length.
     """
     values = dict(given)
+    if "percent_calibration" in values:
+        values.setdefault("calibration", values.pop("percent_calibration"))
     old = {name: values.pop(name) for name in DEPRECATED if name in values}
     if not old:
         return values
@@ -416,9 +633,9 @@ def with_pairs(given: Mapping[str, object]) -> dict[str, object]:
     except (TypeError, ValueError):
         raise ParameterError(
             f"Parameters {' and '.join(DEPRECATED)} must be lists of the same length; give pairs "
-            "in percent_calibration instead."
+            "in calibration instead."
         ) from None
-    return {"percent_calibration": pairs, **values}
+    return {"calibration": pairs, **values}
 
 
 def ask_for(name: str, known: Iterable[str]) -> str:
@@ -462,6 +679,8 @@ def own_value(name: str, value: Any) -> Any:
     """
     if name == "marker_mode" and type(value) is int:
         return str(value)
+    if name == "input" and value == "joint_state":
+        return "joint_states"  # its name in earlier files and logs
     kinds = {parameter.name: type(parameter.default) for parameter in fields(Parameters)}
     return own_type(kinds.get(name, object), value)
 

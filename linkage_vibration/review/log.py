@@ -25,13 +25,14 @@ from linkage_vibration.bags.message_columns import (
     read_columns,
     topic_types,
 )
+from linkage_vibration.bags.message_types import FLOAT64
 from linkage_vibration.bags.reading import mcap_files
 from linkage_vibration.drawing.intervals import gap_starts, in_passes, one_after_the_other
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.messages.provenance import EXCITATIONS, PARAMETERS
-from linkage_vibration.messages.topics import PREDICTION, RESONANCE, SPEEDS
+from linkage_vibration.messages.topics import PREDICTION, RESONANCE
 from linkage_vibration.prediction.excitation import Excitation, Source, excitations_from_mapping
 from linkage_vibration.prediction.predictor import Status
 from linkage_vibration.prediction.resonance import ResonanceState
@@ -209,9 +210,9 @@ def read_log(path: str | Path) -> Log:
     topics = [first_topic(types, kind) for kind in (PREDICTION, RESONANCE)]
     speeds = {
         topic: source
-        for name, source in SPEEDS.items()
+        for source in Source
         for topic, kind in types.items()
-        if topic.endswith(f"/{name}") and kind == "std_msgs/msg/Float64"
+        if topic.endswith(f"/{source.value}_speed") and kind == FLOAT64
     }
     wanted = {topic: types[topic] for topic in [*topics, *speeds] if topic}
     columns = read_columns(path, wanted, as_written=True, unused=_UNUSED)

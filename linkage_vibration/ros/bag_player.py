@@ -15,11 +15,12 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.signals import SignalHandlerOptions
 
-from linkage_vibration.bags.streams import open_bags
+from linkage_vibration.bags.message_types import FLOAT64
+from linkage_vibration.bags.streams import Bags, open_bags
 from linkage_vibration.bags.writing import QUEUE_DEPTH
 from linkage_vibration.playback.remapping import choose_topics
-from linkage_vibration.prediction.inputs import INPUTS
-from linkage_vibration.prediction.settings import Parameters
+from linkage_vibration.prediction.inputs.presets import HITCH, PRESETS
+from linkage_vibration.prediction.settings import Parameters, with_values
 from linkage_vibration.ros.command_line import start_errors
 from linkage_vibration.ros.endpoints import message_class
 from linkage_vibration_interfaces.msg import TableInfo, VibrationPrediction
@@ -49,19 +50,18 @@ def play_bag(path: Path, remaps: Mapping[str, str], report: Callable[[str], None
         Number of messages published.
     """
     with open_bags([path]) as bags, _node("linkage_vibration_play") as node:
-        types = {topic.type for topic in bags.topics if topic.count}
-        inputs = [name for name, kind in INPUTS.items() if kind.topic in remaps]
-        inputs += [name for name, kind in INPUTS.items() if kind.type in types]
-        topics = choose_topics(bags, Parameters(input=[*inputs, "joint_state"][0]), remaps)
+        settings = _settings(bags, remaps)
+        topics = choose_topics(bags, settings, remaps)
+        names = {name: settings.source(name).topic for name in topics}
         publishers = [
-            node.create_publisher(message_class(topic.type), name, QUEUE_DEPTH)
+            node.create_publisher(message_class(topic.type), names[name], QUEUE_DEPTH)
             for name, topic in topics.items()
         ]
         report(f"Waiting for a subscriber of {publishers[0].topic_name}.")
         while not publishers[0].get_subscription_count():
             time.sleep(0.05)
         time.sleep(SETTLING)
-        report(f"Playing {', '.join(topics)} of {path}.")
+        report(f"Playing {', '.join(names.values())} of {path}.")
         count, offset = 0, None
         for block in bags.blocks([topic.name for topic in topics.values()]):
             for row, log_time in enumerate(block.log_times.tolist()):
@@ -76,6 +76,23 @@ def play_bag(path: Path, remaps: Mapping[str, str], report: Callable[[str], None
         for publisher in publishers:
             publisher.wait_for_all_acked()
     return count
+
+
+def _settings(bags: Bags, remaps: Mapping[str, str]) -> Parameters:
+    """Return parameters whose presets are those of the topics in bags."""
+    topics = {(topic.name, topic.type) for topic in bags.topics if topic.count}
+    types = {kind for _, kind in topics if kind != FLOAT64}
+    chosen: dict[str, object] = {}
+    for name, presets in PRESETS.items():
+        there = [key for key, one in presets.items() if one.topic in remaps]
+        there += [
+            key
+            for key, one in presets.items()
+            if one.type in types or (f"/{one.topic}", one.type) in topics
+        ]
+        if there:
+            chosen["input" if name == HITCH else f"{name}_input"] = there[0]
+    return with_values(Parameters(), chosen)
 
 
 def watch(node_name: str, show: Callable[[Any], None], report: Callable[[str], None]) -> None:

@@ -148,6 +148,7 @@ class Throttle:
     def __init__(self, logger: RcutilsLogger) -> None:
         self._logger = logger
         self._next: dict[str, float] = {}
+        self._lasting: set[str] = set()
 
     def warn(self, subject: str, text: str) -> None:
         """Log a warning, unless there was one about the same subject just before.
@@ -161,3 +162,17 @@ class Throttle:
         if now >= self._next.get(subject, 0.0):
             self._next[subject] = now + WARN_PERIOD
             self._logger.warning(text)
+
+    def report(self, subject: str, problem: str) -> None:
+        """Log a problem once, until it has ended.
+
+        Parameters
+        ----------
+        subject, problem : str
+            What has the problem, and a sentence about it; empty if there is none.
+        """
+        if problem and subject not in self._lasting:
+            self._lasting.add(subject)
+            self._logger.warning(problem)
+        elif not problem:
+            self._lasting.discard(subject)

@@ -40,9 +40,10 @@ from linkage_vibration.ros.diagnostics import Health, Statistics, status
 from linkage_vibration.ros.endpoints import Throttle, advertise, publisher
 from linkage_vibration.ros.interface_check import check_interfaces
 from linkage_vibration.ros.listener import Listener
+from linkage_vibration.ros.live_inputs import LiveTopic, live_topics
 from linkage_vibration.ros.log_control import Recording
 from linkage_vibration.ros.markers import Markers
-from linkage_vibration.ros.message_path import Predicting, own_topics
+from linkage_vibration.ros.message_path import Predicting, input_topics, output_topics
 from linkage_vibration.ros.parameter_server import changed, declare_parameters, new_values
 from linkage_vibration.ros.precedence import rest
 from linkage_vibration.ros.services import Services
@@ -140,12 +141,19 @@ class LinkageVibrationNode(LifecycleNode):
         """
         asked, configured = new_values(self, parameter_list), self._served is not None
         settings, result = changed(self._settings, asked, configured=configured)
+        topics: dict[str, LiveTopic] = {}
+        if result.successful and configured:
+            try:
+                topics = live_topics(settings, self.resolve_topic_name)
+                input_topics(topics)  # which need their definitions
+            except LinkageVibrationError as error:
+                result = SetParametersResult(successful=False, reason=str(error))
         if result.successful and asked:
             result = super().set_parameters_atomically(asked)
         if result.successful:
             for parameter in parameter_list:
                 self._faults.pop(parameter.name, None)
-            self._apply(settings)
+            self._apply(settings, topics)
         return result
 
     def set_parameters(self, parameter_list: "list[Parameter[Any]]") -> list[SetParametersResult]:
@@ -279,7 +287,8 @@ class LinkageVibrationNode(LifecycleNode):
         levels = LevelTable(served.predictor, served.mechanism, excitations)
         if sharp := never_warned(served.predictor, settings.warning_probability):
             self.get_logger().warning(sharp)
-        topics = own_topics(self)
+        inputs = live_topics(settings, self.resolve_topic_name)
+        topics = [*input_topics(inputs), *output_topics(self)]
         extra_topics = self._extra_topics() - {topic.name for topic in topics}
         provenance = self._provenance(served)
         recorder = Recorder(folder, topics, provenance, settings.limits(), settings.compression)
@@ -290,6 +299,7 @@ class LinkageVibrationNode(LifecycleNode):
             self._listener,
             *self._outputs,
             settings,
+            inputs,
             served.predictor,
             ResonanceMonitor(excitations, levels=levels),
             recording.write,
@@ -392,8 +402,8 @@ class LinkageVibrationNode(LifecycleNode):
         facts = {"table_id": served.table.table_id, "mechanism": served.mechanism.name}
         return Provenance(files, {**package_versions(), **facts})
 
-    def _apply(self, settings: Parameters) -> None:
-        """Use other parameters from now on."""
+    def _apply(self, settings: Parameters, topics: dict[str, LiveTopic]) -> None:
+        """Use other parameters from now on, with the topics of their inputs."""
         before, self._settings = self._settings, settings
         if settings.service_events != before.service_events:
             self._publish_service_events()
@@ -403,7 +413,9 @@ class LinkageVibrationNode(LifecycleNode):
         if without_markers(self._settings) != without_markers(before):
             provenance = self._provenance(self._serving())
             with self._listener.paused():
-                self._predicting.apply(self._settings)
+                for topic in input_topics(topics):
+                    self._recording.recorder.add_topic(topic)
+                self._predicting.apply(self._settings, topics)
                 self._recording.recorder.change_provenance(provenance)
 
     def _on_second(self) -> None:

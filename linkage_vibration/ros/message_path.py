@@ -5,24 +5,20 @@
 import math
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from functools import partial
-from typing import Any
+from typing import Any, TypeVar
 
 from rclpy.node import Node
-from std_msgs.msg import Float64
 
-from linkage_vibration.bags.joint_states import CdrError
+from linkage_vibration.bags.numbers import CdrError, ReadingError
 from linkage_vibration.bags.writing import Topic
 from linkage_vibration.messages.encoding import encode_prediction, encode_resonance
-from linkage_vibration.messages.topics import INPUT_TOPICS, OUTPUT_TOPICS, SPEEDS, log_topic
+from linkage_vibration.messages.topics import OUTPUT_TOPICS, log_topic
 from linkage_vibration.prediction.excitation import Source
-from linkage_vibration.prediction.inputs import INPUTS
-from linkage_vibration.prediction.inputs.crank_input import (
-    CrankInput,
-    Reading,
-    ReadingError,
-    read_float,
-)
+from linkage_vibration.prediction.inputs.presets import HITCH
+from linkage_vibration.prediction.inputs.sources import CrankInput, Stamped
+from linkage_vibration.prediction.inputs.units import Reading
 from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.prediction.motion import Rate, crank_filter, crank_resolution
 from linkage_vibration.prediction.predictor import Prediction, Predictor, Status, fault
@@ -31,20 +27,24 @@ from linkage_vibration.prediction.settings import Parameters
 from linkage_vibration.ros.diagnostics import Statistics
 from linkage_vibration.ros.endpoints import MessageInfo, Throttle, message_class
 from linkage_vibration.ros.listener import Listener
+from linkage_vibration.ros.live_inputs import LiveTopic
 
 MISSING_AFTER = 5.0  # s without the joint, before a warning says that it is missing
 MAX_NAMES = 20  # of other joints, in that warning
 
+_Found = TypeVar("_Found")
 _Message = tuple[str, bytes, int, MessageInfo]  # topic, bytes, time of receipt (ns), origin
 
 
-def own_topics(node: Node) -> list[Topic]:
-    """Return all topics that `Predicting` receives or publishes, as a log describes them."""
-    return [
-        log_topic(node.resolve_topic_name(topic.name), topic.type)
-        for topic in (*INPUT_TOPICS, *OUTPUT_TOPICS)
-        if topic.logged
-    ]
+def input_topics(topics: dict[str, LiveTopic]) -> list[Topic]:
+    """Return the topics of the inputs as a log describes them."""
+    return [log_topic(topic.name, topic.type) for topic in topics.values()]
+
+
+def output_topics(node: Node) -> list[Topic]:
+    """Return the topics of the answers as a log describes them."""
+    logged = [topic for topic in OUTPUT_TOPICS if topic.logged]
+    return [log_topic(node.resolve_topic_name(topic.name), topic.type) for topic in logged]
 
 
 class Predicting:
@@ -60,6 +60,8 @@ class Predicting:
         The publishers of both topics.
     settings : Parameters
         The parameters at the start; `apply` changes them while the listener is paused.
+    topics : dict of str to LiveTopic
+        The topics of the inputs by their names.
     predictor : Predictor
         Looks up the table.
     monitor : ResonanceMonitor
@@ -85,6 +87,7 @@ class Predicting:
         predictions: Any,
         resonances: Any,
         settings: Parameters,
+        topics: dict[str, LiveTopic],
         predictor: Predictor,
         monitor: ResonanceMonitor,
         record: Callable[..., None],
@@ -97,32 +100,41 @@ class Predicting:
         self.resonance: Resonance | None = None
         self._clock, self._listener = node.get_clock(), listener
         self._monitor, self._record, self._show = monitor, record, show
-        self._settings, self._statistics, self._throttle = settings, statistics, throttle
-        self._input: CrankInput
+        self._statistics, self._throttle = statistics, throttle
+        self._topics: dict[str, LiveTopic] = {}
+        self._crank: CrankInput
         self._subscribed = False
         self._other_names: set[str] = set()
         self._began = 0.0
-        self._input_topics = {i: node.resolve_topic_name(i.topic) for i in INPUTS.values()}
-        self._speed_topics = {s: node.resolve_topic_name(n) for n, s in SPEEDS.items()}
         self._predictions, self._prediction_topic = predictions, predictions.topic_name
         self._resonances, self._resonance_topic = resonances, resonances.topic_name
-        self.apply(settings)
+        self.apply(settings, topics)
 
     @property
     def input_name(self) -> str:
         """The input, as messages name it."""
-        return self._input.describe(self._input_topics[type(self._input)])
+        return self._crank.describe(self._crank_topic)
 
-    def apply(self, settings: Parameters) -> None:
-        """Use other parameters from now on."""
-        monitor, other_input = self._monitor, settings.input != self._settings.input
-        self._settings, self._input = settings, settings.crank_input()
+    def apply(self, settings: Parameters, topics: dict[str, LiveTopic]) -> None:
+        """Use other parameters from now on.
+
+        Parameters
+        ----------
+        settings : Parameters
+        topics : dict of str to LiveTopic
+            The topics of their inputs.
+        """
+        monitor, before = self._monitor, {(t.name, t.type) for t in self._topics.values()}
+        self._settings, self._topics = settings, topics
+        self._crank_topic, crank = next((t.name, t.crank) for t in topics.values() if t.crank)
+        assert crank is not None
+        self._crank = crank
         self._motion = crank_filter()  # another calibration is not a motion
         monitor.limits = settings.warning_limits()
         monitor.stale_after = settings.stale_after
         for source in Source:
             monitor.set_fixed(source, settings.fixed_speed(source))
-        if other_input and self._subscribed:
+        if before != {(t.name, t.type) for t in topics.values()} and self._subscribed:
             self.unsubscribe()
             self.subscribe()
 
@@ -140,11 +152,9 @@ class Predicting:
         """Answer messages as soon as the listener starts."""
         self._began, self._subscribed = time.monotonic(), True
         self._statistics.last_reading = math.nan
-        kind = type(self._input)
-        message_type, topic = message_class(kind.type), self._input_topics[kind]
-        for source, name in self._speed_topics.items():
-            self._listener.subscribe(Float64, name, partial(self._on_speed, source, name))
-        self._listener.subscribe(message_type, topic, partial(self._on_reading, kind))
+        for topic in self._topics.values():
+            on_message = partial(self._on_message, topic.name, topic.type)
+            self._listener.subscribe(message_class(topic.type), topic.name, on_message)
 
     def unsubscribe(self) -> None:
         """Answer no more messages, once the listener has stopped."""
@@ -158,58 +168,67 @@ class Predicting:
         last = self._statistics.last_reading
         quiet = now - (self._began if math.isnan(last) else last)
         if quiet > MISSING_AFTER and self._subscribed:
-            topic = self._input_topics[type(self._input)]
-            explained = self._input.explain_missing(topic, sorted(self._other_names))
+            names = sorted(self._other_names)
+            explained = self._crank.reader.explain_missing(self._crank_topic, names)
             if explained:
                 silence = f"No reading for more than {MISSING_AFTER:g} s: "
                 self._throttle.warn("missing", silence + explained)
 
-    def _on_reading(self, kind: type[CrankInput], data: bytes, info: MessageInfo) -> None:
+    def _on_message(self, name: str, kind: str, data: bytes, info: MessageInfo) -> None:
         began, received = time.monotonic(), self._now()
-        self._statistics.received += 1
-        if kind is not type(self._input):
-            return  # it arrived before the input was changed
-        topic = self._input_topics[kind]
+        topic = self._topics.get(name)
+        if topic is None or topic.type != kind:
+            return  # it arrived before the inputs were changed
+        message, used = (name, data, received, info), False
+        for source, speed in topic.speeds:
+            found = self._read(speed.read_one, message)
+            if found is not None:
+                used = True
+                self._take_speed(source, *found, speed.describe(name))
+        if topic.crank is not None:
+            self._statistics.received += 1
+            reading = self._read(topic.crank.read_one, message)
+            if reading is not None:
+                self._other_names.clear()
+                self._answer(reading, message, began)
+                return  # with its answers, the message is recorded
+            # Several nodes may share the topic; `report_missing` warns if none sends the joint.
+            if len(self._other_names) < MAX_NAMES:
+                self._add_other_names(topic.crank, data)
+        if used:
+            self._record(*message)
+
+    def _read(
+        self, read: Callable[[bytes, int], _Found | None], message: _Message
+    ) -> _Found | None:
+        """Return what an input reads from a message; None if there is nothing, after a warning."""
+        topic, data, received, _ = message
         try:
-            message = self._input.decode(data)
-            reading = self._input.reading(message)
+            return read(data, received)
         except ReadingError as error:
             self._throttle.warn("reading", str(error))
-            return
         except CdrError as error:
             problem = f"A message of {len(data)} bytes on {topic} is not valid CDR: {error}."
             self._throttle.warn("bytes", problem)
-            return
-        if reading is None:
-            # Several nodes may share the topic; `report_missing` warns if none sends the joint.
-            if len(self._other_names) < MAX_NAMES:
-                self._other_names.update(self._input.other_names(message))
-            return
-        if self._other_names:
-            self._other_names.clear()
-        header = self._input.header(message, received)
-        self._answer(reading, *header, (topic, data, received, info), began)
+        return None
+
+    def _add_other_names(self, crank: CrankInput, data: bytes) -> None:
+        with suppress(CdrError):
+            self._other_names.update(crank.reader.other_names(data))
 
     def _now(self) -> int:
         """Return the time of the node's clock, ns, without rclpy in a third of the time."""
         return self._clock.now().nanoseconds if self._clock.ros_time_is_active else time.time_ns()
 
-    def _on_speed(self, source: Source, topic: str, data: bytes, info: MessageInfo) -> None:
-        received = self._now()
-        try:
-            value = read_float(data)
-        except CdrError as error:
-            problem = f"A message of {len(data)} bytes on {topic} is not valid CDR: {error}."
-            self._throttle.warn("bytes", problem)
-            return
+    def _take_speed(self, source: Source, value: float, at: int, words: str) -> None:
         if self._settings.fixed_speed(source) is None:
-            self._monitor.set_speed(source, value, received)
-        self._record(topic, data, received, info)
+            self._monitor.set_speed(source, value, at)
+        problem = f"{words} has no {source.value} speed now, so it is unknown."
+        self._throttle.report(source.value, problem if math.isnan(value) else "")
 
-    def _answer(
-        self, reading: Reading, sec: int, nanosec: int, frame: str, source: _Message, began: float
-    ) -> None:
+    def _answer(self, stamped: Stamped, source: _Message, began: float) -> None:
         """Predict and publish; then count, and record the message with its answers."""
+        reading, sec, nanosec, frame, at = stamped
         counts, received = self._statistics, source[2]
         prediction = self.predictor.predict(reading.crank_angle, reading.stddev)
         self.prediction = prediction
@@ -221,7 +240,7 @@ class Predicting:
         answers = [(self._prediction_topic, encoded)]
         velocity, error = self._velocity(reading, 10**9 * sec + nanosec)
         if self._monitor.any_speed_reported:
-            self.resonance = self._monitor.assess(prediction, velocity, received, error)
+            self.resonance = self._monitor.assess(prediction, velocity, at, error)
             encoded = encode_resonance(self.resonance, sec, nanosec, frame)
             self._resonances.publish(encoded)
             answers.append((self._resonance_topic, encoded))
@@ -230,9 +249,15 @@ class Predicting:
             self._show(reading.crank_angle)
         else:
             counts.without_numbers += 1
+        invalid = prediction.status is Status.INVALID_ANGLE
         if prediction.status is not Status.OK:
-            problem = fault(prediction, self.predictor.table.alpha3_range)
-            self._throttle.warn(prediction.status.name, f"{self.input_name}: {problem}.")
+            problem = f"{self.input_name}: {fault(prediction, self.predictor.table.alpha3_range)}."
+            if invalid:
+                self._throttle.report(HITCH, problem)
+            else:
+                self._throttle.warn(prediction.status.name, problem)
+        if not invalid:
+            self._throttle.report(HITCH, "")
 
     def _velocity(self, reading: Reading, stamp: int) -> Rate:
         """Return the velocity of the crank: as reported, or else as estimated."""

@@ -46,8 +46,8 @@ def declare_parameters(node: Node) -> tuple[Parameters, dict[str, ParameterError
     given = with_pairs({name: p.value for name, p in at_start.items() if is_own(name)})
     if DEPRECATED.keys() & at_start:
         node.get_logger().warning(
-            f"Parameters {' and '.join(DEPRECATED)} are deprecated; write `percent_calibration: "
-            f"{given['percent_calibration']}` instead."
+            f"Parameters {' and '.join(DEPRECATED)} are deprecated; write `calibration: "
+            f"{given['calibration']}` instead."
         )
     for name in filter(is_own, at_start):
         node.undeclare_parameter(name)
@@ -63,7 +63,12 @@ def declare_parameters(node: Node) -> tuple[Parameters, dict[str, ParameterError
         node.declare_parameter(name, values[name], _descriptor(parameter), ignore_override=True)
     for name, value in given.items():
         check_value(name, value)  # which raises, because no other parameter is left
-    return Parameters(**values), faults
+    found = Parameters(**values)
+    try:
+        found.check_inputs()
+    except ParameterError as error:
+        faults["calibration"] = error
+    return found, faults
 
 
 def _descriptor(parameter: Any) -> ParameterDescriptor:

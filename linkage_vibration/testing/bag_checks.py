@@ -22,7 +22,7 @@ from linkage_vibration.drawing.palette import COLOURS, GREY, INK
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.messages.topics import PREDICTION, RESONANCE
 from linkage_vibration.playback.replay import replay
-from linkage_vibration.prediction.inputs import INPUTS
+from linkage_vibration.prediction.inputs.presets import HITCH, PRESETS
 from linkage_vibration.prediction.predictor import Status
 from linkage_vibration.prediction.settings import Parameters
 from linkage_vibration.review.log import mode_label
@@ -232,7 +232,7 @@ def _signals(bag: Path, log: Path, limits: Limits) -> _Signals:
 
 def _latencies(bag: Path, log: Path, types: Mapping[str, str]) -> FloatArray:
     """Return how long after its reading each prediction was sent, s."""
-    names = [f"/{kind.topic}" for kind in INPUTS.values()]
+    names = [f"/{preset.topic}" for preset in PRESETS[HITCH].values()]
     with open_bags([log]) as bags:
         # A log lists all topics of the node, even those without messages.
         inputs = [topic.name for topic in bags.topics if topic.name in names and topic.count]

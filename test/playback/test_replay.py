@@ -27,7 +27,7 @@ from linkage_vibration.messages.topics import log_topic
 from linkage_vibration.playback.remapping import ReplayError, remappings
 from linkage_vibration.playback.replay import WhatIf, replay
 from linkage_vibration.prediction.excitation import Source
-from linkage_vibration.prediction.inputs import JointInput, PercentInput
+from linkage_vibration.prediction.inputs.units import Calibration, HitchScale
 from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.prediction.motion import crank_filter, crank_resolution
 from linkage_vibration.prediction.predictor import Predictor, Status
@@ -129,15 +129,15 @@ def test_same_as_one_by_one(tmp_path: Path) -> None:
     excitations = read_excitations(config_file("excitations.yaml"))
     levels = LevelTable(predictor, read_mechanism(config_file(DEFAULT_MECHANISM)), excitations)
     monitor = ResonanceMonitor(excitations, levels=levels)
-    rule = JointInput(JOINT, -1, 0.9, 4.6, 1e-3)
+    rule = HitchScale("rad", -1, 0.9, 4.6, angle_stddev=1e-3)
     sources = {"/engine_speed": Source.ENGINE, "/pto_speed": Source.PTO}
     predictions, resonances, statuses = [], [], set()
     for topic, _, time, message in entries:
         if topic in sources:
             monitor.set_speed(sources[topic], message.data, time)
             continue
-        reading = rule.reading(message)
-        assert reading is not None
+        at = message.name.index(JOINT)
+        reading = rule.reading(float(message.position[at]), float(message.velocity[at]))
         prediction = predictor.predict(reading.crank_angle, reading.stddev)
         statuses.add(prediction.status)
         header = message.header.stamp.sec, message.header.stamp.nanosec, "base"
@@ -246,12 +246,12 @@ def test_hitch_percent(tmp_path: Path) -> None:
     ]
     bag, log = write_mcap(tmp_path / "bag.mcap", entries), tmp_path / "log.mcap"
     calibration = (0.0, 3.0, 40.0, 2.4, 100.0, 1.7)
-    settings = Parameters(input="percent", percent_calibration=calibration)
+    settings = Parameters(input="percent", calibration=calibration)
     done = replay([bag], log, settings)
     predictor = Predictor(load_table(config_file(DEFAULT_TABLE)))
     expected = []
     for k, value in enumerate(values):
-        reading = PercentInput(calibration).angle_at(value)
+        reading = HitchScale("percent", calibration=Calibration(calibration)).reading(value)
         time = START + k * 10**8
         prediction = predictor.predict(reading.crank_angle, reading.stddev)
         expected.append((time, encode_prediction(prediction, *divmod(time, 10**9), "")))

@@ -5,53 +5,77 @@
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
+from rosbags.typesys import Stores, get_typestore
 
-from linkage_vibration.prediction.inputs import INPUTS, JointInput, PercentInput
-from linkage_vibration.prediction.inputs.crank_input import InputError, Reading, ReadingError
-from linkage_vibration.prediction.inputs.percent import PERCENT_STEP
-from linkage_vibration.prediction.settings import Parameters
+from linkage_vibration.bags.message_types import FLOAT64, JOINT_STATE
+from linkage_vibration.bags.numbers import Number, ReadingError
+from linkage_vibration.bags.schemas import schema_of_store
+from linkage_vibration.prediction.excitation import Source
+from linkage_vibration.prediction.inputs.joint_state import JointReader
+from linkage_vibration.prediction.inputs.presets import PRESETS
+from linkage_vibration.prediction.inputs.units import (
+    PERCENT_STEP,
+    Calibration,
+    HitchScale,
+    InputError,
+    Reading,
+)
+from linkage_vibration.prediction.settings import ParameterError, Parameters, with_values
+
+STORE = get_typestore(Stores.LATEST)
+JOINTS, FLOATS = (schema_of_store(STORE, kind) for kind in (JOINT_STATE, FLOAT64))
+RECEIVED = 1_700_000_000 * 10**9 + 5
 
 
-def state(names: list[str], positions: list[float], velocities: list[float] | None = None) -> Any:
-    """Return an object with the arrays of a joint state."""
-    return SimpleNamespace(name=names, position=positions, velocity=velocities or [])
+def state(names: list[str], positions: list[float], velocities: list[float] | None = None) -> bytes:
+    """Return a joint state in CDR."""
+    stamp = STORE.types["builtin_interfaces/msg/Time"](sec=3, nanosec=4)
+    header = STORE.types["std_msgs/msg/Header"](stamp=stamp, frame_id="base")
+    numbers = [np.array(each or [], float) for each in (positions, velocities, [])]
+    return bytes(
+        STORE.serialize_cdr(STORE.types[JOINT_STATE](header, names, *numbers), JOINT_STATE)
+    )
 
 
-def percent_input(percents: Sequence[float], angles: Sequence[float]) -> PercentInput:
-    """Return the input with these points of its calibration (%, rad)."""
-    return PercentInput(tuple(v for pair in zip(percents, angles, strict=True) for v in pair))
+def float64(value: float) -> bytes:
+    """Return a number in CDR."""
+    return bytes(STORE.serialize_cdr(STORE.types[FLOAT64](value), FLOAT64))
+
+
+def percent_input(percents: Sequence[float], angles: Sequence[float]) -> HitchScale:
+    """Return the scale with these points of its calibration (%, rad)."""
+    pairs = tuple(v for pair in zip(percents, angles, strict=True) for v in pair)
+    return HitchScale("percent", calibration=Calibration(pairs))
 
 
 def test_position_is_found_by_name() -> None:
     """The order of the names does not matter; a message about other joints gives no reading."""
-    joint = JointInput("b")
+    joint = JointReader("b")
     for names, positions in ((["a", "b"], [1.0, 2.0]), (["b", "a"], [2.0, 1.0])):
-        reading = joint.reading(state(names, positions))
-        assert reading is not None
-        assert reading.crank_angle == 2.0
+        assert joint.read_one(state(names, positions))[:1] == (2.0,)  # type: ignore[index]
     for others in (state(["a"], [1.0]), state(["a"], []), state([], [])):
-        assert joint.reading(others) is None
+        assert joint.read_one(others) is None
 
 
 def test_crank_angle_and_velocity() -> None:
     """Angle = sign * scale * position + offset, and the velocity is turned and scaled alike."""
-    joint = JointInput("b", sign=-1, scale=0.5, offset=2.0, angle_stddev=0.01)
-    assert joint.reading(state(["b"], [0.25], [4.0])) == Reading(1.875, -2.0, 0.01)
+    settings = Parameters(joint_name="b", sign=-1, scale=0.5, offset=2.0, angle_stddev=0.01)
+    found = settings.crank_input(JOINTS).read_one(state(["b"], [0.25], [4.0]), RECEIVED)
+    assert found == (Reading(1.875, -2.0, 0.01), 3, 4, "base", RECEIVED)
 
 
 @pytest.mark.parametrize("velocities", [[], [1.0], [1.0, 2.0, 3.0]])
 def test_velocity_that_belongs_to_no_joint(velocities: list[float]) -> None:
     """The velocity is unknown unless there is one for each name."""
-    reading = JointInput("b").reading(state(["a", "b"], [1.0, 2.0], velocities))
+    reading = JointReader("b").read_one(state(["a", "b"], [1.0, 2.0], velocities))
     assert reading is not None
-    assert math.isnan(reading.velocity)
+    assert math.isnan(reading.rate)
 
 
 @pytest.mark.parametrize(
@@ -66,7 +90,7 @@ def test_velocity_that_belongs_to_no_joint(velocities: list[float]) -> None:
 def test_unreliable_readings(names: list[str], positions: list[float], words: str) -> None:
     """Arrays of different lengths and a repeated joint are reported."""
     with pytest.raises(ReadingError, match=words):
-        JointInput("b").reading(state(names, positions))
+        JointReader("b").read_one(state(names, positions))
 
 
 def test_hitch_position_through_a_calibration() -> None:
@@ -75,7 +99,7 @@ def test_hitch_position_through_a_calibration() -> None:
     for sign in (1.0, -1.0):
         hitch = percent_input(percents, [sign * angle for angle in angles])
         for percent, angle in zip(percents, angles, strict=True):
-            assert hitch.angle_at(percent).crank_angle == pytest.approx(sign * angle, rel=1e-14)
+            assert hitch.reading(percent).crank_angle == pytest.approx(sign * angle, rel=1e-14)
 
 
 @given(st.data())
@@ -88,7 +112,7 @@ def test_calibration_never_turns_back(data: st.DataObject) -> None:
         st.lists(st.floats(1e-4, 1.0), min_size=len(inner) + 1, max_size=len(inner) + 1)
     )
     hitch = percent_input(percents, 3.1 - np.cumsum([0.0, *steps]))
-    found = [hitch.angle_at(p).crank_angle for p in np.linspace(0.0, 100.0, 251)]
+    found = [hitch.reading(p).crank_angle for p in np.linspace(0.0, 100.0, 251)]
     assert (np.diff(found) <= 1e-12).all()
 
 
@@ -98,18 +122,18 @@ def test_resolution_of_the_bus_is_an_uncertainty() -> None:
     true = np.random.default_rng(4).uniform(29.0, 31.0, 20_000)
     rounded = PERCENT_STEP * np.rint(true / PERCENT_STEP)
     errors = [
-        hitch.angle_at(seen).crank_angle - hitch.angle_at(own).crank_angle
+        hitch.reading(seen).crank_angle - hitch.reading(own).crank_angle
         for seen, own in zip(rounded.tolist(), true.tolist(), strict=True)
     ]
-    assert np.std(errors) == pytest.approx(hitch.angle_at(30.0).stddev, rel=0.03)
-    both = replace(hitch, angle_stddev=0.05).angle_at(30.0).stddev
-    assert both == math.hypot(0.05, hitch.angle_at(30.0).stddev)
+    assert np.std(errors) == pytest.approx(hitch.reading(30.0).stddev, rel=0.03)
+    both = replace(hitch, angle_stddev=0.05).reading(30.0).stddev
+    assert both == math.hypot(0.05, hitch.reading(30.0).stddev)
 
 
 @pytest.mark.parametrize("percent", [-0.4, 100.4, 101.6, 102.0, math.nan, math.inf])
 def test_positions_outside_the_range(percent: float) -> None:
     """Beyond 0 to 100 %, where the bus says "error" or "not available", there is no angle."""
-    assert math.isnan(PercentInput((0.0, 3.1, 100.0, 1.7)).angle_at(percent).crank_angle)
+    assert math.isnan(percent_input((0.0, 100.0), (3.1, 1.7)).reading(percent).crank_angle)
 
 
 @pytest.mark.parametrize(
@@ -119,9 +143,9 @@ def test_positions_outside_the_range(percent: float) -> None:
         ((0.0, 1.0), "has 2 numbers; give at least two pairs"),
         ((0.0, 1.0, 50.0, 2.0, 100.0), "has 5 numbers; give at least two pairs"),
         ((0.0, 1.0, 99.0, 2.0), "from 0 to 99 %"),
-        ((0.0, 1.0, 60.0, 2.0, 40.0, 3.0, 100.0, 4.0), r"position 3 \(40 %\)"),
-        ((0.0, 1.0, 50.0, 2.0, 50.0, 3.0, 100.0, 4.0), r"position 3 \(50 %\)"),
-        ((0.0, 1.0, 50.0, 2.0, 50.0 + 1e-9, 3.0, 100.0, 4.0), r"position 3 \(50 %\)"),
+        ((0.0, 1.0, 60.0, 2.0, 40.0, 3.0, 100.0, 4.0), r"position 3 \(40\)"),
+        ((0.0, 1.0, 50.0, 2.0, 50.0, 3.0, 100.0, 4.0), r"position 3 \(50\)"),
+        ((0.0, 1.0, 50.0, 2.0, 50.0 + 1e-9, 3.0, 100.0, 4.0), r"position 3 \(50\)"),
         ((0.0, 1.0, 50.0, 2.0, 100.0, 1.5), r"angle 3 \(1.5 rad\)"),
         ((0.0, 1.0, 50.0, 1.0, 100.0, 0.5), r"angle 2 \(1 rad\)"),
         ((0.0, 3.0, 50.0, 2.0, 100.0, 2.0), r"angle 3 \(2 rad\)"),
@@ -133,12 +157,120 @@ def test_positions_outside_the_range(percent: float) -> None:
 def test_calibrations_that_cannot_be_used(calibration: tuple[float, ...], words: str) -> None:
     """The error names the point at which a calibration is not strictly monotone."""
     with pytest.raises(InputError, match=words):
-        PercentInput(calibration)
+        HitchScale("percent", calibration=Calibration(calibration))
 
 
-@pytest.mark.parametrize("name", INPUTS)
-def test_fields_of_an_input_are_parameters_of_the_node(name: str) -> None:
-    """Every input in the list can be made from the default parameters."""
-    chosen = Parameters(input=name).crank_input()
-    assert type(chosen) is INPUTS[name]
-    assert chosen.describe("/topic").endswith("on /topic")
+def test_velocity_through_a_calibration() -> None:
+    """The velocity of a hitch position becomes that of the angle, by the slope of the curve."""
+    hitch = replace(percent_input((0.0, 50.0, 100.0), (3.1, 2.2, 1.8)), sign=-1, offset=100.0)
+    step = 1e-6
+    low, high = (hitch.reading(70.0 + move).crank_angle for move in (-step, step))
+    assert hitch.reading(70.0, 5.0).velocity == pytest.approx(
+        5.0 * (high - low) / (2.0 * step), rel=1e-6
+    )
+
+
+def test_units_of_the_hitch() -> None:
+    """Degrees and the stroke of a cylinder become the angles that they mean."""
+    assert HitchScale("deg", offset=90.0).reading(45.0, 180.0) == Reading(
+        pytest.approx(0.75 * math.pi), pytest.approx(math.pi), 0.0
+    )
+    # The cylinder between a pin 0.6 m from the crank's joint and one 0.25 m from it, by cosines.
+    lengths = np.linspace(0.45, 0.75, 40)
+    angles = np.arccos((0.6**2 + 0.25**2 - lengths**2) / (2.0 * 0.6 * 0.25))
+    pairs = np.column_stack([lengths - lengths[0], angles]).ravel().tolist()
+    hitch = HitchScale("m", calibration=Calibration(tuple(pairs)))
+    true = math.acos((0.6**2 + 0.25**2 - 0.6**2) / (2.0 * 0.6 * 0.25))
+    assert hitch.reading(0.15).crank_angle == pytest.approx(true, abs=1e-4)
+    assert math.isnan(hitch.reading(0.31).crank_angle)
+    with pytest.raises(InputError, match=r"from 0 to 100 m, which no hitch does; give pairs"):
+        HitchScale("m")
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_presets(name: str) -> None:
+    """Every preset has a unit of its input, and the default one can be read."""
+    for key, preset in PRESETS[name].items():
+        changes = {"input" if name == "hitch" else f"{name}_input": key}
+        chosen = with_values(Parameters(), changes)
+        assert chosen.source(name).topic == preset.topic
+        with_values(chosen, {f"{name}_unit": preset.unit})
+    settings = Parameters()
+    if name == "hitch":
+        found: Any = settings.crank_input(JOINTS)
+    else:
+        found = settings.speed_input(Source(name), FLOATS)
+    assert found.describe("/topic").endswith("on /topic")
+
+
+def test_speeds_in_their_units() -> None:
+    """A speed is sign * scale * number + offset in its unit; NaN stays NaN."""
+    for changes, number, expected in (
+        ({"engine_unit": "rad/s"}, 2.0 * math.pi, 60.0),
+        ({"engine_unit": "Hz", "engine_scale": 0.5}, 10.0, 300.0),
+        ({"engine_offset": 100.0, "engine_sign": -1}, 30.0, 70.0),
+        ({}, math.nan, math.nan),
+    ):
+        speed = with_values(Parameters(), changes).speed_input(Source.ENGINE, FLOATS)
+        assert speed.read_one(float64(number), RECEIVED) == pytest.approx(
+            (expected, RECEIVED), nan_ok=True
+        )
+    ground = Parameters(ground_unit="km/h").speed_input(Source.GROUND, FLOATS)
+    assert ground.read_one(float64(-7.2), 0) == (pytest.approx(-2.0), 0)
+
+
+def test_origin_of_the_time() -> None:
+    """The stamp is that of the header, or the time of receipt less the delay."""
+    data = state(["b"], [2.0])
+    later = {"joint_name": "b", "hitch_time": "receipt", "hitch_delay": 0.25}
+    found = with_values(Parameters(), later).crank_input(JOINTS).read_one(data, RECEIVED)
+    assert found is not None
+    assert (found[1], found[2], found[4]) == (
+        *divmod(RECEIVED - 250_000_000, 10**9),
+        RECEIVED - 250_000_000,
+    )
+    joint_speed = {"engine_type": JOINT_STATE, "engine_field": "velocity[b]"}
+    moving = state(["b"], [2.0], [7.0])
+    for changes, time in (
+        ({}, RECEIVED),
+        ({"engine_delay": 1.5}, RECEIVED - 1_500_000_000),
+        ({"engine_time": "header"}, 3_000_000_004),
+    ):
+        speed = with_values(Parameters(), {**joint_speed, **changes})
+        assert speed.speed_input(Source.ENGINE, JOINTS).read_one(moving, RECEIVED) == (7.0, time)
+    with pytest.raises(
+        InputError, match=r"Float64 do not begin with a header; write `pto_time: rec"
+    ):
+        Parameters(pto_time="header").speed_input(Source.PTO, FLOATS)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"engine_unit": "percent"}, "engine_unit must be rpm or rad/s or Hz, .* not 'percent'"),
+        ({"ground_unit": "rpm"}, "ground_unit must be m/s or km/h"),
+        ({"hitch_unit": "rpm"}, "hitch_unit must be rad or deg or percent or m or any"),
+        ({"hitch_unit": "m"}, "calibration reaches from 0 to 100 m"),
+        ({"hitch_unit": "percent", "calibration": [0.0, 1.0, 0.5, 2.0]}, "from 0 to 0.5 %"),
+        ({"engine_input": "ros2_isobus"}, "engine_input must be float64"),
+        ({"pto_time": "header", "pto_delay": 1.0}, "pto_delay is subtracted from the time of rec"),
+        ({"hitch_type": "Frame"}, "hitch_type must be a type such as nav_msgs/msg/Odometry"),
+        ({"hitch_topic": "a b"}, "hitch_topic must be the name of a topic"),
+    ],
+)
+def test_parameters_that_do_not_fit(changes: dict[str, Any], words: str) -> None:
+    """A unit of another quantity, a calibration of another unit and a useless delay are refused."""
+    with pytest.raises(ParameterError, match=words):
+        with_values(Parameters(), changes)
+
+
+def test_fields_of_joint_states() -> None:
+    """Any field of a joint state can be read; a wrong path is answered with those that exist."""
+    data = state(["a", "b"], [1.0, 2.0], [3.0, 4.0])
+    for path, value in (("velocity[b]", 4.0), ("position[1]", 2.0), ("header.stamp.sec", 3.0)):
+        read = Parameters(hitch_field=path).crank_input(JOINTS).reader.read_one
+        assert read(data) == pytest.approx(Number(value, math.nan, 3, 4, "base"), nan_ok=True)
+    with pytest.raises(
+        InputError, match=r"hitch_field: .* no number 'positions\[b\]'; did you mean position\[NAME"
+    ):
+        Parameters(hitch_field="positions[b]").crank_input(JOINTS)

@@ -10,7 +10,6 @@ from pathlib import Path
 import pytest
 import yaml
 
-from linkage_vibration.prediction.inputs import JointInput, PercentInput
 from linkage_vibration.prediction.settings import (
     ParameterError,
     Parameters,
@@ -96,17 +95,17 @@ def test_ranges_hold_at_their_ends() -> None:
 def test_lists_of_numbers() -> None:
     """Arrays, lists and whole numbers are accepted as a calibration; text is not."""
     calibration = (0.0, 3.0, 50.0, 2.5, 100.0, 2.0)
-    assert check_value("percent_calibration", array("d", calibration)) == calibration
-    assert check_value("percent_calibration", [0, 3, 50, 2.5, 100, 2]) == calibration
+    assert check_value("calibration", array("d", calibration)) == calibration
+    assert check_value("calibration", [0, 3, 50, 2.5, 100, 2]) == calibration
     for value in ("0 100", ["0", "3", "100", "2"], 5.0, [True, False, True, False]):
-        with pytest.raises(ParameterError, match="percent_calibration"):
-            check_value("percent_calibration", value)
+        with pytest.raises(ParameterError, match="calibration"):
+            check_value("calibration", value)
 
 
 def test_calibration_in_degrees_is_refused() -> None:
     """Angles beyond a full turn are refused, and the same angle is given in rad."""
-    with pytest.raises(ParameterError, match=r"percent_calibration.*180 rad.* write 3\.14159\."):
-        check_value("percent_calibration", [0.0, 180.0, 100.0, 90.0])
+    with pytest.raises(ParameterError, match=r"calibration.*180 rad.* write 3\.14159\."):
+        check_value("calibration", [0.0, 180.0, 100.0, 90.0])
 
 
 def test_lists_of_the_first_release(tmp_path: Path) -> None:
@@ -114,9 +113,9 @@ def test_lists_of_the_first_release(tmp_path: Path) -> None:
     path = tmp_path / "params.yaml"
     lists = "percent_points: [0, 40, 100], percent_angles: [3.1, 2.6, 1.6]"
     path.write_text(f"/**: {{ros__parameters: {{{lists}}}}}")
-    assert read_parameters(path).percent_calibration == (0.0, 3.1, 40.0, 2.6, 100.0, 1.6)
+    assert read_parameters(path).calibration == (0.0, 3.1, 40.0, 2.6, 100.0, 1.6)
     path.write_text("/**: {ros__parameters: {percent_angles: [3.0, 1.5]}}")
-    assert read_parameters(path).percent_calibration == (0.0, 3.0, 100.0, 1.5)
+    assert read_parameters(path).calibration == (0.0, 3.0, 100.0, 1.5)
     for angles in ("[3.0]", "3.0"):
         path.write_text(f"/**: {{ros__parameters: {{percent_angles: {angles}}}}}")
         with pytest.raises(ParameterError, match="must be lists of the same length"):
@@ -132,11 +131,14 @@ def test_log_directory_must_be_a_folder(tmp_path: Path) -> None:
             Parameters(log_directory=str(tmp_path / name)).log_path()
 
 
-def test_crank_input() -> None:
-    """The parameters choose the input."""
-    joint = Parameters(sign=-1, scale=0.5, offset=2.0, angle_stddev=0.1).crank_input()
-    assert joint == JointInput("hitch_rockshaft_joint", -1, 0.5, 2.0, 0.1)
-    assert isinstance(Parameters(input="percent").crank_input(), PercentInput)
+def test_names_of_earlier_files(tmp_path: Path) -> None:
+    """Files and logs of earlier releases are read, with the names that they had."""
+    path = tmp_path / "params.yaml"
+    path.write_text(
+        "/**: {ros__parameters: {input: joint_state, percent_calibration: [0, 3, 100, 2]}}"
+    )
+    found = read_parameters(path)
+    assert (found.input, found.calibration) == ("joint_states", (0.0, 3.0, 100.0, 2.0))
 
 
 def test_files_that_ship_stand_for_those_not_named() -> None:
@@ -155,9 +157,7 @@ def test_files_that_ship_stand_for_those_not_named() -> None:
 def test_what_is_written_is_read_again(tmp_path: Path) -> None:
     """A written file of parameters can be read back."""
     path = tmp_path / "params.yaml"
-    given = Parameters(
-        sign=-1, scale=1e-3, percent_calibration=(0.0, 3.0, 100.0, 1.5), hysteresis=1e-10
-    )
+    given = Parameters(sign=-1, scale=1e-3, calibration=(0.0, 3.0, 100.0, 1.5), hysteresis=1e-10)
     for name in ("/linkage_vibration", "linkage_vibration", "/**"):
         path.write_text(parameters_yaml(given, name))
         assert read_parameters(path) == given

@@ -28,7 +28,7 @@ from std_msgs.msg import Float64, String
 from std_srvs.srv import Trigger
 
 from linkage_vibration.bags.reading import read_messages
-from linkage_vibration.prediction.inputs import PercentInput
+from linkage_vibration.prediction.inputs.units import Calibration, HitchScale
 from linkage_vibration.prediction.predictor import Predictor, Status
 from linkage_vibration.support.resources import config_file
 from linkage_vibration.table.table import load_table
@@ -219,9 +219,9 @@ def test_hitch_position_in_percent(
 ) -> None:
     """A calibration turns percent into angles; an error value of the bus becomes a status."""
     calibration = (0.0, 3.1, 40.0, 2.6, 100.0, 1.6)
-    process = start(name="percent", input="percent", percent_calibration=list(calibration))
-    process.wait_for("Predicting for hitch position on /hitch_position")
-    hitch = PercentInput(calibration)
+    process = start(name="percent", input="percent", calibration=list(calibration))
+    process.wait_for("Predicting for field data on /hitch_position")
+    hitch = HitchScale("percent", calibration=Calibration(calibration))
     received: list[Any] = []
     peer.node.create_subscription(VibrationPrediction, "percent/prediction", received.append, 100)
     publisher = peer.node.create_publisher(Float64, "hitch_position", SENSOR)
@@ -237,7 +237,7 @@ def test_hitch_position_in_percent(
         return next(filter(fits, received))
 
     for percent in (0.0, 33.2, 100.0):
-        reading = hitch.angle_at(percent)
+        reading = hitch.reading(percent)
         expected = predictor.predict(reading.crank_angle, reading.stddev)
         message = answer(percent, lambda m, angle=reading.crank_angle: m.crank_angle == angle)
         assert message.natural_frequencies.tolist() == expected.natural_frequencies.tolist()
@@ -258,7 +258,7 @@ def test_calibration_while_active(
         assert set_parameter(peer, "calibrated", "offset", offset).successful
         assert peer.ask([JOINT], [1.7]).crank_angle == 1.7 + offset
     calibration = [0.0, 3.0, 50.0, 2.5, 100.0, 2.0]
-    assert set_parameter(peer, "calibrated", "percent_calibration", calibration).successful
+    assert set_parameter(peer, "calibrated", "calibration", calibration).successful
     for _ in range(80):  # some are still queued when the node unsubscribes
         peer.publish([JOINT], [1.7])
     assert set_parameter(peer, "calibrated", "input", "percent").successful
@@ -268,7 +268,7 @@ def test_calibration_while_active(
         peer.pause(0.2)
 
     until(lambda: any(p.crank_angle == 2.5 for p in peer.predictions), "a percent", publish)
-    refused = set_parameter(peer, "calibrated", "percent_calibration", [0.0, 180.0, 100.0, 90.0])
+    refused = set_parameter(peer, "calibrated", "calibration", [0.0, 180.0, 100.0, 90.0])
     assert "exceeds a full turn; give angles in rad" in refused.reason
     refused = set_parameter(peer, "calibrated", "recrod", True)
     assert refused.reason == "Parameter recrod is unknown; did you mean record?"
@@ -280,7 +280,7 @@ def test_calibration_while_active(
         settings = yaml.safe_load(attached["parameters.yaml"])["/calibrated"]["ros__parameters"]
         positions = [message.position[0] for _, message in read_messages(path, "/joint_states")]
         angles = [m.crank_angle for _, m in read_messages(path, "/calibrated/prediction")]
-        if settings["input"] == "joint_state" and positions:
+        if settings["input"] == "joint_states" and positions:
             assert angles == [position + settings["offset"] for position in positions]
             offsets.add(settings["offset"])
     assert offsets == {0.0, 0.25, 1.0}

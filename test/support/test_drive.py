@@ -11,7 +11,6 @@ from rosbags.highlevel import AnyReader
 from linkage_vibration.bags.reading import read_joint_states
 from linkage_vibration.messages.encoding import encode_resonance
 from linkage_vibration.prediction.excitation import Source
-from linkage_vibration.prediction.inputs import JointInput
 from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.prediction.resonance import Resonance, ResonanceMonitor, ResonanceState
 from linkage_vibration.readers.excitations import read_excitations
@@ -113,17 +112,17 @@ def replayed() -> list[tuple[float, Resonance]]:
     predictor = Predictor(load_table(config_file(PAPER_TABLE)))
     monitor = ResonanceMonitor(read_excitations(config_file("excitations.yaml")))
     sources = {ENGINE_SPEED: Source.ENGINE, PTO_SPEED: Source.PTO}
-    joint, resonances = JointInput(HITCH_JOINT), []
+    resonances = []
     with AnyReader([config_file(SHIPPED)]) as reader:
         for connection, time, data in reader.messages():
             message = reader.deserialize(data, connection.msgtype)
             if connection.topic in sources:
                 monitor.set_speed(sources[connection.topic], message.data, time)  # type: ignore[attr-defined]
             else:
-                reading = joint.reading(message)
-                assert reading is not None
-                prediction = predictor.predict(reading.crank_angle)
-                resonance = monitor.assess(prediction, reading.velocity, time)
+                at = message.name.index(HITCH_JOINT)  # type: ignore[attr-defined]
+                angle, velocity = message.position[at], message.velocity[at]  # type: ignore[attr-defined]
+                prediction = predictor.predict(float(angle))
+                resonance = monitor.assess(prediction, float(velocity), time)
                 resonances.append(((time - reader.start_time) * 1e-9, resonance))
     return resonances
 

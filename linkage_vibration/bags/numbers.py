@@ -1,0 +1,136 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a reader finds in messages: one number of each, with the header of its message."""
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from linkage_vibration.bags.streams import Block
+from linkage_vibration.errors import LinkageVibrationError
+
+FloatArray = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+
+class CdrError(ValueError):
+    """Bytes that are not a message in plain CDR."""
+
+
+class ReadingError(LinkageVibrationError):
+    """A message has no reliable number."""
+
+
+class Number(NamedTuple):
+    """The number of one message, its rate (1/s, NaN if unknown), and the header of the message."""
+
+    value: float
+    rate: float = math.nan
+    sec: int = 0
+    nanosec: int = 0
+    frame_id: str = ""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Numbers:
+    """The numbers of messages whose headers have the same frame, by columns.
+
+    Attributes
+    ----------
+    rows : ndarray, (n,)
+        Which messages of the block they are.
+    value, rate : ndarray, (n,)
+        As those of `Number`.
+    sec, nanosec : ndarray, (n,)
+        Stamps of their headers, s and ns; 0 for messages without a header.
+    frame_id : str
+        Frame of their headers; empty for messages without a header.
+    """
+
+    rows: Integers
+    value: FloatArray
+    rate: FloatArray
+    sec: NDArray[np.int32]
+    nanosec: NDArray[np.uint32]
+    frame_id: str
+
+
+@dataclass(slots=True)
+class LeftOut:
+    """How many messages of a bag were left out, and why.
+
+    Attributes
+    ----------
+    others, unreadable, refused : int
+        Messages that do not contain the number, such as joint states of other joints; that are not
+        valid CDR; and whose number is not reliable.
+    fault : str
+        Why the first unreadable or refused message was left out.
+    names : set of str
+        What some of the other messages contain instead, such as joints.
+    """
+
+    others: int = 0
+    unreadable: int = 0
+    refused: int = 0
+    fault: str = ""
+    names: set[str] = field(default_factory=set)
+
+
+class NumberReader(ABC):
+    """Reads one number from each message of a type.
+
+    Attributes
+    ----------
+    has_header : bool
+        Whether the messages begin with a header.
+    """
+
+    has_header: bool = False
+
+    @abstractmethod
+    def describe(self) -> str:
+        """Return what is read, in words, such as "joint boom"."""
+
+    @abstractmethod
+    def read_one(self, data: bytes) -> Number | None:
+        """Return the number of a message in plain CDR; None if it does not contain it.
+
+        Raises
+        ------
+        CdrError
+            If the bytes are not such a message.
+        ReadingError
+            If its number is not reliable.
+        """
+
+    @abstractmethod
+    def read(self, block: Block, rows: Integers, left_out: LeftOut) -> Iterator[Numbers]:
+        """Read many messages of a bag, which gives the same numbers as `read_one` for each.
+
+        Parameters
+        ----------
+        block, rows : Block and ndarray, (n,)
+            Part of a bag, and which of its messages to read.
+        left_out : LeftOut
+            Counts the messages without a number.
+        """
+
+    def other_names(self, data: bytes) -> Sequence[str]:
+        """Return what a message contains instead of the number, by names."""
+        return ()
+
+    def explain_missing(self, topic: str, names: Sequence[str]) -> str:
+        """Return why no number may have come, and the remedy; empty if that is unknown.
+
+        Parameters
+        ----------
+        topic, names : str and sequence of str
+            The topic that was read, and what its messages contain, see `other_names`.
+        """
+        return ""

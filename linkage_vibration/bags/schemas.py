@@ -1,0 +1,205 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""The fields of message types, and the paths to the numbers in them."""
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from difflib import get_close_matches
+from typing import Any, TypeAlias
+
+from linkage_vibration.errors import LinkageVibrationError
+
+HEADER = "std_msgs/msg/Header"
+NUMBERS = {"float64": "f8", "float32": "f4", "byte": "u1", "octet": "u1", "char": "u1"}
+NUMBERS |= {f"int{8 * size}": f"i{size}" for size in (1, 2, 4, 8)}
+NUMBERS |= {f"uint{8 * size}": f"u{size}" for size in (1, 2, 4, 8)}
+"""The kinds of numbers, and how NumPy names them."""
+
+_LISTED = 40  # paths in an error
+_DEEPEST = 8  # levels of messages in an error
+_STEP = re.compile(r"(?P<name>[A-Za-z]\w*)(?:\[(?P<key>.*?)\](?=\.|$))?(?:\.|$)")
+
+
+class FieldError(LinkageVibrationError):
+    """A type of messages has no such number."""
+
+
+@dataclass(frozen=True, slots=True)
+class Field:
+    """A field of a message.
+
+    Attributes
+    ----------
+    name, type : str
+        Its name, and the type of one element: "float64", "bool", "string" or "package/msg/Name".
+    length : int, optional
+        Number of elements of an array; 0 of a sequence, whose messages say it; None for one value.
+    """
+
+    name: str
+    type: str
+    length: int | None = None
+
+
+Schema: TypeAlias = Mapping[str, tuple[Field, ...]]
+"""The fields of a type and of all types that it contains, by their names."""
+
+# CDR has no empty messages.
+_EMPTY = (Field("structure_needs_at_least_one_member", "uint8"),)
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """A step of a path: a field, and which of its elements.
+
+    Attributes
+    ----------
+    field : Field
+    index : int, optional
+        Place of the element, from 0; None for a field of one value.
+    names, name : str
+        The list of names beside the field, and the name in it that has the place of the element;
+        empty if the place is given.
+    """
+
+    field: Field
+    index: int | None = None
+    names: str = ""
+    name: str = ""
+
+
+def schema_of_store(store: Any, type_name: str) -> Schema:
+    """Return the fields of a type that a type store of rosbags knows.
+
+    Types that it does not know are left out.
+
+    Parameters
+    ----------
+    store : rosbags.typesys.store.Typestore
+    type_name : str
+        Such as "sensor_msgs/msg/JointState".
+    """
+    found: dict[str, tuple[Field, ...]] = {}
+    waiting = [type_name]
+    while waiting:
+        name = waiting.pop()
+        if name not in found and name in store.fielddefs:
+            listed = [_field(each, content) for each, content in store.fielddefs[name][1]]
+            found[name] = tuple(listed) or _EMPTY
+            waiting += [field.type for field in listed if "/" in field.type]
+    return found
+
+
+def schema_of_text(text: str, type_name: str) -> Schema:
+    """Return the fields of a type from its definition, which needs rosbags.
+
+    Parameters
+    ----------
+    text, type_name : str
+        The definition as an MCAP schema, and the name of the type.
+    """
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+    store = get_typestore(Stores.EMPTY)
+    store.register(get_types_from_msg(text, type_name))
+    return schema_of_store(store, type_name)
+
+
+def _field(name: str, content: Any) -> Field:
+    """Return a field as rosbags describes it: its kind, and what it contains."""
+    kind, inner = content
+    if kind.name in ("BASE", "NAME"):
+        return Field(name, inner if isinstance(inner, str) else str(inner[0]))
+    (_, element), length = inner
+    element = element if isinstance(element, str) else str(element[0])
+    return Field(name, element, int(length) if kind.name == "ARRAY" else 0)
+
+
+def has_header(schema: Schema, type_name: str) -> bool:
+    """Return whether the messages of a type begin with a header.
+
+    Parameters
+    ----------
+    schema, type_name : Schema, str
+        Fields of the type, and its name.
+    """
+    return schema[type_name][0] == Field("header", HEADER)
+
+
+def find_path(schema: Schema, type_name: str, path: str) -> tuple[Step, ...]:
+    """Return the steps of a path to a number, such as "twist.linear.x" or "position[boom]".
+
+    Parameters
+    ----------
+    schema, type_name : Schema, str
+        Fields of the type, and its name.
+    path : str
+        Names of fields with dots between them. An element of a list has its place, from 0, or its
+        name in the only list of names beside it.
+
+    Raises
+    ------
+    FieldError
+        If the type has no such number; the error lists those that it has.
+    """
+    steps: list[Step] = []
+    at, inside = 0, type_name
+    while at < len(path) or not steps:
+        match = _STEP.match(path, at)
+        if match is None or inside not in schema:
+            raise _unknown(schema, type_name, path)
+        at = match.end()
+        step = _step(schema[inside], match["name"], match["key"])
+        if step is None:
+            raise _unknown(schema, type_name, path)
+        steps.append(step)
+        inside = step.field.type
+    if inside not in NUMBERS or path.endswith("."):
+        raise _unknown(schema, type_name, path)
+    return tuple(steps)
+
+
+def _step(fields: tuple[Field, ...], name: str, key: str | None) -> Step | None:
+    """Return a step to a field of a message; None if there is no such field or element."""
+    field = next((field for field in fields if field.name == name), None)
+    if field is None or (field.length is None) != (key is None):
+        return None
+    if key is None:
+        return Step(field)
+    names = _names_beside(fields, field)
+    if names and not key.isdecimal():
+        return Step(field, names=names, name=key)
+    if not key.isdecimal() or (field.length and int(key) >= field.length):
+        return None
+    return Step(field, index=int(key))
+
+
+def _names_beside(fields: tuple[Field, ...], field: Field) -> str:
+    """Return the only list of texts beside a list; empty if there is none or several."""
+    found = [each.name for each in fields if each.type == "string" and each.length is not None]
+    return found[0] if len(found) == 1 and found[0] != field.name else ""
+
+
+def _unknown(schema: Schema, type_name: str, path: str) -> FieldError:
+    """Return the error that a type has no such number, with the numbers that it has."""
+    known = list(_paths(schema, type_name, _DEEPEST))
+    shown = ", ".join(known[:_LISTED]) + (", ..." if len(known) > _LISTED else "")
+    similar = get_close_matches(path, known, 1)
+    asked = f"did you mean {similar[0]}? " if similar else ""
+    listing = f"its numbers are {shown}" if known else "it has no numbers"
+    return FieldError(f"{type_name} has no number {path!r}; {asked}{listing}.")
+
+
+def _paths(schema: Schema, type_name: str, levels: int) -> Iterator[str]:
+    """Yield the paths to all numbers of a type; elements of lists as INDEX or NAME."""
+    fields = schema[type_name]
+    for field in fields:
+        path = field.name
+        if field.length is not None:
+            last = f"0 to {field.length - 1}" if field.length else "INDEX"
+            path += "[NAME]" if _names_beside(fields, field) else f"[{last}]"
+        if field.type in NUMBERS:
+            yield path
+        elif field.type in schema and levels:
+            yield from (f"{path}.{rest}" for rest in _paths(schema, field.type, levels - 1))

@@ -1,0 +1,99 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""What tractors publish: presets of the inputs, by name."""
+
+import math
+from dataclasses import dataclass
+
+from linkage_vibration.bags.message_types import FLOAT64, JOINT_STATE
+
+HITCH, ENGINE, PTO, GROUND = INPUTS = ("hitch", "engine", "pto", "ground")
+"""The inputs, of which the last three are the values of `Source`."""
+
+_HIGHEST_RPM = 8031.875  # 0xFAFF steps of 0.125 rpm; higher values mean "error" or "not available"
+_HIGHEST_SPEED = 64.255  # m/s, the same in steps of 0.001 m/s
+
+
+@dataclass(frozen=True, slots=True)
+class Preset:
+    """What an input reads unless parameters say otherwise.
+
+    Attributes
+    ----------
+    topic, type, field, unit : str
+        As the parameters of the input with these names. In the field, ``{joint_name}`` is that
+        parameter.
+    meaning : str
+        A sentence for the manual.
+    low, high : float
+        A number outside of this range means that the value is not available.
+    """
+
+    topic: str
+    type: str
+    field: str
+    unit: str
+    meaning: str
+    low: float = -math.inf
+    high: float = math.inf
+
+
+def _number(name: str, unit: str) -> Preset:
+    return Preset(f"{name}_speed", FLOAT64, "data", unit, f"Speed in {unit}.")
+
+
+_TECU = "ISOBUS/tecu"
+
+PRESETS: dict[str, dict[str, Preset]] = {
+    HITCH: {
+        "joint_states": Preset(
+            "joint_states",
+            JOINT_STATE,
+            "position[{joint_name}]",
+            "rad",
+            "The node finds the joint by its name, in any order.",
+        ),
+        "percent": Preset(
+            "hitch_position",
+            FLOAT64,
+            "data",
+            "percent",
+            "The ISO 11783 rear hitch position, from 0 (down) to 100 (up).",
+        ),
+        "ros2_isobus": Preset(
+            f"{_TECU}/rear_hitch_status",
+            "ros2_isobus/msg/TecuRearHitchStatus",
+            "position_percent",
+            "percent",
+            "The rear hitch position of ROS2ISOBUS, where 102 means that it is not available.",
+            0.0,
+            100.0,
+        ),
+    },
+    ENGINE: {"float64": _number("engine", "rpm")},
+    PTO: {
+        "float64": _number("pto", "rpm"),
+        "ros2_isobus": Preset(
+            f"{_TECU}/rear_pto_status",
+            "ros2_isobus/msg/TecuRearPtoStatus",
+            "rpm",
+            "rpm",
+            "The rear PTO speed of ROS2ISOBUS.",
+            0.0,
+            _HIGHEST_RPM,
+        ),
+    },
+    GROUND: {
+        "float64": _number("ground", "m/s"),
+        "ros2_isobus": Preset(
+            f"{_TECU}/ground_speed",
+            "ros2_isobus/msg/TecuGroundSpeed",
+            "speed_ms",
+            "m/s",
+            "The ground speed of ROS2ISOBUS, negative in reverse.",
+            -_HIGHEST_SPEED,
+            _HIGHEST_SPEED,
+        ),
+    },
+}
+"""The presets of each input, of which the first is the default."""

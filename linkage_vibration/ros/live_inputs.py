@@ -1,0 +1,118 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""The inputs of a running node, by topics, with the types of the installed packages."""
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+from linkage_vibration.bags.schemas import Field, Schema
+from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.prediction.excitation import Source
+from linkage_vibration.prediction.inputs.presets import HITCH
+from linkage_vibration.prediction.inputs.sources import CrankInput, SourceSettings, SpeedInput
+from linkage_vibration.prediction.settings import ParameterError, Parameters
+from linkage_vibration.ros.endpoints import message_class
+
+# As rosidl describes a field: `double`, `sequence<std_msgs/Header, 3>`, `string<10>[2]`.
+_TYPE = re.compile(r"(sequence<)?([\w/]+)(?:<\d+>)?(?:, \d+)?>?(?:\[(\d+)\])?")
+_PLAIN = {"double": "float64", "float": "float32", "boolean": "bool"}
+_EMPTY = (Field("structure_needs_at_least_one_member", "uint8"),)  # CDR has no empty messages
+
+
+@dataclass(slots=True, eq=False)
+class LiveTopic:
+    """A topic, and the inputs that read it.
+
+    Attributes
+    ----------
+    name, type : str
+        Its absolute name, and the type of its messages.
+    crank : CrankInput, optional
+        The input of the crank angle, if it reads this topic.
+    speeds : list of (Source, SpeedInput)
+        The speeds that read it.
+    """
+
+    name: str
+    type: str
+    crank: CrankInput | None = None
+    speeds: list[tuple[Source, SpeedInput]] = field(default_factory=list)
+
+
+def live_topics(settings: Parameters, resolve: Callable[[str], str]) -> dict[str, LiveTopic]:
+    """Return the topics of the inputs by their absolute names; that of the hitch is the first.
+
+    Parameters
+    ----------
+    settings : Parameters
+    resolve : callable
+        Returns the absolute name of a topic after remapping.
+
+    Raises
+    ------
+    ParameterError
+        If a type is not installed or has no such number, or if inputs read one topic as two types.
+    """
+    topics: dict[str, LiveTopic] = {}
+
+    def topic_of(source: SourceSettings) -> LiveTopic:
+        name = resolve(source.topic)
+        topic = topics.setdefault(name, LiveTopic(name, source.type))
+        if topic.type != source.type:
+            raise ParameterError(
+                f"Parameter {source.name}_type: topic {name} is read as {source.type} and as "
+                f"{topic.type}; give one type, or another topic."
+            )
+        return topic
+
+    source = settings.source(HITCH)
+    topic = topic_of(source)
+    topic.crank = settings.crank_input(_schema(source))
+    for speed, source in settings.speed_sources().items():
+        topic = topic_of(source)
+        topic.speeds.append((speed, settings.speed_input(speed, _schema(source))))
+    return topics
+
+
+def _schema(source: SourceSettings) -> Schema:
+    """Return the fields of the type of a source, which must be installed."""
+    try:
+        return installed_schema(source.type)
+    except (ImportError, AttributeError):
+        package = source.type.split("/")[0]
+        raise ParameterError(
+            f"Parameter {source.name}_type: the type {source.type} is not installed; install or "
+            f"source the package {package}, or choose another {source.name} input."
+        ) from None
+
+
+def installed_schema(type_name: str) -> Schema:
+    """Return the fields of an installed type.
+
+    Raises
+    ------
+    ImportError, AttributeError
+        If its package is not installed, or has no such type.
+    """
+    found: dict[str, tuple[Field, ...]] = {}
+    waiting = [type_name]
+    while waiting:
+        name = waiting.pop()
+        if name not in found:
+            described: dict[str, Any] = message_class(name).get_fields_and_field_types()
+            listed = [_field(each, text) for each, text in described.items()]
+            found[name] = tuple(listed) or _EMPTY
+            waiting += [each.type for each in listed if "/" in each.type]
+    return found
+
+
+def _field(name: str, text: str) -> Field:
+    """Return a field as rosidl describes it."""
+    match = _TYPE.fullmatch(text)
+    if match is None:
+        raise LinkageVibrationError(f"Field {name} has the unknown type {text}; report this.")
+    sequence, element, length = match.groups()
+    element = _PLAIN.get(element, element.replace("/", "/msg/"))
+    return Field(name, element, 0 if sequence else None if length is None else int(length))
