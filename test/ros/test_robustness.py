@@ -261,6 +261,7 @@ def test_calibration_while_active(
     assert set_parameter(peer, "calibrated", "calibration", calibration).successful
     for _ in range(80):  # some are still queued when the node unsubscribes
         peer.publish([JOINT], [1.7])
+    assert set_parameter(peer, "calibrated", "offset", 0.0).successful  # it applies to percent too
     assert set_parameter(peer, "calibrated", "input", "percent").successful
 
     def publish() -> None:
