@@ -344,7 +344,9 @@ class _Replay:
                     [group.stddev for group in groups],
                 )
             )
-            resolutions = [crank_resolution(stddev, self._input.scale.angle_stddev) for stddev in stddevs]
+            resolutions = [
+                crank_resolution(stddev, self._input.scale.angle_stddev) for stddev in stddevs
+            ]
             found = self._motion.add_many(stamps, angles, resolutions)
             velocity[unknown], error[unknown] = found
         return velocity, error

@@ -165,19 +165,20 @@ def test_motion_that_is_estimated(tmp_path: Path) -> None:
         )
         entries.append(("/hitch_position", FLOAT64, stamp, float64(percent)))
     bag, log = write_mcap(tmp_path / "bag.mcap", entries), tmp_path / "log.mcap"
-    settings = Parameters(input="percent", percent_calibration=calibration, angle_stddev=1e-3)
+    settings = Parameters(input="percent", calibration=calibration, angle_stddev=1e-3)
     replay([bag], log, settings)
 
     predictor = Predictor(load_table(config_file(DEFAULT_TABLE)))
     excitations = read_excitations(config_file("excitations.yaml"))
     levels = LevelTable(predictor, read_mechanism(config_file(DEFAULT_MECHANISM)), excitations)
     monitor, crank = ResonanceMonitor(excitations, levels=levels), crank_filter()
+    scale = HitchScale("percent", calibration=Calibration(calibration), angle_stddev=1e-3)
     expected, directions = [], set()
     for topic, _, time, message in entries:
         if topic == "/engine_speed":
             monitor.set_speed(Source.ENGINE, message.data, time)
             continue
-        reading = PercentInput(calibration, 1e-3).angle_at(message.data)
+        reading = scale.reading(message.data)
         prediction = predictor.predict(reading.crank_angle, reading.stddev)
         resolution = crank_resolution(reading.stddev, 1e-3)
         velocity, error = crank.add(time, reading.crank_angle, resolution)
