@@ -17,6 +17,7 @@ STEPS = (
     "stability",
     "noise",
     "gravity",
+    "own_hitch",
     "uncertainty",
     "budget",
     "speed",

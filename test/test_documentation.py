@@ -11,6 +11,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
@@ -24,6 +25,8 @@ import yaml
 from linkage_vibration.demo.domain import reserve_domain
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
 from linkage_vibration.prediction.excitation import excitations_from_mapping
+from linkage_vibration.readers.implements import read_implements
+from linkage_vibration.readers.mechanism import read_mechanism
 from test.support.environments import make_environment
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -214,9 +217,18 @@ def read_uncertainty(block: dict[str, Any]) -> None:
     mechanism_from_mapping(mechanism | block)
 
 
+def read_implement_file(block: dict[str, Any]) -> None:
+    """Read a file of implements for the shipped linkage."""
+    with tempfile.NamedTemporaryFile("w", suffix=".yaml") as file:
+        yaml.safe_dump(block, file)
+        file.flush()
+        read_implements(file.name, read_mechanism())
+
+
 READERS = {
     "docs/excitation.md": excitations_from_mapping,
     "docs/mechanisms.md": read_part,
+    "docs/services.md": read_implement_file,
     "docs/uncertainty.md": read_uncertainty,
 }
 

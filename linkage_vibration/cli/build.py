@@ -48,6 +48,8 @@ def run(options: argparse.Namespace) -> int:
     check_outputs([output], [source])
     check_suffix(output, ".npz")
     model, solutions = LinkageModel(read_mechanism(source)), 0
+    if model.kinematics.notice:
+        print(f"{source}: {model.kinematics.notice}")
     layout = "{desc}: {percentage:3.0f} % of the stroke |{bar}| {elapsed}, {postfix}"
     with tqdm(
         disable=None, desc=model.mechanism.name, total=1.0, delay=2.0, bar_format=layout

@@ -18,6 +18,7 @@ from linkage_vibration.support.version import VERSION
 # top, so the parser is built quickly.
 SUBCOMMANDS = (
     "build",
+    "pose",
     "predict",
     "measure",
     "calibrate",

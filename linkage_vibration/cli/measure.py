@@ -44,6 +44,8 @@ def run(options: argparse.Namespace) -> int:
         check_outputs([options.output], [mechanism, *(path for _, path in words)])
         check_suffix(options.output, ".yaml")
     model = LinkageModel(read_mechanism(mechanism))
+    if model.kinematics.notice:
+        print(f"{mechanism}: {model.kinematics.notice}\n")
     found = []
     for alpha3, path in tqdm(words, disable=None, unit="recording", delay=1.0):
         try:

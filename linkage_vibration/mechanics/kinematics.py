@@ -21,6 +21,14 @@ from scipy.optimize import brentq
 
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import FloatArray
+from linkage_vibration.mechanics.closure import (
+    NEAR,
+    Pins,
+    cannot_close,
+    closed_angles,
+    described,
+    open_loop,
+)
 from linkage_vibration.mechanics.description import GROUND, Mechanism, MechanismError, Point
 
 _STEP = 0.3  # of arc length, with lengths scaled by the largest body: about 10 deg of rotation
@@ -28,7 +36,7 @@ _LEAST_STEP = 1e-6  # where shorter ones still fail, another branch crosses
 _BEND = 0.25  # rad, by which the curve should turn in a step; twice that is rejected
 _TURNING_TOLERANCE = 1e-8  # of arc length: the error of alpha3 at a toggle is its square
 _TOLERANCE = 1e-13  # of a Newton step, in the same scale
-_BRANCH_MARGIN = math.radians(45.0)  # how far a body may turn away from the described pose
+_ANGLES = 9  # over the stroke, where the linkage does not close at the angle of the description
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,31 +138,7 @@ def rotation_derivative(angle: float) -> FloatArray:
     return np.array([[-s, -c], [c, -s]])
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Pins:
-    """The gap between the two ends of every pin, with scaled lengths.
-
-    It is linear in the positions, cosines and sines of a pose (x, z and angle of each body), with
-    matrices that are the same in every pose. There are two rows for each pin, and a
-    last one that is free for another condition.
-    """
-
-    positions: FloatArray  # (n_rows, 3 n_bodies): d(gap)/d(pose); zero for the angles
-    cosines: FloatArray  # (n_rows, n_bodies): d(gap)/d(cosine of each angle)
-    sines: FloatArray  # (n_rows, n_bodies): the same of the sines
-    ground: FloatArray  # (n_rows,): contribution of the ends on the ground
-
-    def at(self, pose: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the gaps, (2 n_pins + 1,), and d(gaps)/d(pose), (2 n_pins + 1, 3 n_bodies)."""
-        angles = pose[2::3]
-        c, s = np.cos(angles), np.sin(angles)
-        gaps = self.positions @ pose + self.cosines @ c + self.sines @ s + self.ground
-        jacobian = self.positions.copy()
-        jacobian[:, 2::3] = self.sines * c - self.cosines * s
-        return gaps, jacobian
-
-
-def _pins(mechanism: Mechanism, length: float) -> _Pins:
+def _pins(mechanism: Mechanism, length: float) -> Pins:
     """Describe every pin, lengths divided by ``length``."""
     column = {body.name: i for i, body in enumerate(mechanism.bodies)}
     places = {name: mechanism.local_points(name) for name in (GROUND, *column)}
@@ -172,7 +156,7 @@ def _pins(mechanism: Mechanism, length: float) -> _Pins:
             positions[row, 3 * i] = positions[row + 1, 3 * i + 1] = sign
             cosines[row : row + 2, i] = x, z
             sines[row : row + 2, i] = -z, x
-    return _Pins(positions, cosines, sines, ground)
+    return Pins(positions, cosines, sines, ground)
 
 
 def _same_place(pose: FloatArray, other: FloatArray) -> bool:
@@ -193,7 +177,7 @@ class Kinematics:
     Raises
     ------
     MechanismError
-        If the linkage cannot close near the pose described, or not over its whole stroke.
+        If the linkage cannot close at any angle of its stroke, or not over its whole stroke.
     """
 
     def __init__(self, mechanism: Mechanism) -> None:
@@ -204,20 +188,20 @@ class Kinematics:
         self._pins = _pins(mechanism, self._length)
         self._input = np.zeros(3 * len(self._bodies))  # picks alpha3 out of a pose
         self._input[3 * self._bodies.index(mechanism.input_body) + 2] = 1.0
-        poses, self._toggles = self._trace(mechanism)
-        alphas = poses @ self._input
-        self._traced = alphas[0], alphas[-1]
-        # Without toggles it was traced up and down until it repeats, and less than a step further.
-        self._period = 2.0 * math.pi * ((alphas[-1] - alphas[0]) // (4.0 * math.pi))
-        even = self._evenly(alphas)
-        apart = np.append(np.diff(even) > _TURNING_TOLERANCE, True)
-        self._guess = CubicSpline(even[apart], poses[apart])
-        self._check_stroke(mechanism)
+        starts = self._assemble(mechanism)
+        chosen = self._choose(mechanism, starts)
+        poses = [start[0][2::3] for start in starts]
+        self._notice = described(mechanism, poses, chosen) if self._searched else ""
 
     @property
     def toggles(self) -> tuple[Toggle, Toggle] | None:
         """The toggles below and above; None where the input can turn all the way."""
         return self._toggles
+
+    @property
+    def notice(self) -> str:
+        """How the assembled pose differs from the angles given; empty if those are clear."""
+        return self._notice
 
     @property
     def closable_range(self) -> tuple[float, float]:
@@ -307,41 +291,72 @@ class Kinematics:
         except np.linalg.LinAlgError:
             return None
 
-    def _assemble(self, mechanism: Mechanism) -> tuple[FloatArray, FloatArray]:
-        """Close the loops at the angle and near the pose that the description gives."""
-        angles = dict(mechanism.assembly_angles)
-        pose = np.zeros(3 * len(self._bodies))
-        pose[2::3] = [angles.get(body, mechanism.assembly_alpha3) for body in self._bodies]
-        # With the angles given, the pins are linear in the positions.
-        gaps, jacobian = self._pins.at(pose)
-        places = np.arange(len(pose)) % 3 != 2
-        pose[places] -= np.linalg.lstsq(jacobian[:, places], gaps, rcond=None)[0]
-        closed = self._close(pose, self._input, mechanism.assembly_alpha3)
-        if closed is None:
-            raise MechanismError(
-                "assembly",
-                f"the loops do not close at alpha3 = {math.degrees(mechanism.assembly_alpha3):g} "
-                "deg near the angles given; correct the angles, or the lengths under links and "
-                "rigid_bodies.",
-            )
-        if np.linalg.norm(closed[1]) > 1.0 / _LEAST_STEP:
+    def _assemble(self, mechanism: Mechanism) -> list[tuple[FloatArray, FloatArray]]:
+        """Return closed poses and their rates, that nearest to the description first.
+
+        It is the only one if it is so near that no other was looked for.
+        """
+        alpha3, angles = mechanism.assembly_alpha3, dict(mechanism.assembly_angles)
+        guess = np.array([angles.get(body, alpha3) for body in self._bodies])
+        closed = self._close(self._pins.placed(guess), self._input, alpha3)
+        near = closed is not None and np.abs(closed[0][2::3] - guess).max() <= NEAR
+        self._searched = not near
+        return [closed] if closed is not None and near else self._nearest(mechanism, guess)
+
+    def _nearest(
+        self, mechanism: Mechanism, guess: FloatArray
+    ) -> list[tuple[FloatArray, FloatArray]]:
+        """Return the closed poses at the nearest angle at which there are some."""
+        free = self._input[2::3] == 0.0
+        given = mechanism.assembly_alpha3
+        stroke = np.linspace(*mechanism.stroke, _ANGLES)
+        stroke = stroke[np.isfinite(stroke)]
+        for alpha3 in [given, *stroke[np.argsort(np.abs(stroke - given))].tolist()]:
+            found = closed_angles(self._pins, np.where(free, guess, alpha3), free)
+            closed = [self._close(self._pins.placed(one), self._input, alpha3) for one in found]
+            poses = [pose for pose in closed if pose is not None]
+            if poses:
+                return poses
+        loop = open_loop(self._pins, mechanism, guess, free)
+        raise cannot_close(mechanism, loop, self._length)
+
+    def _choose(self, mechanism: Mechanism, starts: "list[tuple[FloatArray, FloatArray]]") -> int:
+        """Keep the first branch that reaches over the stroke, and return which it is."""
+        errors = []
+        for i, start in enumerate(starts):
+            try:
+                self._follow(mechanism, start)
+                return i
+            except MechanismError as error:
+                errors.append(error)
+        raise errors[0]
+
+    def _follow(self, mechanism: Mechanism, start: tuple[FloatArray, FloatArray]) -> None:
+        """Keep the branch of a closed pose, between its toggles.
+
+        Raises
+        ------
+        MechanismError
+            If the pose is at a toggle, or the branch ends within the stroke.
+        """
+        if np.linalg.norm(start[1]) > 1.0 / _LEAST_STEP:
             raise MechanismError(
                 "assembly.alpha3_deg", "the linkage is at a toggle there; give another angle."
             )
-        turned = np.abs(closed[0] - pose)[2::3]
-        if turned.max() > _BRANCH_MARGIN:
-            body = self._bodies[int(turned.argmax())]
-            angle = math.degrees(closed[0][3 * int(turned.argmax()) + 2])
-            raise MechanismError(
-                f"assembly.angles_deg.{body}",
-                f"from the given angles the loops close with this body at {angle:.1f} deg, so "
-                "that the branch is unclear; give more accurate angles.",
-            )
-        return closed
+        poses, self._toggles = self._trace(mechanism, *start)
+        alphas = poses @ self._input
+        self._traced = alphas[0], alphas[-1]
+        # Without toggles it was traced up and down until it repeats, and less than a step further.
+        self._period = 2.0 * math.pi * ((alphas[-1] - alphas[0]) // (4.0 * math.pi))
+        even = self._evenly(alphas)
+        apart = np.append(np.diff(even) > _TURNING_TOLERANCE, True)
+        self._guess = CubicSpline(even[apart], poses[apart])
+        self._check_stroke(mechanism)
 
-    def _trace(self, mechanism: Mechanism) -> tuple[FloatArray, tuple[Toggle, Toggle] | None]:
+    def _trace(
+        self, mechanism: Mechanism, start: FloatArray, rate: FloatArray
+    ) -> tuple[FloatArray, tuple[Toggle, Toggle] | None]:
         """Return closed poses, (n, n_pose), alpha3 ascending, and the toggles at their ends."""
-        start, rate = self._assemble(mechanism)
         tangent = rate / np.linalg.norm(rate)
         above, high = self._walk(mechanism, start, tangent)
         below, low = self._walk(mechanism, start, -tangent)

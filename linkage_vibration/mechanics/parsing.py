@@ -205,15 +205,24 @@ def _damping(keys: Keys) -> Damping:
 def _base(keys: Keys, ground: dict[str, Point], taken: set[str]) -> Base:
     mounts = read_mounts(keys, taken)
     places = ground | {mount.name: mount.at for mount in mounts}
-    return Base(_rigid(keys, GROUND, places), mounts)
+    return Base(read_rigid(keys, GROUND, places), mounts)
 
 
 def _rigid_body(keys: Keys, name: str) -> RigidBody:
     points = keys["points"]
-    return _rigid(keys, name, {point: points.point(point) for point in points})
+    return read_rigid(keys, name, {point: points.point(point) for point in points})
 
 
-def _rigid(keys: Keys, name: str, places: dict[str, Point]) -> RigidBody:
+def read_rigid(keys: Keys, name: str, places: dict[str, Point]) -> RigidBody:
+    """Read mass, inertia and centre of gravity of a rigid body; an error names the key.
+
+    Parameters
+    ----------
+    keys, name : Keys and str
+        The mapping of the body, and its name.
+    places : dict of str to (x, z)
+        Its points in its own axes, m.
+    """
     centre = _centre_of_gravity(keys, places)
     mass, inertia = keys.number("mass", positive=True), keys.number("inertia", positive=True)
     if mass > _HEAVIEST:

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The files that a log attaches, so that its predictions can be reproduced."""
 
+from dataclasses import replace
+
 from linkage_vibration.bags.writing import Attachment
 from linkage_vibration.prediction.answers import Served
 from linkage_vibration.prediction.settings import Parameters, parameters_yaml
@@ -9,6 +11,12 @@ from linkage_vibration.table.table import table_bytes
 
 MECHANISM, PARAMETERS = "mechanism.yaml", "parameters.yaml"
 EXCITATIONS = "excitations.yaml"
+
+
+def implement_facts(served: Served) -> dict[str, str]:
+    """Return the name of the implement in use as metadata of a log; empty if it has none."""
+    name = "" if served.implement is None else served.implement.name
+    return {"implement": name} if name else {}
 
 
 def attachments(
@@ -25,6 +33,8 @@ def attachments(
     excitations : str, optional
         YAML of the excitations; None if resonances are not assessed.
     """
+    if settings.implement_file:  # the one in use, which is not always that of the start
+        settings = replace(settings, implement=implement_facts(served).get("implement", ""))
     texts = {MECHANISM: served.mechanism_text, PARAMETERS: parameters_yaml(settings, node_name)}
     if excitations is not None:
         texts[EXCITATIONS] = excitations

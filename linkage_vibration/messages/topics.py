@@ -15,6 +15,8 @@ TABLE_INFO = f"{OWN_PACKAGE}/msg/TableInfo"
 PREDICTION_TOPIC = "/linkage_vibration/prediction"
 """Topic of the predictions in a replay, and of a node that has its default name."""
 RESONANCE_TOPIC = "/linkage_vibration/resonance"
+HITCHED_TOPIC = "hitched_implement"
+"""Topic that names the implement on the hitch."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,10 +43,21 @@ class NodeTopic:
 _INPUT_QOS, _OUTPUT_QOS = (f"{q}, keep last {QUEUE_DEPTH}" for q in ("best effort", "reliable"))
 _LATCHED = "reliable, transient local"
 
-INPUT_TOPICS = tuple(
-    NodeTopic(one.topic, one.type, _INPUT_QOS, one.meaning)
-    for presets in PRESETS.values()
-    for one in {one.topic: one for one in presets.values()}.values()
+_HITCHED = NodeTopic(
+    HITCHED_TOPIC,
+    "std_msgs/msg/String",
+    f"{_INPUT_QOS}; also latched",
+    "The name of the implement on the hitch ([implements](services.md#implements-by-name)); "
+    "subscribed if `implement_file` is given.",
+    logged=False,
+)
+INPUT_TOPICS = (
+    *(
+        NodeTopic(one.topic, one.type, _INPUT_QOS, one.meaning)
+        for presets in PRESETS.values()
+        for one in {one.topic: one for one in presets.values()}.values()
+    ),
+    _HITCHED,
 )
 OUTPUT_TOPICS = (
     NodeTopic(

@@ -63,7 +63,7 @@ def choose_topics(
     sources = {HITCH: settings.source(HITCH)}
     sources |= {s.value: one for s, one in speeds.items() if settings.fixed_speed(s) is None}
     names = dict.fromkeys([each.topic for each in (*sources.values(), *speeds.values())])
-    names |= dict.fromkeys(each.name for each in INPUT_TOPICS)
+    names |= dict.fromkeys(each.name for each in INPUT_TOPICS if each.logged)
     unknown = sorted(set(remaps) - set(names))
     if unknown:
         raise ReplayError(

@@ -18,7 +18,7 @@ from linkage_vibration.bags.recorder import PROVENANCE_METADATA, package_version
 from linkage_vibration.bags.streams import Bags, BagTopic, Block, open_bags
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.messages.encoding import encode_predictions, encode_resonances
-from linkage_vibration.messages.provenance import attachments
+from linkage_vibration.messages.provenance import attachments, implement_facts
 from linkage_vibration.messages.topics import (
     PREDICTION,
     PREDICTION_TOPIC,
@@ -44,8 +44,7 @@ from linkage_vibration.prediction.predictor import Predictor, Status
 from linkage_vibration.prediction.resonance import ReportedSpeed, ResonanceMonitor
 from linkage_vibration.prediction.settings import NODE_NAME, Parameters
 from linkage_vibration.readers.excitations import read_excitations
-from linkage_vibration.readers.mechanism import load_yaml, mechanism_of
-from linkage_vibration.readers.served import read_served
+from linkage_vibration.readers.served import read_described, read_served
 from linkage_vibration.support.atomic_files import check_outputs, replacement
 from linkage_vibration.table.tabulation import build_table
 
@@ -174,6 +173,7 @@ def replay(
     settings = settings or Parameters()
     _refuse_repeated(paths)
     models = [settings.mechanism_path(), settings.excitation_path(), settings.table_path()]
+    models.append(settings.implement_path())
     check_outputs([output], [*paths, *filter(None, models)])
     with open_bags(paths) as bags:
         topics = choose_topics(bags, settings, remaps)
@@ -188,7 +188,7 @@ def replay(
             excitations = settings.excitation_path().read_bytes().decode()
         files = attachments(served, settings, f"/{NODE_NAME}", excitations)
         metadata = {
-            PROVENANCE_METADATA: package_versions(),
+            PROVENANCE_METADATA: {**package_versions(), **implement_facts(served)},
             REPLAY_METADATA: {"inputs": " ".join(path.name for path in paths)},
         }
         run = _Replay(list(once), topics, inputs_read, served.predictor, monitor)
@@ -368,9 +368,8 @@ def _served(settings: Parameters, what_if: WhatIf) -> Served:
     """Return the mechanism and its table, which is built for another implement."""
     if what_if == _AS_DESCRIBED:
         return read_served(settings)
-    path = settings.mechanism_path()
-    content, text = load_yaml(path)
-    mechanism = mechanism_of(content, path)
+    path, described = settings.mechanism_path(), read_described(settings)
+    mechanism = described.mechanism
     if len(mechanism.rigid_bodies) != 1:
         raise ReplayError(
             f"{path} has {len(mechanism.rigid_bodies)} rigid bodies; another mass or inertia can "
@@ -380,7 +379,7 @@ def _served(settings: Parameters, what_if: WhatIf) -> Served:
     mass = body.mass if what_if.mass is None else what_if.mass
     inertia = body.inertia if what_if.inertia is None else what_if.inertia
     implement = Implement(body.name, mass, inertia, ())
-    changed, text = with_implement(mechanism, text, implement)
+    changed, text = with_implement(mechanism, described.mechanism_text, implement)
     return Served(Predictor(build_table(LinkageModel(changed))), changed, text)
 
 

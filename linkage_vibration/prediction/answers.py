@@ -4,7 +4,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -19,6 +19,8 @@ from linkage_vibration.mechanics.ground_motion import soil_places, transmissibil
 from linkage_vibration.mechanics.model import LinkageModel, Place
 from linkage_vibration.mechanics.modes import MECHANISM
 from linkage_vibration.mechanics.parsing import again_from_mapping
+from linkage_vibration.prediction.excitation import Excitation
+from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.table.table import Table
 from linkage_vibration.table.tabulation import TOLERANCE, build_table
@@ -47,11 +49,17 @@ class Served:
     predictor : Predictor
     mechanism, mechanism_text : Mechanism and str
         The mechanism of the table, and the same as YAML.
+    implement : Implement, optional
+        The implement in use, if it is not that of the mechanism file.
+    implements : Implements, optional
+        Those that can be chosen by name.
     """
 
     predictor: Predictor
     mechanism: Mechanism
     mechanism_text: str
+    implement: "Implement | None" = None
+    implements: "Implements | None" = None
 
     @property
     def table(self) -> Table:
@@ -62,6 +70,22 @@ class Served:
     def model(self) -> LinkageModel:
         """The model of the mechanism, which is created when it is first used."""
         return LinkageModel(self.mechanism)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Described:
+    """A mechanism without its table; the attributes are those of `Served`."""
+
+    mechanism: Mechanism
+    mechanism_text: str
+    implement: "Implement | None" = None
+    implements: "Implements | None" = None
+
+    def served(self, predictor: Predictor) -> Served:
+        """Return the mechanism with what looks up its table."""
+        return Served(
+            predictor, self.mechanism, self.mechanism_text, self.implement, self.implements
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -114,12 +138,45 @@ class Implement:
         kg, and kg m2 about the centre of gravity.
     centre_of_gravity : tuple of float
         [x, z] in the axes of the body, m; empty to keep the present one.
+    name : str
+        Its name in a file of implements; empty if it has none.
     """
 
     rigid_body: str
     mass: float
     inertia: float
     centre_of_gravity: tuple[float, ...]
+    name: str = ""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Implements:
+    """Implements that can be chosen by name.
+
+    Attributes
+    ----------
+    mechanism, mechanism_text : Mechanism and str
+        That of the mechanism file, in which an implement replaces a rigid body.
+    by_name : dict of str to Implement
+    """
+
+    mechanism: Mechanism
+    mechanism_text: str
+    by_name: dict[str, Implement]
+
+    def find(self, name: str) -> Implement:
+        """Return the implement of a name.
+
+        Raises
+        ------
+        ServingError
+            If there is none; the text has the names that exist.
+        """
+        if name not in self.by_name:
+            raise ServingError(
+                f"There is no implement {name!r}; name one of: {', '.join(self.by_name)}."
+            )
+        return self.by_name[name]
 
 
 def answer_frf(
@@ -255,7 +312,7 @@ def with_implement(
     MechanismError
         If a property is invalid; the text names the key and the remedy.
     """
-    name = _rigid_body(mechanism, implement.rigid_body)
+    name = rigid_body_name(mechanism, implement.rigid_body)
     centre = list(implement.centre_of_gravity)
     if len(centre) not in (0, 2):
         raise ServingError(
@@ -271,9 +328,44 @@ def with_implement(
     mapping["rigid_bodies"] = {**bodies, name: {**bodies[name], **numbers}}
     if centre and "uncertainty" in mapping:
         mapping["uncertainty"] = _uncertain_centre(mapping["uncertainty"], name)
-    text = "# With another implement than the original file.\n"
+    what = f"the implement {implement.name}" if implement.name else "another implement"
+    text = f"# With {what} instead of that of the original file.\n"
     text += yaml.safe_dump(mapping, sort_keys=False, default_flow_style=None, width=100)
     return again_from_mapping(mapping, mechanism), text
+
+
+def replaced(served: Served, wanted: Implement | str) -> Described:
+    """Return the mechanism of a node with another implement.
+
+    Parameters
+    ----------
+    served : Served
+        What the node uses.
+    wanted : Implement or str
+        The implement, or its name. One with a name replaces that of the mechanism file, so that
+        nothing is left of others that were in use before.
+
+    Raises
+    ------
+    ServingError
+        If there is no such implement or rigid body.
+    MechanismError
+        If a property is invalid.
+    """
+    source: Served | Implements = served
+    if isinstance(wanted, str):
+        if served.implements is None:
+            raise ServingError(
+                f"There is no implement {wanted!r}, as implement_file is empty; give the file of "
+                "the implements."
+            )
+        source = served.implements
+        wanted = source.find(wanted)
+    mechanism, text = with_implement(source.mechanism, source.mechanism_text, wanted)
+    name = rigid_body_name(mechanism, wanted.rigid_body)
+    centre = next(b.centre_of_gravity for b in mechanism.rigid_bodies if b.name == name)
+    known = replace(wanted, rigid_body=name, centre_of_gravity=centre)
+    return Described(mechanism, text, known, served.implements)
 
 
 def _uncertain_centre(claims: dict[str, Any], body: str) -> dict[str, Any]:
@@ -291,21 +383,26 @@ def _uncertain_centre(claims: dict[str, Any], body: str) -> dict[str, Any]:
     return kinds | ({"correlations": kept} if kept else {})
 
 
-def rebuilt(mechanism: Mechanism, like: Table, wanted: Path) -> Table:
-    """Build the table of a changed mechanism, with the places and the accuracy of the old table.
+def rebuilt(
+    mechanism: Mechanism, like: Table, excitations: Sequence[Excitation], wanted: Path
+) -> tuple[Predictor, LevelTable]:
+    """Build the tables of a changed mechanism, with the places and the accuracy of the old table.
 
     Parameters
     ----------
     mechanism : Mechanism
     like : Table
         The old table. Its measured error is the tolerance, if that exceeds the default.
+    excitations : sequence of Excitation
+        Those whose levels are wanted.
     wanted : Path
         A folder. When another process removes it, building stops.
 
     Raises
     ------
     LinkageVibrationError
-        If the mechanism cannot be tabulated, or the folder was removed.
+        If the mechanism cannot be tabulated, a load acts where the table has no FRF, or the folder
+        was removed.
     """
 
     def check(_: float) -> None:
@@ -315,7 +412,8 @@ def rebuilt(mechanism: Mechanism, like: Table, wanted: Path) -> Table:
     check(0.0)
     tolerance = max(TOLERANCE, float(like.interpolation_error.max()))
     points = tuple(dict.fromkeys(point for point, _ in like.places))
-    return build_table(LinkageModel(mechanism), tolerance, points, check)
+    predictor = Predictor(build_table(LinkageModel(mechanism), tolerance, points, check))
+    return predictor, LevelTable(predictor, mechanism, excitations)
 
 
 def place_name(place: Place) -> str:
@@ -328,7 +426,19 @@ def _check_angle(alpha3: float) -> None:
         raise ServingError(f"crank_angle is {alpha3}; give a finite angle in rad.")
 
 
-def _rigid_body(mechanism: Mechanism, asked: str) -> str:
+def rigid_body_name(mechanism: Mechanism, asked: str) -> str:
+    """Return the name of the rigid body that a request means.
+
+    Parameters
+    ----------
+    mechanism, asked : Mechanism and str
+        The mechanism, and the name of one of its rigid bodies; empty if it has only one.
+
+    Raises
+    ------
+    ServingError
+        If there is no such body, or several where the name is empty.
+    """
     names = [body.name for body in mechanism.rigid_bodies]
     if not names:
         raise ServingError(

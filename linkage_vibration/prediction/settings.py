@@ -284,6 +284,15 @@ class Parameters:
         "the path of a YAML file",
         "The excitations. If it is empty, the excitations of the package are used.",
     )
+    implement_file: str = _text(
+        "the path of a YAML file",
+        "Implements that can be chosen by name: by the parameter implement, the service "
+        "`~/set_implement` or the topic `hitched_implement`. The node remembers the choice.",
+    )
+    implement: str = _text(
+        "the name of an implement in implement_file",
+        "The implement at start. If it is empty, that of the mechanism is used.",
+    )
     engine_speed: float = _speed(Source.ENGINE)
     engine_input: str = _preset(ENGINE)
     engine_topic: str = _topic(ENGINE)
@@ -524,6 +533,10 @@ class Parameters:
         if self.mechanism_file and not self.table_file:
             return None
         return _path(self.table_file) or config_file(DEFAULT_TABLE)
+
+    def implement_path(self) -> Path | None:
+        """Return the file of the implements, or None if there is none."""
+        return _path(self.implement_file)
 
     def excitation_path(self) -> Path:
         """Return the file of the excitations."""

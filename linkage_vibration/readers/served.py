@@ -5,9 +5,16 @@
 from collections.abc import Callable
 
 from linkage_vibration.mechanics.model import LinkageModel
-from linkage_vibration.prediction.answers import Served
+from linkage_vibration.prediction.answers import (
+    Described,
+    Implement,
+    Implements,
+    Served,
+    with_implement,
+)
 from linkage_vibration.prediction.predictor import Predictor
-from linkage_vibration.prediction.settings import Parameters
+from linkage_vibration.prediction.settings import ParameterError, Parameters
+from linkage_vibration.readers.implements import read_implements
 from linkage_vibration.readers.mechanism import load_yaml, mechanism_of
 from linkage_vibration.table.table import load_table
 from linkage_vibration.table.tabulation import build_table
@@ -17,32 +24,81 @@ def read_served(
     settings: Parameters,
     report: Callable[[str], object] = lambda text: None,
     check: Callable[[], None] = lambda: None,
+    remembered: Callable[[Implements], Implement | None] = lambda implements: None,
 ) -> Served:
-    """Return a mechanism with its table, which is built if the parameters name no table.
+    """Return a mechanism with its table, which is built if the parameters name none for it.
 
     Parameters
     ----------
     settings : Parameters
-        They name the files.
+        They name the files, and the implement.
     report : callable
-        It is called with a sentence before a table is built, as that takes seconds.
+        It is called with a sentence before a table is built, as that takes seconds, and with a
+        notice of the assembly.
     check : callable
         It is called repeatedly while the table is built, and raises an error to stop that.
+    remembered : callable
+        Returns an implement that replaces that of the parameters, or None.
 
     Raises
     ------
     LinkageVibrationError
         If a file cannot be used, or the mechanism cannot be tabulated.
     """
+    described = read_described(settings, remembered)
+    mechanism = described.mechanism
     path, table_path = settings.mechanism_path(), settings.table_path()
+    if table_path is not None:
+        table = load_table(table_path)
+        if described.implement is None or table.model_hash == mechanism.model_hash:
+            return described.served(Predictor(load_table(table_path, mechanism)))
+        why = "its implement is not that of the table"
+    else:
+        why = "table_file is not given"
+    report(
+        f"Building the table of {path}, as {why}; `linkage-vibration build` saves a table, which "
+        "then loads at once."
+    )
+    model = LinkageModel(mechanism)
+    if model.kinematics.notice:
+        report(f"{path}: {model.kinematics.notice}")
+    table = build_table(model, progress=lambda _: check())
+    return described.served(Predictor(table))
+
+
+def read_described(
+    settings: Parameters,
+    remembered: Callable[[Implements], Implement | None] = lambda implements: None,
+) -> Described:
+    """Return the mechanism that the parameters name, with its implement.
+
+    Parameters
+    ----------
+    settings, remembered
+        As `read_served` takes them.
+
+    Raises
+    ------
+    ParameterError
+        If an implement is given without a file.
+    LinkageVibrationError
+        If a file cannot be used, or there is no such implement.
+    """
+    path, file = settings.mechanism_path(), settings.implement_path()
     content, text = load_yaml(path)
     mechanism = mechanism_of(content, path)
-    if table_path is not None:
-        table = load_table(table_path, mechanism)
-    else:
-        report(
-            f"Building the table of {path}, as table_file is not given; "
-            "`linkage-vibration build` saves a table, which then loads at once."
-        )
-        table = build_table(LinkageModel(mechanism), progress=lambda _: check())
-    return Served(Predictor(table), mechanism, text)
+    if file is None:
+        if settings.implement:
+            raise ParameterError(
+                f"Parameter implement is {settings.implement}, but implement_file is empty; give "
+                "the file of the implements."
+            )
+        return Described(mechanism, text)
+    implements = Implements(mechanism, text, read_implements(file, mechanism))
+    implement = remembered(implements)
+    if implement is None:
+        if not settings.implement:
+            return Described(mechanism, text, None, implements)
+        implement = implements.find(settings.implement)
+    changed = with_implement(mechanism, text, implement)
+    return Described(*changed, implement, implements)

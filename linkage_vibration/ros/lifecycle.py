@@ -23,7 +23,7 @@ from std_msgs.msg import String
 from linkage_vibration.bags.recorder import Provenance, Recorder, package_versions
 from linkage_vibration.bags.writing import QUEUE_DEPTH
 from linkage_vibration.errors import LinkageVibrationError
-from linkage_vibration.messages.provenance import attachments
+from linkage_vibration.messages.provenance import attachments, implement_facts
 from linkage_vibration.prediction.answers import Served, place_name
 from linkage_vibration.prediction.excitation import Excitation
 from linkage_vibration.prediction.levels import LevelTable
@@ -43,6 +43,7 @@ from linkage_vibration.ros.listener import Listener
 from linkage_vibration.ros.live_inputs import LiveTopic, live_topics
 from linkage_vibration.ros.log_control import Recording
 from linkage_vibration.ros.markers import Markers
+from linkage_vibration.ros.memory import Memory
 from linkage_vibration.ros.message_path import Predicting, input_topics, output_topics
 from linkage_vibration.ros.parameter_server import changed, declare_parameters, new_values
 from linkage_vibration.ros.precedence import rest
@@ -99,6 +100,7 @@ class LinkageVibrationNode(LifecycleNode):
         self._predicting: Predicting | None = None
         self._recording: Recording | None = None
         self._offered: Services | None = None
+        self._memory: Memory | None = None
         self._markers: Markers | None = None
         self._latched: list[Any] = []
 
@@ -283,7 +285,10 @@ class LinkageVibrationNode(LifecycleNode):
         folder, path = settings.log_path(), settings.excitation_path()
         self._monitored = excitations = read_excitations(path)
         self._excitations = path.read_text(encoding="utf-8")
-        self._served = served = read_served(settings, self.get_logger().info, self._check_signals)
+        self._memory = memory = Memory(self.get_fully_qualified_name(), settings, self.get_logger())
+        self._served = served = read_served(
+            settings, self.get_logger().info, self._check_signals, memory.recall
+        )
         levels = LevelTable(served.predictor, served.mechanism, excitations)
         if sharp := never_warned(served.predictor, settings.warning_probability):
             self.get_logger().warning(sharp)
@@ -307,7 +312,7 @@ class LinkageVibrationNode(LifecycleNode):
             self._statistics,
             self._throttle,
         )
-        self._offered = Services(self, self._serving, self._swap)
+        self._offered = Services(self, self._serving, excitations, self._swap)
         self._latched = [
             publisher(self, kind, name, latched=True)
             for kind, name in ((TableInfo, "~/table_info"), (String, "~/mechanism"))
@@ -340,7 +345,7 @@ class LinkageVibrationNode(LifecycleNode):
         first, last = map(math.degrees, served.table.alpha3_range)
         self.get_logger().info(
             f"Predicting for {self._predicting.input_name}, crank angles {first:g} to {last:g} "
-            f"deg, table {served.table.table_id} of {served.mechanism.name}."
+            f"deg, table {served.table.table_id} of {served.mechanism.name}{_with_name(served)}."
         )
 
     def _deactivate(self) -> None:
@@ -377,18 +382,21 @@ class LinkageVibrationNode(LifecycleNode):
             raise LinkageVibrationError("The node is not configured; configure it first.")
         return self._served
 
-    def _swap(self, served: Served) -> None:
-        """Use another table from now on."""
+    def _swap(self, served: Served, levels: LevelTable) -> None:
+        """Use another table from now on, and remember its implement."""
         assert self._predicting is not None
         assert self._recording is not None
         provenance = self._provenance(served)
-        levels = LevelTable(served.predictor, served.mechanism, self._monitored)
         with self._listener.paused():
             self._served = served
             self._predicting.replace(served.predictor, levels)
             self._recording.recorder.change_provenance(provenance)
         self._publish_model(served)
-        self.get_logger().info(f"Predicting from table {served.table.table_id} from now on.")
+        self.get_logger().info(
+            f"Predicting from table {served.table.table_id}{_with_name(served)} from now on."
+        )
+        if self._memory is not None and served.implement is not None:
+            self._memory.keep(served.implement)
 
     def _publish_model(self, served: Served) -> None:
         info, mechanism = self._latched
@@ -400,7 +408,7 @@ class LinkageVibrationNode(LifecycleNode):
         name = self.get_fully_qualified_name()
         files = attachments(served, self._settings, name, self._excitations)
         facts = {"table_id": served.table.table_id, "mechanism": served.mechanism.name}
-        return Provenance(files, {**package_versions(), **facts})
+        return Provenance(files, {**package_versions(), **facts, **implement_facts(served)})
 
     def _apply(self, settings: Parameters, topics: dict[str, LiveTopic]) -> None:
         """Use other parameters from now on, with the topics of their inputs."""
@@ -428,6 +436,8 @@ class LinkageVibrationNode(LifecycleNode):
             predicting.report_missing(now)
         if self._markers is not None:
             self._markers.watch()
+        if self._offered is not None:
+            self._offered.watch()
         health = Health(
             state=self._state,
             problem=self.problem,
@@ -447,6 +457,12 @@ class LinkageVibrationNode(LifecycleNode):
 
     def _on_jump(self, _: Any) -> None:
         self._statistics.clock_jumps += 1
+
+
+def _with_name(served: Served) -> str:
+    """Return the name of the implement in use, as a part of a sentence."""
+    name = implement_facts(served).get("implement")
+    return f" with the implement {name}" if name else ""
 
 
 def _table_info(served: Served, excitations: Sequence[Excitation], stamp: Time) -> TableInfo:

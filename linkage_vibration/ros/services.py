@@ -6,7 +6,7 @@ import math
 import tempfile
 import time
 from array import array
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import CancelledError, ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import astuple
@@ -20,18 +20,23 @@ from numpy.typing import NDArray
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.exceptions import InvalidHandle
 from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy
 from rclpy.serialization import deserialize_message
 from rclpy.task import Future
+from std_msgs.msg import String
 
 from linkage_vibration.errors import LinkageVibrationError
-from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.messages.encoding import encode_prediction
+from linkage_vibration.messages.topics import HITCHED_TOPIC
 from linkage_vibration.prediction import answers
 from linkage_vibration.prediction.answers import Served, place_name
+from linkage_vibration.prediction.excitation import Excitation
+from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.prediction.predictor import Predictor, fault
+from linkage_vibration.ros.endpoints import subscribe
 from linkage_vibration.ros.precedence import rest
 from linkage_vibration.support.process_pool import LocalPool
-from linkage_vibration.table.table import table_bytes
+from linkage_vibration.table.table import Table, table_bytes
 from linkage_vibration_interfaces.msg import VibrationPrediction
 from linkage_vibration_interfaces.srv import (
     GetFrf,
@@ -48,6 +53,7 @@ T = TypeVar("T")
 MAX_REQUEST = 1_000
 # Largest number of waiting requests; each costs the executor a microsecond when it wakes.
 MAX_WAITING = 16
+LATCHED = DurabilityPolicy.TRANSIENT_LOCAL
 # Between so many predictions, less than a millisecond of work, the readings have the processor.
 SLICE = 10
 
@@ -68,18 +74,27 @@ class Services:
         The node that offers the services.
     served : callable
         Returns the current mechanism and table.
+    excitations : sequence of Excitation
+        Those whose levels belong to a table.
     swap : callable
-        Called in the executor's thread with a new mechanism and table.
+        Called in the executor's thread with a new mechanism and table, and its levels.
     """
 
     def __init__(
-        self, node: Node, served: Callable[[], Served], swap: Callable[[Served], None]
+        self,
+        node: Node,
+        served: Callable[[], Served],
+        excitations: Sequence[Excitation],
+        swap: Callable[[Served, LevelTable], None],
     ) -> None:
         self._node, self._served, self._swap = node, served, swap
+        self._excitations = excitations
         # At most one of them builds a table; the other is free for short requests.
         self._threads = ThreadPoolExecutor(2, "linkage_vibration_services")
         self._waiting = 0
         self._wanted: Path | None = None  # a folder; its removal stops the building of a table
+        # Names on the topic: the last one, and one that is still to be used.
+        self._hitched, self._pending = "", ""
         offer: Any = partial(node.create_service, callback_group=ReentrantCallbackGroup())
         self._services = [
             offer(PredictVibration, "~/predict", self._predict),
@@ -88,6 +103,21 @@ class Services:
             offer(GetTable, "~/get_table", self._get_table),
             offer(SetImplement, "~/set_implement", self._set_implement),
         ]
+        self._subscriptions: list[Any] = []
+        if served().implements is not None:
+            self._subscriptions = [subscribe(node, String, HITCHED_TOPIC, self._on_hitched)]
+
+    def watch(self) -> None:
+        """Also receive what a latched publisher has sent before, once there is one; once a second.
+
+        Other publishers would report a second subscription as one that they cannot reach.
+        """
+        if len(self._subscriptions) == 1:
+            topic = self._node.resolve_topic_name(HITCHED_TOPIC)
+            found = self._node.get_publishers_info_by_topic(topic)
+            if any(each.qos_profile.durability == LATCHED for each in found):
+                call = subscribe(self._node, String, topic, self._on_hitched, latched=True)
+                self._subscriptions.append(call)
 
     def close(self) -> None:
         """Stop building, answer the waiting requests, and destroy the services.
@@ -111,6 +141,8 @@ class Services:
             return
         for service in self._services:
             self._node.destroy_service(service)
+        for subscription in self._subscriptions:
+            self._node.destroy_subscription(subscription)
 
     async def _predict(
         self, request: PredictVibration.Request, response: PredictVibration.Response
@@ -199,29 +231,61 @@ class Services:
         centre = tuple(request.centre_of_gravity)
         implement = answers.Implement(request.rigid_body, request.mass, request.inertia, centre)
         try:
-            await self._replace(self._served(), implement)
+            if not request.name:
+                await self._replace(self._served(), implement)
+            elif implement == answers.Implement("", 0.0, 0.0, ()):
+                await self._replace(self._served(), request.name)
+            else:
+                raise ServiceError("name has its own properties; leave all other fields empty.")
             response.success = True
         except LinkageVibrationError as error:
             response.message = f"The table is unchanged: {error}"
         with suppress(LinkageVibrationError):
             response.table_id = self._served().table.table_id
+        if self._node.executor is not None:
+            self._node.executor.create_task(self._follow)
         return response
 
-    async def _replace(self, served: Served, implement: answers.Implement) -> None:
-        """Build the table for another implement, and use it."""
+    def _on_hitched(self, data: bytes, _: object) -> None:
+        """Use the implement that a message names, once it differs from that of the last one."""
+        try:
+            name = str(deserialize_message(data, String).data).strip()
+        except RuntimeError:  # of rclpy: the bytes are not a text
+            self._node.get_logger().warning(f"A message on {HITCHED_TOPIC} is not a text.")
+            return
+        if name != self._hitched and self._node.executor is not None:
+            self._hitched = self._pending = name
+            self._node.executor.create_task(self._follow)
+
+    async def _follow(self) -> None:
+        """Use the implement that the topic has named meanwhile, unless a table is being built."""
+        while self._pending and self._wanted is None:
+            name, self._pending = self._pending, ""
+            try:
+                served = self._served()
+                if served.implement is None or served.implement.name != name:
+                    await self._replace(served, name)
+            except LinkageVibrationError as error:
+                self._node.get_logger().warning(
+                    f"{HITCHED_TOPIC} names {name!r}, but the implement is unchanged: {error}"
+                )
+
+    async def _replace(self, served: Served, wanted: answers.Implement | str) -> None:
+        """Build the table for another implement, or for that of a name, and use it."""
         if self._wanted is not None:
             raise ServiceError(
                 "The table of another implement is being built; ask again when it is in use."
             )
-        changed = answers.with_implement(served.mechanism, served.mechanism_text, implement)
+        changed = answers.replaced(served, wanted)
         with tempfile.TemporaryDirectory(prefix="linkage_vibration_") as folder:
             self._wanted = Path(folder)
             try:
-                rebuilt = await self._away(_rebuild, *changed, served, self._wanted)
+                building = changed, served.table, self._excitations, self._wanted
+                rebuilt, levels = await self._away(_rebuild, *building)
                 # The table may be complete although the node was cleaned up meanwhile.
                 if self._served() is not served:
                     raise ServiceError("The node was configured again; ask again.")
-                self._swap(rebuilt)
+                self._swap(rebuilt, levels)
             finally:
                 self._wanted = None
 
@@ -295,14 +359,17 @@ def _predict(
     return messages, failed, np.reshape(shares, (len(shares), 4, 2, predictor.table.n_modes))
 
 
-def _rebuild(mechanism: Mechanism, text: str, served: Served, wanted: Path) -> Served:
-    """Build the table of a changed mechanism in a process.
+def _rebuild(
+    changed: answers.Described, like: Table, excitations: Sequence[Excitation], wanted: Path
+) -> tuple[Served, LevelTable]:
+    """Build the tables of a changed mechanism in a process.
 
     A thread would block the interpreter, and so the live predictions, again and again.
     """
     with LocalPool(1) as pool:
-        table = pool.submit(answers.rebuilt, mechanism, served.table, wanted).result()
-    return Served(Predictor(table), mechanism, text)
+        work = changed.mechanism, like, excitations, wanted
+        predictor, levels = pool.submit(answers.rebuilt, *work).result()
+    return changed.served(predictor), levels
 
 
 def _doubles(values: NDArray[np.float64]) -> "array[float]":

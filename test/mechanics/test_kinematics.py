@@ -230,13 +230,6 @@ def test_links_that_cannot_close_are_refused(mapping: Any) -> None:
         Kinematics(mechanism_from_mapping(mapping))
 
 
-def test_pose_of_another_branch_is_refused(mapping: Any) -> None:
-    """Angles between two branches are not taken for either of them."""
-    mapping["assembly"]["angles_deg"]["implement"] = -10.0
-    with pytest.raises(MechanismError, match=r"assembly"):
-        Kinematics(mechanism_from_mapping(mapping))
-
-
 def four_bar(ground: float, crank: float, coupler: float, rocker: float) -> Mechanism:
     """Return a four-bar from A (0, 0) to D (ground, 0), open upwards."""
     bar = {

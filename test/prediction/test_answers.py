@@ -3,6 +3,7 @@
 """Answers to requests, without a node: FRFs, mode shapes, and another implement."""
 
 import math
+import pickle
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -27,6 +28,7 @@ from linkage_vibration.prediction.answers import (
     with_implement,
 )
 from linkage_vibration.prediction.predictor import Predictor
+from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.resources import config_file
 from linkage_vibration.table.table import TableError, load_table
@@ -157,13 +159,16 @@ def test_rebuilt(served: Served, tmp_path: Path) -> None:
     heavy, _ = with_implement(
         served.mechanism, served.mechanism_text, Implement("", 1200.0, 300.0, ())
     )
-    table = rebuilt(heavy, served.table, tmp_path)
+    excitations = read_excitations(config_file("excitations.yaml"))
+    predictor, levels = rebuilt(heavy, served.table, excitations, tmp_path)
+    table = predictor.table
+    assert pickle.loads(pickle.dumps((predictor, levels)))[0].table.table_id == table.table_id
     assert table.model_hash == heavy.model_hash
     assert set(table.places) == set(served.table.places)
     assert table.interpolation_error.max() <= 1e-6
     assert table.natural_frequencies[0, 0] < 0.9 * served.table.natural_frequencies[0, 0]
     with pytest.raises(ServingError, match="cancelled"):
-        rebuilt(heavy, served.table, tmp_path / "missing")
+        rebuilt(heavy, served.table, excitations, tmp_path / "missing")
 
 
 @pytest.mark.parametrize(

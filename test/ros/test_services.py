@@ -23,9 +23,11 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.task import Future
 
 from linkage_vibration.prediction.answers import Served
+from linkage_vibration.prediction.levels import LevelTable
+from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.ros.services import MAX_REQUEST, MAX_WAITING, Services
-from linkage_vibration.support.resources import share_directory
+from linkage_vibration.support.resources import config_file, share_directory
 from linkage_vibration.table.table import load_table
 from linkage_vibration_interfaces.srv import (
     GetFrf,
@@ -85,7 +87,13 @@ def bench(domain: int) -> Iterator[Bench]:
         peer_executor = SingleThreadedExecutor(context=peer_context)
         peer_executor.add_node(peer)
         served = [shipped()]
-        services = Services(node, lambda: served[-1], served.append)
+        excitations = read_excitations(config_file("excitations.yaml"))
+
+        def swap(new: Served, levels: LevelTable) -> None:
+            assert levels.at(2.3, (2000.0, 500.0, 1.0), np.zeros((2, 6))).total_velocity.shape == ()
+            served.append(new)
+
+        services = Services(node, lambda: served[-1], excitations, swap)
         ended: Future[None] = Future(executor=executor)
         thread = threading.Thread(target=executor.spin_until_future_complete, args=[ended])
         thread.start()
@@ -239,6 +247,8 @@ def test_set_implement(bench: Bench, tmp_path: Path) -> None:
         ({"mass": -1.0, "inertia": 1.0}, "rigid_bodies.implement.mass: -1 is not greater"),
         ({"mass": math.nan, "inertia": 1.0}, "rigid_bodies.implement.mass: nan is not a finite"),
         ({"mass": 9.0, "inertia": 9.0, "rigid_body": "plough"}, "no rigid body 'plough'; name one"),
+        ({"name": "plough"}, "There is no implement 'plough', as implement_file is empty; give"),
+        ({"name": "plough", "mass": 9.0}, "name has its own properties; leave all other fields"),
         ({"mass": 9.0, "inertia": 9.0, "centre_of_gravity": array("d", [1.0])}, "has 1 numbers"),
         (
             {"mass": 1e10, "inertia": 1e9},
@@ -269,14 +279,18 @@ import signal
 
 import rclpy
 from rclpy.executors import ExternalShutdownException
+from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.ros.services import Services
+from linkage_vibration.support.resources import config_file
 from test.support.served import shipped
 
 if __name__ == "__main__":
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # only rclpy acts on it
     rclpy.init()
     node, served = rclpy.create_node("serving"), [shipped()]
-    services = Services(node, lambda: served[-1], served.append)
+    excitations = read_excitations(config_file("excitations.yaml"))
+    swap = lambda new, levels: served.append(new)
+    services = Services(node, lambda: served[-1], excitations, swap)
     try:
         rclpy.spin(node)
     except ExternalShutdownException:
@@ -352,9 +366,9 @@ def test_close_while_building(bench: Bench) -> None:
 def test_table_that_comes_too_late(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     """A table that is complete only after another configuration is not used."""
 
-    def rebuild(*_: object) -> Served:
+    def rebuild(*_: object) -> tuple[Served, None]:
         bench.served.append(shipped())  # as if the node was configured again meanwhile
-        return shipped()
+        return shipped(), None
 
     monkeypatch.setattr("linkage_vibration.ros.services._rebuild", rebuild)
     answer = bench.call("set_implement", mass=1200.0, inertia=300.0)

@@ -1,0 +1,86 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Draws a linkage at one angle, with the names of its pins."""
+
+import io
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from linkage_vibration.drawing import palette
+from linkage_vibration.drawing.geometry import scene
+from linkage_vibration.drawing.plots import PlotError, require_matplotlib, tidy
+from linkage_vibration.mechanics.arrays import FloatArray
+from linkage_vibration.mechanics.description import GROUND
+from linkage_vibration.mechanics.model import LinkageModel
+from linkage_vibration.support.atomic_files import write_bytes
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
+def draw_pose(
+    model: LinkageModel,
+    alpha3: float,
+    picture: Path,
+    seen: Mapping[str, FloatArray] = {},
+) -> None:
+    """Draw a linkage at an angle into a PNG file.
+
+    Parameters
+    ----------
+    model, alpha3 : LinkageModel and float
+        The linkage, and its crank angle, rad.
+    picture : Path
+        The file to write. An existing file is replaced.
+    seen : mapping of str to ndarray, (2,)
+        Places of pins in a photograph, m, which are drawn as crosses.
+
+    Raises
+    ------
+    PlotError
+        If matplotlib is missing, or the picture cannot be written.
+    """
+    require_matplotlib()
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(8.0, 6.0), dpi=120, layout="constrained")
+    ax = figure.subplots()
+    draw_linkage(ax, model, alpha3)
+    if seen:
+        x, z = np.array(list(seen.values())).T
+        ax.plot(x, z, "x", color=palette.PEAK, markersize=10, mew=2, label="in the photograph")
+    ax.legend(frameon=False, loc="best")
+    ax.set_title(f"{model.mechanism.name} at α₃ = {math.degrees(alpha3):.2f}°", loc="left")
+    png = io.BytesIO()
+    figure.savefig(png, format="png", bbox_inches="tight")
+    write_bytes(picture, png.getvalue(), PlotError)
+
+
+def draw_linkage(ax: "Axes", model: LinkageModel, alpha3: float) -> None:
+    """Draw a linkage at an angle, with the names of its pins, into axes.
+
+    Parameters
+    ----------
+    ax, model, alpha3 : matplotlib Axes, LinkageModel and float
+        The axes, the linkage, and its crank angle, rad.
+    """
+    mechanism, configuration = model.mechanism, model.kinematics.at(alpha3)
+    drawn = scene(model, configuration)
+    names = [body.name for body in mechanism.bodies]
+    for name, colour in zip(names, palette.mode_colours(len(names)), strict=True):
+        ax.plot(*drawn.bodies[name].T, color=colour, lw=3, label=name.replace("_", " "), zorder=2)
+    ax.plot(*drawn.joints.T, "o", color="white", mec=palette.INK, markersize=7, zorder=3)
+    ax.plot(*drawn.ground.T, "^", color=palette.INK, markersize=10, zorder=3)
+    for name in (GROUND, *names):
+        for point, local in mechanism.local_points(name).items():
+            if name == GROUND and point not in dict(mechanism.ground):
+                continue  # a mount of the base, far away
+            place = configuration.place(name, local)
+            x, z = place.tolist()
+            ax.annotate(point, (x, z), (6, 6), textcoords="offset points", zorder=4)
+    ax.set(xlabel="x, forward [m]", ylabel="z, up [m]", aspect="equal")
+    tidy(ax)

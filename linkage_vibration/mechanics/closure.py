@@ -1,0 +1,325 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Finds every closed pose at an input angle, or the loop that no pose can close.
+
+With the angles of the bodies given, the gaps of the pins are linear in the positions of the bodies.
+The positions with the smallest gaps are eliminated, which leaves as many equations as unknown
+angles. They are solved by Levenberg and Marquardt's method from many starting angles at once.
+"""
+
+import math
+from collections import deque
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from linkage_vibration.mechanics.arrays import BoolArray, FloatArray
+from linkage_vibration.mechanics.description import GROUND, Mechanism, MechanismError
+
+NEAR = math.radians(5.0)
+"""Angle of every body from those given, within which a pose is used without a search for others."""
+
+_ROUGH = math.radians(20.0)  # of a body: the angles given are wrong
+_AMBIGUOUS = 2.0  # a pose is clear if others are so many times farther away
+_STARTS = 200  # in addition to the angles given
+_ITERATIONS = 60
+_CLOSED = 1e-9  # of a gap, lengths divided by the largest one
+_DONE, _STUCK = 1e-28, 1e4  # square of a gap, and damping, at which a search ends
+_SAME = 1e-4  # rad, between the angles of two poses
+_OPEN = 1e-3  # weight of a pin that is opened
+_REST = 0.02  # largest gap of the other pins over that of the opened one
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pins:
+    """The gap between the two ends of every pin, with scaled lengths.
+
+    It is linear in the positions, cosines and sines of a pose (x, z and angle of each body), with
+    matrices that are the same in every pose. There are two rows for each pin, and a
+    last one that is free for another condition.
+    """
+
+    positions: FloatArray  # (n_rows, 3 n_bodies): d(gap)/d(pose); zero for the angles
+    cosines: FloatArray  # (n_rows, n_bodies): d(gap)/d(cosine of each angle)
+    sines: FloatArray  # (n_rows, n_bodies): the same of the sines
+    ground: FloatArray  # (n_rows,): contribution of the ends on the ground
+
+    def at(self, pose: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the gaps, (2 n_pins + 1,), and d(gaps)/d(pose), (2 n_pins + 1, 3 n_bodies)."""
+        angles = pose[2::3]
+        c, s = np.cos(angles), np.sin(angles)
+        gaps = self.positions @ pose + self.cosines @ c + self.sines @ s + self.ground
+        jacobian = self.positions.copy()
+        jacobian[:, 2::3] = self.sines * c - self.cosines * s
+        return gaps, jacobian
+
+    def placed(self, angles: FloatArray, weights: FloatArray | None = None) -> FloatArray:
+        """Return the pose, (3 n_bodies,), with given angles and the smallest gaps.
+
+        Parameters
+        ----------
+        angles : ndarray, (n_bodies,)
+            rad.
+        weights : ndarray, (n_pins,), optional
+            How much the gap of each pin counts, 1.
+        """
+        pose = np.zeros(3 * len(angles))
+        pose[2::3] = angles
+        gaps, jacobian = self.at(pose)
+        places = np.arange(len(pose)) % 3 != 2
+        rows = np.ones(len(gaps) - 1) if weights is None else np.repeat(weights, 2)
+        matrix, gaps = rows[:, np.newaxis] * jacobian[:-1, places], rows * gaps[:-1]
+        pose[places] = -np.linalg.lstsq(matrix, gaps, rcond=None)[0]
+        return pose
+
+
+def closed_angles(pins: Pins, guess: FloatArray, free: BoolArray) -> FloatArray:
+    """Return the angles of every closed pose that is found, (n_poses, n_bodies), rad.
+
+    The nearest to the guess is the first: that with the smallest root mean square of the angles
+    by which the free bodies turn from the guess, each by less than half a turn.
+
+    Parameters
+    ----------
+    pins : Pins
+    guess : ndarray, (n_bodies,)
+        rad.
+    free : ndarray of bool, (n_bodies,)
+        Which angles are unknown; the others are held.
+    """
+    found, gaps = _descend(_Loops.of(pins), guess, free)
+    found = found[gaps < _CLOSED]
+    turned = turns(found - guess)
+    order = np.argsort(distance(turned, free))
+    kept: list[FloatArray] = []
+    for one in turned[order]:
+        if all(np.abs(turns(one - other)).max() > _SAME for other in kept):
+            kept.append(one)
+    return guess + np.reshape(kept, (len(kept), len(guess)))
+
+
+def described(mechanism: Mechanism, poses: Sequence[FloatArray], chosen: int) -> str:
+    """Return how a pose differs from the angles given; empty if those are clear.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+    poses : sequence of ndarray, (n_bodies,)
+        Angles of the bodies in the closed poses, rad, the nearest first.
+    chosen : int
+        The pose that is used: the nearest whose branch reaches over the stroke.
+    """
+    names = [body.name for body in mechanism.bodies]
+    held, given = names.index(mechanism.input_body), mechanism.assembly_alpha3
+    angles = dict(mechanism.assembly_angles)
+    guess = np.array([angles.get(name, given) for name in names])
+    free = np.arange(len(names)) != held
+    turned = turns(np.array(poses) - guess) * free
+    away = distance(turned, free)
+    alpha3, own = float(poses[chosen][held]), turned[chosen]
+    others = [i for i in range(len(poses)) if i != chosen]
+    rival = others[0] if others and away[others[0]] < _AMBIGUOUS * away[chosen] else None
+    moved = abs(alpha3 - given) > 1e-9
+    if not moved and rival is None and np.abs(own).max() <= _ROUGH:
+        return ""
+
+    def written(pose: FloatArray) -> str:
+        degrees = (np.degrees(pose) % 360.0).tolist()
+        pairs = zip(names, degrees, free.tolist(), strict=True)
+        return f"{{{', '.join(f'{name}: {angle:.2f}' for name, angle, own in pairs if own)}}}"
+
+    body = int(np.abs(own).argmax())
+    what = (
+        f"the closed pose that is used has {names[body]} turned by "
+        f"{math.degrees(own[body]):+.1f} deg from the angle given"
+    )
+    if moved:
+        what = (
+            f"the loops do not close at {math.degrees(given):.6g} deg, so that a pose at "
+            f"{math.degrees(alpha3):.2f} deg is used"
+        )
+    block = f"{{alpha3_deg: {math.degrees(alpha3):.6g}, angles_deg: {written(poses[chosen])}}}"
+    text = f"assembly: {what}; write `assembly: {block}`."
+    if rival is not None:
+        nearer = ", which is nearer, but whose branch ends within the stroke" * (rival < chosen)
+        text += (
+            f" The choice is ambiguous: the loops also close with `angles_deg: "
+            f"{written(poses[rival])}`{nearer}. These are {math.degrees(away[rival]):.0f} deg from "
+            f"the angles given (root mean square), and those used {math.degrees(away[chosen]):.0f} "
+            "deg; write the angles that your linkage has."
+        )
+    return text
+
+
+def cannot_close(mechanism: Mechanism, loop: "OpenLoop | None", length: float) -> MechanismError:
+    """Return the error that the lengths cannot close, to be raised.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+    loop : OpenLoop or None
+        What is open, if it is known.
+    length : float
+        By which lengths were divided, m.
+    """
+    given = math.degrees(mechanism.assembly_alpha3)
+    text, bodies = f"the loops do not close at alpha3 = {given:.6g} deg", "the bodies"
+    if loop is not None:
+        known = not math.isnan(loop.missing)
+        gap = f" (gap {loop.missing * length:.4g} m)" if known else ""
+        text += (
+            f", nor elsewhere in the stroke: the ends of the loop {', '.join(loop.points)} do not "
+            f"meet{gap}"
+        )
+        bodies = ", ".join(loop.bodies)
+    text += f"; correct the lengths of {bodies}, or the points of the ground."
+    return MechanismError("assembly", text)
+
+
+def turns(angles: FloatArray) -> FloatArray:
+    """Return angles without full turns, -pi to pi."""
+    return np.asarray((angles + math.pi) % (2.0 * math.pi) - math.pi)
+
+
+def distance(turned: FloatArray, free: BoolArray) -> FloatArray:
+    """Return the root mean square of the turns of the free bodies, (...), rad.
+
+    Parameters
+    ----------
+    turned, free : ndarray, (..., n_bodies), and ndarray of bool, (n_bodies,)
+        Angle by which each body turns, rad, and which bodies count.
+    """
+    return np.asarray(np.sqrt((turned[..., free] ** 2).mean(axis=-1)))
+
+
+@dataclass(frozen=True, slots=True)
+class OpenLoop:
+    """A loop whose ends no pose brings together, while the loops before it are closed."""
+
+    points: tuple[str, ...]  # its pins, from one to the next
+    bodies: tuple[str, ...]  # those that these pins join, without the ground
+    missing: float  # scaled: distance between the two ends of a pin at its smallest
+
+
+def open_loop(
+    pins: Pins, mechanism: Mechanism, guess: FloatArray, free: BoolArray
+) -> OpenLoop | None:
+    """Return the first loop that cannot close, or None if none is found.
+
+    Parameters
+    ----------
+    pins, mechanism : Pins and Mechanism
+    guess, free : ndarray, (n_bodies,)
+        As `closed_angles` takes them.
+    """
+    joints = mechanism.joints
+    used = np.zeros(len(joints))
+    for loop in _loops_of(joints, mechanism.input_body):
+        new = [pin for pin in loop if not used[pin]]
+        used[loop] = 1.0
+        if _descend(_Loops.of(pins, used), guess, free)[1].min() < _CLOSED:
+            continue
+        names = [name for pin in loop for name in joints[pin][1:] if name != GROUND]
+        points, bodies = (joints[pin][0] for pin in loop), dict.fromkeys(names)
+        gaps = [gap for pin in new for gap in _opened(pins, used, pin, guess, free)]
+        return OpenLoop(tuple(points), tuple(bodies), min(gaps, default=math.nan))
+    return None
+
+
+def _opened(
+    pins: Pins, used: FloatArray, pin: int, guess: FloatArray, free: BoolArray
+) -> Iterator[float]:
+    """Yield the distance between the ends of a pin where all other pins used are closed."""
+    weights = used.copy()
+    weights[pin] = _OPEN
+    angles, norms = _descend(_Loops.of(pins, weights), guess, free)
+    best = angles[norms.argmin()]
+    gaps = pins.at(pins.placed(best, weights))[0][:-1].reshape(-1, 2)
+    sizes = np.hypot(*gaps.T)
+    others = (used > 0.0) & (np.arange(len(used)) != pin)
+    if sizes[others].max() < _REST * sizes[pin]:
+        yield float(sizes[pin])
+
+
+def _loops_of(joints: Sequence[tuple[str, str, str]], crank: str) -> list[list[int]]:
+    """Return loops of pins, of which all others consist; those with the crank are the first."""
+    came: dict[str, tuple[str, int]] = {}  # how a body is reached from the ground: body and pin
+    queue, known = deque([GROUND]), {GROUND}
+    while queue:
+        body = queue.popleft()
+        for pin, (_, *pair) in enumerate(joints):
+            for one, other in (pair, pair[::-1]):
+                if one == body and other not in known:
+                    known.add(other)
+                    came[other] = body, pin
+                    queue.append(other)
+    tree = {pin for _, pin in came.values()}
+
+    def way(body: str) -> list[int]:
+        return [] if body == GROUND or body not in came else [*way(came[body][0]), came[body][1]]
+
+    found = []
+    for pin, (_, one, other) in enumerate(joints):
+        if pin not in tree:
+            there, back = way(one), way(other)
+            shared = sum(a == b for a, b in zip(there, back, strict=False))
+            found.append([*there[shared:], pin, *reversed(back[shared:])])
+    with_crank = [any(crank in joints[pin] for pin in loop) for loop in found]
+    order = sorted(range(len(found)), key=lambda i: (not with_crank[i], len(found[i])))
+    return [found[i] for i in order]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Loops:
+    """Gaps of the pins without those that positions of the bodies remove, each (n_gaps, ...)."""
+
+    cosines: FloatArray
+    sines: FloatArray
+    ground: FloatArray
+
+    @classmethod
+    def of(cls, pins: Pins, weights: FloatArray | None = None) -> "_Loops":
+        rows = len(pins.ground) - 1
+        weight = np.ones(rows) if weights is None else np.repeat(weights, 2)
+        columns = np.arange(pins.positions.shape[1]) % 3 != 2
+        left, sizes, _ = np.linalg.svd(weight[:, np.newaxis] * pins.positions[:-1, columns])
+        rank = int((sizes > 1e-12).sum())
+        kept = left[:, rank:].T * weight
+        return cls(kept @ pins.cosines[:-1], kept @ pins.sines[:-1], kept @ pins.ground[:-1])
+
+    def gaps(self, angles: FloatArray) -> FloatArray:
+        """Return the gaps at many angles, (n, n_gaps), of angles (n, n_bodies)."""
+        turned = np.cos(angles) @ self.cosines.T + np.sin(angles) @ self.sines.T
+        return np.asarray(turned + self.ground)
+
+    def slopes(self, angles: FloatArray) -> FloatArray:
+        """Return d(gaps)/d(angles), (n, n_gaps, n_bodies)."""
+        cosines, sines = np.cos(angles)[:, np.newaxis], np.sin(angles)[:, np.newaxis]
+        return np.asarray(self.sines * cosines - self.cosines * sines)
+
+
+def _descend(loops: _Loops, guess: FloatArray, free: BoolArray) -> tuple[FloatArray, FloatArray]:
+    """Return angles where gaps are smallest, (n, n_bodies), and the norms of the gaps, (n,)."""
+    n_free = int(free.sum())
+    angles = np.tile(guess, (_STARTS + 1, 1))
+    # A generator with a fixed seed: the same description always has the same result.
+    angles[1:, free] += np.random.default_rng(0).uniform(-math.pi, math.pi, (_STARTS, n_free))
+    gaps, damping = loops.gaps(angles), np.full(len(angles), 1e-2)
+    active = np.arange(len(angles))
+    for _ in range(_ITERATIONS):
+        sizes = (gaps[active] ** 2).sum(axis=1)
+        active = active[(sizes > _DONE) & (damping[active] < _STUCK)]
+        if not len(active):
+            break
+        old, own = gaps[active], angles[active]
+        slopes = loops.slopes(own)[:, :, free]
+        across = slopes.swapaxes(1, 2)
+        matrix = across @ slopes + damping[active, np.newaxis, np.newaxis] * np.eye(n_free)
+        own[:, free] -= np.linalg.solve(matrix, across @ old[:, :, np.newaxis])[:, :, 0]
+        new = loops.gaps(own)
+        better = (new**2).sum(axis=1) < (old**2).sum(axis=1)
+        angles[active[better]], gaps[active[better]] = own[better], new[better]
+        damping[active] *= np.where(better, 0.1, 4.0)
+        damping = np.maximum(damping, 1e-14)
+    return angles, np.sqrt((gaps**2).sum(axis=1))

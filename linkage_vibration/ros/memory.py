@@ -1,0 +1,113 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Remembers the implement in use over a restart, in a file below ``ROS_HOME``."""
+
+import os
+from dataclasses import asdict
+from pathlib import Path
+
+import yaml
+from rclpy.impl.rcutils_logger import RcutilsLogger
+
+from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.mechanics.description import MechanismError
+from linkage_vibration.mechanics.keys import Keys
+from linkage_vibration.prediction.answers import Implement, Implements, with_implement
+from linkage_vibration.prediction.settings import Parameters
+from linkage_vibration.readers.mechanism import load_yaml
+from linkage_vibration.support.atomic_files import write_text
+
+
+class _MemoryError(LinkageVibrationError):
+    """The file cannot be used."""
+
+
+class Memory:
+    """The file in which a node keeps the implement in use.
+
+    It is used while ``implement_file`` is given. Other values of ``mechanism_file``,
+    ``implement_file`` or ``implement`` than when it was written replace what it says.
+
+    Parameters
+    ----------
+    node_name : str
+        Name of the node with its namespace.
+    settings : Parameters
+    logger : RcutilsLogger
+        Receives what the file says, and a warning if it cannot be used.
+
+    Attributes
+    ----------
+    path : Path
+        ``~/.ros/linkage_vibration/NODE.yaml``, or below ``ROS_HOME`` if that is set.
+    """
+
+    def __init__(self, node_name: str, settings: Parameters, logger: RcutilsLogger) -> None:
+        home = os.environ.get("ROS_HOME") or Path.home() / ".ros"
+        name = node_name.strip("/").replace("/", ".")
+        self.path = Path(home) / "linkage_vibration" / f"{name}.yaml"
+        self._used, self._logger = bool(settings.implement_file), logger
+        names = ("mechanism_file", "implement_file", "implement")
+        self._given = {key: getattr(settings, key) for key in names}
+
+    def recall(self, implements: Implements) -> Implement | None:
+        """Return the implement that was in use; None if none is known, or it cannot be used."""
+        if not self._used or not self.path.exists():
+            return None
+        try:
+            found = self._read(implements)
+        except LinkageVibrationError as error:
+            self._logger.warning(
+                f"The remembered implement is not used, but that of the parameters. {error}"
+            )
+            return None
+        if found is None:
+            self._logger.info(
+                f"The parameters have changed since {self.path} was written, so they decide on the "
+                "implement."
+            )
+        else:
+            self._logger.info(
+                f"The implement that was in use before is used again: {found.name or 'unnamed'} "
+                f"(delete {self.path} to use that of the parameters)."
+            )
+        return found
+
+    def keep(self, implement: Implement) -> None:
+        """Write the implement in use: its name, or its properties if it has none."""
+        if not self._used:
+            return
+        values = {key: value for key, value in asdict(implement).items() if key != "name"}
+        values["centre_of_gravity"] = list(implement.centre_of_gravity)
+        if implement.name:
+            values = {"name": implement.name}
+        text = (
+            "# The node reads this file when it is configured. Delete it to use the parameters.\n"
+        )
+        text += yaml.safe_dump({"parameters": self._given, "implement": values}, sort_keys=False)
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            write_text(self.path, text, _MemoryError)
+        except (OSError, LinkageVibrationError) as error:
+            self._logger.warning(f"The implement will not be remembered over a restart: {error}")
+
+    def _read(self, implements: Implements) -> Implement | None:
+        """Return the implement of the file; None if the parameters are others."""
+        try:
+            content = load_yaml(self.path)[0]
+            top = Keys("", content)
+            given, keys = top["parameters"], top["implement"]
+            if {key: content["parameters"][key] for key in given} != self._given:
+                return None
+            if "name" in keys:
+                return implements.find(keys.text("name"))
+            centre = tuple(keys.pair("centre_of_gravity"))
+            numbers = keys.number("mass", positive=True), keys.number("inertia", positive=True)
+            found = Implement(keys.text("rigid_body"), *numbers, centre)
+            with_implement(implements.mechanism, implements.mechanism_text, found)
+        except MechanismError as error:
+            where = "" if str(self.path) in error.path else f"{self.path}: "
+            raise _MemoryError(f"{where}{error}") from None
+        except LinkageVibrationError as error:
+            raise _MemoryError(f"{self.path}: {error}") from None
+        return found

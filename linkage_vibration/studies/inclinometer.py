@@ -1,0 +1,360 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Derives the calibration from readings of the hitch sensor to alpha3 from inclinations."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import brentq
+from scipy.stats import chi2
+
+from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.mechanics.arrays import FloatArray, IntArray
+from linkage_vibration.mechanics.description import Mechanism
+from linkage_vibration.mechanics.kinematics import Kinematics
+
+_BEYOND = math.radians(3.0)  # of the stroke, within which an inclination may lie by its error
+_ANGLES = 361  # over the stroke, between which an inclination is searched
+_HIGHEST_DEGREE = 5
+_UNLIKELY = 1e-3  # probability of a scatter that the deviation of the inclinometer explains
+_KNOTS = 13  # of a calibration that is not a straight line
+_WINDOW = 0.5  # s, before and after a moment
+_STILL = 3.0  # deviations by which the hitch may drift in a window
+_TURNED_BACK = 3.0  # deviations by which an angle may turn back between two points
+
+
+class InclinometerError(LinkageVibrationError):
+    """Measured inclinations give no calibration."""
+
+
+@dataclass(frozen=True, slots=True)
+class Point:
+    """A reading of the hitch sensor, and the crank angle that was measured with it.
+
+    Attributes
+    ----------
+    label : str
+        The moment or the reading, as it was given.
+    reading : float
+        In the unit of the sensor.
+    inclination, alpha3, stddev : float
+        Inclination of the body against the tractor, crank angle, and its standard deviation, rad.
+    """
+
+    label: str
+    reading: float
+    inclination: float
+    alpha3: float
+    stddev: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fit:
+    """A monotone calibration.
+
+    Attributes
+    ----------
+    points : tuple of Point
+        Their readings ascend.
+    residuals : ndarray, (n_points,)
+        Measured less fitted crank angles, rad.
+    degree : int
+        Of the polynomial.
+    pairs : tuple of float
+        The parameter ``calibration``: readings and crank angles (rad) in turn.
+    stddev : float
+        Largest standard deviation of a crank angle between the ends of the calibration, rad.
+    excess : float
+        Root mean square of the residuals over their deviations, 1, where that is too large to be
+        chance; NaN otherwise.
+    extrapolated : tuple of float
+        How far the calibration reaches below and above the points, in the unit of the sensor.
+    """
+
+    points: tuple[Point, ...]
+    residuals: FloatArray
+    degree: int
+    pairs: tuple[float, ...]
+    stddev: float
+    excess: float
+    extrapolated: tuple[float, float]
+
+
+def pairs_of(words: Sequence[str], form: str) -> list[tuple[str, float, float]]:
+    """Return the words, the numbers before and those after an equals sign.
+
+    Parameters
+    ----------
+    words, form : sequence of str, and str
+        Words such as ``12.5=128.3``, and what they have to look like, for the error.
+
+    Raises
+    ------
+    InclinometerError
+        If a word has another form.
+    """
+    found = []
+    for word in words:
+        try:
+            first, second = map(float, word.split("="))
+        except ValueError:
+            first = second = math.nan
+        if not math.isfinite(first + second):
+            raise InclinometerError(f"{word}: write {form}.")
+        found.append((word, first, second))
+    return found
+
+
+def crank_angle(
+    mechanism: Mechanism, kinematics: Kinematics, body: str, inclination: float
+) -> tuple[float, float]:
+    """Return alpha3 where a body has an inclination, rad, and d(alpha3)/d(inclination), 1.
+
+    An inclinometer does not distinguish the two ends of a body, so the inclination is compared
+    without half turns.
+
+    Parameters
+    ----------
+    mechanism, kinematics, body
+        The linkage, and the body on which the inclinometer lies, along its x axis.
+    inclination : float
+        Angle of the body against the x axis of the ground, positive where the end ahead is higher,
+        rad.
+
+    Raises
+    ------
+    InclinometerError
+        If there is no such body, if it never has this inclination within the stroke, or more than
+        once.
+    """
+    names = [each.name for each in mechanism.bodies]
+    if body not in names:
+        raise InclinometerError(f"There is no body {body!r}; name one of: {', '.join(names)}.")
+    low, high = kinematics.closable_range
+    first, last = mechanism.stroke
+    edge = 1e-6  # rad, from a toggle
+    first, last = max(first - _BEYOND, low + edge), min(last + _BEYOND, high - edge)
+    grid = np.linspace(first, last, _ANGLES).tolist()
+
+    def away(alpha3: float) -> float:
+        return math.sin(kinematics.at(alpha3).angle(body) - inclination)
+
+    values = [away(alpha3) for alpha3 in grid]
+    steps = zip(grid, grid[1:], values, values[1:], strict=False)
+    roots = [float(brentq(away, a, b)) for a, b, fa, fb in steps if fa == 0.0 or fa * fb < 0.0]
+    if len(roots) == 1:
+        ratio = kinematics.at(roots[0]).velocity_ratio(body)
+        return roots[0], 1.0 / ratio if abs(ratio) > 1e-9 else math.inf
+    degrees = f"{math.degrees(inclination):.2f} deg"
+    if roots:
+        listing = " and ".join(f"{math.degrees(root):.2f}" for root in roots)
+        raise InclinometerError(
+            f"{body} has the inclination {degrees} at alpha3 = {listing} deg, so that it does not "
+            f"show the crank angle; measure on another body, such as {mechanism.input_body}."
+        )
+    ends = np.linspace(*mechanism.stroke, 5).tolist()
+    turned = [_slope(kinematics.at(alpha3).angle(body)) for alpha3 in ends]
+    listing = ", ".join(f"{math.degrees(angle):.1f}" for angle in turned)
+    raise InclinometerError(
+        f"No pose in the stroke has {body} at the inclination {degrees}; from its beginning to its "
+        f"end, {body} has {listing} deg. Check the sign (positive where the end ahead is higher), "
+        "the inclination of the tractor, and the lengths of the mechanism."
+    )
+
+
+def _slope(angle: float) -> float:
+    """Return an angle as an inclinometer shows it, -pi/2 to pi/2."""
+    return (angle + math.pi / 2.0) % math.pi - math.pi / 2.0
+
+
+def still_reading(
+    times: IntArray, values: FloatArray, moment: float, label: str
+) -> tuple[float, float]:
+    """Return the mean reading around a moment and the standard deviation of one reading.
+
+    Parameters
+    ----------
+    times, values : ndarray, (n,)
+        ns, ascending, and readings; NaN where they are not available.
+    moment, label : float and str
+        s after the first reading; as it was given, for errors.
+
+    Raises
+    ------
+    InclinometerError
+        If the bag has no reading then, or if the hitch moves.
+    """
+    since = (times - times[0]) / 1e9
+    if not 0.0 <= moment <= since[-1]:
+        raise InclinometerError(
+            f"{label}: {moment:g} s is outside the bag, whose readings end after {since[-1]:.3f} "
+            "s; give seconds after its first reading."
+        )
+    near = (np.abs(since - moment) <= _WINDOW) & np.isfinite(values)
+    if not near.any():
+        raise InclinometerError(
+            f"{label}: there is no reading within {_WINDOW:g} s; choose another moment."
+        )
+    own, at = values[near], since[near]
+    if len(own) < 4:
+        return float(own.mean()), 0.0
+    line = np.polyfit(at - at.mean(), own, 1)
+    noise = float(np.std(own - np.polyval(line, at - at.mean()), ddof=2))
+    drift = abs(float(line[0])) * float(np.ptp(at))
+    step = np.diff(np.unique(own))
+    resolution = float(step.min()) if len(step) else 0.0
+    if drift > _STILL * max(noise, resolution) and drift > 1e-9 * max(1.0, abs(float(own.mean()))):
+        raise InclinometerError(
+            f"{label}: the reading changes by {drift:.4g} within {np.ptp(at):.2f} s, so the hitch "
+            "moves; choose a moment at which it is at rest."
+        )
+    return float(own.mean()), noise
+
+
+def fit(points: Sequence[Point], low: float, high: float, reading_stddev: float) -> Fit:
+    """Fit a monotone polynomial to points, with the degree that explains them best.
+
+    The degree has the smallest sum of squares plus twice the number of coefficients (Akaike).
+
+    Parameters
+    ----------
+    points : sequence of Point
+        At least three.
+    low, high : float
+        Readings that the calibration has to contain, in addition to those of the points.
+    reading_stddev : float
+        Standard deviation of a reading, in its unit.
+
+    Raises
+    ------
+    InclinometerError
+        If there are too few points, or the angle does not rise or fall with the reading.
+    """
+    known = tuple(sorted(points, key=lambda point: point.reading))
+    x, y, sigma = (
+        np.array([getattr(p, k) for p in known]) for k in ("reading", "alpha3", "stddev")
+    )
+    _check_points(known, x, y, sigma)
+    low, high = min(low, x[0]), max(high, x[-1])
+    middle, half = (x[0] + x[-1]) / 2.0, (x[-1] - x[0]) / 2.0
+    grid = np.linspace(low, high, 201)
+    candidates = []
+    highest = min(_HIGHEST_DEGREE, len(known) - 2, len(np.unique(x)) - 1)
+    for degree in range(1, highest + 1):
+        powers = np.vander((x - middle) / half, degree + 1)
+        weighted = powers / sigma[:, np.newaxis]
+        inverse = np.linalg.inv(weighted.T @ weighted)
+        coefficients = inverse @ (weighted.T @ (y / sigma))
+        squares = float((((y - powers @ coefficients) / sigma) ** 2).sum())
+        slopes = np.polyval(np.polyder(coefficients), (grid - middle) / half) / half
+        if slopes.min() * slopes.max() > 0.0:
+            score = squares + 2.0 * (degree + 1)
+            candidates.append((score, degree, coefficients, inverse, squares, slopes))
+    if not candidates:
+        raise InclinometerError(
+            "No monotone curve passes near the points; check their order and the angles."
+        )
+    _, degree, coefficients, inverse, squares, slopes = min(candidates, key=lambda one: one[0])
+    freedom = len(known) - degree - 1
+    excess = math.sqrt(squares / freedom)
+    powers = np.vander((grid - middle) / half, degree + 1)
+    variance = np.einsum("ij,jk,ik->i", powers, inverse, powers) * max(excess, 1.0) ** 2
+    stddev = math.sqrt(float((variance + (slopes * reading_stddev) ** 2).max()))
+    knots = np.linspace(low, high, 2 if degree == 1 else _KNOTS)
+    angles = np.polyval(coefficients, (knots - middle) / half)
+    return Fit(
+        known,
+        y - np.polyval(coefficients, (x - middle) / half),
+        degree,
+        tuple(np.stack([knots, angles], axis=1).ravel().tolist()),
+        stddev,
+        excess if chi2.sf(squares, freedom) < _UNLIKELY else math.nan,
+        (float(x[0] - low), float(high - x[-1])),
+    )
+
+
+def _check_points(points: Sequence[Point], x: FloatArray, y: FloatArray, sigma: FloatArray) -> None:
+    """Refuse points from which no monotone calibration follows."""
+    if len(points) < 3:
+        raise InclinometerError(
+            f"{len(points)} points do not show their errors; measure three or more, five to eight "
+            "for a sensor that does not follow a straight line."
+        )
+    if not np.isfinite(sigma).all():
+        raise InclinometerError(
+            "The body hardly turns with the crank at one of the points; measure on another body."
+        )
+    way = math.copysign(1.0, float(np.polyfit(x - x.mean(), y, 1)[0])) if np.ptp(x) > 0.0 else 0.0
+    for i in range(len(points)):
+        for j in range(i + 1, len(points)):
+            back = -way * (y[j] - y[i])
+            if x[j] - x[i] <= 1e-9 * np.ptp(x):
+                back = abs(y[j] - y[i])
+            if back > _TURNED_BACK * math.hypot(sigma[i], sigma[j]) or way == 0.0:
+                raise InclinometerError(
+                    f"The calibration is not monotone: {points[i].label} has the reading {x[i]:.6g}"
+                    f" and {math.degrees(y[i]):.2f} deg, {points[j].label} has {x[j]:.6g} and "
+                    f"{math.degrees(y[j]):.2f} deg; measure these points again."
+                )
+    if abs(y[-1] - y[0]) < 2.0 * _TURNED_BACK * math.hypot(sigma[0], sigma[-1]):
+        raise InclinometerError(
+            f"The points span {abs(math.degrees(y[-1] - y[0])):.2f} deg only; measure over the "
+            "whole stroke."
+        )
+
+
+def summary(found: Fit, body: str) -> str:
+    """Return the points with their residuals, and what is to be known about the fit.
+
+    Parameters
+    ----------
+    found, body : Fit and str
+        The fit, and the body on which the inclinometer lay.
+    """
+    lines = [
+        f"{'point':>16}{'reading':>12}{body + ' [deg]':>22}{'alpha3 [deg]':>14}{'residual':>10}"
+    ]
+    for point, residual in zip(found.points, found.residuals.tolist(), strict=True):
+        lines.append(
+            f"{point.label:>16}{point.reading:12.6g}{math.degrees(point.inclination):22.2f}"
+            f"{math.degrees(point.alpha3):14.2f}{math.degrees(residual):+10.2f}"
+        )
+    kind = "straight line" if found.degree == 1 else f"polynomial of degree {found.degree}"
+    lines.append(
+        f"The calibration is a {kind}; its standard deviation is at most "
+        f"{math.degrees(found.stddev):.2f} deg."
+    )
+    if not math.isnan(found.excess):
+        worst = max(zip(found.points, np.abs(found.residuals), strict=True), key=lambda p: p[1])[0]
+        lines.append(
+            f"The residuals are {found.excess:.1f} times as large as the inclinometer explains, "
+            f"most at {worst.label}: measure it again, or check the lengths of the mechanism."
+        )
+    below, above = found.extrapolated
+    if max(below, above) > 0.0:
+        lines.append(
+            f"The calibration is extrapolated by {below:.4g} below and {above:.4g} above the "
+            "points, to reach all readings; measure nearer to the ends."
+        )
+    return "\n".join(lines)
+
+
+def parameters(found: Fit, unit: str) -> str:
+    """Return the YAML of the parameters that use a calibration.
+
+    Parameters
+    ----------
+    found, unit : Fit and str
+        The fit, and the parameter ``hitch_unit``.
+    """
+    numbers = ", ".join(
+        f"{value:.6g}" if "e" not in f"{value:.6g}" else f"{value:.9f}" for value in found.pairs
+    )
+    numbers = ", ".join(word if "." in word else f"{word}.0" for word in numbers.split(", "))
+    stddev = max(found.stddev, 1e-6)
+    return (
+        "/**:\n  ros__parameters:\n"
+        f"    hitch_unit: {unit}\n    calibration: [{numbers}]\n    angle_stddev: {stddev:.6f}\n"
+    )

@@ -1,0 +1,175 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Calibrations from simulated inclinations, whose deviations independent readings confirm."""
+
+import math
+
+import numpy as np
+import pytest
+import yaml
+from scipy.interpolate import PchipInterpolator
+
+from linkage_vibration.mechanics.description import Mechanism
+from linkage_vibration.mechanics.kinematics import Kinematics
+from linkage_vibration.studies.inclinometer import (
+    InclinometerError,
+    Point,
+    crank_angle,
+    fit,
+    pairs_of,
+    parameters,
+    still_reading,
+    summary,
+)
+
+ERROR = math.radians(0.5)  # standard deviation of the inclinometer
+
+
+@pytest.fixture(scope="module")
+def kinematics(mechanism: Mechanism) -> Kinematics:
+    """Return the kinematics of the paper's linkage."""
+    return Kinematics(mechanism)
+
+
+def volts(alpha3: np.ndarray, bend: float) -> np.ndarray:
+    """Return what a sensor shows that a lever turns: an arc sine instead of a straight line."""
+    share = (alpha3 - math.radians(135.0)) / math.radians(45.0)
+    return 2.5 - 2.0 * np.arcsin(bend * share) / math.asin(bend)
+
+
+def simulated(rng: np.random.Generator, count: int, bend: float, noise: float) -> list[Point]:
+    """Return points over the stroke with errors of the inclinometer and of the sensor."""
+    alpha3 = np.radians(np.linspace(90.0, 180.0, count))
+    readings = volts(alpha3, bend) + noise * rng.normal(size=count) / 10.0  # a mean of a hundred
+    shown = alpha3 + ERROR * rng.normal(size=count)
+    pairs = zip(readings.tolist(), shown.tolist(), strict=True)
+    return [Point(str(i), reading, y, y, ERROR) for i, (reading, y) in enumerate(pairs)]
+
+
+@pytest.mark.parametrize("bend", [0.01, 0.6, 0.95])
+@pytest.mark.parametrize("count", [5, 8])
+@pytest.mark.parametrize("noise", [0.0, 0.04])
+def test_independent_readings_confirm_the_deviation(count: int, bend: float, noise: float) -> None:
+    """The intervals of 95 % hold for new angles and readings, and are not far too wide."""
+    rng = np.random.default_rng(1)
+    within, ratios = [], []
+    for _ in range(60):
+        found = fit(simulated(rng, count, bend, noise), 0.5, 4.5, noise)
+        alpha3 = np.radians(rng.uniform(90.0, 180.0, 50))
+        readings = volts(alpha3, bend) + noise * rng.normal(size=50)
+        ends = found.pairs[0], found.pairs[-2]
+        curve = PchipInterpolator(found.pairs[0::2], found.pairs[1::2])
+        away = curve(np.clip(readings, *ends)) - alpha3
+        within.append((np.abs(away) <= 1.96 * found.stddev).mean())
+        ratios.append((away**2).mean() / found.stddev**2)
+    assert np.mean(within) > 0.93
+    assert math.sqrt(np.mean(ratios)) > 0.3
+
+
+@pytest.mark.parametrize("body", ["input_crank", "lower_link", "lift_rod"])
+@pytest.mark.parametrize("alpha3_deg", [91.0, 135.0, 179.0])
+def test_angles_of_other_bodies(
+    mechanism: Mechanism, kinematics: Kinematics, body: str, alpha3_deg: float
+) -> None:
+    """The inclination of a link, without half turns, leads back to the crank angle."""
+    configuration = kinematics.at(math.radians(alpha3_deg))
+    for turn in (0.0, -math.pi, math.pi):
+        inclination = configuration.angle(body) + turn
+        found, slope = crank_angle(mechanism, kinematics, body, inclination)
+        assert found == pytest.approx(math.radians(alpha3_deg), abs=1e-9)
+        assert slope == pytest.approx(1.0 / configuration.velocity_ratio(body))
+
+
+@pytest.mark.parametrize(
+    ("body", "degrees", "words"),
+    [
+        ("boom", 10.0, "There is no body 'boom'; name one of: lower_link, upper_link"),
+        ("input_crank", 50.0, "No pose in the stroke has input_crank at the inclination 50.00 deg"),
+        ("lower_link", 60.0, "lower_link has -21.1, "),
+        ("implement", 95.0, "implement has the inclination 95.00 deg at alpha3 = "),
+    ],
+)
+def test_inclinations_that_show_no_angle(
+    mechanism: Mechanism, kinematics: Kinematics, body: str, degrees: float, words: str
+) -> None:
+    """A body or an inclination that does not exist, or that occurs twice, is refused."""
+    with pytest.raises(InclinometerError) as raised:
+        crank_angle(mechanism, kinematics, body, math.radians(degrees))
+    assert words in str(raised.value)
+
+
+def point(reading: float, degrees: float) -> Point:
+    """Return a point with an error of half a degree."""
+    return Point(f"{reading:g}={degrees:g}", reading, 0.0, math.radians(degrees), ERROR)
+
+
+@pytest.mark.parametrize(
+    ("pairs", "words"),
+    [
+        ([(1.0, 90.0), (2.0, 120.0)], "2 points do not show their errors; measure three or more"),
+        (
+            [(1.0, 90.0), (2.0, 120.0), (3.0, 105.0), (4.0, 150.0)],
+            "not monotone: 2=120 has the reading 2 and 120.00 deg, 3=105 has 3 and 105.00 deg",
+        ),
+        ([(1.0, 90.0), (1.0, 120.0), (3.0, 150.0)], "1=120 has 1 and 120.00 deg"),
+        ([(2.0, 90.0), (2.0, 90.0), (2.0, 90.0)], "not monotone"),
+        ([(1.0, 90.0), (2.0, 90.5), (3.0, 91.0)], "span 1.00 deg only; measure over the whole"),
+    ],
+)
+def test_points_without_a_calibration(pairs: list[tuple[float, float]], words: str) -> None:
+    """Too few points, and angles that turn back, are refused with the points."""
+    with pytest.raises(InclinometerError) as raised:
+        fit([point(*pair) for pair in pairs], math.inf, -math.inf, 0.0)
+    assert words in str(raised.value)
+
+
+def test_a_wrong_point_is_named() -> None:
+    """A point that is far off is named, and widens the deviation."""
+    good = [point(float(r), 180.0 - 10.0 * r) for r in range(9)]
+    found = fit(good, 0.0, 10.0, 0.0)
+    assert found.degree == 1
+    assert found.extrapolated == (0.0, 2.0)
+    assert "extrapolated by 0 below and 2 above" in summary(found, "input_crank")
+    assert "times as large" not in summary(found, "input_crank")
+    wrong = [*good[:4], point(4.0, 145.0), *good[5:]]
+    bad = fit(wrong, 0.0, 10.0, 0.0)
+    assert "most at 4=145: measure it again" in summary(bad, "input_crank")
+    assert bad.stddev > 2.0 * found.stddev
+
+
+def test_parameters_are_those_of_the_node() -> None:
+    """The printed YAML has the pairs as numbers, also where they are small or whole."""
+    found = fit([point(float(r) * 1e-6, 180.0 - 10.0 * r) for r in range(9)], 0.0, 0.0, 0.0)
+    values = yaml.safe_load(parameters(found, "any"))["/**"]["ros__parameters"]
+    assert values["calibration"] == pytest.approx(found.pairs, rel=1e-3, abs=1e-9)
+    assert all(isinstance(value, float) for value in values["calibration"])
+    assert values["angle_stddev"] == pytest.approx(found.stddev, rel=1e-2)
+
+
+def test_a_moment_at_rest() -> None:
+    """The reading around a moment is its mean; a hitch that moves, and other times, are refused."""
+    times = np.arange(0, 20_000_000_000, 100_000_000)
+    rng = np.random.default_rng(2)
+    values = 40.0 + 0.1 * rng.normal(size=len(times))
+    values[100:] += 5.0 * (times[100:] / 1e9 - 10.0)
+    mean, noise = still_reading(times, values, 5.0, "5=120")
+    assert mean == pytest.approx(40.0, abs=0.2)
+    assert noise == pytest.approx(0.1, rel=0.7)
+    for moment, words in (
+        (12.0, "so the hitch moves"),
+        (25.0, "outside the bag"),
+        (-1.0, "outside"),
+    ):
+        with pytest.raises(InclinometerError, match=words):
+            still_reading(times, values, moment, "x")
+    values[:] = np.nan
+    with pytest.raises(InclinometerError, match="no reading within"):
+        still_reading(times, values, 5.0, "x")
+
+
+def test_words_of_another_form() -> None:
+    """A word without two numbers is refused."""
+    assert pairs_of(["12.5=128"], "T=DEG") == [("12.5=128", 12.5, 128.0)]
+    for word in ("12.5", "a=b", "1=2=3", "1=nan"):
+        with pytest.raises(InclinometerError, match="write T=DEG"):
+            pairs_of([word], "T=DEG")
