@@ -20,6 +20,7 @@ SUBCOMMANDS = (
     "build",
     "pose",
     "predict",
+    "inclinometer",
     "measure",
     "calibrate",
     "plan",

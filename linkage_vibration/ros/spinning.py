@@ -81,6 +81,7 @@ def _spin(node: LinkageVibrationNode, stop_asked: Callable[[], bool]) -> None:
                 node.serve(executor)
     finally:
         executor.shutdown()  # before the node's entities are destroyed
+        node.executor = None  # no waiting request can be answered any more
 
 
 @contextmanager

@@ -15,6 +15,9 @@ from linkage_vibration.mechanics.arrays import FloatArray, IntArray
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.kinematics import Kinematics
 
+PERCENT = "percent"
+"""The unit of a position that the node takes in steps of 0.4 %."""
+
 _BEYOND = math.radians(3.0)  # of the stroke, within which an inclination may lie by its error
 _ANGLES = 361  # over the stroke, between which an inclination is searched
 _HIGHEST_DEGREE = 5
@@ -80,6 +83,101 @@ class Fit:
     stddev: float
     excess: float
     extrapolated: tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Scene:
+    """Where the inclinometer lies, and how far its angles can be trusted.
+
+    Attributes
+    ----------
+    mechanism, kinematics : Mechanism and Kinematics
+    body : str
+        The body along whose x axis the inclinometer lies.
+    tractor_deg, stddev_deg : float
+        Inclination of the tractor, and the standard deviation of an angle, deg.
+    """
+
+    mechanism: Mechanism
+    kinematics: Kinematics
+    body: str
+    tractor_deg: float
+    stddev_deg: float
+
+    def point(self, label: str, reading: float, degrees: float) -> Point:
+        """Return the point of a reading and an inclination.
+
+        Parameters
+        ----------
+        label : str
+            As it was given.
+        reading, degrees : float
+            What the sensor and the inclinometer showed.
+
+        Raises
+        ------
+        InclinometerError
+            If the inclination leads to no crank angle.
+        """
+        inclination = math.radians(degrees - self.tractor_deg)
+        try:
+            alpha3, slope = crank_angle(self.mechanism, self.kinematics, self.body, inclination)
+        except InclinometerError as error:
+            raise InclinometerError(f"{label}: {error}") from None
+        stddev = math.radians(self.stddev_deg) * abs(slope)
+        return Point(label, reading, inclination, alpha3, stddev)
+
+
+def calibrate(
+    scene: Scene,
+    times: Sequence[str],
+    readings: Sequence[str],
+    series: tuple[IntArray, FloatArray] | None,
+    unit: str,
+) -> Fit:
+    """Fit the calibration to angles at moments of a bag and at readings.
+
+    Parameters
+    ----------
+    scene : Scene
+    times, readings : sequence of str
+        Words such as ``12.5=-38.2``: seconds after the first reading of the bag, or readings, and
+        the angle that the inclinometer showed, deg.
+    series : (ndarray, ndarray), (n,), optional
+        Times (ns) and readings of the bag. The calibration contains all of these readings.
+    unit : str
+        Unit of the readings. The calibration of percent reaches from 0 to 100; the node adds the
+        deviation that their steps cause.
+
+    Raises
+    ------
+    InclinometerError
+        If no calibration follows from the points.
+    """
+    if not 0.0 < scene.stddev_deg < math.inf or not math.isfinite(scene.tractor_deg):
+        raise InclinometerError(
+            f"The deviation of {scene.stddev_deg:g} deg and the inclination of "
+            f"{scene.tractor_deg:g} deg have to be finite, and the first greater than 0."
+        )
+    points, noises = [], []
+    for label, moment, degrees in pairs_of(times, "S=DEG, such as 12.5=-38.2"):
+        assert series is not None
+        reading, noise = still_reading(*series, moment, label)
+        points.append(scene.point(label, reading, degrees))
+        noises.append(noise)
+    for label, reading, degrees in pairs_of(readings, "READING=DEG, such as 43.2=-38.2"):
+        points.append(scene.point(label, reading, degrees))
+    low, high, noise = math.inf, -math.inf, 0.0
+    if series is not None:
+        known = np.unique(series[1][np.isfinite(series[1])])
+        low, high = float(known[0]), float(known[-1])
+        step = float(np.diff(known).min()) if len(known) > 1 else 0.0
+        # A hitch at rest does not show how coarse its sensor is.
+        noise = math.sqrt(np.mean(np.square(noises)) if noises else 0.0)
+        noise = max(noise, step / math.sqrt(12.0)) if unit != PERCENT else noise
+    if unit == PERCENT:
+        low, high = 0.0, 100.0
+    return fit(points, low, high, noise)
 
 
 def pairs_of(words: Sequence[str], form: str) -> list[tuple[str, float, float]]:
@@ -324,7 +422,8 @@ def summary(found: Fit, body: str) -> str:
     kind = "straight line" if found.degree == 1 else f"polynomial of degree {found.degree}"
     lines.append(
         f"The calibration is a {kind}; its standard deviation is at most "
-        f"{math.degrees(found.stddev):.2f} deg."
+        f"{math.degrees(found.stddev):.2f} deg. The node has no angle for readings below "
+        f"{found.pairs[0]:.6g} or above {found.pairs[-2]:.6g}."
     )
     if not math.isnan(found.excess):
         worst = max(zip(found.points, np.abs(found.residuals), strict=True), key=lambda p: p[1])[0]
@@ -347,14 +446,17 @@ def parameters(found: Fit, unit: str) -> str:
     Parameters
     ----------
     found, unit : Fit and str
-        The fit, and the parameter ``hitch_unit``.
+        The fit, and the unit of the readings; "any" if it is rad or deg, whose positions are not
+        looked up in a calibration.
     """
-    numbers = ", ".join(
-        f"{value:.6g}" if "e" not in f"{value:.6g}" else f"{value:.9f}" for value in found.pairs
-    )
-    numbers = ", ".join(word if "." in word else f"{word}.0" for word in numbers.split(", "))
-    stddev = max(found.stddev, 1e-6)
-    return (
-        "/**:\n  ros__parameters:\n"
-        f"    hitch_unit: {unit}\n    calibration: [{numbers}]\n    angle_stddev: {stddev:.6f}\n"
-    )
+    digits = np.round(np.array(found.pairs), 9).tolist()
+    numbers = ", ".join(f"{value:.9f}".rstrip("0").ljust(3, "0") for value in digits)
+    values = {
+        "sign": "1",
+        "scale": "1.0",
+        "offset": "0.0",
+        "hitch_unit": unit,
+        "calibration": f"[{numbers}]",
+        "angle_stddev": f"{max(found.stddev, 1e-6):.6f}",
+    }
+    return "/**:\n  ros__parameters:\n" + "".join(f"    {k}: {v}\n" for k, v in values.items())

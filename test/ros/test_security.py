@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import Any
 from xml.etree import ElementTree
 
+from linkage_vibration.messages.topics import INPUT_TOPICS
 from linkage_vibration.support.resources import share_directory
 
 POLICY = share_directory() / "config" / "sros2" / "linkage_vibration.policy.xml"
@@ -34,7 +35,9 @@ def test_policy_is_the_nodes(start: Callable[..., Any], meet: Callable[[str], An
             for name, _ in found
         }
 
-    # A parameter chooses the input; the clock is received where time is simulated.
+    chosen = {topic.name for topic in INPUT_TOPICS if topic.logged}
+
+    # Parameters choose the inputs; the clock is received where time is simulated.
     def found() -> list[set[str]]:
         node, readings, graph = (
             ("linkage_vibration", "/"),
@@ -47,7 +50,7 @@ def test_policy_is_the_nodes(start: Callable[..., Any], meet: Callable[[str], An
             | {"clock", "hitched_implement"},
             named(graph.get_service_names_and_types_by_node(*node)),
             named(graph.get_publisher_names_and_types_by_node(*readings)),
-            named(graph.get_subscriber_names_and_types_by_node(*readings)) | {"hitch_position"},
+            named(graph.get_subscriber_names_and_types_by_node(*readings)) | chosen,
             named(graph.get_service_names_and_types_by_node(*readings)),
         ]
 

@@ -1,0 +1,54 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Reads the numbers of the hitch sensor in bags, before they become crank angles."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from linkage_vibration.bags.numbers import Integers, LeftOut
+from linkage_vibration.bags.streams import open_bags
+from linkage_vibration.playback.remapping import ReplayError, choose_topics, topic_schema
+from linkage_vibration.prediction.inputs.presets import HITCH
+from linkage_vibration.prediction.settings import Parameters
+
+
+def read_numbers(
+    bags: Sequence[Path], settings: Parameters, remaps: Mapping[str, str] = MappingProxyType({})
+) -> tuple[Integers, NDArray[np.float64]]:
+    """Return the log times, (n,), ns, ascending, and the numbers of the hitch input, (n,).
+
+    A number is NaN where it is not available.
+
+    Parameters
+    ----------
+    bags, settings : sequence of Path and Parameters
+        The bags, and where the hitch input comes from.
+    remaps : mapping of str to str
+        The bags' names of the node's topics.
+
+    Raises
+    ------
+    ReplayError
+        If the bags have no such number; the text has the names that exist.
+    """
+    left_out, found = LeftOut(), []
+    with open_bags(list(bags)) as opened:
+        topic = choose_topics(opened, settings, remaps)[HITCH]
+        read = settings.crank_input(topic_schema(opened, topic))
+        for block in opened.blocks([topic.name]):
+            rows = np.arange(len(block))
+            for numbers in read.reader.read(block, rows, left_out):
+                there = [read.available(value) for value in numbers.value.tolist()]
+                values = np.where(there, numbers.value, np.nan)
+                found.append((block.log_times[numbers.rows], values))
+    if not found:
+        missing = read.reader.explain_missing(topic.name, sorted(left_out.names))
+        fault = missing or left_out.fault or "it has no message"
+        raise ReplayError(f"{', '.join(map(str, bags))}: {topic.name}: {fault}")
+    times, values = (np.concatenate(columns) for columns in zip(*found, strict=True))
+    order = np.argsort(times, kind="stable")
+    return times[order], values[order]
