@@ -4,13 +4,14 @@
 
 import math
 from collections import Counter, deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
 from linkage_vibration.bags.recorder import Recorder
 from linkage_vibration.prediction.answers import Served
+from linkage_vibration.prediction.health import Fault, Level, summary
 from linkage_vibration.prediction.predictor import Prediction, uncertain_modes
 from linkage_vibration.prediction.resonance import Resonance, ResonanceState
 
@@ -132,6 +133,10 @@ class Health:
         The last ones.
     recorder, served : Recorder, Served or None
         None while the node is not configured.
+    readings, speeds : list of Fault
+        What is wrong with the inputs.
+    log_problem : str
+        Why no log could be started; empty if it could.
     """
 
     state: str
@@ -144,6 +149,9 @@ class Health:
     resonance: Resonance | None
     recorder: Recorder | None
     served: Served | None
+    readings: Sequence[Fault] = ()
+    speeds: Sequence[Fault] = ()
+    log_problem: str = ""
 
 
 def _judge(health: Health, statistics: Statistics) -> tuple[bytes, str]:
@@ -152,9 +160,6 @@ def _judge(health: Health, statistics: Statistics) -> tuple[bytes, str]:
         return DiagnosticStatus.ERROR, health.problem
     if health.state != "active":
         return DiagnosticStatus.OK, f"The node is {health.state}."
-    log = health.recorder
-    if log is not None and log.error is not None:
-        return DiagnosticStatus.ERROR, str(log.error)
     if not health.age <= health.stale_after:  # the age is NaN before the first reading
         since = "" if math.isnan(health.age) else f" for {health.age:.1f} s"
         return DiagnosticStatus.STALE, f"The node has not received {health.reading}{since}."
@@ -166,20 +171,71 @@ def _judge(health: Health, statistics: Statistics) -> tuple[bytes, str]:
 
 def _warning(health: Health, statistics: Statistics) -> str:
     """Return a sentence about the most serious reason for a warning, or an empty one."""
-    log, second, near = health.recorder, health.second, health.resonance
+    second = health.second
     if second.without_numbers > 0.0:
         share = 100.0 * second.without_numbers
         return f"{share:.0f} % of the crank angles have no prediction; see the node's warnings."
-    if log is not None and log.dropped:
-        return f"{log.dropped} messages are missing in the log."
     if second.qos_mismatches:
         topics = ", ".join(sorted(statistics.qos_mismatches))
         return f"A subscriber's QoS does not match that of {topics}."
     if second.clock_jumps:
         return "The clock has jumped."
-    if near is not None and near.state is ResonanceState.WARNING:
-        return _resonance_warning(near, health.served)
     return " ".join(_uncertain(health))
+
+
+def _resonance(health: Health) -> tuple[Level, str]:
+    """Return the level and the sentence about the resonance, which is no fault of the node."""
+    near = health.resonance
+    if near is None or near.state is ResonanceState.STALE:
+        return Level.OK, "No resonance is known, as no speed or no prediction is fresh."
+    if near.state is ResonanceState.WARNING:
+        return Level.WARN, _resonance_warning(near, health.served)
+    note = near.state is ResonanceState.NOTE
+    passing = f"{near.excitation} passes a mode." if note else "No excitation exceeds its limit."
+    return Level.OK, passing
+
+
+def _log(health: Health) -> tuple[Level, str]:
+    """Return the level and the sentence about the log."""
+    log = health.recorder
+    if log is not None and log.error is not None:
+        return Level.ERROR, str(log.error)
+    if health.log_problem:
+        return Level.ERROR, health.log_problem
+    if log is not None and log.dropped:
+        return Level.WARN, f"{log.dropped} messages are missing in the log."
+    recording = log is not None and log.recording
+    return Level.OK, f"Recording to {log.path}." if log and recording else "No log is recorded."
+
+
+def statuses(name: str, health: Health, statistics: Statistics) -> list[DiagnosticStatus]:
+    """Return the statuses of predictions, inputs, resonance and log.
+
+    Parameters
+    ----------
+    name : str
+        Name of the node.
+    health, statistics : Health, Statistics
+        The state of the node, and its counts.
+    """
+    inactive = Level.OK, f"The node is {health.state}."
+    parts: Mapping[str, tuple[Level, str]] = {
+        "input": summary(health.readings, "The readings have no known fault."),
+        "speeds": summary(health.speeds, "The speeds have no known fault."),
+        "resonance": _resonance(health),
+        "log": _log(health),
+    }
+    own = status(f"{name}: predictions", health, statistics)
+    return [own] + [
+        DiagnosticStatus(
+            level=bytes([level]),
+            name=f"{name}: {part}",
+            message=sentence,
+            hardware_id=own.hardware_id,
+        )
+        for part, found in parts.items()
+        for level, sentence in [found if health.state == "active" else inactive]
+    ]
 
 
 def _resonance_warning(near: Resonance, served: Served | None) -> str:

@@ -36,7 +36,7 @@ from linkage_vibration.prediction.settings import (
 )
 from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.readers.served import read_served
-from linkage_vibration.ros.diagnostics import Health, Statistics, status
+from linkage_vibration.ros.diagnostics import Health, Statistics, statuses
 from linkage_vibration.ros.endpoints import Throttle, advertise, publisher
 from linkage_vibration.ros.interface_check import check_interfaces
 from linkage_vibration.ros.listener import Listener
@@ -449,9 +449,12 @@ class LinkageVibrationNode(LifecycleNode):
             resonance=None if predicting is None else predicting.resonance,
             recorder=None if recording is None else recording.recorder,
             served=self._served,
+            readings=[] if predicting is None else predicting.reading_faults(now),
+            speeds=[] if predicting is None else predicting.speed_faults(now),
+            log_problem="" if recording is None else recording.problem,
         )
-        own = status(f"{self.get_fully_qualified_name()}: predictions", health, counts)
-        message = DiagnosticArray(status=[own])
+        found = statuses(self.get_fully_qualified_name(), health, counts)
+        message = DiagnosticArray(status=found)
         message.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(message)
 

@@ -30,6 +30,11 @@ class Recording:
         Topics to record beside those for which `write` is called, once their types are known.
     throttle : Throttle
         Warns of topics that cannot be recorded.
+
+    Attributes
+    ----------
+    problem : str
+        Why the last request could not start a log; empty if it could.
     """
 
     def __init__(
@@ -39,6 +44,7 @@ class Recording:
         self._node, self._throttle = node, throttle
         self._subscriptions: dict[str, Any] = {}
         self._active = self._error_reported = False
+        self.problem = ""
         self._services = [
             node.create_service(Trigger, "~/start_recording", self._on_start),
             node.create_service(Trigger, "~/stop_recording", self._on_stop),
@@ -137,8 +143,9 @@ class Recording:
         try:
             self._start()
         except LogError as error:
-            response.message = str(error)
+            self.problem = response.message = str(error)
             return response
+        self.problem = ""
         response.success, response.message = True, str(self.recorder.path)
         return response
 

@@ -16,9 +16,10 @@ from linkage_vibration.bags.writing import Topic
 from linkage_vibration.messages.encoding import encode_prediction, encode_resonance
 from linkage_vibration.messages.topics import OUTPUT_TOPICS, log_topic
 from linkage_vibration.prediction.excitation import Source
+from linkage_vibration.prediction.health import Expected, Fault, ReadingWatch, SpeedWatch
 from linkage_vibration.prediction.inputs.presets import HITCH
 from linkage_vibration.prediction.inputs.sources import CrankInput, Stamped
-from linkage_vibration.prediction.inputs.units import Reading
+from linkage_vibration.prediction.inputs.units import ANGLES, Reading
 from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.prediction.motion import Rate, crank_filter, crank_resolution
 from linkage_vibration.prediction.predictor import Prediction, Predictor, Status, fault
@@ -98,14 +99,14 @@ class Predicting:
         self.predictor = predictor
         self.prediction: Prediction | None = None
         self.resonance: Resonance | None = None
-        self._clock, self._listener = node.get_clock(), listener
+        self._node, self._clock, self._listener = node, node.get_clock(), listener
         self._monitor, self._record, self._show = monitor, record, show
         self._statistics, self._throttle = statistics, throttle
         self._topics: dict[str, LiveTopic] = {}
         self._crank: CrankInput
         self._subscribed = False
         self._other_names: set[str] = set()
-        self._began = 0.0
+        self._began = self._judged = 0.0
         self._predictions, self._prediction_topic = predictions, predictions.topic_name
         self._resonances, self._resonance_topic = resonances, resonances.topic_name
         self.apply(settings, topics)
@@ -150,7 +151,11 @@ class Predicting:
 
     def subscribe(self) -> None:
         """Answer messages as soon as the listener starts."""
-        self._began, self._subscribed = time.monotonic(), True
+        self._began = self._judged = time.monotonic()
+        self._subscribed = True
+        first, last = self.predictor.table.alpha3_range
+        self._readings = ReadingWatch(turns=last - first > math.pi)
+        self._speeds = {source: SpeedWatch(source) for source in Source}
         self._statistics.last_reading = math.nan
         for topic in self._topics.values():
             on_message = partial(self._on_message, topic.name, topic.type)
@@ -174,6 +179,40 @@ class Predicting:
                 silence = f"No reading for more than {MISSING_AFTER:g} s: "
                 self._throttle.warn("missing", silence + explained)
 
+    def reading_faults(self, now: float) -> list[Fault]:
+        """Return what was wrong with the readings since the last call (steady clock, s)."""
+        if not self._subscribed:
+            return []
+        topic, names, scale = self._crank_topic, sorted(self._other_names), self._crank.scale
+        first, last = self.predictor.table.alpha3_range
+        expected = Expected(
+            name=self.input_name,
+            remedy=self._crank.reader.explain_missing(topic, names) if names else "",
+            first=first,
+            last=last,
+            offset=scale.offset * ANGLES.get(scale.unit, math.nan),
+            stale_after=self._settings.stale_after,
+            publishers=partial(self._publishers, topic),
+            shaken=any(watch.turns(now) for watch in self._speeds.values()),
+        )
+        elapsed, self._judged = now - self._judged, now
+        return self._readings.judge(now, elapsed, expected)
+
+    def speed_faults(self, now: float) -> list[Fault]:
+        """Return what was wrong with the speeds since the last call (steady clock, s)."""
+        found: list[Fault] = []
+        for topic in self._topics.values():
+            publishers = partial(self._publishers, topic.name)
+            for source, _ in topic.speeds:
+                if self._subscribed and self._settings.fixed_speed(source) is None:
+                    stale_after = self._settings.stale_after
+                    found += self._speeds[source].judge(now, topic.name, stale_after, publishers)
+        return found
+
+    def _publishers(self, topic: str) -> list[str]:
+        """Return the names of the nodes that publish a topic, one for each publisher."""
+        return [one.node_name for one in self._node.get_publishers_info_by_topic(topic)]
+
     def _on_message(self, name: str, kind: str, data: bytes, info: MessageInfo) -> None:
         began, received = time.monotonic(), self._now()
         topic = self._topics.get(name)
@@ -184,10 +223,12 @@ class Predicting:
             found = self._read(speed.read_one, message)
             if found is not None:
                 used = True
+                sequence = info["publication_sequence_number"] or 0
+                self._speeds[source].take(began, found[0], sequence)
                 self._take_speed(source, *found, speed.describe(name))
         if topic.crank is not None:
             self._statistics.received += 1
-            reading = self._read(topic.crank.read_one, message)
+            reading = self._read(topic.crank.read_one, message, self._readings.refuse)
             if reading is not None:
                 self._other_names.clear()
                 self._answer(reading, message, began)
@@ -199,16 +240,21 @@ class Predicting:
             self._record(*message)
 
     def _read(
-        self, read: Callable[[bytes, int], _Found | None], message: _Message
+        self,
+        read: Callable[[bytes, int], _Found | None],
+        message: _Message,
+        refuse: Callable[[str], None] = lambda fault: None,
     ) -> _Found | None:
         """Return what an input reads from a message; None if there is nothing, after a warning."""
         topic, data, received, _ = message
         try:
             return read(data, received)
         except ReadingError as error:
+            refuse(str(error))
             self._throttle.warn("reading", str(error))
         except CdrError as error:
             problem = f"A message of {len(data)} bytes on {topic} is not valid CDR: {error}."
+            refuse(problem)
             self._throttle.warn("bytes", problem)
         return None
 
@@ -245,6 +291,15 @@ class Predicting:
             self._resonances.publish(encoded)
             answers.append((self._resonance_topic, encoded))
         self._record(*source, *answers)
+        self._readings.take(
+            began,
+            10**9 * sec + nanosec,
+            received,
+            reading.crank_angle,
+            reading.velocity,
+            known=prediction.status is not Status.OUT_OF_RANGE,
+            sequence=source[3]["publication_sequence_number"] or 0,
+        )
         if prediction.status.has_numbers:
             self._show(reading.crank_angle)
         else:

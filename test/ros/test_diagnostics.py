@@ -15,9 +15,17 @@ import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
+from linkage_vibration.prediction.health import Fault, Level
 from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.prediction.resonance import Resonance, ResonanceState
-from linkage_vibration.ros.diagnostics import LATENCIES, Health, Second, Statistics, status
+from linkage_vibration.ros.diagnostics import (
+    LATENCIES,
+    Health,
+    Second,
+    Statistics,
+    status,
+    statuses,
+)
 from linkage_vibration.support.resources import PAPER_TABLE, config_file
 from linkage_vibration.table.table import load_table
 from test.support.ros_process import until
@@ -78,36 +86,12 @@ SOUND = Health(
         ({"second": replace(QUIET, without_numbers=0.25)}, WARN, "25 % of the crank angles"),
         ({"second": replace(QUIET, clock_jumps=1)}, WARN, "clock has jumped"),
         ({"second": replace(QUIET, qos_mismatches=1)}, WARN, "that of /prediction"),
-        ({"recorder": recorder(dropped=3)}, WARN, "3 messages are missing in the log"),
-        ({"recorder": recorder(error="disk full")}, ERROR, "disk full"),
-        (
-            {"resonance": NEAR},
-            WARN,
-            r"engine 3 \(94.0 Hz\) is within 1.1 % of mode 2 \(implement pitch\) \(95.0 Hz\)",
-        ),
-        (
-            {"resonance": replace(NEAR, probability=0.3)},
-            WARN,
-            r"within 1.1 % of mode 2 .*, in its half-power band with a probability of 0.3\.",
-        ),
-        (
-            {"resonance": replace(NEAR, velocity=0.0123, velocity_stddev=0.004)},
-            WARN,
-            r"shakes the response point with 12.3 mm/s rms \(standard deviation 4 mm/s\) if its",
-        ),
-        (
-            {"resonance": replace(NEAR, velocity=0.0123)},
-            WARN,
-            r"12.3 mm/s rms \(standard deviation not known\) if its amplitude is as described",
-        ),
-        ({"resonance": replace(NEAR, state=ResonanceState.NOTE)}, OK, "Predicting at 100 Hz"),
         (
             {"prediction": UNCERTAIN},
             WARN,
             r"Mode 2 \(implement pitch\) is uncertain: .* 1.4 % of .* and 30 % of its damping",
         ),
-        ({"prediction": UNCERTAIN, "resonance": NEAR}, WARN, "engine 3"),
-        ({"age": 2.5, "recorder": recorder(error="disk full")}, ERROR, "disk full"),
+        ({"resonance": NEAR, "recorder": recorder(error="disk full")}, OK, "Predicting at 100 Hz"),
         ({"resonance": NEAR, "second": replace(QUIET, without_numbers=0.5)}, WARN, "50 %"),
     ],
 )
@@ -117,6 +101,62 @@ def test_most_serious_problem_first(changes: dict[str, Any], level: bytes, words
     found = status("a", replace(SOUND, **changes), statistics)
     assert found.level == level
     assert re.search(words, found.message)
+
+
+@pytest.mark.parametrize(
+    ("part", "changes", "level", "words"),
+    [
+        (
+            "resonance",
+            {"resonance": NEAR},
+            WARN,
+            r"engine 3 \(94.0 Hz\) is within 1.1 % of mode 2 \(implement pitch\) \(95.0 Hz\)",
+        ),
+        (
+            "resonance",
+            {"resonance": replace(NEAR, probability=0.3)},
+            WARN,
+            r"within 1.1 % of mode 2 .*, in its half-power band with a probability of 0.3\.",
+        ),
+        (
+            "resonance",
+            {"resonance": replace(NEAR, velocity=0.0123, velocity_stddev=0.004)},
+            WARN,
+            r"shakes the response point with 12.3 mm/s rms \(standard deviation 4 mm/s\) if its",
+        ),
+        (
+            "resonance",
+            {"resonance": replace(NEAR, velocity=0.0123)},
+            WARN,
+            r"12.3 mm/s rms \(standard deviation not known\) if its amplitude is as described",
+        ),
+        (
+            "resonance",
+            {"resonance": replace(NEAR, state=ResonanceState.NOTE)},
+            OK,
+            "engine 3 passes a mode",
+        ),
+        ("resonance", {}, OK, "No excitation exceeds its limit"),
+        ("resonance", {"resonance": None}, OK, "No resonance is known"),
+        ("resonance", {"state": "inactive", "resonance": NEAR}, OK, "The node is inactive"),
+        ("log", {}, OK, "Recording to /logs/a.mcap"),
+        ("log", {"recorder": recorder(recording=False)}, OK, "No log is recorded"),
+        ("log", {"recorder": recorder(dropped=3)}, WARN, "3 messages are missing in the log"),
+        ("log", {"recorder": recorder(error="disk full")}, ERROR, "disk full"),
+        ("log", {"log_problem": "no such folder"}, ERROR, "no such folder"),
+        ("input", {}, OK, "have no known fault"),
+        ("input", {"readings": [Fault(Level.ERROR, "Degrees.")]}, ERROR, "Degrees."),
+        ("speeds", {"speeds": [Fault(Level.WARN, "It stopped.")]}, WARN, "It stopped."),
+    ],
+)
+def test_each_part_has_a_status(
+    part: str, changes: dict[str, Any], level: bytes, words: str
+) -> None:
+    """Inputs, resonance and log have statuses of their own, beside that of the predictions."""
+    found = statuses("a", replace(SOUND, **changes), Statistics())
+    [own] = [one for one in found if one.name == f"a: {part}"]
+    assert own.level == level
+    assert re.search(words, own.message)
 
 
 def test_numbers() -> None:

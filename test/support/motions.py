@@ -121,7 +121,7 @@ def read(
         When they were truly taken, and the true velocities then, s and rad/s.
     """
     rng = np.random.default_rng(seed)
-    fine: FloatArray = np.arange(round(DURATION / _STEP)) * _STEP
+    fine = np.arange(round(DURATION / _STEP), dtype=np.float64) * _STEP
     angles = motion(fine)
     velocity: FloatArray = np.asarray(np.gradient(angles, _STEP), np.float64)
     every = round(1.0 / (sensor.rate * _STEP))

@@ -1,0 +1,240 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Faults that are found in numbers, and healthy drives in which none is found."""
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from linkage_vibration.prediction.excitation import Source
+from linkage_vibration.prediction.health import (
+    Expected,
+    Fault,
+    Level,
+    ReadingWatch,
+    SpeedWatch,
+    summary,
+)
+from test.support.drive import engine_and_pto_speed, hitch_duty_cycle
+from test.support.motions import STROKE
+
+SECOND = 10**9  # ns
+START = 1_700_000_000 * SECOND
+EXPECTED = Expected(
+    name="joint hitch on /joint_states",
+    remedy="",
+    first=math.pi / 2.0,
+    last=math.pi,
+    offset=0.0,
+    stale_after=1.0,
+    publishers=lambda: ["a", "b"],
+    shaken=False,
+)
+
+
+def judged(
+    times: Iterable[float],
+    angles: Iterable[float],
+    expected: Expected = EXPECTED,
+    *,
+    velocity: float = math.nan,
+    age: float = 0.0,
+    sequences: Sequence[int] = (),
+    watch: ReadingWatch | None = None,
+) -> list[list[Fault]]:
+    """Return the faults of each second of readings, whose stamps have an age (s)."""
+    watch = watch or ReadingWatch()
+    found, due, number = [], 1.0, iter(sequences)
+    for now, angle in zip(times, angles, strict=True):
+        while now >= due:
+            found.append(watch.judge(due, 1.0, expected))
+            due += 1.0
+        received = START + round(1e9 * now)
+        stamp = received - round(1e9 * age) if age < math.inf else 0
+        known = not math.isfinite(angle) or expected.contains(angle)
+        watch.take(now, stamp, received, angle, velocity, known=known, sequence=next(number, 0))
+    return [*found, watch.judge(due, 1.0, expected)]
+
+
+def seconds(rate: float, duration: float) -> "list[float]":
+    """Return times at a rate, Hz, for a duration, s."""
+    return (np.arange(round(rate * duration)) / rate).tolist()
+
+
+def percent(angles: np.ndarray) -> list[float]:
+    """Return angles in steps of 0.4 % of the stroke."""
+    return (0.004 * STROKE * np.rint(angles / (0.004 * STROKE))).tolist()
+
+
+def still(resolution: float, noise: float, count: int) -> list[float]:
+    """Return readings of a hitch that stands still."""
+    angles = 2.2 + noise * np.random.default_rng(1).normal(size=count)
+    return (resolution * np.rint(angles / resolution)).tolist()
+
+
+HEALTHY: dict[str, Callable[[], tuple[Sequence[float], Sequence[float]]]] = {
+    "the shipped drive": lambda: tuple(c.tolist() for c in hitch_duty_cycle()),  # type: ignore[return-value]
+    "the shipped drive in percent at 10 Hz": lambda: (
+        hitch_duty_cycle()[0][::10].tolist(),
+        percent(hitch_duty_cycle()[1][::10]),
+    ),
+    "ten minutes at rest in percent": lambda: (seconds(10, 600), still(0.0063, 0.0, 6000)),
+    "at rest between two steps": lambda: (seconds(10, 300), still(0.0063, 0.001, 3000)),
+    "rest after a noisy drive in percent": lambda: (
+        seconds(10, 400),
+        [*still(0.0063, 0.01, 1000), *[2.2] * 3000],
+    ),
+    "rest of an encoder after vibration": lambda: (
+        seconds(100, 70),
+        [*still(3.8e-4, 4e-4, 2000), *[2.2] * 5000],
+    ),
+    "noise of 0.5 deg at 1 kHz": lambda: (seconds(1000, 5), still(1e-9, 8.7e-3, 5000)),
+}
+
+
+@pytest.mark.parametrize("name", HEALTHY)
+def test_healthy_readings_have_no_fault(name: str) -> None:
+    """A sensor with steps, with noise or at rest is not at fault."""
+    times, angles = HEALTHY[name]()
+    assert not any(judged(times, angles))
+
+
+def test_healthy_speeds_have_no_fault() -> None:
+    """The speeds of the shipped drive, a start of the engine, and reverse are no faults."""
+    times, engine, pto = engine_and_pto_speed()
+    for source, values in ((Source.ENGINE, engine), (Source.PTO, pto)):
+        watch = SpeedWatch(source)
+        for now, value in zip(times.tolist(), values.tolist(), strict=True):
+            watch.take(now, value)
+            assert watch.judge(now, "/speed", 1.0, list) == []
+    starting, reverse = SpeedWatch(Source.ENGINE), SpeedWatch(Source.GROUND)
+    for i in range(100):
+        starting.take(0.1 * i, 0.0 if i < 20 else 200.0 if i < 40 else 850.0)
+        reverse.take(0.1 * i, -2.0)
+        assert starting.judge(0.1 * i, "/engine_speed", 1.0, list) == []
+        assert reverse.judge(0.1 * i, "/ground_speed", 1.0, list) == []
+    assert SpeedWatch(Source.PTO).judge(100.0, "/pto_speed", 1.0, list) == []  # there is none
+
+
+FAULTS = [
+    ("degrees", [130.0], {}, EXPECTED, Level.ERROR, "are in degrees (130)"),
+    ("degrees with an offset", [30.0], {}, replace(EXPECTED, offset=1.5), Level.ERROR, "degrees"),
+    ("sign", [-2.0], {}, EXPECTED, Level.ERROR, "inside with the other sign"),
+    ("one side", [0.3, 0.4], {}, EXPECTED, Level.ERROR, "are below the table's 90 to 180 deg"),
+    ("other side", [4.0, 4.05], {}, EXPECTED, Level.ERROR, "are above"),
+    ("no number", [math.nan], {}, EXPECTED, Level.ERROR, "is a number"),
+    ("zero stamps", [2.0], {"age": math.inf}, EXPECTED, Level.WARN, "are zero"),
+    ("old", [2.0], {"age": 3.0}, EXPECTED, Level.WARN, "3.0 s old"),
+    ("future", [2.0], {"age": -0.5}, EXPECTED, Level.WARN, "0.5 s in the future"),
+    ("spike", [2.0] * 9 + [2.5], {}, EXPECTED, Level.WARN, "jump by up to 0.5 rad"),
+    ("velocity", [2.0], {"velocity": 0.2}, EXPECTED, Level.WARN, "the sensor is frozen"),
+]
+
+
+@pytest.mark.parametrize(
+    ("angles", "how", "expected", "level", "words"),
+    [case[1:] for case in FAULTS],
+    ids=[case[0] for case in FAULTS],
+)
+def test_fault(
+    angles: list[float], how: dict[str, float], expected: Expected, level: Level, words: str
+) -> None:
+    """Each fault has a level and a sentence, in the last second of some seconds."""
+    times = seconds(50, 4)
+    faults = judged(times, (angles * 200)[: len(times)], expected, **how)[-1]  # type: ignore[arg-type]
+    assert [fault.level for fault in faults] == [level]
+    assert words in faults[0].sentence
+
+
+def test_frozen_noise() -> None:
+    """A value that stays the same is a fault after noise that never repeated a value."""
+    noisy = still(1e-12, 1e-3, 300)
+    frozen = judged(seconds(100, 8), noisy + noisy[-1:] * 500)
+    assert not any(frozen[:4])
+    assert "never free of noise before" in frozen[-1][0].sentence
+    # Noise that repeats values may be vibration, which ends with the engine.
+    coarse = still(3.8e-4, 3.6e-4, 2000)
+    times, angles = seconds(100, 60), coarse + coarse[-1:] * 4000
+    assert not any(judged(times, angles))
+    assert judged(times, angles, replace(EXPECTED, shaken=True))[-1]
+
+
+def test_publishers_that_disagree() -> None:
+    """Sequence numbers tell publishers apart, also with equal rates; one that moves fast agrees."""
+    times, n = seconds(100, 3), 300
+    numbers = [number // 2 + 1 + 700 * (number % 2) for number in range(n)]
+    angles = [2.0 + 0.05 * (i % 2) for i in range(n)]
+    faults = judged(times, angles, sequences=numbers)[-1]
+    assert [fault.level for fault in faults] == [Level.ERROR]
+    assert "disagree (a, b)" in faults[0].sentence
+    same = [2.0 + 0.005 * (i // 2) for i in range(n)]  # 0.5 rad/s, from both
+    assert not any(judged(times, [min(angle, 3.1) for angle in same], sequences=numbers))
+    assert not any(judged(times, [2.0] * n, sequences=numbers))
+
+
+def test_missing_readings() -> None:
+    """What arrives instead of the joint, and what cannot be read, is an error; silence is stale."""
+    watch = ReadingWatch()
+    [nothing] = watch.judge(1.0, 1.0, EXPECTED)
+    assert nothing == Fault(Level.STALE, f"The node has not received {EXPECTED.name}.")
+    [others] = watch.judge(2.0, 1.0, replace(EXPECTED, remedy="It has boom."))
+    assert (others.level, others.sentence.endswith("It has boom.")) == (Level.ERROR, True)
+    watch.refuse("A joint state has 1 names but 0 positions.")
+    assert watch.judge(3.0, 1.0, EXPECTED)[0].level is Level.ERROR
+    watch.take(3.5, START, START, 2.0, 0.0, known=True)
+    assert watch.judge(4.0, 1.0, EXPECTED) == []
+    assert "for 2.5 s" in watch.judge(6.0, 1.0, EXPECTED)[0].sentence
+
+
+def test_falling_rate() -> None:
+    """A rate below half of the usual one is a fault until it has recovered."""
+    times = [
+        *seconds(100, 5),
+        *(5.0 + t for t in seconds(20, 4)),
+        *(9.0 + t for t in seconds(90, 3)),
+    ]
+    found = judged(times, [2.0] * len(times))
+    assert [bool(faults) for faults in found] == [False] * 6 + [True] * 3 + [False] * 3
+    assert "20.0 Hz instead of 100.0 Hz" in found[7][0].sentence
+
+
+@pytest.mark.parametrize(
+    ("source", "values", "words"),
+    [
+        (Source.ENGINE, [200.0] * 50, "200 rpm, which is not plausible, for 5 s; is it in rad/s"),
+        (Source.ENGINE, [7000.0] * 50, "not plausible"),
+        (Source.GROUND, [36.0] * 50, "is it in km/h"),
+        (Source.PTO, [540.0, math.nan], "PTO speed on /speed is nan"),
+        (Source.ENGINE, [-100.0], "is negative"),
+        (Source.ENGINE, [1500.0], "stopped"),
+    ],
+)
+def test_fault_of_a_speed(source: Source, values: list[float], words: str) -> None:
+    """A speed in another unit, without a value or without an end is a fault."""
+    watch = SpeedWatch(source)
+    for i, value in enumerate(values):
+        watch.take(0.1 * i, value)
+    now = 0.1 * len(values) + 2.0 * (words == "stopped")
+    [fault] = watch.judge(now, "/speed", 1.0, list)
+    assert fault.level is Level.WARN
+    assert words in fault.sentence
+
+
+def test_speeds_of_two_publishers() -> None:
+    """Two engines on one topic disagree."""
+    watch = SpeedWatch(Source.ENGINE)
+    for i in range(10):
+        watch.take(0.1 * i, 1500.0, 1 + i)
+        watch.take(0.1 * i, 1900.0, 500 + i)
+    [fault] = watch.judge(1.0, "/engine_speed", 1.0, lambda: ["one", "two"])
+    assert "engine speed on /engine_speed disagree (one, two)" in fault.sentence
+
+
+def test_most_serious_first() -> None:
+    """The level is the highest, and every fault has its sentence."""
+    faults = [Fault(Level.WARN, "B."), Fault(Level.ERROR, "A.")]
+    assert summary(faults, "Sound.") == (Level.ERROR, "A. B.")
+    assert summary([], "Sound.") == (Level.OK, "Sound.")

@@ -1,0 +1,218 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Faults of inputs and log over DDS: each has a status, a level and a sentence of its own."""
+
+import math
+import shutil
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64
+from std_srvs.srv import Trigger
+
+from test.support.ros_process import JOINT, SENSOR, until
+
+OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
+
+
+@dataclass
+class Tractor:
+    """Publishes what a tractor publishes, and collects the diagnostics of a node.
+
+    Attributes
+    ----------
+    peer : Peer
+    folder : Path
+        The folder of the node's logs.
+    received : list of DiagnosticStatus
+        The statuses of the node.
+    """
+
+    peer: Any
+    folder: Path
+    received: list[Any] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        """Make the publishers and the subscription."""
+        node = self.peer.node
+        self.joints = node.create_publisher(JointState, "joint_states", SENSOR)
+        self.speeds = {
+            name: node.create_publisher(Float64, f"{name}_speed", SENSOR)
+            for name in ("engine", "pto", "ground")
+        }
+        node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 10)
+
+    def _on_diagnostics(self, message: Any) -> None:
+        self.received += [s for s in message.status if s.name.startswith("/faulty: ")]
+
+    def say(
+        self,
+        angle: float,
+        *,
+        stamp: float = 0.0,
+        names: Sequence[str] = (JOINT,),
+        positions: Sequence[float] | None = None,
+        publisher: Any = None,
+    ) -> None:
+        """Publish a joint state; ``stamp`` is relative to now (s), NaN for a stamp of zero."""
+        message = JointState(name=list(names))
+        message.position = [angle] * len(names) if positions is None else list(positions)
+        if stamp == stamp:  # it is not NaN
+            stamped = divmod(time.time_ns() + round(1e9 * stamp), 10**9)
+            message.header.stamp.sec, message.header.stamp.nanosec = stamped
+        (publisher or self.joints).publish(message)
+
+    def wait_for(
+        self, part: str, level: bytes, words: str, publish: Callable[[int], object], rate: float
+    ) -> None:
+        """Publish at a rate (Hz) until a status has a level and words."""
+        self.received.clear()
+        count = 0
+
+        def found() -> bool:
+            own = [s for s in self.received if s.name == f"/faulty: {part}"]
+            return any(s.level == level and words in s.message for s in own)
+
+        def step() -> None:
+            nonlocal count
+            publish(count)
+            count += 1
+            self.peer.pause(1.0 / rate)
+
+        until(found, f"{part}: {words}; last {[s.message for s in self.received[-5:]]}", step)
+
+
+@pytest.fixture(scope="module")
+def tractor(
+    start: Callable[..., Any],
+    meet: Callable[[str], Any],
+    tmp_path_factory: pytest.TempPathFactory,
+) -> Iterator[Tractor]:
+    """Return a tractor with a node that watches it."""
+    folder = tmp_path_factory.mktemp("logs")
+    node = start(name="faulty", log_directory=folder)
+    yield Tractor(meet("faulty"), folder)
+    assert node.stop() == 0
+
+
+def test_frozen_sensor_and_falling_rate(tractor: Tractor) -> None:
+    """A noisy sensor whose value stays the same is frozen; its rate falls to a quarter."""
+    noise = np.random.default_rng(1).normal(0.0, 1e-3, 250)
+
+    def publish(i: int) -> None:
+        tractor.speeds["engine"].publish(Float64(data=1500.0))  # the engine shakes the sensor
+        tractor.say(2.0 + float(noise[min(i, len(noise) - 1)]))
+
+    tractor.wait_for("input", WARN, "never free of noise before; the sensor is frozen", publish, 80)
+    tractor.wait_for("input", WARN, "Hz instead of", lambda i: tractor.say(2.0), 12.0)
+
+
+CASES: dict[str, tuple[bytes, str, Callable[[Tractor, int], object]]] = {
+    "joint that never arrives": (
+        ERROR,
+        f"has no joint {JOINT}; it has boom, bucket. Set joint_name",
+        lambda tractor, i: tractor.say(2.0, names=["boom", "bucket"]),
+    ),
+    "arrays of different sizes": (
+        ERROR,
+        "2 names but 1 positions",
+        lambda tractor, i: tractor.say(2.0, names=[JOINT, "boom"], positions=[2.0]),
+    ),
+    "degrees": (ERROR, "are in degrees (120)", lambda tractor, i: tractor.say(120.0)),
+    "wrong sign": (
+        ERROR,
+        "inside with the other sign; change the parameter sign",
+        lambda tractor, i: tractor.say(-2.0),
+    ),
+    "out of range on one side": (ERROR, "are below", lambda tractor, i: tractor.say(0.4)),
+    "stamps of zero": (WARN, "are zero", lambda tractor, i: tractor.say(2.0, stamp=math.nan)),
+    "old stamps": (WARN, "s old", lambda tractor, i: tractor.say(2.0, stamp=-30.0)),
+    "stamps in the future": (
+        WARN,
+        "s in the future",
+        lambda tractor, i: tractor.say(2.0, stamp=5.0),
+    ),
+    "spikes": (
+        WARN,
+        "jump by up to 0.6 rad, which a crank cannot",
+        lambda tractor, i: tractor.say(2.6 if i % 10 == 5 else 2.0),
+    ),
+}
+
+
+@pytest.mark.parametrize("fault", CASES)
+def test_fault_of_the_readings(tractor: Tractor, fault: str) -> None:
+    """Each fault of the readings has a level and a sentence."""
+    level, words, publish = CASES[fault]
+    tractor.wait_for("input", level, words, lambda i: publish(tractor, i), 50.0)
+
+
+def test_healthy_readings(tractor: Tractor) -> None:
+    """Once the faults have ended, every status is OK; a resonance is none of them."""
+
+    def publish(i: int) -> None:
+        tractor.speeds["engine"].publish(Float64(data=1500.0))
+        tractor.say(2.0 + 1e-4 * (i % 7))
+
+    for part in ("input", "predictions", "speeds", "log"):
+        tractor.wait_for(part, OK, "", publish, 50.0)
+
+
+def test_two_publishers_that_disagree(tractor: Tractor) -> None:
+    """A second publisher with other angles is found, and named by its node."""
+    second = tractor.peer.node.create_publisher(JointState, "joint_states", SENSOR)
+
+    def publish(_: int) -> None:
+        tractor.say(2.0)
+        tractor.say(2.1, publisher=second)
+
+    words = (
+        f"The publishers of joint {JOINT} on /joint_states disagree ({tractor.peer.node.get_name()}"
+    )
+    tractor.wait_for("input", ERROR, words, publish, 50.0)
+    tractor.peer.node.destroy_publisher(second)
+
+
+@pytest.mark.parametrize(
+    ("source", "value", "words"),
+    [
+        ("pto", math.nan, "The PTO speed on /pto_speed is nan"),
+        ("engine", 200.0, "engine speed on /engine_speed has been 200 rpm, which is not plausible"),
+        ("engine", None, "The engine speed on /engine_speed stopped"),
+    ],
+)
+def test_fault_of_a_speed(tractor: Tractor, source: str, value: float | None, words: str) -> None:
+    """A speed that is NaN, in another unit, or stopped, while the readings are sound."""
+
+    def publish(i: int) -> None:
+        tractor.say(2.0 + 1e-4 * (i % 7))
+        if value is not None:
+            tractor.speeds[source].publish(Float64(data=value))
+
+    tractor.wait_for("speeds", WARN, words, publish, 50.0)
+
+
+def test_reverse_is_no_fault(tractor: Tractor) -> None:
+    """A negative ground speed is a speed: the resonance is not stale."""
+
+    def publish(i: int) -> None:
+        tractor.say(2.0 + 1e-4 * (i % 7))
+        tractor.speeds["ground"].publish(Float64(data=-2.0))
+
+    tractor.wait_for("resonance", OK, "No excitation exceeds its limit", publish, 50.0)
+
+
+def test_log_that_cannot_be_written(tractor: Tractor) -> None:
+    """A log whose folder is gone cannot be started, which the status of the log says."""
+    shutil.rmtree(tractor.folder)
+    client = tractor.peer.node.create_client(Trigger, "faulty/start_recording")
+    answer = tractor.peer.request(client, Trigger.Request())
+    assert not answer.success
+    tractor.wait_for("log", ERROR, str(tractor.folder), lambda i: tractor.say(2.0), 50.0)
