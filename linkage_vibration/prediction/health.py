@@ -28,7 +28,7 @@ _TURNING = 0.3  # share of them that turn back
 _FASTEST_VIBRATION = 20.0  # Hz; changes are noise if there are as many
 _FROZEN = 2.0  # s without a change; noise does not stop for so long
 _FROZEN_READINGS = 20
-_FROZEN_TURN = 0.1  # rad that the reported velocity gives while the position does not change
+_CONTRADICTION = 0.1  # rad in a second, between positions and velocities
 
 _STEADY = 3  # windows with a rate that counts as usual
 _FALLEN = 0.5  # of the usual rate
@@ -91,6 +91,8 @@ class _Window:
     differing: int = 0  # those that differ from another publisher's
     jumps: int = 0  # changes that are too fast
     largest: float = 0.0  # of the changes that are too fast
+    moved: float = 0.0  # rad, by the positions and by the velocities
+    turned: float = 0.0
     outside: list[float] = field(default_factory=list)  # angles, not more than `_KEPT`
     n_outside: int = 0
     ages: tuple[float, float] = (math.inf, -math.inf)  # s, least and largest
@@ -246,8 +248,12 @@ class ReadingWatch:
             if size > _LEAST_JUMP + self._fastest * apart:
                 window.jumps += 1
                 window.largest = max(window.largest, size)
+            step = angle - self._angle
+            if step == step and velocity == velocity and apart < _FRESH:  # neither is NaN
+                window.moved += step
+                window.turned += velocity * apart
             window.differing += self._publishers.differs(sequence, angle, now)
-            self._noise.take(now, angle, velocity)
+            self._noise.take(now, angle)
             self._angle = angle
         self._time, self._stamp = now, stamp
 
@@ -293,6 +299,14 @@ class ReadingWatch:
                 f"{window.largest:.3g} rad, which a crank cannot; check the sensor and its cable."
             )
             found = [Fault(Level.WARN, sentence)]
+        apart = abs(window.turned - window.moved)
+        if apart > max(_CONTRADICTION, 0.5 * max(abs(window.turned), abs(window.moved))):
+            sentence = (
+                f"The velocity of {expected.name} turned the crank by {window.turned:.2g} rad, but "
+                f"the position by {window.moved:.2g} rad; the sensor is frozen, or its velocity is "
+                "wrong. Publish no velocity if it is not known."
+            )
+            found.append(Fault(Level.WARN, sentence))
         frozen = self._noise.frozen(expected.shaken) if window.received else ""
         if frozen:
             found.append(Fault(Level.WARN, f"{expected.name}: {frozen}"))
@@ -378,27 +392,25 @@ class _Noise:
 
     A sensor with coarse steps repeats its value while the hitch stands still, for as long as it
     does. So a value that does not change is a fault only if the sensor never repeated a value for
-    nearly as long before although something shakes it, or if its own velocity contradicts it.
+    nearly as long before although something shakes it.
     """
 
     def __init__(self) -> None:
         self._began = self._time = math.nan  # s, of the first and the last reading
         self._value, self._change = math.nan, 0.0
         self._changes = self._turns = self._longest = self._run = 0
-        self._since, self._turned = math.nan, 0.0  # s and rad, of the present run
+        self._since = math.nan  # s, of the present run
 
-    def take(self, now: float, value: float, velocity: float) -> None:
+    def take(self, now: float, value: float) -> None:
         """Take a reading; see `ReadingWatch.take`."""
         if value == self._value:
             self._run += 1
-            if velocity == velocity:  # it is not NaN
-                self._turned += abs(velocity) * (now - self._time)
         else:
             change = value - self._value
             self._turns += change * self._change < 0.0
             self._changes += 1
             self._longest = max(self._longest, self._run)
-            self._run, self._turned, self._since = 0, 0.0, now
+            self._run, self._since = 0, now
             self._value, self._change = value, change
             if math.isnan(self._began):
                 self._began = now
@@ -413,11 +425,6 @@ class _Noise:
         if not still >= _FROZEN or self._run < _FROZEN_READINGS:
             return ""
         text = f"The reading has been the same for {still:.1f} s"
-        if self._turned > _FROZEN_TURN:
-            return (
-                f"{text}, although the reported velocity turned the crank by {self._turned:.2g} "
-                "rad; the sensor is frozen."
-            )
         noisy = (
             self._changes >= _NOISY
             and self._turns >= _TURNING * self._changes

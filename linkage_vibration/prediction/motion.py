@@ -6,8 +6,9 @@ Two means of readings give the mean rate between them. The rate now differs from
 errors of both means over the time between them, plus the largest second derivative of the quantity
 (its bend) times the time since their middle. So each pair of means gives an interval for the rate:
 near pairs suffer from the errors of the readings, far ones from the bend. The estimate is the
-intersection of the intervals of all recent pairs. If it is empty, the quantity bends more than
-assumed, and four times the bend is tried.
+middle of the intersection of the intervals of all recent pairs, and the bound of its error is half
+the width of the narrowest. If they hardly intersect, the quantity bends more than assumed, and
+twice the bend is tried, and so on.
 
 Readings within `POOL` form one mean, so that noise at a high rate averages out. The error of a mean
 is half a step of the sensor's resolution, which does not average out, and noise. The resolution is
@@ -40,7 +41,6 @@ _AGREEMENT = 0.65  # width of an intersection over that of the narrowest interva
 _FEW = 4.0  # residuals; as many more would be needed to know the largest
 _DECAY = 0.98  # of that residual with each new mean
 _RESIDUALS = 6  # before the noise is known, and in which a motion is smooth
-
 
 _CRANK = 1.0, 0.01  # rad/s^2, such as of a lift of 90 deg in 3 s, and rad
 _SPEEDS = {

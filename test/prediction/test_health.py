@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Faults that are found in numbers, and healthy drives in which none is found."""
 
+import itertools
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
@@ -40,7 +41,7 @@ def judged(
     angles: Iterable[float],
     expected: Expected = EXPECTED,
     *,
-    velocity: float = math.nan,
+    velocity: float | Sequence[float] = math.nan,
     age: float = 0.0,
     sequences: Sequence[int] = (),
     watch: ReadingWatch | None = None,
@@ -48,6 +49,7 @@ def judged(
     """Return the faults of each second of readings, whose stamps have an age (s)."""
     watch = watch or ReadingWatch()
     found, due, number = [], 1.0, iter(sequences)
+    rates = iter(velocity) if isinstance(velocity, Sequence) else itertools.repeat(velocity)
     for now, angle in zip(times, angles, strict=True):
         while now >= due:
             found.append(watch.judge(due, 1.0, expected))
@@ -55,7 +57,7 @@ def judged(
         received = START + round(1e9 * now)
         stamp = received - round(1e9 * age) if age < math.inf else 0
         known = not math.isfinite(angle) or expected.contains(angle)
-        watch.take(now, stamp, received, angle, velocity, known=known, sequence=next(number, 0))
+        watch.take(now, stamp, received, angle, next(rates), known=known, sequence=next(number, 0))
     return [*found, watch.judge(due, 1.0, expected)]
 
 
@@ -102,6 +104,13 @@ def test_healthy_readings_have_no_fault(name: str) -> None:
     assert not any(judged(times, angles))
 
 
+def test_velocities_of_a_healthy_drive() -> None:
+    """The velocities of the shipped drive agree with its positions."""
+    times, angles = hitch_duty_cycle()
+    velocities = np.gradient(angles, times).tolist()
+    assert not any(judged(times.tolist(), angles.tolist(), velocity=velocities))
+
+
 def test_healthy_speeds_have_no_fault() -> None:
     """The speeds of the shipped drive, a start of the engine, and reverse are no faults."""
     times, engine, pto = engine_and_pto_speed()
@@ -119,6 +128,7 @@ def test_healthy_speeds_have_no_fault() -> None:
     assert SpeedWatch(Source.PTO).judge(100.0, "/pto_speed", 1.0, list) == []  # there is none
 
 
+LIFT = (1.6 + 0.3 / 50.0 * np.arange(200)).tolist()
 FAULTS = [
     ("degrees", [130.0], {}, EXPECTED, Level.ERROR, "are in degrees (130)"),
     ("degrees with an offset", [30.0], {}, replace(EXPECTED, offset=1.5), Level.ERROR, "degrees"),
@@ -131,6 +141,7 @@ FAULTS = [
     ("future", [2.0], {"age": -0.5}, EXPECTED, Level.WARN, "0.5 s in the future"),
     ("spike", [2.0] * 9 + [2.5], {}, EXPECTED, Level.WARN, "jump by up to 0.5 rad"),
     ("velocity", [2.0], {"velocity": 0.2}, EXPECTED, Level.WARN, "the sensor is frozen"),
+    ("velocity of zero", LIFT, {"velocity": 0.0}, EXPECTED, Level.WARN, "its velocity is wrong"),
 ]
 
 
