@@ -24,7 +24,15 @@ from linkage_vibration.bags.numbers import (
     Numbers,
     ReadingError,
 )
-from linkage_vibration.bags.schemas import NUMBERS, Field, Schema, Step, find_path, has_header
+from linkage_vibration.bags.schemas import (
+    NUMBERS,
+    Field,
+    FieldError,
+    Schema,
+    Step,
+    find_path,
+    has_header,
+)
 from linkage_vibration.bags.streams import Block
 
 _KEPT = 64  # layouts; most types have one
@@ -68,6 +76,16 @@ class _Layout:
         return not (bits ^ self.bits) & self.mask
 
 
+def _unknown_size(schema: Schema, type_name: str) -> str:
+    """Return the first type in a type whose size is not known; empty if there is none."""
+    if type_name in _SIZES or type_name == "string":
+        return ""
+    if type_name not in schema:
+        return type_name
+    found = (_unknown_size(schema, one.type) for one in schema[type_name])
+    return next(filter(None, found), "")
+
+
 class FieldReader(NumberReader):
     """Reads a field of messages of any type.
 
@@ -77,12 +95,18 @@ class FieldReader(NumberReader):
         Fields of the type, and its name.
     path : str
         Path to a number; see `find_path`, which raises a `FieldError` for another one.
+
+    Raises
+    ------
+    FieldError
+        If the number lies behind a field whose size is not known.
     """
 
     def __init__(self, schema: Schema, type_name: str, path: str) -> None:
         self.has_header = has_header(schema, type_name)
         self._schema, self._type, self._path = schema, type_name, path
         self._steps = find_path(schema, type_name, path)
+        self._check_sizes()
         self._code = NUMBERS[self._steps[-1].field.type]
         self._width = int(self._code[1])
         self._layouts: list[_Layout] = []
@@ -160,6 +184,21 @@ class FieldReader(NumberReader):
             return ""
         listing = ", ".join(sorted(names)[:_MAX_NAMES])
         return f"{topic} has no {self._path}; it has {listing}. Choose one of them."
+
+    def _check_sizes(self) -> None:
+        """Refuse a path behind a field whose size is not known, such as a ``wstring``."""
+        inside = self._type
+        for step in self._steps:
+            for one in self._schema[inside]:
+                if one == step.field:
+                    break
+                if unknown := _unknown_size(self._schema, one.type):
+                    raise FieldError(
+                        f"{self._type}: {self._path} lies behind {one.name}, and the size of a "
+                        f"{unknown.rpartition('/')[2]} is not known; choose a field before it, or "
+                        "another message."
+                    )
+            inside = step.field.type
 
     def _numbers(self, block: Block, rows: Integers, layout: _Layout) -> Numbers:
         """Return the numbers of messages of a layout."""

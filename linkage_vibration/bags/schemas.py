@@ -18,6 +18,7 @@ NUMBERS |= {f"uint{8 * size}": f"u{size}" for size in (1, 2, 4, 8)}
 
 _LISTED = 40  # paths in an error
 _DEEPEST = 8  # levels of messages in an error
+_KEY = re.compile(r"\[.*?\]")
 _STEP = re.compile(r"(?P<name>[A-Za-z]\w*)(?:\[(?P<key>.*?)\](?=\.|$))?(?:\.|$)")
 
 
@@ -168,7 +169,7 @@ def _step(fields: tuple[Field, ...], name: str, key: str | None) -> Step | None:
     if key is None:
         return Step(field)
     names = _names_beside(fields, field)
-    if names and not key.isdecimal():
+    if names and key and not key.isdecimal():
         return Step(field, names=names, name=key)
     if not key.isdecimal() or (field.length and int(key) >= field.length):
         return None
@@ -176,8 +177,8 @@ def _step(fields: tuple[Field, ...], name: str, key: str | None) -> Step | None:
 
 
 def _names_beside(fields: tuple[Field, ...], field: Field) -> str:
-    """Return the only list of texts beside a list; empty if there is none or several."""
-    found = [each.name for each in fields if each.type == "string" and each.length is not None]
+    """Return the only list of texts beside a list of its kind; empty if there is none."""
+    found = [each.name for each in fields if each.type == "string" and each.length == field.length]
     return found[0] if len(found) == 1 and found[0] != field.name else ""
 
 
@@ -185,20 +186,21 @@ def _unknown(schema: Schema, type_name: str, path: str) -> FieldError:
     """Return the error that a type has no such number, with the numbers that it has."""
     known = list(_paths(schema, type_name, _DEEPEST))
     shown = ", ".join(known[:_LISTED]) + (", ..." if len(known) > _LISTED else "")
-    similar = get_close_matches(path, known, 1)
-    asked = f"did you mean {similar[0]}? " if similar else ""
+    without = {_KEY.sub("", each): each for each in known}
+    similar = get_close_matches(_KEY.sub("", path), without, 1)
+    asked = f"did you mean {without[similar[0]]}? " if similar else ""
     listing = f"its numbers are {shown}" if known else "it has no numbers"
     return FieldError(f"{type_name} has no number {path!r}; {asked}{listing}.")
 
 
 def _paths(schema: Schema, type_name: str, levels: int) -> Iterator[str]:
-    """Yield the paths to all numbers of a type; elements of lists as INDEX or NAME."""
+    """Yield the paths to all numbers of a type, with NAME and INDEX for elements of lists."""
     fields = schema[type_name]
     for field in fields:
         path = field.name
         if field.length is not None:
             last = f"0 to {field.length - 1}" if field.length else "INDEX"
-            path += "[NAME]" if _names_beside(fields, field) else f"[{last}]"
+            path += f"[NAME or {last}]" if _names_beside(fields, field) else f"[{last}]"
         if field.type in NUMBERS:
             yield path
         elif field.type in schema and levels:

@@ -1,0 +1,230 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Numbers that are read from messages of any type are those that rosbags decodes."""
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from linkage_vibration.bags.field_reader import FieldReader
+from linkage_vibration.bags.numbers import CdrError, LeftOut, ReadingError
+from linkage_vibration.bags.schemas import NUMBERS, FieldError, find_path, schema_of_text
+from test.bags.test_joint_states import block_of
+
+SEPARATOR = "\n" + "=" * 80 + "\n"
+PART = f"{SEPARATOR}MSG: a/Part\nstring label\nint16[2] pair\nfloat64 value\nuint8[] rest"
+HEADER = (
+    f"{SEPARATOR}MSG: std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id"
+    f"{SEPARATOR}MSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec"
+)
+KINDS = [kind for kind in NUMBERS if kind not in ("octet", "char", "byte")]
+NAMES = st.lists(st.sampled_from(["up", "down", "a b", "ä"]), max_size=4)
+
+
+def value_of(draw: Any, kind: str, store: Any) -> Any:
+    """Return a random value of a type: a number, a text, or a part."""
+    if kind == "string":
+        return draw(st.text(st.characters(exclude_categories=["C"]), max_size=5))
+    if kind == "a/msg/Part":
+        pair = np.array(draw(st.lists(st.integers(-9, 9), min_size=2, max_size=2)), np.int16)
+        rest = np.array(draw(st.lists(st.integers(0, 255), max_size=3)), np.uint8)
+        label = value_of(draw, "string", store)
+        return store.types[kind](label, pair, draw(st.floats()), rest)
+    if kind == "bool":
+        return draw(st.booleans())
+    code = NUMBERS[kind]
+    if code[0] == "f":
+        return np.array(draw(st.floats(width=8 * int(code[1]))), code)[()].item()
+    info = np.iinfo(code)
+    return draw(st.integers(int(info.min), int(info.max)))
+
+
+@st.composite
+def messages(draw: Any) -> tuple[str, Any, list[Any]]:
+    """Return the definition of a type with random fields, a store that knows it, and messages."""
+    kinds = draw(
+        st.lists(st.sampled_from([*KINDS, "bool", "string", "a/Part"]), min_size=1, max_size=6)
+    )
+    forms = [draw(st.sampled_from(["", "[]", "[3]", "[<=5]"])) for _ in kinds]
+    header = draw(st.booleans())
+    lines = ["std_msgs/Header header"] * header
+    lines += [f"{kind}{form} f{i}" for i, (kind, form) in enumerate(zip(kinds, forms, strict=True))]
+    text = "\n".join(lines) + PART + HEADER * header
+    store = get_typestore(Stores.EMPTY)
+    types = get_types_from_msg(text, "a/msg/Any")
+    store.register({name: kind for name, kind in types.items() if name not in store.fielddefs})
+    found = []
+    for _ in range(draw(st.integers(1, 5))):
+        values: list[Any] = []
+        if header:
+            stamp = store.types["builtin_interfaces/msg/Time"](draw(st.integers(0, 99)), 7)
+            values.append(
+                store.types["std_msgs/msg/Header"](stamp, value_of(draw, "string", store))
+            )
+        for kind, form in zip(kinds, forms, strict=True):
+            full = kind.replace("/", "/msg/")
+            if not form:
+                values.append(value_of(draw, full, store))
+                continue
+            count = 3 if form == "[3]" else draw(st.integers(0, 4))
+            items = [value_of(draw, full, store) for _ in range(count)]
+            plain = full in NUMBERS or full == "bool"
+            values.append(np.array(items, NUMBERS.get(full, "?")) if plain else items)
+        found.append(store.types["a/msg/Any"](*values))
+    return text, store, found
+
+
+def paths(message: Any, prefix: str = "") -> dict[str, float]:
+    """Return the numbers of a message by their paths."""
+    found: dict[str, float] = {}
+    for name in (field for field in message.__dataclass_fields__ if field != "__msgtype__"):
+        value = getattr(message, name)
+        several = isinstance(value, list | np.ndarray)
+        for key, item in (
+            {f"[{i}]": v for i, v in enumerate(value)}.items() if several else [("", value)]
+        ):
+            if hasattr(item, "__dataclass_fields__"):
+                found |= paths(item, f"{prefix}{name}{key}.")
+            elif not isinstance(item, str | bool | np.bool_):
+                found[f"{prefix}{name}{key}"] = float(item)
+    return found
+
+
+@settings(max_examples=80)
+@given(messages(), st.booleans())
+def test_against_rosbags(drawn: tuple[str, Any, list[Any]], little: bool) -> None:
+    """Every number of any type is exact, one by one and together, in either byte order."""
+    text, store, found = drawn
+    data = [bytes(store.serialize_cdr(one, "a/msg/Any", little_endian=little)) for one in found] * 2
+    numbers = [paths(one) for one in found] * 2
+    schema = schema_of_text(text, "a/msg/Any")
+    for path in {path for each in numbers for path in each}:
+        reader, alone = (FieldReader(schema, "a/msg/Any", path) for _ in range(2))
+        left_out, rows = LeftOut(), dict[int, float]()
+        for part in reader.read(block_of(data), np.arange(len(data)), left_out):
+            rows |= dict(zip(part.rows.tolist(), part.value.tolist(), strict=True))
+            for i, row in enumerate(part.rows.tolist()):
+                one = alone.read_one(data[row])
+                assert one is not None
+                same = (part.sec[i], part.nanosec[i], part.frame_id)
+                assert (one.sec, one.nanosec, one.frame_id) == same
+        assert left_out.refused + len(rows) == len(data)
+        for row, each in enumerate(numbers):
+            if path not in each:
+                with pytest.raises(ReadingError, match="elements in"):
+                    alone.read_one(data[row])
+                continue
+            single = alone.read_one(data[row])
+            assert single is not None
+            np.testing.assert_array_equal([rows[row], single.value], each[path])
+
+
+TEXT = f"""std_msgs/Header header
+string[] name
+float64[] position
+bool on
+string text
+uint8[] data
+float32[3] fixed
+a/Part part
+a/Part[] parts
+wstring wide
+float64 after
+{PART}{HEADER}"""
+
+
+@pytest.mark.parametrize(
+    ("path", "words"),
+    [
+        ("", "no number ''"),
+        ("positions[0]", r"did you mean position\[NAME or INDEX\]\?"),
+        ("position", "its numbers are header.stamp.sec, header.stamp.nanosec, position"),
+        ("position[]", "has no number"),
+        ("on", "has no number 'on'"),
+        ("text", "has no number"),
+        ("data", r"data\[NAME or INDEX\]"),
+        ("fixed[3]", r"fixed\[0 to 2\]"),
+        ("fixed[-1]", "has no number"),
+        ("part", "part.value"),
+        ("part.", "has no number"),
+        ("part.value.x", "has no number"),
+        ("part.label", "has no number"),
+        ("parts.value", r"parts\[NAME or INDEX\].value"),
+        ("header..stamp", "has no number"),
+        ("part.value ", "has no number"),
+    ],
+)
+def test_wrong_paths(path: str, words: str) -> None:
+    """A path that leads to no number is answered with the numbers that the type has."""
+    schema = schema_of_text(TEXT, "a/msg/Any")
+    with pytest.raises(FieldError, match=words):
+        find_path(schema, "a/msg/Any", path)
+
+
+def test_path_behind_an_unknown_type() -> None:
+    """A field behind one whose size is not known is refused when its path is read."""
+    schema = schema_of_text(TEXT, "a/msg/Any")
+    assert FieldReader(schema, "a/msg/Any", "parts[0].value")
+    with pytest.raises(FieldError, match="after lies behind wide, and the size of a wstring"):
+        FieldReader(schema, "a/msg/Any", "after")
+
+
+@given(NAMES, st.integers(0, 4))
+def test_elements_by_name(names: list[str], count: int) -> None:
+    """An element is found by its name before or behind it; repeated names are not reliable."""
+    for text in ("string[] names\nfloat64[] value", "float64[] value\nstring[] names"):
+        store = get_typestore(Stores.EMPTY)
+        store.register(get_types_from_msg(text, "a/msg/Any"))
+        given_values = {"names": names, "value": np.arange(count, dtype=float)}
+        message = store.types["a/msg/Any"](**given_values)
+        data = bytes(store.serialize_cdr(message, "a/msg/Any"))
+        reader = FieldReader(schema_of_text(text, "a/msg/Any"), "a/msg/Any", "value[a b]")
+        if "a b" not in names:
+            assert reader.read_one(data) is None
+            assert list(reader.other_names(data)) == names
+        elif names.count("a b") > 1 or len(names) != count:
+            with pytest.raises(ReadingError, match="no single element of value for a b"):
+                reader.read_one(data)
+        else:
+            assert reader.read_one(data)[0] == names.index("a b")  # type: ignore[index]
+
+
+@given(st.binary(max_size=60))
+def test_bytes_that_are_not_a_message(data: bytes) -> None:
+    """Any bytes give a number or an error, the same one by one and together."""
+    schema = schema_of_text(TEXT, "a/msg/Any")
+    for path in ("position[boom]", "parts[1].value", "fixed[2]"):
+        for start in (b"", b"\x00\x01\x00\x00", b"\x00\x00\x00\x00" + bytes(8)):
+            reader, left_out = FieldReader(schema, "a/msg/Any", path), LeftOut()
+            found = list(reader.read(block_of([start + data]), np.arange(1), left_out))
+            try:
+                one = reader.read_one(start + data)
+            except CdrError:
+                assert left_out.unreadable == 1
+            except ReadingError:
+                assert left_out.refused == 1
+            else:
+                assert (one is None) == (left_out.others == 1)
+                if one is not None:
+                    np.testing.assert_array_equal(found[0].value, one.value)
+
+
+def test_layouts_are_bounded() -> None:
+    """A text of another length in each message moves the number, and no memory grows."""
+    text = "string text\nfloat32 value"
+    store = get_typestore(Stores.EMPTY)
+    store.register(get_types_from_msg(text, "a/msg/Any"))
+    kind = store.types["a/msg/Any"]
+    data = [bytes(store.serialize_cdr(kind("x" * k, k), "a/msg/Any")) for k in range(300)]
+    reader = FieldReader(schema_of_text(text, "a/msg/Any"), "a/msg/Any", "value")
+    rows = dict[int, float]()
+    for part in reader.read(block_of(data), np.arange(300), LeftOut()):
+        rows |= dict(zip(part.rows.tolist(), part.value.tolist(), strict=True))
+    assert rows == {k: float(k) for k in range(300)}
+    assert len(reader._layouts) <= 64
+    assert math.isclose(reader.read_one(data[7])[0], 7.0)  # type: ignore[index]
