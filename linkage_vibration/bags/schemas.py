@@ -18,6 +18,7 @@ NUMBERS |= {f"uint{8 * size}": f"u{size}" for size in (1, 2, 4, 8)}
 
 _LISTED = 40  # paths in an error
 _DEEPEST = 8  # levels of messages in an error
+_QUOTED = re.compile(r'"(.*)"')  # a name in quotes may be a number
 _KEY = re.compile(r"\[.*?\]")
 _STEP = re.compile(r"(?P<name>[A-Za-z]\w*)(?:\[(?P<key>.*?)\](?=\.|$))?(?:\.|$)")
 
@@ -137,7 +138,7 @@ def find_path(schema: Schema, type_name: str, path: str) -> tuple[Step, ...]:
         Fields of the type, and its name.
     path : str
         Names of fields with dots between them. An element of a list has its place, from 0, or its
-        name in the only list of names beside it.
+        name in the only list of names beside it; a name that is a number is in double quotes.
 
     Raises
     ------
@@ -170,7 +171,7 @@ def _step(fields: tuple[Field, ...], name: str, key: str | None) -> Step | None:
         return Step(field)
     names = _names_beside(fields, field)
     if names and key and not key.isdecimal():
-        return Step(field, names=names, name=key)
+        return Step(field, names=names, name=_QUOTED.sub(r"\1", key))
     if not key.isdecimal() or (field.length and int(key) >= field.length):
         return None
     return Step(field, index=int(key))

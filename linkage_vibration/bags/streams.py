@@ -199,8 +199,8 @@ class Bags:
                 for connection in bag.connections:
                     if connection.topic == name and connection.msgdef.data:
                         store, kind = _store([connection]), connection.msgtype
-                        text, _ = store.generate_msgdef(kind, ros_version=2)
-                        found.append((text, store.hash_rihs01(kind), schema_of_store(store, kind)))
+                        text = _definition(store, connection)
+                        found.append((*text, schema_of_store(store, kind)))
         if any(schema != found[0][2] for _, _, schema in found):
             raise BagError(
                 f"{', '.join(map(str, self.paths))}: the type of topic {name} is defined in "
@@ -579,6 +579,17 @@ def _store(connections: "Sequence[Connection]") -> Any:
             types |= {name: latest.fielddefs[name] for name in (_TIME, _HEADER)}
         store.register({name: kind for name, kind in types.items() if name not in store.fielddefs})
     return store
+
+
+def _definition(store: Any, connection: "Connection") -> tuple[str, str]:
+    """Return the definition of a type as ROS 2 has it, and its hash; empty if a part is missing."""
+    from rosbags.typesys import TypesysError
+
+    try:
+        text, _ = store.generate_msgdef(connection.msgtype, ros_version=2)
+        return text, store.hash_rihs01(connection.msgtype)
+    except (TypesysError, KeyError):
+        return connection.msgdef.data, ""
 
 
 def _to_cdr(connections: "Sequence[Connection]") -> Callable[[bytes, str], bytes]:

@@ -356,12 +356,13 @@ def _inputs(
     bags: Bags, settings: Parameters, topics: Mapping[str, BagTopic]
 ) -> tuple[CrankInput, dict[Source, SpeedInput]]:
     """Return the inputs whose topics are in the bags."""
+    crank = settings.crank_input(topic_schema(bags, topics[HITCH]))
     speeds = {
         source: settings.speed_input(source, topic_schema(bags, topics[source.value]))
         for source in Source
         if source.value in topics
     }
-    return settings.crank_input(topic_schema(bags, topics[HITCH])), speeds
+    return crank, speeds
 
 
 def _served(settings: Parameters, what_if: WhatIf) -> Served:

@@ -479,7 +479,8 @@ class Parameters:
         """Return where an input comes from: "hitch", "engine", "pto" or "ground"."""
         preset = PRESETS[name][self._preset_of(name)]
         kind, own = self._chosen(name, "type"), not self._own(name, "field")
-        field = self._chosen(name, "field").replace("{joint_name}", self.joint_name)
+        joint = f'"{self.joint_name}"' if self.joint_name.isdecimal() else self.joint_name
+        field = self._chosen(name, "field").replace("{joint_name}", joint)
         package, _, last = kind.rpartition("/")
         return SourceSettings(
             name,

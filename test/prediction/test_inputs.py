@@ -264,6 +264,16 @@ def test_parameters_that_do_not_fit(changes: dict[str, Any], words: str) -> None
         with_values(Parameters(), changes)
 
 
+@pytest.mark.parametrize("name", ["7", "a]b", "a.b", "{joint_name}", "ä b"])
+def test_names_of_joints(name: str) -> None:
+    """A joint is found by any name, also by one that looks like a place or a path."""
+    found = Parameters(joint_name=name).crank_input(JOINTS)
+    assert isinstance(found.reader, JointReader)
+    reading = found.read_one(state(["a", name], [1.0, 2.0]), RECEIVED)
+    assert reading is not None
+    assert reading[0].crank_angle == 2.0
+
+
 def test_fields_of_joint_states() -> None:
     """Any field of a joint state can be read; a wrong path is answered with those that exist."""
     data = state(["a", "b"], [1.0, 2.0], [3.0, 4.0])

@@ -50,8 +50,9 @@ def build_packages(cache: Path, folder: Path) -> Path:
                 (here / path.name).write_text(path.read_text().replace(OWN, package))
             for name, definition in messages.items():
                 (here / "msg" / f"{name}.msg").write_text(definition)
-            command = [sys.executable, "-m", "pip", "install", "-q", "--no-deps", "--prefix", built]
-            subprocess.run([*command, "--no-build-isolation", here], check=True)
+            command = [sys.executable, "-m", "pip", "install", "-q", "--no-deps"]
+            options = ["--no-build-isolation", "--prefix", str(built), str(here)]
+            subprocess.run([*command, *options], check=True)
         shutil.move(built, prefix)
     return prefix
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from linkage_vibration.bags.field_reader import FieldReader
 from linkage_vibration.bags.message_types import JOINT_STATE
 from linkage_vibration.bags.numbers import Integers, LeftOut, NumberReader, Numbers
-from linkage_vibration.bags.schemas import Field, FieldError, Schema
+from linkage_vibration.bags.schemas import Field, FieldError, Schema, find_path
 from linkage_vibration.bags.streams import Block
 from linkage_vibration.prediction.inputs.joint_state import JointReader
 from linkage_vibration.prediction.inputs.units import HitchScale, InputError, Reading
@@ -28,10 +28,10 @@ _JOINT_FIELDS = (Field("header", "std_msgs/msg/Header"), Field("name", "string",
 
 def _joint_reader(schema: Schema, type_name: str, field: str) -> NumberReader:
     """Return the fast reader of a joint's position, or the reader of another field."""
-    other = FieldReader(schema, type_name, field)  # which checks the path
-    standard = schema[type_name] == _JOINT_FIELDS
-    by_name = field.startswith("position[") and not field[len("position[") : -1].isdecimal()
-    return JointReader(field[len("position[") : -1]) if standard and by_name else other
+    last = find_path(schema, type_name, field)[-1]
+    if schema[type_name] == _JOINT_FIELDS and last.field.name == "position" and last.name:
+        return JointReader(last.name)
+    return FieldReader(schema, type_name, field)
 
 
 READERS: dict[str, Callable[[Schema, str, str], NumberReader]] = {JOINT_STATE: _joint_reader}

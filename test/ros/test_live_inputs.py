@@ -1,0 +1,48 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""The fields of installed types are those of their definitions."""
+
+from importlib import import_module
+
+import pytest
+
+from linkage_vibration.bags.schemas import NUMBERS, Field, schema_of_text
+from linkage_vibration.messages.definitions import message_definition
+from linkage_vibration.prediction.settings import ParameterError, Parameters, with_values
+from linkage_vibration.ros.live_inputs import installed_schema, live_topics
+
+PACKAGES = ("sensor_msgs", "std_msgs", "geometry_msgs", "diagnostic_msgs", "rcl_interfaces")
+
+
+def plain(fields: tuple[Field, ...]) -> list[tuple[str, str, int | None]]:
+    """Return fields with one name for each kind of number."""
+    return [(one.name, NUMBERS.get(one.type, one.type), one.length) for one in fields]
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_installed_types(package: str) -> None:
+    """Rosidl describes each installed type as its text does, also nested and bounded fields."""
+    names = [name for name in vars(import_module(f"{package}.msg")) if name[0].isupper()]
+    assert names
+    for name in names:
+        type_name = f"{package}/msg/{name}"
+        expected = schema_of_text(message_definition(type_name), type_name)
+        found = installed_schema(type_name)
+        assert found.keys() == expected.keys()
+        for each, fields in found.items():
+            if "wstring" not in str(fields):  # rosbags takes it for a message
+                assert plain(fields) == plain(expected[each])
+
+
+def test_inputs_of_one_topic() -> None:
+    """Inputs that read one topic share it, unless their types differ."""
+    same = {"hitch_topic": "s", "engine_topic": "s", "engine_type": "sensor_msgs/JointState"}
+    settings = with_values(Parameters(), {**same, "engine_field": "velocity[crankshaft]"})
+    topics = live_topics(settings, lambda name: f"/{name}")
+    assert list(topics) == ["/s", "/pto_speed", "/ground_speed"]
+    assert topics["/s"].crank is not None
+    assert len(topics["/s"].speeds) == 1
+    with pytest.raises(
+        ParameterError, match=r"topic /s is read as std_msgs/msg/Float64 and as sen"
+    ):
+        live_topics(with_values(Parameters(), {**same, "engine_type": ""}), lambda name: f"/{name}")
