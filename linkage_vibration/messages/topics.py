@@ -98,8 +98,8 @@ OUTPUT_TOPICS = (
         "/diagnostics",
         "diagnostic_msgs/msg/DiagnosticArray",
         "reliable, keep last 10",
-        "At 1 Hz: age and rate of the input, latency, share of predictions without numbers, QoS "
-        "mismatches, log, table, clock jumps.",
+        "At 1 Hz: what is wrong with the inputs, the predictions and the log, and the resonance "
+        "([Diagnostics](#diagnostics)).",
         logged=False,
     ),
 )
