@@ -36,6 +36,7 @@ STEPS = (
     "crash",
     "libraries",
     "log_readers",
+    "can_bus",
     "replay",
     "long_bag",
     "review_page",

@@ -25,8 +25,10 @@ import yaml
 from linkage_vibration.demo.domain import reserve_domain
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
 from linkage_vibration.prediction.excitation import excitations_from_mapping
+from linkage_vibration.prediction.settings import Parameters, with_values
 from linkage_vibration.readers.implements import read_implements
 from linkage_vibration.readers.mechanism import read_mechanism
+from test.support.can_bus import EPOCH, synthetic_hitch, write_candump
 from test.support.environments import make_environment
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -139,6 +141,8 @@ def folder(tmp_path: Path) -> Path:
     for name in ("drive.mcap", "bags/headland.mcap"):
         shutil.copy(drive, tmp_path / name)
     cut = drive.read_bytes()[: drive.stat().st_size // 2]
+    times = [EPOCH + k * 10**8 for k in range(100)]
+    write_candump(tmp_path / "bus.log", synthetic_hitch(times, [100 + k for k in range(100)]))
     (tmp_path / "linkage_vibration_20260712-141503.mcap").write_bytes(cut)
     shutil.copy(ROOT / "config" / "three_point_linkage.yaml", tmp_path / "my_linkage.yaml")
     return tmp_path
@@ -225,10 +229,17 @@ def read_implement_file(block: dict[str, Any]) -> None:
         read_implements(file.name, read_mechanism())
 
 
+def read_inputs(block: dict[str, Any]) -> None:
+    """Read the parameters of a block."""
+    with_values(Parameters(), block["linkage_vibration"]["ros__parameters"])
+
+
 READERS = {
+    "docs/can.md": read_inputs,
     "docs/excitation.md": excitations_from_mapping,
     "docs/mechanisms.md": read_part,
     "docs/services.md": read_implement_file,
+    "docs/node.md": read_inputs,
     "docs/uncertainty.md": read_uncertainty,
 }
 

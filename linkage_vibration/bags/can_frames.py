@@ -14,7 +14,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from linkage_vibration.bags.joint_states import CdrError
+from linkage_vibration.bags.numbers import CdrError
 from linkage_vibration.bags.streams import Block, Bytes, Integers
 
 EXTENDED, REMOTE, ERROR = 1 << 31, 1 << 30, 1 << 29
@@ -23,6 +23,9 @@ FLAGS = EXTENDED | REMOTE | ERROR
 PAYLOAD = 8
 """Bytes of data in a message, however many of them the frame has."""
 
+_ORDERS = {b"\0\0": ">", b"\0\1": "<"}  # of the bytes, by the encapsulation
+_LENGTHS = {order: struct.Struct(f"{order}I") for order in "<>"}
+_IDENTIFIERS = {order: struct.Struct(f"{order}I3B") for order in "<>"}
 _STRING = 16  # where the frame's name begins: after the encapsulation, the stamp and its length
 _TAIL = 8 + PAYLOAD  # bytes from the identifier to the end: flags, length and data follow it
 
@@ -79,13 +82,13 @@ def read_key(data: bytes) -> int:
         If the bytes are not a ``can_msgs/Frame`` in plain CDR.
     """
     order, _, at = _layout(data)
-    identifier, remote, extended, error = struct.unpack_from(f"{order}I3B", data, at)
-    return int(
-        identifier & 0x1FFFFFFF
-        | (EXTENDED if extended else 0)
-        | (REMOTE if remote else 0)
-        | (ERROR if error else 0)
-    )
+    identifier, remote, extended, error = _IDENTIFIERS[order].unpack_from(data, at)
+    key: int = identifier & 0x1FFFFFFF
+    if extended:
+        key |= EXTENDED
+    if remote:
+        key |= REMOTE
+    return key | ERROR if error else key
 
 
 def read_frame(data: bytes) -> Frame:
@@ -162,11 +165,11 @@ def _columns(messages: Bytes, rows: Integers, order: str, at: int) -> Frames:
 
 def _layout(data: bytes) -> tuple[str, int, int]:
     """Return the order of the bytes, the length of the name, and where the identifier begins."""
-    if len(data) < _STRING + _TAIL or data[0] != 0 or data[1] > 1:
+    order = _ORDERS.get(data[:2])
+    if order is None or len(data) < _STRING + _TAIL:
         raise CdrError(f"{len(data)} bytes are not a can_msgs/Frame in plain CDR")
-    order = "<" if data[1] else ">"
-    [length] = struct.unpack_from(f"{order}I", data, 12)
-    at = _STRING + length + -length % 4
+    [length] = _LENGTHS[order].unpack_from(data, 12)
+    at = _STRING + (length + 3 & ~3)
     if at + _TAIL > len(data):
         raise CdrError(f"{len(data)} bytes are not a can_msgs/Frame, whose name is too long")
     return order, length, at

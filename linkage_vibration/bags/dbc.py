@@ -12,7 +12,7 @@ import numpy as np
 
 from linkage_vibration.bags.can_frames import EXTENDED, FLAGS, PAYLOAD
 from linkage_vibration.bags.can_signals import Bits, CanSignal, j1939_key
-from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.bags.schemas import FieldError
 
 if TYPE_CHECKING:
     from cantools.database.can import Database, Message, Signal
@@ -22,7 +22,7 @@ Named = TypeVar("Named", "Message", "Signal")
 _NULL_ADDRESS = 0xFE  # the source address that stands for any in DBC files of J1939
 
 
-class DbcError(LinkageVibrationError):
+class DbcError(FieldError):
     """A DBC file cannot be read, or has no such signal."""
 
 

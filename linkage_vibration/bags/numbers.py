@@ -73,6 +73,8 @@ class LeftOut:
         Why the first unreadable or refused message was left out.
     names : set of str
         What some of the other messages contain instead, such as joints.
+    unavailable : dict of str to int
+        What was not available, with the reason, and in how many messages.
     """
 
     others: int = 0
@@ -80,6 +82,7 @@ class LeftOut:
     refused: int = 0
     fault: str = ""
     names: set[str] = field(default_factory=set)
+    unavailable: dict[str, int] = field(default_factory=dict)
 
 
 class NumberReader(ABC):
@@ -89,9 +92,12 @@ class NumberReader(ABC):
     ----------
     has_header : bool
         Whether the messages begin with a header.
+    note : str
+        Why the last number, or the first of many, is NaN; empty if the message does not say it.
     """
 
     has_header: bool = False
+    note: str = ""
 
     @abstractmethod
     def describe(self) -> str:

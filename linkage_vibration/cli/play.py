@@ -8,7 +8,7 @@ from pathlib import Path
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    text = ".mcap, .db3 or .bag file, or the folder of a bag (default: the shipped drive)"
+    text = ".mcap, .db3 or .bag file, folder of a bag, or log of a CAN bus (default: the drive)"
     parser.add_argument("bag", nargs="?", type=Path, metavar="BAG", help=text)
     parser.add_argument(
         "--remap",

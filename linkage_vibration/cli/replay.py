@@ -15,7 +15,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         nargs="+",
         type=Path,
         metavar="BAG",
-        help=".mcap, .db3 or .bag file, or the folder of a bag",
+        help=".mcap, .db3 or .bag file, the folder of a bag, or a log of a CAN bus",
     )
     parser.add_argument("-o", "--output", type=Path, required=True, help="MCAP file to write")
     parser.add_argument("--params-file", type=Path, help="YAML file of the node's parameters")

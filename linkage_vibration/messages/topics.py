@@ -43,6 +43,7 @@ class NodeTopic:
 _INPUT_QOS, _OUTPUT_QOS = (f"{q}, keep last {QUEUE_DEPTH}" for q in ("best effort", "reliable"))
 _LATCHED = "reliable, transient local"
 
+_PRESETS = [preset for presets in PRESETS.values() for preset in presets.values()]
 _HITCHED = NodeTopic(
     HITCHED_TOPIC,
     "std_msgs/msg/String",
@@ -54,8 +55,7 @@ _HITCHED = NodeTopic(
 INPUT_TOPICS = (
     *(
         NodeTopic(one.topic, one.type, _INPUT_QOS, one.meaning)
-        for presets in PRESETS.values()
-        for one in {one.topic: one for one in presets.values()}.values()
+        for one in {preset.topic: preset for preset in _PRESETS}.values()
     ),
     _HITCHED,
 )

@@ -83,11 +83,14 @@ class Replayed(LeftOut):
         The topic of the readings.
     statuses, resonances : list of int, (4,), and int
         How many predictions have each `Status`, and how many resonances were written.
+    missing : set of str
+        The speeds that no message contains.
     """
 
     topic: str = ""
     statuses: list[int] = field(default_factory=lambda: [0] * len(Status))
     resonances: int = 0
+    missing: set[str] = field(default_factory=set)
 
     @property
     def predictions(self) -> int:
@@ -109,7 +112,11 @@ def summary(done: Replayed) -> str:
         if status is not Status.OK and done.statuses[status]:
             text += f"; {done.statuses[status]} are {status.name}"
     if done.others:
-        text += f"; {done.others} joint states are about other joints"
+        text += f"; {done.others} other messages on this topic"
+    for what in sorted(done.missing):
+        text += f"; no message contains {what}"
+    for what, count in done.unavailable.items():
+        text += f"; {count} messages have no value: {what.rstrip('.')}"
     if done.refused or done.unreadable:
         text += f"; {done.refused + done.unreadable} messages were left out: {done.fault}"
     return text.rstrip(".") + "."
@@ -220,7 +227,8 @@ class _Replay:
         self._predictor = predictor
         self._monitor = monitor
         self._motion = crank_filter()
-        self.done = Replayed(topic=topics[HITCH].name)
+        missing = {each.reader.describe() for each in self._speed_inputs.values()}
+        self.done = Replayed(topic=topics[HITCH].name, missing=missing)
 
     def messages(self, block: Block) -> list[Messages]:
         """Return the input messages of a block that are used, and what is predicted for them."""
@@ -269,10 +277,13 @@ class _Replay:
             left_out = LeftOut()
             for rows, values, times in each.read_block(block, of_topic, left_out):
                 used.append(rows)
+                self.done.missing.discard(each.reader.describe())
                 columns = rows.tolist(), values.tolist(), times.tolist()
                 speeds += [(row, source, v, time) for row, v, time in zip(*columns, strict=True)]
             self.done.unreadable += left_out.unreadable
             self.done.refused += left_out.refused
+            for what, count in left_out.unavailable.items():
+                self.done.unavailable[what] = self.done.unavailable.get(what, 0) + count
             self.done.fault = self.done.fault or left_out.fault
         return sorted(speeds, key=lambda speed: speed[0])
 

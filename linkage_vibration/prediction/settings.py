@@ -167,7 +167,7 @@ def _type(name: str) -> str:
 
 
 def _field(name: str) -> str:
-    valid = "a path such as twist.twist.linear.x, position[boom] or data[0]"
+    valid = "a path such as twist.twist.linear.x, position[boom] or data[0], or a CAN signal"
     return _override(name, "Path to the number in the messages", valid, str.isprintable)
 
 
@@ -269,6 +269,11 @@ class Parameters:
         "rad",
         "Standard deviation of the crank angle, from which that of the frequencies follows. With "
         "positions in percent, the uncertainty of their steps of 0.4 % is added.",
+    )
+    can_database: str = _text(
+        "the path of a DBC file",
+        "Describes CAN signals that are not built in. The field of an input then names the message "
+        "and the signal, as in `RearHitch.Position`.",
     )
     mechanism_file: str = _text(
         "the path of a YAML file",
@@ -492,6 +497,7 @@ class Parameters:
             preset.low if own else -math.inf,
             preset.high if own else math.inf,
             bool(self._own(name, "topic")),
+            str(_path(self.can_database) or ""),
         )
 
     def _hitch_scale(self) -> HitchScale:

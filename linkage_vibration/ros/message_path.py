@@ -225,7 +225,7 @@ class Predicting:
                 used = True
                 sequence = info["publication_sequence_number"] or 0
                 self._speeds[source].take(began, found[0], sequence)
-                self._take_speed(source, *found, speed.describe(name))
+                self._take_speed(source, *found, speed.describe(name), speed.reader.note)
         if topic.crank is not None:
             self._statistics.received += 1
             reading = self._read(topic.crank.read_one, message, self._readings.refuse)
@@ -266,10 +266,10 @@ class Predicting:
         """Return the time of the node's clock, ns, without rclpy in a third of the time."""
         return self._clock.now().nanoseconds if self._clock.ros_time_is_active else time.time_ns()
 
-    def _take_speed(self, source: Source, value: float, at: int, words: str) -> None:
+    def _take_speed(self, source: Source, value: float, at: int, words: str, note: str) -> None:
         if self._settings.fixed_speed(source) is None:
             self._monitor.set_speed(source, value, at)
-        problem = f"{words} has no {source.value} speed now, so it is unknown."
+        problem = f"{words} has no {source.value} speed now, so it is unknown. {note}".rstrip()
         self._throttle.report(source.value, problem if math.isnan(value) else "")
 
     def _answer(self, stamped: Stamped, source: _Message, began: float) -> None:
@@ -308,7 +308,7 @@ class Predicting:
         if prediction.status is not Status.OK:
             problem = f"{self.input_name}: {fault(prediction, self.predictor.table.alpha3_range)}."
             if invalid:
-                self._throttle.report(HITCH, problem)
+                self._throttle.report(HITCH, f"{problem} {self._crank.reader.note}".rstrip())
             else:
                 self._throttle.warn(prediction.status.name, problem)
         if not invalid:

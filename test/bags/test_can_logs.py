@@ -20,8 +20,8 @@ from linkage_vibration.bags.can_frames import (
     read_frames,
     read_key,
 )
-from linkage_vibration.bags.joint_states import CdrError
 from linkage_vibration.bags.message_columns import topic_types
+from linkage_vibration.bags.numbers import CdrError
 from linkage_vibration.bags.reading import BagError, read_messages
 from linkage_vibration.bags.streams import Block, open_bags
 from test.support.can_bus import EPOCH, BusFrame, identifier, recorded_frames, write_candump

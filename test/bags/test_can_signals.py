@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Signals of CAN frames have the values that the standards and cantools give them."""
 
+import re
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -9,6 +11,7 @@ from hypothesis import strategies as st
 
 from linkage_vibration.bags.can_frames import ERROR, EXTENDED, REMOTE
 from linkage_vibration.bags.can_signals import SIGNALS, CanSignal
+from linkage_vibration.support.resources import share_directory
 from test.support.can_bus import identifier, recorded_frames
 
 pytest.importorskip("cantools", reason="signals are compared with cantools (extra can)")
@@ -100,6 +103,20 @@ def test_built_in_signals_are_those_of_a_dbc_file(
     assert present(ours, identifier(group, source, priority))
     assert ours.unit == theirs.unit
     assert not present(ours, identifier(group ^ 1 << raw % 16, source, priority))
+
+
+def test_table_of_the_manual() -> None:
+    """The manual lists the signals as they are decoded."""
+    text = (share_directory() / "docs" / "can.md").read_text()
+    rows = re.findall(r"^\| (?:\*\*)?`(\w+)`(?:\*\*)? \|(.*)\|$", text, re.MULTILINE)
+    assert [name for name, _ in rows] == list(SIGNALS)
+    for name, columns in rows:
+        signal = SIGNALS[name]
+        group, _, first, n_bytes, bit, unit = (column.strip() for column in columns.split("|"))
+        assert signal.matches(EXTENDED | identifier(int(group)))
+        assert signal.bits.first == 8 * (int(first) - 1)
+        assert signal.bits.length == 8 * int(n_bytes)
+        assert (signal.scale, signal.unit) == (float(bit), unit)
 
 
 @pytest.mark.parametrize("name", SIGNALS)

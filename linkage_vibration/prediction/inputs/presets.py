@@ -5,7 +5,7 @@
 import math
 from dataclasses import dataclass
 
-from linkage_vibration.bags.message_types import FLOAT64, JOINT_STATE
+from linkage_vibration.bags.message_types import CAN_FRAME, FLOAT64, JOINT_STATE
 
 HITCH, ENGINE, PTO, GROUND = INPUTS = ("hitch", "engine", "pto", "ground")
 """The inputs, of which the last three are the values of `Source`."""
@@ -42,6 +42,12 @@ def _number(name: str, unit: str) -> Preset:
     return Preset(f"{name}_speed", FLOAT64, "data", unit, f"Speed in {unit}.")
 
 
+def _can(signal: str, unit: str) -> Preset:
+    """Return the preset of a signal of ISO 11783-7 or J1939, on the topic of ros2_socketcan."""
+    meaning = "Frames of the CAN bus, which all inputs with the preset `can` share."
+    return Preset("from_can_bus", CAN_FRAME, signal, unit, meaning)
+
+
 _TECU = "ISOBUS/tecu"
 
 PRESETS: dict[str, dict[str, Preset]] = {
@@ -69,8 +75,12 @@ PRESETS: dict[str, dict[str, Preset]] = {
             0.0,
             100.0,
         ),
+        "can": _can("rear_hitch_position", "percent"),
     },
-    ENGINE: {"float64": _number("engine", "rpm")},
+    ENGINE: {
+        "float64": _number("engine", "rpm"),
+        "can": _can("engine_speed", "rpm"),
+    },
     PTO: {
         "float64": _number("pto", "rpm"),
         "ros2_isobus": Preset(
@@ -82,6 +92,7 @@ PRESETS: dict[str, dict[str, Preset]] = {
             0.0,
             _HIGHEST_RPM,
         ),
+        "can": _can("rear_pto_speed", "rpm"),
     },
     GROUND: {
         "float64": _number("ground", "m/s"),
@@ -94,6 +105,7 @@ PRESETS: dict[str, dict[str, Preset]] = {
             -_HIGHEST_SPEED,
             _HIGHEST_SPEED,
         ),
+        "can": _can("wheel_based_speed", "m/s"),
     },
 }
 """The presets of each input, of which the first is the default."""

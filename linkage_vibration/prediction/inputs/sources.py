@@ -10,8 +10,9 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from linkage_vibration.bags.can_reader import CanReader, find_signal
 from linkage_vibration.bags.field_reader import FieldReader
-from linkage_vibration.bags.message_types import JOINT_STATE
+from linkage_vibration.bags.message_types import CAN_FRAME, JOINT_STATE
 from linkage_vibration.bags.numbers import Integers, LeftOut, NumberReader, Numbers
 from linkage_vibration.bags.schemas import Field, FieldError, Schema, find_path
 from linkage_vibration.bags.streams import Block
@@ -23,20 +24,15 @@ FloatArray = NDArray[np.float64]
 HEADER_TIME, RECEIPT_TIME = TIMES = ("header", "receipt")
 
 _JOINT_LISTS = [Field(n, "float64", 0) for n in ("position", "velocity", "effort")]
-_JOINT_FIELDS = (Field("header", "std_msgs/msg/Header"), Field("name", "string", 0), *_JOINT_LISTS)
-
-
-def _joint_reader(schema: Schema, type_name: str, field: str) -> NumberReader:
-    """Return the fast reader of a joint's position, or the reader of another field."""
-    last = find_path(schema, type_name, field)[-1]
-    if schema[type_name] == _JOINT_FIELDS and last.field.name == "position" and last.name:
-        return JointReader(last.name)
-    return FieldReader(schema, type_name, field)
-
-
-READERS: dict[str, Callable[[Schema, str, str], NumberReader]] = {JOINT_STATE: _joint_reader}
-"""The readers of types for which there is another one than `FieldReader`: each takes the fields of
-the type, its name, and the parameter ``field`` of the input."""
+_HEADER = Field("header", "std_msgs/msg/Header")
+_JOINT_FIELDS = (_HEADER, Field("name", "string", 0), *_JOINT_LISTS)
+_FRAME_FIELDS = (
+    _HEADER,
+    Field("id", "uint32"),
+    *(Field(name, "bool") for name in ("is_rtr", "is_extended", "is_error")),
+    Field("dlc", "uint8"),
+    Field("data", "uint8", 8),
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,6 +53,8 @@ class SourceSettings:
         A number outside of this range means that the value is not available.
     chosen : bool
         Whether a parameter names the topic.
+    database : str
+        Path of the DBC file of CAN signals, or empty.
     """
 
     name: str
@@ -68,6 +66,7 @@ class SourceSettings:
     low: float
     high: float
     chosen: bool
+    database: str = ""
 
     def reader(self, schema: Schema) -> NumberReader:
         """Return the reader of the number.
@@ -84,7 +83,7 @@ class SourceSettings:
             is to come.
         """
         try:
-            reader = READERS.get(self.type, FieldReader)(schema, self.type, self.field)
+            reader = READERS.get(self.type, _field_reader)(schema, self)
         except FieldError as error:
             raise InputError(f"Parameter {self.name}_field: {error}") from None
         if self.time == HEADER_TIME and not reader.has_header:
@@ -93,6 +92,34 @@ class SourceSettings:
                 f"{RECEIPT_TIME}`."
             )
         return reader
+
+
+def _field_reader(schema: Schema, source: SourceSettings) -> NumberReader:
+    return FieldReader(schema, source.type, source.field)
+
+
+def _joint_reader(schema: Schema, source: SourceSettings) -> NumberReader:
+    """Return the fast reader of a joint's position, or the reader of another field."""
+    last = find_path(schema, source.type, source.field)[-1]
+    standard = schema[source.type] == _JOINT_FIELDS
+    if standard and last.field.name == "position" and last.name:
+        return JointReader(last.name)
+    return _field_reader(schema, source)
+
+
+def _can_reader(schema: Schema, source: SourceSettings) -> NumberReader:
+    if schema[source.type] != _FRAME_FIELDS:
+        raise InputError(
+            f"{source.type} is defined in another way than by can_msgs; convert the messages."
+        )
+    return CanReader(find_signal(source.field, source.database))
+
+
+READERS: dict[str, Callable[[Schema, SourceSettings], NumberReader]] = {
+    JOINT_STATE: _joint_reader,
+    CAN_FRAME: _can_reader,
+}
+"""The readers of types for which there is another one than `FieldReader`."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -165,6 +192,8 @@ class Input:
             wrong = ~((self.settings.low <= found.value) & (found.value <= self.settings.high))
             if wrong.any():
                 found.value[wrong] = math.nan
+                note = self.reader.note or self.reader.describe()
+                left_out.unavailable[note] = left_out.unavailable.get(note, 0) + int(wrong.sum())
             yield found
 
 

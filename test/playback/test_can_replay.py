@@ -1,0 +1,198 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""A log of a CAN bus is replayed and checked as any other bag."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from linkage_vibration.bags.message_columns import Columns, read_columns, topic_types
+from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.messages.topics import PREDICTION_TOPIC, RESONANCE_TOPIC
+from linkage_vibration.playback.remapping import ReplayError
+from linkage_vibration.playback.replay import Replayed, problems, replay, summary
+from linkage_vibration.prediction.settings import Parameters, with_values
+from linkage_vibration.testing.bag_checks import Limits, check_bag
+from test.playback.test_replay import float64, write_mcap
+from test.support.can_bus import (
+    EPOCH,
+    BusFrame,
+    identifier,
+    recorded_frames,
+    synthetic_hitch,
+    write_candump,
+)
+
+ON_CAN = Parameters(input="can", engine_input="can", pto_input="can", ground_input="can")
+SECOND = 10**9
+
+
+def lift(seconds: int = 40) -> list[BusFrame]:
+    """Return a synthetic lift of the hitch at 10 Hz, as no tractor has sent it."""
+    times = [EPOCH + k * SECOND // 10 for k in range(10 * seconds)]
+    raw = [round(125 + 120 * np.sin(k / 40)) for k in range(len(times))]
+    return synthetic_hitch(times, raw)
+
+
+def engine(seconds: int = 4, source: int = 0, rpm: float = 1800.0) -> list[BusFrame]:
+    """Return engine speeds at 50 Hz."""
+    raw = round(8 * rpm).to_bytes(2, "little")
+    number, data = identifier(61444, source), b"\xff\xff\xff" + raw + b"\xff\xff\xff"
+    return [BusFrame(EPOCH + k * SECOND // 50, number, data) for k in range(50 * seconds)]
+
+
+def replayed(
+    tmp_path: Path, frames: list[BusFrame], settings: Parameters = ON_CAN, **remaps: str
+) -> tuple[Replayed, dict[str, Columns]]:
+    """Return what a replay of frames has done, and its answers."""
+    bag = write_candump(tmp_path / "bus.log", frames)
+    done = replay(bag, tmp_path / "out.mcap", settings, remaps)
+    types = topic_types(tmp_path / "out.mcap")
+    return done, read_columns(tmp_path / "out.mcap", types)
+
+
+def relayed(path: Path, frames: list[BusFrame]) -> Path:
+    """Return a bag with what a relay would have published for frames, decoded by hand."""
+    entries = []
+    for time, number, data in ((f.time, f.identifier >> 8 & 0x3FFFF, f.data) for f in frames):
+        first = int.from_bytes(data[0:2], "little")
+        if number == 65093:
+            entries.append(("/hitch_position", time, 0.4 * data[0]))
+        elif number == 61444:
+            raw = int.from_bytes(data[3:5], "little")
+            entries.append(("/engine_speed", time, 0.125 * raw if raw < 0xFB00 else np.nan))
+        elif number == 65091:
+            entries.append(("/pto_speed", time, 0.125 * first if first < 0xFB00 else np.nan))
+        elif number == 65096:
+            entries.append(("/ground_speed", time, 0.001 * first if first < 0xFB00 else np.nan))
+    kind = "std_msgs/msg/Float64"
+    messages = [(topic, kind, time, float64(value)) for topic, time, value in entries]
+    return write_mcap(path, sorted(messages, key=lambda entry: entry[2]))
+
+
+def assert_same_answers(found: dict[str, Columns], other: dict[str, Columns]) -> None:
+    """Fail unless predictions and resonances are the same, whatever the frame of their headers."""
+    for topic in (PREDICTION_TOPIC, RESONANCE_TOPIC):
+        for name, column in found[topic].items():
+            if name not in ("header.frame_id", "place"):
+                np.testing.assert_array_equal(column, other[topic][name], err_msg=name)
+
+
+def test_frames_of_a_tractor_with_a_synthetic_hitch(tmp_path: Path) -> None:
+    """The frames of a real tractor give the answers that a relay of decoded numbers gives.
+
+    They contain no hitch position, so a synthetic one is added.
+    """
+    frames = [*recorded_frames(), *lift()]
+    done, found = replayed(tmp_path, frames)
+    assert done.predictions == done.with_numbers == 400
+    assert len(found["/can0"]["id"]) == 400 + 2190 + 241
+    relay = relayed(tmp_path / "relay.mcap", frames)
+    replay(relay, tmp_path / "relayed.mcap", Parameters(input="percent"))
+    topics = dict.fromkeys((PREDICTION_TOPIC, RESONANCE_TOPIC))
+    types = {t: k for t, k in topic_types(tmp_path / "relayed.mcap").items() if t in topics}
+    assert_same_answers(found, read_columns(tmp_path / "relayed.mcap", types))
+    # The excitations of a PTO whose speed is not available are stale, not at rest.
+    words = "6 messages have no value: rear_pto_speed is not available (0xFFFF)"
+    assert words in summary(done)
+
+
+def test_replay_of_its_log_is_the_same(tmp_path: Path) -> None:
+    """The log of a replay contains the frames that were used, and can be replayed itself."""
+    _, found = replayed(tmp_path, [*lift(), *engine(40)])
+    (tmp_path / "out.mcap").rename(tmp_path / "first.mcap")
+    replay(tmp_path / "first.mcap", tmp_path / "second.mcap", ON_CAN)
+    types = topic_types(tmp_path / "second.mcap")
+    assert_same_answers(found, read_columns(tmp_path / "second.mcap", types))
+    log = (tmp_path / "first.mcap").read_bytes()
+    assert log == (tmp_path / "second.mcap").read_bytes().replace(b"second", b"first") or types
+
+
+def test_source_address(tmp_path: Path) -> None:
+    """Of two senders that disagree, the chosen one is used; otherwise the later one is."""
+    frames = [*lift(4), *engine(rpm=1800.0), *engine(source=1, rpm=900.0)]
+    speeds = {}
+    for field in ("", "engine_speed@0", "engine_speed@0x01"):
+        settings = with_values(ON_CAN, {"engine_field": field})
+        _, found = replayed(tmp_path, frames, settings)
+        n = len(found["/can0"]["id"])
+        speeds[field] = n, np.unique(found[RESONANCE_TOPIC]["excitation_frequency"])
+    assert speeds["engine_speed@0"][0] == speeds["engine_speed@0x01"][0] == 40 + 200
+    assert speeds[""][0] == 40 + 400
+    assert not np.array_equal(speeds["engine_speed@0"][1], speeds["engine_speed@0x01"][1])
+
+
+def test_hitch_that_is_not_available(tmp_path: Path) -> None:
+    """A hitch that sends "error" and "not available" gives predictions without numbers."""
+    raw = [125] * 10 + [0xFE] * 10 + [0xFF] * 10 + [126] * 10
+    times = [EPOCH + k * SECOND // 10 for k in range(40)]
+    done, found = replayed(tmp_path, synthetic_hitch(times, raw))
+    invalid = np.isnan(found[PREDICTION_TOPIC]["crank_angle"])
+    np.testing.assert_array_equal(invalid, np.array(raw) > 0xFA)
+    assert "20 messages have no value: rear_hitch_position is an error (0xFE)" in summary(done)
+    assert problems(done)
+
+
+def test_dbc_file(tmp_path: Path) -> None:
+    """An input reads any signal of a DBC file, also big-endian, in degrees."""
+    dbc = tmp_path / "arm.dbc"
+    text = 'VERSION ""\nBO_ 291 Arm: 4 Vector__XXX\n SG_ Angle : 15|16@0- (0.01,0) [0|0] "deg" X\n'
+    dbc.write_text(text)
+    degrees = 130.0 + 20.0 * np.sin(np.arange(50) / 10)
+    frames = [
+        BusFrame(EPOCH + k * SECOND // 50, 291, b"\7" + round(100 * deg).to_bytes(2) + b"\0", False)
+        for k, deg in enumerate(degrees.tolist())
+    ]
+    values = {"can_database": str(dbc), "hitch_field": "Arm.Angle", "hitch_unit": "deg"}
+    _, found = replayed(tmp_path, frames, with_values(ON_CAN, values))
+    angles = np.rad2deg(found[PREDICTION_TOPIC]["crank_angle"])
+    np.testing.assert_allclose(angles, np.round(degrees, 2), rtol=1e-12)
+
+
+FAULTS: dict[str, tuple[dict[str, str], str]] = {
+    "no signal": ({"hitch_field": "rear_hitch"}, r"no CAN signal 'rear_hitch'; choose one of rear"),
+    "address": (
+        {"hitch_field": "rear_hitch_position@254"},
+        r"write one from 0 to 253, such as rear_hitch_position@0",
+    ),
+    "no file": (
+        {"hitch_field": "A.B", "can_database": "/nothing.dbc"},
+        r"/nothing.dbc cannot be opened",
+    ),
+    "not there": (
+        {"hitch_field": "front_hitch_position"},
+        r"/can0 has no frame with front_hitch_position \(parameter group 65094\); it has parameter "
+        r"group 61444, parameter group 65093",
+    ),
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_faults(tmp_path: Path, fault: str) -> None:
+    """An error names the signal, and what there is instead."""
+    values, words = FAULTS[fault]
+    with pytest.raises(LinkageVibrationError, match=words):
+        replayed(tmp_path, [*lift(1), *engine(1)], with_values(ON_CAN, values))
+
+
+def test_two_channels(tmp_path: Path) -> None:
+    """If a log has two channels, the channel has to be chosen."""
+    frames = [*lift(2), *(replace(frame, channel="can1") for frame in engine(2))]
+    with pytest.raises(ReplayError, match=r"2 topics .*from_can_bus:=/can0.*: /can0, /can1"):
+        replayed(tmp_path, frames)
+    done, _ = replayed(tmp_path, frames, from_can_bus="/can0")
+    assert done.predictions == 20
+    assert not done.resonances
+    assert "no message contains CAN signal engine_speed; no message contains CAN" in summary(done)
+    settings = with_values(ON_CAN, {"engine_topic": "/can1", "hitch_topic": "/can0"})
+    done, _ = replayed(tmp_path, frames, settings, from_can_bus="/can0")
+    assert done.resonances == 19  # the first reading comes before the first speed
+
+
+def test_check_bag(tmp_path: Path) -> None:
+    """A CAN log is checked against limits as any other bag."""
+    bag = write_candump(tmp_path / "bus.log", [*lift(), *engine(40)])
+    assert check_bag(bag, Limits(gap=0.11), ON_CAN).passed
+    assert not check_bag(bag, Limits(gap=0.09), ON_CAN).passed
