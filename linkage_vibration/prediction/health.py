@@ -379,11 +379,15 @@ def _stamps(window: _Window, expected: Expected) -> list[Fault]:
 def _disagreement(
     window: _Window, publishers: Callable[[], Sequence[str]], name: str
 ) -> list[Fault]:
-    """Return that publishers of one topic disagree, and their nodes."""
-    if window.differing < _DIFFERING:
+    """Return that publishers of one topic disagree, and their nodes.
+
+    After a restart, a publisher is alone, although its messages are numbered from 1 again.
+    """
+    nodes = publishers() if window.differing >= _DIFFERING else []
+    if len(nodes) < 2:
         return []
-    nodes = ", ".join(sorted(publishers()))
-    sentence = f"The publishers of {name} disagree ({nodes}); stop or remap all but one."
+    listing = ", ".join(sorted(nodes))
+    sentence = f"The publishers of {name} disagree ({listing}); stop or remap all but one."
     return [Fault(Level.ERROR, sentence)]
 
 

@@ -184,6 +184,8 @@ def test_publishers_that_disagree() -> None:
     same = [2.0 + 0.005 * (i // 2) for i in range(n)]  # 0.5 rad/s, from both
     assert not any(judged(times, [min(angle, 3.1) for angle in same], sequences=numbers))
     assert not any(judged(times, [2.0] * n, sequences=numbers))
+    alone = replace(EXPECTED, publishers=lambda: ["a"])  # it has restarted
+    assert not any(judged(times, angles, alone, sequences=numbers))
 
 
 def test_missing_readings() -> None:
