@@ -4,6 +4,7 @@
 
 import argparse
 import math
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -29,7 +30,8 @@ def run(options: argparse.Namespace) -> int:
     from linkage_vibration.readers.served import read_served
 
     mechanism, table = str(options.mechanism or ""), str(options.table or "")
-    predictor = read_served(Parameters(mechanism_file=mechanism, table_file=table)).predictor
+    settings = Parameters(mechanism_file=mechanism, table_file=table)
+    predictor = read_served(settings, lambda text: print(text, file=sys.stderr)).predictor
     modes = "".join(f"{f'mode {k + 1} [Hz]':>13}" for k in range(predictor.table.n_modes))
     print(f"{'alpha3 [deg]':>12}{modes}{'peak [Hz]':>13}{'peak [m/N]':>13}")
     good = True

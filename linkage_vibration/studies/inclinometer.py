@@ -22,6 +22,7 @@ _BEYOND = math.radians(3.0)  # of the stroke, within which an inclination may li
 _ANGLES = 361  # over the stroke, between which an inclination is searched
 _HIGHEST_DEGREE = 5
 _UNLIKELY = 1e-3  # probability of a scatter that the deviation of the inclinometer explains
+_LARGEST = 1e12  # of a reading; beyond it, numbers lose their digits
 _KNOTS = 13  # of a calibration that is not a straight line
 _WINDOW = 0.5  # s, before and after a moment
 _STILL = 3.0  # deviations by which the hitch may drift in a window
@@ -199,7 +200,7 @@ def pairs_of(words: Sequence[str], form: str) -> list[tuple[str, float, float]]:
             first, second = map(float, word.split("="))
         except ValueError:
             first = second = math.nan
-        if not math.isfinite(first + second):
+        if not abs(first) + abs(second) < _LARGEST:
             raise InclinometerError(f"{word}: write {form}.")
         found.append((word, first, second))
     return found
@@ -449,8 +450,8 @@ def parameters(found: Fit, unit: str) -> str:
         The fit, and the unit of the readings; "any" if it is rad or deg, whose positions are not
         looked up in a calibration.
     """
-    digits = np.round(np.array(found.pairs), 9).tolist()
-    numbers = ", ".join(f"{value:.9f}".rstrip("0").ljust(3, "0") for value in digits)
+    words = [f"{value:.9f}".rstrip("0") for value in found.pairs]
+    numbers = ", ".join(word + "0" * word.endswith(".") for word in words)
     values = {
         "sign": "1",
         "scale": "1.0",

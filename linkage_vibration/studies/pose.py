@@ -19,6 +19,7 @@ _ANGLES = 91  # over the stroke, to begin the search from
 _NEAR_TOGGLE = 1e-6  # rad
 _STEP = 1e-5  # rad, of a difference
 _OUTLIER = 3.0  # by which the scatter falls without a wrong pin
+_MOVES = 1e-3  # m/rad, of pins that show the angle
 _FEWEST = 4  # pins, for a standard deviation
 
 
@@ -120,7 +121,7 @@ def fit_photo(mechanism: Mechanism, kinematics: Kinematics, pixels: Mapping[str,
     Raises
     ------
     PoseError
-        If there are fewer than three pins, or they lie in one place.
+        If there are fewer than three pins, if they lie in one place, or if none of them moves.
     """
     names = tuple(pixels)
     if len(names) < 3:
@@ -160,9 +161,14 @@ def fit_photo(mechanism: Mechanism, kinematics: Kinematics, pixels: Mapping[str,
     ahead = _fitted(own, places(min(alpha3 + _STEP, high)))[1]
     back = _fitted(own, places(max(alpha3 - _STEP, low)))[1]
     slope = math.sqrt(float((((ahead - back) / (2.0 * _STEP)) ** 2).sum()))
+    if slope < _MOVES:
+        raise PoseError(
+            f"The pins {', '.join(names)} do not move against one another, so they do not show the "
+            f"angle; add pins of {mechanism.input_body} or of bodies that it moves."
+        )
     # Few pins show their scatter badly; so widened, 1.96 standard deviations contain 95 %.
     wide = float(student.ppf(0.975, freedom)) / 1.96
-    stddev = wide * scatter / slope if len(names) >= _FEWEST and slope > 0.0 else math.nan
+    stddev = wide * scatter / slope if len(names) >= _FEWEST else math.nan
     off = np.hypot(*rest.T)
     return Photo(alpha3, stddev, scale, mirrored, names, shown, off, scatter)
 

@@ -170,6 +170,6 @@ def test_a_moment_at_rest() -> None:
 def test_words_of_another_form() -> None:
     """A word without two numbers is refused."""
     assert pairs_of(["12.5=128"], "T=DEG") == [("12.5=128", 12.5, 128.0)]
-    for word in ("12.5", "a=b", "1=2=3", "1=nan"):
+    for word in ("12.5", "a=b", "1=2=3", "1=nan", "1e300=2"):
         with pytest.raises(InclinometerError, match="write T=DEG"):
             pairs_of([word], "T=DEG")

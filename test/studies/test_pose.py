@@ -115,6 +115,7 @@ def test_sound_pins_are_not_blamed(mechanism: Mechanism, kinematics: Kinematics)
         (["P1=1,2", "P1=3,4"], "the pin P1 is given twice"),
         (["P1=1,2", "P2=3,4"], "2 pins do not show the angle; give three or more"),
         (["P1=1,2", "P2=1,2", "P3=1,2"], "All pins lie within one pixel"),
+        (["P1=900,800", "P2=566,397", "P3=836,415"], "P1, P2, P3 do not move against one another"),
     ],
 )
 def test_pins_that_show_nothing(
