@@ -19,7 +19,7 @@ _ANGLES = 91  # over the stroke, to begin the search from
 _NEAR_TOGGLE = 1e-6  # rad
 _STEP = 1e-5  # rad, of a difference
 _OUTLIER = 3.0  # by which the scatter falls without a wrong pin
-_MOVES = 1e-3  # m/rad, of pins that show the angle
+_MOVES = 1e-9  # m/rad; less is rounding
 _FEWEST = 4  # pins, for a standard deviation
 
 
