@@ -98,8 +98,9 @@ class Recorder:
     Messages wait in a bounded queue; those that do not fit are counted. Twice a second, the thread
     hands the messages to the operating system and waits until the disk has them. After a failure,
     the file is closed as it is, and the thread tries every few seconds to begin a new one. Every
-    file is complete in itself. Its metadata records `RECORDING_METADATA` give the number of
-    messages dropped since `start`: at the beginning, after each change, and at the end.
+    file is complete in itself. Its metadata records `RECORDING_METADATA`, and the same with .2, .3
+    and so on, give the number of messages dropped since `start`: at the beginning, after each
+    change, and at the end.
 
     Parameters
     ----------
@@ -154,7 +155,7 @@ class Recorder:
         # Only the recorder's thread uses these while it runs.
         self._batch: deque[_Entry] = deque()
         self._log: LogWriter | None = None
-        self._lost = self._reported = self._written_before = 0
+        self._lost = self._reported = self._reports = self._written_before = 0
         self._room = math.inf
         self._begun = self._flushed = self._split_at = self._deadline = 0.0
         self._failed = False
@@ -336,8 +337,10 @@ class Recorder:
 
     def _report_dropped(self, log: LogWriter) -> None:
         """Store in the file how many messages were dropped so far."""
-        self._reported = self.dropped
-        log.add_metadata(RECORDING_METADATA, {"dropped": str(self._reported)})
+        self._reported, self._reports = self.dropped, self._reports + 1
+        # Viewers warn of two records of one name.
+        number = f".{self._reports}" if self._reports > 1 else ""
+        log.add_metadata(RECORDING_METADATA + number, {"dropped": str(self._reported)})
 
     def _begin_file(self) -> None:
         """Begin the next file; raise `LogError` if that fails."""
@@ -349,6 +352,7 @@ class Recorder:
             self._compression,
         )
         log.add_metadata(PROVENANCE_METADATA, self._provenance.metadata)
+        self._reports = 0
         self._report_dropped(log)
         log.flush()
         self.path = log.path

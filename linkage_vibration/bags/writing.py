@@ -235,8 +235,8 @@ class LogWriter:
     def size(self) -> int:
         """Greatest number of bytes that the file would have if it were closed now."""
         closing = self._index_bytes + _PER_SUMMARY
-        # Definitions occur in the first chunk, in the summary, and in part in two rosbag2 records.
-        closing += 4 * self._definition_bytes
+        # Definitions occur in the first chunk, in the summary, and in part in a rosbag2 record.
+        closing += 3 * self._definition_bytes
         chunk = _PER_CHUNK + _PER_CHUNK_CHANNEL * len(self._topics)
         held = self._held_bytes + self._held * _PER_MESSAGE
         # Data that cannot be compressed grow by less than 1 %.
@@ -353,8 +353,6 @@ class LogWriter:
             self._writer.start(profile="ros2", library=LIBRARY)
             for topic in topics:
                 self.add_topic(topic)
-            # For logs that are never closed, as in rosbag2; `close` writes the counts.
-            self._add_rosbag2_metadata()
             for attachment in attachments:
                 name, kind = attachment.name, attachment.media_type
                 self._writer.add_attachment(0, 0, name, kind, attachment.data)

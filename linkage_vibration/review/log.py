@@ -27,6 +27,7 @@ from linkage_vibration.bags.message_columns import (
 )
 from linkage_vibration.bags.message_types import FLOAT64
 from linkage_vibration.bags.reading import mcap_files
+from linkage_vibration.bags.recorder import RECORDING_METADATA
 from linkage_vibration.drawing.intervals import gap_starts, in_passes, one_after_the_other
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import FloatArray
@@ -276,10 +277,14 @@ def problems(log: Log) -> list[str]:
     if faulty := int((log.status != Status.OK).sum()):
         found.append(f"{faulty} of {len(log.stamps)} predictions are not OK.")
     if len(log.passes):
-        found.append(f"The clock jumped back {len(log.passes)} times.")
+        often = "once" if len(log.passes) == 1 else f"{len(log.passes)} times"
+        found.append(f"The clock jumped back {often}.")
     if missing := gaps(log):
         longest = max(end - start for start, end in missing)
         found.append(f"Predictions are missing in {len(missing)} gaps of up to {longest:.3g} s.")
+    records = [r for name, r in log.metadata.items() if name.startswith(RECORDING_METADATA)]
+    if dropped := max((int(record.get("dropped", 0)) for record in records), default=0):
+        found.append(f"The log lacks {dropped} messages that the disk was too slow to record.")
     return found
 
 

@@ -3,6 +3,7 @@
 """The recorder counts every message that it loses, and its caller never waits."""
 
 import os
+import re
 import resource
 import shutil
 import signal
@@ -75,9 +76,13 @@ def numbers(path: Path) -> list[int]:
 
 
 def metadata(path: Path, name: str) -> list[dict[str, str]]:
-    """Return the metadata records of a name."""
+    """Return the metadata records of a name, and of this name with a number; none repeats."""
     with path.open("rb") as file:
-        return [m.metadata for m in make_reader(file).iter_metadata() if m.name == name]
+        records = list(make_reader(file).iter_metadata())
+    names = [record.name for record in records]
+    assert len(set(names)) == len(names)
+    numbered = re.compile(re.escape(name) + r"(\.\d+)?")
+    return [record.metadata for record in records if numbered.fullmatch(record.name)]
 
 
 def wait(condition: Callable[[], object], seconds: float = 120.0) -> None:

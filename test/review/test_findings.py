@@ -140,7 +140,7 @@ def test_jump_of_the_clock(jumping: Path) -> None:
     found = log.resonances
     assert found is not None
     assert (found.natural_frequency[2000:2100] != found.natural_frequency[:100]).all()
-    assert "The clock jumped back 1 times." in problems(log)
+    assert "The clock jumped back once." in problems(log)
 
 
 def test_long_gap_is_short_on_the_axis(jumping: Path) -> None:
@@ -196,6 +196,19 @@ def test_overview(overview: Path, capsys: Any) -> None:
     assert "cut.mcap is damaged" in text
     assert main(["review", str(overview), "--csv", str(overview / "a.csv")]) == 1
     assert "take one log" in capsys.readouterr().err
+
+
+def test_messages_that_were_dropped_are_a_problem(log: Log) -> None:
+    """The last count in the metadata is shown; a log without losses has no such sentence."""
+    name = "linkage_vibration.recording"
+    records = {
+        name: {"dropped": "0"},
+        f"{name}.2": {"dropped": "7"},
+        f"{name}.3": {"dropped": "90"},
+    }
+    assert any("lacks 90 messages" in text for text in problems(replace(log, metadata=records)))
+    complete = replace(log, metadata={name: {"dropped": "0"}})
+    assert not any("lacks" in text for text in problems(complete))
 
 
 def test_summary_is_json(drive: Path, jumping: Path, capsys: Any, log: Log) -> None:
