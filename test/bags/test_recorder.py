@@ -215,7 +215,9 @@ def test_splits_by_size_are_complete_in_themselves(tmp_path: Path) -> None:
     """No file exceeds the limit, no message is lost, and each file has its provenance."""
     log = recorder(tmp_path, Limits(split_size=300_000), "none")
     log.start()
-    write(log, range(20_000), size=100)
+    for first in range(0, 20_000, 500):  # so few fit into the queue
+        write(log, range(first, first + 500), size=100)
+        wait(lambda first=first: log.written > first - 500)
     log.stop()
     assert (log.written, log.dropped, log.error) == (20_000, 0, None)
     paths = logs(tmp_path)

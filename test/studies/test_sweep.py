@@ -315,7 +315,7 @@ class DeadlyPool(LocalPool):
         """Submit a call; the second one kills its process instead."""
         self.submitted += 1
         if self.submitted == 2:
-            return super().submit(os._exit, 3)
+            return super().submit(signal.raise_signal, signal.SIGKILL)
         return super().submit(fn, *args, **kwargs)
 
 
@@ -347,7 +347,7 @@ def test_executor_that_ends_is_reported(tmp_path: Path, designs: Designs) -> Non
         ProcessPoolExecutor(1, spawn) as broken,
         pytest.raises(SweepError, match="pool is not usable"),
     ):
-        broken.submit(os._exit, 3).exception()
+        broken.submit(signal.raise_signal, signal.SIGKILL).exception()
         sweep(designs, output, broken)
     with ThreadPoolExecutor(1) as executor:
         assert sweep(designs, output, executor).built == 6

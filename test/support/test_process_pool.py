@@ -16,7 +16,11 @@ def test_task_that_kills_is_given_up() -> None:
     """The pool starts its process again each time, and completes the other tasks."""
     before = multiprocessing.active_children()
     with LocalPool(1) as pool:
-        tasks = [pool.submit(os._exit, 3), pool.submit(divmod, 7, 2), pool.submit(divmod, 1, 0)]
+        tasks = [
+            pool.submit(signal.raise_signal, signal.SIGKILL),
+            pool.submit(divmod, 7, 2),
+            pool.submit(divmod, 1, 0),
+        ]
         with pytest.raises(ProcessError, match="died 3 times"):
             tasks[0].result()  # type: ignore[attr-defined]
         assert tasks[1].result() == (3, 1)  # type: ignore[attr-defined]
