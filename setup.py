@@ -68,6 +68,7 @@ BENCH = [
     "mcap-ros2-support",
     "pyFBS>=1.0.7",
     "pytest",
+    "rerun-sdk>=0.41",
     "sdynpy",
 ]
 

@@ -1,9 +1,10 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""The viewer's layout names topics of the node and fields of their types."""
+"""The layouts for viewers name topics of the node and fields of their types."""
 
 import json
 import re
+import xml.etree.ElementTree as ET
 from collections.abc import Iterator
 from typing import Any
 
@@ -20,6 +21,7 @@ TOPICS = {
     "/linkage_vibration/markers": MarkerArray,
     "/diagnostics": DiagnosticArray,
 }
+FIELDS = {topic: kind.get_fields_and_field_types() for topic, kind in TOPICS.items()}
 LAYOUT = json.loads(config_file("foxglove_layout.json").read_text())
 
 
@@ -57,3 +59,27 @@ def test_every_topic_and_field_is_there() -> None:
             kind = TOPICS[topic].get_fields_and_field_types()[name]
             assert (index is not None) == kind.startswith("sequence<"), path
     assert {path.partition(".")[0] for path in shown} == set(TOPICS)
+
+
+def is_field(topic: str, path: str) -> bool:
+    """Return whether a path such as ``natural_frequencies[0]`` is a number of a topic's type."""
+    found = re.fullmatch(r"(\w+)(\[\d+\])?", path)
+    kinds = FIELDS[topic]
+    return found is not None and kinds[found[1]].startswith("sequence<") == (found[2] is not None)
+
+
+def test_curves_of_plotjuggler() -> None:
+    """Each curve of its layout is a field of a topic; titles and tabs are not empty."""
+    root = ET.parse(config_file("plotjuggler_layout.xml")).getroot()
+    curves = [curve.attrib["name"] for curve in root.iter("curve")]
+    assert len(curves) == len(set(curves)) > 20
+    for curve in curves:
+        topic, _, path = curve.rpartition("/")
+        assert is_field(topic, path), curve
+    assert all(tab.attrib["tab_name"] for tab in root.iter("Tab"))
+    for splitter in root.iter("DockSplitter"):
+        areas = splitter.findall("DockArea")
+        assert (
+            int(splitter.attrib["count"]) == len(areas) == len(splitter.attrib["sizes"].split(";"))
+        )
+        assert all(area.attrib["name"] for area in areas)
