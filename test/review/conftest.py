@@ -98,9 +98,9 @@ def drive(write_log: WriteLog, tmp_path_factory: pytest.TempPathFactory) -> Path
     return write_log(path, times[there], alpha3[there])
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
-    """Return the browser that all tests share."""
+    """Return the browser of the tests of a file; a page that moves would slow other files down."""
     if not CHROMIUM:
         pytest.skip(f"This machine has none of {', '.join(NAMES)}; run apt-get install chromium.")
     with Browser() as found:
