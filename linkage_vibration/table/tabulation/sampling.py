@@ -29,7 +29,6 @@ _UNDAMPED = 1e-12  # damping ratio that is only rounding
 MOST_SOLUTIONS = 3000
 """Solutions of the model for one table: ten times those of the most difficult shipped linkage."""
 
-_FREE = 1e-6  # 1/sqrt(kg), displacement of a place in a mode at 0 Hz that is only rounding
 _CLEAR = 5.0  # roundings to a tolerance, so that polynomials through rounded values meet it
 _SHORTEST = 1e-7  # of the stroke: 1e-5 deg of 90 deg, which no joint sensor resolves
 
@@ -235,9 +234,6 @@ class Sampler:
                 raise self._few_modes(len(solution.modes.omega), alpha3)
             self._check_band(solution.modes.omega[~solution.modes.mechanism], alpha3)
             drive = (self.response.point, self.response.direction)
-            free = solution.participation([drive])[0, solution.modes.mechanism]
-            if self.response.band[0] == 0.0 and np.abs(free).max(initial=0.0) > _FREE:
-                raise _floats(self.model.mechanism.name, drive)
             places = (drive, *(place for place in self.places if place != drive))
             with _names_angle(alpha3):
                 found = sample_poles(solution, self._mass_root, places)
@@ -362,14 +358,6 @@ def _names_angle(alpha3: float) -> Iterator[None]:
         yield
     except ModesError as error:
         raise TableError(f"At alpha3 = {math.degrees(alpha3):.3f} deg: {error}") from None
-
-
-def _floats(name: str, drive: Place) -> TableError:
-    return TableError(
-        f"{name} moves freely at {'.'.join(drive)}, so its response is infinite at 0 Hz, where "
-        "response.band_hz begins; support it, as by the mounts of its base, or begin the band "
-        "above 0 Hz."
-    )
 
 
 def _undamped(name: str) -> TableError:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
-from linkage_vibration.support.resources import DEFAULT_MECHANISM, config_file
+from linkage_vibration.support.resources import config_file
 from linkage_vibration.table.table import Table, TableError, load_table, save_table
 from linkage_vibration.table.tabulation import build_table
 from test.support.crossing import (
@@ -256,25 +256,3 @@ def test_rounding_of_small_damping_ratios() -> None:
     assert table.interpolation_error.max() > 1e-12 / row[2:4].min()
     with pytest.raises(TableError, match=r"Rounding .* near alpha3 = .* deg, .* give at least"):
         build_table(model, 1e-6)
-
-
-def test_free_body_is_refused_from_0_hz() -> None:
-    """A tractor without tyres responds infinitely at 0 Hz; in a band above that it is tabulated."""
-    mapping = yaml.safe_load(config_file(DEFAULT_MECHANISM).read_text())
-    del mapping["uncertainty"]
-    mapping["base"]["mounts"] = {}
-    mapping["input"]["range_deg"] = [130.0, 150.0]
-    mapping["response"]["modes"] = 2
-    for link in mapping["links"].values():
-        link.update(elements=4, modes=2)
-    for spring in mapping["springs"].values():
-        spring["damping"] = 2000.0
-    with pytest.raises(TableError, match=r"moves freely at E1\.z, so its response is infinite"):
-        build_table(LinkageModel(mechanism_from_mapping(mapping)), 1e-3)
-    mapping["response"]["band_hz"] = [1.0, 150.0]
-    model = LinkageModel(mechanism_from_mapping(mapping))
-    table = build_table(model, 1e-3)
-    angle = math.radians(141.0)
-    exact = model.solve(angle).natural_frequencies
-    elastic = exact[exact > 0.1]
-    np.testing.assert_allclose(table.interpolate(angle)[0][:2], elastic[:2], rtol=1e-3)
