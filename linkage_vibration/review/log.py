@@ -78,6 +78,10 @@ class Resonances:
         By this excitation, m/s rms.
     total_velocity, total_velocity_stddev, total_acceleration : ndarray, (n,)
         By all excitations, m/s and m/s^2 rms.
+    approach_rate, approach_rate_error : ndarray, (n,)
+        At which the distance shrinks, and a bound of its error, Hz/s.
+    crank_velocity, crank_velocity_error : ndarray, (n,)
+        Of the crank, and a bound of its error, rad/s.
     """
 
     state: IntArray
@@ -95,6 +99,10 @@ class Resonances:
     total_velocity: FloatArray
     total_velocity_stddev: FloatArray
     total_acceleration: FloatArray
+    approach_rate: FloatArray
+    approach_rate_error: FloatArray
+    crank_velocity: FloatArray
+    crank_velocity_error: FloatArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -325,6 +333,10 @@ def write_csv(log: Log, path: Path) -> None:
         names += ["total_velocity_m_per_s", "total_velocity_stddev_m_per_s"]
         names += ["total_acceleration_m_per_s2"]
         columns += [r.total_velocity, r.total_velocity_stddev, r.total_acceleration]
+        names += ["approach_rate_hz_per_s", "approach_rate_error_hz_per_s"]
+        columns += [r.approach_rate, r.approach_rate_error]
+        names += ["crank_velocity_rad_per_s", "crank_velocity_error_rad_per_s"]
+        columns += [r.crank_velocity, r.crank_velocity_error]
     # str() of a Python float is the shortest text from which the same float is read.
     rows = [names, *(map(str, row) for row in zip(*(c.tolist() for c in columns), strict=True))]
     write_text(path, "".join(",".join(row) + "\n" for row in rows), ReviewError)

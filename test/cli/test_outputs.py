@@ -35,6 +35,8 @@ OVERWRITES = {
     "replay": ["log.mcap", "--params-file", "fit.yaml", "-o", "fit.yaml"],
     "review": ["log.mcap", "-o", "log.mcap"],
     "diff": ["log.mcap", "drive.mcap", "-o", "log.mcap"],
+    "pose": ["linkage.yaml", "-o", "linkage.yaml"],
+    "inclinometer": ["drive.mcap", "--mechanism", "linkage.yaml", "-o", "linkage.yaml"],
 }
 FOLDERS = {"demo", "reproduce"}  # These commands write new files into a folder.
 

@@ -28,7 +28,7 @@ def with_resonances(
         frequency * np.array(margin),
         np.array(margin),
         np.zeros(n, dtype=int),
-        *[none] * 7,
+        *[none] * 11,
     )
     rows = {
         name: getattr(log, name)[:n]
