@@ -178,31 +178,36 @@ def microseconds(sensor: Sensor) -> tuple[float, float]:
     return 1e6 * best[0] / len(values), 1e6 * best[1] / len(values)
 
 
+def cells(sensor: str, motion: str) -> list[str]:
+    """Return the row of a sensor and a motion, under `COLUMNS`.
+
+    Parameters
+    ----------
+    sensor, motion
+        Their names.
+    """
+    one = estimates(motion, SENSORS[sensor])
+    known, directed = one.known, one.directed
+    error = np.abs(one.velocity - one.true)[known]
+    wrong = directed & (one.velocity * one.true < 0.0)
+    moving = np.abs(one.true) > MOVING
+    stopped = directed & (one.true == 0.0)
+    return [
+        sensor,
+        motion,
+        f"{np.median(one.error[known]):.3f}",
+        f"{np.sqrt((error**2).mean()):.3f}",
+        f"{100.0 * (error <= one.error[known]).mean():.1f} %",
+        f"{100.0 * directed[moving].mean():.0f} %" if moving.any() else "",
+        f"{wrong.sum()}",
+        f"{stopped.sum()}",
+        f"{len(one.true)}",
+    ]
+
+
 def main() -> None:
     """Estimate, compare with the truth, draw and publish."""
-    rows = []
-    for name, sensor in SENSORS.items():
-        for motion in MOTIONS:
-            one = estimates(motion, sensor)
-            known, directed = one.known, one.directed
-            error = np.abs(one.velocity - one.true)[known]
-            wrong = directed & (one.velocity * one.true < 0.0)
-            moving = np.abs(one.true) > MOVING
-            share = f"{100.0 * directed[moving].mean():.0f} %" if moving.any() else ""
-            stopped = directed & (one.true == 0.0)
-            rows.append(
-                [
-                    name,
-                    motion,
-                    f"{np.median(one.error[known]):.3f}",
-                    f"{np.sqrt((error**2).mean()):.3f}",
-                    f"{100.0 * (error <= one.error[known]).mean():.1f} %",
-                    share,
-                    f"{wrong.sum()}",
-                    f"{stopped.sum()}",
-                    f"{len(one.true)}",
-                ]
-            )
+    rows = [cells(sensor, motion) for sensor in SENSORS for motion in MOTIONS]
     lifts = []
     for rise in RISES:
         for motion in LIFTS:

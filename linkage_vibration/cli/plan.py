@@ -4,6 +4,7 @@
 
 import argparse
 import math
+from collections.abc import Sequence
 from pathlib import Path
 
 _TOLERANCE = 1e-4  # by default, of a mechanism whose numbers count as exact
@@ -99,12 +100,15 @@ def run(options: argparse.Namespace) -> int:
         print(f"\n{unknown}")
     if options.output:
         plan.write_planned(chosen, load_yaml(source)[1], options.output)
-        print(f"\nWritten: {options.output}")
-        if chosen.table_tolerance is not None:
-            points = " ".join(dict.fromkeys(words[::2]))
-            print(
-                f"To build its table: linkage-vibration build {options.output} "
-                f"--tolerance {chosen.table_tolerance:.3g}"
-                + (f" --frf-points {points}" if points else "")
-            )
+        print(_written(options.output, chosen.table_tolerance, scene.points))
     return 0 if limit is None or measured.costs.prediction <= 1e-6 * limit else 1
+
+
+def _written(output: Path, tolerance: float | None, points: Sequence[str]) -> str:
+    """Return which file was written, and how to build the table if the plan has one."""
+    text = f"\nWritten: {output}"
+    if tolerance is None:
+        return text
+    at = " ".join(["", "--frf-points", *points]) if points else ""
+    build = f"linkage-vibration build {output} --tolerance {tolerance:.3g}{at}"
+    return f"{text}\nTo build its table: {build}"

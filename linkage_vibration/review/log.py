@@ -415,7 +415,9 @@ def mode_label(path: Path, table_id: str) -> Callable[[int], str]:
     path, table_id : Path, str
         The log, and the table of its predictions.
     """
-    table, _, _ = _read_model(_read_provenance(path)[0], table_id)
+    files = _read_provenance(path)[0].items()
+    own = {name: data for name, data in files if name == f"{table_id}.npz"}
+    table, _, _ = _read_model(own, table_id)
     return (lambda mode: f"mode {mode + 1}") if table is None else table.mode_label
 
 
