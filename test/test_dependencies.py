@@ -46,6 +46,7 @@ DISTRIBUTIONS = {
     "pytest": ("pytest", "python3-pytest"),
     "pyuff": ("pyuff", None),
     "rclpy": ("ros-rclpy", "rclpy"),
+    "rerun": ("rerun-sdk", None),
     "rosbags": ("rosbags", "python3-rosbags-pip"),
     "scipy": ("scipy", "python3-scipy"),
     "sdynpy": ("sdynpy", None),
