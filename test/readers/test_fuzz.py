@@ -45,18 +45,6 @@ def test_damaged_files(tmp_path: Path, reader: Reader) -> None:
     assert outcomes[REFUSED] > INPUTS / 4
 
 
-def test_each_byte_of_a_table(tmp_path: Path) -> None:
-    """A table with one flipped byte gives an error or the same table, whichever byte it is."""
-    reader = READERS["table (npz)"]
-    [(main, files)] = reader.seeds
-    for at in range(len(files[main])):
-        content = bytearray(files[main])
-        content[at] ^= 0xFF
-        (tmp_path / main).write_bytes(content)
-        found, trace = read_outcome(reader, tmp_path / main)
-        assert found in (REFUSED, ACCEPTED), f"byte {at}: {trace}"
-
-
 @pytest.mark.parametrize("bomb", BOMBS, ids=["laughs", "merges", "itself", "flow", "indents"])
 def test_yaml_without_bound(tmp_path: Path, bomb: str) -> None:
     """A page of YAML that would fill the memory or the stack gives an error that says so."""

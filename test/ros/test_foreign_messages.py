@@ -18,12 +18,17 @@ from linkage_vibration.prediction.predictor import Status
 from linkage_vibration.prediction.settings import Parameters
 from linkage_vibration.testing.bag_checks import Limits, check_bag
 from linkage_vibration_interfaces.msg import Resonance, VibrationPrediction
-from test.support.message_packages import build_packages, import_here, variables
+from test.support.interface_packages import built_package, environment_with, import_here
 from test.support.ros_process import RunningNode, own_context, start_node, until
 
 CALIBRATION = (0.0, 3.1, 40.0, 2.6, 100.0, 1.6)
 CHOSEN = {"input": "ros2_isobus", "pto_input": "ros2_isobus", "ground_input": "ros2_isobus"}
 SETTINGS = Parameters(calibration=CALIBRATION, **CHOSEN)  # type: ignore[arg-type]
+DEFINITIONS = {
+    "TecuRearHitchStatus": "float64 position_percent\nuint8 in_work\nfloat64 draft_n\n",
+    "TecuRearPtoStatus": "float64 rpm\nfloat64 setpoint_rpm\nuint8 engagement\n",
+    "TecuGroundSpeed": "float64 speed_ms\nfloat64 distance_m\nbool forward\n",
+}
 TYPES = {
     "rear_hitch_status": "TecuRearHitchStatus",
     "rear_pto_status": "TecuRearPtoStatus",
@@ -32,29 +37,21 @@ TYPES = {
 
 
 @pytest.fixture(scope="module")
-def prefix(
-    environment: dict[str, str],
-    pytestconfig: pytest.Config,
-    tmp_path_factory: pytest.TempPathFactory,
-) -> Path:
-    """Return where the packages are installed; pip builds them once."""
-    kept = Path(pytestconfig.cache.mkdir("message_packages"))
-    found = build_packages(kept, tmp_path_factory.mktemp("packages"))
-    import_here(found)
-    return found
+def with_isobus(environment: dict[str, str]) -> dict[str, str]:
+    """Return an environment that has ros2_isobus, which this process can import as well."""
+    prefix = built_package("ros2_isobus", DEFINITIONS)
+    import_here(prefix)
+    return environment_with(environment, prefix)
 
 
 @pytest.fixture
-def begin(
-    environment: dict[str, str], prefix: Path, tmp_path: Path
-) -> Iterator[Callable[..., RunningNode]]:
-    """Return a function that starts a node which finds the packages."""
+def begin(with_isobus: dict[str, str], tmp_path: Path) -> Iterator[Callable[..., RunningNode]]:
+    """Return a function that starts a node which finds the package."""
     nodes: list[RunningNode] = []
 
     def start(**parameters: Any) -> RunningNode:
-        environ = {**environment, **variables(prefix)}
         output = tmp_path / f"printed_{len(nodes)}.txt"
-        nodes.append(start_node(output, environ, name="foreign", **parameters))
+        nodes.append(start_node(output, with_isobus, name="foreign", **parameters))
         return nodes[-1]
 
     yield start

@@ -82,13 +82,16 @@ def entities(node: Any) -> dict[str, int]:
     return {kind: sum(len(list(getattr(one, kind))) for one in both) for kind in kinds}
 
 
-def test_many_lifecycles_leave_nothing_behind(managed: Callable[..., Any], tmp_path: Path) -> None:
-    """After 60 lifecycles the node has as many entities, files and bytes as before."""
+@pytest.mark.parametrize("count", [20, pytest.param(60, marks=pytest.mark.nightly)])
+def test_many_lifecycles_leave_nothing_behind(
+    managed: Callable[..., Any], tmp_path: Path, count: int
+) -> None:
+    """After many lifecycles the node has as many entities, files and bytes as before."""
     node = managed("-p", "record:=true", "-p", f"log_directory:={tmp_path}")
     before = entities(node)
     assert not list(node.timers)
     sizes = []
-    for i in range(60):
+    for i in range(count):
         assert node.trigger_configure() is SUCCESS
         inactive = entities(node)
         assert node.trigger_activate() is SUCCESS
@@ -99,11 +102,11 @@ def test_many_lifecycles_leave_nothing_behind(managed: Callable[..., Any], tmp_p
         assert entities(node) == before
         for path in tmp_path.iterdir():
             path.unlink()
-        if i % 10 == 9:
+        if i % 5 == 4:
             gc.collect()
             sizes.append((open_files(), resident()))
     assert sizes[-1][0] == sizes[0][0]
-    assert sizes[-1][1] - sizes[0][1] < 5 * 2**20  # 50 lifecycles; a table alone has half of that
+    assert sizes[-1][1] - sizes[0][1] < 5 * 2**20  # a table alone has half of that, each time
     assert node.trigger_configure() is SUCCESS
     assert node.trigger_shutdown() is SUCCESS
     assert entities(node) == before
@@ -283,8 +286,9 @@ while True:
 """
 
 
+@pytest.mark.parametrize("count", [3, pytest.param(30, marks=pytest.mark.nightly)])
 def test_transitions_while_peers_come_and_go(
-    start: Callable[..., Any], environment: dict[str, str], manager: Any
+    start: Callable[..., Any], environment: dict[str, str], manager: Any, count: int
 ) -> None:
     """Peers that come and go, with right and wrong QoS, do not disturb the transitions.
 
@@ -306,7 +310,7 @@ def test_transitions_while_peers_come_and_go(
         # From this answer to an invalid request on, the node knows the client; before, it may lose
         # an answer, and a request for a transition cannot be repeated.
         assert not response(change, ChangeState.Request(), executor.spin_once).success
-        for _ in range(8):
+        for _ in range(count):
             for transition in (
                 Transition.TRANSITION_CONFIGURE,
                 Transition.TRANSITION_ACTIVATE,

@@ -254,10 +254,10 @@ def test_signals_end_it_cleanly(start: Callable[..., Any], by: signal.Signals) -
 def test_signals_at_any_moment(start: Callable[..., Any]) -> None:
     """A signal also ends the node cleanly while it imports or loads the table."""
     signals = signal.SIGINT, signal.SIGTERM, signal.SIGHUP
-    for i in range(6):
+    for i in range(4):
         early, by = start(name=f"early_{i}"), signals[i % 3]
         early.wait_for_signal_handlers()
-        time.sleep(0.2 * i)
+        time.sleep(0.3 * i)
         assert early.stop(by) == 0
         assert {line.split()[0] for line in early.printed.splitlines()} <= {"[INFO]"}
 

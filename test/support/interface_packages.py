@@ -1,7 +1,11 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Message packages of other projects, built with pip in the shape of ours, for tests over DDS."""
+"""Message packages of other projects, built with pip in the shape of ours, for tests over DDS.
 
+They are kept in the folder ``build`` between runs of the tests.
+"""
+
+import ctypes
 import hashlib
 import os
 import shutil
@@ -65,3 +69,19 @@ def environment_with(environment: Mapping[str, str], prefix: Path) -> dict[str, 
     ):
         found[variable] = os.pathsep.join(filter(None, [str(folder), found.get(variable)]))
     return found
+
+
+def import_here(prefix: Path) -> None:
+    """Let this process import the package that is installed in a prefix."""
+    [site] = prefix.glob("lib/python*/site-packages")
+    sys.path.append(str(site))
+    left = sorted((prefix / "lib").glob("lib*.so"))
+    while left:  # each needs others, in an order that is not known
+        failed = []
+        for path in left:
+            try:
+                ctypes.CDLL(str(path), mode=ctypes.RTLD_GLOBAL)
+            except OSError:
+                failed.append(path)
+        assert len(failed) < len(left), failed
+        left = failed

@@ -114,7 +114,8 @@ def test_table_of_another_mechanism_is_refused(file: Path, printed: Mechanism) -
         load_table(file, printed)
 
 
-def test_damage_in_any_byte_is_refused(model: LinkageModel, tmp_path: Path) -> None:
+@pytest.mark.parametrize("step", [3, pytest.param(1, marks=pytest.mark.nightly)])
+def test_damage_in_any_byte_is_refused(model: LinkageModel, tmp_path: Path, step: int) -> None:
     """With any one byte changed the file is refused, or is still the same table."""
     path = tmp_path / "small.npz"
     smallest = build_table(model, 0.5)
@@ -129,20 +130,20 @@ def test_damage_in_any_byte_is_refused(model: LinkageModel, tmp_path: Path) -> N
     )
     save_table(bare, path)
     sound = path.read_bytes()
-    refused = 0
+    refused, tried = 0, range(0, len(sound), step)
     with path.open("r+b", buffering=0) as file:  # changed in place: making files takes longest
-        for at, byte in enumerate(sound):
+        for at in tried:
             file.seek(at)
-            file.write(bytes([byte ^ 1 << at % 8]))
+            file.write(bytes([sound[at] ^ 1 << at % 8]))
             try:
                 assert load_table(path).checksum == bare.checksum
             except TableError as error:
                 assert "small.npz" in str(error)
                 refused += 1
             file.seek(at)
-            file.write(bytes([byte]))
+            file.write(bytes([sound[at]]))
     assert path.read_bytes() == sound
-    assert refused > 0.7 * len(sound)
+    assert refused > 0.7 * len(tried)
 
 
 @pytest.mark.parametrize("length", [0, 1, 100, -1])
