@@ -40,7 +40,7 @@ from linkage_vibration.ros.diagnostics import Health, Statistics, statuses
 from linkage_vibration.ros.endpoints import Throttle, advertise, publisher
 from linkage_vibration.ros.interface_check import check_interfaces
 from linkage_vibration.ros.listener import Listener
-from linkage_vibration.ros.live_inputs import LiveTopic, live_topics
+from linkage_vibration.ros.live_inputs import LiveTopic, check_outputs, live_topics
 from linkage_vibration.ros.log_control import Recording
 from linkage_vibration.ros.markers import Markers
 from linkage_vibration.ros.memory import Memory
@@ -293,6 +293,7 @@ class LinkageVibrationNode(LifecycleNode):
         if sharp := never_warned(served.predictor, settings.warning_probability):
             self.get_logger().warning(sharp)
         inputs = live_topics(settings, self.resolve_topic_name)
+        check_outputs(inputs, self.resolve_topic_name)
         topics = [*input_topics(inputs), *output_topics(self)]
         extra_topics = self._extra_topics() - {topic.name for topic in topics}
         provenance = self._provenance(served)

@@ -3,12 +3,13 @@
 """The inputs of a running node, by topics, with the types of the installed packages."""
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
 from linkage_vibration.bags.schemas import Field, Schema
 from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.messages.topics import OUTPUT_TOPICS
 from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.inputs.presets import HITCH
 from linkage_vibration.prediction.inputs.sources import CrankInput, SourceSettings, SpeedInput
@@ -74,6 +75,32 @@ def live_topics(settings: Parameters, resolve: Callable[[str], str]) -> dict[str
         topic = topic_of(source)
         topic.speeds.append((speed, settings.speed_input(speed, _schema(source))))
     return topics
+
+
+def check_outputs(inputs: Iterable[str], resolve: Callable[[str], str]) -> None:
+    """Refuse an output on the topic of an input or of another output.
+
+    Parameters
+    ----------
+    inputs : iterable of str
+        The absolute names of the topics of the inputs.
+    resolve : callable
+        Returns the absolute name of a topic after remapping.
+
+    Raises
+    ------
+    ParameterError
+        If two of them have the same name, which remapping alone can cause.
+    """
+    used = dict.fromkeys(inputs, "an input")
+    for output in OUTPUT_TOPICS:
+        name = resolve(output.name)
+        if name in used:
+            raise ParameterError(
+                f"{output.name} is remapped to {name}, which is the topic of {used[name]} already; "
+                "remap it to another name."
+            )
+        used[name] = output.name
 
 
 def _schema(source: SourceSettings) -> Schema:
