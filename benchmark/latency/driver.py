@@ -101,7 +101,7 @@ class Driver:
     ) -> Run:
         """Send ``count`` joint states at ``rate`` Hz to a node; call ``begun`` after the start."""
         self._taken.clear()
-        sent: list[float] = []
+        sent: dict[int, float] = {}
         before, began = cpu_time(process), time.monotonic()
         sender = threading.Thread(target=self._send, args=(name, rate, count, sent))
         sender.start()
@@ -110,23 +110,26 @@ class Driver:
             self._executor.spin_once(0.05)
         spent, lasted = cpu_time(process) - before, time.monotonic() - began
         end = time.monotonic() + QUIET
-        while len(self._taken) < count and time.monotonic() < end:
+        while not sent.keys() <= self._taken.keys() and time.monotonic() < end:
             self._executor.spin_once(0.05)
-        latencies = [taken - sent[i] for i, taken in self._taken.items()]
+        # An answer of an earlier run may arrive as late as in this one.
+        latencies = [taken - sent[t] for t, taken in self._taken.items() if t in sent]
         return Run(np.array(latencies), count - len(latencies), spent, lasted)
 
-    def publish(self, name: str, number: int) -> None:
-        """Send a node a joint state with a number."""
+    def publish(self, name: str, number: int) -> int:
+        """Send a node the joint state of a number, and return its stamp, ns since the epoch."""
         if name not in self._publishers:
             sensor = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)
             self._publishers[name] = self.node.create_publisher(
                 JointState, f"/{name}/joint_states", sensor
             )
         message = JointState()
-        message.header.stamp.nanosec = number
+        stamp = time.time_ns()
+        message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp, 10**9)
         message.name = [JOINT]
         message.position = array("d", [1.6 + 1.5e-4 * (number % 10_000)])
         self._publishers[name].publish(message)
+        return stamp
 
     def close(self) -> None:
         """Shut down the driver's node."""
@@ -134,14 +137,14 @@ class Driver:
         self.node.destroy_node()
         rclpy.try_shutdown()
 
-    def _send(self, name: str, rate: float, count: int, sent: list[float]) -> None:
+    def _send(self, name: str, rate: float, count: int, sent: dict[int, float]) -> None:
         begin = time.monotonic()
         for i in range(count):
             wait = begin + i / rate - time.monotonic()
             if wait > 0.0:
                 time.sleep(wait)
-            sent.append(time.monotonic())
-            self.publish(name, i)
+            now = time.monotonic()
+            sent[self.publish(name, i)] = now
 
     def _spin(self, seconds: float) -> None:
         end = time.monotonic() + seconds
@@ -150,7 +153,8 @@ class Driver:
 
     def _on_answer(self, data: Any) -> None:
         now = time.monotonic()
-        self._taken.setdefault(struct.unpack_from("<I", data, 8)[0], now)
+        seconds, nanoseconds = struct.unpack_from("<iI", data, 4)
+        self._taken.setdefault(10**9 * seconds + nanoseconds, now)
 
 
 def named(name: str, *others: str) -> list[str]:

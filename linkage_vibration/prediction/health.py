@@ -21,6 +21,7 @@ _KEPT = 100  # angles outside the table
 _FASTEST, _LEAST_JUMP = 4.0, 0.06  # rad/s and rad; a hitch is not faster, and noise not larger
 _LEAST = 0.03  # rad; publishers that agree differ by less
 _DIFFERING = 3  # values, from which publishers disagree
+_PUBLISHERS = 8  # that are told apart
 
 _NOISY = 100  # changes that tell noise from motion
 _REMEMBERED = 1000  # changes
@@ -108,6 +109,15 @@ class _Publisher:
     change: float
     time: float  # s
 
+    def follows(self, sequence: int, now: float) -> bool:
+        """Return whether a message is the next one of this publisher."""
+        return sequence == self.sequence + 1 and now - self.time < _FRESH
+
+    def take(self, sequence: int, value: float, now: float) -> None:
+        """Take a message."""
+        self.change, self.sequence, self.value = value - self.value, sequence, value
+        self.time = now
+
 
 class _Publishers:
     """Tells the publishers of a topic apart by the sequence numbers of their messages.
@@ -132,7 +142,11 @@ class _Publishers:
         value, now : float
             The value, and when it arrived, s.
         """
-        known = self._known = [one for one in self._known if now - one.time < _FRESH]
+        if len(self._known) == 1 and self._known[0].follows(sequence, now):
+            self._known[0].take(sequence, value, now)
+            return False
+        known = [one for one in self._known if now - one.time < _FRESH][-_PUBLISHERS:]
+        self._known = known
         own = min(
             (one for one in known if sequence > one.sequence or sequence == 0),
             key=lambda one: (sequence - one.sequence, abs(value - one.value)),
@@ -141,8 +155,7 @@ class _Publishers:
         if own is None:
             own = _Publisher(sequence, value, 0.0, now)
             known.append(own)
-        own.change, own.sequence, own.value = value - own.value, sequence, value
-        own.time = now
+        own.take(sequence, value, now)
         return any(
             abs(value - one.value) > self._least + abs(own.change) + abs(one.change)
             for one in known

@@ -167,6 +167,17 @@ class RateFilter:
                 return Rate(0.5 * (low + high), least)
         return UNKNOWN
 
+    def note(self, stamp: int, value: float, resolution: float = 0.0) -> None:
+        """Take a reading whose rate is not needed, in a third of the time of `add`.
+
+        Parameters
+        ----------
+        stamp, value, resolution
+            As those of `add`.
+        """
+        self._take(stamp, value, resolution)
+        self._trim()
+
     def add_many(
         self, stamps: Iterable[int], values: Iterable[float], resolutions: Iterable[float]
     ) -> tuple[FloatArray, FloatArray]:

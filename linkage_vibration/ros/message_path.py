@@ -21,7 +21,7 @@ from linkage_vibration.prediction.inputs.presets import HITCH
 from linkage_vibration.prediction.inputs.sources import CrankInput, Stamped
 from linkage_vibration.prediction.inputs.units import ANGLES, Reading
 from linkage_vibration.prediction.levels import LevelTable
-from linkage_vibration.prediction.motion import Rate, crank_filter, crank_resolution
+from linkage_vibration.prediction.motion import UNKNOWN, Rate, crank_filter, crank_resolution
 from linkage_vibration.prediction.predictor import Prediction, Predictor, Status, fault
 from linkage_vibration.prediction.resonance import Resonance, ResonanceMonitor
 from linkage_vibration.prediction.settings import Parameters
@@ -284,8 +284,9 @@ class Predicting:
         counts.predicted += 1
         counts.take_reading(began, sec, nanosec, received)
         answers = [(self._prediction_topic, encoded)]
-        velocity, error = self._velocity(reading, 10**9 * sec + nanosec)
-        if self._monitor.any_speed_reported:
+        needed = self._monitor.any_speed_reported
+        velocity, error = self._velocity(reading, 10**9 * sec + nanosec, needed)
+        if needed:
             self.resonance = self._monitor.assess(prediction, velocity, at, error)
             encoded = encode_resonance(self.resonance, sec, nanosec, frame)
             self._resonances.publish(encoded)
@@ -314,9 +315,12 @@ class Predicting:
         if not invalid:
             self._throttle.report(HITCH, "")
 
-    def _velocity(self, reading: Reading, stamp: int) -> Rate:
-        """Return the velocity of the crank: as reported, or else as estimated."""
+    def _velocity(self, reading: Reading, stamp: int, needed: bool) -> Rate:
+        """Return the velocity of the crank, if needed: as reported, or else as estimated."""
         if reading.velocity == reading.velocity:  # it is not NaN
             return Rate(reading.velocity, 0.0)
         resolution = crank_resolution(reading.stddev, self._settings.angle_stddev)
-        return self._motion.add(stamp, reading.crank_angle, resolution)
+        if needed:
+            return self._motion.add(stamp, reading.crank_angle, resolution)
+        self._motion.note(stamp, reading.crank_angle, resolution)
+        return UNKNOWN

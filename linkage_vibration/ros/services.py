@@ -242,7 +242,7 @@ class Services:
             response.message = f"The table is unchanged: {error}"
         with suppress(LinkageVibrationError):
             response.table_id = self._served().table.table_id
-        if self._node.executor is not None:
+        if self._pending and self._node.executor is not None:
             self._node.executor.create_task(self._follow)
         return response
 

@@ -141,3 +141,18 @@ def test_one_by_one_or_together_for_motions() -> None:
             for i in range(0, len(stamps), 700)
         ]
         np.testing.assert_array_equal(np.hstack(found).T, expected)
+
+
+def test_a_reading_whose_rate_is_not_needed() -> None:
+    """It counts for all later estimates as if its rate had been asked for."""
+    stamps, values, _, _ = read(next(iter(MOTIONS.values())), Sensor(200, noise=1e-3), 5)
+    always, sometimes = crank_filter(), crank_filter()
+    known = 0
+    for i, reading in enumerate(zip(stamps, values, strict=True)):
+        expected = always.add(*reading)
+        if i % 50 < 40:
+            sometimes.note(*reading)
+        else:
+            np.testing.assert_array_equal(sometimes.add(*reading), expected)
+            known += expected.value == expected.value
+    assert known > len(stamps) / 10
