@@ -7,6 +7,7 @@ time and take short turns, so that the load of the machine affects them equally.
 two processes keep two cores busy. The result is a page for each ROS 2 distribution.
 """
 
+import math
 import os
 import signal
 import subprocess
@@ -15,6 +16,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from importlib.metadata import version
+from itertools import count
 from pathlib import Path
 
 import numpy as np
@@ -184,6 +186,8 @@ def parts() -> str:
 
     from linkage_vibration.bags.joint_states import JointStateReader
     from linkage_vibration.messages.encoding import encode_prediction
+    from linkage_vibration.prediction.health import ReadingWatch
+    from linkage_vibration.prediction.motion import crank_filter
     from linkage_vibration.prediction.predictor import Predictor
     from linkage_vibration.support.resources import PAPER_TABLE, config_file
     from linkage_vibration.table.table import load_table
@@ -192,10 +196,18 @@ def parts() -> str:
     message = JointState(name=["hitch_rockshaft_joint"], position=[2.0])
     data, reader = serialize_message(message), JointStateReader()
     prediction = predictor.predict(2.0)
+    motion, watch, stamps = crank_filter(), ReadingWatch(), count(10**18, 10**6)
+
+    def judge() -> None:
+        stamp = next(stamps)
+        watch.take(1e-9 * stamp, stamp, stamp, 2.0, math.nan, known=True, sequence=stamp)
+
     steps: dict[str, Callable[[], object]] = {
         "table lookup": lambda: predictor.table.interpolate(2.0),
         "prediction, lookup included": lambda: predictor.predict(2.0),
         "encoding the prediction": lambda: encode_prediction(prediction, 0, 0, ""),
+        "noting the motion": lambda: motion.note(next(stamps), 2.0),
+        "watching for faults": judge,
         "decoding the joint state": lambda: reader.read_one(data),
         "decoding by rclpy, as in the echo": lambda: deserialize_message(data, JointState),
     }
