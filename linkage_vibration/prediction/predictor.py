@@ -218,19 +218,21 @@ class Predictor:
         slopes = self.table.slopes(angle)
         parts = zip(*self._parts(angle, stddev, values, slopes, error), strict=True)
         stddevs = [math.sqrt(a * a + b * b + c * c + d * d) for a, b, c, d in parts]
+        modes = np.array([*values, *slopes[:n], *stddevs]).reshape(5, n)
+        frequencies, ratios, frequency_slopes, frequency_stddev, ratio_stddev = modes
         sound = self._sound_low <= angle <= self._sound_high
         return Prediction(
             crank_angle=alpha3,
             status=Status.OK if sound else Status.NEAR_TOGGLE,
-            natural_frequencies=np.array(values[:n]),
-            damping_ratios=np.array(values[n:]),
-            frequency_slopes=np.array(slopes[:n]),
-            frequency_stddev=np.array(stddevs[:n]),
+            natural_frequencies=frequencies,
+            damping_ratios=ratios,
+            frequency_slopes=frequency_slopes,
+            frequency_stddev=frequency_stddev,
             frf_peak_frequency=peak_frequency,
             frf_peak_magnitude=peak_magnitude,
             interpolation_error=error,
             table_id=self._table_id,
-            damping_ratio_stddev=np.array(stddevs[n:]),
+            damping_ratio_stddev=ratio_stddev,
         )
 
     def shares(self, alpha3: float, stddev: float = 0.0) -> Shares:
