@@ -17,7 +17,7 @@ from linkage_vibration.table.tabulation import build_table
 
 from .linkages import Linkage, damped_linkages
 
-FEW, MANY = 3, 10_000
+FEW, MANY = 2, 10_000
 ANGLES = 10
 
 

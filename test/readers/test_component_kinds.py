@@ -270,11 +270,12 @@ def test_modes_identified_from_frfs_are_the_assemblys(
 
 
 def test_a_table_from_frfs(mapping: Any, model: LinkageModel, tmp_path: Path) -> None:
-    """A table built from identified modes is that of the assembly within 0.1 %."""
+    """A table built from identified modes over 30 deg is that of the assembly within 1 %."""
     save_frfs(tmp_path / "rod.npz", model, "lift_rod")
+    mapping["input"]["range_deg"] = [120.0, 150.0]
+    exact = build_table(LinkageModel(read_mechanism(write(tmp_path, mapping))), 1e-4)
     replace_body(mapping, "lift_rod", kind="frfs", path="rod.npz")
-    mixed = LinkageModel(read_mechanism(write(tmp_path, mapping)))
-    found, exact = build_table(mixed, 1e-2), build_table(model, 1e-4)
+    found = build_table(LinkageModel(read_mechanism(write(tmp_path, mapping))), 1e-2)
     angles = np.linspace(*exact.alpha3_range, 20)
     found_values, exact_values = found.evaluate(angles), exact.evaluate(angles)
     np.testing.assert_allclose(found_values[:, :3], exact_values[:, :3], rtol=1e-2)
