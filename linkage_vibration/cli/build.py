@@ -4,7 +4,13 @@
 
 import argparse
 import math
+from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from linkage_vibration.mechanics.description import Mechanism
+    from linkage_vibration.table.table import Table
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -36,7 +42,6 @@ def run(options: argparse.Namespace) -> int:
     from tqdm import tqdm
 
     from linkage_vibration.mechanics.model import LinkageModel
-    from linkage_vibration.prediction.predictor import uncertain_modes
     from linkage_vibration.readers.mechanism import read_mechanism
     from linkage_vibration.support.atomic_files import check_outputs, check_suffix
     from linkage_vibration.support.resources import DEFAULT_MECHANISM, config_file
@@ -63,29 +68,36 @@ def run(options: argparse.Namespace) -> int:
 
         table = build_table(model, options.tolerance, options.frf_points, show)
     save_table(table, output)
+    for line in _description(table, solutions, output, model.mechanism):
+        print(line)
+    return 0
+
+
+def _description(
+    table: "Table", solutions: int, output: Path, mechanism: "Mechanism"
+) -> Iterator[str]:
+    """Yield the lines that say what was built."""
+    from linkage_vibration.prediction.predictor import uncertain_modes
+
     low, high = (math.degrees(angle) for angle in table.alpha3_range)
     frfs = f", FRFs {table.frf_error:.1e}" if table.places else "; the table holds no FRFs"
-    print(
+    yield (
         f"{output}: table {table.table_id}, {len(table.alpha3)} angles from {low:g} to {high:g} "
         f"deg by {solutions} solutions; bounds of relative errors: natural frequencies and damping "
         f"ratios {table.interpolation_error.max():.1e}, FRF peak {table.peak_error:.1e}{frfs}."
     )
     if table.measured:
         deviations = table.frequency_stddev, table.damping_ratios, table.damping_ratio_stddev
-        found = uncertain_modes(table.natural_frequencies, *deviations, table.mode_label)
-        for sentence in found:
-            print(sentence)
+        yield from uncertain_modes(table.natural_frequencies, *deviations, table.mode_label)
     for mode, shares in enumerate(table.mode_shares):
         base, bodies, links = (f"{100.0 * share:.0f} %" for share in shares)
-        print(f"{table.mode_label(mode)}: base {base}, rigid bodies {bodies}, links {links}")
+        yield f"{table.mode_label(mode)}: base {base}, rigid bodies {bodies}, links {links}"
     if table.free_modes:
-        one, ground = table.free_modes == 1, model.mechanism.base
+        one, ground = table.free_modes == 1, mechanism.base
         left_out = "1 mode at 0 Hz is" if one else f"{table.free_modes} modes at 0 Hz are"
         fix = "clamp the input link or put a spring on its joint"
         if ground is not None and not ground.mounts:
             fix = "give its base mounts"
-        print(
-            f"Nothing holds {model.mechanism.name}: {left_out} left out of the table. To hold it, "
-            f"{fix}."
+        yield (
+            f"Nothing holds {mechanism.name}: {left_out} left out of the table. To hold it, {fix}."
         )
-    return 0

@@ -6,12 +6,13 @@ import io
 import math
 import tempfile
 import textwrap
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
 from datetime import datetime, timezone
 from numbers import Real
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -306,6 +307,39 @@ def _nearest(signals: _Signals, at: int) -> str:
     return f"{signals.excitation[at]} is {distance} from {signals.mode[at]}"
 
 
+_Row = tuple[str, Integers, FloatArray, float | None]
+"""Label, times (ns), values and limit of a row of a picture."""
+
+
+def _rows(signals: _Signals, limits: Limits, failure: Failure) -> Iterator[_Row]:
+    """Yield the rows that have something to show around a failure."""
+    yield "crank angle [deg]", signals.time, signals.crank_angle, None
+    if np.isfinite(_around(failure, signals, signals.margin_time, signals.margin)[1]).any():
+        margin = limits.margin and 100.0 * limits.margin
+        yield "margin [%]", signals.margin_time, 100.0 * signals.margin, margin
+    gaps, gap = 1e-6 * np.diff(signals.time).astype(float), limits.gap and 1e3 * limits.gap
+    yield "since the last\nprediction [ms]", signals.time[1:], gaps, gap
+    if limits.latency is not None:
+        yield "latency [ms]", signals.time, 1e3 * signals.latency, 1e3 * limits.latency
+
+
+def _around(
+    failure: Failure, signals: _Signals, times: Integers, values: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return the values around a failure, and their times since the first prediction, s."""
+    seconds = 1e-9 * (times - signals.time[0])
+    near = np.abs(seconds - failure.seconds) <= _AROUND
+    return seconds[near], values[near]
+
+
+def _label(ax: Any, label: str) -> None:
+    ax.set_ylabel(label)
+    ax.grid(color="#dddddd", linewidth=0.6)
+    ax.set_axisbelow(True)
+    ax.spines[["top", "right"]].set_visible(False)
+    ax.tick_params(colors=GREY)
+
+
 def _draw(bag: Path, signals: _Signals, limits: Limits, failure: Failure, picture: Path) -> None:
     """Draw the signals around a failure."""
     try:
@@ -315,26 +349,11 @@ def _draw(bag: Path, signals: _Signals, limits: Limits, failure: Failure, pictur
             "Drawing needs matplotlib; `pip install linkage_vibration[plots]`."
         ) from None
 
-    def shown(times: Integers, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-        seconds = 1e-9 * (times - signals.time[0])
-        near = np.abs(seconds - failure.seconds) <= _AROUND
-        return seconds[near], values[near]
-
-    rows: list[tuple[str, Integers, FloatArray, float | None]] = [
-        ("crank angle [deg]", signals.time, signals.crank_angle, None)
-    ]
-    if np.isfinite(shown(signals.margin_time, signals.margin)[1]).any():
-        margin = limits.margin and 100.0 * limits.margin
-        rows.append(("margin [%]", signals.margin_time, 100.0 * signals.margin, margin))
-    gaps, gap = 1e-6 * np.diff(signals.time).astype(float), limits.gap and 1e3 * limits.gap
-    rows.append(("since the last\nprediction [ms]", signals.time[1:], gaps, gap))
-    if limits.latency is not None:
-        latencies = 1e3 * signals.latency
-        rows.append(("latency [ms]", signals.time, latencies, 1e3 * limits.latency))
+    rows = list(_rows(signals, limits, failure))
     figure = Figure(figsize=(10, 1.2 + 1.9 * len(rows)), dpi=120, layout="constrained")
     axes: NDArray[np.object_] = figure.subplots(len(rows), sharex=True, squeeze=False)[:, 0]
     for ax, (label, times, values, limit) in zip(axes, rows, strict=True):
-        seconds, near = shown(times, values)
+        seconds, near = _around(failure, signals, times, values)
         ax.plot(seconds, near, color=COLOURS[0], linewidth=1.4, marker=".", markersize=2)
         if limit is not None:
             ax.axhline(limit, color=_LIMIT, linewidth=1.2, linestyle=(0, (4, 3)))
@@ -347,13 +366,10 @@ def _draw(bag: Path, signals: _Signals, limits: Limits, failure: Failure, pictur
             ax.annotate(about, (failure.seconds, 0.9), xycoords=("data", "axes fraction"))
         if ax is not axes[0]:
             ax.set_ylim(bottom=0.0)
-        ax.set_ylabel(label)
-        ax.grid(color="#dddddd", linewidth=0.6)
-        ax.set_axisbelow(True)
-        ax.spines[["top", "right"]].set_visible(False)
-        ax.tick_params(colors=GREY)
+        _label(ax, label)
     wrong = limits.statuses is not None and ~np.isin(signals.status, limits.statuses)
-    seconds, bad = shown(signals.time, np.where(wrong, signals.crank_angle, np.nan))
+    angles = np.where(wrong, signals.crank_angle, np.nan)
+    seconds, bad = _around(failure, signals, signals.time, angles)
     axes[0].plot(seconds, bad, ".", color=_LIMIT, markersize=5)
     axes[-1].set_xlabel("time since the first prediction [s]")
     last = 1e-9 * (signals.time[-1] - signals.time[0])
