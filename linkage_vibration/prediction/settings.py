@@ -599,10 +599,9 @@ def check_value(name: str, value: object) -> Any:
     except InputError as error:
         raise ParameterError(f"Parameter {name}: {error}") from None
     if not valid:
-        raise ParameterError(
-            f"Parameter {name} must be {words['valid']}, not {value!r}; "
-            f"write for example `{name}: {_yaml(parameter.default)}`."
-        )
+        example = f"write for example `{name}: {_yaml(parameter.default)}`"
+        fix = "leave it empty if you do not need it" if parameter.default == "" else example
+        raise ParameterError(f"Parameter {name} must be {words['valid']}, not {value!r}; {fix}.")
     return value
 
 

@@ -73,14 +73,19 @@ def test_whole_numbers_may_stand_for_doubles() -> None:
         ("joint_name", ""),
         ("sign", 0),
         ("sign", True),
-        ("extra_topics", "bad topic!"),
-        ("extra_topics", "/a//b"),
     ],
 )
 def test_what_is_not_valid_is_refused_in_words(name: str, value: object) -> None:
     """The error names the parameter, its valid values, its value, and an example."""
     with pytest.raises(ParameterError, match=f"{name} must be .*, not .*; write for example"):
         check_value(name, value)
+
+
+@pytest.mark.parametrize("value", ["bad topic!", "/a//b"])
+def test_what_is_not_valid_may_be_left_empty(value: str) -> None:
+    """An empty text is no example of a value, so the error says what it is for."""
+    with pytest.raises(ParameterError, match=r"must be .*, not .*; leave it empty if you do not"):
+        check_value("extra_topics", value)
 
 
 def test_ranges_hold_at_their_ends() -> None:
