@@ -8,7 +8,7 @@ freedom in the plane. In a spatial model it is held out of the plane, as rigid b
 """
 
 from linkage_vibration.mechanics.description import GROUND, Base, Mount
-from linkage_vibration.mechanics.keys import Keys
+from linkage_vibration.mechanics.keys import DAMPEST, STIFFEST, Keys
 
 
 def mount_springs(base: Base | None) -> tuple[tuple[Mount, int], ...]:
@@ -51,5 +51,6 @@ def read_mounts(keys: Keys, taken: set[str]) -> tuple[Mount, ...]:
         for key, values in pairs.items():
             if min(values) < 0.0:
                 raise mount.error(key, f"{min(values):g} is below zero; give [along x, along z].")
+            mount.refuse_rigid(key, max(values), STIFFEST if key == "stiffness" else DAMPEST)
         found.append(Mount(name, mount.point("at"), pairs["stiffness"], pairs["damping"]))
     return tuple(found)

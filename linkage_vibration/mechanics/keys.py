@@ -11,6 +11,9 @@ from linkage_vibration.mechanics.description import MechanismError, Point
 
 _LARGEST = 1e30  # SI; powers of what is larger overflow
 
+STIFFEST, DAMPEST = 1e15, 1e12
+"""Stiffness and damping, SI, beside which links lose more than 1e-6 by rounding."""
+
 
 class Keys:
     """A mapping with its path. It remembers which keys were read.
@@ -112,6 +115,26 @@ class Keys:
         if positive and value <= 0.0:
             raise self.error(key, f"{value:g} is not greater than zero.")
         return value
+
+    def refuse_rigid(self, key: str, value: float, limit: float = STIFFEST) -> None:
+        """Refuse a stiffness or damping, SI, beside which the links lose their digits.
+
+        Parameters
+        ----------
+        key, value, limit
+            The key, the value that was read, and the largest one allowed.
+
+        Raises
+        ------
+        MechanismError
+            If it is larger.
+        """
+        if value > limit:
+            raise self.error(
+                key,
+                f"beside {value:g} the links lose their digits; give up to {limit:g} in SI units, "
+                "or join the bodies rigidly instead.",
+            )
 
     def numbers(self, key: str) -> list[float]:
         """Return a list of finite numbers, at least one."""

@@ -25,7 +25,7 @@ from linkage_vibration.mechanics.description import (
     Spring,
     rayleigh_damping,
 )
-from linkage_vibration.mechanics.keys import Keys
+from linkage_vibration.mechanics.keys import DAMPEST, Keys
 from linkage_vibration.mechanics.springs import read_stiffness
 from linkage_vibration.mechanics.uncertainty import read_uncertainty
 
@@ -59,6 +59,8 @@ def mechanism_from_mapping(mapping: Any, read_body: BodyReader = _no_files) -> M
         At the first missing, unknown or invalid key; it names the key, the problem and the fix.
     """
     top = Keys("", mapping)
+    if "uncertainty" in top:  # of numbers that are valid
+        return _uncertain(top["uncertainty"], mapping, read_body)
     ground = {name: top["ground"].point(name) for name in top["ground"]}
     links = tuple(_link(top["links"][name], name, ground, read_body) for name in top["links"])
     rigid_bodies = tuple(
@@ -97,16 +99,19 @@ def mechanism_from_mapping(mapping: Any, read_body: BodyReader = _no_files) -> M
         base=base,
         gravity=_gravity(top),
     )
-    if "uncertainty" in top:
-        exact = {key: value for key, value in mapping.items() if key != "uncertainty"}
-        uncertainty = read_uncertainty(
-            top["uncertainty"], exact, lambda other: again_from_mapping(other, mechanism)
-        )
-        mechanism = replace(mechanism, uncertainty=uncertainty)
     top.refuse_unknown()
     _check_lengths(mechanism)
     _check_topology(mechanism)
     return mechanism
+
+
+def _uncertain(keys: Keys, mapping: dict[str, Any], read_body: BodyReader) -> Mechanism:
+    """Return the mechanism of a mapping with the uncertainty of its numbers."""
+    exact = {key: value for key, value in mapping.items() if key != "uncertainty"}
+    mechanism = mechanism_from_mapping(exact, read_body)
+    known = read_uncertainty(keys, exact, lambda other: again_from_mapping(other, mechanism))
+    keys.refuse_unknown()
+    return replace(mechanism, uncertainty=known)
 
 
 def again_from_mapping(mapping: dict[str, Any], known: Mechanism) -> Mechanism:
@@ -281,6 +286,7 @@ def _spring(
         raise keys.error(
             "damping", f"{damping:g} would add energy; give 0 or a positive damping constant."
         )
+    keys.refuse_rigid("damping", damping, DAMPEST)
     stiffness = read_stiffness(keys, stroke)
     if stiffness == damping == 0.0:
         raise keys.error("stiffness", "is 0, as is damping; give a positive stiffness or damping.")
@@ -316,14 +322,23 @@ def _check_lengths(mechanism: Mechanism) -> None:
     places.update({f"rigid_bodies.{b.name}.points": b.points for b in mechanism.rigid_bodies})
     if mechanism.base is not None:
         places["base.mounts"] = mechanism.base.body.points
-    for path, points in places.items():
-        for (first, place), (second, other) in itertools.combinations(points, 2):
-            if math.dist(place, other) > _LONGEST:
-                raise MechanismError(
-                    path,
-                    f"{first} and {second} are {math.dist(place, other):g} m apart; lengths are in "
-                    "m, so divide millimetres by 1000.",
-                )
+    pairs = [
+        (path, *pair)
+        for path, points in places.items()
+        for pair in itertools.combinations(points, 2)
+    ]
+    for body in mechanism.rigid:
+        path = "base" if body.name == GROUND else f"rigid_bodies.{body.name}"
+        centre = ("centre_of_gravity", body.centre_of_gravity)
+        pairs += [(path, centre, point) for point in body.points]
+    for path, (first, place), (second, other) in pairs:
+        longest = 2.0 * _LONGEST if first == "centre_of_gravity" else _LONGEST
+        if math.dist(place, other) > longest:
+            raise MechanismError(
+                path,
+                f"{first} and {second} are {math.dist(place, other):g} m apart; lengths are in m, "
+                "so divide millimetres by 1000.",
+            )
 
 
 def _check_topology(mechanism: Mechanism) -> None:

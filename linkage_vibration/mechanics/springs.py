@@ -22,10 +22,14 @@ from linkage_vibration.mechanics.description import (
     Spring,
     StiffnessCurve,
 )
-from linkage_vibration.mechanics.keys import Keys
+from linkage_vibration.mechanics.keys import STIFFEST, Keys
 from linkage_vibration.mechanics.kinematics import Configuration
 
 _DENSE = 20  # places between two given angles at which a curve is checked
+# No cylinder comes near these limits; numbers in millimetres, litres or MPa go beyond them.
+_LONGER = 10.0  # times the closed length: bore and stroke
+_MOST_HOSE = 100.0  # times the volume of a cylinder: that of its hoses
+_SOFTEST = 1e5  # Pa, the bulk modulus of air
 
 
 def spring_stiffness(
@@ -99,6 +103,7 @@ def read_stiffness(keys: Keys, stroke: tuple[float, float]) -> float | Stiffness
             f"{stiffness:g} would push its ends apart; give a positive stiffness, or 0 for a "
             "damper without a spring.",
         )
+    keys.refuse_rigid("stiffness", stiffness)
     return stiffness
 
 
@@ -131,6 +136,7 @@ def _read_curve(keys: Keys, stroke: tuple[float, float]) -> StiffnessCurve:
             f"the curve through them is not above zero at {math.degrees(between[low]):.1f} deg; "
             "give more angles there, or positive values.",
         )
+    keys.refuse_rigid("values", max(values))
     return curve
 
 
@@ -139,15 +145,32 @@ def _read_cylinder(keys: Keys, *, on_joint: bool) -> Cylinder:
     rod = keys.number("rod", positive=True) if "rod" in keys else None
     if rod is not None and rod >= bore:
         raise keys.error("rod", f"{rod:g} m does not fit into a bore of {bore:g} m; check both.")
+    closed = keys.number("closed_length", positive=True)
+    stroke = keys.number("stroke", positive=True)
+    for key, length in (("bore", bore), ("stroke", stroke)):
+        if length > _LONGER * closed:
+            raise keys.error(
+                key,
+                f"{length:g} m does not fit to a closed length of {closed:g} m; lengths are in m.",
+            )
+    hose, swept = keys.number("hose_volume", default=0.0), math.pi / 4.0 * bore**2 * stroke
+    if not 0.0 <= hose <= _MOST_HOSE * swept:
+        raise keys.error(
+            "hose_volume",
+            f"{hose:g} m3 does not fit to the {swept:.3g} m3 of the cylinder; a litre is 1.0e-3.",
+        )
+    modulus = keys.number("bulk_modulus", positive=True)
+    if modulus < _SOFTEST:
+        raise keys.error("bulk_modulus", f"{modulus:g} Pa is no oil; mineral oil has 1.6e+9 Pa.")
     return Cylinder(
         ends=(keys.point("base_end"), keys.point("rod_end")) if on_joint else None,
         count=keys.integer("count", default=1),
         bore=bore,
         rod=rod,
-        stroke=keys.number("stroke", positive=True),
-        closed_length=keys.number("closed_length", positive=True),
-        hose_volume=keys.number("hose_volume", default=0.0),
-        bulk_modulus=keys.number("bulk_modulus", positive=True),
+        stroke=stroke,
+        closed_length=closed,
+        hose_volume=hose,
+        bulk_modulus=modulus,
     )
 
 
@@ -221,6 +244,13 @@ def _column(
     stiffness = slope = 0.0
     for area, height, sign in sides:
         volume = cylinder.hose_volume + area * height
+        if cylinder.count * cylinder.bulk_modulus * area**2 > STIFFEST * volume:
+            raise MechanismError(
+                f"springs.{name}.cylinder",
+                f"at alpha3 = {math.degrees(configuration.alpha3):.2f} deg its oil is only "
+                f"{height:.2g} m high, and as stiff as a rigid body; give hose_volume, or correct "
+                "closed_length.",
+            )
         one = cylinder.count * cylinder.bulk_modulus * area**2 / volume
         stiffness += one
         slope -= sign * one * area / volume

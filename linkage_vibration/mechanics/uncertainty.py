@@ -72,6 +72,8 @@ def _number(
     deviation = keys.number(path)
     if deviation < 0.0:
         raise keys.error(path, f"{deviation:g} is negative; give a standard deviation.")
+    if relative and deviation > 1.0:
+        raise keys.error(path, f"{deviation:g} is more than the number itself; 5 % are 0.05.")
     places = split_paths(path)
     valid = [
         place

@@ -15,6 +15,7 @@ RPM = 1.0 / 60.0
 
 _LEAST, _LARGEST = 1e-6, 1e6  # of a number in a description
 _STEEPEST = 4.0  # of exponents
+_WHEELS = 0.01, 10.0  # m: rolling radii; numbers in millimetres are beyond
 
 
 class ExcitationError(LinkageVibrationError):
@@ -143,9 +144,16 @@ def _orders(keys: Keys, name: str) -> list[Excitation]:
     source = Source(keys.choice("speed", [source.value for source in Source]))
     per_unit = RPM * _in_range(keys, "ratio", keys.number("ratio", default=1.0))
     if source is Source.GROUND:
-        radius = _in_range(keys, "rolling_radius", keys.number("rolling_radius"))
+        radius = keys.number("rolling_radius")
+        if not _WHEELS[0] <= radius <= _WHEELS[1]:
+            limits = " to ".join(f"{limit:g}" for limit in _WHEELS)
+            raise keys.error("rolling_radius", f"{radius:g} is not from {limits}, in m.")
         per_unit *= 60.0 / (2.0 * math.pi * radius)
     orders = keys.numbers("orders")
+    names = [f"{name} {order:g}" for order in orders]
+    for own in names:
+        if names.count(own) > 1:
+            raise keys.error("orders", f"{own!r} occurs twice; give each order once.")
     silent = keys.numbers("no_warning") if "no_warning" in keys else []
     for order in silent:
         if order not in orders:
@@ -153,7 +161,7 @@ def _orders(keys: Keys, name: str) -> list[Excitation]:
     spread, loads = _stddev(keys, "frequency_stddev"), _loads(keys, orders)
     return [
         Excitation(
-            f"{name} {order:g}",
+            names[i],
             source,
             _in_range(keys, f"orders[{i}]", order) * per_unit,
             loads[i],

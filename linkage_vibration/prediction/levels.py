@@ -34,8 +34,11 @@ the magnitudes of its terms; where it is larger, levels are not known."""
 # Of a variance: the largest share of second order over that of first order, and over the square of
 # the value, up to which standard deviations agree with samples within 10 %, in 98 of 100 cases.
 _EVEN, _LARGE = 0.04, 0.25
+_ROUNDING = 1e-20  # of the square of a value: a variance that is only rounding
 _REACH = math.sqrt(3.0)  # standard deviations, to the points at which a response is evaluated
 
+_STATIC = 1e-5  # of the magnitudes of its terms: a static response below is only rounding
+_TINY = float(np.finfo(float).tiny)
 _FIRST_CELLS, _MOST_CELLS = 32, 512  # of a piece of the table
 _CHUNK = 64  # angles that are evaluated together, so that their terms stay in the cache
 
@@ -52,8 +55,8 @@ class Levels:
     velocities, velocity_stddevs, accelerations : ndarray of float32, (n, n_excitations)
         m/s, m/s and m/s^2, root mean square over time.
     amplifications : ndarray of float32, (n, n_excitations)
-        Response over the static response to the same load, 1. Without an amplitude, the load is a
-        force at the response point.
+        Response over the static response to the same load, 1; NaN if there is none. Without an
+        amplitude, the load is a force at the response point.
     total_velocity, total_velocity_stddev, total_acceleration : ndarray of float32, (n,)
         Roots of the sums of squares over the excitations that are known.
     """
@@ -93,6 +96,21 @@ class _Forcing:
     omega: FloatArray  # rad/s; 1 where nothing is known
     known: FloatArray  # 1, or NaN where a speed is not known or zero, or the band is exceeded
     velocity: FloatArray  # m/s, root mean square, per response to a unit load; NaN if not known
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Responses:
+    """Responses to unit loads at n angles, with real and imaginary parts as the first axis.
+
+    They are sums of terms (a + i w b) / D with D = k - w^2 + i w c.
+    """
+
+    above: FloatArray  # (2, n_terms, n_excitations, n): a + i w b
+    terms: FloatArray  # (2, n_terms, n_excitations, n)
+    poles: FloatArray  # (3, n_terms, 1, n): k (both parts) and c
+    sums: FloatArray  # (2, n_excitations, n)
+    squares: FloatArray  # (n_excitations, n): squares of their magnitudes
+    static: FloatArray  # (n_excitations, n): magnitudes of the static responses
 
 
 class LevelTable:
@@ -139,6 +157,7 @@ class LevelTable:
         self._speed = column([load.speed if load else 1.0 for load in loads])
         self._exponent = column([load.exponent if load else 0.0 for load in loads])
         self._deviation = column([load.relative_stddev if load else 0.0 for load in loads])
+        self._moved = column([one.relative_stddev for one in excitations])
         self._soil = column([x is not None and x.kind is LoadKind.BASE_ACCELERATION for x in loads])
         self._loaded = any(loads)
         self._cells: tuple[FloatArray, FloatArray] | None = None
@@ -247,14 +266,9 @@ class LevelTable:
             rms = self._rms * (speed / self._speed) ** self._exponent
             return _Forcing(omega, known, rms * factor * known)
 
-    def _evaluate(
-        self, values: FloatArray, forcing: _Forcing, deviations: FloatArray
-    ) -> FloatArray:
-        """Return everything at n angles, (4 n_excitations + 3, n).
-
-        The terms are (a + i w b) / D with D = k - w^2 + i w c.
-        """
-        layout, n, w = self._layout, values.shape[1], forcing.omega
+    def _responses(self, values: FloatArray, w: FloatArray) -> _Responses:
+        """Return the responses at n angles and angular frequencies, (n_excitations, n)."""
+        layout, n = self._layout, values.shape[1]
         kept = 3 * layout.n_terms
         poles = values[:kept].reshape(3, layout.n_terms, 1, n)
         above = values[kept : layout.terms].reshape(3, layout.n_terms, layout.n_inputs, n)
@@ -262,51 +276,57 @@ class LevelTable:
         rest = values[layout.terms :].reshape(4, layout.n_inputs, n).take(self._inputs, axis=1)
         above[2] *= w
         above[1] += above[2]
-        below = np.empty(above.shape)
-        np.subtract(poles[0], w * w, below[0])
-        np.multiply(poles[2], w, below[1])
-        below[1] += poles[1]
-        below[2] = below[0]
-        square = below[:2] * below[:2]
-        size = square[0] + square[1]
-        terms = _times_conjugate(above[:2], below)
-        terms /= size
-        response = np.empty(rest[:3].shape)
-        np.add.reduce(terms, axis=1, out=response[:2])
-        response[:2] += rest[:2]
-        response[1] += rest[2] * w
-        response[2] = response[0]
-        square = response[:2] * response[:2]
-        square = square[0] + square[1]
-        magnitude = np.sqrt(square)
-        found = np.full((4 * len(w) + 3, n), math.nan)
-        velocity, spread, acceleration, amplification = found[:-3].reshape(4, len(w), n)
-        np.divide(magnitude * forcing.known, rest[3], amplification)
+        terms = _quotient(above[:2], poles[0] - w * w, poles[2] * w + poles[1])
+        sums = np.add.reduce(terms, axis=1)
+        sums += rest[:2]
+        sums[1] += rest[2] * w
+        square = sums * sums
+        return _Responses(above[:2], terms, poles, sums, square[0] + square[1], rest[3])
+
+    def _evaluate(
+        self, values: FloatArray, forcing: _Forcing, deviations: FloatArray
+    ) -> FloatArray:
+        """Return everything at n angles, (4 n_excitations + 3, n)."""
+        w, responses = forcing.omega, self._responses(values, forcing.omega)
+        magnitude = np.sqrt(responses.squares)
+        found = np.full((4 * len(w) + 3, values.shape[1]), math.nan)
+        velocity, spread, acceleration, amplification = found[:-3].reshape(4, *w.shape)
+        np.divide(magnitude * forcing.known, responses.static, out=amplification)
         if not self._loaded:
             return found
-        np.multiply(magnitude, forcing.velocity, velocity)
-        np.multiply(velocity, w, acceleration)
-        known = np.fmax(velocity, 0.0)  # 0 where it is not known
+        np.multiply(magnitude, forcing.velocity, out=velocity)
+        np.multiply(velocity, w, out=acceleration)
+        unknown = 0.0 * np.fmax.reduce(velocity)  # NaN where no level is known
+        known = np.fmax(velocity, 0.0)
         fast = known * w
         total = np.sqrt(np.add.reduce(known * known))
-        total[total == 0.0] = math.nan
-        found[-3], found[-1] = total, np.sqrt(np.add.reduce(fast * fast))
+        found[-3] = total + unknown
+        found[-1] = np.sqrt(np.add.reduce(fast * fast)) + unknown
         if self.states_uncertainty:
-            m = layout.n_modes
-            near = above[:2, :m], terms[:, :m], poles[:, :m]
-            others = np.empty((4 * m, len(w) + 1, n))  # each excitation, and all together
-            own = others[:, :-1]
-            np.multiply(
-                _deviated(*near, response[:2], square, w, deviations), known / magnitude, own
-            )
-            np.sqrt(np.add.reduce(own * own, axis=1), others[:, -1])
-            variance = _variance(others, np.concatenate([known, total[np.newaxis]]))
-            amplitude = known * self._deviation
-            np.sqrt(variance[:-1] + amplitude * amplitude, spread)
-            spread[np.isnan(velocity)] = math.nan
-            amplitude *= known / total
-            found[-2] = np.sqrt(variance[-1] + np.add.reduce(amplitude * amplitude))
+            factor = known / magnitude
+            moved = _deviated(responses, w, deviations, self._moved) * factor
+            variance = _variances(moved, known, total)
+            own = known * self._deviation
+            own *= own
+            if self._moved.any():
+                own += self._by_own_frequencies(values, forcing, known)
+            np.sqrt(variance[:-1] + own, out=spread)
+            spread += 0.0 * velocity  # NaN where the velocity is not known
+            share = known / np.maximum(total, _TINY)
+            found[-2] = np.sqrt(variance[-1] + np.add.reduce(own * share * share)) + unknown
         return found
+
+    def _by_own_frequencies(
+        self, values: FloatArray, forcing: _Forcing, known: FloatArray
+    ) -> FloatArray:
+        """Return variances of known velocities, (n_excitations, n), by those of frequencies."""
+        sides = np.empty((2, *known.shape))
+        for side, sign in zip(sides, (-1.0, 1.0), strict=True):
+            size = 1.0 + sign * _REACH * self._moved
+            magnitude = np.sqrt(self._responses(values, forcing.omega * size).squares)
+            rms = forcing.velocity * np.where(self._soil, 1.0 / size, size)
+            np.fmax(magnitude * rms, 0.0, out=side)
+        return _variance(sides, known)
 
 
 def _cubic(cell: FloatArray, t: float | FloatArray) -> FloatArray:
@@ -325,29 +345,25 @@ def no_levels(n_excitations: int, *n: int) -> Levels:
     return Levels(*each, *[np.full(n, math.nan, np.float32)] * 3)
 
 
-def _times_conjugate(one: FloatArray, other: FloatArray) -> FloatArray:
-    """Return one times the conjugate of another, (2, ...), as real and imaginary part.
+def _quotient(above: FloatArray, real: FloatArray, imaginary: FloatArray) -> FloatArray:
+    """Return a complex number, (2, ...), over another, as real and imaginary part.
 
     Parameters
     ----------
-    one, other : ndarray, (2, ...) and (3, ...)
-        Real and imaginary part; the other has its real part again after these.
+    above : ndarray, (2, ...)
+        Real and imaginary part of the numerator.
+    real, imaginary : ndarray, (...)
+        Those of the denominator.
     """
-    straight, across = one * other[:2], one * other[1:]
-    product = np.empty_like(straight)
-    np.add(straight[0], straight[1], product[0])
-    np.subtract(across[1], across[0], product[1])
-    return product
+    found, across = above * real, above * imaginary
+    found[0] += across[1]
+    found[1] -= across[0]
+    found /= real * real + imaginary * imaginary
+    return found
 
 
 def _deviated(
-    above: FloatArray,
-    terms: FloatArray,
-    poles: FloatArray,
-    response: FloatArray,
-    response_size: FloatArray,
-    w: FloatArray,
-    deviations: FloatArray,
+    responses: _Responses, w: FloatArray, deviations: FloatArray, own: FloatArray
 ) -> FloatArray:
     """Return responses when one frequency or damping ratio deviates, (4 m, n_excitations, n).
 
@@ -358,34 +374,30 @@ def _deviated(
 
     Parameters
     ----------
-    above, terms, poles : ndarray, (2, m, n_excitations, n) and (3, m, 1, n)
-        Numerators of the modes' terms, a + i w b, the terms, and the poles.
-    response, response_size, w : ndarray, (2, n_excitations, n) and (n_excitations, n)
-        Sums of all terms, their squares, and the angular frequencies, rad/s.
+    responses, w : _Responses and ndarray, (n_excitations, n)
+        Those without deviations, and the angular frequencies, rad/s.
     deviations : ndarray, (2, m, n)
         Standard deviations of the logarithms of frequencies, and of damping ratios.
+    own : ndarray, (n_excitations, 1)
+        Relative standard deviations of the frequencies of the excitations.
     """
     m, n = deviations.shape[1:]
+    above, poles = responses.above[:, :m], responses.poles[:, :m]
     step = _REACH * deviations[:, :, np.newaxis]
     k, c = np.empty((2, 2, 2, m, 1, n))  # smaller or larger; frequency or damping ratio
-    ratio = np.sqrt(4.0 * poles[0])  # c over zeta
-    for sign, shift in ((0, -step), (1, step)):
-        size = 1.0 + shift[0]
-        np.multiply(poles[0], size * size, k[sign, 0])
-        np.multiply(poles[2], size, c[sign, 0])
+    ratio = np.sqrt(4.0 * poles[0]) * step[1]
+    for sign, size, decay in ((0, 1.0 - step[0], -ratio), (1, 1.0 + step[0], ratio)):
+        np.multiply(poles[0], size * size, out=k[sign, 0])
+        np.multiply(poles[2], size, out=c[sign, 0])
         k[sign, 1] = poles[0]
-        np.add(poles[2], ratio * shift[1], c[sign, 1])
-    below = np.empty((3, 2, 2, m, *w.shape))
-    np.subtract(k, w * w, below[0])
-    np.multiply(c, w, below[1])
-    below[1] += poles[1]
-    below[2] = below[0]
-    square = below[:2] * below[:2]
-    changed = _times_conjugate(above[:, np.newaxis, np.newaxis], below)
-    changed /= square[0] + square[1]
-    changed += (response[:, np.newaxis] - terms)[:, np.newaxis, np.newaxis]
+        np.add(poles[2], decay, out=c[sign, 1])
+    changed = _quotient(above[:, np.newaxis, np.newaxis], k - w * w, c * w + poles[1])
+    rest = responses.sums[:, np.newaxis] - responses.terms[:, :m]
+    changed += rest[:, np.newaxis, np.newaxis]
     changed *= changed
-    changed[0, :, 0][:, _hides_a_peak(above, response_size, poles, w, deviations[0])] = math.nan
+    stddev = deviations[0, :, np.newaxis]
+    stddev = np.hypot(stddev, own) if own.any() else stddev
+    changed[0, :, 0][:, _hides_a_peak(above, responses.squares, poles, w, stddev)] = math.nan
     return np.asarray(np.sqrt(changed[0] + changed[1]).reshape(4 * m, *w.shape))
 
 
@@ -397,13 +409,29 @@ def _hides_a_peak(
     That is within three standard deviations, if the half-power half-width is less than two of
     them, and the mode's own response there is more than half of the present one.
     """
-    stddev, twice = stddev[:, np.newaxis], 2.0 * poles[0]
-    width = poles[2] * w
-    square = above * above
-    strong = 4.0 * (square[0] + square[1]) > width * width * size
-    near = np.abs(poles[0] - w * w) < 3.0 * stddev * twice
-    sharp = poles[2] * poles[2] < 8.0 * stddev * stddev * twice
-    return np.asarray(strong & near & sharp)
+    twice = 2.0 * poles[0]
+    found = np.abs(poles[0] - w * w) < 3.0 * stddev * twice
+    found &= poles[2] * poles[2] < 8.0 * stddev * stddev * twice
+    if found.any():
+        width, square = poles[2] * w, above * above
+        found &= 4.0 * (square[0] + square[1]) > width * width * size
+    return np.asarray(found)
+
+
+def _variances(moved: FloatArray, known: FloatArray, total: FloatArray) -> FloatArray:
+    """Return the variances of velocities and, last, of their total, (n_excitations + 1, n).
+
+    Parameters
+    ----------
+    moved : ndarray, (4 m, n_excitations, n)
+        Velocities if one mode deviates, as `_deviated` orders them.
+    known, total : ndarray, (n_excitations, n) and (n,)
+        Velocities and their total without deviations.
+    """
+    others = np.empty((len(moved), len(known) + 1, known.shape[1]))
+    others[:, :-1] = moved
+    np.sqrt(np.add.reduce(moved * moved, axis=1), out=others[:, -1])
+    return _variance(others, np.concatenate([known, total[np.newaxis]]))
 
 
 def _variance(others: FloatArray, centre: FloatArray) -> FloatArray:
@@ -424,7 +452,8 @@ def _variance(others: FloatArray, centre: FloatArray) -> FloatArray:
     even *= even
     first, second = np.add.reduce(odd) / 12.0, np.add.reduce(even) / 18.0
     total = first + second
-    known = (second <= _EVEN * first) & (total <= _LARGE * centre * centre)
+    square = centre * centre
+    known = (second <= _EVEN * first + _ROUNDING * square) & (total <= _LARGE * square)
     return np.where(known, total, math.nan)
 
 
@@ -441,10 +470,30 @@ def _sampled(
         pieces.append(samples.refined())
         n_terms = max(n_terms, samples.n_terms)
     layout = _Layout(n_terms, len(inputs), table.n_modes)
-    splines = [CubicSpline(at, _padded(values, layout)) for at, values in pieces]
-    starts = np.concatenate([spline.x[:-1] for spline in splines])
-    cubics = np.concatenate([spline.c.swapaxes(0, 1) for spline in splines])
-    return (starts, np.ascontiguousarray(cubics)), layout
+    starts = np.concatenate([at[:-1] for at, _, _ in pieces])
+    parts = [_cubics(at, _padded(values, layout), lost) for at, values, lost in pieces]
+    return (starts, np.concatenate(parts)), layout
+
+
+def _spline(at: FloatArray, values: FloatArray) -> CubicSpline:
+    """Return the spline through values, with 0 for those that are not known."""
+    return CubicSpline(at, np.nan_to_num(values, nan=0.0))
+
+
+def _cubics(at: FloatArray, values: FloatArray, lost: BoolArray) -> FloatArray:
+    """Return the cubics between angles, (n_cells, 4, n_values); NaN where they are not known.
+
+    Parameters
+    ----------
+    at, values : ndarray, (n_cells + 1,) and (n_cells + 1, n_values)
+        rad, and the values there, NaN where they are not known.
+    lost : ndarray of bool, (n_cells,)
+        Where a cubic is not accurate.
+    """
+    unknown = np.isnan(values)
+    unknown = unknown[:-1] | unknown[1:] | lost[:, np.newaxis]
+    cubics = _spline(at, values).c.swapaxes(0, 1)
+    return np.where(unknown[:, np.newaxis], math.nan, cubics)
 
 
 def _padded(values: FloatArray, layout: _Layout) -> FloatArray:
@@ -473,18 +522,15 @@ class _Samples:
         self._known: dict[float, FloatArray] = {}
         self.n_terms = 0
 
-    def refined(self) -> tuple[FloatArray, FloatArray]:
-        """Return angles and values; NaN around cells whose middle is not met."""
+    def refined(self) -> tuple[FloatArray, FloatArray, BoolArray]:
+        """Return angles, values, and the cells between them whose middle is not met."""
         cells = _FIRST_CELLS
         while True:
             at, values = self._along(2 * cells)
-            found = CubicSpline(at[::2], values[::2])(at[1::2])
+            found = _spline(at[::2], values[::2])(at[1::2])
             wrong = ~(self._errors(found, values[1::2]) <= ERROR)
-            if not wrong.any():
-                return at, values
-            if cells >= _MOST_CELLS:
-                values[1::2][wrong] = math.nan
-                return at, values
+            if not wrong.any() or cells >= _MOST_CELLS:
+                return at, values, wrong.repeat(2)
             cells *= 2
 
     def _along(self, cells: int) -> tuple[FloatArray, FloatArray]:
@@ -531,11 +577,11 @@ class _Samples:
             response, rate = one.response(own, alpha3)
             a, b = response.residues[0, 0, order], response.rates[0, 0, order]
             columns.append([a.real, a.imag, b.real])
-            static = abs(complex((a / k).sum() + response.residual[0, 0]))
             residual = complex(response.residual[0, 0])
-            rests.append(
-                [residual.real, residual.imag, complex(rate[0, 0]).real, static or math.nan]
-            )
+            static = abs(complex((a / k).sum()) + residual)
+            if not static > _STATIC * (float(np.abs(a / k).sum()) + abs(residual)):
+                static = math.nan
+            rests.append([residual.real, residual.imag, complex(rate[0, 0]).real, static])
         above = np.transpose(columns, (1, 2, 0))
         values = [*parts, above.ravel(), np.transpose(rests).ravel()]
         return np.concatenate(values), roots[order]

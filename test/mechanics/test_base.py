@@ -248,6 +248,9 @@ def test_calibration_fits_the_base(tmp_path: Path, tractor: LinkageModel) -> Non
         (lambda base: base["mounts"]["rear_axle"].update(stiffness=[-1.0, 0.0]), "rear_axle.stiff"),
         (lambda base: base["mounts"]["rear_axle"].update(damping=3.0), "rear_axle.damping"),
         (lambda base: base["mounts"]["rear_axle"].update(stifness=3.0), "rear_axle.stifness"),
+        (lambda base: base["mounts"]["rear_axle"].update(stiffness=[2e15, 0.0]), "axle.stiffness"),
+        (lambda base: base["mounts"]["rear_axle"].update(damping=[0.0, 2e12]), "axle.damping"),
+        (lambda base: base.update(centre_of_gravity=[1600.0, 100.0]), "base"),
         (lambda base: base["mounts"].update(E1=base["mounts"]["rear_axle"]), "base.mounts.E1"),
         (lambda base: base["mounts"].update(P1=base["mounts"]["rear_axle"]), "base.mounts.P1"),
     ],
@@ -260,6 +263,16 @@ def test_invalid_base_is_refused(spoil: Callable[[Any], object], path: str) -> N
     with pytest.raises(MechanismError) as caught:
         mechanism_from_mapping(mapping)
     assert path in caught.value.path
+
+
+def test_hardest_mounts_hold_the_base(clamped: LinkageModel) -> None:
+    """Mounts and dampers as hard as they may be clamp the linkage, within rounding."""
+    for hard in ({"stiffness": [1e15, 1e15]}, {"stiffness": [0.0, 0.0], "damping": [1e12, 1e12]}):
+        mounts = {name: {"at": [at, 0.0], **hard} for name, at in (("rear", 0.6), ("front", 3.1))}
+        found = LinkageModel(on_base(mounts=mounts)).solve(2.4).natural_frequencies
+        expected = clamped.solve(2.4).natural_frequencies[:3]
+        near = found[np.abs(found[:, np.newaxis] - expected).argmin(axis=0)]
+        np.testing.assert_allclose(near, expected, rtol=1e-6)
 
 
 def test_hash_of_a_linkage_without_base_is_that_before_bases_existed(

@@ -131,6 +131,13 @@ def _curve(angles: list[float], values: list[float]) -> dict[str, Any]:
         (_cylinder(bore=-1.0), "cylinder.bore"),
         (_cylinder(rod=0.2), "cylinder.rod"),
         (_cylinder(bulk=1.0), "cylinder.bulk"),
+        (_cylinder(bore=80.0), "cylinder.bore"),
+        (_cylinder(stroke=160.0), "cylinder.stroke"),
+        (_cylinder(hose_volume=-1e-4), "cylinder.hose_volume"),
+        (_cylinder(hose_volume=0.5), "cylinder.hose_volume"),
+        (_cylinder(bulk_modulus=1600.0), "cylinder.bulk_modulus"),
+        ({"joint": "P3", "stiffness": 2e15}, "stiffness"),
+        ({"joint": "P3", "damping": 2e12}, "damping"),
         (_curve([90, 180], [1e6]), "stiffness.values"),
         (_curve([180, 90], [1e6, 1e6]), "stiffness.alpha3_deg"),
         (_curve([100, 180], [1e6, 1e6]), "stiffness.alpha3_deg"),
@@ -143,6 +150,15 @@ def test_invalid_stiffness_is_refused(spring: dict[str, Any], path: str) -> None
     with pytest.raises(MechanismError) as caught:
         sprung(spring)
     assert caught.value.path == f"springs.oil.{path}"
+
+
+def test_oil_without_height_is_refused() -> None:
+    """A piston at its end, without hoses, would be rigid; the error says where."""
+    pin, foot = np.array([-0.064, 0.385]), np.array([-0.050, 0.025])
+    length = math.dist(pin + 0.090 * np.array([-math.sin(2.0), math.cos(2.0)]), foot)
+    spring = _cylinder(closed_length=length - 1e-12, hose_volume=0.0)
+    with pytest.raises(MechanismError, match=r"at alpha3 = 114\.59 deg its oil is only 1e-12"):
+        stiffness(sprung(spring), 2.0)
 
 
 def test_piston_beyond_its_end_is_refused() -> None:

@@ -52,6 +52,7 @@ def test_hash_includes_what_is_uncertain(mapping: Any, mechanism: Mechanism) -> 
         ({"relative": {"response.band_hz.1": 0.1}}, "no number that can be uncertain"),
         ({"relative": {MASS: -0.1}}, "-0.1 is negative"),
         ({"relative": {MASS: "10 %"}}, "is text, not a number"),
+        ({"relative": {MASS: 10}}, "10 is more than the number itself; 5 % are 0.05"),
         ({"relative": {"ground.P1.0": 0.1}}, "the number is 0"),
         ({"relative": {MASS: 0.1}, "absolute": {MASS: 3.0}}, "also under relative"),
         ({"relative": {f"{MASS}, {INERTIA}": 0.1}}, "hold different numbers"),
@@ -82,3 +83,12 @@ def test_errors_name_the_key_and_the_remedy(mapping: Any, claims: Any, message: 
     with pytest.raises(MechanismError, match=message) as caught:
         mechanism_from_mapping(mapping)
     assert caught.value.path.startswith("uncertainty")
+
+
+def test_errors_of_the_mechanism_come_first(mapping: Any) -> None:
+    """A misspelt key is named itself, not by the first number that is uncertain."""
+    mapping["uncertainty"] = {"relative": {MASS: 0.1}}
+    mapping["dampping"] = mapping["damping"]
+    with pytest.raises(MechanismError, match="did you mean damping") as caught:
+        mechanism_from_mapping(mapping)
+    assert caught.value.path == "dampping"

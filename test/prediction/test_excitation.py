@@ -53,6 +53,11 @@ def test_orders_of_shafts_and_tyres() -> None:
         ),
         ({"a": {"speed": "ground", "orders": [1]}}, "excitations.a.rolling_radius"),
         (
+            {"a": {"speed": "ground", "orders": [1], "rolling_radius": 800}},
+            "rolling_radius: 800 is not from 0.01 to 10, in m",
+        ),
+        ({"a": {"speed": "pto", "orders": [1, 2, 1]}}, "a.orders: 'a 1' occurs twice"),
+        (
             {"a": {"speed": "pto", "orders": [1], "rolling_radius": 1}},
             "radius: this key is not known",
         ),

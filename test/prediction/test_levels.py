@@ -177,6 +177,52 @@ def test_standard_deviations_by_an_independent_sample(name: str) -> None:
     assert np.quantile(errors, 0.98) < 0.1
 
 
+def test_deviations_of_the_own_frequency() -> None:
+    """What a speed leaves open is that of 2000 speeds within 10 %, but for 2 in 100."""
+    rotor = {**ORDERS["rotor"], "exponent": 0, "amplitude_stddev": 0.0}  # type: ignore[dict-item]
+    orders = {
+        name: {**one, "frequency_stddev": 0.02}  # type: ignore[dict-item]
+        for name, one in {"rotor": rotor, "shaft": ORDERS["shaft"]}.items()
+    }
+    found, _, predictor = shipped("three_point_linkage_on_tractor", orders)
+    rng, count, errors = np.random.default_rng(5), 2000, list[float]()
+    exact = np.zeros((count, 2, predictor.table.n_modes))
+    for _ in range(60):
+        alpha3, pto = rng.uniform(1.6, 3.1), rng.uniform(100.0, 1500.0)
+        level = found.at(alpha3, speeds(pto=pto), exact[0])
+        drawn = np.full((3, count), pto) * (1.0 + 0.02 * rng.standard_normal(count))
+        sampled = found.many(np.full(count, alpha3), drawn, exact).velocities
+        stated = level.velocity_stddevs / sampled.std(axis=0, dtype=float)
+        errors += np.abs(stated[~np.isnan(stated)] - 1.0).tolist()
+        parts = level.velocities * level.velocity_stddevs / level.total_velocity
+        total = float(np.sqrt(np.square(parts[~np.isnan(level.velocities)]).sum()))
+        assert level.total_velocity_stddev == pytest.approx(total, rel=1e-5, nan_ok=True)
+    assert len(errors) > 120
+    assert np.quantile(errors, 0.98) < 0.1
+
+
+def test_totals_of_nothing() -> None:
+    """Amplitudes of zero add up to zero, and the total of what is not known is not known."""
+    still = {**ORDERS["rotor"], "force": [0.0, 0.0]}  # type: ignore[dict-item]
+    found, _, predictor = shipped("three_point_linkage_on_tractor", {"rotor": still})
+    stddev = deviations(predictor, 2.0, 0.01, 0.1)
+    level, unknown = (found.at(2.0, speeds(pto=pto), stddev) for pto in (540.0, math.nan))
+    for name in ("total_velocity", "total_velocity_stddev", "total_acceleration"):
+        assert getattr(level, name) == 0.0
+        assert np.isnan(getattr(unknown, name))
+
+
+def test_load_without_a_static_response() -> None:
+    """A slow motion of the soil along x does not lift the hitch, so nothing is amplified."""
+    road: dict[str, Any] = {"speed": "ground", "rolling_radius": 0.8, "orders": [1]}
+    road["base_acceleration"] = [1.0]
+    orders = {axis: {**road, "at": f"base.{axis}", "at_speed": 5.0} for axis in "xz"}
+    found, _, predictor = shipped("three_point_linkage_on_tractor", orders)
+    level = found.at(2.2, speeds(ground=5.0), deviations(predictor, 2.2, 0.0, 0.0))
+    assert np.isnan(level.amplifications).tolist() == [True, False]
+    assert (level.velocities > 0.0).all()
+
+
 def test_what_is_not_known() -> None:
     """Above the band, and for deviations without a basis, numbers are NaN."""
     found, _, predictor = shipped("three_point_linkage")
