@@ -48,6 +48,7 @@ TEST = [
     *OPTIONAL,
     "coverage>=7.10",
     "exudyn; platform_machine == 'x86_64'",
+    "fmpy",
     "hypothesis",
     "mcap-ros2-support",
     "mypy",
@@ -63,6 +64,7 @@ TEST = [
 BENCH = [
     *OPTIONAL,
     "exudyn",
+    "fmpy",
     "gmsh",
     "hypothesis",
     "mcap-ros2-support",
@@ -96,7 +98,11 @@ setup(
     license="Apache-2.0",
     python_requires=">=3.10",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
-    package_data={NAME: ["py.typed"], f"{NAME}.review": ["page/*"]},
+    package_data={
+        NAME: ["py.typed"],
+        f"{NAME}.export": ["templates/*"],
+        f"{NAME}.review": ["page/*"],
+    },
     data_files=installed_files(),
     zip_safe=False,
     install_requires=[

@@ -30,6 +30,7 @@ STEPS = (
     "warnings",
     "motion",
     "tutorial",
+    "export_c",
     "latency",
     "rebuild",
     "signals",

@@ -23,6 +23,7 @@ ROOMS = [
     "prediction",
     "readers",
     "messages",
+    "export",
     "drawing",
     "playback",
     "review",
@@ -93,6 +94,8 @@ def test_walls(path: Path) -> None:
         assert not tops & ROS
     if room(path) == "bags":
         assert own <= {"bags", "errors", "support"}
+    if room(path) == "export":
+        assert own <= {"export", "table", "messages", "support", "errors"}
     if room(path) == "mechanics":
         assert tops <= PURE | {"linkage_vibration"}
         assert own <= {"mechanics", "errors"}

@@ -27,6 +27,7 @@ DISTRIBUTIONS = {
     "dask": ("dask", None),
     "distributed": ("distributed", None),
     "exudyn": ("exudyn", None),
+    "fmpy": ("fmpy", None),
     "gmsh": ("gmsh", None),
     "hypothesis": ("hypothesis", "python3-hypothesis"),
     "launch": (None, "launch"),  # comes with ROS 2 alone

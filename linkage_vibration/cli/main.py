@@ -25,6 +25,7 @@ SUBCOMMANDS = (
     "calibrate",
     "plan",
     "sweep",
+    "export",
     "reproduce",
     "recover",
     "replay",

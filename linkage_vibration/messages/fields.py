@@ -6,7 +6,8 @@ This is the only list of fields: encoders, log schemas and the check of the inst
 classes are derived from it.
 """
 
-from dataclasses import dataclass
+import re
+from dataclasses import dataclass, field
 from functools import cache
 
 from linkage_vibration.messages.definitions import message_text
@@ -31,11 +32,19 @@ class Field:
     type : str
         ``string``, or the name of a number type such as ``float64``.
     is_sequence : bool
+    comment : str
+        What the definition says: the unit of a number, a comma, and its meaning.
     """
 
     name: str
     type: str
     is_sequence: bool
+    comment: str = field(default="", compare=False)
+
+    @property
+    def unit(self) -> str:
+        """The unit of a number, such as Hz or 1."""
+        return re.split("[,;]", self.comment)[0]
 
 
 @cache
@@ -44,16 +53,24 @@ def message_fields(type_name: str) -> tuple[Field, ...]:
     return tuple(_parse(message_text(type_name), ""))
 
 
+@cache
+def message_constants(type_name: str) -> dict[str, int]:
+    """Return the constants of one of our messages by their names."""
+    lines = re.findall(r"^u?int8 (\w+) = (-?\d+)$", message_text(type_name), re.MULTILINE)
+    return {name: int(value) for name, value in lines}
+
+
 def _parse(text: str, prefix: str) -> list[Field]:
     """Return the fields that a ``.msg`` text defines; constants are left out."""
     fields: list[Field] = []
     for line in text.splitlines():
-        words = line.split("#")[0].split()
+        code, _, comment = line.partition("#")
+        words = code.split()
         if not words or "=" in words:
             continue
         kind, name = words[0].removesuffix("[]"), prefix + words[1]
         if kind in _NESTED:
             fields += _parse(_NESTED[kind], f"{name}.")
         else:
-            fields.append(Field(name, kind, words[0].endswith("[]")))
+            fields.append(Field(name, kind, words[0].endswith("[]"), comment.strip()))
     return fields

@@ -167,6 +167,16 @@ class LevelTable:
             self._starts = self._cells[0].tolist()
         self._last: tuple[tuple[float, ...], _Forcing] | None = None
 
+    @property
+    def arrays(self) -> tuple[FloatArray, FloatArray, int, IntArray]:
+        """Starts and cubics of the cells, the number of terms, and each excitation's input.
+
+        Without FRFs there are neither cells nor terms.
+        """
+        if self._cells is None:
+            return np.empty(0), np.empty((0, 4, 0)), 0, self._inputs
+        return *self._cells, self._layout.n_terms, self._inputs
+
     def terms(self, alpha3: FloatArray) -> tuple[FloatArray, FloatArray, IntArray]:
         """Return the terms (a + s b) / (k + c s + s^2) of the responses, those of the modes first.
 

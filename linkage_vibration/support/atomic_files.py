@@ -25,6 +25,7 @@ _WRITERS = {
     ".npz": "build MECHANISM -o",
     ".nc": "sweep DESIGNS -o",
     ".yaml": "plan MECHANISM -o",
+    ".fmu": "export TABLE --fmu",
     ".bag": "",
     ".db3": "",
 }

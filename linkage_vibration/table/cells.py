@@ -79,6 +79,11 @@ class Cells:
             plain[i] = None
         self._plain = self._starts.tolist(), plain
 
+    @property
+    def arrays(self) -> tuple[FloatArray, FloatArray]:
+        """The starts and the cubics of the cells."""
+        return self._starts, self._cells
+
     def values(self, alpha3: float) -> list[float]:
         """Return the k values at an angle in rad."""
         starts, cells = self._plain

@@ -352,6 +352,11 @@ class Table:
             result[rows, n:] = np.hstack([np.take_along_axis(x, best, 1) for x in (at, size)])
         return result
 
+    @property
+    def cells(self) -> Cells:
+        """What looks up values: 2 n_modes + 2 n_peaks of them, as `interpolate` uses them."""
+        return self._lookup
+
     def polynomials(self, piece: int, alpha3: FloatArray) -> FloatArray:
         """Evaluate the values of a piece without cells, (n, 2 n_modes + 2 n_peaks).
 

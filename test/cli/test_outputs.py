@@ -36,6 +36,7 @@ OVERWRITES = {
     "review": ["log.mcap", "-o", "log.mcap"],
     "diff": ["log.mcap", "drive.mcap", "-o", "log.mcap"],
     "pose": ["linkage.yaml", "-o", "linkage.yaml"],
+    "export": ["table.npz", "--fmu", "table.npz"],
     "inclinometer": ["drive.mcap", "--mechanism", "linkage.yaml", "-o", "linkage.yaml"],
 }
 FOLDERS = {"demo", "reproduce"}  # These commands write new files into a folder.
@@ -48,6 +49,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     shutil.copy(DRIVE, folder / "drive.mcap")
     replay(DRIVE, folder / "log.mcap")
     shutil.copy(config_file("three_point_linkage.yaml"), folder / "linkage.yaml")
+    shutil.copy(config_file("tables/three_point_linkage.npz"), folder / "table.npz")
     (folder / "fit.yaml").write_text("mechanism: linkage.yaml\n")
     return folder
 
@@ -73,7 +75,8 @@ def test_every_command_that_writes_is_tried() -> None:
         for action in argument_parser()._actions
         if isinstance(action, argparse._SubParsersAction)
     )
-    writing = {name for name in SUBCOMMANDS if "--output" in parsers.choices[name].format_help()}
+    texts = {name: parsers.choices[name].format_help() for name in SUBCOMMANDS}
+    writing = {name for name, text in texts.items() if "--output" in text or "--fmu" in text}
     assert writing == OVERWRITES.keys() | FOLDERS
 
 

@@ -1,0 +1,173 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Write a table as C source or as an FMU, where there is no Python.
+
+With --excitations, the export also compares orders with natural frequencies, and computes the
+response to each order where its amplitude and the FRFs of the table are known.
+"""
+
+import argparse
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from linkage_vibration.export.constants import Constants, Orders
+    from linkage_vibration.mechanics.description import Mechanism
+    from linkage_vibration.prediction.excitation import Excitation
+    from linkage_vibration.table.table import Table
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument(
+        "table", nargs="?", type=Path, help="table to export (default: the shipped one)"
+    )
+    text = "folder for a header, a source file in C99 and a test; it is created if it is missing"
+    parser.add_argument("--c", type=Path, metavar="DIR", help=text)
+    text = "FMU to write, for co-simulation and model exchange"
+    parser.add_argument("--fmu", type=Path, metavar="FILE", help=text)
+    text = "version of FMI (default: %(default)s)"
+    parser.add_argument("--fmi", type=int, choices=(2, 3), default=2, help=text)
+    text = "leave out the compiled library of the FMU; an importer compiles its sources"
+    parser.add_argument("--source-only", action="store_true", help=text)
+    text = "single instead of double precision; the files say how large the errors are"
+    parser.add_argument("--single", action="store_true", help=text)
+    parser.add_argument(
+        "--tolerance",
+        type=float,
+        help="use as few cells as give natural frequencies and damping ratios of the table within "
+        "this relative error, and its peak within a hundred times as much (default: all cells, "
+        "which give the same bits as Python)",
+    )
+    text = "YAML file of excitations, for margins and responses by order"
+    parser.add_argument("--excitations", type=Path, metavar="FILE", help=text)
+    text = "YAML file of the table's mechanism, for responses (default: the shipped linkage)"
+    parser.add_argument("--mechanism", type=Path, help=text)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Write the files and print the errors; return the exit code.
+
+    Raises
+    ------
+    ExportError
+        If no output is given, or the table cannot be exported.
+    """
+    from linkage_vibration.export.constants import ExportError, constants_of, fewer_cells
+    from linkage_vibration.export.evaluation import exported
+    from linkage_vibration.support.atomic_files import check_outputs, check_suffix, write_bytes
+    from linkage_vibration.support.resources import DEFAULT_TABLE, config_file
+
+    if options.c is None and options.fmu is None:
+        raise ExportError("Nothing is written; give --c DIR for C, or --fmu FILE for an FMU.")
+    path = options.table or config_file(DEFAULT_TABLE)
+    inputs = [path, *filter(None, [options.excitations, options.mechanism])]
+    if options.fmu is not None:
+        check_outputs([options.fmu], inputs)
+        check_suffix(options.fmu, ".fmu")
+    table, orders = _read(options, path)
+    constants = fewer = constants_of(table, orders)
+    if options.tolerance is not None:
+        fewer = fewer_cells(constants, options.tolerance)
+    chosen, errors = exported(constants, fewer, in_single=options.single)
+    files = _files(options, table, chosen, errors.text)
+    check_outputs(list(files), inputs)
+    for file, data in files.items():
+        write_bytes(file, data, ExportError)
+        print(f"Written: {file}")
+    print(
+        f"Table {table.table_id} of {table.mechanism_name}: {len(chosen.starts)} of "
+        f"{len(constants.starts)} cells, {chosen.size} bytes of constants. {errors.text}"
+    )
+    return 0
+
+
+def _files(
+    options: argparse.Namespace, table: "Table", constants: "Constants", errors: str
+) -> dict[Path, bytes]:
+    """Return the contents of the files to write."""
+    from linkage_vibration.export.c_source import c_files, description_of
+    from linkage_vibration.export.fmu import fmu_bytes
+
+    description, found = description_of(table, errors), dict[Path, bytes]()
+    if options.c is not None:
+        _make_folder(options.c)
+        texts = c_files(description, constants)
+        found |= {options.c / name: text.encode() for name, text in texts.items()}
+    if options.fmu is not None:
+        compiled = not options.source_only
+        found[options.fmu] = fmu_bytes(description, constants, options.fmi, compiled=compiled)
+    return found
+
+
+def _make_folder(folder: Path) -> None:
+    """Create a folder if it is missing."""
+    from linkage_vibration.export.constants import ExportError
+
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ExportError(
+            f"{folder}: the folder cannot be created ({error.strerror}); give another one."
+        ) from None
+
+
+def _read(options: argparse.Namespace, path: Path) -> "tuple[Table, Orders | None]":
+    """Return the table, and the excitations of the options with their responses."""
+    from linkage_vibration.prediction.settings import Parameters
+    from linkage_vibration.readers.excitations import read_excitations
+    from linkage_vibration.readers.mechanism import read_mechanism
+    from linkage_vibration.table.table import load_table
+
+    if options.excitations is None:
+        return load_table(path), None
+    settings = Parameters(mechanism_file=str(options.mechanism or ""))
+    mechanism = read_mechanism(settings.mechanism_path())
+    table = load_table(path, mechanism)
+    return table, orders_of(table, mechanism, read_excitations(options.excitations))
+
+
+def orders_of(
+    table: "Table", mechanism: "Mechanism", excitations: "Sequence[Excitation]"
+) -> "Orders":
+    """Return excitations with the responses to them, as an export contains them.
+
+    Parameters
+    ----------
+    table, mechanism, excitations
+        The table, its mechanism, and excitations of this mechanism.
+    """
+    import numpy as np
+
+    from linkage_vibration.export.constants import Orders
+    from linkage_vibration.prediction.levels import LevelTable
+    from linkage_vibration.prediction.predictor import Predictor
+
+    levels = LevelTable(Predictor(table), mechanism, excitations)
+    starts, cubics, n_terms, inputs = levels.arrays
+    return Orders(
+        names=tuple(one.name for one in excitations),
+        sources=tuple(one.source.value for one in excitations),
+        ratios=np.array([one.ratio for one in excitations]),
+        forces=np.array([_force(one) for one in excitations]),
+        inputs=tuple(inputs.tolist()),
+        n_terms=n_terms,
+        n_inputs=int(inputs.max()) + 1,
+        starts=starts,
+        cubics=cubics,
+        highest_frequency=table.band[1],
+    )
+
+
+def _force(one: "Excitation") -> tuple[float, float, float, float]:
+    """Return the load of an excitation as `Orders.forces` has it."""
+    from linkage_vibration.prediction.excitation import LoadKind
+
+    load = one.load
+    if load is None:
+        return math.nan, 1.0, 0.0, 0.0
+    soil = float(load.kind is LoadKind.BASE_ACCELERATION)
+    return load.amplitude / math.sqrt(2.0), load.speed, load.exponent, soil

@@ -1,0 +1,311 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Writes the numbers of a table into templates, as one C header, one source file and a test."""
+
+import math
+import re
+import textwrap
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from linkage_vibration.export.constants import Constants, Orders, Reals
+from linkage_vibration.export.evaluation import NUMBERS, evaluate
+from linkage_vibration.messages.fields import message_constants, message_fields
+from linkage_vibration.messages.topics import PREDICTION, RESONANCE
+from linkage_vibration.support.version import VERSION
+from linkage_vibration.table.table import Table
+
+SOURCES = ("engine", "pto", "ground")
+"""The speeds of excitations, in the order of the indices in C."""
+
+_TEMPLATES = Path(__file__).with_name("templates")
+_WIDTH = 96  # characters of a line
+_TESTED = 1000  # angles of the generated test
+_SEED = 2
+_LONGEST_NAME = 40
+
+
+@dataclass(frozen=True)
+class Description:
+    """What an export says about its table.
+
+    Attributes
+    ----------
+    mechanism_name, table_id : str
+    mode_labels : tuple of str, (n_modes,)
+        As `Table.mode_label` returns them.
+    errors : str
+        A sentence about measured errors.
+    """
+
+    mechanism_name: str
+    table_id: str
+    mode_labels: tuple[str, ...]
+    errors: str
+
+    @property
+    def prefix(self) -> str:
+        """How all names in C begin."""
+        plain = re.sub(r"[^0-9A-Za-z]+", "_", self.mechanism_name).strip("_")[:_LONGEST_NAME]
+        return f"lv_{plain.lower() or self.table_id}"
+
+
+def description_of(table: Table, errors: str) -> Description:
+    """Return what an export says about a table.
+
+    Parameters
+    ----------
+    table, errors
+        The table, and a sentence about measured errors.
+    """
+    labels = tuple(table.mode_label(mode) for mode in range(table.n_modes))
+    return Description(table.mechanism_name, table.table_id, labels, errors)
+
+
+def c_files(description: Description, constants: Constants) -> dict[str, str]:
+    """Return the header, the source and the test by their names.
+
+    Parameters
+    ----------
+    description, constants
+        What the files say, and the numbers that they contain.
+    """
+    prefix = description.prefix
+    values = _values(description, constants)
+    files = {f"{prefix}.h": "table.h.in", f"{prefix}.c": "table.c.in"}
+    found = {name: filled(template, values) for name, template in files.items()}
+    found[f"{prefix}_test.c"] = filled("test.c.in", values | _test_values(constants))
+    return found
+
+
+def filled(template: str, values: Mapping[str, str]) -> str:
+    """Return a template with its values.
+
+    Parameters
+    ----------
+    template : str
+        Name of a file in the folder of the templates.
+    values : mapping
+        What stands for each name between two ``@``.
+    """
+    text = (_TEMPLATES / template).read_text(encoding="utf-8")
+    return re.sub(r"@(\w+)@", lambda match: values[match[1]], text)
+
+
+def literal(value: float, suffix: str = "") -> str:
+    """Return a number in C, as a hexadecimal float that is exact.
+
+    Parameters
+    ----------
+    value, suffix
+        The number, and the suffix of its type.
+
+    Examples
+    --------
+    >>> literal(0.1), literal(-2.0, "f"), literal(float("nan"))
+    ('0x1.999999999999ap-4', '-0x1p+1f', 'NAN')
+    """
+    if math.isnan(value):
+        return "NAN"
+    if math.isinf(value):
+        return "INFINITY" if value > 0.0 else "-INFINITY"
+    mantissa, exponent = float(value).hex().split("p")
+    return f"{mantissa.rstrip('0').rstrip('.')}p{exponent}{suffix}"
+
+
+def comment(text: str) -> str:
+    """Return a text that cannot end a comment in C, nor disturb its line.
+
+    Examples
+    --------
+    >>> comment("crank */ int main(void)")
+    'crank * / int main(void)'
+    """
+    plain = "".join(c if c.isascii() and c.isprintable() else f"<U+{ord(c):04X}>" for c in text)
+    return plain.replace("*/", "* /").replace("/*", "/ *").replace("??", "? ?")
+
+
+def _suffix(constants: Constants) -> str:
+    return "f" if constants.starts.dtype == np.float32 else ""
+
+
+def _values(description: Description, constants: Constants) -> dict[str, str]:
+    """Return what stands for each name in the templates of header and source."""
+    prefix, f = description.prefix, _suffix(constants)
+    low, high = (math.degrees(angle) for angle in constants.alpha3_range)
+    turns = ", of any turn" if constants.turns else ""
+    common = {
+        **{field.name: comment(field.comment) for field in message_fields(PREDICTION)},
+        "prefix": prefix,
+        "PREFIX": prefix.upper(),
+        "f": f,
+        "version": VERSION,
+        "title": comment(
+            f"Vibration of {description.mechanism_name}: natural frequencies at any crank angle."
+        ),
+        "facts": _facts(description, constants),
+        "table_id": description.table_id,
+        "real": "float" if f else "double",
+        "in_double": ", whose numbers were rounded to single precision" if f else "",
+        "range": f"{low:.6g} to {high:.6g} deg{turns}",
+        "statuses": _statuses(prefix.upper()),
+        "modes": str(constants.n_modes),
+        "peaks": str(constants.n_peaks),
+        "values": str(constants.cubics.shape[2]),
+        **_arrays(constants, f),
+    }
+    orders = constants.orders
+    header = source = ""
+    if orders is not None:
+        own = common | _order_values(orders, constants, f)
+        header, source = filled("orders.h.in", own), filled("orders.c.in", own)
+    return common | {"orders_header": header, "orders_source": source}
+
+
+def _facts(description: Description, constants: Constants) -> str:
+    """Return the lines of a comment about the table."""
+    n = len(constants.starts)
+    lines = [f"Table {description.table_id}, of the mechanism {description.mechanism_name}."]
+    lines += [f"M{label[1:]}" for label in description.mode_labels]
+    lines += [f"{n} cells; {constants.size} bytes of constants.", description.errors]
+    found = []
+    for line in lines:
+        found += textwrap.wrap(comment(line), _WIDTH) or [""]
+    return "\n".join(f" * {line}".rstrip() for line in found)
+
+
+def _statuses(prefix: str) -> str:
+    """Return the constants of the status as macros."""
+    known = message_constants(PREDICTION)
+    return "\n".join(f"#define {prefix}_{name} {value}" for name, value in known.items())
+
+
+def _arrays(constants: Constants, f: str) -> dict[str, str]:
+    """Return the scalars and the arrays of constants."""
+    pairs = {"range": constants.alpha3_range, "sound": constants.sound_range}
+    ends = {
+        f"{name}_{end}": literal(value, f)
+        for name, pair in (*pairs.items(), ("band", constants.band))
+        for end, value in zip(("low", "high"), pair, strict=True)
+    }
+    return {
+        **ends,
+        "turns": str(int(constants.turns)),
+        "turn": literal(2.0 * math.pi if not f else float(np.float32(2.0 * math.pi)), f),
+        "farthest": literal(constants.farthest, f),
+        "cells": str(len(constants.starts)),
+        "pieces": str(len(constants.piece_starts)),
+        "parameter_rows": str(len(constants.parameters)),
+        "parameter_step": literal(constants.parameter_step, f),
+        "noise_rows": str(len(constants.noise)),
+        "cell_starts": _rows(constants.starts, f),
+        "cell_cubics": _rows(constants.cubics.swapaxes(1, 2), f),
+        "piece_starts": _rows(constants.piece_starts, f),
+        "piece_errors": _rows(constants.piece_errors, f),
+        "parameters": _rows(constants.parameters, f),
+        "noise_angles": _rows(constants.noise_angles, f),
+        "noise": _rows(constants.noise, f),
+    }
+
+
+def _rows(values: Reals, f: str) -> str:
+    """Return the inside of an array's braces."""
+    if values.ndim == 1:
+        return "\n".join(_lines((literal(value, f) for value in values.tolist()), "    "))
+    return ",\n".join(_braced(row, f, "    ") for row in values)
+
+
+def _braced(values: Reals, f: str, indent: str) -> str:
+    if values.ndim == 1:
+        inside = _lines((literal(value, f) for value in values.tolist()), f"{indent} ")
+        return f"{indent}{{{chr(10).join(inside).lstrip()}}}"
+    return f"{indent}{{\n" + ",\n".join(_braced(v, f, f"{indent} ") for v in values) + "}"
+
+
+def _lines(words: Iterable[str], indent: str) -> list[str]:
+    """Return words with commas between them, in lines of the usual width."""
+    return textwrap.wrap(
+        ", ".join(words),
+        _WIDTH,
+        initial_indent=indent,
+        subsequent_indent=indent,
+        break_long_words=False,
+        break_on_hyphens=False,
+    )
+
+
+def _order_values(orders: Orders, constants: Constants, f: str) -> dict[str, str]:
+    """Return what stands for each name in the templates of excitations."""
+    names = [f" * {i}: {comment(name)}" for i, name in enumerate(orders.names)]
+    rows = []
+    columns = zip(
+        orders.sources, orders.ratios.tolist(), orders.forces.tolist(), orders.inputs, strict=True
+    )
+    for source, ratio, (amplitude, speed, exponent, soil), which in columns:
+        omega = float(orders.ratios.dtype.type(2.0 * math.pi * ratio))
+        numbers = [literal(v, f) for v in (ratio, omega, amplitude, speed, exponent)]
+        row = ", ".join([f"{SOURCES.index(source)}u", *numbers, str(int(soil)), f"{which}u"])
+        rows.append(f"    {{{row}}}")
+    top = 2.0 * math.pi * orders.highest_frequency
+    return {
+        "order_names": "\n".join(names),
+        "n_orders": str(len(orders.names)),
+        "terms": str(orders.n_terms),
+        "inputs": str(orders.n_inputs),
+        "term_values": str(3 * orders.n_terms * (1 + orders.n_inputs)),
+        "response_values": str(orders.cubics.shape[2]),
+        "response_cells": str(len(orders.starts)),
+        "excitations": ",\n".join(rows),
+        "highest_omega": literal(float(constants.starts.dtype.type(top)), f),
+        "response_starts": _rows(orders.starts, f),
+        "response_cubics": _rows(orders.cubics.swapaxes(1, 2), f),
+        **{field.name: comment(field.comment) for field in message_fields(RESONANCE)},
+    }
+
+
+def _test_values(constants: Constants) -> dict[str, str]:
+    """Return what stands for each name in the template of the test."""
+    f, dtype = _suffix(constants), constants.starts.dtype
+    angles = angles_to_test(constants)
+    stddev = np.where(np.arange(len(angles)) % 2, 1e-3, 0.0).astype(dtype)
+    found = evaluate(constants, angles, stddev)
+    numbers = np.hstack([getattr(found, name).reshape(len(angles), -1) for name in NUMBERS])
+    with np.errstate(all="ignore"):
+        largest = np.fmax.reduce(np.abs(numbers), axis=0, initial=0.0)
+    return {
+        "count": str(len(angles)),
+        "limit": "1e-4" if f else "1e-12",
+        "angles": _rows(np.stack([angles, stddev], axis=1), f),
+        "expected_statuses": "\n".join(_lines(map(str, found.status.tolist()), "    ")),
+        "expected": _rows(numbers, f),
+        "largest": _rows(np.where(largest > 0.0, largest, 1.0), f),
+    }
+
+
+def angles_to_test(constants: Constants, count: int = _TESTED) -> Reals:
+    """Return angles in and around the range, with its ends, borders of cells, and no numbers.
+
+    Parameters
+    ----------
+    constants : Constants
+    count : int
+        How many, at least 20.
+    """
+    real = constants.starts.dtype.type
+    low, high = constants.alpha3_range
+    special = [math.nan, math.inf, -math.inf, 0.0, low, high, -low, high + 2.0 * math.pi]
+    special += [low - 20.0 * math.pi, 1e5, 1e30]
+    ends = [np.nextafter(real(x), real(y)) for x in (low, high) for y in (-math.inf, math.inf)]
+    chosen = np.array([*special, *ends], dtype=constants.starts.dtype)
+    borders = constants.starts[:: max(1, 4 * len(constants.starts) // count)]
+    below = np.nextafter(borders, real(-math.inf))
+    chosen = np.concatenate([chosen, borders, below])[:count]
+    random = np.random.default_rng(_SEED)
+    rest = count - len(chosen)
+    inside = random.uniform(low, high, rest)
+    far = random.uniform(-constants.farthest, constants.farthest, rest)
+    others = np.where(np.arange(rest) % 10 == 0, far, inside)
+    return np.concatenate([chosen, others.astype(constants.starts.dtype)])

@@ -1,0 +1,325 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""The numbers of a table that its export contains, and how few of them a tolerance needs."""
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.table.table import Table, widened
+
+FloatArray = NDArray[np.float64]
+Reals = NDArray[np.floating[Any]]
+
+PEAK_TOLERANCE = 100.0
+"""Tolerance of the peak over that of natural frequencies, as `linkage-vibration build` has it."""
+
+_TURN = 2.0 * math.pi
+_FARTHEST, _FARTHEST_SINGLE = 1e6, 64.0  # rad; a larger angle is too coarse to remove whole turns
+_PER_CELL = 8  # angles in a cell of the table at which longer cells are compared with it
+_SAME = 1e-6  # of the largest value: a larger step between two cells is a jump
+_ZERO = 1e-4  # of the largest value: smaller values have no relative error of their own
+_SHARE = 0.9  # of the tolerance, which the angles between those compared may use
+
+
+class ExportError(LinkageVibrationError):
+    """A table cannot be exported."""
+
+
+@dataclass(frozen=True, eq=False)
+class Orders:
+    """Excitations, and the responses of the response point to them.
+
+    Attributes
+    ----------
+    names, sources : tuple of str, (n_orders,)
+        Such as "engine 1.5", and the speeds that they follow: "engine", "pto" or "ground".
+    ratios : ndarray, (n_orders,)
+        Frequency per speed, Hz/rpm or Hz/(m/s).
+    forces : ndarray, (n_orders, 4)
+        Of each load the amplitude (root mean square over time), the speed at which it has this
+        amplitude, the exponent of its growth, and 1 if it is an acceleration of the soil. The
+        amplitude is NaN where it is not known.
+    inputs : tuple of int, (n_orders,)
+        Which of the inputs of the responses each excitation has.
+    n_terms, n_inputs : int
+        Numbers of terms and of inputs of the responses; 0 terms if the table has no FRFs.
+    starts, cubics : ndarray, (n_cells,) and (n_cells, 4, n_values)
+        Cells of poles and residues, as `prediction.levels` arranges them.
+    highest_frequency : float
+        Up to which responses are known, Hz.
+    """
+
+    names: tuple[str, ...]
+    sources: tuple[str, ...]
+    ratios: Reals
+    forces: Reals
+    inputs: tuple[int, ...]
+    n_terms: int
+    n_inputs: int
+    starts: Reals
+    cubics: Reals
+    highest_frequency: float
+
+
+@dataclass(frozen=True, eq=False)
+class Constants:
+    """The numbers of an export, all of one precision.
+
+    Attributes
+    ----------
+    n_modes, n_peaks : int
+    alpha3_range, sound_range : tuple of float
+        rad; the second is at least one degree away from the toggles.
+    band : tuple of float
+        Where the peak is sought, Hz.
+    turns : bool
+        Whether the crank turns all the way, so that whole turns are removed.
+    farthest : float
+        Up to which angle they are removed, rad.
+    starts, cubics : ndarray, (n_cells,) and (n_cells, 4, 2 n_modes + 2 n_peaks)
+        As `table.cells.Cells` takes them.
+    piece_starts, piece_errors : ndarray, (n_pieces,)
+        Where the pieces of the table begin, rad, and the bounds of their relative errors.
+    parameters : ndarray, (n_rows, 2 n_modes)
+        Standard deviations by uncertain numbers, as `Table.parameter_deviations` interpolates
+        them; no rows without such numbers.
+    parameter_step : float
+        Angle between two rows, rad.
+    noise_angles, noise : ndarray, (n,) and (n, 2 n_modes)
+        Standard deviations by the noise of measured links, and their angles, rad.
+    orders : Orders, optional
+        None without excitations.
+    """
+
+    n_modes: int
+    n_peaks: int
+    alpha3_range: tuple[float, float]
+    sound_range: tuple[float, float]
+    band: tuple[float, float]
+    turns: bool
+    farthest: float
+    starts: Reals
+    cubics: Reals
+    piece_starts: Reals
+    piece_errors: Reals
+    parameters: Reals
+    parameter_step: float
+    noise_angles: Reals
+    noise: Reals
+    orders: Orders | None = None
+
+    @property
+    def size(self) -> int:
+        """Bytes of all arrays."""
+        return sum(array.nbytes for array in arrays(self))
+
+
+def arrays(constants: Constants) -> list[Reals]:
+    """Return all arrays of constants."""
+    own = [value for value in vars(constants).values() if isinstance(value, np.ndarray)]
+    orders = constants.orders
+    if orders is not None:
+        own += [value for value in vars(orders).values() if isinstance(value, np.ndarray)]
+    return own
+
+
+def constants_of(table: Table, orders: Orders | None = None) -> Constants:
+    """Return the numbers of a table, which give the same bits as the table.
+
+    Parameters
+    ----------
+    table : Table
+    orders : Orders, optional
+
+    Raises
+    ------
+    ExportError
+        If the table has cells without cubics, where it solves eigenproblems.
+    """
+    starts, cubics = table.cells.arrays
+    _refuse_direct(table, starts, cubics)
+    low, high = table.alpha3_range
+    rows = np.hstack(list(table.parameter_stddev))
+    noise = np.hstack([table.frequency_stddev, table.damping_ratio_stddev])
+    return Constants(
+        n_modes=table.n_modes,
+        n_peaks=cubics.shape[2] // 2 - table.n_modes,
+        alpha3_range=(low, high),
+        sound_range=(max(table.sound_range[0], low), min(table.sound_range[1], high)),
+        band=widened(table.band),
+        turns=high - low >= _TURN * (1.0 - 1e-12),
+        farthest=_FARTHEST,
+        starts=starts,
+        cubics=cubics,
+        piece_starts=table.alpha3[table.pieces[:-1]],
+        piece_errors=table.interpolation_error,
+        parameters=rows,
+        parameter_step=(high - low) / (len(rows) - 1) if len(rows) else 0.0,
+        noise_angles=table.alpha3 if table.measured else np.empty(0),
+        noise=noise if table.measured else np.empty((0, 2 * table.n_modes)),
+        orders=orders,
+    )
+
+
+def _refuse_direct(table: Table, starts: FloatArray, cubics: FloatArray) -> None:
+    direct = np.flatnonzero(np.isposinf(cubics[:, 3]).any(axis=1))
+    if len(direct):
+        first = math.degrees(starts[direct[0]])
+        raise ExportError(
+            f"The table of {table.mechanism_name} cannot be exported: in {len(direct)} of its "
+            f"{len(starts)} cells, the first at {first:.4f} deg, two poles meet, so a lookup "
+            "solves an eigenproblem there, which C without dynamic memory does not do. Change the "
+            "dampers, or shorten range_deg of the input, so that no poles meet."
+        )
+
+
+def single(constants: Constants) -> Constants:
+    """Return constants in single precision; cubics are expanded about the rounded starts."""
+
+    def rounded(values: Reals) -> Reals:
+        return values.astype(np.float32)
+
+    def cells(starts: Reals, cubics: Reals) -> tuple[Reals, Reals]:
+        shift = (rounded(starts).astype(float) - starts)[:, np.newaxis]
+        c3, c2, c1, c0 = cubics.swapaxes(0, 1)
+        moved = [
+            c3,
+            c2 + 3.0 * c3 * shift,
+            c1 + (2.0 * c2 + 3.0 * c3 * shift) * shift,
+            c0 + (c1 + (c2 + c3 * shift) * shift) * shift,
+        ]
+        return rounded(starts), rounded(np.stack(moved, axis=1))
+
+    def ends(pair: tuple[float, float]) -> tuple[float, float]:
+        return float(np.float32(pair[0])), float(np.float32(pair[1]))
+
+    orders = constants.orders
+    if orders is not None:
+        starts, cubics = cells(orders.starts, orders.cubics)
+        ratios, forces = rounded(orders.ratios), rounded(orders.forces)
+        orders = replace(orders, ratios=ratios, forces=forces, starts=starts, cubics=cubics)
+    starts, cubics = cells(constants.starts, constants.cubics)
+    return replace(
+        constants,
+        alpha3_range=ends(constants.alpha3_range),
+        sound_range=ends(constants.sound_range),
+        band=ends(constants.band),
+        farthest=_FARTHEST_SINGLE,
+        starts=starts,
+        cubics=cubics,
+        piece_starts=rounded(constants.piece_starts),
+        piece_errors=rounded(constants.piece_errors),
+        parameters=rounded(constants.parameters),
+        parameter_step=float(np.float32(constants.parameter_step)),
+        noise_angles=rounded(constants.noise_angles),
+        noise=rounded(constants.noise),
+        orders=orders,
+    )
+
+
+def fewer_cells(constants: Constants, tolerance: float) -> Constants:
+    """Return constants with as few cells as a tolerance needs.
+
+    Neighbouring cells are joined into one that has their values and slopes at its ends, as long as
+    it agrees with them at several angles in each.
+
+    Parameters
+    ----------
+    constants : Constants
+    tolerance : float
+        Relative error of natural frequencies and damping ratios against the table; that of the
+        peak is `PEAK_TOLERANCE` times as large.
+
+    Raises
+    ------
+    ExportError
+        If the tolerance is not between 0 and 0.1.
+    """
+    if not 0.0 < tolerance < 0.1:
+        raise ExportError(f"The tolerance {tolerance:g} is not between 0 and 0.1; give 1e-6.")
+    joiner = _Joiner(constants, _SHARE * tolerance)
+    starts, cubics, first, n = [], [], 0, len(constants.starts)
+    while first < n:
+        after = joiner.longest(first)
+        starts.append(constants.starts[first])
+        cubics.append(constants.cubics[first] if after == first + 1 else joiner.cubic(first, after))
+        first = after
+    return replace(constants, starts=np.array(starts), cubics=np.array(cubics))
+
+
+class _Joiner:
+    """Joins cells of constants."""
+
+    def __init__(self, constants: Constants, tolerance: float) -> None:
+        self._starts = np.append(constants.starts, constants.alpha3_range[1])
+        widths = np.diff(self._starts)[:, np.newaxis]
+        cubics = constants.cubics
+        self._first = cubics[:, 3], cubics[:, 2]  # values and slopes where each cell begins
+        self._last = _value(cubics, widths), _slope(cubics, widths)
+        t = widths * np.linspace(0.0, 1.0, _PER_CELL + 1)[1:]
+        self._at = self._starts[:-1, np.newaxis] + t
+        self._values = _value(cubics[:, :, np.newaxis], t[:, :, np.newaxis])
+        n, peaks = 2 * constants.n_modes, constants.n_peaks
+        allowed = np.full(n + 2 * peaks, tolerance)
+        allowed[n:] *= PEAK_TOLERANCE
+        with np.errstate(invalid="ignore"):
+            largest = np.nanmax(np.abs(self._values), axis=(0, 1), initial=0.0)
+        self._limits = allowed * np.maximum(np.abs(self._values), _ZERO * largest)
+        # The frequency of a peak without a height does not count.
+        absent = self._values[..., n + peaks :] == 0.0
+        self._limits[..., n : n + peaks][absent] = math.inf
+        step = np.abs(self._first[0][1:] - self._last[0][:-1])
+        unequal = np.isnan(self._first[0][1:]) != np.isnan(self._last[0][:-1])
+        self._joins = ~(unequal | (step > _SAME * largest)).any(axis=1)
+
+    def longest(self, first: int) -> int:
+        """Return the cell after the longest joined cell that begins with this cell."""
+        breaks = np.flatnonzero(~self._joins[first:])
+        end = first + 1 + int(breaks[0]) if len(breaks) else len(self._starts) - 1
+        good, step = first + 1, 1
+        while good < end and self._holds(first, min(good + step, end)):
+            good, step = min(good + step, end), 2 * step
+        bad = min(good + step, end + 1)
+        while bad - good > 1:
+            middle = (good + bad) // 2
+            good, bad = (middle, bad) if self._holds(first, middle) else (good, middle)
+        return good
+
+    def cubic(self, first: int, after: int) -> FloatArray:
+        """Return the cubics, (4, k), with the values and slopes of cells at both ends.
+
+        Parameters
+        ----------
+        first, after
+            The first of the cells, and the one after the last.
+        """
+        h = float(self._starts[after] - self._starts[first])
+        f0, d0 = (ends[first] for ends in self._first)
+        f1, d1 = (ends[after - 1] for ends in self._last)
+        mean = (f1 - f0) / h
+        return np.array([(d0 + d1 - 2.0 * mean) / h**2, (3.0 * mean - 2.0 * d0 - d1) / h, d0, f0])
+
+    def _holds(self, first: int, after: int) -> bool:
+        """Return whether the joined cell agrees with the cells."""
+        t = (self._at[first:after] - self._starts[first])[:, :, np.newaxis]
+        off = np.abs(_value(self.cubic(first, after), t) - self._values[first:after])
+        return not (off > self._limits[first:after]).any()
+
+
+def _value(cubics: Reals, t: Reals) -> FloatArray:
+    """Return the values of cubics, (..., 4, k), whose powers are on the second last axis."""
+    if cubics.ndim == 2:
+        c3, c2, c1, c0 = cubics
+    else:
+        c3, c2, c1, c0 = np.moveaxis(cubics, 1, 0)
+    return np.asarray(((c3 * t + c2) * t + c1) * t + c0)
+
+
+def _slope(cubics: Reals, t: Reals) -> FloatArray:
+    c3, c2, c1, _ = np.moveaxis(cubics, 1, 0)
+    return np.asarray((3.0 * c3 * t + 2.0 * c2) * t + c1)

@@ -1,0 +1,246 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Evaluates the numbers of an export as the exported C does, in the same order and precision.
+
+The expected values of the generated test come from here, and so do the measured errors.
+"""
+
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from linkage_vibration.export.constants import Constants, Reals, single
+
+OK, OUT_OF_RANGE, INVALID_ANGLE, NEAR_TOGGLE = range(4)
+
+_SAMPLES = 20_001  # angles at which errors are measured
+_SEED = 1
+_OTHER = 1e-3  # relative: frequencies that differ by more are those of two different peaks
+_ROOM = 1.25  # errors at other angles may be so much larger than those measured
+
+
+@dataclass(frozen=True, eq=False)
+class Outputs:
+    """What the exported function gives at n angles; (n,) or (n, n_modes).
+
+    The names are those of the message; `frequency_slopes` are in Hz/rad.
+    """
+
+    status: NDArray[np.int32]
+    natural_frequencies: Reals
+    frequency_stddev: Reals
+    damping_ratios: Reals
+    damping_ratio_stddev: Reals
+    frequency_slopes: Reals
+    frf_peak_frequency: Reals
+    frf_peak_magnitude: Reals
+    interpolation_error: Reals
+
+
+NUMBERS = tuple(field.name for field in fields(Outputs))[1:]
+"""The outputs beside the status, in their order in C."""
+
+
+@dataclass(frozen=True)
+class Errors:
+    """The largest differences between two exports, at angles at which both have numbers.
+
+    Attributes
+    ----------
+    frequency, damping_ratio : float
+        Relative.
+    slope, stddev : float
+        Of slopes and standard deviations of frequencies, over their largest values.
+    peak : float
+        Relative, of the frequency and the magnitude.
+    other_peaks : int
+        At how many angles two peaks are so equally high that another one is the highest.
+    samples : int
+        Number of angles.
+    """
+
+    frequency: float
+    damping_ratio: float
+    slope: float
+    stddev: float
+    peak: float
+    other_peaks: int
+    samples: int
+
+    @property
+    def text(self) -> str:
+        """A sentence for people."""
+        if not any((self.frequency, self.damping_ratio, self.slope, self.stddev, self.peak)):
+            return f"The numbers at {self.samples} angles are those of the table, to the last bit."
+        text = (
+            f"The largest differences from the table at {self.samples} angles: natural frequencies "
+            f"{self.frequency:.1e}, damping ratios {self.damping_ratio:.1e}, peak {self.peak:.1e} "
+            f"(relative); slopes {self.slope:.1e} and standard deviations {self.stddev:.1e} (of "
+            "their largest values)."
+        )
+        if self.other_peaks:
+            text += f" At {self.other_peaks} of them another of two equally high peaks is reported."
+        return text
+
+
+def exported(
+    constants: Constants, approximate: Constants, *, in_single: bool
+) -> tuple[Constants, Errors]:
+    """Return the numbers to export with their errors, which are added to those of the pieces.
+
+    Parameters
+    ----------
+    constants, approximate : Constants
+        Those of the table, and those with fewer cells; they may be the same.
+    in_single : bool
+        Whether to export in single precision.
+    """
+    chosen = single(approximate) if in_single else approximate
+    errors = compare(constants, chosen)
+    more = _ROOM * max(errors.frequency, errors.damping_ratio)
+    if more > 0.0:
+        wider = (chosen.piece_errors + more).astype(chosen.piece_errors.dtype)
+        chosen = replace(chosen, piece_errors=wider)
+    return chosen, errors
+
+
+def compare(constants: Constants, approximate: Constants) -> Errors:
+    """Measure how far approximate numbers are from those of the table.
+
+    Parameters
+    ----------
+    constants, approximate
+        Those of the table in double precision, and the others.
+    """
+    dtype = approximate.starts.dtype
+    low, high = constants.alpha3_range
+    angles = np.random.default_rng(_SEED).uniform(low, high, _SAMPLES)
+    angles[: len(constants.starts)] = constants.starts[:_SAMPLES]
+    angles[-1] = high
+    if constants.turns:  # a quarter of them anywhere
+        far = approximate.farthest
+        angles[::4] = np.random.default_rng(_SEED).uniform(-far, far, len(angles[::4]))
+    own = angles.astype(dtype)
+    same = own.astype(float)
+    if not constants.turns:
+        same = np.clip(same, low, high)  # the ends of the range are rounded, too
+    exact = evaluate(constants, same, np.zeros(len(own)))
+    found = evaluate(approximate, own, np.zeros(len(own), dtype))
+
+    def relative(name: str) -> Reals:
+        one, other = getattr(exact, name), getattr(found, name).astype(float)
+        with np.errstate(all="ignore"):
+            return np.nan_to_num(np.where(one == other, 0.0, np.abs(other / one - 1.0)), nan=0.0)
+
+    def absolute(name: str) -> float:
+        one, other = getattr(exact, name), getattr(found, name).astype(float)
+        with np.errstate(all="ignore"):
+            largest = np.nanmax(np.abs(one), initial=0.0)
+            return float(np.nanmax(np.abs(other - one), initial=0.0) / (largest or 1.0))
+
+    peak = relative("frf_peak_frequency")
+    other = peak > _OTHER
+    heights = relative("frf_peak_magnitude")
+    return Errors(
+        frequency=float(relative("natural_frequencies").max(initial=0.0)),
+        damping_ratio=float(relative("damping_ratios").max(initial=0.0)),
+        slope=absolute("frequency_slopes"),
+        stddev=absolute("frequency_stddev"),
+        peak=float(max(peak[~other].max(initial=0.0), heights.max(initial=0.0))),
+        other_peaks=int(other.sum()),
+        samples=len(own),
+    )
+
+
+def evaluate(constants: Constants, crank_angle: Reals, stddev: Reals) -> Outputs:
+    """Return what the exported function gives at angles.
+
+    Parameters
+    ----------
+    constants : Constants
+    crank_angle, stddev : ndarray, (n,)
+        Angles and their standard deviations, rad, in the precision of the constants.
+    """
+    real = constants.starts.dtype.type
+    with np.errstate(all="ignore"):
+        status, angle = _positions(constants, crank_angle)
+        has_numbers = (status == OK) | (status == NEAR_TOGGLE)
+        rows = [*_modes(constants, angle, stddev), *_peaks(constants, angle)]
+    piece = np.searchsorted(constants.piece_starts, angle, side="right") - 1
+    rows.append(constants.piece_errors[np.maximum(piece, 0)])
+    numbers = []
+    for row in rows:
+        empty = ~has_numbers if row.ndim == 1 else ~has_numbers[:, np.newaxis]
+        numbers.append(np.where(empty, real(np.nan), row))
+    return Outputs(status, *numbers)
+
+
+def _positions(constants: Constants, crank_angle: Reals) -> tuple[NDArray[np.int32], Reals]:
+    """Return the status, and the angle of the table that is the same position."""
+    real = constants.starts.dtype.type
+    low, high = map(real, constants.alpha3_range)
+    angle = crank_angle.copy()
+    if constants.turns:
+        outside = ((angle < low) | (angle > high)) & (np.abs(angle) < real(constants.farthest))
+        turned = low + np.mod(angle[outside] - low, real(2.0 * np.pi))
+        angle[outside] = np.minimum(turned, high)
+    inside = (angle >= low) & (angle <= high)
+    sound_low, sound_high = map(real, constants.sound_range)
+    sound = (angle >= sound_low) & (angle <= sound_high)
+    status = np.where(inside, np.where(sound, OK, NEAR_TOGGLE), OUT_OF_RANGE)
+    status = np.where(np.isfinite(crank_angle), status, INVALID_ANGLE).astype(np.int32)
+    return status, np.where(inside, angle, low)
+
+
+def _modes(constants: Constants, angle: Reals, stddev: Reals) -> list[Reals]:
+    """Return natural frequencies, damping ratios, their deviations, and slopes."""
+    real, n = constants.starts.dtype.type, constants.n_modes
+    cubics, t = _cell(constants, angle)
+    c3, c2, c1, c0 = (cubics[:, i, : 2 * n] for i in range(4))
+    values = ((c3 * t + c2) * t + c1) * t + c0
+    slopes = (real(3.0) * c3 * t + real(2.0) * c2) * t + c1
+    parameters: Reals = np.zeros_like(values)
+    noise: Reals = np.zeros_like(values)
+    if len(constants.parameters):
+        place = (angle - real(constants.alpha3_range[0])) / real(constants.parameter_step)
+        i = np.minimum(place.astype(np.int64), len(constants.parameters) - 2)
+        before, after = constants.parameters[i], constants.parameters[i + 1]
+        parameters = before + (after - before) * (place - i.astype(real))[:, np.newaxis]
+        parameters[:, :n] *= values[:, :n]
+    if len(constants.noise):
+        noise = _between(constants.noise_angles, constants.noise, angle)
+    piece = np.searchsorted(constants.piece_starts, angle, side="right") - 1
+    missed = constants.piece_errors[np.maximum(piece, 0)][:, np.newaxis] * values
+    turned = np.abs(slopes) * stddev[:, np.newaxis]
+    squares = parameters * parameters + turned * turned + noise * noise + missed * missed
+    total = np.sqrt(squares)
+    return [values[:, :n], total[:, :n], values[:, n:], total[:, n:], slopes[:, :n]]
+
+
+def _between(points: Reals, values: Reals, angle: Reals) -> Reals:
+    """Interpolate values, (n_points, k), linearly, with the arithmetic of `np.interp`."""
+    i = np.clip(np.searchsorted(points, angle, side="right") - 1, 0, len(points) - 1)
+    j = np.minimum(i + 1, len(points) - 1)
+    slope = (values[j] - values[i]) / (points[j] - points[i])[:, np.newaxis]
+    found = slope * (angle - points[i])[:, np.newaxis] + values[i]
+    return np.where(((i == j) | (points[i] == angle))[:, np.newaxis], values[i], found)
+
+
+def _peaks(constants: Constants, angle: Reals) -> list[Reals]:
+    """Return frequency and magnitude of the highest peak."""
+    real, n, peaks = constants.starts.dtype.type, 2 * constants.n_modes, constants.n_peaks
+    cubics, t = _cell(constants, angle)
+    c3, c2, c1, c0 = (cubics[:, i, n:] for i in range(4))
+    values = ((c3 * t + c2) * t + c1) * t + c0
+    frequency, magnitude = np.full((2, len(angle)), real(-1.0))
+    low, high = map(real, constants.band)
+    for at, size in zip(values[:, :peaks].T, values[:, peaks:].T, strict=True):
+        higher = (size > magnitude) & (at >= low) & (at <= high)
+        frequency, magnitude = np.where(higher, at, frequency), np.where(higher, size, magnitude)
+    return [frequency, magnitude]
+
+
+def _cell(constants: Constants, angle: Reals) -> tuple[Reals, Reals]:
+    i = np.maximum(np.searchsorted(constants.starts, angle, side="right") - 1, 0)
+    return constants.cubics[i], (angle - constants.starts[i])[:, np.newaxis]

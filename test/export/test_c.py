@@ -1,0 +1,342 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Exported C gives the same bits as Python, compiles without a warning, and runs elsewhere."""
+
+import math
+import subprocess
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from linkage_vibration.cli.main import main
+from linkage_vibration.export.c_source import (
+    Description,
+    angles_to_test,
+    c_files,
+    description_of,
+    literal,
+)
+from linkage_vibration.export.constants import (
+    ExportError,
+    constants_of,
+    fewer_cells,
+    single,
+)
+from linkage_vibration.export.evaluation import NUMBERS, compare, evaluate, exported
+from linkage_vibration.mechanics.model import LinkageModel
+from linkage_vibration.mechanics.parsing import mechanism_from_mapping
+from linkage_vibration.prediction.batch import predict_many
+from linkage_vibration.prediction.predictor import Predictor
+from linkage_vibration.support.resources import DEFAULT_TABLE, PAPER_TABLE, config_file
+from linkage_vibration.table.table import Table, load_table
+from linkage_vibration.table.tabulation import build_table
+from test.support.c_code import COMPILERS, STRICT, Library, compile_c, require, write
+from test.support.crossing import AT, GAP, RATIO, crossing_crank, meeting_off_axis
+
+ANGLES = 100_000
+
+
+def four_bar() -> Table:
+    """Return the table of a crank that turns all the way, coarsely meshed."""
+    mapping = yaml.safe_load(config_file("four_bar.yaml").read_text())
+    for link in mapping["links"].values():
+        link |= {"elements": 4, "modes": 2}
+    mapping["response"] |= {"modes": 2, "band_hz": [0.0, 200.0]}
+    return build_table(LinkageModel(mechanism_from_mapping(mapping)), 1e-3)
+
+
+def measured() -> Table:
+    """Return the paper's table with standard deviations, as that of measured links has them."""
+    table = load_table(config_file(PAPER_TABLE))
+    spread = 0.01 * table.natural_frequencies * (1.0 + np.sin(50.0 * table.alpha3))[:, np.newaxis]
+    return replace(table, frequency_stddev=spread, damping_ratio_stddev=1e-4 * spread)
+
+
+def one_mode() -> Table:
+    """Return the paper's table with a single mode."""
+    table = load_table(config_file(PAPER_TABLE))
+    names = "natural_frequencies", "damping_ratios"
+    return replace(table, **{name: getattr(table, name)[:, :1] for name in names})
+
+
+TABLES = {
+    "paper": lambda: load_table(config_file(PAPER_TABLE)),
+    "tractor": lambda: load_table(config_file(DEFAULT_TABLE)),
+    "turning": four_bar,
+    "measured": measured,
+    "one mode": one_mode,
+}
+
+
+@pytest.fixture(scope="module", params=TABLES)
+def table(request: pytest.FixtureRequest) -> Table:
+    """Return a table of each kind."""
+    return TABLES[request.param]()
+
+
+@pytest.fixture(scope="module")
+def paper() -> Table:
+    """Return the paper's table."""
+    return TABLES["paper"]()
+
+
+@pytest.fixture(scope="module")
+def tractor() -> Table:
+    """Return the shipped table."""
+    return TABLES["tractor"]()
+
+
+def described(table: Table) -> Description:
+    """Return what an export of a table says."""
+    return description_of(table, "It has the bits of the table.")
+
+
+def stddevs_for(angles: Any) -> Any:
+    """Return standard deviations of angles, rad: none, small, large, and not known."""
+    chosen = np.array([0.0, 1e-4, 0.3, math.nan])
+    return chosen[np.arange(len(angles)) % 4].astype(angles.dtype)
+
+
+def assert_same_bits(found: Any, expected: Any) -> None:
+    """Compare two sets of predictions number by number; a NaN equals a NaN."""
+    np.testing.assert_array_equal(found["status"], expected.status)
+    for name in NUMBERS:
+        np.testing.assert_array_equal(found[name], getattr(expected, name), name)
+
+
+@pytest.mark.parametrize("compiler", COMPILERS)
+def test_same_bits_as_python(table: Table, compiler: str, tmp_path: Path) -> None:
+    """At 100 000 angles every number equals that of the node, also beside borders and in turns."""
+    constants = constants_of(table)
+    library = Library(tmp_path, described(table), constants, compiler)
+    angles = angles_to_test(constants, ANGLES)
+    stddevs = stddevs_for(angles)
+    assert_same_bits(
+        library.predict(angles, stddevs), predict_many(Predictor(table), angles, stddevs)
+    )
+    assert {0, 1, 2} <= set(evaluate(constants, angles, stddevs).status.tolist())
+
+
+def test_own_evaluation_has_the_same_bits(table: Table) -> None:
+    """The evaluation in Python, from which expected values come, equals the predictor's."""
+    constants = constants_of(table)
+    angles = angles_to_test(constants, 20_000)
+    stddevs = stddevs_for(angles)
+    expected, found = (
+        predict_many(Predictor(table), angles, stddevs),
+        evaluate(constants, angles, stddevs),
+    )
+    assert_same_bits(vars(found), expected)
+
+
+def test_generated_test_passes(table: Table, tmp_path: Path) -> None:
+    """The generated main finds every number equal, with the sanitizers of gcc."""
+    constants = constants_of(table)
+    write(c_files(described(table), constants), tmp_path)
+    prefix = described(table).prefix
+    flags = ["-g", "-ffp-contract=off", "-fsanitize=address,undefined", "-fno-sanitize-recover"]
+    command = [require("gcc"), *STRICT, *flags, f"{prefix}.c", f"{prefix}_test.c", "-lm"]
+    compile_c([*command, "-o", "run"], tmp_path)
+    done = subprocess.run([tmp_path / "run"], capture_output=True, text=True)
+    numbers = 1000 * (5 * constants.n_modes + 3)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert done.stdout.startswith(f"{numbers} of {numbers} numbers are equal to the last bit")
+
+
+def test_generated_test_can_fail(paper: Table, tmp_path: Path) -> None:
+    """One changed coefficient is found."""
+    files = c_files(described(paper), constants_of(paper))
+    prefix = described(paper).prefix
+    first = float(constants_of(paper).cubics[0, 3, 0])  # of mode 1 at the first angle
+    source = files[f"{prefix}.c"]
+    assert source.count(literal(first)) == 1
+    changed = source.replace(literal(first), literal(first * (1.0 + 1e-9)))
+    write({**files, f"{prefix}.c": changed}, tmp_path)
+    command = [require("gcc"), f"{prefix}.c", f"{prefix}_test.c", "-lm", "-o", "run"]
+    compile_c(command, tmp_path)
+    assert subprocess.run([tmp_path / "run"], capture_output=True).returncode == 1
+
+
+@pytest.mark.parametrize("name", ["paper", "tractor", "turning"])
+def test_single_precision(name: str, tmp_path: Path) -> None:
+    """It has the bits of the evaluation, and its errors elsewhere are those that it reports."""
+    table = TABLES[name]()
+    exact = constants_of(table)
+    constants, errors = exported(exact, exact, in_single=True)
+    library = Library(tmp_path, described(table), constants)
+    angles = angles_to_test(constants, 20_000)
+    stddevs = stddevs_for(angles)
+    found = library.predict(angles, stddevs)
+    assert_same_bits(found, evaluate(constants, angles, stddevs))
+    assert 0.0 < errors.frequency < 1e-5
+    assert 0.0 < errors.damping_ratio < 1e-4
+    rng = np.random.default_rng(77)
+    angles = rng.uniform(*table.alpha3_range, ANGLES).astype(np.float32)
+    found = library.predict(angles, 0.0 * angles)
+    expected = predict_many(Predictor(table), angles.astype(float), np.zeros(ANGLES))
+    good = (found["status"] == expected.status) & (expected.status == 0)
+    assert good.mean() > 0.99  # except at the ends
+    for field in ("natural_frequencies", "damping_ratios"):
+        one, other = getattr(expected, field)[good], found[field][good].astype(float)
+        off = np.nanmax(np.abs(other / one - 1.0), axis=1)
+        assert (off <= found["interpolation_error"][good]).all()
+
+
+@pytest.mark.parametrize("tolerance", [1e-7, 1e-4])
+def test_fewer_cells(table: Table, tolerance: float) -> None:
+    """The cells are fewer, and at independent angles the errors are within the tolerance."""
+    constants = constants_of(table)
+    fewer, errors = exported(constants, fewer_cells(constants, tolerance), in_single=False)
+    assert len(fewer.starts) < len(constants.starts)
+    assert max(errors.frequency, errors.damping_ratio) <= tolerance
+    assert errors.peak <= 100.0 * tolerance
+    angles = np.random.default_rng(5).uniform(*table.alpha3_range, ANGLES)
+    exact = evaluate(constants, angles, 0.0 * angles)
+    found = evaluate(fewer, angles, 0.0 * angles)
+    for field in ("natural_frequencies", "damping_ratios"):
+        off = np.abs(getattr(found, field) / getattr(exact, field) - 1.0)
+        assert np.nanmax(off) <= tolerance
+        assert (np.isnan(getattr(found, field)) == np.isnan(getattr(exact, field))).all()
+        bound = found.interpolation_error - exact.interpolation_error
+        assert (np.nanmax(off, axis=1) <= bound).all()
+
+
+def test_tolerance_decides_the_number_of_cells(paper: Table) -> None:
+    """A larger tolerance needs fewer cells; 2e-7 needs at most a quarter."""
+    constants = constants_of(paper)
+    counts = [len(fewer_cells(constants, 10.0**-k).starts) for k in (9, 8, 7, 6, 5, 4)]
+    assert counts == sorted(counts, reverse=True)
+    assert len(fewer_cells(constants, 2e-7).starts) <= len(constants.starts) / 4
+    with pytest.raises(ExportError, match=r"not between 0 and 0\.1"):
+        fewer_cells(constants, 0.0)
+
+
+@pytest.mark.parametrize("compiler", ["arm-linux-gnueabihf-gcc"])
+def test_32_bit_arm(tractor: Table, compiler: str, tmp_path: Path) -> None:
+    """Cross-compiled for ARM and run in an emulator, the generated test finds equal bits."""
+    write(c_files(described(tractor), constants_of(tractor)), tmp_path)
+    prefix = described(tractor).prefix
+    command = [require(compiler), *STRICT, "-O2", "-ffp-contract=off", "-static"]
+    emulator = require("qemu-arm")
+    compile_c([*command, f"{prefix}.c", f"{prefix}_test.c", "-lm", "-o", "run"], tmp_path)
+    done = subprocess.run([emulator, tmp_path / "run"], capture_output=True, text=True)
+    assert done.returncode == 0
+    numbers = 1000 * (5 * tractor.n_modes + 3)
+    assert done.stdout.startswith(f"{numbers} of {numbers} numbers are equal to the last bit")
+
+
+@pytest.mark.parametrize("flags", [["-mcpu=cortex-m4", "-mfloat-abi=hard", "-mfpu=fpv4-sp-d16"]])
+def test_microcontroller(paper: Table, flags: list[str], tmp_path: Path) -> None:
+    """A compiler for microcontrollers takes it in single precision, without a double in it."""
+    files = c_files(described(paper), single(constants_of(paper)))
+    write(files, tmp_path)
+    compiler = require("arm-none-eabi-gcc")
+    command = [compiler, *STRICT, "-Wdouble-promotion", "-O2", *flags, "-mthumb", "-c"]
+    compile_c([*command, f"{described(paper).prefix}.c"], tmp_path)
+
+
+NAMES = {
+    "Dreipunktgestänge": "lv_dreipunktgest_nge",
+    "навеска": "lv_ab12",
+    "*/ int main(void) { /*": "lv_int_main_void",
+    'a "quoted" \\ name ??/': "lv_a_quoted_name",
+    "int": "lv_int",
+    "9" * 200: "lv_" + "9" * 40,
+    "line\nbreak \u202e": "lv_line_break",
+}
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_names_of_mechanisms(paper: Table, name: str, tmp_path: Path) -> None:
+    """Whatever the mechanism is called, the files compile and the name begins with a letter."""
+    labels = tuple(f"mode {i + 1} ({name})" for i in range(paper.n_modes))
+    description = Description(name, "ab12", labels, name)
+    assert description.prefix == NAMES[name]
+    constants = fewer_cells(constants_of(paper), 1e-3)
+    write(c_files(description, constants), tmp_path)
+    compile_c([require("gcc"), *STRICT, "-c", f"{description.prefix}.c"], tmp_path)
+    header = (tmp_path / f"{description.prefix}.h").read_text()
+    assert header.isascii()
+
+
+def test_export_is_repeatable(paper: Table) -> None:
+    """Two exports are equal, and name the table and the mechanism."""
+    constants = constants_of(paper)
+    files = c_files(described(paper), constants)
+    assert files == c_files(described(paper), constants)
+    for text in files.values():
+        assert paper.table_id in files[f"{described(paper).prefix}.h"]
+        assert "malloc" not in text
+    assert paper.mechanism_name in files[f"{described(paper).prefix}.h"]
+
+
+def test_table_with_meeting_poles_is_refused() -> None:
+    """Where a lookup solves eigenproblems, the error says so, where, and what to do."""
+    dashpot, alpha3 = meeting_off_axis()
+    stroke = (alpha3 - 0.01, alpha3 + 0.01)
+    mechanism = crossing_crank(GAP, AT, RATIO, dashpot)
+    mechanism = replace(mechanism, stroke=stroke, assembly_alpha3=stroke[0])
+    table = build_table(LinkageModel(mechanism), 1e-2)
+    with pytest.raises(ExportError, match=r"\d+ of its \d+ cells, the first at .* deg, two poles"):
+        constants_of(table)
+
+
+def test_errors_of_equal_constants(paper: Table) -> None:
+    """What is exported as it is has no error."""
+    constants = constants_of(paper)
+    errors = compare(constants, constants)
+    assert (errors.frequency, errors.slope, errors.peak, errors.other_peaks) == (0.0, 0.0, 0.0, 0)
+
+
+def test_command(tmp_path: Path, capsys: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The command writes three files into a new folder, and prints cells, sizes and errors."""
+    monkeypatch.chdir(tmp_path)
+    source = str(config_file(PAPER_TABLE))
+    assert main(["export", source, "--c", "new/folder", "--single", "--tolerance", "1e-6"]) == 0
+    names = {path.name for path in Path("new/folder").iterdir()}
+    prefix = "lv_three_point_linkage"
+    assert names == {f"{prefix}.h", f"{prefix}.c", f"{prefix}_test.c"}
+    out = capsys.readouterr().out
+    assert "of 512 cells" in out
+    assert "The largest differences from the table" in out
+    header = Path(f"new/folder/{prefix}.h").read_text()
+    assert "typedef float" in header
+    assert "largest differences from the table" in header.replace("\n * ", " ")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ([], "Nothing is written; give --c DIR"),
+        (["--c", "file"], "file: the folder cannot be created"),
+        (["--c", "out", "--tolerance", "-1"], "not between 0 and 0.1"),
+        (["--fmu", "table.html"], r"the output is a .fmu file"),
+        (["missing.npz", "--c", "out"], "missing.npz: cannot be read"),
+    ],
+)
+def test_command_that_cannot_be_run(
+    tmp_path: Path,
+    capsys: Any,
+    monkeypatch: pytest.MonkeyPatch,
+    arguments: list[str],
+    words: str,
+) -> None:
+    """What is wrong is an error of one sentence."""
+    monkeypatch.chdir(tmp_path)
+    Path("file").write_text("")
+    assert main(["export", *arguments]) == 1
+    assert words in capsys.readouterr().err
+
+
+def test_inputs_are_kept(tmp_path: Path, capsys: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A table whose name is that of a source file in the folder is not replaced."""
+    monkeypatch.chdir(tmp_path)
+    Path("lv_three_point_linkage.c").write_bytes(config_file(PAPER_TABLE).read_bytes())
+    before = Path("lv_three_point_linkage.c").read_bytes()
+    assert main(["export", "lv_three_point_linkage.c", "--c", "."]) == 1
+    assert "is an input" in capsys.readouterr().err
+    assert Path("lv_three_point_linkage.c").read_bytes() == before

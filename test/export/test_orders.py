@@ -1,0 +1,187 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Margins and responses by order in exported C are those of the resonance monitor."""
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from linkage_vibration.cli.export import orders_of
+from linkage_vibration.cli.main import main
+from linkage_vibration.export.c_source import description_of
+from linkage_vibration.export.constants import constants_of, single
+from linkage_vibration.mechanics.description import Mechanism
+from linkage_vibration.prediction.batch import Predictions, predict_many
+from linkage_vibration.prediction.excitation import (
+    Excitation,
+    Source,
+    excitations_from_mapping,
+)
+from linkage_vibration.prediction.levels import Levels, LevelTable
+from linkage_vibration.prediction.predictor import Predictor
+from linkage_vibration.prediction.resonance import ResonanceMonitor, ResonanceState
+from linkage_vibration.readers.excitations import read_excitations
+from linkage_vibration.readers.mechanism import read_mechanism
+from linkage_vibration.support.resources import (
+    DEFAULT_MECHANISM,
+    DEFAULT_TABLE,
+    PAPER_MECHANISM,
+    PAPER_TABLE,
+    config_file,
+)
+from linkage_vibration.table.table import Table, load_table
+from test.support.c_code import Library
+
+CASES = {
+    "tractor with amplitudes": (
+        DEFAULT_MECHANISM,
+        DEFAULT_TABLE,
+        read_excitations(config_file("excitations_on_tractor.yaml")),
+    ),
+    "paper without amplitudes": (
+        PAPER_MECHANISM,
+        PAPER_TABLE,
+        read_excitations(config_file("excitations.yaml")),
+    ),
+    "forty orders": (
+        PAPER_MECHANISM,
+        PAPER_TABLE,
+        excitations_from_mapping(
+            {"engine": {"speed": "engine", "orders": [0.25 * k for k in range(1, 41)]}}
+        ),
+    ),
+}
+N = 3000
+
+
+Case = tuple[Table, Mechanism, tuple[Excitation, ...], Library]
+
+
+@pytest.fixture(scope="module", params=CASES)
+def case(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Case:
+    """Return a table, its mechanism, excitations, and their compiled export."""
+    mechanism, table, excitations = CASES[request.param]
+    found = load_table(config_file(table)), read_mechanism(config_file(mechanism)), excitations
+    constants = constants_of(found[0], orders_of(*found))
+    folder = tmp_path_factory.mktemp("orders")
+    return *found, Library(folder, description_of(found[0], ""), constants)
+
+
+def drawn(table: Table) -> tuple[Any, Any]:
+    """Return angles and speeds, (n,) and (n, 3), of which a few are not known."""
+    rng = np.random.default_rng(3)
+    angles = rng.uniform(*table.alpha3_range, N)
+    speeds = rng.uniform(0.0, [3000.0, 1200.0, 12.0], (N, 3))
+    speeds[::7, 0], speeds[::11, 1], speeds[::13, 2] = math.nan, 0.0, math.nan
+    angles[::17] = [math.nan, math.inf, 0.0][0]
+    return angles, speeds
+
+
+def levels_of(
+    table: Table,
+    mechanism: Mechanism,
+    excitations: tuple[Excitation, ...],
+    predictions: Predictions,
+    speeds: Any,
+) -> Levels:
+    """Return the levels of the node."""
+    known = LevelTable(Predictor(table), mechanism, excitations)
+    zero = np.zeros((len(speeds), 2, table.n_modes))
+    return known.many(predictions.crank_angle, speeds.T, zero)
+
+
+def test_same_numbers_as_the_node(case: Case) -> None:
+    """Levels are equal as the message has them, and margins are those to the nearest modes."""
+    table, mechanism, excitations, library = case
+    angles, speeds = drawn(table)
+    predicted = library.predict(angles, 0.0 * angles)
+    found = library.assess(predicted, speeds)
+    predictions = predict_many(Predictor(table), angles, np.zeros(N))
+    levels = levels_of(table, mechanism, excitations, predictions, speeds)
+    for name in ("velocities", "accelerations", "amplifications", "total_velocity"):
+        own, expected = found[name].astype(np.float32), getattr(levels, name)
+        np.testing.assert_array_equal(np.isnan(own), np.isnan(expected), name)
+        np.testing.assert_allclose(own, expected, rtol=2e-7, err_msg=name)
+        same = (own == expected) | np.isnan(own)
+        assert same.mean() > 0.999, name  # pow() may differ in its last bit
+    sources = [list(Source).index(one.source) for one in excitations]
+    frequency = np.array([one.ratio for one in excitations]) * speeds[:, sources]
+    frequency[~(frequency > 0.0) | np.isnan(angles)[:, np.newaxis]] = math.nan
+    np.testing.assert_array_equal(found["excitation_frequency"], frequency)
+    naturals = predictions.natural_frequencies[:, np.newaxis]
+    apart = np.abs(frequency[:, :, np.newaxis] / naturals - 1.0)
+    known = np.isfinite(frequency)
+    mode = np.where(np.isnan(apart), math.inf, apart).argmin(axis=2)
+    np.testing.assert_array_equal(found["nearest_mode"], np.where(known, mode + 1, 0))
+    rows, columns = np.nonzero(known)
+    natural = predictions.natural_frequencies[rows, mode[known]]
+    np.testing.assert_array_equal(found["margin"][known], frequency[known] - natural)
+    relative = (frequency[known] - natural) / natural
+    np.testing.assert_array_equal(found["relative_margin"][known], relative)
+    assert np.isnan(found["margin"][~known]).all()
+    assert len(columns)
+
+
+def test_most_severe_excitation(case: Case) -> None:
+    """The mode, the margin and the velocity of the monitor's excitation are in the arrays."""
+    table, mechanism, excitations, library = case
+    predictor = Predictor(table)
+    levels = LevelTable(predictor, mechanism, excitations)
+    names = [one.name for one in excitations]
+    angles, speeds = drawn(table)
+    found = library.assess(library.predict(angles, 0.0 * angles), speeds)
+    compared = 0
+    for i in range(200):
+        monitor = ResonanceMonitor(excitations, levels=levels)
+        for source, speed in zip(Source, speeds[i].tolist(), strict=True):
+            monitor.set_speed(source, speed, 0)
+        one = monitor.assess(predictor.predict(angles[i]), math.nan, 0)
+        if one.state is ResonanceState.STALE:
+            assert not found["nearest_mode"][i].any()
+            continue
+        k = names.index(one.excitation)
+        assert found["nearest_mode"][i, k] == one.mode + 1
+        assert found["margin"][i, k] == one.margin
+        np.testing.assert_allclose(found["velocities"][i, k], one.velocity, rtol=2e-7)
+        compared += 1
+    assert compared > 100
+
+
+def test_single_precision(tmp_path: Path) -> None:
+    """In single precision responses are within 1e-3 of those in double precision."""
+    mechanism_file, table_file, excitations = CASES["tractor with amplitudes"]
+    table, mechanism = (
+        load_table(config_file(table_file)),
+        read_mechanism(config_file(mechanism_file)),
+    )
+    known = LevelTable(Predictor(table), mechanism, excitations)
+    constants = single(constants_of(table, orders_of(table, mechanism, excitations)))
+    library = Library(tmp_path, description_of(table, ""), constants)
+    angles, speeds = (one.astype(np.float32) for one in drawn(table))
+    found = library.assess(library.predict(angles, 0.0 * angles), speeds)
+    zero = np.zeros((N, 2, table.n_modes))
+    levels = known.many(angles.astype(float), speeds.T.astype(float), zero)
+    for name in ("amplifications", "velocities"):
+        one, two = getattr(levels, name).astype(float), found[name].astype(float)
+        both = np.isfinite(one) & np.isfinite(two)
+        assert both.mean() >= np.isfinite(one).mean() - 1e-3
+        assert np.abs(two[both] / one[both] - 1.0).max() < 1e-3
+
+
+def test_command(tmp_path: Path) -> None:
+    """The command takes excitations, and refuses another mechanism."""
+    orders = str(config_file("excitations_on_tractor.yaml"))
+    assert main(["export", "--excitations", orders, "--c", str(tmp_path)]) == 0
+    header = (tmp_path / "lv_three_point_linkage_on_tractor.h").read_text()
+    assert "* 4: engine 3\n" in header
+    assert "_ORDERS 12\n" in header
+
+
+def test_table_of_another_mechanism(tmp_path: Path, capsys: Any) -> None:
+    """Responses need the mechanism of the table."""
+    table, orders = (str(config_file(n)) for n in (PAPER_TABLE, "excitations.yaml"))
+    assert main(["export", table, "--excitations", orders, "--c", str(tmp_path / "x")]) == 1
+    assert "was built from another mechanism" in capsys.readouterr().err

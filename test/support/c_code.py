@@ -1,0 +1,141 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Compiles exported C, and calls it at many angles."""
+
+import ctypes
+import shutil
+import subprocess
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from linkage_vibration.export.c_source import Description, c_files
+from linkage_vibration.export.constants import Constants, Reals
+from linkage_vibration.export.evaluation import NUMBERS
+
+COMPILERS = ("gcc", "clang")
+EXACT = ("-O2", "-ffp-contract=off")
+STRICT = ("-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror")
+
+_LOOP = """
+#include "PREFIX.h"
+#include <stddef.h>
+void predict_many(const PREFIX_real *angles, const PREFIX_real *stddevs, size_t count,
+                  PREFIX_prediction *found);
+void predict_many(const PREFIX_real *angles, const PREFIX_real *stddevs, size_t count,
+                  PREFIX_prediction *found)
+{
+    size_t i;
+    for (i = 0u; i < count; i++) {
+        PREFIX_predict(angles[i], stddevs[i], &found[i]);
+    }
+}
+"""
+_ASSESS = """
+void assess_many(const PREFIX_prediction *predictions, const PREFIX_real *speeds, size_t count,
+                 PREFIX_resonance *found);
+void assess_many(const PREFIX_prediction *predictions, const PREFIX_real *speeds, size_t count,
+                 PREFIX_resonance *found)
+{
+    size_t i;
+    for (i = 0u; i < count; i++) {
+        PREFIX_assess(&predictions[i], &speeds[PREFIX_SPEEDS * i], &found[i]);
+    }
+}
+"""
+
+
+def require(tool: str) -> str:
+    """Return the path of a program; skip the test if it is not installed."""
+    found = shutil.which(tool)
+    if found is None:
+        pytest.skip(f"{tool} is not installed")
+    return found
+
+
+def compile_c(command: Sequence[Any], folder: Path) -> None:
+    """Compile in a folder; fail with what the compiler prints."""
+    done = subprocess.run([*map(str, command)], cwd=folder, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == "", done.stderr
+
+
+def write(files: Mapping[str, str], folder: Path) -> None:
+    """Write files into a folder."""
+    for name, text in files.items():
+        (folder / name).write_text(text)
+
+
+class Library:
+    """Exported C, compiled as a shared library."""
+
+    def __init__(
+        self,
+        folder: Path,
+        description: Description,
+        constants: Constants,
+        compiler: str = "gcc",
+        flags: Sequence[str] = EXACT,
+    ) -> None:
+        prefix, self._constants = description.prefix, constants
+        write(c_files(description, constants), folder)
+        loop = _LOOP + (_ASSESS if constants.orders else "")
+        (folder / "loop.c").write_text(
+            loop.replace("PREFIX_SPEEDS", f"{prefix.upper()}_SPEEDS").replace("PREFIX", prefix)
+        )
+        sources = f"{prefix}.c", "loop.c"
+        command = [require(compiler), *STRICT, *flags, "-fPIC", "-shared", "-o", "library.so"]
+        compile_c([*command, *sources, "-lm"], folder)
+        self._library = ctypes.CDLL(str(folder / "library.so"))
+        modes, real = constants.n_modes, constants.starts.dtype
+        several, one = NUMBERS[:5], NUMBERS[5:]
+        self._prediction = np.dtype(
+            [
+                ("crank_angle", real),
+                ("status", np.int32),
+                *((name, real, (modes,)) for name in several),
+                *((name, real) for name in one),
+            ],
+            align=True,
+        )
+
+    def predict(self, angles: Reals, stddevs: Reals) -> NDArray[np.void]:
+        """Return the predictions at angles, as a structured array."""
+        found = np.zeros(len(angles), self._prediction)
+        own = [np.ascontiguousarray(x, self._constants.starts.dtype) for x in (angles, stddevs)]
+        pointers = [ctypes.c_void_p(x.ctypes.data) for x in (*own, found)]
+        self._library.predict_many(*pointers[:2], ctypes.c_size_t(len(found)), pointers[2])
+        return found
+
+    def assess(self, predictions: NDArray[np.void], speeds: Reals) -> NDArray[np.void]:
+        """Return what excitations do, with speeds of shape (n, 3)."""
+        assert self._constants.orders is not None
+        n, real = len(self._constants.orders.names), self._constants.starts.dtype
+        kind = np.dtype(
+            [
+                ("excitation_frequency", real, (n,)),
+                ("nearest_mode", np.int32, (n,)),
+                *(
+                    (name, real, (n,))
+                    for name in (
+                        "margin",
+                        "relative_margin",
+                        "velocities",
+                        "accelerations",
+                        "amplifications",
+                    )
+                ),
+                ("total_velocity", real),
+                ("total_acceleration", real),
+            ],
+            align=True,
+        )
+        found = np.zeros(len(predictions), kind)
+        own = np.ascontiguousarray(speeds, real)
+        pointers = [ctypes.c_void_p(x.ctypes.data) for x in (predictions, own, found)]
+        self._library.assess_many(*pointers[:2], ctypes.c_size_t(len(found)), pointers[2])
+        return found
