@@ -3,6 +3,7 @@
 """Exported C gives the same bits as Python, compiles without a warning, and runs elsewhere."""
 
 import math
+import re
 import subprocess
 from dataclasses import replace
 from pathlib import Path
@@ -237,6 +238,20 @@ def test_microcontroller(paper: Table, flags: list[str], tmp_path: Path) -> None
     compiler = require("arm-none-eabi-gcc")
     command = [compiler, *STRICT, "-Wdouble-promotion", "-O2", *flags, "-mthumb", "-c"]
     compile_c([*command, f"{described(paper).prefix}.c"], tmp_path)
+
+
+def test_misra(paper: Table, tmp_path: Path) -> None:
+    """A checker of MISRA C:2012 finds no deviation that the source does not list."""
+    files = c_files(described(paper), fewer_cells(constants_of(paper), 1e-3))
+    write(files, tmp_path)
+    source = f"{described(paper).prefix}.c"
+    command = [require("cppcheck"), "--addon=misra", "--std=c99", "--quiet", source]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+    assert ": error:" not in done.stderr, done.stderr
+    rules = set(re.findall(r"misra-c2012-([0-9.]+)", done.stderr))
+    assert rules == {"2.5", "8.9"}
+    for rule in rules:
+        assert re.search(rf"^ \* +rules? {rule} ", files[source], re.MULTILINE)
 
 
 NAMES = {
