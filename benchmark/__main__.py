@@ -36,6 +36,7 @@ STEPS = (
     "signals",
     "crash",
     "libraries",
+    "recovery",
     "log_readers",
     "can_bus",
     "replay",

@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Loads a log with Rerun and compares every field: ``python -m benchmark rerun_log``.
+"""Loads a log with Rerun and compares every field: ``python -m benchmark.rerun_log``.
 
 It also writes ``config/rerun_blueprint.rbl``, with which Rerun's viewer shows a log.
 """

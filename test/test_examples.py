@@ -2,11 +2,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """Every example runs, and prints what it should."""
 
+import importlib.util
 import subprocess
 import sys
+from collections.abc import Iterator, Sequence
 from pathlib import Path
+from types import ModuleType
+from typing import Any
 
 import pytest
+
+from linkage_vibration.bags.message_columns import topic_types
+from linkage_vibration.bags.reading import read_messages
+from linkage_vibration.messages.topics import PREDICTION_TOPIC, RESONANCE_TOPIC
+from linkage_vibration.playback.replay import replay
+from linkage_vibration.prediction.settings import Parameters
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 
@@ -20,14 +30,15 @@ EXPECTED = {
     "table_of_my_linkage.py": "mode 1 in the middle: 220.88 Hz",
     "test_my_drive.py": "2 passed",
 }
+REPLAY_TEST = "replay_testing_drive.py"  # needs ROS 2 packages that PyPI does not have
 WRITTEN = {"simulated_hammer.py": {"95.csv", "115.csv", "135.csv", "155.csv", "175.csv"}}
 
 
 def test_every_example_is_run_and_listed() -> None:
     """The scripts in the folder, the list above and the table for readers agree."""
-    assert {path.name for path in EXAMPLES.glob("*.py")} == set(EXPECTED)
+    assert {path.name for path in EXAMPLES.glob("*.py")} == {REPLAY_TEST, *EXPECTED}
     text = (EXAMPLES / "README.md").read_text()
-    assert all(f"]({name})" in text for name in EXPECTED)
+    assert all(f"]({name})" in text for name in (REPLAY_TEST, *EXPECTED))
 
 
 @pytest.mark.parametrize("name", EXPECTED)
@@ -40,3 +51,63 @@ def test_example(name: str, tmp_path: Path) -> None:
     assert run.returncode == 0, run.stdout + run.stderr
     assert EXPECTED[name] in run.stdout
     assert {path.name for path in tmp_path.iterdir()} == WRITTEN.get(name, set())
+
+
+@pytest.fixture
+def replay_test(monkeypatch: pytest.MonkeyPatch) -> Any:
+    """Return the example for replay_testing, with stand-ins for what PyPI does not have.
+
+    Decorators return what they get, actions keep their arguments, and a reader is a path.
+    """
+
+    class Kept:
+        def __init__(self, *arguments: Any, **named: Any) -> None:
+            self.arguments, self.named = arguments, named
+
+    class Decorator:
+        parameterize = staticmethod(lambda fixtures: lambda kind: kind)
+        default = staticmethod(lambda: lambda kind: kind)
+
+    def read(reader: Path, topics: Sequence[str]) -> Iterator[tuple[str, Any, int]]:
+        for topic in topics:
+            yield from ((topic, message, time) for time, message in read_messages(reader, topic))
+
+    names: dict[str, dict[str, Any]] = {
+        "launch": {"LaunchDescription": Kept},
+        "launch.actions": {"IncludeLaunchDescription": Kept},
+        "launch.launch_description_sources": {"PythonLaunchDescriptionSource": Kept},
+        "replay_testing": {
+            **{"LocalFixture": Kept, "fixtures": Decorator, "run": Decorator},
+            **{"analyze": lambda kind: kind, "read_messages": read},
+        },
+    }
+    for name, content in names.items():
+        module = ModuleType(name)
+        vars(module).update(content)
+        monkeypatch.setitem(sys.modules, name, module)
+    spec = importlib.util.spec_from_file_location("replay_test", EXAMPLES / REPLAY_TEST)
+    assert spec is not None
+    assert spec.loader is not None
+    found = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(found)
+    return found
+
+
+def test_replay_test(replay_test: Any, tmp_path: Path) -> None:
+    """Its topics and its launch file exist, and its analysis tells right from wrong predictions."""
+    drive = replay_test.ROOT / "config" / "drives" / "hitch_duty_cycle.mcap"
+    assert set(replay_test.Fixtures.required_input_topics) <= topic_types(drive).keys()
+    assert replay_test.Fixtures.expected_output_topics == [PREDICTION_TOPIC, RESONANCE_TOPIC]
+    [include] = replay_test.Run().generate_launch_description().arguments[0]
+    [launch_file] = include.arguments[0].arguments
+    assert Path(launch_file).is_file()
+    [(argument, _)] = include.named["launch_arguments"]
+    assert f'"{argument}"' in Path(launch_file).read_text()
+    analysis = replay_test.Analysis()
+    for offset in (0.0, 0.3):
+        analysis.reader = tmp_path / f"{offset}.mcap"
+        replay(drive, analysis.reader, Parameters(offset=offset))
+        if not offset:
+            analysis.test_predictions()
+    with pytest.raises(AssertionError):
+        analysis.test_predictions()

@@ -6,7 +6,8 @@ Own code because the reader of mcap stops at the first damaged record, and so lo
 of which this saves 87 % (`python -m benchmark.libraries`). An MCAP file is a magic number and
 records, each with an opcode, a length and a content. Most messages are in chunk records, which have
 a CRC. Every record is checked before its length is used; after a damaged one, reading continues at
-the next intact one.
+the next intact one. An intact chunk is copied as it is stored, and only its indexes are written
+again.
 """
 
 import contextlib
@@ -16,21 +17,22 @@ import re
 import struct
 import zlib
 from collections import Counter
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import lz4.frame
+import numpy as np
 import zstandard
 from mcap import records
 from mcap.data_stream import ReadDataStream, RecordBuilder
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.writer import Writer
 
+from linkage_vibration.bags.mcap_file import Compressed, McapFile, message_heads
 from linkage_vibration.bags.mcap_records import CHUNK, MAGIC, MESSAGE, MESSAGE_INDEX, RECORD
-from linkage_vibration.bags.writing import LIBRARY, ROSBAG2_METADATA, Topic, rosbag2_metadata
+from linkage_vibration.bags.writing import ROSBAG2_METADATA, Topic, rosbag2_metadata
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.support.atomic_files import replacement
 
@@ -177,23 +179,23 @@ class _Rescue:
     ) -> None:
         self._source = source
         self._output = output
+        self._stream = stream
         self._progress = progress
-        self._writer = Writer(stream)
-        self._begun = False
+        self._file: McapFile | None = None
         self._profile: str | None = None
-        # By the ids of the input: the definition, and whether a CRC confirms it.
+        # By their ids: the definition, and whether a CRC confirms it.
         self._schemas: dict[int, tuple[records.Schema, bool]] = {}
         self._channels: dict[int, tuple[records.Channel, bool]] = {}
-        # From the ids of the input to those of the output.
-        self._schema_ids: dict[int, int] = {0: 0}
-        self._channel_ids: dict[int, int] = {}
-        self._saved: Counter[int] = Counter()
+        # The definitions in the output, by kind and id.
+        self._defined: dict[tuple[type, int], records.Schema | records.Channel] = {}
+        # Records of messages that are not yet in a chunk of the output.
+        self._loose: list[bytes] = []
+        self._loose_bytes = 0
         self._lost: Counter[int] = Counter()
         self._statistics: records.Statistics | None = None
         self._chunked = False
         # Messages of the last chunk that no index has counted yet.
         self._chunk: Counter[int] = Counter()
-        self._first_time, self._last_time = 2**64, 0
         self._damages: list[str] = []
 
     def run(self) -> Recovery:
@@ -205,7 +207,7 @@ class _Rescue:
         self._read_summary()
         for offset, opcode, body, cut in self._records():
             self._take(offset, opcode, body, cut)
-        if not self._begun and not self._channels:
+        if self._file is None and not self._channels:
             raise RecoveryError(f"{self._source.path} has no readable record; give an MCAP file.")
         return self._finish()
 
@@ -228,7 +230,8 @@ class _Rescue:
         if zlib.crc32(footer[: RECORD.size + 16], zlib.crc32(summary)) != record.summary_crc:
             return
         for opcode, body in _split(summary):
-            found = _parse(opcode, body)
+            wanted = opcode in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.STATISTICS)
+            found = _parse(opcode, body) if wanted else None
             if isinstance(found, records.Schema | records.Channel):
                 self._define(found, verified=True)
             elif isinstance(found, records.Statistics):
@@ -334,7 +337,7 @@ class _Rescue:
         if opcode == Opcode.CHUNK:
             self._take_chunk(offset, body, cut)
         elif opcode == Opcode.MESSAGE:
-            self._take_message(body)
+            self._take_message(RECORD.pack(opcode, len(body)) + body)
         elif opcode == Opcode.MESSAGE_INDEX:
             channel, size = MESSAGE_INDEX.unpack_from(body)
             count = size // _INDEX_ENTRY_BYTES
@@ -348,36 +351,74 @@ class _Rescue:
         self._chunked = True
         self._chunk.clear()
         *_, size, crc, name_length = CHUNK.unpack_from(body)
-        compression = body[CHUNK.size : CHUNK.size + name_length]
-        data = _decompressed(compression, memoryview(body)[CHUNK.size + name_length + 8 :])
-        sound = len(data) == size if crc == 0 else zlib.crc32(data) == crc
-        if not sound and not cut:
+        name, stored = body[CHUNK.size :][:name_length], body[CHUNK.size + name_length + 8 :]
+        whole = None if cut else _whole(name, stored, size)
+        content = _decompressed(name, stored) if whole is None else whole
+        found = zlib.crc32(content)
+        if not cut and (len(content) != size if crc == 0 else found != crc):
             self._damages.append(f"byte {offset}: a chunk of {len(body)} bytes")
             return
         if cut:
             self._damages.append(f"byte {offset}: a chunk that the end of the file cuts off")
-        for opcode, content in _split(data):
-            if opcode == Opcode.MESSAGE and len(content) >= MESSAGE.size:
-                self._take_message(content)
-            elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-                found = _parse(opcode, content, longer=True)
-                if isinstance(found, records.Schema | records.Channel):
-                    self._define(found, verified=not cut and crc != 0)
+        begins, others, end = _messages_and_others(content)
+        definitions = [_parse(opcode, other, longer=True) for opcode, other in others]
+        for record in definitions:
+            if isinstance(record, records.Schema | records.Channel):
+                self._define(record, verified=not cut and crc != 0)
+        if not begins:
+            return
+        places = np.array(begins)
+        numbers = Counter(message_heads(content, places)["channel"].tolist())
+        readable = whole is not None and end == len(content)
+        if readable and self._agrees(numbers, definitions):
+            self._write_loose()
+            self._output_file().add_chunk(content, places, Compressed(name, stored, found))
+            self._chunk.update(numbers)
+            return
+        for begin in begins:
+            _, length = RECORD.unpack_from(content, begin)
+            self._take_message(content[begin : begin + RECORD.size + length])
 
-    def _take_message(self, body: bytes) -> None:
-        channel, sequence, log_time, publish_time = MESSAGE.unpack_from(body)
+    def _agrees(
+        self, channels: Iterable[int], definitions: Iterable[records.McapRecord | None]
+    ) -> bool:
+        """Return whether the output can define what a chunk with these channels needs."""
+        if not self._channels.keys() >= set(channels):
+            return False
+        for channel in channels:
+            self._register(channel)
+        return all(self._is_defined(record) for record in definitions)
+
+    def _is_defined(self, record: records.McapRecord | None) -> bool:
+        """Return whether a record is a definition that the output has; it gets a new one."""
+        if isinstance(record, records.Channel):
+            self._register(record.id)
+        elif isinstance(record, records.Schema) and record.id:
+            self._register_schema(record.id)
+        else:
+            return False
+        return self._defined[type(record), record.id] == record
+
+    def _take_message(self, record: bytes) -> None:
+        """Keep a message for the next chunk of the output."""
+        channel = int.from_bytes(record[RECORD.size : RECORD.size + 2], "little")
         self._chunk[channel] += 1
         if channel not in self._channels:
             self._lost[channel] += 1
             return
-        self._begin()
-        if channel not in self._channel_ids:
-            self._register(channel)
-        data = body[MESSAGE.size :]
-        self._writer.add_message(self._channel_ids[channel], log_time, data, publish_time, sequence)
-        self._saved[channel] += 1
-        self._first_time = min(self._first_time, log_time)
-        self._last_time = max(self._last_time, log_time)
+        self._register(channel)
+        self._loose.append(record)
+        self._loose_bytes += len(record)
+        if self._loose_bytes >= _BLOCK:
+            self._write_loose()
+
+    def _write_loose(self) -> None:
+        """Write the messages that are kept to a chunk of their own."""
+        if self._loose:
+            lengths = np.array([len(record) for record in self._loose])
+            begins = np.cumsum(lengths) - lengths
+            self._output_file().add_chunk(b"".join(self._loose), begins)
+            self._loose, self._loose_bytes = [], 0
 
     def _take_other(self, offset: int, record: records.McapRecord | None) -> None:
         if isinstance(record, records.Header):
@@ -385,14 +426,10 @@ class _Rescue:
         elif isinstance(record, records.Schema | records.Channel):
             self._define(record, verified=False)
         elif isinstance(record, records.Attachment):
-            self._begin()
-            self._writer.add_attachment(
-                record.create_time, record.log_time, record.name, record.media_type, record.data
-            )
+            self._output_file().attach(record)
         # The metadata of rosbag2 are written again, as their counts change.
         elif isinstance(record, records.Metadata) and record.name != ROSBAG2_METADATA:
-            self._begin()
-            self._writer.add_metadata(record.name, record.metadata)
+            self._output_file().add_metadata(record.name, record.metadata)
 
     def _define(self, record: records.Schema | records.Channel, verified: bool) -> None:
         """Keep a schema or channel; one that a CRC confirms replaces another one."""
@@ -402,48 +439,54 @@ class _Rescue:
             known[record.id] = record, verified
 
     def _register(self, channel: int) -> None:
-        """Add a channel and its schema to the output."""
+        """Define a channel and its schema in the output, unless it has them."""
+        if (records.Channel, channel) in self._defined:
+            return
         found = self._channels[channel][0]
-        if found.schema_id not in self._schema_ids:
-            if found.schema_id in self._schemas:
-                schema = self._schemas[found.schema_id][0]
-                self._schema_ids[found.schema_id] = self._writer.register_schema(
-                    schema.name, schema.encoding, schema.data
-                )
-            else:
-                self._damages.append(f"the type of {found.topic}: its definition is missing")
-                self._schema_ids[found.schema_id] = 0
-        self._channel_ids[channel] = self._writer.register_channel(
-            found.topic, found.message_encoding, self._schema_ids[found.schema_id], found.metadata
-        )
+        if found.schema_id and found.schema_id in self._schemas:
+            self._register_schema(found.schema_id)
+        elif found.schema_id:
+            self._damages.append(f"the type of {found.topic}: its definition is missing")
+            found = replace(found, schema_id=0)
+        self._defined[records.Channel, channel] = found
+        self._output_file().define(found)
 
-    def _begin(self) -> None:
-        """Begin the output once; its first record needs the profile."""
-        if not self._begun:
-            self._begun = True
+    def _register_schema(self, number: int) -> None:
+        if (records.Schema, number) not in self._defined:
+            schema = self._schemas[number][0]
+            self._defined[records.Schema, number] = schema
+            self._output_file().define(schema)
+
+    def _output_file(self) -> McapFile:
+        """Return the output, which begins with the profile."""
+        if self._file is None:
             if not self._profile:
                 ros = any(schema.encoding == "ros2msg" for schema, _ in self._schemas.values())
                 self._profile = "ros2" if ros else ""
-            self._writer.start(self._profile, LIBRARY)
+            self._file = McapFile(self._stream, self._profile)
+        return self._file
 
     def _finish(self) -> Recovery:
-        self._begin()
         for channel in self._channels:
-            if channel not in self._channel_ids:
-                self._register(channel)
+            self._register(channel)
+        self._write_loose()
+        file = self._output_file()
         if self._statistics is not None:
             counts = Counter(self._statistics.channel_message_counts)
-            self._lost = counts - self._saved
-        saved = {channel.topic: 0 for channel, _ in self._channels.values()}
-        for id_, count in self._saved.items():
-            saved[self._channels[id_][0].topic] += count
-        lost: Counter[str] = Counter()
-        for id_, count in self._lost.items():
-            known = id_ in self._channels
-            lost[self._channels[id_][0].topic if known else f"unknown channel {id_}"] += count
+            self._lost = counts - file.counts
+        topics = {
+            number: record.topic
+            for (_, number), record in self._defined.items()
+            if isinstance(record, records.Channel)
+        }
+        saved, lost = dict.fromkeys(topics.values(), 0), Counter[str]()
+        for number, count in file.counts.items():
+            saved[topics[number]] += count
+        for number, count in self._lost.items():
+            lost[topics.get(number, f"unknown channel {number}")] += count
         if self._profile == "ros2":
-            self._writer.add_metadata(ROSBAG2_METADATA, self._rosbag2_metadata())
-        self._writer.add_metadata(
+            file.add_metadata(ROSBAG2_METADATA, self._rosbag2_metadata(file))
+        file.add_metadata(
             RECOVERY_METADATA,
             {
                 "source": self._source.path.name,
@@ -452,25 +495,21 @@ class _Rescue:
                 "damages": "\n".join(self._damages),
             },
         )
-        self._writer.finish()  # type: ignore[no-untyped-call]
+        file.close()
         return Recovery(self._output, saved, dict(lost), tuple(self._damages))
 
-    def _rosbag2_metadata(self) -> dict[str, str]:
-        topics = []
-        for channel, _ in self._channels.values():
-            schema = self._schemas.get(channel.schema_id)
-            topics.append(
-                Topic(
-                    channel.topic,
-                    schema[0].name if schema else "",
-                    "",  # the metadata have no definitions
-                    channel.metadata.get("topic_type_hash", ""),
-                    channel.metadata.get("offered_qos_profiles", ""),
-                )
-            )
-        counts = [self._saved[id_] for id_ in self._channels]
-        first = min(self._first_time, self._last_time)
-        return rosbag2_metadata(self._output, topics, counts, first, self._last_time)
+    def _rosbag2_metadata(self, file: McapFile) -> dict[str, str]:
+        topics, counts = [], []
+        for channel in self._defined.values():
+            if isinstance(channel, records.Channel):
+                schema = self._defined.get((records.Schema, channel.schema_id))
+                name = schema.name if isinstance(schema, records.Schema) else ""
+                type_hash = channel.metadata.get("topic_type_hash", "")
+                qos = channel.metadata.get("offered_qos_profiles", "")
+                # The metadata have no definitions.
+                topics.append(Topic(channel.topic, name, "", type_hash, qos))
+                counts.append(file.counts[channel.id])
+        return rosbag2_metadata(self._output, topics, counts, file.first, file.last)
 
 
 def _split(records: bytes) -> Iterator[tuple[int, bytes]]:
@@ -506,7 +545,50 @@ def _parse(opcode: int, body: bytes, longer: bool = False) -> records.McapRecord
     return record if same else None
 
 
-def _decompressed(compression: bytes, data: memoryview) -> bytes:
+def _messages_and_others(content: bytes) -> tuple[list[int], list[tuple[int, bytes]], int]:
+    """Return the positions of the messages of a chunk, its other records, and the end of all.
+
+    The end is that of the last complete record.
+    """
+    begins, others, position = [], [], 0
+    # Names within the function are faster, and a chunk may have thousands of messages.
+    size, head, message, shortest = len(content), RECORD.size, int(Opcode.MESSAGE), MESSAGE.size
+    unpack = RECORD.unpack_from
+    while position + head <= size:
+        opcode, length = unpack(content, position)
+        after = position + head + length
+        if after > size:
+            break
+        if opcode == message and length >= shortest:
+            begins.append(position)
+        else:
+            others.append((opcode, content[position + head : after]))
+        position = after
+    return begins, others, position
+
+
+def _whole(compression: bytes, data: bytes, size: int) -> bytes | None:
+    """Return the records of a chunk that every reader decompresses to this size, or None."""
+    if size > LONGEST_RECORD:
+        return None
+    found, used = data, len(data)
+    try:
+        if compression == b"zstd":
+            if zstandard.frame_content_size(data) not in (-1, size):
+                return None
+            reader = zstandard.ZstdDecompressor()
+            found = reader.decompress(data, max_output_size=size, allow_extra_data=False)
+        elif compression == b"lz4":
+            if lz4.frame.get_frame_info(data)["content_size"] not in (0, size):
+                return None
+            found, used = lz4.frame.decompress(data, return_bytes_read=True)
+    except (zstandard.ZstdError, RuntimeError):
+        return None
+    known = compression in (b"", b"lz4", b"zstd")
+    return found if known and len(found) == size and used == len(data) else None
+
+
+def _decompressed(compression: bytes, data: bytes) -> bytes:
     """Return the records of a chunk, as far as they can be decompressed."""
     if compression == b"zstd":
         pieces: list[bytes] = []
@@ -523,6 +605,6 @@ def _decompressed(compression: bytes, data: memoryview) -> bytes:
             while data and len(found) < LONGEST_RECORD:
                 frame = lz4.frame.LZ4FrameDecompressor()
                 found += frame.decompress(data, LONGEST_RECORD - len(found))
-                data = memoryview(frame.unused_data or b"")
+                data = frame.unused_data or b""
         return found
-    return b"" if compression else bytes(data)
+    return b"" if compression else data

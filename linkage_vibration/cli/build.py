@@ -39,11 +39,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Build the table and print its errors; return the exit code."""
-    from tqdm import tqdm
-
     from linkage_vibration.mechanics.model import LinkageModel
     from linkage_vibration.readers.mechanism import read_mechanism
     from linkage_vibration.support.atomic_files import check_outputs, check_suffix
+    from linkage_vibration.support.progress import table_bar
     from linkage_vibration.support.resources import DEFAULT_MECHANISM, config_file
     from linkage_vibration.table.table import save_table
     from linkage_vibration.table.tabulation import build_table
@@ -55,18 +54,14 @@ def run(options: argparse.Namespace) -> int:
     model, solutions = LinkageModel(read_mechanism(source)), 0
     if model.kinematics.notice:
         print(f"{source}: {model.kinematics.notice}")
-    layout = "{desc}: {percentage:3.0f} % of the stroke |{bar}| {elapsed}, {postfix}"
-    with tqdm(
-        disable=None, desc=model.mechanism.name, total=1.0, delay=2.0, bar_format=layout
-    ) as bar:
+    with table_bar(model.mechanism.name) as show:
 
-        def show(finished: float) -> None:
+        def count(finished: float) -> None:
             nonlocal solutions
             solutions += 1
-            bar.set_postfix_str(f"{solutions} solutions", refresh=False)
-            bar.update(finished - bar.n)
+            show(finished)
 
-        table = build_table(model, options.tolerance, options.frf_points, show)
+        table = build_table(model, options.tolerance, options.frf_points, count)
     save_table(table, output)
     for line in _description(table, solutions, output, model.mechanism):
         print(line)

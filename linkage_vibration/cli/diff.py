@@ -18,15 +18,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Print a summary and write the page; return the exit code."""
+    from tqdm import tqdm
+
     from linkage_vibration.review.difference import compare, difference_page, problems, summary
     from linkage_vibration.review.html import write_page
-    from linkage_vibration.support.atomic_files import check_outputs, check_suffix, messages_beside
+    from linkage_vibration.support.atomic_files import check_outputs, check_suffix
 
     check_outputs([options.output], options.logs)
     check_suffix(options.output, ".html")
-    found = compare(*options.logs)
-    stream = messages_beside(options.output)
-    print(summary(found), file=stream)
-    write_page(difference_page(found), options.output)
-    print(f"\nWritten: {options.output}", file=stream)
+    with tqdm(disable=None, total=4, unit="step", delay=1.0) as bar:
+        found = compare(options.logs[0], options.logs[1], bar.update)
+        write_page(difference_page(found), options.output)
+        bar.update(1)
+    print(summary(found))
+    print(f"\nWritten: {options.output}")
     return exit_code(problems(found) if options.strict else [], options.strict)

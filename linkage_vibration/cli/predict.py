@@ -28,10 +28,13 @@ def run(options: argparse.Namespace) -> int:
     from linkage_vibration.prediction.predictor import Status
     from linkage_vibration.prediction.settings import Parameters
     from linkage_vibration.readers.served import read_served
+    from linkage_vibration.support.progress import table_bar
 
     mechanism, table = str(options.mechanism or ""), str(options.table or "")
     settings = Parameters(mechanism_file=mechanism, table_file=table)
-    predictor = read_served(settings, lambda text: print(text, file=sys.stderr)).predictor
+    with table_bar("table") as building:
+        served = read_served(settings, lambda text: print(text, file=sys.stderr), building)
+    predictor = served.predictor
     modes = "".join(f"{f'mode {k + 1} [Hz]':>13}" for k in range(predictor.table.n_modes))
     print(f"{'alpha3 [deg]':>12}{modes}{'peak [Hz]':>13}{'peak [m/N]':>13}")
     good = True

@@ -53,7 +53,8 @@ def run(options: argparse.Namespace) -> int:
     from linkage_vibration.playback.remapping import remappings
     from linkage_vibration.playback.replay import WhatIf, problems, replay, summary
     from linkage_vibration.prediction.settings import Parameters, read_parameters, with_values
-    from linkage_vibration.support.atomic_files import check_outputs, check_suffix, messages_beside
+    from linkage_vibration.support.atomic_files import check_outputs, check_suffix
+    from linkage_vibration.support.progress import table_bar
 
     check_outputs([options.output], [*options.bags, *filter(None, [options.params_file])])
     check_suffix(options.output, ".mcap")
@@ -68,18 +69,18 @@ def run(options: argparse.Namespace) -> int:
     }
     given = {name: value for name, value in given.items() if value is not None}
     settings = with_values(settings, given)
-    stream = messages_beside(options.output)
     what_if = WhatIf(options.implement_mass, options.implement_inertia)
     if what_if != WhatIf() or settings.table_path() is None:
-        print("The table of this mechanism is built first.", file=stream)
-    with tqdm(disable=None, unit=" messages", unit_scale=True, delay=1.0) as bar:
+        print("The table of this mechanism is built first.")
+    messages = tqdm(disable=None, unit=" messages", unit_scale=True, delay=1.0, position=0)
+    with messages as bar, table_bar("table") as building:
 
         def show(done: int, total: int) -> None:
             bar.total = total
             bar.update(done - bar.n)
 
         remaps = remappings(options.remap)
-        done = replay(options.bags, options.output, settings, remaps, what_if, show)
-    print(f"{options.output}: {summary(done)}", file=stream)
+        done = replay(options.bags, options.output, settings, remaps, what_if, show, building)
+    print(f"{options.output}: {summary(done)}")
     code = exit_code(problems(done), options.strict)
     return code if done.with_numbers else INCOMPLETE

@@ -32,7 +32,7 @@ def run(options: argparse.Namespace) -> int:
 
     from linkage_vibration.review.log import ReviewError
     from linkage_vibration.review.overview import logs_of
-    from linkage_vibration.support.atomic_files import check_outputs, check_suffix, messages_beside
+    from linkage_vibration.support.atomic_files import check_outputs, check_suffix
 
     logs, extra = logs_of(options.logs), [path for path in (options.csv, options.png) if path]
     several = len(logs) > 1 or logs != options.logs
@@ -40,7 +40,7 @@ def run(options: argparse.Namespace) -> int:
         raise ReviewError("--csv and --png take one log; give one, or leave them out.")
     single = Path("overview.html") if several else logs[0].with_suffix(".html")
     output = options.output or single
-    pages = [output.with_name(f"{log.stem}.html") for log in logs] if several else []
+    pages = _pages(logs, output) if several else []
     check_outputs([output, *extra, *pages], logs)
     for path, suffix in ((output, ".html"), (options.csv, ".csv"), (options.png, ".png")):
         if path is not None:
@@ -51,8 +51,20 @@ def run(options: argparse.Namespace) -> int:
         else:
             problems = _write_page(logs[0], output, options, bar.update)
     written = ", ".join(map(str, [output, *extra, *pages]))
-    print(f"Written: {written}", file=messages_beside(output, *extra))
+    print(f"Written: {written}")
     return exit_code(problems, options.strict)
+
+
+def _pages(logs: Sequence[Path], output: Path) -> list[Path]:
+    """Return the page of each log, beside the overview; logs of one name get a number."""
+    found: list[Path] = []
+    for log in logs:
+        name, number = log.stem, 1
+        while (page := output.with_name(f"{name}.html")) in (output, *found):
+            number += 1
+            name = f"{log.stem}_{number}"
+        found.append(page)
+    return found
 
 
 def _write_page(

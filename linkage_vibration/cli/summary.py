@@ -19,11 +19,13 @@ def run(options: argparse.Namespace) -> int:
     """Print a list with one object for each drive; return the exit code."""
     import json
 
+    from tqdm import tqdm
+
     from linkage_vibration.review.log import problems, read_log
     from linkage_vibration.review.overview import drive_summary, logs_of
 
     drives, found = [], []
-    for path in logs_of(options.logs):
+    for path in tqdm(logs_of(options.logs), disable=None, unit="log", delay=1.0):
         log = read_log(path)
         drives.append(drive_summary(log))
         found += [f"{path}: {text}" for text in problems(log)]

@@ -69,6 +69,11 @@ def tidy(ax: "Axes") -> None:
     ax.spines[["top", "right"]].set_visible(False)
 
 
+def plain(text: str) -> str:
+    """Return a text that matplotlib does not read as a formula."""
+    return text.replace("$", r"\$")
+
+
 def plot_predictions(log: Path, picture: Path, names: Sequence[str] = ()) -> None:
     """Draw crank angle, natural frequencies and FRF peak of a log over the time of its stamps.
 
@@ -96,7 +101,7 @@ def plot_predictions(log: Path, picture: Path, names: Sequence[str] = ()) -> Non
     figure.suptitle(title, x=0.01, horizontalalignment="left", fontweight="bold")
     table_ids = predictions["table_id"]
     about = f"{len(table_ids)} predictions of table {table_ids[0]}, from {log.name}"
-    figure.axes[0].set_title(about, loc="right", fontsize=9, color=palette.GREY)
+    figure.axes[0].set_title(plain(about), loc="right", fontsize=9, color=palette.GREY)
     png = io.BytesIO()
     figure.savefig(png, format="png")
     write_bytes(picture, png.getvalue(), PlotError)
@@ -129,7 +134,7 @@ def _draw(
     breaks = np.union1d(gaps + 1, jumps)
     keys: dict[str, Artist] = _draw_lines(axes, times, breaks, predictions)
     for mode, (name, ax) in enumerate(zip(names, rows, strict=False)):
-        ax.set_ylabel(f"{name}\n$f_{mode + 1}$ [Hz]")
+        ax.set_ylabel(f"{plain(name)}\n$f_{mode + 1}$ [Hz]")
     near = resonances["state"] == ResonanceState.WARNING if resonances else np.zeros(0, bool)
     if near.any():
         places = np.maximum.accumulate(predictions[PLACE])
@@ -141,21 +146,19 @@ def _draw(
             keys["excitation near a natural frequency"] = dots
     invalid = np.isin(predictions["status"], (Status.OUT_OF_RANGE, Status.INVALID_ANGLE))
     for frequencies, ax in zip(predictions["natural_frequencies"].T, rows, strict=True):
-        for start, end in runs(np.isnan(frequencies) & ~invalid):
-            ends = times[start], times[min(end, len(times) - 1)]
-            shaded = ax.axvspan(*ends, color=palette.OVERDAMPED_SHADE, lw=1, zorder=0)
+        if spans := _spans(times, np.isnan(frequencies) & ~invalid):
+            shaded = _shaded(ax, spans, color=palette.OVERDAMPED_SHADE)
             keys["overdamped, without a frequency"] = shaded
     for ax in axes:
-        for i in gaps:
+        if len(gaps):
             shade = {"facecolor": palette.GAP_SHADE, "edgecolor": palette.GREY, "hatch": "//"}
-            keys["no prediction"] = ax.axvspan(times[i], times[i + 1], lw=0, **shade)
+            missing = np.column_stack([times[gaps], times[gaps + 1]]).tolist()
+            keys["no prediction"] = _shaded(ax, missing, lw=0, **shade)
         for i in jumps:
             style = {"color": palette.INK, "lw": 1.2, "linestyle": (0, (1, 2))}
             keys["the clock jumped back"] = ax.axvline(times[i], **style)
-        for start, end in runs(invalid):
-            # The edge keeps a single prediction visible.
-            ends = times[start], times[min(end, len(times) - 1)]
-            shaded = ax.axvspan(*ends, color=palette.INVALID_SHADE, lw=1, zorder=0)
+        if spans := _spans(times, invalid):
+            shaded = _shaded(ax, spans, color=palette.INVALID_SHADE)
             keys[f"angle out of range or invalid ({invalid.sum()} predictions)"] = shaded
         tidy(ax)
         ax.yaxis.label.set(rotation=0, horizontalalignment="right", verticalalignment="center")
@@ -163,6 +166,22 @@ def _draw(
     figure.align_ylabels(axes)
     style = {"ncols": len(keys), "frameon": False, "markerscale": 3.0}
     figure.legend(keys.values(), keys.keys(), loc="outside lower right", **style)
+
+
+def _spans(times: FloatArray, flags: NDArray[np.bool_]) -> list[tuple[float, float]]:
+    """Return the start and the end of each run of flagged predictions, s."""
+    last = len(times) - 1
+    return [(float(times[start]), float(times[min(end, last)])) for start, end in runs(flags)]
+
+
+def _shaded(ax: "Axes", spans: Sequence[tuple[float, float]], **style: Any) -> "Artist":
+    """Shade spans of time over the whole height; thousands are one artist, which is fast."""
+    from matplotlib.collections import PolyCollection
+
+    corners = [[(a, 0.0), (a, 1.0), (b, 1.0), (b, 0.0)] for a, b in spans]
+    # The edge keeps a single prediction visible.
+    style = {"lw": 1.0, "zorder": 0, "transform": ax.get_xaxis_transform(), **style}
+    return ax.add_collection(PolyCollection(corners, **style), autolim=False)
 
 
 def _draw_lines(

@@ -12,7 +12,7 @@ import numpy as np
 
 from linkage_vibration.drawing import palette
 from linkage_vibration.drawing.geometry import scene
-from linkage_vibration.drawing.plots import PlotError, require_matplotlib, tidy
+from linkage_vibration.drawing.plots import PlotError, plain, require_matplotlib, tidy
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.description import GROUND
 from linkage_vibration.mechanics.model import LinkageModel
@@ -54,7 +54,7 @@ def draw_pose(
         x, z = np.array(list(seen.values())).T
         ax.plot(x, z, "x", color=palette.PEAK, markersize=10, mew=2, label="in the photograph")
     ax.legend(frameon=False, loc="best")
-    ax.set_title(f"{model.mechanism.name} at α₃ = {math.degrees(alpha3):.2f}°", loc="left")
+    ax.set_title(f"{plain(model.mechanism.name)} at α₃ = {math.degrees(alpha3):.2f}°", loc="left")
     png = io.BytesIO()
     figure.savefig(png, format="png", bbox_inches="tight")
     write_bytes(picture, png.getvalue(), PlotError)
@@ -72,7 +72,8 @@ def draw_linkage(ax: "Axes", model: LinkageModel, alpha3: float) -> None:
     drawn = scene(model, configuration)
     names = [body.name for body in mechanism.bodies]
     for name, colour in zip(names, palette.mode_colours(len(names)), strict=True):
-        ax.plot(*drawn.bodies[name].T, color=colour, lw=3, label=name.replace("_", " "), zorder=2)
+        label = plain(name.replace("_", " "))
+        ax.plot(*drawn.bodies[name].T, color=colour, lw=3, label=label, zorder=2)
     ax.plot(*drawn.joints.T, "o", color="white", mec=palette.INK, markersize=7, zorder=3)
     ax.plot(*drawn.ground.T, "^", color=palette.INK, markersize=10, zorder=3)
     for name in (GROUND, *names):
@@ -81,6 +82,6 @@ def draw_linkage(ax: "Axes", model: LinkageModel, alpha3: float) -> None:
                 continue  # a mount of the base, far away
             place = configuration.place(name, local)
             x, z = place.tolist()
-            ax.annotate(point, (x, z), (6, 6), textcoords="offset points", zorder=4)
+            ax.annotate(plain(point), (x, z), (6, 6), textcoords="offset points", zorder=4)
     ax.set(xlabel="x, forward [m]", ylabel="z, up [m]", aspect="equal")
     tidy(ax)

@@ -141,6 +141,7 @@ def replay(
     remaps: Mapping[str, str] = MappingProxyType({}),
     what_if: WhatIf = _AS_DESCRIBED,
     progress: Callable[[int, int], None] = lambda done, total: None,
+    building: Callable[[float], object] = lambda finished: None,
 ) -> Replayed:
     """Predict for each reading of the hitch in bags, and write a log.
 
@@ -162,6 +163,8 @@ def replay(
         Another implement than the mechanism has; the table is then rebuilt.
     progress : callable
         It is called with the number of messages that are done, and of all messages.
+    building : callable
+        While a table is built, it is called with the fraction of the stroke that is finished.
 
     Raises
     ------
@@ -184,7 +187,7 @@ def replay(
     check_outputs([output], [*paths, *filter(None, models)])
     with open_bags(paths) as bags:
         topics = choose_topics(bags, settings, remaps)
-        served = _served(settings, what_if)
+        served = _served(settings, what_if, building)
         inputs_read = _inputs(bags, settings, topics)
         once = {topic.name: topic for topic in topics.values()}
         log_topics = [logged_topic(bags, topic) for topic in once.values()]
@@ -376,10 +379,10 @@ def _inputs(
     return crank, speeds
 
 
-def _served(settings: Parameters, what_if: WhatIf) -> Served:
+def _served(settings: Parameters, what_if: WhatIf, building: Callable[[float], object]) -> Served:
     """Return the mechanism and its table, which is built for another implement."""
     if what_if == _AS_DESCRIBED:
-        return read_served(settings)
+        return read_served(settings, progress=building)
     path, described = settings.mechanism_path(), read_described(settings)
     mechanism = described.mechanism
     if len(mechanism.rigid_bodies) != 1:
@@ -392,7 +395,8 @@ def _served(settings: Parameters, what_if: WhatIf) -> Served:
     inertia = body.inertia if what_if.inertia is None else what_if.inertia
     implement = Implement(body.name, mass, inertia, ())
     changed, text = with_implement(mechanism, described.mechanism_text, implement)
-    return Served(Predictor(build_table(LinkageModel(changed))), changed, text)
+    table = build_table(LinkageModel(changed), progress=building)
+    return Served(Predictor(table), changed, text)
 
 
 def _refuse_repeated(paths: Sequence[Path]) -> None:

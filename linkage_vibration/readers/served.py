@@ -23,7 +23,7 @@ from linkage_vibration.table.tabulation import build_table
 def read_served(
     settings: Parameters,
     report: Callable[[str], object] = lambda text: None,
-    check: Callable[[], None] = lambda: None,
+    progress: Callable[[float], object] = lambda finished: None,
     remembered: Callable[[Implements], Implement | None] = lambda implements: None,
 ) -> Served:
     """Return a mechanism with its table, which is built if the parameters name none for it.
@@ -35,8 +35,9 @@ def read_served(
     report : callable
         It is called with a sentence before a table is built, as that takes seconds, and with a
         notice of the assembly.
-    check : callable
-        It is called repeatedly while the table is built, and raises an error to stop that.
+    progress : callable
+        While the table is built, it is called with the fraction of the stroke that is finished; it
+        may raise an error to stop that.
     remembered : callable
         Returns an implement that replaces that of the parameters, or None.
 
@@ -62,7 +63,7 @@ def read_served(
     model = LinkageModel(mechanism)
     if model.kinematics.notice:
         report(f"{path}: {model.kinematics.notice}")
-    table = build_table(model, progress=lambda _: check())
+    table = build_table(model, progress=progress)
     return described.served(Predictor(table))
 
 

@@ -3,7 +3,7 @@
 """Compares two logs of the same drive, which two models or two versions may have made."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -81,7 +81,7 @@ class Difference:
 
     a: Log
     b: Log
-    stamps: IntArray  # (n,), ns, that both logs have
+    stamps: IntArray  # (n,), ns, that both logs have, in the order of log A
     rows_a: IntArray  # (n,), indices of the predictions with these stamps in log A
     rows_b: IntArray  # (n,), the same in log B
     quantities: tuple[Quantity, ...]  # that both logs have
@@ -89,26 +89,39 @@ class Difference:
 
     @property
     def times(self) -> FloatArray:
-        """Seconds since the first stamp that both logs have, (n,)."""
-        return np.asarray((self.stamps - self.stamps[0]) / 1e9)
+        """Seconds since the first stamp that both logs have, (n,), as in `Log.times` of A."""
+        times = self.a.times[self.rows_a]
+        return np.asarray(times - times[0])
+
+    @property
+    def jumps(self) -> IntArray:
+        """Indices of the stamps before which the clock jumps back, (n_jumps,)."""
+        return np.flatnonzero(np.diff(self.stamps) < 0) + 1
 
 
-def compare(path_a: Path, path_b: Path) -> Difference:
+def compare(
+    path_a: Path, path_b: Path, step: Callable[[int], object] = lambda count: None
+) -> Difference:
     """Compare two logs of the same drive; a `BagError` is raised if one cannot be read.
 
     Parameters
     ----------
     path_a, path_b : Path
         MCAP files, as the node or a replay writes them.
+    step : callable
+        It is called with 1 after each log that was read, and when they have been compared.
 
     Raises
     ------
     ReviewError
         If a log holds no prediction, or if the logs have no stamp in common.
     """
-    a, b = read_log(path_a), read_log(path_b)
-    stamps, rows_a, rows_b = np.intersect1d(a.stamps, b.stamps, return_indices=True)
-    if not len(stamps):
+    a = read_log(path_a)
+    step(1)
+    b = read_log(path_b)
+    step(1)
+    rows_a, rows_b = _rows_of_same_stamps(a.stamps, b.stamps)
+    if not len(rows_a):
         raise ReviewError(
             f"{path_a} and {path_b} have no stamp in common; give two logs of the same drive, such "
             "as two replays of one bag."
@@ -120,7 +133,8 @@ def compare(path_a: Path, path_b: Path) -> Difference:
     pairs = [(key, values_a[key], values_b[key][-1]) for key in values_a if key in values_b]
     changes = int((a.status[rows_a] != b.status[rows_b]).sum())
     quantities = tuple(Quantity(key, *first, second) for key, first, second in pairs)
-    return Difference(a, b, stamps, rows_a, rows_b, quantities, changes)
+    step(1)
+    return Difference(a, b, a.stamps[rows_a], rows_a, rows_b, quantities, changes)
 
 
 def summary(found: Difference) -> str:
@@ -189,7 +203,7 @@ def difference_page(found: Difference) -> Page:
     values = [values for q in found.quantities for values in (q.a, q.b, q.b - q.a)]
     kept = thinned(values, np.array([q.farthest or 0 for q in found.quantities], dtype=np.int64))
     times = found.times
-    gaps = gap_starts(times) if len(kept) == len(times) else np.empty(0, np.int64)
+    gaps, jumps = gap_starts(times), found.jumps
     columns: dict[str, NDArray[Any]] = {"time": times[kept]}
     readings: Items = []
     for q in found.quantities:
@@ -209,7 +223,10 @@ def difference_page(found: Difference) -> Page:
         "summary": _cards(found),
         "histograms": [],
         "provenance": _provenance(found),
-        "shades": [[float(times[i]), float(times[i + 1]), "gap"] for i in gaps],
+        "shades": [
+            *([float(times[i]), float(times[i + 1]), "gap"] for i in gaps),
+            *([float(times[i - 1]), float(times[i]), "jump", "clock back"] for i in jumps),
+        ],
         "stale_after": 1.0,
         "wide": True,
     }
@@ -218,10 +235,29 @@ def difference_page(found: Difference) -> Page:
         subtitle=f"A: {found.a.path.name}; B: {found.b.path.name}. {_matched(found)}",
         columns=columns,
         start_ns=int(found.stamps[0]),
-        breaks=(gaps + 1).tolist(),
+        breaks=np.unique(np.searchsorted(kept, np.concatenate([gaps + 1, jumps]))).tolist(),
         modes=[],
         content=content,
     )
+
+
+def _rows_of_same_stamps(a: IntArray, b: IntArray) -> tuple[IntArray, IntArray]:
+    """Return the rows of equal stamps in A and in B, in the order of A.
+
+    Of messages with the same stamp, the first of A matches the first of B, and so on.
+    """
+    _, distinct = np.unique(np.concatenate([a, b]), return_inverse=True)
+
+    def keys(own: IntArray) -> IntArray:
+        order = np.argsort(own, kind="stable")
+        earlier = np.empty(len(own), np.int64)
+        earlier[order] = np.arange(len(own)) - np.searchsorted(own[order], own[order])
+        return own * len(distinct) + earlier
+
+    both = keys(distinct[: len(a)]), keys(distinct[len(a) :])
+    _, rows_a, rows_b = np.intersect1d(*both, assume_unique=True, return_indices=True)
+    order = np.argsort(rows_a)
+    return rows_a[order], rows_b[order]
 
 
 def _quantities(log: Log, rows: IntArray) -> dict[str, tuple[str, str, float, FloatArray]]:
@@ -331,6 +367,9 @@ def _cards(found: Difference) -> Items:
         value = f"{q.factor * q.largest:+.4g} {q.unit}" if q.differs else equal
         label = f"Largest difference, {q.name}"
         cards.append({"label": label, "value": value, "alert": q.differs})
+    if jumps := len(found.jumps):
+        often = "once" if jumps == 1 else f"{jumps} times"
+        cards.append({"label": "The clock jumped back", "value": often, "alert": True})
     return cards
 
 

@@ -108,7 +108,7 @@ def first_sentence(log: Log, found: list[Meeting]) -> str:
             f"{log.mode_label(int(log.resonances.mode[at]))}."
         )
     worst = found[0]
-    angle = math.degrees(log.crank_angle[worst.strongest])
+    angle = math.degrees(log.table_angle[worst.strongest])
     return (
         f"The worst moment was at {real_times(log)[worst.strongest]:.2f} s and {angle:.1f} deg: "
         f"{worst.excitation} met {log.mode_label(worst.mode)} for "
@@ -175,8 +175,12 @@ def _avoid(log: Log, moment: Moment) -> str:
     margin = limit_margin(log) or _MARGIN
     low = float(np.nanmin(log.natural_frequencies[rows, moment.mode])) * (1.0 - margin)
     high = float(np.nanmax(log.natural_frequencies[rows, moment.mode])) * (1.0 + margin)
-    angles = np.rad2deg(log.table_angle[rows])
-    where = f"between {math.floor(np.nanmin(angles))} and {math.ceil(np.nanmax(angles))} deg"
+    # A crank that turns around may pass the end of the table in a moment.
+    angles = log.crank_angle[rows] + (log.table_angle - log.crank_angle)[moment.first]
+    low_angle, high_angle = np.rad2deg(np.nanmin(angles)), np.rad2deg(np.nanmax(angles))
+    where = f"between {math.floor(low_angle)} and {math.ceil(high_angle)} deg"
+    if high_angle - low_angle >= 360.0:
+        where = "at all angles"
     source = excitation_of(log, moment.excitation)
     if source is None:
         return f"{low:.1f} to {high:.1f} Hz of {moment.excitation} {where}"

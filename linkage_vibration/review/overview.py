@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 import numpy as np
 
@@ -110,8 +111,14 @@ def overview_html(drives: Sequence[tuple[dict[str, Any], str]], failures: Sequen
     shared += [""] * (n_modes - len(shared))
     modes = [f"near {name or f'mode {i}'} [s]" for i, name in enumerate(shared[:n_modes], 1)]
     head = ["drive", "start, UTC", "duration [s]", *modes, "worst moment", "model"]
-    rows = "".join(f"<tr>{_cells(drive, page, n_modes)}</tr>\n" for drive, page in drives)
-    columns = "".join(f'<th scope="col">{text}</th>' for text in head)
+    files = [Path(drive["log"]) for drive, _ in drives]
+    alike = len({file.name for file in files}) < len(files)
+    texts = [str(file) if alike else file.name for file in files]
+    rows = "".join(
+        f"<tr>{_cells(drive, page, text, n_modes)}</tr>\n"
+        for (drive, page), text in zip(drives, texts, strict=True)
+    )
+    columns = "".join(f'<th scope="col">{html.escape(text)}</th>' for text in head)
     notes = "".join(f'<p class="failure">{html.escape(text)}</p>\n' for text in failures)
     return (
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
@@ -126,14 +133,14 @@ def overview_html(drives: Sequence[tuple[dict[str, Any], str]], failures: Sequen
     )
 
 
-def _cells(drive: dict[str, Any], page: str, n_modes: int) -> str:
+def _cells(drive: dict[str, Any], page: str, name: str, n_modes: int) -> str:
     near = drive["in_resonance_s"]
     shown = ["not known"] * n_modes if near is None else [f"{value:.2f}" for value in near]
     shown += [""] * (n_modes - len(shown))
     model = drive["model"]["mechanism"] or "not in the log"
     texts = [drive["start"][:19].replace("T", " "), f"{drive['duration_s']:.1f}", *shown]
     texts += [drive["sentence"], f"{model}, table {drive['model']['table_id']}"]
-    link = f'<a href="{html.escape(page)}">{html.escape(Path(drive["log"]).name)}</a>'
+    link = f'<a href="{html.escape(quote(page))}">{html.escape(name)}</a>'
     return f"<td>{link}</td>" + "".join(f"<td>{html.escape(text)}</td>" for text in texts)
 
 

@@ -287,7 +287,7 @@ class LinkageVibrationNode(LifecycleNode):
         self._excitations = path.read_text(encoding="utf-8")
         self._memory = memory = Memory(self.get_fully_qualified_name(), settings, self.get_logger())
         self._served = served = read_served(
-            settings, self.get_logger().info, self._check_signals, memory.recall
+            settings, self.get_logger().info, lambda _: self._check_signals(), memory.recall
         )
         levels = LevelTable(served.predictor, served.mechanism, excitations)
         if sharp := never_warned(served.predictor, settings.warning_probability):

@@ -86,7 +86,7 @@ def check_suffix(path: Path, suffix: str) -> None:
         raise OutputError(f"{path}: the output is a {suffix} file; use {name}{instead}.")
 
 
-def messages_beside(*outputs: Path) -> TextIO:
+def messages_beside(outputs: Sequence[Path]) -> TextIO:
     """Return where messages go: to the standard error if an output is the standard output."""
     with suppress(OSError):
         if any(os.path.samestat(path.stat(), os.fstat(1)) for path in outputs if path.exists()):

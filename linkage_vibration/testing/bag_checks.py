@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from linkage_vibration.bags.message_columns import Columns, first_topic, read_columns, topic_types
 from linkage_vibration.bags.streams import open_bags
 from linkage_vibration.drawing.palette import COLOURS, GREY, INK
+from linkage_vibration.drawing.plots import plain
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.messages.topics import PREDICTION, RESONANCE
 from linkage_vibration.playback.replay import replay
@@ -363,7 +364,7 @@ def _draw(bag: Path, signals: _Signals, limits: Limits, failure: Failure, pictur
         then = int(np.searchsorted(signals.margin_time, failure.time, "right")) - 1
         if values.size and label.startswith("margin") and then >= 0:
             about = f" {signals.excitation[then]}, {signals.mode[then]}"
-            ax.annotate(about, (failure.seconds, 0.9), xycoords=("data", "axes fraction"))
+            ax.annotate(plain(about), (failure.seconds, 0.9), xycoords=("data", "axes fraction"))
         if ax is not axes[0]:
             ax.set_ylim(bottom=0.0)
         _label(ax, label)
@@ -376,7 +377,7 @@ def _draw(bag: Path, signals: _Signals, limits: Limits, failure: Failure, pictur
     first = max(failure.seconds - _AROUND, -0.02 * _AROUND)
     axes[-1].set_xlim(first, max(min(failure.seconds + _AROUND, last), first + 0.1))
     title = textwrap.fill(f"{bag.name}, {failure}", 120)
-    figure.suptitle(title, x=0.01, horizontalalignment="left", fontsize=10)
+    figure.suptitle(plain(title), x=0.01, horizontalalignment="left", fontsize=10)
     png = io.BytesIO()
     figure.savefig(png, format="png")
     write_bytes(picture, png.getvalue(), TestKitError)

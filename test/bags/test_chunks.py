@@ -108,8 +108,8 @@ def test_empty_log(tmp_path: Path) -> None:
 def test_a_full_disk_is_an_error(tmp_path: Path) -> None:
     """A failure is raised at the next write or at the end."""
     log = ChunkLog(tmp_path / "log.mcap", TOPICS, [], {})
-    log._file.close()
-    log._file = open("/dev/full", "wb", buffering=0)  # type: ignore[assignment]  # noqa: SIM115
+    log._file.stream.close()
+    log._file.stream = open("/dev/full", "wb", buffering=0)  # noqa: SIM115
     with pytest.raises(OSError, match="No space left"), log:
         for chunk in chunks(3):
             log.write(chunk)

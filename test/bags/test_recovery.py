@@ -7,10 +7,15 @@ import resource
 import struct
 import subprocess
 import sys
+import zlib
 from pathlib import Path
 
 import pytest
+import zstandard
+from mcap.data_stream import RecordBuilder
 from mcap.reader import make_reader
+from mcap.records import Channel, Chunk, Schema
+from mcap.records import Message as McapMessage
 from mcap.writer import CompressionType, IndexType, Writer
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
@@ -408,3 +413,71 @@ def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["recover", str(tmp_path / "none.mcap")]) == 1
     assert main(["recover", str(tmp_path / "cut.mcap"), "-o", str(tmp_path / "x.mcap")]) == 0
     assert (tmp_path / "x.mcap").exists()
+
+
+def stored_chunks(content: bytes) -> list[bytes]:
+    """Return the chunk records of a log."""
+    starts = [offset for opcode, offset in records(content) if opcode == 6]
+    return [content[a:b] for a, b in zip(starts, chunk_ends(content), strict=True)]
+
+
+@pytest.mark.parametrize("compression", COMPRESSIONS)
+def test_intact_chunks_are_copied(tmp_path: Path, compression: str) -> None:
+    """Each intact chunk has the bytes that it had, also behind a damaged one."""
+    content = bytearray(write(tmp_path / "log.mcap", compression))
+    before = stored_chunks(bytes(content))
+    content[chunk_ends(bytes(content))[2] - 5] ^= 1
+    saved(bytes(content), tmp_path)
+    after = stored_chunks((tmp_path / "whole.mcap").read_bytes())
+    assert after == [*before[:2], *before[3:]]
+
+
+def chunk(first: int, names: dict[int, str], channels: list[int]) -> bytes:
+    """Return a chunk with definitions of channels, and one message of each of some channels."""
+    text = message_definition(FLOAT).encode()
+    builder = RecordBuilder()
+    Schema(1, text, "ros2msg", FLOAT).write(builder)
+    for number, name in names.items():
+        Channel(number, name, "cdr", {}, 1).write(builder)
+    for k, channel in enumerate(channels):
+        data = b"\0\1\0\0" + struct.pack("<d", first + k)
+        McapMessage(channel, first + k, data, first + k, 0).write(builder)
+    content = builder.end()
+    last = first + len(channels) - 1
+    Chunk("", content, last, first, zlib.crc32(content), len(content)).write(builder)
+    return bytes(builder.end())
+
+
+def test_chunks_that_disagree_are_written_again(tmp_path: Path) -> None:
+    """A channel keeps its first definition, and messages of an undefined channel are lost."""
+    content = b"\x89MCAP0\r\n" + b"".join(
+        [
+            chunk(0, {1: "/a"}, [1, 1]),
+            chunk(10, {1: "/renamed"}, [1]),
+            chunk(20, {2: "/b"}, [2, 7, 1]),
+            chunk(30, {2: "/b"}, [2]),
+        ]
+    )
+    (tmp_path / "log.mcap").write_bytes(content)
+    result = recover(tmp_path / "log.mcap", tmp_path / "whole.mcap")
+    assert result.saved == {"/a": 4, "/b": 2}
+    assert result.lost == {"unknown channel 7": 1}
+    assert [(topic, time) for topic, _, time, *_ in read(tmp_path / "whole.mcap")] == [
+        *[("/a", time) for time in (0, 1, 10)],
+        *[("/b", 20), ("/a", 22), ("/b", 30)],
+    ]
+    with AnyReader([tmp_path / "whole.mcap"]) as reader:
+        assert reader.message_count == 6
+
+
+def test_frames_that_only_some_readers_open_are_written_again(tmp_path: Path) -> None:
+    """A chunk of two zstd frames becomes one of one frame, which every reader opens."""
+    whole = write(tmp_path / "log.mcap", "none")
+    [first, *_] = stored_chunks(whole)
+    content = first[9 + 32 + 8 :]
+    frames = zstandard.compress(content[:500]) + zstandard.compress(content[500:])
+    builder = RecordBuilder()
+    Chunk("zstd", frames, 490, 0, zlib.crc32(content), len(content)).write(builder)
+    start = whole.index(first)
+    found = saved(whole[:start] + bytes(builder.end()) + whole[start + len(first) :], tmp_path)
+    assert found == messages()

@@ -14,7 +14,13 @@ from mcap.reader import make_reader
 from linkage_vibration.cli.main import main
 from linkage_vibration.playback.replay import WhatIf, replay
 from linkage_vibration.prediction.settings import Parameters
-from linkage_vibration.review.difference import compare, problems, sentence, summary
+from linkage_vibration.review.difference import (
+    compare,
+    difference_page,
+    problems,
+    sentence,
+    summary,
+)
 from linkage_vibration.review.log import ReviewError, read_log
 from linkage_vibration.support.resources import config_file
 from test.support.drive import hitch_duty_cycle
@@ -99,6 +105,38 @@ def test_no_stamp_in_common(write_log: Any, tmp_path: Path) -> None:
     b = write_log(tmp_path / "b.mcap", [5.0, 5.01], [2.0, 2.0], False)
     with pytest.raises(ReviewError, match="no stamp in common"):
         compare(a, b)
+
+
+def test_equal_stamps(write_log: Any, tmp_path: Path) -> None:
+    """The first of two predictions with one stamp matches the first, and the second the second."""
+    times, angles = [0.0, 0.01, 0.02, 0.02, 0.03], [2.0, 2.1, 2.2, 2.3, 2.4]
+    a = write_log(tmp_path / "a.mcap", times, angles, False)
+    b = write_log(tmp_path / "b.mcap", times, [*angles[:3], 2.31, 2.4], False)
+    found = compare(a, b)
+    assert found.rows_a.tolist() == found.rows_b.tolist() == [0, 1, 2, 3, 4]
+    assert found.quantities[0].farthest == 3
+    assert found.quantities[0].largest == pytest.approx(0.01)
+    less = write_log(tmp_path / "c.mcap", times[:3], angles[:3], False)
+    assert compare(a, less).rows_a.tolist() == [0, 1, 2]
+
+
+def test_clock_that_jumps_back(write_log: Any, tmp_path: Path) -> None:
+    """Each pass is compared with the same pass, one after the other, and the jump is shown."""
+    times = np.concatenate([np.arange(50), np.arange(30)]) / 100.0
+    angles = np.linspace(2.0, 2.4, 80)
+    a = write_log(tmp_path / "a.mcap", times, angles, False)
+    b = write_log(
+        tmp_path / "b.mcap", times, angles + np.where(np.arange(80) == 70, 0.01, 0), False
+    )
+    found = compare(a, b)
+    assert found.jumps.tolist() == [50]
+    assert (np.diff(found.times) > 0.0).all()
+    assert found.quantities[0].farthest == 70
+    page = difference_page(found)
+    assert page.breaks == [50]
+    assert [shade[2] for shade in page.content["shades"]] == ["jump"]
+    cards = {card["label"]: card["value"] for card in page.content["summary"]}
+    assert cards["The clock jumped back"] == "once"
 
 
 def test_page_of_a_difference(

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The page begins with the answer, and its numbers are those of the log."""
 
+import html
 import json
 import math
 from collections.abc import Iterator
@@ -18,7 +19,7 @@ from linkage_vibration.review import findings
 from linkage_vibration.review.findings import amplification, first_sentence, meetings
 from linkage_vibration.review.log import Log, problems, read_log
 from linkage_vibration.review.moments import angle_shares, moments
-from linkage_vibration.review.overview import overview_html
+from linkage_vibration.review.overview import drive_summary, overview_html
 from linkage_vibration.review.review_page import review_page
 from linkage_vibration.review.time_axis import time_axis
 from test.support.drive import hitch_duty_cycle
@@ -196,6 +197,28 @@ def test_overview(overview: Path, capsys: Any) -> None:
     assert "cut.mcap is damaged" in text
     assert main(["review", str(overview), "--csv", str(overview / "a.csv")]) == 1
     assert "take one log" in capsys.readouterr().err
+
+
+def test_overview_of_logs_with_one_name(write_log: Any, tmp_path: Path) -> None:
+    """Each log has a page of its own, also beside a log with the name of the overview."""
+    logs = [tmp_path / day / "log.mcap" for day in ("1", "2 & 3")] + [tmp_path / "overview.mcap"]
+    for path in logs:
+        path.parent.mkdir(exist_ok=True)
+        write_log(path, [0.0, 0.01], [2.0, 2.1], False, False)
+    assert main(["review", *map(str, logs), "-o", str(tmp_path / "overview.html")]) == 0
+    text = (tmp_path / "overview.html").read_text()
+    for page, log in zip(("log", "log_2", "overview_2"), logs, strict=True):
+        assert f'<a href="{page}.html">{html.escape(str(log))}</a>' in text
+        assert (tmp_path / f"{page}.html").exists()
+
+
+def test_overview_escapes_names(log: Log) -> None:
+    """A name of a mode or of a file is text, never a part of the page."""
+    text = "<script>alert('1')</script>"
+    found = {**drive_summary(log), "log": text, "sentence": text, "mode_names": [text] * 3}
+    text = overview_html([(found, "a b#.html")], [text])
+    assert "<script>" not in text
+    assert 'href="a%20b%23.html"' in text
 
 
 def test_messages_that_were_dropped_are_a_problem(log: Log) -> None:

@@ -1,0 +1,208 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Writes an MCAP file of whole chunks, with the indexes and the summary that find them.
+
+Own code because the writer of mcap takes messages one by one, and compresses each chunk itself.
+"""
+
+import itertools
+import struct
+import zlib
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from typing import BinaryIO, NamedTuple
+
+import numpy as np
+import zstandard
+from mcap import records as mcap
+from mcap.data_stream import RecordBuilder
+from mcap.opcode import Opcode
+from numpy.typing import NDArray
+
+from linkage_vibration.bags.mcap_records import (
+    CHUNK,
+    MAGIC,
+    MESSAGE_INDEX,
+    MESSAGE_RECORD,
+    RECORD,
+)
+from linkage_vibration.bags.writing import LIBRARY
+
+Integers = NDArray[np.int64]
+
+
+def message_heads(content: bytes, begins: Integers) -> NDArray[np.void]:
+    """Return the heads of messages, (n,), whose fields are those of `MESSAGE_RECORD`.
+
+    Parameters
+    ----------
+    content : bytes
+        Records.
+    begins : ndarray, (n,)
+        The position of each message in them.
+    """
+    # One head begins at each byte; the view costs nothing.
+    count = len(content) - MESSAGE_RECORD.itemsize + 1
+    return np.ndarray((count,), MESSAGE_RECORD, content, strides=(1,))[begins]
+
+
+class Compressed(NamedTuple):
+    """The content of a chunk as it is stored."""
+
+    name: bytes  # of the compression, empty if there is none
+    data: bytes
+    crc: int  # of the content before compression
+
+
+class McapFile:
+    """An MCAP file that is being written; `close` completes it, and its stream remains open.
+
+    Parameters
+    ----------
+    stream : BinaryIO
+        The file, which is empty.
+    profile : str
+        Its profile, such as "ros2".
+
+    Attributes
+    ----------
+    counts : Counter of int
+        Numbers of messages by the ids of their channels.
+    first, last : int
+        Least and greatest log time, ns; 0 if there are no messages.
+    """
+
+    def __init__(self, stream: BinaryIO, profile: str) -> None:
+        self.stream = stream
+        self.counts: Counter[int] = Counter()
+        self.first = self.last = 0
+        self._definitions: list[mcap.Schema | mcap.Channel] = []
+        self._chunks: list[mcap.ChunkIndex] = []
+        self._attachments: list[mcap.AttachmentIndex] = []
+        self._metadata: list[mcap.MetadataIndex] = []
+        stream.write(MAGIC)
+        self._write(mcap.Header(profile, LIBRARY))
+
+    def define(self, record: mcap.Schema | mcap.Channel) -> None:
+        """Add a schema, or a channel whose schema was added before it."""
+        self._definitions.append(record)
+        self._write(record)
+
+    def attach(self, record: mcap.Attachment) -> None:
+        """Add an attachment."""
+        about = record.log_time, record.create_time, len(record.data)
+        position = self._write(record)
+        index = mcap.AttachmentIndex(*position, *about, record.name, record.media_type)
+        self._attachments.append(index)
+
+    def add_metadata(self, name: str, facts: Mapping[str, str]) -> None:
+        """Add a metadata record.
+
+        Parameters
+        ----------
+        name : str
+            Name of the record.
+        facts : mapping of str to str
+            Its content.
+        """
+        position = self._write(mcap.Metadata(name, dict(facts)))
+        self._metadata.append(mcap.MetadataIndex(*position, name))
+
+    def add_chunk(
+        self, content: bytes, begins: Integers, compressed: Compressed | None = None
+    ) -> None:
+        """Add a chunk and the indexes of its messages.
+
+        Parameters
+        ----------
+        content : bytes
+            Records of messages, and of schemas and channels that were defined before.
+        begins : ndarray, (n,)
+            Position of each message in it, ascending; at least one.
+        compressed : Compressed, optional
+            The content as it is stored; by default it is compressed here by zstd.
+        """
+        heads = message_heads(content, begins)
+        times, order = heads["log_time"], np.argsort(heads["channel"], kind="stable")
+        channels = heads["channel"][order]
+        starts = [0, *(np.flatnonzero(np.diff(channels)) + 1).tolist()]
+        first, last = int(times.min()), int(times.max())
+        self.first = min(self.first, first) if self._chunks else first
+        self.last = max(self.last, last)
+        if compressed is None:
+            compressed = Compressed(b"zstd", zstandard.compress(content), zlib.crc32(content))
+        name, data, crc = compressed
+        head = CHUNK.pack(first, last, len(content), crc, len(name))
+        head += name + struct.pack("<Q", len(data))
+        begin = self.stream.tell()
+        self.stream.write(RECORD.pack(Opcode.CHUNK, len(head) + len(data)) + head)
+        self.stream.write(data)
+        end = begin + RECORD.size + len(head) + len(data)
+        pairs = np.empty((len(order), 2), "<u8")
+        pairs[:, 0], pairs[:, 1] = times[order], begins[order]
+        indexes, offsets = b"", {}
+        for start, stop in itertools.pairwise([*starts, len(order)]):
+            channel, entries = int(channels[start]), pairs[start:stop].tobytes()
+            offsets[channel] = end + len(indexes)
+            about = MESSAGE_INDEX.pack(channel, len(entries))
+            indexes += RECORD.pack(Opcode.MESSAGE_INDEX, len(about) + len(entries)) + about
+            indexes += entries
+            self.counts[channel] += stop - start
+        self.stream.write(indexes)
+        self._chunks.append(
+            mcap.ChunkIndex(
+                chunk_length=end - begin,
+                chunk_start_offset=begin,
+                compression=name.decode(),
+                compressed_size=len(data),
+                message_end_time=last,
+                message_index_length=len(indexes),
+                message_index_offsets=offsets,
+                message_start_time=first,
+                uncompressed_size=len(content),
+            )
+        )
+
+    def close(self) -> None:
+        """Write the summary."""
+        self._write(mcap.DataEnd(0))
+        channels = [one.id for one in self._definitions if isinstance(one, mcap.Channel)]
+        statistics = mcap.Statistics(
+            attachment_count=len(self._attachments),
+            channel_count=len(channels),
+            channel_message_counts={channel: self.counts[channel] for channel in channels},
+            chunk_count=len(self._chunks),
+            message_count=self.counts.total(),
+            message_end_time=self.last,
+            message_start_time=self.first,
+            metadata_count=len(self._metadata),
+            schema_count=len(self._definitions) - len(channels),
+        )
+        self._write_summary(
+            [*self._definitions, statistics, *self._chunks, *self._attachments, *self._metadata]
+        )
+
+    def _write(self, record: mcap.McapRecord) -> tuple[int, int]:
+        """Write a record; return its position and its number of bytes."""
+        return self.stream.tell(), self.stream.write(_encoded(record))
+
+    def _write_summary(self, records: Sequence[mcap.McapRecord]) -> None:
+        """Write the summary of these records, grouped by kind, and the footer."""
+        start = self.stream.tell()
+        summary, groups = b"", []
+        for kind in dict.fromkeys(type(record) for record in records):
+            group = b"".join(_encoded(record) for record in records if type(record) is kind)
+            groups.append(mcap.SummaryOffset(group[0], start + len(summary), len(group)))
+            summary += group
+        offsets = start + len(summary)
+        summary += b"".join(map(_encoded, groups))
+        footer = struct.pack("<BQQQ", Opcode.FOOTER, 20, start, offsets)
+        self.stream.write(summary)
+        self._write(mcap.Footer(start, offsets, zlib.crc32(footer, zlib.crc32(summary))))
+        self.stream.write(MAGIC)
+
+
+def _encoded(record: mcap.McapRecord) -> bytes:
+    builder = RecordBuilder()
+    record.write(builder)
+    return bytes(builder.end())  # type: ignore[no-untyped-call]

@@ -1,0 +1,107 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""The page of a crank that turns around several times shows every turn alike."""
+
+import math
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from rosbags.typesys import Stores, get_typestore
+
+from linkage_vibration.bags.message_types import JOINT_STATE
+from linkage_vibration.bags.writing import LogWriter
+from linkage_vibration.cli.main import main
+from linkage_vibration.mechanics.model import LinkageModel
+from linkage_vibration.messages.topics import log_topic
+from linkage_vibration.playback.replay import replay
+from linkage_vibration.prediction.settings import Parameters
+from linkage_vibration.readers.mechanism import read_mechanism
+from linkage_vibration.review.findings import _avoid, first_sentence, meetings
+from linkage_vibration.review.log import read_log
+from linkage_vibration.review.moments import moments
+from linkage_vibration.support.resources import config_file
+from linkage_vibration.table.table import save_table
+from linkage_vibration.table.tabulation import build_table
+
+TURNS, COUNT, RATE = 3, 600, 100  # and Hz
+PHASES = [0.1, 0.25, 0.4, 0.55, 0.7, 0.85]
+# The colours of columns of pixels in the chart over time, from their shares of its width.
+COLOURS = """
+(shares => {
+  const chart = document.querySelector("#chart-waterfall"), canvas = chart.querySelector("canvas");
+  const over = chart.querySelector(".u-over");
+  const place = [over.offsetLeft, over.offsetTop, over.offsetWidth, over.offsetHeight];
+  const [left, top, width, height] = place.map(length => length * devicePixelRatio);
+  const { data } = canvas.getContext("2d").getImageData(left, top, width, height);
+  return shares.map(share => Array.from({ length: height }, (_, y) => {
+    const at = 4 * (y * width + Math.round(share * width));
+    return [...data.slice(at, at + 3)];
+  }));
+})
+"""
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a replay of three turns of a four-bar linkage."""
+    folder = tmp_path_factory.mktemp("turning")
+    mechanism, store = config_file("four_bar.yaml"), get_typestore(Stores.LATEST)
+    save_table(build_table(LinkageModel(read_mechanism(mechanism)), 1e-2), folder / "table.npz")
+    time, header, state = (
+        store.types[name]
+        for name in ("builtin_interfaces/msg/Time", "std_msgs/msg/Header", JOINT_STATE)
+    )
+    with LogWriter(folder / "bag.mcap", [log_topic("/joint_states", JOINT_STATE)]) as bag:
+        for k in range(COUNT):
+            at = k * 10**9 // RATE
+            angle = np.array([2.0 * math.pi * TURNS * (k + 0.5) / COUNT])
+            stamp = header(stamp=time(sec=at // 10**9, nanosec=at % 10**9), frame_id="")
+            none = np.empty(0)
+            message = state(header=stamp, name=["a"], position=angle, velocity=none, effort=none)
+            data = bytes(store.serialize_cdr(message, JOINT_STATE))
+            bag.write("/joint_states", data, at, at)
+    settings = Parameters(
+        joint_name="a",
+        mechanism_file=str(mechanism),
+        table_file=str(folder / "table.npz"),
+        engine_speed=3000.0,
+    )
+    done = replay(folder / "bag.mcap", folder / "log.mcap", settings)
+    assert done.statuses[0] == COUNT
+    return folder / "log.mcap"
+
+
+def test_waterfall_shows_every_turn(browser: Any, log: Path) -> None:
+    """At the same angle of each turn the waterfall has the same colours, and is not blank."""
+    page = log.with_suffix(".html")
+    assert main(["review", str(log), "-o", str(page)]) == 0
+    browser.problems.clear()
+    browser.resize(1280, 900)
+    browser.open(page)
+    shares = [(turn + phase) / TURNS for turn in range(TURNS) for phase in PHASES]
+    found = np.array(browser.evaluate(f"({COLOURS})({shares})"), float)
+    columns = found.reshape(TURNS, len(PHASES), -1, 3)
+    assert columns.std(axis=2).min() > 2.0  # 0 where it is blank
+    assert np.abs(columns[1:] - columns[0]).mean() < 4.0
+    assert np.abs(columns[:, 1:] - columns[:, :-1]).mean() > 8.0
+    assert browser.problems == []
+
+
+def test_answer_counts_angles_within_a_turn(log: Path) -> None:
+    """The sentence names an angle of the table, and a moment that passes its end is not a turn."""
+    found = read_log(log)
+    met = meetings(found, moments(found))
+    for moment in moments(found):
+        rows = slice(moment.first, moment.last + 1)
+        low, high = map(float, re.findall(r"between (\d+) and (\d+) deg", _avoid(found, moment))[0])
+        assert high - low == pytest.approx(np.rad2deg(np.ptp(found.crank_angle[rows])), abs=2.0)
+        assert 0.0 <= low <= 360.0
+    assert any(np.ptp(found.table_angle[m.first : m.last]) > 6.0 for m in moments(found))
+    always = replace(moments(found)[0], first=0, last=COUNT - 1)
+    assert _avoid(found, always).endswith(" at all angles")
+    angle = np.rad2deg(found.table_angle[met[0].strongest])
+    assert f"and {angle:.1f} deg: " in first_sentence(found, met)
