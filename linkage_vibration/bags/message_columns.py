@@ -26,6 +26,7 @@ _Field: TypeAlias = tuple[str, str, int | None]
 LOG_TIME = "log_time"  # a column of every topic, ns
 PLACE = "place"  # a column of every topic: the number of messages that are read before each
 
+_MOST_STATED = 2**22  # messages; a damaged log may state any number
 _ORIGIN = 4  # bytes of the encapsulation header, after which CDR aligns numbers to their sizes
 _CODES = {"float64": "f8", "float32": "f4", "bool": "u1", "byte": "u1", "octet": "u1"}
 _CODES |= {f"int{8 * size}": f"i{size}" for size in (1, 2, 4, 8)}
@@ -52,7 +53,8 @@ def read_columns(
     -------
     dict of str to columns
         The fields of each topic by name, such as ``data`` or ``header.stamp.sec``: ndarray (n,),
-        or (n, longest) of an array or a sequence, with NaN after a shorter one. Messages are in the
+        or (n, longest) of an array or a sequence, with NaN after a shorter one. Texts are objects,
+        so that equal ones are in memory once. Messages are in the
         order of log times, which are in the column ``log_time``, ns. The column ``place`` has the
         place of each among the messages of all topics.
 
@@ -62,19 +64,26 @@ def read_columns(
         If the log cannot be read, or a message does not match its type.
     """
     fields = _fields(path, types)
-    found: dict[str, list[Columns]] = {name: [] for name in types}
-    names, done = list(types), 0
+    found: dict[str, Columns] = {name: {} for name in types}
+    counts, names, done = dict.fromkeys(types, 0), list(types), 0
     with open_bags([path]) as bags:
+        stated = {topic.name: min(topic.count, _MOST_STATED) for topic in bags.topics}
         for block in bags.blocks(names, as_written):
             for i, name in enumerate(names):
                 rows = np.flatnonzero(block.topics == i)
                 if len(rows):
                     part = _block_columns(path, name, fields[name], block, rows)
                     part[PLACE] = done + rows
-                    found[name].append({k: v for k, v in part.items() if k not in unused})
+                    for field in part.keys() - set(unused):
+                        _append(found[name], field, part[field], counts[name], stated[name])
+                    counts[name] += len(rows)
             done += len(block)
     kept = {name: [f for f in fields[name] if f[0] not in unused] for name in types}
-    return {name: _joined(found.pop(name), kept[name]) for name in names}
+    return {
+        name: {field: column[: counts[name]] for field, column in found[name].items()}
+        or _joined([], kept[name])
+        for name in names
+    }
 
 
 def topic_types(path: Path) -> dict[str, str]:
@@ -200,19 +209,48 @@ def _columns(
     yield rows, found
 
 
+def _append(columns: Columns, name: str, values: Column, count: int, stated: int) -> None:
+    """Put values after the first ones of a column, which are so many.
+
+    The column is as long as the log states, and otherwise grows to twice its length, as thousands
+    of small pieces would fragment the memory.
+    """
+    known, width, needed = columns.get(name, values[:0]), values.shape[1:], count + len(values)
+    if len(known) < needed or known.shape[1:] < width:
+        length = stated if needed <= stated else max(2 * count, needed)
+        shape = length, *max(known.shape[1:], width)
+        larger = np.empty(shape, values.dtype)
+        columns[name] = larger
+        _put(larger[:count], known[:count])
+        known = larger
+    _put(known[count:needed], values)
+
+
+def _put(target: Column, values: Column) -> None:
+    """Copy values into a target, with NaN after shorter sequences."""
+    if values.shape == target.shape:
+        target[:] = values
+    else:
+        target[:, : values.shape[1]] = values
+        target[:, values.shape[1] :] = np.nan
+
+
 def _decoded(text: NDArray[np.bytes_]) -> Column:
-    """Decode texts, of which each distinct one is decoded once."""
+    """Decode texts, of which each distinct one is decoded once and kept once."""
     if (text == text[0]).all():
-        return np.full(len(text), text[0].decode())
+        return np.full(len(text), text[0].decode(), object)
     distinct, which = np.unique(text, return_inverse=True)
-    return np.char.decode(distinct, "utf-8")[which]
+    return np.array([one.decode() for one in distinct.tolist()], object)[which]
 
 
 def _joined(parts: Sequence[Columns], fields: Sequence[_Field]) -> Columns:
-    """Concatenate columns; sequences get the width of the longest."""
+    """Concatenate columns, which are taken out of the parts to save memory.
+
+    Sequences get the width of the longest.
+    """
     joined: Columns = {}
     for name, kind, length in fields:
-        columns = [part[name] for part in parts]
+        columns = [part.pop(name) for part in parts]
         if length is not None and columns:
             width = max(column.shape[1] for column in columns)
             columns = [
@@ -222,11 +260,11 @@ def _joined(parts: Sequence[Columns], fields: Sequence[_Field]) -> Columns:
                 for column in columns
             ]
         empty = np.empty(
-            0 if length is None else (0, 0), "U1" if kind == "string" else _CODES[kind]
+            0 if length is None else (0, 0), object if kind == "string" else _CODES[kind]
         )
         joined[name] = np.concatenate(columns) if columns else empty
     for name in (LOG_TIME, PLACE):
         if all(name in part for part in parts):
-            times = [part[name] for part in parts]
+            times = [part.pop(name) for part in parts]
             joined[name] = np.concatenate(times) if times else np.empty(0, np.int64)
     return joined

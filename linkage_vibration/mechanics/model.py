@@ -589,19 +589,27 @@ class Solution:
         for component in self.model.components:
             body = component.name
             if isinstance(component, Component) and component.drawing is not None:
-                turn = rotation(self.configuration.angle(body))
-                places = np.array(
-                    [self.configuration.place(body, tuple(p)) for p in component.drawing.places]
-                )
-                local = component.drawing.displacement @ self._of(component)[:, mode]
-                moved = np.insert(local[:, [0, 2]] @ turn.T, 1, local[:, 1], axis=1)
+                moved = (component.drawing.displacement @ self._of(component)[:, mode])[:, :3]
+                moved[:, ::2] = moved[:, ::2] @ rotation(self.configuration.angle(body)).T
             else:
                 points = self.model.mechanism.local_points(body)
-                places = np.array([self.configuration.place(body, p) for p in points.values()])
                 u, move = self.modes.shapes[: len(interface), mode], interface.displacement
                 moved = np.array([move(body, p, self.configuration) @ u for p in points])
-            shapes[body] = (np.insert(places, 1, 0.0, axis=1), moved)
+            shapes[body] = (self._drawn_places[body], moved)
         return shapes
+
+    @cached_property
+    def _drawn_places(self) -> dict[str, FloatArray]:
+        """Where each body is drawn, as `link_shapes` returns it."""
+        found = {}
+        for component in self.model.components:
+            body = component.name
+            own = list(self.model.mechanism.local_points(body).values())
+            if isinstance(component, Component) and component.drawing is not None:
+                own = [(float(x), float(z)) for x, z in component.drawing.places]
+            places = np.array([self.configuration.place(body, place) for place in own])
+            found[body] = np.insert(places, 1, 0.0, axis=1)
+        return found
 
     @cached_property
     def frequency_derivatives(self) -> FloatArray:

@@ -6,7 +6,7 @@ import base64
 import html
 import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.review.log import ReviewError
-from linkage_vibration.support.atomic_files import write_text
+from linkage_vibration.support.atomic_files import write_parts
 from linkage_vibration.support.version import VERSION
 
 IntArray = NDArray[np.int64]
@@ -53,8 +53,12 @@ class Page:
 
 def page_html(page: Page) -> str:
     """Return the text of a page, which needs no other file and no network."""
+    return "".join(_parts(page))
+
+
+def _parts(page: Page) -> Iterator[str]:
+    """Yield the text of a page in parts, as the columns of a long log are large."""
     data = {
-        "columns": {name: _column(values) for name, values in page.columns.items()},
         "n": len(page.columns["time"]),
         "start_ms": page.start_ns / 1e6,
         "breaks": [int(i) for i in page.breaks],
@@ -70,12 +74,25 @@ def page_html(page: Page) -> str:
         "version": VERSION,
         "uplot_css": page_file("uPlot.min.css"),
         "css": page_file("page.css"),
-        # A text of a log must not end the script that contains it.
-        "data": json.dumps(data, allow_nan=False, default=packed).replace("<", "\\u003c"),
         "uplot_js": f"/*{page_file('uPlot.LICENSE.txt')}*/\n{page_file('uPlot.iife.min.js')}",
         "js": f'"use strict";\n(() => {{\n{script}}})();\n',
     }
-    return re.sub(r"{{(\w+)}}", lambda name: texts[name[1]], page_file("page.html"))
+    filled = (
+        re.sub(r"{{(\w+)}}", lambda name: texts[name[1]], part)
+        for part in page_file("page.html").split("{{data}}")
+    )
+    yield next(filled)
+    before = '{"columns": {'
+    for name, values in page.columns.items():
+        yield f"{before}{_json(name)}: {_json(_column(values))}"
+        before = ", "
+    yield "}, " + _json(data).removeprefix("{")
+    yield next(filled)
+
+
+def _json(value: object) -> str:
+    """Return a value as JSON that does not end the script that contains it."""
+    return json.dumps(value, allow_nan=False, default=packed).replace("<", "\\u003c")
 
 
 def write_page(page: Page, path: Path) -> None:
@@ -87,7 +104,7 @@ def write_page(page: Page, path: Path) -> None:
     path : Path
         The file, which is replaced only when the page is complete.
     """
-    write_text(path, page_html(page), ReviewError)
+    write_parts(path, _parts(page), ReviewError)
 
 
 def packed(values: NDArray[Any]) -> dict[str, Any]:

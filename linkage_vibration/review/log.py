@@ -229,9 +229,11 @@ def read_log(path: str | Path) -> Log:
     if not len(predictions.get("status", ())):
         raise ReviewError(f"{path} holds no prediction; was the joint ever published?")
     order, passes = in_passes(header_stamps(predictions))
-    predictions = {name: column[order] for name, column in predictions.items()}
+    if (np.diff(order) != 1).any():  # a copy takes time and memory
+        predictions = {name: column[order] for name, column in predictions.items()}
     stamps, frequencies = header_stamps(predictions), predictions["natural_frequencies"]
-    table_id, unknown = str(predictions["table_id"][-1]), np.full(frequencies.shape, np.nan)
+    table_id = str(predictions.pop("table_id")[-1])
+    unknown = np.broadcast_to(np.nan, frequencies.shape)
     attachments, metadata = _read_provenance(path)
     table, mechanism, mechanism_text = _read_model(attachments, table_id)
     parameters_text = attachments.get(PARAMETERS, b"").decode(errors="replace")
@@ -360,7 +362,7 @@ def _resonances(
     Parameters
     ----------
     columns : columns
-        Of the resonances.
+        Of the resonances, which are taken out of it to save memory.
     stamps, places : ndarray of int, (n,)
         Those of the predictions.
     passes : ndarray of int, (n_jumps,)
@@ -381,12 +383,16 @@ def _resonances(
     found = (own[rows] == stamps) & (later[rows] == np.cumsum(number))
     missing: dict[str, Any] = {"f": np.nan, "U": "", "i": 0}
     values: dict[str, Any] = {}
+    one_each = bool(found.all() and np.array_equal(rows, np.arange(len(own))))
     for field in fields(Resonances):
-        column = columns.get(field.name, np.full(len(own), np.nan))[rows]
+        column = columns.pop(field.name, np.full(len(own), np.nan))
+        column = column if one_each else column[rows]  # a copy takes time and memory
         if column.dtype.kind in "iu":
             column = column.astype(np.int64)
+        elif column.dtype == object:
+            column = column.astype(str)
         other = ResonanceState.STALE if field.name == "state" else missing[column.dtype.kind]
-        values[field.name] = np.where(found, column, other)
+        values[field.name] = column if one_each else np.where(found, column, other)
     return Resonances(**values)
 
 

@@ -139,7 +139,8 @@ def _continued(terms: list[FloatArray]) -> list[FloatArray]:
         after = _silent(before)
         after[left] = here[right]
         new = np.delete(here, right, axis=0)
-        found = [np.vstack([past, _silent(new)]) for past in found]
+        if len(new):
+            found = [np.vstack([past, _silent(new)]) for past in found]
         found.append(np.vstack([after, new]))
     return found
 

@@ -7,7 +7,7 @@ import shutil
 import stat
 import sys
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO, TextIO
@@ -136,6 +136,18 @@ def write_bytes(path: Path, data: bytes, error: type[LinkageVibrationError]) -> 
     """
     with replacement(path, error) as new:
         new.write_bytes(data)
+
+
+def write_parts(path: Path, parts: Iterable[str], error: type[LinkageVibrationError]) -> None:
+    """Write the parts of a text file in UTF-8, as `write_bytes` does, without holding all of them.
+
+    Parameters
+    ----------
+    path, parts, error : Path, iterable of str, type
+        The file, its content, and the exception to raise if it cannot be written.
+    """
+    with replacement(path, error) as new, new.open("w", encoding="utf-8", newline="") as file:
+        file.writelines(parts)
 
 
 def write_text(path: Path, text: str, error: type[LinkageVibrationError]) -> None:
