@@ -62,7 +62,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _outputs(options: argparse.Namespace) -> list[Path]:
     """Return the files that are to be written, as far as they were named."""
-    named = (getattr(options, name, None) for name in ("output", "csv", "png"))
+    named = (getattr(options, name, None) for name in ("output", "csv", "png", "fmu"))
     return [path for path in named if isinstance(path, Path)]
 
 
