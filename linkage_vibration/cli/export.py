@@ -82,6 +82,8 @@ def run(options: argparse.Namespace) -> int:
         f"Table {table.table_id} of {table.mechanism_name}: {len(chosen.starts)} of "
         f"{len(constants.starts)} cells, {chosen.size} bytes of constants. {errors.text}"
     )
+    if chosen.gaps:
+        print(chosen.gap_text)
     return 0
 
 

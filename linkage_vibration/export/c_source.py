@@ -171,6 +171,7 @@ def _facts(description: Description, constants: Constants) -> str:
     lines = [f"Table {description.table_id}, of the mechanism {description.mechanism_name}."]
     lines += [f"M{label[1:]}" for label in description.mode_labels]
     lines += [f"{n} cells; {constants.size} bytes of constants.", description.errors]
+    lines += [constants.gap_text] * bool(constants.gaps)
     found = []
     for line in lines:
         found += textwrap.wrap(comment(line), _WIDTH) or [""]

@@ -13,6 +13,7 @@ from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.table.table import Table, widened
 
 FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
 Reals = NDArray[np.floating[Any]]
 
 PEAK_TOLERANCE = 100.0
@@ -23,6 +24,7 @@ _FARTHEST, _FARTHEST_SINGLE = 1e6, 64.0  # rad; a larger angle is too coarse to 
 _PER_CELL = 8  # angles in a cell of the table at which longer cells are compared with it
 _SAME = 1e-6  # of the largest value: a larger step between two cells is a jump
 _ZERO = 1e-4  # of the largest value: smaller values have no relative error of their own
+_MOST_GAPS = 1e-3  # of the range
 _SHARE = 0.9  # of the tolerance, which the angles between those compared may use
 
 
@@ -92,6 +94,8 @@ class Constants:
         Angle between two rows, rad.
     noise_angles, noise : ndarray, (n,) and (n, 2 n_modes)
         Standard deviations by the noise of measured links, and their angles, rad.
+    gaps : tuple of (float, float)
+        Angles (rad) between which numbers are NaN that a table finds by eigenproblems.
     orders : Orders, optional
         None without excitations.
     """
@@ -111,7 +115,22 @@ class Constants:
     parameter_step: float
     noise_angles: Reals
     noise: Reals
+    gaps: tuple[tuple[float, float], ...] = ()
     orders: Orders | None = None
+
+    @property
+    def gap_text(self) -> str:
+        """A sentence about the gaps; empty without any."""
+        if not self.gaps:
+            return ""
+        first, last = (math.degrees(angle) for angle in self.gaps[0])
+        width = math.degrees(sum(end - start for start, end in self.gaps))
+        count = "1 gap" if len(self.gaps) == 1 else f"{len(self.gaps)} gaps"
+        return (
+            f"In {count}, the first from {first:.6f} to {last:.6f} deg, of "
+            f"{width:.2g} deg together, two poles meet or the highest peak changes; numbers that "
+            "only an eigenproblem yields are NaN there."
+        )
 
     @property
     def size(self) -> int:
@@ -131,6 +150,9 @@ def arrays(constants: Constants) -> list[Reals]:
 def constants_of(table: Table, orders: Orders | None = None) -> Constants:
     """Return the numbers of a table, which give the same bits as the table.
 
+    Where a lookup of the table solves an eigenproblem, in tiny cells around angles at which two
+    poles meet or the highest peak changes, they give NaN.
+
     Parameters
     ----------
     table : Table
@@ -139,10 +161,22 @@ def constants_of(table: Table, orders: Orders | None = None) -> Constants:
     Raises
     ------
     ExportError
-        If the table has cells without cubics, where it solves eigenproblems.
+        If these cells are not tiny.
     """
     starts, cubics = table.cells.arrays
-    _refuse_direct(table, starts, cubics)
+    without = np.isposinf(cubics[:, 3])
+    gaps = _gaps([*starts.tolist(), table.alpha3_range[1]], np.asarray(without.any(axis=1)))
+    width = sum(end - start for start, end in gaps)
+    if width > _MOST_GAPS * float(np.ptp(table.alpha3_range)):
+        first = math.degrees(gaps[0][0])
+        raise ExportError(
+            f"The table of {table.mechanism_name} cannot be exported: over "
+            f"{math.degrees(width):.3g} deg of its range, from {first:.4f} deg on, poles are so "
+            "near to each other that a lookup solves an eigenproblem, which C without dynamic "
+            "memory does not do. Change the dampers, or shorten range_deg of the input, so that "
+            "no poles meet."
+        )
+    cubics = np.where(without[:, np.newaxis], math.nan, cubics)
     low, high = table.alpha3_range
     rows = np.hstack(list(table.parameter_stddev))
     noise = np.hstack([table.frequency_stddev, table.damping_ratio_stddev])
@@ -162,20 +196,20 @@ def constants_of(table: Table, orders: Orders | None = None) -> Constants:
         parameter_step=(high - low) / (len(rows) - 1) if len(rows) else 0.0,
         noise_angles=table.alpha3 if table.measured else np.empty(0),
         noise=noise if table.measured else np.empty((0, 2 * table.n_modes)),
+        gaps=gaps,
         orders=orders,
     )
 
 
-def _refuse_direct(table: Table, starts: FloatArray, cubics: FloatArray) -> None:
-    direct = np.flatnonzero(np.isposinf(cubics[:, 3]).any(axis=1))
-    if len(direct):
-        first = math.degrees(starts[direct[0]])
-        raise ExportError(
-            f"The table of {table.mechanism_name} cannot be exported: in {len(direct)} of its "
-            f"{len(starts)} cells, the first at {first:.4f} deg, two poles meet, so a lookup "
-            "solves an eigenproblem there, which C without dynamic memory does not do. Change the "
-            "dampers, or shorten range_deg of the input, so that no poles meet."
-        )
+def _gaps(ends: list[float], without: BoolArray) -> tuple[tuple[float, float], ...]:
+    """Return where cells without cubics begin and end; neighbours are one gap."""
+    found: list[tuple[float, float]] = []
+    for start, end, is_gap in zip(ends, ends[1:], without.tolist(), strict=False):
+        if is_gap and found and found[-1][1] == start:
+            found[-1] = found[-1][0], end
+        elif is_gap:
+            found.append((start, end))
+    return tuple(found)
 
 
 def single(constants: Constants) -> Constants:

@@ -233,12 +233,12 @@ def _peaks(constants: Constants, angle: Reals) -> list[Reals]:
     cubics, t = _cell(constants, angle)
     c3, c2, c1, c0 = (cubics[:, i, n:] for i in range(4))
     values = ((c3 * t + c2) * t + c1) * t + c0
-    frequency, magnitude = np.full((2, len(angle)), real(-1.0))
+    frequency, magnitude = np.full(len(angle), real(np.nan)), np.full(len(angle), real(-1.0))
     low, high = map(real, constants.band)
     for at, size in zip(values[:, :peaks].T, values[:, peaks:].T, strict=True):
         higher = (size > magnitude) & (at >= low) & (at <= high)
         frequency, magnitude = np.where(higher, at, frequency), np.where(higher, size, magnitude)
-    return [frequency, magnitude]
+    return [frequency, np.where(magnitude < 0.0, real(np.nan), magnitude)]
 
 
 def _cell(constants: Constants, angle: Reals) -> tuple[Reals, Reals]:

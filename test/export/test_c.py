@@ -5,7 +5,7 @@
 import math
 import re
 import subprocess
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -30,9 +30,14 @@ from linkage_vibration.export.constants import (
 from linkage_vibration.export.evaluation import NUMBERS, compare, evaluate, exported
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
-from linkage_vibration.prediction.batch import predict_many
+from linkage_vibration.prediction.batch import Predictions, predict_many
 from linkage_vibration.prediction.predictor import Predictor
-from linkage_vibration.support.resources import DEFAULT_TABLE, PAPER_TABLE, config_file
+from linkage_vibration.support.resources import (
+    DEFAULT_TABLE,
+    PAPER_MECHANISM,
+    PAPER_TABLE,
+    config_file,
+)
 from linkage_vibration.table.table import Table, load_table
 from linkage_vibration.table.tabulation import build_table
 from test.support.c_code import COMPILERS, STRICT, Library, compile_c, require, write
@@ -290,14 +295,45 @@ def test_export_is_repeatable(paper: Table) -> None:
 
 
 def test_table_with_meeting_poles_is_refused() -> None:
-    """Where a lookup solves eigenproblems, the error says so, where, and what to do."""
+    """Where poles nearly meet over much of the range, the error says where, and what to do."""
     dashpot, alpha3 = meeting_off_axis()
-    stroke = (alpha3 - 0.01, alpha3 + 0.01)
+    stroke = (alpha3 - 1e-4, alpha3 + 1e-4)
     mechanism = crossing_crank(GAP, AT, RATIO, dashpot)
     mechanism = replace(mechanism, stroke=stroke, assembly_alpha3=stroke[0])
     table = build_table(LinkageModel(mechanism), 1e-2)
-    with pytest.raises(ExportError, match=r"\d+ of its \d+ cells, the first at .* deg, two poles"):
+    with pytest.raises(ExportError, match=r"over .* deg of its range, from .* deg on, poles are"):
         constants_of(table)
+
+
+def test_overdamped_mode(tmp_path: Path) -> None:
+    """Beside the angle at which a mode vanishes is a tiny gap; everywhere else bits are equal."""
+    mapping = yaml.safe_load(config_file(PAPER_MECHANISM).read_text())
+    for link in mapping["links"].values():
+        link |= {"elements": 4, "modes": 2}
+    mapping["input"]["range_deg"] = [160.0, 165.0]
+    mapping["springs"] = {"s": {"between": ["P2", "E1"], "damping": 1e5}}
+    table = build_table(LinkageModel(mechanism_from_mapping(mapping)), 1e-3)
+    constants = constants_of(table)
+    assert constants.gaps
+    assert "are NaN there" in constants.gap_text
+    assert "are NaN there" in c_files(described(table), constants)[f"{described(table).prefix}.h"]
+    angles = angles_to_test(constants, 3000)
+    stddevs = stddevs_for(angles)
+    found = Library(tmp_path, described(table), constants).predict(angles, stddevs)
+    expected = predict_many(Predictor(table), angles, stddevs)
+    assert_same_bits(found, evaluate(constants, angles, stddevs))
+    inside = np.zeros(len(angles), bool)
+    for start, end in constants.gaps:
+        inside |= (start <= angles) & (angles < end)
+    assert_same_bits(found[~inside], Predictions(*columns(expected, ~inside)))
+    assert np.isnan(expected.natural_frequencies[~inside, 0]).any()  # it is overdamped
+    assert np.isnan(found["natural_frequencies"][inside]).any()
+
+
+def columns(predictions: Predictions, which: Any) -> list[Any]:
+    """Return the columns of some predictions."""
+    values = (getattr(predictions, field.name) for field in fields(Predictions))
+    return [value if isinstance(value, str) else value[which] for value in values]
 
 
 def test_errors_of_equal_constants(paper: Table) -> None:

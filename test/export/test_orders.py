@@ -3,6 +3,7 @@
 """Margins and responses by order in exported C are those of the resonance monitor."""
 
 import math
+import subprocess
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ import pytest
 
 from linkage_vibration.cli.export import orders_of
 from linkage_vibration.cli.main import main
-from linkage_vibration.export.c_source import description_of
+from linkage_vibration.export.c_source import c_files, description_of
 from linkage_vibration.export.constants import constants_of, single
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.prediction.batch import Predictions, predict_many
@@ -33,7 +34,7 @@ from linkage_vibration.support.resources import (
     config_file,
 )
 from linkage_vibration.table.table import Table, load_table
-from test.support.c_code import Library
+from test.support.c_code import Library, compile_c, require, write
 
 CASES = {
     "tractor with amplitudes": (
@@ -55,6 +56,7 @@ CASES = {
     ),
 }
 N = 3000
+LEVELS = "velocities", "accelerations", "amplifications"
 
 
 Case = tuple[Table, Mechanism, tuple[Excitation, ...], Library]
@@ -101,7 +103,7 @@ def test_same_numbers_as_the_node(case: Case) -> None:
     found = library.assess(predicted, speeds)
     predictions = predict_many(Predictor(table), angles, np.zeros(N))
     levels = levels_of(table, mechanism, excitations, predictions, speeds)
-    for name in ("velocities", "accelerations", "amplifications", "total_velocity"):
+    for name in (*LEVELS, "total_velocity", "total_acceleration"):
         own, expected = found[name].astype(np.float32), getattr(levels, name)
         np.testing.assert_array_equal(np.isnan(own), np.isnan(expected), name)
         np.testing.assert_allclose(own, expected, rtol=2e-7, err_msg=name)
@@ -164,11 +166,44 @@ def test_single_precision(tmp_path: Path) -> None:
     found = library.assess(library.predict(angles, 0.0 * angles), speeds)
     zero = np.zeros((N, 2, table.n_modes))
     levels = known.many(angles.astype(float), speeds.T.astype(float), zero)
-    for name in ("amplifications", "velocities"):
+    for name in LEVELS:
         one, two = getattr(levels, name).astype(float), found[name].astype(float)
         both = np.isfinite(one) & np.isfinite(two)
         assert both.mean() >= np.isfinite(one).mean() - 1e-3
         assert np.abs(two[both] / one[both] - 1.0).max() < 1e-3
+
+
+_MAIN = """
+#include "PREFIX.h"
+#include <math.h>
+int main(void)
+{
+    PREFIX_prediction prediction;
+    PREFIX_resonance found;
+    int i;
+    for (i = 0; i < 2000; i++) {
+        const PREFIX_real speeds[3] = {(i % 7) ? 2.0 * i : NAN, 0.5 * i, 0.01 * (i - 500)};
+        PREFIX_predict((i % 11) ? 1.5 + 1e-3 * i : INFINITY, 0.0, &prediction);
+        PREFIX_assess(&prediction, speeds, &found);
+    }
+    return 0;
+}
+"""
+
+
+def test_sanitizers(tmp_path: Path) -> None:
+    """Neither the address sanitizer nor that of undefined behaviour finds a fault."""
+    mechanism, table_file, excitations = CASES["paper without amplitudes"]
+    table = load_table(config_file(table_file))
+    orders = orders_of(table, read_mechanism(config_file(mechanism)), excitations)
+    description = description_of(table, "")
+    write(c_files(description, constants_of(table, orders)), tmp_path)
+    (tmp_path / "main.c").write_text(_MAIN.replace("PREFIX", description.prefix))
+    flags = ["-fsanitize=address,undefined", "-fno-sanitize-recover", "-o", "run"]
+    command = [require("gcc"), "-std=c99", *flags, f"{description.prefix}.c", "main.c", "-lm"]
+    compile_c(command, tmp_path)
+    done = subprocess.run([tmp_path / "run"], capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (0, "")
 
 
 def test_command(tmp_path: Path) -> None:
