@@ -145,7 +145,7 @@ def thinned(
 
 def _column(values: NDArray[Any]) -> dict[str, Any]:
     """Return a column as the page's script reads it; one number if the column is constant."""
-    if len(values) and (values == values[0]).all():
+    if len(values) and np.isfinite(values[0]) and (values == values[0]).all():
         return {"type": packed(values[:1])["type"], "constant": float(values[0])}
     if values.dtype.kind == "f" and np.isnan(values).all():
         return {"type": packed(values[:1])["type"], "constant": None}

@@ -291,7 +291,8 @@ def problems(log: Log) -> list[str]:
         found.append(f"The clock jumped back {often}.")
     if missing := gaps(log):
         longest = max(end - start for start, end in missing)
-        found.append(f"Predictions are missing in {len(missing)} gaps of up to {longest:.3g} s.")
+        where = "one gap of" if len(missing) == 1 else f"{len(missing)} gaps of up to"
+        found.append(f"Predictions are missing in {where} {longest:.3g} s.")
     records = [r for name, r in log.metadata.items() if name.startswith(RECORDING_METADATA)]
     if dropped := max((int(record.get("dropped", 0)) for record in records), default=0):
         found.append(f"The log lacks {dropped} messages that the disk was too slow to record.")

@@ -110,7 +110,7 @@ def overview_html(drives: Sequence[tuple[dict[str, Any], str]], failures: Sequen
     shared = names[0] if names and all(own == names[0] for own in names) else []
     shared += [""] * (n_modes - len(shared))
     modes = [f"near {name or f'mode {i}'} [s]" for i, name in enumerate(shared[:n_modes], 1)]
-    head = ["drive", "start, UTC", "duration [s]", *modes, "worst moment", "model"]
+    head = ["drive", "worst moment", *modes, "start, UTC", "duration [s]", "model"]
     files = [Path(drive["log"]) for drive, _ in drives]
     alike = len({file.name for file in files}) < len(files)
     texts = [str(file) if alike else file.name for file in files]
@@ -125,6 +125,7 @@ def overview_html(drives: Sequence[tuple[dict[str, Any], str]], failures: Sequen
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
         f'<link rel="icon" href="data:,">\n<title>Drives</title>\n<style>{page_file("page.css")}'
         "main.drives { display: block; } .drives td { border-top: 1px solid var(--line); }\n"
+        ".drives .scroll { max-height: none; } .drives td:nth-child(2) { min-width: 16em; }\n"
         "</style>\n</head>\n<body>\n<header>\n<h1>Drives</h1>\n"
         "<p>Each row is a drive. Choose its name to see its page.</p>\n</header>\n"
         f'<main class="drives">\n{notes}<div class="scroll" tabindex="0" aria-label="Drives">'
@@ -138,8 +139,8 @@ def _cells(drive: dict[str, Any], page: str, name: str, n_modes: int) -> str:
     shown = ["not known"] * n_modes if near is None else [f"{value:.2f}" for value in near]
     shown += [""] * (n_modes - len(shown))
     model = drive["model"]["mechanism"] or "not in the log"
-    texts = [drive["start"][:19].replace("T", " "), f"{drive['duration_s']:.1f}", *shown]
-    texts += [drive["sentence"], f"{model}, table {drive['model']['table_id']}"]
+    texts = [drive["sentence"], *shown, drive["start"][:19].replace("T", " ")]
+    texts += [f"{drive['duration_s']:.1f}", f"{model}, table {drive['model']['table_id']}"]
     link = f'<a href="{html.escape(quote(page))}">{html.escape(name)}</a>'
     return f"<td>{link}</td>" + "".join(f"<td>{html.escape(text)}</td>" for text in texts)
 

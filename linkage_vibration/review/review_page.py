@@ -375,8 +375,12 @@ def _summary(log: Log, found: list[Moment], missing: list[tuple[float, float]]) 
         add("Resonance warnings", "not known", alert=True)
     deviations = log.frequency_stddev, log.damping_ratios, log.damping_ratio_stddev
     expected = log.table is not None and log.table.uncertain  # numbers of the mechanism are
-    for text in uncertain_modes(log.natural_frequencies, *deviations, log.mode_label):
-        add("Uncertain", text, alert=not expected)
+    uncertain = uncertain_modes(log.natural_frequencies, *deviations, log.mode_label)
+    if expected and uncertain:
+        add("Uncertain modes", f"{len(uncertain)} of {log.n_modes}: {_largest_deviations(log)}")
+    else:
+        for text in uncertain:
+            add("Uncertain", text, alert=True)
     faulty = int((log.status != Status.OK).sum())
     add("Predictions not OK", f"{faulty:,}" if faulty else "none", alert=faulty > 0)
     length = f"{len(missing)}, {_span(sum(end - start for start, end in missing))} in total"
@@ -386,6 +390,18 @@ def _summary(log: Log, found: list[Moment], missing: list[tuple[float, float]]) 
         text = f"{len(back)} times, by up to {_span(float(back.max()))}"
         add("The clock jumped back", text, alert=True)
     return items
+
+
+def _largest_deviations(log: Log) -> str:
+    """Return the largest relative standard deviations of the modes in words."""
+    largest = []
+    for values, stddev in (
+        (log.natural_frequencies, log.frequency_stddev),
+        (log.damping_ratios, log.damping_ratio_stddev),
+    ):
+        shares = np.divide(stddev, values, out=np.zeros(values.shape), where=values > 0.0)
+        largest.append(100.0 * float(np.fmax.reduce(shares, axis=None, initial=0.0)))
+    return f"standard deviation up to {largest[0]:.2g} % (frequency), {largest[1]:.2g} % (damping)"
 
 
 def _span(seconds: float) -> str:

@@ -16,6 +16,7 @@ from linkage_vibration.review.html import (
     _FOLDER,
     _SCRIPTS,
     MAX_SAMPLES,
+    _column,
     packed,
     page_html,
     thinned,
@@ -122,3 +123,10 @@ def test_page_that_cannot_be_written(drive: Path, tmp_path: Path) -> None:
     """A missing folder is reported."""
     with pytest.raises(ReviewError, match=r"a\.html: cannot be written"):
         write_page(review_page(read_log(drive)), tmp_path / "nowhere" / "a.html")
+
+
+def test_column_of_infinities() -> None:
+    """An angle that is always infinite is packed, as JSON has no infinity."""
+    assert _column(np.full(3, np.inf)) == packed(np.full(3, np.inf))
+    assert _column(np.full(3, 2.0)) == {"type": "f8", "constant": 2.0}
+    assert _column(np.full(3, np.nan)) == {"type": "f8", "constant": None}

@@ -230,6 +230,10 @@ def test_phone(page: Any, tmp_path: Path) -> None:
     page.resize(380, 800, mobile=True)
     page.evaluate("new Promise(done => setTimeout(done, 100))")
     assert page.evaluate("document.documentElement.scrollWidth") == 380
+    page.evaluate(
+        "document.querySelectorAll('#modes button').forEach(b => { b.textContent += ' (link)'; })"
+    )
+    assert page.evaluate("document.documentElement.scrollWidth") == 380
     x, y = page.place("#chart-f1 .u-over", 0.3)
     page.send("Input.dispatchTouchEvent", type="touchStart", touchPoints=[{"x": x, "y": y}])
     page.send("Input.dispatchTouchEvent", type="touchEnd", touchPoints=[])

@@ -18,10 +18,15 @@ for (const { title, unit, speeds, orders, bands, dots } of data.campbell ?? []) 
   const x = v => left + (v - low) / (high - low) * (W - left - right);
   const y = v => H - bottom - Math.min(v, most) / most * (H - bottom - top);
   const drawn = svg("svg", { viewBox: `0 0 ${W} ${H}`, role: "img", "aria-label": `${title}, ${orders.length} orders and ${bands.length} modes`, "font-size": 11, fill: INK });
+  const labels = [], named = [];  // heights of the names of modes, which move up where bands are close together
   bands.forEach(({ colour, ends }, k) => {
     if (!ends || ends[0] > most) return;
-    drawn.append(svg("rect", { x: left, width: W - left - right, y: y(ends[1]), height: Math.max(2, y(ends[0]) - y(ends[1])), fill: colour, "fill-opacity": .25 }),
-      svg("text", { x: left + 4, y: (y(ends[0]) + y(ends[1])) / 2 + 4 }, data.mode_labels[k]));
+    let at = Math.min((y(ends[0]) + y(ends[1])) / 2 + 4, H - bottom - 3);
+    while (named.some(other => Math.abs(other - at) < 12)) at -= 1;
+    named.push(at);
+    drawn.append(svg("rect", { x: left, width: W - left - right, y: y(ends[1]), height: Math.max(2, y(ends[0]) - y(ends[1])), fill: colour, "fill-opacity": .25 }));
+    labels.push(svg("rect", { x: left + 4, width: 7, y: at - 8, height: 7, fill: colour }),
+      svg("text", { x: left + 15, y: at, stroke: "#ffffff", "stroke-width": 3, "paint-order": "stroke" }, data.mode_labels[k]));
   });
   for (const v of roundValues(0, most, 6)) drawn.append(svg("line", { x1: left, x2: W - right, y1: y(v), y2: y(v), stroke: "#e4e4e4" }), svg("text", { x: left - 6, y: y(v) + 4, "text-anchor": "end" }, String(v)));
   for (const v of roundValues(low, high, 5)) drawn.append(svg("line", { x1: x(v), x2: x(v), y1: y(0), y2: y(0) + 5, stroke: GREY }), svg("text", { x: x(v), y: y(0) + 17, "text-anchor": "middle" }, String(v)));
@@ -34,6 +39,7 @@ for (const { title, unit, speeds, orders, bands, dots } of data.campbell ?? []) 
     taken.push(at);
     drawn.append(svg("text", { x: W - right + 5, y: at }, name));
   }
+  drawn.append(...labels);
   for (const [speed, frequency] of dots) drawn.append(svg("circle", { cx: x(speed), cy: y(frequency), r: 3, fill: WARN, stroke: "#ffffff", "stroke-width": .7 }));
   drawn.append(svg("text", { x: (left + W - right) / 2, y: H - 6, "text-anchor": "middle" }, unit),
     svg("text", { x: 12, y: (top + H - bottom) / 2, "text-anchor": "middle", transform: `rotate(-90 12 ${(top + H - bottom) / 2})` }, "frequency [Hz]"));
