@@ -7,7 +7,9 @@ first callback until the page's thread is free again, when everything is laid ou
 """
 
 import random
+import resource
 import struct
+import subprocess
 import sys
 import tempfile
 import time
@@ -69,6 +71,7 @@ def main() -> None:
         write_bag(bag, minutes)
         predictions = replay([bag], log, PARAMETERS).predictions
         making = timed(lambda: write_page(review_page(read_log(log)), page))
+        took, peak = commanded(log, page)
         size = page.stat().st_size
         with Browser(WIDTH, HEIGHT) as browser:
             browser.send("Page.addScriptToEvaluateOnNewDocument", source=TIMER)
@@ -92,7 +95,8 @@ def main() -> None:
             "This page shows how smoothly the review page of a long log answers the mouse. The log "
             f"has {minutes:g} min at {RATE} Hz, with {predictions} predictions and resonances; its "
             f"page of {size / 1e6:.1f} MB contains {kept} of them. The page was made in "
-            f"{making:.1f} s and opened in {opening:.1f} s.",
+            f"{making:.1f} s and opened in {opening:.1f} s. The command `linkage-vibration review` "
+            f"took {took:.1f} s from its start, with a peak memory of {peak:.0f} MiB.",
             f"Each row is for the frames that answer one kind of input in {product} without a GPU, "
             f"at {WIDTH} x {HEIGHT}, while the linkage is animated. The time is that of the page's "
             "thread, from the first callback of a frame to the end of painting. Other threads "
@@ -109,6 +113,13 @@ def timed(do: Callable[[], object]) -> float:
     begin = time.perf_counter()
     do()
     return time.perf_counter() - begin
+
+
+def commanded(log: Path, page: Path) -> tuple[float, float]:
+    """Return the time of the command ``review``, s, and its peak memory, MiB."""
+    command = [sys.executable, "-m", "linkage_vibration.cli", "review", str(log), "-o", str(page)]
+    took = timed(lambda: subprocess.run(command, check=True))
+    return took, resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024.0
 
 
 def write_bag(path: Path, minutes: float) -> None:
