@@ -63,6 +63,11 @@ def find_signal(field: str, database: str) -> CanSignal:
             f"{field!r} does not end with a source address; write one from 0 to {_LAST_ADDRESS}, "
             f"such as {name}@0."
         )
+    if not signal.any_sender:
+        raise FieldError(
+            f"{field!r} chooses a source address, but the frames of {name} are recognised by their "
+            f"whole identifier; write {name} without an address."
+        )
     return signal.from_address(chosen)
 
 
@@ -145,9 +150,10 @@ class CanReader(NumberReader):
         if not names:
             return f"{topic} has no frames at all; check its publisher, or choose another topic."
         listing = ", ".join(sorted(names)[:_MAX_NAMES])
+        page = " whose multiplexer selects it" if self._signal.selectors else ""
         return (
-            f"{topic} has no frame with {self._signal.name} ({_name(self._signal.key)}); it has "
-            f"{listing}. Check the source address and the channel, or choose another signal."
+            f"{topic} has no frame with {self._signal.name} ({_name(self._signal.key)}{page}); it "
+            f"has {listing}. Check the source address and the channel, or choose another signal."
         )
 
 

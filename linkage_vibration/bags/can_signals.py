@@ -16,9 +16,6 @@ from linkage_vibration.bags.can_frames import EXTENDED, FLAGS
 
 FloatArray = NDArray[np.float64]
 
-ANY_ADDRESS = -1
-"""The source address that stands for every one."""
-
 _ADDRESS = 0xFF  # the bits of the source address
 _PRIORITY = 0b111 << 26
 _LAST_VALUE = 0xFA  # of the highest byte; above are specific, reserved, "error", "not available"
@@ -149,10 +146,17 @@ class CanSignal:
             meaning = {0xFE: "an error", 0xFF: "not available"}.get(top, "reserved")
             return f"{self.name} is {meaning} (0x{raw:0{self.bits.length // 4}X})."
         value = float(self.scale * self.bits.numbers(data)[0] + self.offset)
+        if not np.isfinite(value):
+            return f"{self.name} is not a finite number ({value:g})."
         return (
             f"{self.name} is {value:g} {self.unit}, outside of its range from {self.range[0]:g} to "
             f"{self.range[1]:g}."
         )
+
+    @property
+    def any_sender(self) -> bool:
+        """Whether frames contain the signal whatever their source address is."""
+        return not self.mask & _ADDRESS
 
     def from_address(self, address: int) -> "CanSignal":
         """Return the signal as one sender sends it.
@@ -160,10 +164,8 @@ class CanSignal:
         Parameters
         ----------
         address : int
-            The source address of J1939, 0 to 253; `ANY_ADDRESS` for all.
+            The source address of J1939, 0 to 253.
         """
-        if address == ANY_ADDRESS or self.mask & _ADDRESS:
-            return self
         return replace(self, key=self.key & ~_ADDRESS | address, mask=self.mask | _ADDRESS)
 
 

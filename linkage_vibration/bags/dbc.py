@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Finds signals in DBC files, which describe the frames of a CAN bus, with cantools."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Sequence
 from difflib import get_close_matches
 from functools import lru_cache
 from pathlib import Path
@@ -49,10 +49,8 @@ def dbc_signal(path: Path, name: str) -> CanSignal:
     if not signal_name:
         raise DbcError(f"{name!r} is not the name of a signal; write MESSAGE.SIGNAL.")
     found = _load(path, path.stat().st_mtime_ns if path.exists() else 0)
-    messages = {message.name: message for message in found.messages}
-    message = _choose(path, "message", message_name, messages)
-    signals = {signal.name: signal for signal in message.signals}
-    signal = _choose(path, f"signal of {message_name}", signal_name, signals)
+    message = _choose(path, "message", message_name, found.messages)
+    signal = _choose(path, f"signal of {message_name}", signal_name, message.signals)
     j1939, key, mask = _identifier(message)
     if message.length > PAYLOAD and j1939:
         raise DbcError(
@@ -88,7 +86,7 @@ def _load(path: Path, changed: int) -> "Database":
     try:
         # Other messages than ours may overlap themselves; ours is checked by itself.
         found = Database(strict=False)
-        found.add_dbc_file(path)
+        found.add_dbc_string(_text(path.read_bytes()))
     except OSError as error:
         raise DbcError(f"{path} cannot be opened: {error.strerror}; check the path.") from None
     # cantools raises errors of its own, of its parser and of Python for a file that is not DBC.
@@ -98,10 +96,24 @@ def _load(path: Path, changed: int) -> "Database":
     return found
 
 
-def _choose(path: Path, what: str, name: str, known: Mapping[str, Named]) -> Named:
-    if name in known:
-        return known[name]
-    similar = ", ".join(get_close_matches(name, list(known), 5, 0.0))
+def _text(content: bytes) -> str:
+    """Return the text of a file in UTF-8 or, as DBC files mostly are, in the Windows code page."""
+    try:
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return content.decode("cp1252", errors="replace")
+
+
+def _choose(path: Path, what: str, name: str, known: Sequence[Named]) -> Named:
+    found = [each for each in known if each.name == name]
+    if len(found) > 1:
+        raise DbcError(
+            f"{path} has {what} {name} {len(found)} times; give each a name of its own, or keep "
+            "one."
+        )
+    if found:
+        return found[0]
+    similar = ", ".join(get_close_matches(name, [each.name for each in known], 5, 0.0))
     remedy = f"choose for example {similar}" if similar else "it has none at all"
     raise DbcError(f"{path} has no {what} {name}; {remedy}.")
 

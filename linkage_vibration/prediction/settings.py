@@ -498,7 +498,11 @@ class Parameters:
             preset.high if own else math.inf,
             bool(self._own(name, "topic")),
             str(_path(self.can_database) or ""),
+            self._chosen(name, "unit") if self._scale_of(name) == 1.0 else "",
         )
+
+    def _scale_of(self, name: str) -> float:
+        return self.scale if name == HITCH else float(getattr(self, f"{name}_scale"))
 
     def _hitch_scale(self) -> HitchScale:
         unit, calibration = self._chosen(HITCH, "unit"), Calibration(self.calibration)

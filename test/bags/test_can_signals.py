@@ -156,7 +156,6 @@ def test_one_sender_can_be_chosen() -> None:
     hitch = SIGNALS["rear_hitch_position"].from_address(0xF0)
     assert present(hitch, identifier(65093, 0xF0, 6))
     assert not present(hitch, identifier(65093, 0xF1))
-    assert SIGNALS["rear_hitch_position"].from_address(-1) == SIGNALS["rear_hitch_position"]
 
 
 def test_recorded_tractor() -> None:

@@ -12,8 +12,10 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from linkage_vibration.bags.can_frames import EXTENDED
+from linkage_vibration.bags.can_reader import CanReader, find_signal
 from linkage_vibration.bags.can_signals import CanSignal
 from linkage_vibration.bags.dbc import DbcError, dbc_signal
+from linkage_vibration.bags.schemas import FieldError
 from test.support.can_bus import identifier
 
 pytest.importorskip("cantools", reason="DBC files are read by cantools (extra can)")
@@ -128,7 +130,6 @@ def test_parameter_groups(tmp_path: Path) -> None:
         assert not values(signal, bytes(8), own)[0]
         unknown = values(signal, b"\xff" * 8, EXTENDED | own)[1]
         assert np.isnan(unknown) if anyone else unknown == 0.5 * 0xFFFF
-    assert exact.from_address(3) == exact
     assert not values(address.from_address(3), bytes(8), other)[0]
     destination = identifier(0xEF00 | 0x26, 254, 6)
     proprietary = written(tmp_path / "d.dbc", text.format(EXTENDED | destination))
@@ -195,3 +196,41 @@ def test_files_that_are_not_dbc(tmp_path: Path) -> None:
     changed = MULTIPLEXED.replace("(0.01,-5)", "(0.02,-5)")
     second = dbc_signal(written(tmp_path / "changed.dbc", changed), "Arm.Angle")
     assert (first.scale, second.scale) == (0.01, 0.02)
+
+
+def test_one_name_twice(tmp_path: Path) -> None:
+    """A name that a file has twice is refused, as either could be meant."""
+    signal = ' SG_ S : {}|8@1+ (1,0) [0|0] "" X\n'
+    one, other = "BO_ 512 M: 8 X\n" + signal.format(0), "BO_ 513 {}: 8 X\n" + signal.format(8)
+    with pytest.raises(DbcError, match=r"signal of M S 2 times; give each a name"):
+        dbc_signal(written(tmp_path / "s.dbc", 'VERSION ""\n' + one + signal.format(8)), "M.S")
+    text = 'VERSION ""\n' + one + other
+    with pytest.raises(DbcError, match=r"message M 2 times; give each a name"):
+        dbc_signal(written(tmp_path / "m.dbc", text.format("M")), "M.S")
+    assert dbc_signal(written(tmp_path / "n.dbc", text.format("N")), "M.S").bits.first == 0
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "cp1252"])
+def test_encodings(tmp_path: Path, encoding: str) -> None:
+    """A file is in UTF-8, with a byte order mark or without, or in the Windows code page."""
+    text = 'VERSION ""\nBO_ 512 M: 8 X\n SG_ S : 0|8@1+ (1,0) [0|0] "°" X\nCM_ "Größe{}";\n'
+    path = tmp_path / "a.dbc"
+    # The second byte of this letter in UTF-8 is not in the code page.
+    path.write_bytes(text.format("Á" * (encoding != "cp1252")).encode(encoding))
+    assert dbc_signal(path, "M.S").unit == "°"
+
+
+def test_address_of_a_whole_identifier(tmp_path: Path) -> None:
+    """A source address cannot be chosen for a message that is not of J1939."""
+    text = 'VERSION ""\nBO_ 512 M: 8 X\n SG_ S : 0|8@1+ (1,0) [0|0] "" X\n'
+    path = written(tmp_path / "a.dbc", text)
+    with pytest.raises(FieldError, match=r"write M.S without an address"):
+        find_signal("M.S@3", str(path))
+
+
+def test_reasons(tmp_path: Path) -> None:
+    """A NaN, and a page that no frame has, are named."""
+    signal = dbc_signal(written(tmp_path / "a.dbc", MULTIPLEXED), "Arm.Force")
+    assert signal.explain(8, b"\4" + b"\xff" * 7) == "Arm.Force is not a finite number (nan)."
+    words = CanReader(signal).explain_missing("/can0", ["identifier 0x200"])
+    assert "Arm.Force (identifier 0x200 whose multiplexer selects it); it has" in words

@@ -157,6 +157,10 @@ FAULTS: dict[str, tuple[dict[str, str], str]] = {
         {"hitch_field": "rear_hitch_position@254"},
         r"write one from 0 to 253, such as rear_hitch_position@0",
     ),
+    "unit": (
+        {"ground_field": "wheel_based_speed", "ground_unit": "km/h"},
+        r"wheel_based_speed is in m/s, but ground_unit is km/h; write `ground_unit: m/s`",
+    ),
     "no file": (
         {"hitch_field": "A.B", "can_database": "/nothing.dbc"},
         r"/nothing.dbc cannot be opened",

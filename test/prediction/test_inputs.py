@@ -25,6 +25,7 @@ from linkage_vibration.prediction.inputs.units import (
     HitchScale,
     InputError,
     Reading,
+    wrong_unit,
 )
 from linkage_vibration.prediction.settings import ParameterError, Parameters, with_values
 
@@ -284,3 +285,21 @@ def test_fields_of_joint_states() -> None:
         InputError, match=r"hitch_field: .* no number 'positions\[b\]'; did you mean position\[NAME"
     ):
         Parameters(hitch_field="positions[b]").crank_input(JOINTS)
+
+
+@pytest.mark.parametrize(
+    ("stated", "expected", "name", "words"),
+    [
+        ("km/h", "m/s", "ground", "is in km/h, but ground_unit is m/s; write `ground_unit: km/h`."),
+        ("mph", "m/s", "ground", "is in mph, but ground_unit is m/s; write ground_scale, the m/s"),
+        ("%", "deg", "hitch", "is in percent, but hitch_unit is deg; write `hitch_unit: percent`."),
+        ("V", "percent", "hitch", "write `hitch_unit: any` and a calibration in this unit."),
+        ("rad/s", "rpm", "pto", "is in rad/s, but pto_unit is rpm; write `pto_unit: rad/s`."),
+    ],
+)
+def test_stated_unit(stated: str, expected: str, name: str, words: str) -> None:
+    """A unit that is stated to be another one is named; an unknown or a free one is accepted."""
+    assert words in wrong_unit(stated, expected, name)
+    assert not any(wrong_unit(stated, own, name) for own in ("", "any"))
+    assert not wrong_unit(f" {expected.upper()} ", expected, name)
+    assert not wrong_unit("furlong", expected, name)

@@ -17,7 +17,7 @@ from linkage_vibration.bags.numbers import Integers, LeftOut, NumberReader, Numb
 from linkage_vibration.bags.schemas import Field, FieldError, Schema, find_path
 from linkage_vibration.bags.streams import Block
 from linkage_vibration.prediction.inputs.joint_state import JointReader
-from linkage_vibration.prediction.inputs.units import HitchScale, InputError, Reading
+from linkage_vibration.prediction.inputs.units import HitchScale, InputError, Reading, wrong_unit
 
 FloatArray = NDArray[np.float64]
 
@@ -55,6 +55,8 @@ class SourceSettings:
         Whether a parameter names the topic.
     database : str
         Path of the DBC file of CAN signals, or empty.
+    unit : str
+        The unit in which the number has to be; empty if ``scale`` converts it.
     """
 
     name: str
@@ -67,6 +69,7 @@ class SourceSettings:
     high: float
     chosen: bool
     database: str = ""
+    unit: str = ""
 
     def reader(self, schema: Schema) -> NumberReader:
         """Return the reader of the number.
@@ -112,7 +115,10 @@ def _can_reader(schema: Schema, source: SourceSettings) -> NumberReader:
         raise InputError(
             f"{source.type} is defined in another way than by can_msgs; convert the messages."
         )
-    return CanReader(find_signal(source.field, source.database))
+    signal = find_signal(source.field, source.database)
+    if wrong := wrong_unit(signal.unit, source.unit, source.name):
+        raise InputError(f"Parameter {source.name}_field: {signal.name} {wrong}")
+    return CanReader(signal)
 
 
 READERS: dict[str, Callable[[Schema, SourceSettings], NumberReader]] = {

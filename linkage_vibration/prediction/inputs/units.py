@@ -23,6 +23,11 @@ ROTATIONS = {"rpm": 1.0, "rad/s": 30.0 / math.pi, "Hz": 60.0}
 SPEEDS = {"m/s": 1.0, "km/h": 1.0 / 3.6}
 """Units of the ground speed, in m/s."""
 
+_NAMES = {unit.lower(): unit for unit in (*ANGLES, "percent", "m", *ROTATIONS, *SPEEDS)}
+_NAMES |= {"%": "percent", "°": "deg", "degree": "deg", "degrees": "deg", "1/min": "rpm"}
+_NAMES |= {"kph": "km/h", "kmh": "km/h"}
+_NAMES |= {each.lower(): each for each in ("mm", "cm", "in", "mph", "kn", "knots", "V", "mV", "mA")}
+
 PERCENT_STEP = 0.4
 """Resolution of a hitch position on the ISO 11783 bus, % per bit."""
 
@@ -32,6 +37,30 @@ _LONGEST = 10.0  # m; no part of a hitch moves as far
 
 class InputError(LinkageVibrationError):
     """The parameters of an input cannot be used."""
+
+
+def wrong_unit(stated: str, expected: str, name: str) -> str:
+    """Return that a number has another unit than is expected; empty if that cannot be said.
+
+    Parameters
+    ----------
+    stated, expected : str
+        The unit that a description of the number states, as people write it, and that of the
+        input; each may be empty.
+    name : str
+        The input: "hitch", "engine", "pto" or "ground".
+    """
+    unit = _NAMES.get(stated.strip().lower(), "")
+    if not unit or expected in ("", "any", unit):
+        return ""
+    hitch = name == "hitch"
+    if unit in ((*ANGLES, *CALIBRATED) if hitch else SPEEDS if name == "ground" else ROTATIONS):
+        remedy = f"write `{name}_unit: {unit}`"
+    elif hitch:
+        remedy = "write `hitch_unit: any` and a calibration in this unit"
+    else:
+        remedy = f"write {name}_scale, the {expected} in one {unit}"
+    return f"is in {unit}, but {name}_unit is {expected}; {remedy}."
 
 
 @dataclass(frozen=True, slots=True)
