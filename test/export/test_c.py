@@ -211,6 +211,26 @@ def test_fewer_cells(table: Table, tolerance: float) -> None:
         assert (np.nanmax(off, axis=1) <= bound).all()
 
 
+def test_fewer_rows_of_standard_deviations(tractor: Table) -> None:
+    """An eighth of the rows gives standard deviations by uncertain numbers within 1 %."""
+    constants = constants_of(tractor)
+    fewer = fewer_cells(constants, 1e-8)
+    assert len(constants.parameters) > 7 * len(fewer.parameters)
+    angles = np.random.default_rng(6).uniform(*tractor.alpha3_range, 2000)
+    exact, found = (evaluate(each, angles, 0.0 * angles) for each in (constants, fewer))
+    for name in ("frequency_stddev", "damping_ratio_stddev"):
+        off = np.abs(getattr(found, name) / getattr(exact, name) - 1.0)
+        assert 0.0 < off.max() < 0.01
+
+
+def test_rows_with_unknown_deviations_are_kept(tractor: Table) -> None:
+    """A deviation that is not known, or the only one that is known, stays so."""
+    rows = np.array(tractor.parameter_stddev)
+    rows[0, 101, 2] = math.nan
+    constants = constants_of(replace(tractor, parameter_stddev=rows))
+    assert len(fewer_cells(constants, 1e-4).parameters) == len(constants.parameters)
+
+
 def test_tolerance_decides_the_number_of_cells(paper: Table) -> None:
     """A larger tolerance needs fewer cells; 2e-7 needs at most a quarter."""
     constants = constants_of(paper)
