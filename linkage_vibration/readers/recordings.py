@@ -14,7 +14,8 @@ from linkage_vibration.mechanics.arrays import FloatArray
 _CHANNELS = [
     f"{part}.{axis}" for part in ("linear_acceleration", "angular_velocity") for axis in "xyz"
 ]
-_FEWEST = 2  # columns of a CSV file: the time and one channel; and lines
+_FEWEST = 2  # columns of a CSV file: the time and one channel
+_BACK = 0.5  # s, by which messages may overtake one another
 
 
 class RecordingError(LinkageVibrationError):
@@ -49,7 +50,7 @@ def read_recording(path: Path, topic: str | None = None) -> tuple[FloatArray, Fl
     name = topic or found[0]
     columns = read_columns(path, {name: IMU})[name]
     signals = np.column_stack([columns[channel] for channel in _CHANNELS])
-    return _ordered(_seconds(columns), signals)
+    return _ordered(path, _seconds(columns), signals)
 
 
 def _seconds(columns: Columns) -> FloatArray:
@@ -60,28 +61,53 @@ def _seconds(columns: Columns) -> FloatArray:
 
 
 def _csv(path: Path) -> tuple[FloatArray, FloatArray]:
-    """Read a CSV file with commas, semicolons or tabs, and with or without a line of names."""
+    """Read a CSV file with commas, semicolons or tabs, with or without lines of names."""
     try:
         text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         raise RecordingError(f"{path}: cannot be read ({error}).") from None
-    first = text.partition("\n")[0]
-    separator = max(",;\t", key=first.count)
-    if len(text.splitlines()) < _FEWEST:
-        raise RecordingError(f"{path}: has no line of numbers below its first line.")
-    lines = text.replace(",", ".").splitlines() if separator == ";" else text.splitlines()
-    try:
-        rows = np.loadtxt(lines[1:], delimiter=separator, ndmin=2)
-    except ValueError as error:
-        problem = f"{path}: is no table of numbers below its first line ({error})."
-        raise RecordingError(problem) from None
-    if rows.shape[1] < _FEWEST:
-        raise RecordingError(f"{path}: has {rows.shape[1]} columns; give the time and a channel.")
-    return _ordered(rows[:, 0], rows[:, 1:])
+    lines = [(i, line) for i, line in enumerate(text.splitlines(), 1) if line.strip()]
+    middle = lines[len(lines) // 2][1] if lines else ""
+    separator = next((mark for mark in ";\t" if mark in middle), ",")
+    rows = list[list[float]]()
+    for i, line in lines:
+        # Where no comma separates, it is a decimal one.
+        cells = (line if separator == "," else line.replace(",", ".")).split(separator)
+        try:
+            row = [_number(cell) for cell in cells]
+        except ValueError:
+            if not rows:  # names
+                continue
+            problem = f"{path}: line {i} is no line of numbers; correct or delete it."
+            raise RecordingError(problem) from None
+        if rows and len(row) != len(rows[0]):
+            raise RecordingError(
+                f"{path}: line {i} has {len(row)} columns, and those before it {len(rows[0])}; "
+                "correct or delete it."
+            )
+        rows.append(row)
+    if not rows:
+        raise RecordingError(f"{path}: has no line of numbers; give the time in s and channels.")
+    table = np.array(rows)
+    table = np.hstack([table[:, :1], table[:, 1:][:, ~np.isnan(table[:, 1:]).all(axis=0)]])
+    if table.shape[1] < _FEWEST:
+        raise RecordingError(f"{path}: has {table.shape[1]} columns; give the time and a channel.")
+    return _ordered(path, table[:, 0], table[:, 1:])
 
 
-def _ordered(times: FloatArray, signals: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _number(cell: str) -> float:
+    """Return the number in a cell; NaN if the cell is empty."""
+    return float(cell.strip(' "') or "nan")
+
+
+def _ordered(path: Path, times: FloatArray, signals: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return what is finite in the order of its times."""
     kept = np.isfinite(times) & np.isfinite(signals).all(axis=1)
-    order = np.argsort(times[kept], kind="stable")
-    return times[kept][order], signals[kept][order]
+    times, signals = times[kept], signals[kept]
+    back = float(-np.diff(times).min(initial=0.0))
+    if back > _BACK:
+        raise RecordingError(
+            f"{path}: the times go back by {back:.3g} s; give one recording, in their order."
+        )
+    order = np.argsort(times, kind="stable")
+    return times[order], signals[order]

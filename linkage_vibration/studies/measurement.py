@@ -50,8 +50,9 @@ def compare(model: LinkageModel, alpha3: float, measured: Sequence[MeasuredMode]
     measured : sequence of MeasuredMode
         Ascending.
     """
+    steps = _steps(model, alpha3)
     predicted = model.solve(alpha3).natural_frequencies
-    beside = [model.solve(alpha3 + step).natural_frequencies for step in _steps(model, alpha3)]
+    beside = [model.solve(alpha3 + step).natural_frequencies for step in steps]
     own = np.array([mode.frequency for mode in measured])
     count = min(len(predicted), *map(len, beside), int((predicted < 2.0 * own.max()).sum()))
     away = np.abs(np.log(own[:, np.newaxis] / np.maximum(predicted[:count], 1e-3)))
@@ -175,5 +176,5 @@ def angle_and_path(word: str) -> tuple[float, Path]:
     except ValueError:
         alpha3 = math.nan
     if not path or not math.isfinite(alpha3):
-        raise MeasurementError(f"{word}: write ANGLE:FILE, such as 112.5:{path or word}.")
+        raise MeasurementError(f"{word}: write ANGLE:FILE, such as 112.5:low.csv.")
     return alpha3, Path(path)

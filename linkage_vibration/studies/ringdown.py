@@ -28,6 +28,10 @@ _RISE = 0.05  # s that a blow takes
 _APART = 0.5  # s from a blow to another
 _LONGEST = 4.0  # s of a decay that are fitted
 _FEWEST = 40  # samples of a decay
+_SLOWEST = 20.0  # Hz: a lower rate shows no blow
+_PAUSE = 0.5  # s without samples, which a spline cannot bridge
+_OVERLOADED = 20  # samples at the largest value of a channel, which a clipped one has
+_FAR = 10.0  # times the median deviation: largest values that are no noise
 _LARGEST = 250  # columns of a pencil; more would take long and change little
 _NOISE = 2.858  # medians of the singular values of noise: the optimal threshold of Gavish, Donoho
 _STRONG = 100.0  # times the energy that noise gives to an oscillation: weaker ones are left out
@@ -70,6 +74,7 @@ def measure_modes(times: FloatArray, signals: FloatArray) -> list[MeasuredMode]:
     RingdownError
         If there is no blow, or no decay after it is long enough.
     """
+    _refuse_overload(signals)
     rate, signals = _resampled(times, signals)
     moving = _without_mean(signals, rate)
     # Most of the time nothing but noise is recorded, by which channels of all units compare.
@@ -84,13 +89,40 @@ def measure_modes(times: FloatArray, signals: FloatArray) -> list[MeasuredMode]:
     return common_modes([fit_decay(signals[part], rate) for part in decays])
 
 
+def _refuse_overload(signals: FloatArray) -> None:
+    """Refuse channels that are clipped: they have the same largest value many times."""
+    away = signals - np.median(signals, axis=0)
+    typical = np.median(np.abs(away), axis=0)
+    for side in (away, -away):
+        top = side.max(axis=0)
+        count = (side == top).sum(axis=0) * ((top > _FAR * typical) & (typical > 0.0))
+        if count.max(initial=0) > _OVERLOADED:
+            raise RingdownError(
+                f"Channel {int(count.argmax()) + 1} has its largest value {int(count.max())} "
+                "times, as an overloaded sensor; hit softer, or set a larger range."
+            )
+
+
 def _resampled(times: FloatArray, signals: FloatArray) -> tuple[float, FloatArray]:
     """Return the rate, Hz, and the signals at even times, (n, n_channels)."""
     kept = np.diff(times, prepend=-math.inf) > 0.0
     times, signals = times[kept], signals[kept]
     if len(times) < _FEWEST:
-        raise RingdownError(f"The recording has {len(times)} samples; give {_FEWEST} or more.")
-    step = float(np.median(np.diff(times)))
+        raise RingdownError(
+            f"The recording has samples at {len(times)} different times; give {_FEWEST} or more."
+        )
+    steps = np.diff(times)
+    step, longest = float(np.median(steps)), int(steps.argmax())
+    if step > 1.0 / _SLOWEST:
+        raise RingdownError(
+            f"The recording has {1.0 / step:.2g} samples a second, too few for a blow; give the "
+            "times in seconds, and record at 200 Hz or more."
+        )
+    if steps[longest] > _PAUSE:
+        raise RingdownError(
+            f"The recording pauses for {steps[longest]:.3g} s after {times[longest]:.6g} s; give a "
+            "recording without pauses."
+        )
     even = np.arange(times[0], times[-1], step)
     return 1.0 / step, np.asarray(CubicSpline(times, signals)(even))
 

@@ -66,10 +66,13 @@ def test_topics(tmp_path: Path) -> None:
         "time,x,z\n0.0,1.0,2.0\n0.1,3.0,4.0\n",
         '"Time (s)";"Acceleration x (m/s^2)";"z"\n0,0;1,0;2,0\n0,1;3,0;4,0\n',
         "t\tx\tz\n0.1\t3\t4\n0.0\t1\t2\n",
+        "t\tx\tz\r\n0,0\t1,0\t2,0\r\n0,1\t3,0\t4,0\r\n",
+        'sep=,\n# phone\n"t","x","z",\n"0.0","1","2",\n0.05,,,\n"0.1","3","4",\n\n',
+        "0.0,1.0,2.0\n0.1,3.0,4.0\n",
     ],
 )
 def test_csv(tmp_path: Path, text: str) -> None:
-    """Commas, semicolons with decimal commas and tabs separate; the order is that of the times."""
+    """Commas, and semicolons or tabs with decimal commas, separate; empty cells are left out."""
     path = tmp_path / "phone.csv"
     path.write_text(text)
     times, signals = read_recording(path)
@@ -77,10 +80,21 @@ def test_csv(tmp_path: Path, text: str) -> None:
     np.testing.assert_array_equal(signals, [[1.0, 2.0], [3.0, 4.0]])
 
 
-@pytest.mark.parametrize("text", ["", "time,x\n0.0,abc\n", "time\n1.0\n2.0\n"])
-def test_csv_that_is_no_recording(tmp_path: Path, text: str) -> None:
-    """The error names the file."""
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "has no line of numbers; give the time"),
+        ("\n\n", "has no line of numbers; give the time"),
+        ("time,x\n0.0,abc\n", "has no line of numbers; give the time"),
+        ("time,x\n0.0,1.0\n0.1,abc\n", "line 3 is no line of numbers; correct or delete it"),
+        ("t,x\n0.0,1.0\n0.1", "line 3 has 1 columns, and those before it 2; correct or delete it"),
+        ("time\n1.0\n2.0\n", "has 1 columns; give the time and a channel"),
+        ("t,x\n0.0,1\n9.0,1\n0.0,1\n", "the times go back by 9 s; give one recording"),
+    ],
+)
+def test_csv_that_is_no_recording(tmp_path: Path, text: str, words: str) -> None:
+    """The error names the file, and what to do about it."""
     path = tmp_path / "phone.csv"
     path.write_text(text)
-    with pytest.raises(RecordingError, match=r"phone\.csv"):
+    with pytest.raises(RecordingError, match=rf"phone\.csv: .*{words}"):
         read_recording(path)

@@ -46,8 +46,9 @@ def test_modes_of_the_model(model: LinkageModel) -> None:
 
 def test_what_is_refused(model: LinkageModel) -> None:
     """An angle outside the stroke, and a word without an angle."""
-    with pytest.raises(MeasurementError, match=r"outside the stroke .* 90 to 180 deg"):
-        compare(model, 1.0, [MeasuredMode(3.0, 0.01, 0.1, 0.1, 5)])
+    for angle in (1.0, 0.03, 5.0):  # also where the cylinder or the loops do not close
+        with pytest.raises(MeasurementError, match=r"outside the stroke .* 90 to 180 deg"):
+            compare(model, angle, [MeasuredMode(3.0, 0.01, 0.1, 0.1, 5)])
     for word in ("low.csv", "x:low.csv", "90:", "nan:low.csv"):
-        with pytest.raises(MeasurementError, match="write ANGLE:FILE"):
+        with pytest.raises(MeasurementError, match=r"write ANGLE:FILE, such as 112.5:low\.csv"):
             angle_and_path(word)

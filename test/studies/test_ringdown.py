@@ -75,5 +75,16 @@ def test_without_blows() -> None:
     """Noise alone, or a recording that is too short, is refused with the remedy."""
     with pytest.raises(RingdownError, match=r"No blow stands out .* hit harder"):
         measure_modes(*recording(np.random.default_rng(2), blows=0, seconds=8.0))
-    with pytest.raises(RingdownError, match="has 5 samples; give 40 or more"):
+    with pytest.raises(RingdownError, match="samples at 5 different times; give 40 or more"):
         measure_modes(np.arange(5.0), np.zeros((5, 1)))
+
+
+def test_recordings_that_would_mislead() -> None:
+    """Milliseconds, a pause, and an overloaded sensor are refused with the remedy."""
+    times, signals = recording(np.random.default_rng(3))
+    with pytest.raises(RingdownError, match=r"0\.1 samples a second, .* give the times in seconds"):
+        measure_modes(1000.0 * times, signals)
+    with pytest.raises(RingdownError, match=r"pauses for 9\.\d+ s after 11.*without pauses"):
+        measure_modes(np.where(times < 11.5, times, times + 9.0), signals)
+    with pytest.raises(RingdownError, match=r"Channel 2 has its largest value .* larger range"):
+        measure_modes(times, np.clip(signals, [-99.0, -0.5, -99.0], 99.0))
