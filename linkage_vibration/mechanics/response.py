@@ -375,6 +375,17 @@ def far_poles(
     return FarPoles(k, c, frequencies, inverse, real_inverse)
 
 
+def searched(band: tuple[float, float], *, free: bool) -> tuple[float, float]:
+    """Return the part of a band (Hz) in which responses are compared.
+
+    Parameters
+    ----------
+    band, free
+        Hz; whether the linkage is a mechanism, which responds without limit towards 0 Hz.
+    """
+    return (max(band[0], FREE_FROM * band[1]), band[1]) if free else band
+
+
 def in_reach(
     stiffness: FloatArray | ComplexArray,
     band: tuple[float, float],

@@ -16,7 +16,7 @@ import numpy as np
 
 from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray, IntArray
 from linkage_vibration.mechanics.modes import MECHANISM
-from linkage_vibration.mechanics.response import FREE_FROM, RIVAL, PoleResidue
+from linkage_vibration.mechanics.response import RIVAL, PoleResidue, searched
 from linkage_vibration.table.interpolation import interpolation_matrix
 
 _EVEN = 100  # evenly spaced frequencies over the band among which maxima are sought first
@@ -54,6 +54,7 @@ class Modal:
     viscous: bool
     free: bool  # whether the linkage can move freely at 0 Hz
     far: Far
+    models: tuple[Numbers, Numbers, Numbers]  # G, S and C, as `ReducedModels` has them
 
     @property
     def frequencies(self) -> ComplexArray:
@@ -155,12 +156,11 @@ class Modal:
 
     def _lines(self, band: tuple[float, float]) -> FloatArray:
         """Return angular frequencies among which maxima are sought, (n, n_lines), ascending."""
-        low, high = 2.0 * math.pi * band[0], 2.0 * math.pi * band[1]
+        # A mechanism responds without limit towards 0 Hz, which is not a resonance.
+        low, high = (2.0 * math.pi * end for end in searched(band, free=self.free))
         found = self.frequencies
         n = len(found)
         oscillates = (found.imag > MECHANISM) & (np.abs(found) < high)
-        # A mechanism responds without limit towards 0 Hz, which is not a resonance.
-        low = max(low, FREE_FROM * high) if self.free else low
         even = np.tile(np.linspace(low, high, _EVEN), (n, 1))
         own = found.imag[..., np.newaxis] - found.real[..., np.newaxis] * _AROUND
         own = np.where(oscillates[..., np.newaxis], own, high).reshape(n, -1)
@@ -170,15 +170,32 @@ class Modal:
     def _sigma(self, omega: FloatArray) -> ComplexArray:
         return np.asarray(1j * omega if self.viscous else -(omega**2) + 0j)
 
+    def _near(
+        self, drive: int, rows: IntArray, omega: FloatArray
+    ) -> tuple[ComplexArray, ComplexArray]:
+        """Return what `_drive` returns, without the far poles.
+
+        The poles of a linkage that moves freely nearly coincide at 0 Hz, so that their residues are
+        large and cancel; there the reduced models are solved instead.
+        """
+        sigma = self._sigma(omega)[:, np.newaxis]
+        rate = 1j * np.ones_like(omega) if self.viscous else -2.0 * omega + 0j
+        if not self.free:
+            residues, terms = self.shapes[rows, drive] ** 2, 1.0 / (sigma - self.poles[rows])
+            slope = -rate * (residues * terms**2).sum(axis=1)
+            return np.asarray((residues * terms).sum(axis=1)), np.asarray(slope)
+        inertia, stiffness, shapes = (each[rows] for each in self.models)
+        own = shapes[:, drive] + 0j
+        pencil = stiffness + sigma[:, np.newaxis] * inertia
+        moved = np.linalg.solve(pencil, own[..., np.newaxis])
+        slope = -rate * (moved * (inertia @ moved)).sum(axis=(1, 2))
+        return np.asarray((own * moved[..., 0]).sum(axis=1)), np.asarray(slope)
+
     def _drive(
         self, drive: int, rows: IntArray, omega: FloatArray
     ) -> tuple[ComplexArray, ComplexArray]:
         """Return H of one place and dH/dw, (k,), at angles by their rows and rad/s."""
-        residues = self.shapes[rows, drive] ** 2
-        terms = 1.0 / (self._sigma(omega)[:, np.newaxis] - self.poles[rows])
-        rate = 1j * np.ones_like(omega) if self.viscous else -2.0 * omega + 0j
-        value = (residues * terms).sum(axis=1)
-        slope = -rate * (residues * terms**2).sum(axis=1)
+        value, slope = self._near(drive, rows, omega)
         w, k, c = omega[:, np.newaxis], self.far.stiffness, self.far.decay
         weights = self.far.weights[rows, :, self._place(drive)]
         below, below_rate = k - w**2 + 1j * w * c, -2.0 * w + 1j * c
@@ -215,7 +232,8 @@ class ReducedModels:
         scale = np.where(np.abs(scale) > _DEFECTIVE, scale, _DEFECTIVE)
         vectors = vectors / np.sqrt(scale)[:, np.newaxis]
         shapes = np.asarray(self.shapes @ vectors, dtype=np.complex128)
-        return Modal(poles, shapes, self.viscous, self.free, self.far)
+        models = self.inertia, self.stiffness, self.shapes
+        return Modal(poles, shapes, self.viscous, self.free, self.far, models)
 
     def at(self, variables: FloatArray, wanted: FloatArray) -> "ReducedModels":
         """Interpolate between the angles.

@@ -11,7 +11,7 @@ import numpy as np
 
 from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray
 from linkage_vibration.mechanics.description import Response
-from linkage_vibration.mechanics.response import reach
+from linkage_vibration.mechanics.response import reach, searched
 from linkage_vibration.table.interpolation import stroke_angle, stroke_variable
 from linkage_vibration.table.pole_cells import (
     FIRST_CELLS,
@@ -179,7 +179,9 @@ def compare(
         return None
     shifts, peak = differences
     rows = {int(np.argmax(shifts)), *np.linspace(0, len(at) - 1, _FRF_ANGLES).astype(int).tolist()}
-    frf = max(_frf_error(one, other, row, fine.response.band) for row in rows) + far_error
+    rows = set() if other.free else rows  # such a table has no FRFs
+    errors = [_frf_error(one, other, row, fine.response.band) for row in rows]
+    frf = max(errors, default=0.0) + far_error
     if frf > accuracy.frf:
         return None
     # The error of a cubic in its middle is a little more than half of its largest.
@@ -239,7 +241,7 @@ def weighted_frf(
     poles : ndarray, optional
         Near which there are more lines, rad/s; its own by default.
     """
-    low, high = 2.0 * math.pi * band[0], 2.0 * math.pi * band[1]
+    low, high = (2.0 * math.pi * end for end in searched(band, free=modal.free))
     poles = modal.frequencies[row] if poles is None else poles
     poles = poles[(poles.imag > 0.0) & (poles.imag < high)]
     near = poles.imag - np.multiply.outer(np.linspace(-2.0, 2.0, 9), poles.real)

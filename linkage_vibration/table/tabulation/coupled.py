@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from linkage_vibration.mechanics.arrays import BoolArray, ComplexArray, FloatArray, IntArray
-from linkage_vibration.mechanics.response import FarPoles, far_poles, reach
+from linkage_vibration.mechanics.response import FarPoles, far_poles, reach, searched
 from linkage_vibration.support.version import VERSION
 from linkage_vibration.table.interpolation import interpolation_matrix, leja_points
 from linkage_vibration.table.reduced import Far, Numbers, ReducedModels
@@ -213,7 +213,7 @@ def _models(
     poles = poles[poles.imag >= 0.0]
     stiffness = np.abs(poles) ** 2 + 0j if viscous else -(poles**2)
     decay = -2.0 * poles.real if viscous else np.zeros(len(poles))
-    far = far_poles(stiffness, decay, tracker.band, N_FAR)
+    far = far_poles(stiffness, decay, searched(tracker.band, free=free), N_FAR)
     near = ReducedModels(
         np.array([space.inertia for space in spaces]),
         np.array([space.stiffness for space in spaces]),
@@ -232,7 +232,7 @@ def _models(
 
 def _near_lines(tracker: PoleTracker, models: ReducedModels) -> ComplexArray:
     """Return the FRFs of the reduced models alone at the check lines, (n, n_lines, n_triangle)."""
-    omega = check_lines(tracker.band)
+    omega = check_lines(tracker.band, free=models.free)
     sigma = 1j * omega if models.viscous else -(omega**2) + 0j
     pencil = (
         models.stiffness[:, np.newaxis]
@@ -263,7 +263,7 @@ def _far_error(
 
     It is known at the points. Between them it is interpolated as the weights of the far poles are.
     """
-    omega = check_lines(tracker.band)
+    omega = check_lines(tracker.band, free=models.free)
     near, exact = _near_lines(tracker, models), np.array([sample.totals for sample in samples])
     off = near + models.far.frf(omega) - exact
     at = np.union1d(np.linspace(variables[0], variables[-1], _FAR_ANGLES), variables)

@@ -17,7 +17,7 @@ from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray, IntArra
 from linkage_vibration.mechanics.description import Response
 from linkage_vibration.mechanics.model import LinkageModel, Place, Solution
 from linkage_vibration.mechanics.modes import mixed_damping
-from linkage_vibration.mechanics.response import reach
+from linkage_vibration.mechanics.response import reach, searched
 from linkage_vibration.table.reduced import Numbers
 
 _WIDER = 2.5  # of the reach: poles up to there may continue those of a table
@@ -122,14 +122,15 @@ def _generator_poles(sample: PoleSample) -> ComplexArray:
     return sample.poles if sample.viscous else -(sample.poles**2)
 
 
-def check_lines(band: tuple[float, float]) -> FloatArray:
+def check_lines(band: tuple[float, float], *, free: bool) -> FloatArray:
     """Return the frequencies (rad/s) of `PoleSample.totals`: those of the fit, then the others.
 
     Parameters
     ----------
-    band : (float, float), Hz
+    band, free
+        Hz; whether the linkage can move freely at 0 Hz.
     """
-    low, high = band
+    low, high = searched(band, free=free)
     fit = (1.0 - np.cos(np.pi * (np.arange(N_FIT) + 0.5) / N_FIT)) / 2.0
     # The error is largest at the end of the band.
     check = np.append((np.arange(N_CHECK - 1) + 0.5) / (N_CHECK - 1), 1.0)
@@ -241,7 +242,8 @@ def _totals(
     solution: Solution, omega: FloatArray, viscous: FloatArray, loss: FloatArray, own: FloatArray
 ) -> ComplexArray:
     """Return the FRFs with every mode, (n_lines, n_triangle), from the equations of motion."""
-    lines = check_lines(solution.model.mechanism.response.band)
+    free = bool(solution.modes.mechanism.any())
+    lines = check_lines(solution.model.mechanism.response.band, free=free)
     upper = np.triu_indices(len(own))
     joining, moved = solution.joining, solution.modes.shapes
     damped = np.flatnonzero(joining.damping)
