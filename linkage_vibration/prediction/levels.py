@@ -48,7 +48,8 @@ class Levels:
     """Steady vibration of the response point by each excitation and by all, at n angles.
 
     It is NaN where it is not known: without an amplitude or a speed, above the band of the table,
-    and a standard deviation also where the first order is not enough.
+    and a standard deviation also where the first order is not enough. Standard deviations take
+    the shapes of the modes as exact.
 
     Attributes
     ----------

@@ -175,14 +175,10 @@ def _check_rounding(
     """Return how much rounding changes values in a piece; refuse more than half the tolerance."""
     rounding = fine.rounding() + tracker.sampler.rounding(points).values
     if rounding > accuracy.frequency / 2.0:
-        raise TableError(
-            f"Rounding changes a natural frequency or damping ratio of "
-            f"{tracker.sampler.model.mechanism.name} by {rounding:.0e} of it near alpha3 = "
-            f"{math.degrees(tracker.sampler.angle(fine.variables[0])):.3f} deg, too much for a "
-            f"tolerance of {accuracy.frequency:g}; give at least {1.2 * 2.0 * rounding:.1e}, more "
-            "damping, or a band_hz that ends nearer to the lowest mode, or move apart two points "
-            "of a link that nearly coincide."
-        )
+        least = f"{1.2 * 2.0 * rounding:.1e}"
+        fix = f"{least}, more damping, or a band_hz that ends nearer to the lowest mode"
+        alpha3 = tracker.sampler.angle(fine.variables[0])
+        raise tracker.sampler.rounded(rounding, alpha3, accuracy, fix)
     return rounding
 
 

@@ -185,13 +185,24 @@ class Sampler:
         frf = worst.frf if self.places else 0.0
         if worst.values > accuracy.frequency / _CLEAR or frf > accuracy.frf / _CLEAR:
             least = 1.1 * _CLEAR * max(worst.values, frf / LOOSER)
-            raise TableError(
-                f"Rounding changes a natural frequency or damping ratio of "
-                f"{self.model.mechanism.name} by {worst.values:.0e} at alpha3 = "
-                f"{math.degrees(alpha3):.3f} deg, too much for a tolerance of "
-                f"{accuracy.frequency:g}; give at least {least:.1e}, or move apart two points of a "
-                "link that nearly coincide."
-            )
+            raise self.rounded(worst.values, alpha3, accuracy, f"{least:.1e}")
+
+    def rounded(self, change: float, alpha3: float, accuracy: Accuracy, fix: str) -> TableError:
+        """Return the error that rounding prevents an accuracy.
+
+        Parameters
+        ----------
+        change, alpha3, accuracy
+            Relative change by rounding; where, rad; the accuracy to be met.
+        fix : str
+            The least tolerance that can be met, and what else would help.
+        """
+        return TableError(
+            f"Rounding changes a natural frequency or damping ratio of {self.model.mechanism.name} "
+            f"by {change:.0e} at alpha3 = {math.degrees(alpha3):.3f} deg, too much for a tolerance "
+            f"of {accuracy.frequency:g}; give at least {fix}, or move apart two points of a link "
+            "that nearly coincide."
+        )
 
     def _note_rounding(self, solution: Solution, ratios: FloatArray) -> None:
         """Keep the errors by rounding of a solution, whose elastic modes have damping ratios."""
