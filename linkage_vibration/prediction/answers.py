@@ -235,26 +235,34 @@ def answer_frf(
             f"inputs are too many for one answer; request at most {MAX_FREQUENCIES} frequencies "
             f"and {MAX_VALUES} numbers."
         )
-    if not exact:
-        angle = served.predictor.angle_in_table(alpha3)
-        frf = table.frf(alpha3 if angle is None else angle, *places).frf(frequencies)
-    elif served.model.measured_frequencies is None:
+    if exact:
+        return FrfAnswer(*places, frequencies, _solved_frf(served, alpha3, places, frequencies))
+    angle = served.predictor.angle_in_table(alpha3)
+    frf = table.frf(alpha3 if angle is None else angle, *places).frf(frequencies)
+    return FrfAnswer(*places, frequencies, frf)
+
+
+def _solved_frf(
+    served: Served, alpha3: float, places: tuple[Places, Places], frequencies: FloatArray
+) -> ComplexArray:
+    """Return receptances, or responses to motions of the soil, of the model."""
+    outputs, inputs = places
+    soil = set(soil_places(served.mechanism)).difference(_moving_places(served.mechanism))
+    if served.model.measured_frequencies is None:
         solution = served.model.solve(alpha3)
         columns = [
-            transmissibility(solution, places[0], into)
+            transmissibility(solution, outputs, into)
             if into in soil
-            else solution.frf(places[0], [into])
-            for into in places[1]
+            else solution.frf(outputs, [into])
+            for into in inputs
         ]
-        frf = np.concatenate([column.frf(frequencies) for column in columns], axis=2)
-    elif set(soil) & set(places[1]):
+        return np.concatenate([column.frf(frequencies) for column in columns], axis=2)
+    if soil.intersection(inputs):
         raise ServingError(
             "inputs has a motion of the soil, which needs the matrices of every link, but one is "
             "known by its FRFs alone; give points instead."
         )
-    else:
-        frf = served.model.coupled_frf(alpha3, frequencies, *places)
-    return FrfAnswer(*places, frequencies, frf)
+    return served.model.coupled_frf(alpha3, frequencies, outputs, inputs)
 
 
 def answer_mode_shapes(served: Served, alpha3: float) -> ModeShapes:
