@@ -22,6 +22,7 @@ from rosbags.typesys import Stores, get_typestore
 from linkage_vibration.bags.message_types import FLOAT64, JOINT_STATE
 from linkage_vibration.bags.reading import BagError, read_messages
 from linkage_vibration.cli.main import main
+from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.messages.encoding import encode_prediction, encode_resonance
 from linkage_vibration.messages.topics import log_topic
 from linkage_vibration.playback.remapping import ReplayError, remappings
@@ -260,12 +261,23 @@ def test_hitch_percent(tmp_path: Path) -> None:
     assert done.statuses[Status.INVALID_ANGLE] == 2
 
 
+def test_mass_that_is_too_large(tmp_path: Path) -> None:
+    """A mass beside which the links lose their digits is refused before a table is built."""
+    finished: list[float] = []
+    heavy = WhatIf(mass=1e9)
+    with pytest.raises(LinkageVibrationError, match="the links lose their digits"):
+        replay(DRIVE, tmp_path / "log.mcap", what_if=heavy, building=finished.append)
+    assert (finished, list(tmp_path.iterdir())) == ([], [])
+
+
 def test_what_if_the_implement_were_heavier(tmp_path: Path) -> None:
     """A heavier implement lowers the first natural frequency; the log contains its mechanism."""
     bag, log = write_mcap(tmp_path / "bag.mcap", swing(20)), tmp_path / "log.mcap"
     replay([bag], log, Parameters())
     before = [m.natural_frequencies[0] for _, m in read_messages(log, PREDICTION)]
-    replay([bag], log, Parameters(), what_if=WhatIf(mass=1200.0))
+    finished: list[float] = []
+    replay([bag], log, Parameters(), what_if=WhatIf(mass=1200.0), building=finished.append)
+    assert len(finished) > 10
     after = [m.natural_frequencies[0] for _, m in read_messages(log, PREDICTION)]
     ratio = np.array(after) / np.array(before)
     assert np.all(ratio[np.isfinite(ratio)] < 0.99)
