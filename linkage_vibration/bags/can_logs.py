@@ -9,6 +9,7 @@ bytes for each, because a log has no index and need not be in the order of its t
 import gzip
 import io
 import re
+from codecs import BOM_UTF8
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from datetime import datetime, timezone
@@ -78,6 +79,7 @@ _Row: TypeAlias = tuple[int, str, int, bool, bool, bool, int, bytes]
 _GATHERED = 1 << 16  # frames that are converted to an array at a time
 _LONGEST = 1000  # bytes of a line; the longest line of candump has about 400
 _ABSOLUTE = 10**9 * 10**6  # ns; earlier times are relative to the beginning of the log
+_LATEST = 2**31 - 1  # s; a stamp of ROS 2 cannot be later
 _DISORDER = 10**9  # ns; channels are written one after the other, but no later than this
 _MIXED = 0.1  # share of descending times, above which they are differences
 _CHANNELS = 64
@@ -223,7 +225,10 @@ def _table(rows: Iterator[_Row]) -> tuple[list[str], NDArray[Any]]:
         parts.append(part)
     frames = np.concatenate(parts)
     if not len(frames):
-        raise CanLogError("has no frames; its recording ended before one was received.")
+        raise CanLogError(
+            "has no frames that can be read: none was received, or the file has another format, "
+            "such as decimal commas; give another file."
+        )
     return list(names), frames
 
 
@@ -248,6 +253,8 @@ def _candump(file: BinaryIO) -> Iterator[_Row]:
     """Yield the frames of a text of candump, as `candump -L` or `candump -ta` writes it."""
     for number in count(1):
         line = file.readline(_LONGEST)
+        if number == 1:
+            line = line.removeprefix(BOM_UTF8)
         if not line:
             return
         match = _LOG.fullmatch(line)
@@ -268,8 +275,12 @@ def _candump(file: BinaryIO) -> Iterator[_Row]:
         if match.re is _CONSOLE and remote is None and int(length) != len(data):
             raise _foreign(number, line)
         extended = len(identifier) == 8 and not error
+        try:
+            time = _nanoseconds(whole, fraction)
+        except ValueError:
+            raise _foreign(number, line) from None
         yield (
-            _nanoseconds(whole, fraction),
+            time,
             channel.decode(errors="replace"),
             value & 0x1FFFFFFF,
             remote is not None,
@@ -300,6 +311,8 @@ def _nanoseconds(whole: bytes, fraction: bytes) -> int:
         seconds = int(date.replace(tzinfo=timezone.utc).timestamp())
     else:
         seconds = int(whole)
+    if seconds > _LATEST:
+        raise ValueError(f"{seconds} s is too late")
     return seconds * 10**9 + int(fraction.ljust(9, b"0"))
 
 
@@ -309,11 +322,10 @@ def _vector(file: BinaryIO, suffix: str) -> Iterator[_Row]:
 
     reader: Any
     if suffix == ".asc":
-        text = io.TextIOWrapper(file, encoding="utf-8", errors="replace")
+        text = io.TextIOWrapper(file, encoding="utf-8-sig", errors="replace")
         start = _asc_start(text)
         text.seek(0)
-        lines: Any = _WholeLines(text)
-        reader = can.ASCReader(lines, relative_timestamp=True)
+        reader = _asc_messages(text)
     else:
         start, reader = 0, can.BLFReader(file)
     for message in reader:
@@ -330,17 +342,40 @@ def _vector(file: BinaryIO, suffix: str) -> Iterator[_Row]:
         )
 
 
+def _asc_messages(text: TextIO) -> Iterator[Any]:
+    """Yield the frames of an ASC log as python-can decodes them."""
+    import can
+
+    lines: Any = _WholeLines(text)
+    try:
+        yield from can.ASCReader(lines, relative_timestamp=True)
+    except ValueError as error:
+        raise CanLogError(
+            f"has a frame that cannot be read, as line {lines.number} is {lines.last[:60]!r} "
+            f"({error}); correct or delete this line."
+        ) from None
+
+
 class _WholeLines(io.TextIOBase):
-    """A text without its last line where that was cut off, as it may end within a number."""
+    """A text without its last line where that was cut off, as it may end within a number.
+
+    Before the first frame it has the line that ends a header, as python-can takes any line for it.
+    """
 
     def __init__(self, text: TextIO) -> None:
-        self._text = text
+        self._text, self._held = text, ""
+        self._begun = False
+        self.number, self.last = 0, ""
 
     def __next__(self) -> str:  # type: ignore[override]
         """Return the next line."""
-        line = next(self._text)
+        line, self._held = self._held or next(self._text), ""
+        if not self._begun and re.match(r"\s*\d+\.\d+\s", line):
+            self._begun, self._held = True, line
+            return "internal events logged\n"
         if not line.endswith("\n"):
             raise StopIteration
+        self.number, self.last = self.number + 1, line.strip()
         return line
 
 

@@ -287,8 +287,13 @@ class _Message:
     """
 
     def __init__(self, data: bytes, type_name: str, schema: Schema) -> None:
-        if len(data) < _ORIGIN or data[0] != 0 or data[1] > 1:
+        if len(data) < _ORIGIN:
             raise CdrError(f"{len(data)} bytes are not a {type_name} in plain CDR")
+        if data[0] != 0 or data[1] > 1:
+            raise CdrError(
+                f"a {type_name} begins with 0x{data[:2].hex().upper()}, but 0x0000 or 0x0001 is "
+                "plain CDR; let its publisher use the encoding XCDR1 for a final type"
+            )
         self._data, self._type, self._schema = data, type_name, schema
         self.order = "<" if data[1] else ">"
         self.position = _ORIGIN

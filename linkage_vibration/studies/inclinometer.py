@@ -171,6 +171,11 @@ def calibrate(
     low, high, noise = math.inf, -math.inf, 0.0
     if series is not None:
         known = np.unique(series[1][np.isfinite(series[1])])
+        if not len(known):
+            raise InclinometerError(
+                "The bag has no reading that is available; record it while the sensor works, or "
+                "give --readings without a bag."
+            )
         low, high = float(known[0]), float(known[-1])
         step = float(np.diff(known).min()) if len(known) > 1 else 0.0
         # A hitch at rest does not show how coarse its sensor is.
@@ -450,7 +455,10 @@ def parameters(found: Fit, unit: str) -> str:
         The fit, and the unit of the readings; "any" if it is rad or deg, whose positions are not
         looked up in a calibration.
     """
-    words = [f"{value:.9f}".rstrip("0") for value in found.pairs]
+    # A small range of readings needs more decimals than an angle.
+    finer = max(0, -math.floor(math.log10(found.pairs[-2] - found.pairs[0])))
+    digits = [9 + finer * (k % 2 == 0) for k in range(len(found.pairs))]
+    words = [f"{v:.{n}f}".rstrip("0") for v, n in zip(found.pairs, digits, strict=True)]
     numbers = ", ".join(word + "0" * word.endswith(".") for word in words)
     values = {
         "sign": "1",

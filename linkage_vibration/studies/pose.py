@@ -20,6 +20,7 @@ _NEAR_TOGGLE = 1e-6  # rad
 _STEP = 1e-5  # rad, of a difference
 _OUTLIER = 3.0  # by which the scatter falls without a wrong pin
 _MOVES = 1e-9  # m/rad; less is rounding
+_LARGEST = 1e6  # pixels; no photograph is as large
 _FEWEST = 4  # pins, for a standard deviation
 
 
@@ -94,7 +95,7 @@ def read_pins(words: Sequence[str], mechanism: Mechanism) -> dict[str, Point]:
             x, y = map(float, numbers.split(","))
         except ValueError:
             x = y = math.nan
-        if not math.isfinite(x + y):
+        if not abs(x) + abs(y) < _LARGEST:
             raise PoseError(f"{word}: write PIN=X,Y in pixels, such as P1=412,633.")
         if name not in known:
             raise PoseError(

@@ -211,6 +211,8 @@ FAULTS = {
     "other text": ("[INFO] [1700000000.1] [node]: hello\n", r"not a log of candump, as line 1 is"),
     "one word": ("hello", r"not a log of candump, as line 1 is 'hello'"),
     "a damaged line": (LINE + "(1700000000.1) can0 0CFE#7\n" + LINE, r"as line 2 is .*correct or"),
+    "no such day": (LINE + LINE.replace("1700000000", "2026-02-30 10:00:00"), r"as line 2 is"),
+    "too late": (LINE.replace("1700000000", "9999999999"), r"as line 1 is"),
     "wrong length": (" (1700000000.000100)  can0  123   [3]  11 22\n", r"as line 1 is"),
     "no times": ("  can0  0CFE45F0   [1]  7D\n", r"has no times \(line 1 .*candump -ta"),
     "one long line": ("x" * 10**6, r"not a log of candump"),
@@ -236,6 +238,30 @@ def test_faults_of_text(tmp_path: Path, fault: str) -> None:
     path = tmp_path / "bus.log"
     path.write_text(text)
     with pytest.raises(BagError, match=rf"bus\.log .*{words}"):
+        frames_of(path)
+
+
+def test_byte_order_mark(tmp_path: Path) -> None:
+    """A text that an editor of Windows has saved is read, with the date of an ASC log."""
+    (tmp_path / "bus.log").write_text("\ufeff" + LINE, encoding="utf-8")
+    assert [time for time, _, _ in frames_of(tmp_path / "bus.log")] == [1_700_000_000_000_100_000]
+    header = "date Thu Jan 1 00:00:10.000 1970\nbase hex timestamps absolute\n"
+    frame = "   1.000000 1  0CFE45F0x       Rx   d 1 7D\n"
+    path = tmp_path / "bus.asc"
+    path.write_text("\ufeff" + header + frame, encoding="utf-8")
+    assert [time for time, _, _ in frames_of(path)] == [11 * 10**9]
+
+
+def test_faults_of_asc(tmp_path: Path) -> None:
+    """A log without a header loses no frame, and a damaged line is named."""
+    frame, path = "   1.000000 1  0CFE45F0x       Rx   d 1 7D\n", tmp_path / "bus.asc"
+    path.write_text(2 * frame)
+    assert len(frames_of(path)) == 2
+    path.write_text("// saved again\n" + frame + frame.replace("7D", "7Z"))
+    with pytest.raises(BagError, match=r"bus.asc has a frame .* line 3 is .*7Z.* delete this line"):
+        frames_of(path)
+    path.write_text(frame.replace(".", ","))
+    with pytest.raises(BagError, match=r"bus.asc has no frames that can be read.*decimal commas"):
         frames_of(path)
 
 

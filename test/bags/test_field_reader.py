@@ -3,6 +3,7 @@
 """Numbers that are read from messages of any type are those that rosbags decodes."""
 
 import math
+import struct
 from typing import Any
 
 import numpy as np
@@ -212,6 +213,16 @@ def test_bytes_that_are_not_a_message(data: bytes) -> None:
                 assert (one is None) == (left_out.others == 1)
                 if one is not None:
                     np.testing.assert_array_equal(found[0].value, one.value)
+
+
+def test_another_encapsulation_is_named() -> None:
+    """A message in another encoding than plain CDR is refused with the remedy."""
+    reader = FieldReader(schema_of_text("float32 value", "a/msg/Any"), "a/msg/Any", "value")
+    number = reader.read_one(b"\0\1\0\0" + struct.pack("<f", 2.5))
+    assert number is not None
+    assert number.value == 2.5
+    with pytest.raises(CdrError, match=r"begins with 0x0007, .* is plain CDR; .* XCDR1"):
+        reader.read_one(b"\0\7\0\0" + struct.pack("<f", 2.5))
 
 
 def test_layouts_are_bounded() -> None:

@@ -14,6 +14,8 @@ from linkage_vibration.mechanics.kinematics import Kinematics
 from linkage_vibration.studies.inclinometer import (
     InclinometerError,
     Point,
+    Scene,
+    calibrate,
     crank_angle,
     fit,
     pairs_of,
@@ -139,9 +141,11 @@ def test_a_wrong_point_is_named() -> None:
 
 def test_parameters_are_those_of_the_node() -> None:
     """The printed YAML has the pairs as numbers, also where they are small or whole."""
-    found = fit([point(float(r) * 1e-6, 180.0 - 10.0 * r) for r in range(9)], 0.0, 0.0, 0.0)
+    found = fit([point(float(r) * 1e-9, 180.0 - 10.0 * r) for r in range(9)], 0.0, 0.0, 0.0)
     values = yaml.safe_load(parameters(found, "any"))["/**"]["ros__parameters"]
-    assert values["calibration"] == pytest.approx(found.pairs, rel=1e-3, abs=1e-9)
+    for k in (0, 1):
+        own, expected = values["calibration"][k::2], found.pairs[k::2]
+        np.testing.assert_allclose(own, expected, rtol=1e-8, atol=1e-8 * max(expected))
     assert all(isinstance(value, float) for value in values["calibration"])
     assert values["angle_stddev"] == pytest.approx(found.stddev, rel=1e-2)
 
@@ -165,6 +169,14 @@ def test_a_moment_at_rest() -> None:
     values[:] = np.nan
     with pytest.raises(InclinometerError, match="no reading within"):
         still_reading(times, values, 5.0, "x")
+
+
+def test_a_bag_without_readings(mechanism: Mechanism, kinematics: Kinematics) -> None:
+    """A bag in which no reading is available is refused, also beside readings."""
+    scene = Scene(mechanism, kinematics, "input_crank", 0.0, 0.5)
+    series = np.arange(3), np.full(3, math.nan)
+    with pytest.raises(InclinometerError, match=r"The bag has no reading that is available"):
+        calibrate(scene, [], ["1=-20", "2=-40", "3=-60"], series, "any")
 
 
 def test_words_of_another_form() -> None:

@@ -113,6 +113,7 @@ def test_sound_pins_are_not_blamed(mechanism: Mechanism, kinematics: Kinematics)
         (["P1=1,nan"], "write PIN=X,Y in pixels"),
         (["Q=1,2"], "there is no pin Q; name one of E1, E2, P1"),
         (["P1=1,2", "P1=3,4"], "the pin P1 is given twice"),
+        (["P1=1e300,2"], "write PIN=X,Y in pixels"),
         (["P1=1,2", "P2=3,4"], "2 pins do not show the angle; give three or more"),
         (["P1=1,2", "P2=1,2", "P3=1,2"], "All pins lie within one pixel"),
         (["P1=900,800", "P2=566,397", "P3=836,415"], "P1, P2, P3 do not move against one another"),
