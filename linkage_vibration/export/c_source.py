@@ -228,14 +228,13 @@ def _braced(values: Reals, f: str, indent: str) -> str:
 
 def _lines(words: Iterable[str], indent: str) -> list[str]:
     """Return words with commas between them, in lines of the usual width."""
-    return textwrap.wrap(
-        ", ".join(words),
-        _WIDTH,
-        initial_indent=indent,
-        subsequent_indent=indent,
-        break_long_words=False,
-        break_on_hyphens=False,
-    )
+    found, line = [], indent
+    for word in words:
+        if len(line) + len(word) > _WIDTH and line != indent:
+            found.append(line.rstrip())
+            line = indent
+        line += f"{word}, "
+    return [*found, line.removesuffix(", ")]
 
 
 def _order_values(orders: Orders, constants: Constants, f: str) -> dict[str, str]:

@@ -14,14 +14,13 @@ from linkage_vibration.cli.export import orders_of
 from linkage_vibration.cli.main import main
 from linkage_vibration.export.c_source import c_files, description_of
 from linkage_vibration.export.constants import constants_of, single
-from linkage_vibration.mechanics.description import Mechanism
-from linkage_vibration.prediction.batch import Predictions, predict_many
+from linkage_vibration.prediction.batch import predict_many
 from linkage_vibration.prediction.excitation import (
     Excitation,
     Source,
     excitations_from_mapping,
 )
-from linkage_vibration.prediction.levels import Levels, LevelTable
+from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.prediction.resonance import ResonanceMonitor, ResonanceState
 from linkage_vibration.readers.excitations import read_excitations
@@ -59,17 +58,18 @@ N = 3000
 LEVELS = "velocities", "accelerations", "amplifications"
 
 
-Case = tuple[Table, Mechanism, tuple[Excitation, ...], Library]
+Case = tuple[Table, LevelTable, tuple[Excitation, ...], Library]
 
 
 @pytest.fixture(scope="module", params=CASES)
 def case(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Case:
-    """Return a table, its mechanism, excitations, and their compiled export."""
-    mechanism, table, excitations = CASES[request.param]
-    found = load_table(config_file(table)), read_mechanism(config_file(mechanism)), excitations
-    constants = constants_of(found[0], orders_of(*found))
-    folder = tmp_path_factory.mktemp("orders")
-    return *found, Library(folder, description_of(found[0], ""), constants)
+    """Return a table, levels, excitations, and their compiled export."""
+    mechanism_file, table_file, excitations = CASES[request.param]
+    table = load_table(config_file(table_file))
+    mechanism = read_mechanism(config_file(mechanism_file))
+    constants = constants_of(table, orders_of(table, mechanism, excitations))
+    library = Library(tmp_path_factory.mktemp("orders"), description_of(table, ""), constants)
+    return table, LevelTable(Predictor(table), mechanism, excitations), excitations, library
 
 
 def drawn(table: Table) -> tuple[Any, Any]:
@@ -82,27 +82,14 @@ def drawn(table: Table) -> tuple[Any, Any]:
     return angles, speeds
 
 
-def levels_of(
-    table: Table,
-    mechanism: Mechanism,
-    excitations: tuple[Excitation, ...],
-    predictions: Predictions,
-    speeds: Any,
-) -> Levels:
-    """Return the levels of the node."""
-    known = LevelTable(Predictor(table), mechanism, excitations)
-    zero = np.zeros((len(speeds), 2, table.n_modes))
-    return known.many(predictions.crank_angle, speeds.T, zero)
-
-
 def test_same_numbers_as_the_node(case: Case) -> None:
     """Levels are equal as the message has them, and margins are those to the nearest modes."""
-    table, mechanism, excitations, library = case
+    table, known, excitations, library = case
     angles, speeds = drawn(table)
     predicted = library.predict(angles, 0.0 * angles)
     found = library.assess(predicted, speeds)
     predictions = predict_many(Predictor(table), angles, np.zeros(N))
-    levels = levels_of(table, mechanism, excitations, predictions, speeds)
+    levels = known.many(angles, speeds.T, np.zeros((N, 2, table.n_modes)))
     for name in (*LEVELS, "total_velocity", "total_acceleration"):
         own, expected = found[name].astype(np.float32), getattr(levels, name)
         np.testing.assert_array_equal(np.isnan(own), np.isnan(expected), name)
@@ -115,29 +102,28 @@ def test_same_numbers_as_the_node(case: Case) -> None:
     np.testing.assert_array_equal(found["excitation_frequency"], frequency)
     naturals = predictions.natural_frequencies[:, np.newaxis]
     apart = np.abs(frequency[:, :, np.newaxis] / naturals - 1.0)
-    known = np.isfinite(frequency)
+    has_speed = np.isfinite(frequency)
     mode = np.where(np.isnan(apart), math.inf, apart).argmin(axis=2)
-    np.testing.assert_array_equal(found["nearest_mode"], np.where(known, mode + 1, 0))
-    rows, columns = np.nonzero(known)
-    natural = predictions.natural_frequencies[rows, mode[known]]
-    np.testing.assert_array_equal(found["margin"][known], frequency[known] - natural)
-    relative = (frequency[known] - natural) / natural
-    np.testing.assert_array_equal(found["relative_margin"][known], relative)
-    assert np.isnan(found["margin"][~known]).all()
+    np.testing.assert_array_equal(found["nearest_mode"], np.where(has_speed, mode + 1, 0))
+    rows, columns = np.nonzero(has_speed)
+    natural = predictions.natural_frequencies[rows, mode[has_speed]]
+    np.testing.assert_array_equal(found["margin"][has_speed], frequency[has_speed] - natural)
+    relative = (frequency[has_speed] - natural) / natural
+    np.testing.assert_array_equal(found["relative_margin"][has_speed], relative)
+    assert np.isnan(found["margin"][~has_speed]).all()
     assert len(columns)
 
 
 def test_most_severe_excitation(case: Case) -> None:
     """The mode, the margin and the velocity of the monitor's excitation are in the arrays."""
-    table, mechanism, excitations, library = case
+    table, known, excitations, library = case
     predictor = Predictor(table)
-    levels = LevelTable(predictor, mechanism, excitations)
     names = [one.name for one in excitations]
     angles, speeds = drawn(table)
     found = library.assess(library.predict(angles, 0.0 * angles), speeds)
     compared = 0
     for i in range(200):
-        monitor = ResonanceMonitor(excitations, levels=levels)
+        monitor = ResonanceMonitor(excitations, levels=known)
         for source, speed in zip(Source, speeds[i].tolist(), strict=True):
             monitor.set_speed(source, speed, 0)
         one = monitor.assess(predictor.predict(angles[i]), math.nan, 0)
