@@ -11,6 +11,7 @@ the chunks that overlap it, are in memory at a time.
 import heapq
 import io
 import itertools
+import re
 import zlib
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
@@ -565,7 +566,7 @@ def _gathered(data: Collection[bytes], columns: Sequence[tuple[int, ...]], rank:
 
 def _store(connections: "Sequence[Connection]") -> Any:
     """Return a type store that knows the types of connections, as ROS 2 has them."""
-    from rosbags.interfaces import MessageDefinitionFormat
+    from rosbags.interfaces import ConnectionExtRosbag1, MessageDefinitionFormat
     from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
     store = get_typestore(Stores.EMPTY)
@@ -573,6 +574,8 @@ def _store(connections: "Sequence[Connection]") -> Any:
         text, is_idl = one.msgdef.data, one.msgdef.format == MessageDefinitionFormat.IDL
         # Before 2011 the header of ROS 1 had the name of another package.
         text = text.replace("roslib/Header", "std_msgs/Header")
+        if isinstance(one.ext, ConnectionExtRosbag1):
+            text = re.sub(r"^(\s*)byte\b", r"\1int8", text, flags=re.MULTILINE)  # as in ROS 1
         types = get_types_from_idl(text) if is_idl else get_types_from_msg(text, one.msgtype)
         if _HEADER in types:  # that of ROS 2 has no sequence number
             latest = get_typestore(Stores.LATEST)

@@ -31,6 +31,8 @@ from linkage_vibration.mechanics.uncertainty import read_uncertainty
 
 # No linkage comes near these limits; numbers in millimetres or tonnes go beyond them.
 _LONGEST = 100.0  # m, between two points of a body
+FARTHEST = 2.0 * _LONGEST
+"""Longest distance of a centre of gravity from a point of its body, m."""
 _WIDEST = 10.0  # m and times the size of a rigid body, its radius of gyration
 _HEAVIEST = 1e9  # kg, a rigid body
 
@@ -332,7 +334,7 @@ def _check_lengths(mechanism: Mechanism) -> None:
         centre = ("centre_of_gravity", body.centre_of_gravity)
         pairs += [(path, centre, point) for point in body.points]
     for path, (first, place), (second, other) in pairs:
-        longest = 2.0 * _LONGEST if first == "centre_of_gravity" else _LONGEST
+        longest = FARTHEST if first == "centre_of_gravity" else _LONGEST
         if math.dist(place, other) > longest:
             raise MechanismError(
                 path,

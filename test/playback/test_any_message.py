@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Replays of bags whose messages have types that are not installed, in every kind of bag."""
 
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -138,6 +139,22 @@ def test_types_from_the_bag(write: Callable[[Path], Path], tmp_path: Path) -> No
         one, other = ([str(m) for m in read_messages(bag, topic)] for bag in (log, again))
         assert one == other
         assert len(one) == len(ANGLES)
+
+
+def test_byte_of_ros1(tmp_path: Path) -> None:
+    """A byte of ROS 1 has a sign, which that of ROS 2 does not have."""
+    store = get_typestore(Stores.ROS1_NOETIC)
+    store.register(get_types_from_msg("byte angle", "farm_msgs/msg/Old"))
+    bag, log = tmp_path / "bag.bag", tmp_path / "log.mcap"
+    with Writer1(bag) as writer:
+        connection = writer.add_connection("/old", "farm_msgs/msg/Old", typestore=store)
+        for angle in (-100, 100):
+            one = store.types["farm_msgs/msg/Old"](angle)
+            writer.write(connection, START, store.serialize_ros1(one, "farm_msgs/msg/Old"))
+    chosen = {"hitch_topic": "old", "hitch_type": "farm_msgs/Old", "hitch_unit": "deg"}
+    replay([bag], log, with_values(Parameters(), {**chosen, "hitch_field": "angle"}))
+    found = [math.degrees(m.crank_angle) for _, m in read_messages(log, PREDICTION)]
+    assert found == pytest.approx([-100.0, 100.0])
 
 
 def test_types_of_ros1(tmp_path: Path) -> None:

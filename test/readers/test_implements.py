@@ -55,6 +55,10 @@ def test_implements_are_read(mechanism: Mechanism, tmp_path: Path) -> None:
         ({"plough": {**PLOUGH, "weight": 1.0}}, "implements.plough.weight: this key is not known"),
         ({"plough": {"mass": 1.0}}, "implements.plough.centre_of_gravity: this key is missing"),
         ({"plough": {**PLOUGH, "inertia": 1e9}}, "implements.plough.inertia: it gives a radius of"),
+        (
+            {"plough": {**PLOUGH, "centre_of_gravity": [-500.0, 300.0]}},
+            "divide millimetres by 1000",
+        ),
         ({"plough": {**PLOUGH, "rigid_body": "boom"}}, "plough.rigid_body: There is no rigid body"),
         ({"plough": 3}, "implements.plough: 3 is not a mapping"),
         ({" x": PLOUGH}, "has spaces around it"),
