@@ -38,6 +38,8 @@ _ROUNDING = 1e-20  # of the square of a value: a variance that is only rounding
 _REACH = math.sqrt(3.0)  # standard deviations, to the points at which a response is evaluated
 
 _STATIC = 1e-5  # of the magnitudes of its terms: a static response below is only rounding
+_CANCELLED = 0.25  # of the sum of the sizes of the terms; a smaller response is a difference
+_NOTABLE = 0.1  # of the level by all, from which one of them counts
 _TINY = float(np.finfo(float).tiny)
 _FIRST_CELLS, _MOST_CELLS = 32, 512  # of a piece of the table
 _CHUNK = 64  # angles that are evaluated together, so that their terms stay in the cache
@@ -314,18 +316,36 @@ class LevelTable:
         found[-3] = total + unknown
         found[-1] = np.sqrt(np.add.reduce(fast * fast)) + unknown
         if self.states_uncertainty:
-            factor = known / magnitude
-            moved = _deviated(responses, w, deviations, self._moved) * factor
-            variance = _variances(moved, known, total)
-            own = known * self._deviation
-            own *= own
-            if self._moved.any():
-                own += self._by_own_frequencies(values, forcing, known)
-            np.sqrt(variance[:-1] + own, out=spread)
+            spread[:], found[-2] = self._spreads(values, forcing, responses, known, deviations)
             spread += 0.0 * velocity  # NaN where the velocity is not known
-            share = known / np.maximum(total, _TINY)
-            found[-2] = np.sqrt(variance[-1] + np.add.reduce(own * share * share)) + unknown
+            found[-2] += unknown
         return found
+
+    def _spreads(
+        self,
+        values: FloatArray,
+        forcing: _Forcing,
+        responses: _Responses,
+        known: FloatArray,
+        deviations: FloatArray,
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return standard deviations of known velocities, (n_excitations, n), and of all, (n,)."""
+        magnitude, total = np.sqrt(responses.squares), np.sqrt(np.add.reduce(known * known))
+        factor, share = known / magnitude, known / np.maximum(total, _TINY)
+        moved = _deviated(responses, forcing.omega, deviations, self._moved) * factor
+        variance = _variances(moved, known, total)
+        own = known * self._deviation
+        own *= own
+        if self._moved.any():
+            own += self._by_own_frequencies(values, forcing, known)
+        each = np.sqrt(variance[:-1] + own)
+        together = np.sqrt(variance[-1] + np.add.reduce(own * share * share))
+        # Where modes cancel, their shapes decide, whose deviations are not known.
+        sizes = np.add.reduce(np.hypot(responses.terms[0], responses.terms[1]))
+        cancelled = magnitude < _CANCELLED * sizes
+        each[cancelled] = math.nan
+        together[(cancelled & (share > _NOTABLE)).any(axis=0)] = math.nan
+        return each, together
 
     def _by_own_frequencies(
         self, values: FloatArray, forcing: _Forcing, known: FloatArray
