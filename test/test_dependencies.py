@@ -47,6 +47,7 @@ DISTRIBUTIONS = {
     "pytest": ("pytest", "python3-pytest"),
     "pyuff": ("pyuff", None),
     "rclpy": ("ros-rclpy", "rclpy"),
+    "replay_testing": (None, "replay_testing"),  # comes with ROS 2 alone
     "rerun": ("rerun-sdk", None),
     "rosbags": ("rosbags", "python3-rosbags-pip"),
     "scipy": ("scipy", "python3-scipy"),

@@ -62,6 +62,7 @@ NOT_RUN = {
 SLOW = {
     "docs/calibration.md",
     "docs/measure_your_hitch.md",
+    "docs/plan.md",
     "docs/reproduction.md",
     "docs/sweep.md",
 }

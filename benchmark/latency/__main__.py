@@ -207,7 +207,7 @@ def parts() -> str:
         "prediction, lookup included": lambda: predictor.predict(2.0),
         "encoding the prediction": lambda: encode_prediction(prediction, 0, 0, ""),
         "noting the motion": lambda: motion.note(next(stamps), 2.0),
-        "watching for faults": judge,
+        "keeping it for the watch": judge,
         "decoding the joint state": lambda: reader.read_one(data),
         "decoding by rclpy, as in the echo": lambda: deserialize_message(data, JointState),
     }

@@ -20,6 +20,7 @@ _KEPT = 100  # angles outside the table
 
 _FASTEST, _LEAST_JUMP = 4.0, 0.06  # rad/s and rad; a hitch is not faster, and noise not larger
 _LEAST = 0.03  # rad; publishers that agree differ by less
+_WAITING = 100_000  # readings, of which a judgement takes notice
 _DIFFERING = 3  # values, from which publishers disagree
 _PUBLISHERS = 8  # that are told apart
 
@@ -48,6 +49,10 @@ _OTHER_UNITS = {
     Source.PTO: "another unit",
     Source.GROUND: "km/h",
 }
+
+
+_Reading = tuple[float, int, int, float, float, bool, int]
+"""What `ReadingWatch.take` takes, in its order."""
 
 
 class Level(enum.IntEnum):
@@ -212,6 +217,7 @@ class ReadingWatch:
         self._publishers, self._noise = _Publishers(_LEAST), _Noise()
         self._window = _Window()
         self._time, self._stamp, self._angle = math.nan, 0, math.nan  # of the last reading
+        self._waiting: deque[_Reading] = deque(maxlen=_WAITING)  # for the next judgement
         self._rates: deque[float] = deque(maxlen=_STEADY)  # Hz, of the last windows
         self._usual = 0.0  # Hz
 
@@ -226,7 +232,7 @@ class ReadingWatch:
         known: bool,
         sequence: int = 0,
     ) -> None:
-        """Take a reading.
+        """Take a reading, which is looked at when `judge` is called, so that this is quick.
 
         Parameters
         ----------
@@ -241,6 +247,11 @@ class ReadingWatch:
         sequence : int
             Number of the message by its publisher; 0 if it is not known.
         """
+        self._waiting.append((now, stamp, received, angle, velocity, known, sequence))
+
+    def _look(self, reading: _Reading) -> None:
+        """Look at a reading; see `take`."""
+        now, stamp, received, angle, velocity, known, sequence = reading
         window = self._window
         window.received += 1
         if stamp:
@@ -283,6 +294,8 @@ class ReadingWatch:
             Steady clock, and the time since the last call, s.
         expected : Expected
         """
+        while self._waiting:
+            self._look(self._waiting.popleft())
         window, self._window = self._window, _Window()
         return [
             *self._missing(window, now, expected),

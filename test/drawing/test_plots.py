@@ -93,7 +93,9 @@ def test_what_is_missing_or_invalid_shows(tmp_path: Path) -> None:
         "angle out of range or invalid (21 predictions)",
     ]
     for ax in figure.axes:
-        spans = sorted((p.get_x(), p.get_x() + p.get_width()) for p in ax.patches)  # type: ignore[attr-defined]
+        paths = [path for shades in ax.collections for path in shades.get_paths()]
+        corners = [np.asarray(path.vertices)[:, 0] for path in paths]
+        spans = sorted((seconds.min(), seconds.max()) for seconds in corners)
         np.testing.assert_allclose(spans, [(0.40, 0.60), (0.99, 3.0), (3.50, 3.51)])
     frequencies = figure.axes[1].get_lines()[0].get_ydata()
     np.testing.assert_array_equal(
