@@ -44,7 +44,7 @@ def test_play_and_watch(
     assert "The next message follows in 2 s." in played.stdout
     assert "161 messages were published." in played.stdout
     assert played.stderr == ""
-    until(lambda: "crank" in shown.read_text(), "a prediction")
+    until(lambda: "142.9" in shown.read_text(), "the last prediction")
     watching.send_signal(signal.SIGINT)
     assert watching.wait(LIMIT) == 0
     assert node.stop() == 0
