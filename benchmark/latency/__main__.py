@@ -198,7 +198,7 @@ def parts() -> str:
     prediction = predictor.predict(2.0)
     motion, watch, stamps = crank_filter(), ReadingWatch(), count(10**18, 10**6)
 
-    def judge() -> None:
+    def keep() -> None:
         stamp = next(stamps)
         watch.take(1e-9 * stamp, stamp, stamp, 2.0, math.nan, known=True, sequence=stamp)
 
@@ -207,7 +207,7 @@ def parts() -> str:
         "prediction, lookup included": lambda: predictor.predict(2.0),
         "encoding the prediction": lambda: encode_prediction(prediction, 0, 0, ""),
         "noting the motion": lambda: motion.note(next(stamps), 2.0),
-        "keeping it for the watch": judge,
+        "keeping it for the watch": keep,
         "decoding the joint state": lambda: reader.read_one(data),
         "decoding by rclpy, as in the echo": lambda: deserialize_message(data, JointState),
     }

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linkage_vibration.export.constants import Constants, Reals, single
-
-OK, OUT_OF_RANGE, INVALID_ANGLE, NEAR_TOGGLE = range(4)
+from linkage_vibration.messages.fields import message_constants
+from linkage_vibration.messages.topics import PREDICTION
 
 _SAMPLES = 20_001  # angles at which errors are measured
 _SEED = 1
@@ -164,8 +164,7 @@ def evaluate(constants: Constants, crank_angle: Reals, stddev: Reals) -> Outputs
     """
     real = constants.starts.dtype.type
     with np.errstate(all="ignore"):
-        status, angle = _positions(constants, crank_angle)
-        has_numbers = (status == OK) | (status == NEAR_TOGGLE)
+        status, angle, has_numbers = _positions(constants, crank_angle)
         rows = [*_modes(constants, angle, stddev), *_peaks(constants, angle)]
     piece = np.searchsorted(constants.piece_starts, angle, side="right") - 1
     rows.append(constants.piece_errors[np.maximum(piece, 0)])
@@ -176,8 +175,11 @@ def evaluate(constants: Constants, crank_angle: Reals, stddev: Reals) -> Outputs
     return Outputs(status, *numbers)
 
 
-def _positions(constants: Constants, crank_angle: Reals) -> tuple[NDArray[np.int32], Reals]:
-    """Return the status, and the angle of the table that is the same position."""
+def _positions(
+    constants: Constants, crank_angle: Reals
+) -> tuple[NDArray[np.int32], Reals, NDArray[np.bool_]]:
+    """Return the status, the angle of the table that is the same position, and if there is one."""
+    statuses = message_constants(PREDICTION)
     real = constants.starts.dtype.type
     low, high = map(real, constants.alpha3_range)
     angle = crank_angle.copy()
@@ -188,9 +190,10 @@ def _positions(constants: Constants, crank_angle: Reals) -> tuple[NDArray[np.int
     inside = (angle >= low) & (angle <= high)
     sound_low, sound_high = map(real, constants.sound_range)
     sound = (angle >= sound_low) & (angle <= sound_high)
-    status = np.where(inside, np.where(sound, OK, NEAR_TOGGLE), OUT_OF_RANGE)
-    status = np.where(np.isfinite(crank_angle), status, INVALID_ANGLE).astype(np.int32)
-    return status, np.where(inside, angle, low)
+    known = np.where(sound, statuses["STATUS_OK"], statuses["STATUS_NEAR_TOGGLE"])
+    status = np.where(inside, known, statuses["STATUS_OUT_OF_RANGE"])
+    status = np.where(np.isfinite(crank_angle), status, statuses["STATUS_INVALID_ANGLE"])
+    return status.astype(np.int32), np.where(inside, angle, low), inside
 
 
 def _modes(constants: Constants, angle: Reals, stddev: Reals) -> list[Reals]:

@@ -212,11 +212,12 @@ def test_deviations_of_the_own_frequency() -> None:
         errors += np.abs(stated[~np.isnan(stated)] - 1.0).tolist()
         share = level.velocities / level.total_velocity
         total = math.sqrt(np.nansum(np.square(share * level.velocity_stddevs)))
-        unknown = np.isnan(level.velocity_stddevs)
+        unknown = np.isnan(level.velocity_stddevs) & ~np.isnan(level.velocities)
         if (unknown & (share > 0.1)).any():
             assert math.isnan(level.total_velocity_stddev)
-        elif not unknown.any() or not math.isnan(level.total_velocity_stddev):
-            # One that is small may be unknown by itself.
+        elif not unknown.any():
+            assert level.total_velocity_stddev == pytest.approx(total, rel=1e-5, nan_ok=True)
+        elif not math.isnan(level.total_velocity_stddev):  # one that is small may be unknown
             assert total * (1.0 - 1e-5) <= level.total_velocity_stddev <= 1.05 * total
     assert len(errors) > 120
     assert np.quantile(errors, 0.98) < 0.1
