@@ -3,7 +3,7 @@
 """Measures how fast bags are replayed: ``python -m benchmark.replay [SECONDS]``.
 
 The bags hold joint states at 1 kHz, as a joint_state_broadcaster sends them: three joints with
-velocities.
+velocities. One bag also holds the speeds of engine, PTO and ground at 20 Hz.
 """
 
 import cProfile
@@ -24,16 +24,22 @@ from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_typestore
 from tqdm import tqdm
 
-from benchmark.paper_linkage import PARAMETERS
+from benchmark.paper_linkage import PARAMETERS as PAPER
 from benchmark.report import machine, publish, table
 from linkage_vibration.bags.message_types import JOINT_STATE
 from linkage_vibration.playback.replay import replay
+from linkage_vibration.prediction.settings import Parameters
+from linkage_vibration.support.resources import config_file
 
 RATE = 1000  # Hz
 SECONDS = 600
 NAMES = ["front_axle_steering_joint", "hitch_rockshaft_joint", "rear_pto_joint"]
 START = 1_767_225_600 * 10**9  # ns
-COLUMNS = ["bag", "joint states", "messages/s", "times real time", "CPU [us/message]"]
+SPEEDS_EVERY = 50  # joint states
+SPEEDS = {"/engine_speed": 1800.0, "/pto_speed": 540.0, "/ground_speed": 3.0}  # rpm, rpm, m/s
+TRACTOR = Parameters()
+AMPLITUDES = Parameters(excitation_file=str(config_file("excitations_on_tractor.yaml")))
+COLUMNS = ["linkage", "bag", "joint states", "messages/s", "times real time", "CPU [us/message]"]
 STAGES = {
     "_uncompressed": "reading and decompressing chunks",
     "_chunk_block": "finding messages in chunks",
@@ -50,33 +56,42 @@ STAGES = {
 
 
 def main() -> None:
-    """Replay each kind of bag three times, and publish the best."""
+    """Replay each bag in several ways, each three times, and publish the best."""
     seconds = int(sys.argv[1]) if len(sys.argv) > 1 else SECONDS
     rows = []
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        bags = {
-            "MCAP, zstd": write_mcap(folder / "joint_states.mcap", seconds),
-            "MCAP, zstd, engine speed at 10 Hz": write_mcap(
-                folder / "speeds.mcap", seconds // 4, speeds=True
-            ),
-            "SQLite": write_ros2(folder / "sqlite", seconds // 4),
-            "ROS 1": write_ros1(folder / "ros1.bag", seconds // 4),
+        plain = write_mcap(folder / "joint_states.mcap", seconds)
+        speeds = write_mcap(folder / "speeds.mcap", seconds // 4, speeds=True)
+        sqlite = write_ros2(folder / "sqlite", seconds // 4)
+        ros1 = write_ros1(folder / "ros1.bag", seconds // 4)
+        cases = {
+            ("tractor", "MCAP"): (plain, TRACTOR),
+            ("tractor", "MCAP, speeds"): (speeds, TRACTOR),
+            ("tractor", "MCAP, speeds, amplitudes"): (speeds, AMPLITUDES),
+            ("tractor", "SQLite"): (sqlite, TRACTOR),
+            ("tractor", "ROS 1"): (ros1, TRACTOR),
+            ("paper", "MCAP"): (plain, PAPER),
+            ("paper", "MCAP, speeds"): (speeds, PAPER),
         }
-        for kind, bag in tqdm(bags.items()):
-            took, busy, count = min(timed(bag, folder / "out.mcap") for _ in range(3))
+        for words, (bag, settings) in tqdm(cases.items()):
+            took, busy, count = min(timed(bag, folder / "out.mcap", settings) for _ in range(3))
             speed = [f"{count / took:,.0f}", f"{count / took / RATE:,.0f}"]
-            rows.append([kind, f"{count}", *speed, f"{1e6 * busy / count:.1f}"])
-        shares = {kind: profiled(bags[kind], folder / "out.mcap") for kind in list(bags)[:2]}
+            rows.append([*words, f"{count}", *speed, f"{1e6 * busy / count:.1f}"])
+        shares = {
+            ", ".join(words): profiled(bag, folder / "out.mcap", settings)
+            for words, (bag, settings) in list(cases.items())[:3]
+        }
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     publish(
         "replay",
         "Replay",
         [
             "This page shows how fast bags are replayed and which steps take the time. The bags "
-            "hold three joints with velocities at 1 kHz. The replay writes the joint states, the "
-            "predictions and, if a speed is known, the resonances, as MCAP with zstd. The best of "
-            "three runs is shown.",
+            "hold three joints with velocities at 1 kHz; one also has the speeds of engine, PTO "
+            "and ground at 20 Hz each. The replay writes the joint states, the predictions and, if "
+            "a speed is known, the resonances, as MCAP with zstd. The amplitudes are those of "
+            "`config/excitations_on_tractor.yaml`. The best of three runs is shown.",
             table(COLUMNS, rows),
             f"Peak memory of the process, which also wrote the bags: {peak:.0f} MiB.",
             "The next tables show the time of each step in the main thread, under a profiler. "
@@ -87,17 +102,17 @@ def main() -> None:
     )
 
 
-def timed(bag: Path, output: Path) -> tuple[float, float, int]:
+def timed(bag: Path, output: Path, settings: Parameters) -> tuple[float, float, int]:
     """Replay a bag; return wall-clock and processor time (s) and the number of predictions."""
     begin, busy = time.perf_counter(), time.process_time()
-    done = replay([bag], output, PARAMETERS)
+    done = replay([bag], output, settings)
     return time.perf_counter() - begin, time.process_time() - busy, done.predictions
 
 
-def profiled(bag: Path, output: Path) -> list[list[str]]:
+def profiled(bag: Path, output: Path, settings: Parameters) -> list[list[str]]:
     """Replay a bag; return the share of time of each step."""
     profile = cProfile.Profile()
-    profile.runcall(replay, [bag], output, PARAMETERS)
+    profile.runcall(replay, [bag], output, settings)
     found: dict[str, float] = {}
     stats = pstats.Stats(profile).stats  # type: ignore[attr-defined]
     total = max(cumulative for *_, cumulative, _ in stats.values())
@@ -141,21 +156,19 @@ def write_mcap(path: Path, seconds: int, *, speeds: bool = False) -> Path:
         writer = Writer(file, chunk_size=768 * 1024)
         writer.start("ros2", "benchmark")
         channels = []
-        for topic, kind in (
-            ("/joint_states", JOINT_STATE),
-            ("/engine_speed", "std_msgs/msg/Float64"),
-        ):
+        topics = dict.fromkeys(SPEEDS, "std_msgs/msg/Float64") if speeds else {}
+        for topic, kind in {"/joint_states": JOINT_STATE, **topics}.items():
             text = store.generate_msgdef(kind, ros_version=2)[0].encode()
             schema = writer.register_schema(kind, "ros2msg", text)
             channels.append(
                 writer.register_channel(topic, "cdr", schema, {"offered_qos_profiles": ""})
             )
-            if not speeds:
-                break
         for k, (now, message) in enumerate(joint_states(seconds)):
-            if speeds and k % 100 == 0:
-                data = store.serialize_cdr(float64(1800.0 + 0.01 * k), "std_msgs/msg/Float64")
-                writer.add_message(channels[1], now, bytes(data), now)
+            if k % SPEEDS_EVERY == 0:
+                for channel, speed in zip(channels[1:], SPEEDS.values(), strict=speeds):
+                    value = float64(speed * (1.0 + 0.1 * np.sin(0.1 * k / RATE)))
+                    data = store.serialize_cdr(value, "std_msgs/msg/Float64")
+                    writer.add_message(channel, now, bytes(data), now)
             data = store.serialize_cdr(message, JOINT_STATE)
             writer.add_message(channels[0], now, bytes(data), now)
         writer.finish()  # type: ignore[no-untyped-call]

@@ -16,8 +16,7 @@ from array import array
 from dataclasses import dataclass
 from pathlib import Path
 
-from benchmark.latency.driver import QUIET, cpu_time
-from benchmark.paper_linkage import ARGUMENTS
+from benchmark.latency.driver import QUIET, SPEEDS, cpu_time
 from benchmark.report import RESULTS, machine, publish, table
 
 os.environ.setdefault("AMENT_PREFIX_PATH", sys.prefix)
@@ -33,9 +32,10 @@ from tqdm import tqdm
 
 from linkage_vibration.bags.reading import read_messages
 from linkage_vibration.drawing.palette import COLOURS
+from linkage_vibration.support.resources import config_file
 from linkage_vibration_interfaces.msg import VibrationPrediction
 
-RATE, SPEED_EVERY = 1000, 100  # Hz, and joint states per engine speed
+RATE, SPEED_EVERY = 1000, 50  # Hz, and joint states for each value of each speed
 JOINT = "hitch_rockshaft_joint"
 STALL = 0.05  # s
 PAGE = os.sysconf("SC_PAGE_SIZE")
@@ -67,7 +67,8 @@ def main() -> None:
     """Send joint states, count the predictions, and publish the result."""
     minutes = float(sys.argv[1]) if len(sys.argv) > 1 else 60.0
     with tempfile.TemporaryDirectory() as folder:
-        command = [sys.executable, "-m", "linkage_vibration.ros.node", "--ros-args", *ARGUMENTS]
+        command = [sys.executable, "-m", "linkage_vibration.ros.node", "--ros-args"]
+        command += ["-p", f"excitation_file:={config_file('excitations_on_tractor.yaml')}"]
         command += ["-p", "record:=true", "-p", "split_duration:=600.0"]
         node = subprocess.Popen(command, cwd=folder, stdout=subprocess.DEVNULL)
         try:
@@ -104,8 +105,9 @@ def main() -> None:
     ]
     text = (
         "This page shows whether the node loses messages or gains memory over a long time. One "
-        f"node ran for {minutes:g} minutes with joint states at 1 kHz and engine speeds at 10 Hz, "
-        "and recorded a new log every 10 minutes."
+        f"node with its default linkage ran for {minutes:g} minutes with joint states at 1 kHz, "
+        "the speeds of engine, PTO and ground at 20 Hz, and the amplitudes of "
+        "`config/excitations_on_tractor.yaml`, and recorded a new log every 10 minutes."
     )
     publish(
         "soak",
@@ -127,7 +129,7 @@ def send(process: int, count: int) -> Sent:
     driver.create_subscription(VibrationPrediction, "linkage_vibration/prediction", on_answer, 5000)
     sensor = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)
     publisher = driver.create_publisher(JointState, "joint_states", sensor)
-    engine = driver.create_publisher(Float64, "engine_speed", sensor)
+    speeds = {topic: driver.create_publisher(Float64, topic, sensor) for topic in SPEEDS}
     executor = SingleThreadedExecutor()
     executor.add_node(driver)
     message = JointState(name=[JOINT])
@@ -158,7 +160,9 @@ def send(process: int, count: int) -> Sent:
             stalls.append(-wait)
         publisher.publish(joint_state(number))
         if number % SPEED_EVERY == 0:
-            engine.publish(Float64(data=1900.0 + 100.0 * float(np.sin(1e-4 * number))))
+            for topic, speed in speeds.items():
+                middle, width = SPEEDS[topic]
+                speed.publish(Float64(data=middle + width * float(np.sin(1e-4 * number))))
             executor.spin_once(0.0)
         if number % (5 * RATE) == 0:
             pages = int(Path(f"/proc/{process}/statm").read_text().split()[1])

@@ -1,7 +1,11 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Sends joint states at a rate to a node in another process, and times the predictions."""
+"""Sends joint states at a rate to a node in another process, and times the predictions.
 
+A node may also receive the speeds of the engine, the PTO and the ground.
+"""
+
+import math
 import os
 import signal
 import struct
@@ -26,6 +30,7 @@ from numpy.typing import NDArray
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64
 
 from linkage_vibration_interfaces.msg import VibrationPrediction
 
@@ -34,6 +39,9 @@ QUIET = 1.0  # s, after the last message, in which late predictions arrive
 FOUND = 120.0  # s, within which a node must answer
 SETTLED = 3.0  # s, in which DDS changes from UDP to shared memory and loses messages
 PACE = 0.02  # s, between joint states that are not counted
+SPEED_RATE = 20.0  # Hz, of each speed, or that of the joint states if it is lower
+# Each speed and how much it varies: rpm, rpm and m/s.
+SPEEDS = {"engine_speed": (1750.0, 350.0), "pto_speed": (520.0, 60.0), "ground_speed": (3.0, 2.0)}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,9 +82,19 @@ class Driver:
         self._executor.add_node(self.node)
         self._publishers: dict[str, Any] = {}
         self._taken: dict[int, float] = {}
+        self._speeds: dict[str, dict[str, Any]] = {}
 
-    def meet(self, name: str) -> None:
-        """Wait until a node that was started with the arguments of `named` answers."""
+    def meet(self, name: str, *, speeds: bool = False) -> None:
+        """Wait until a node that was started with the arguments of `named` answers.
+
+        With ``speeds``, it receives speeds in this and in all following runs.
+        """
+        if speeds:
+            sensor = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+            self._speeds[name] = {
+                topic: self.node.create_publisher(Float64, f"/{name}/{topic}", sensor)
+                for topic in SPEEDS
+            }
         self.node.create_subscription(
             VibrationPrediction, f"/{name}/prediction", self._on_answer, 1000, raw=True
         )
@@ -86,6 +104,7 @@ class Driver:
             if time.monotonic() > end:
                 raise RuntimeError(f"The node {name} did not answer within {FOUND:g} s.")
             self.publish(name, 0)
+            self.publish_speeds(name, 0.0)
             self._spin(PACE)  # more messages would still be queued when a run begins
             if self._taken and not settled:
                 settled = time.monotonic() + SETTLED
@@ -131,6 +150,12 @@ class Driver:
         self._publishers[name].publish(message)
         return stamp
 
+    def publish_speeds(self, name: str, seconds: float) -> None:
+        """Send a node the speeds of a moment of the run, if it receives any."""
+        for topic, publisher in self._speeds.get(name, {}).items():
+            middle, width = SPEEDS[topic]
+            publisher.publish(Float64(data=middle + width * math.sin(0.5 * seconds)))
+
     def close(self) -> None:
         """Shut down the driver's node."""
         self._executor.shutdown()
@@ -138,11 +163,13 @@ class Driver:
         rclpy.try_shutdown()
 
     def _send(self, name: str, rate: float, count: int, sent: dict[int, float]) -> None:
-        begin = time.monotonic()
+        begin, speeds_every = time.monotonic(), max(1, round(rate / SPEED_RATE))
         for i in range(count):
             wait = begin + i / rate - time.monotonic()
             if wait > 0.0:
                 time.sleep(wait)
+            if i % speeds_every == 0:
+                self.publish_speeds(name, i / rate)
             now = time.monotonic()
             sent[self.publish(name, i)] = now
 
@@ -158,8 +185,10 @@ class Driver:
 
 
 def named(name: str, *others: str) -> list[str]:
-    """Return the arguments that give a node a name and its own topic of joint states."""
-    words = ["--ros-args", "-r", f"__node:={name}", "-r", f"joint_states:=/{name}/joint_states"]
+    """Return the arguments that give a node a name and its own topics of inputs."""
+    words = ["--ros-args", "-r", f"__node:={name}"]
+    for topic in ("joint_states", *SPEEDS):
+        words += ["-r", f"{topic}:=/{name}/{topic}"]
     return [*words, *others]
 
 

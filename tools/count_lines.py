@@ -1,0 +1,57 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Counts the lines of the package by room: ``python -m tools.count_lines [FOLDER]``.
+
+The second number counts code alone, without docstrings, comments and blank lines.
+"""
+
+import ast
+import sys
+from collections import Counter
+from pathlib import Path
+
+PACKAGE = Path(__file__).parents[1] / "linkage_vibration"
+LINES, CODE = 37_000, 25_000
+"""The budget of the package, which `test/test_contributing.py` enforces."""
+
+
+def count(text: str) -> tuple[int, int]:
+    """Return the lines of a module and its lines of code."""
+    lines, documented = text.splitlines(), set()
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
+            first = node.body[0] if node.body else None
+            if isinstance(first, ast.Expr) and isinstance(first.value, ast.Constant):
+                if isinstance(first.value.value, str):
+                    documented |= set(range(first.lineno, (first.end_lineno or 0) + 1))
+    code = [
+        line
+        for number, line in enumerate(lines, 1)
+        if line.strip() and not line.lstrip().startswith("#") and number not in documented
+    ]
+    return len(lines), len(code)
+
+
+def by_room(package: Path = PACKAGE) -> dict[str, tuple[int, int]]:
+    """Return the lines and the lines of code of each room; "." holds the files beside them."""
+    lines, code = Counter[str](), Counter[str]()
+    for path in sorted(package.rglob("*.py")):
+        room = path.relative_to(package).parts[0] if path.parent != package else "."
+        all_lines, code_lines = count(path.read_text(encoding="utf-8"))
+        lines[room] += all_lines
+        code[room] += code_lines
+    return {room: (lines[room], code[room]) for room in lines}
+
+
+def main() -> None:
+    """Print the lines of each room and of all."""
+    rooms = by_room(Path(sys.argv[1]) if len(sys.argv) > 1 else PACKAGE)
+    rooms["all"] = tuple(map(sum, zip(*rooms.values(), strict=True)))  # type: ignore[assignment]
+    print(f"{'room':<12} {'lines':>7} {'code':>7}")
+    for room, (lines, code) in rooms.items():
+        print(f"{room:<12} {lines:7} {code:7}")
+    print(f"{'budget':<12} {LINES:7} {CODE:7}")
+
+
+if __name__ == "__main__":
+    main()
