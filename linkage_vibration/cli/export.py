@@ -92,29 +92,19 @@ def _files(
 ) -> dict[Path, bytes]:
     """Return the contents of the files to write."""
     from linkage_vibration.export.c_source import c_files, description_of
+    from linkage_vibration.export.constants import ExportError
     from linkage_vibration.export.fmu import fmu_bytes
+    from linkage_vibration.support.atomic_files import make_folder
 
     description, found = description_of(table, errors), dict[Path, bytes]()
     if options.c is not None:
-        _make_folder(options.c)
+        make_folder(options.c, ExportError)
         texts = c_files(description, constants)
         found |= {options.c / name: text.encode() for name, text in texts.items()}
     if options.fmu is not None:
         compiled = not options.source_only
         found[options.fmu] = fmu_bytes(description, constants, options.fmi, compiled=compiled)
     return found
-
-
-def _make_folder(folder: Path) -> None:
-    """Create a folder if it is missing."""
-    from linkage_vibration.export.constants import ExportError
-
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ExportError(
-            f"{folder}: the folder cannot be created ({error.strerror}); give another one."
-        ) from None
 
 
 def _read(options: argparse.Namespace, path: Path) -> "tuple[Table, Orders | None]":

@@ -23,6 +23,7 @@ from linkage_vibration.demo.domain import reserve_domain
 from linkage_vibration.drawing.live_line import LiveLine
 from linkage_vibration.drawing.plots import plot_predictions
 from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.support.atomic_files import make_folder
 from linkage_vibration.support.resources import DEFAULT_TABLE, config_file
 from linkage_vibration.table.table import load_table
 
@@ -74,12 +75,7 @@ def run_demo(bag: Path | None, joint: str | None, output: Path) -> int:
         first, last = table.alpha3_range
         scale = (last - first - 2 * MARGIN) / (high - low)
         parameters |= {"scale": scale, "offset": first + MARGIN - scale * low}
-    try:
-        output.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise DemoError(
-            f"{output} cannot be used as a folder: {error.strerror}; give another one with -o."
-        ) from None
+    make_folder(output, DemoError)
     parameters["log_directory"] = str(output.resolve())
     _set_environment(output)
     try:

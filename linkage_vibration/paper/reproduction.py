@@ -25,7 +25,7 @@ from linkage_vibration.paper.figures import draw_figures
 from linkage_vibration.paper.freed_dimensions import PRINTED_FILE, scan_freed_dimensions
 from linkage_vibration.paper.numbers import NUMBERS, PLACES, SOURCE, Number, frequencies
 from linkage_vibration.readers.mechanism import load_yaml, mechanism_of
-from linkage_vibration.support.atomic_files import write_text
+from linkage_vibration.support.atomic_files import make_folder, write_text
 from linkage_vibration.support.resources import PAPER_MECHANISM, config_file
 
 Progress = Callable[[str, int, int], None]
@@ -74,12 +74,7 @@ def reproduce(output: Path, progress: Progress = lambda what, done, total: None)
         If the folder cannot be written.
     """
     require_matplotlib()
-    try:
-        output.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ReproductionError(
-            f"{output} could not be made: {error.strerror}; give a folder that can be written."
-        ) from None
+    make_folder(output, ReproductionError)
     sweeps, numbers = {}, {}
     for done, (label, name) in enumerate(FILES.items()):
         progress("stroke", done, len(FILES))

@@ -15,7 +15,7 @@ from linkage_vibration.mechanics.keys import Keys
 from linkage_vibration.prediction.answers import Implement, Implements, with_implement
 from linkage_vibration.prediction.settings import Parameters
 from linkage_vibration.readers.mechanism import load_yaml
-from linkage_vibration.support.atomic_files import write_text
+from linkage_vibration.support.atomic_files import make_folder, write_text
 
 
 class _MemoryError(LinkageVibrationError):
@@ -86,9 +86,9 @@ class Memory:
         )
         text += yaml.safe_dump({"parameters": self._given, "implement": values}, sort_keys=False)
         try:
-            self.path.parent.mkdir(parents=True, exist_ok=True)
+            make_folder(self.path.parent, _MemoryError)
             write_text(self.path, text, _MemoryError)
-        except (OSError, LinkageVibrationError) as error:
+        except LinkageVibrationError as error:
             self._logger.warning(f"The implement will not be remembered over a restart: {error}")
 
     def _read(self, implements: Implements) -> Implement | None:

@@ -66,6 +66,16 @@ def check_outputs(outputs: Sequence[Path], inputs: Sequence[Path]) -> None:
                     raise OutputError(f"{path} and {other} are one file; give each its own name.")
 
 
+def make_folder(folder: Path, error: type[LinkageVibrationError]) -> None:
+    """Create a folder if it is missing, and those above it; raise the error if that fails."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as problem:
+        raise error(
+            f"{folder}: the folder cannot be created ({problem.strerror}); give another one."
+        ) from None
+
+
 def check_suffix(path: Path, suffix: str) -> None:
     """Refuse an output whose suffix is that of another format.
 

@@ -168,7 +168,7 @@ def test_wrong_paths_are_named(tmp_path: Path) -> None:
     with pytest.raises(BagError, match="There is no bag"):
         run_demo(tmp_path / "none.bag", "a", tmp_path)
     (tmp_path / "file").touch()
-    with pytest.raises(DemoError, match="file cannot be used as a folder"):
+    with pytest.raises(DemoError, match="file: the folder cannot be created"):
         run_demo(None, None, tmp_path / "file")
 
 
