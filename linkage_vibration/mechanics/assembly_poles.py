@@ -56,18 +56,9 @@ class Mode:
 
 
 class Assembly:
-    """Components, some of them measured, joined in one configuration.
+    """Components, (n,) interface DoFs in all, some of them measured, joined in one configuration.
 
-    Its ``modes`` are those that `confirm` found last.
-
-    Parameters
-    ----------
-    components : sequence of Component or FrfComponent
-        Those of the model.
-    held : ndarray of bool, (n,)
-        Interface DoFs that the ground holds.
-    joining : Joining
-        What joins the components.
+    `held` marks the DoFs that the ground holds. `modes` are those that `confirm` found last.
     """
 
     def __init__(
@@ -91,7 +82,7 @@ class Assembly:
     def confirm(self, poles: ComplexArray) -> BoolArray:
         """Return which of some identified poles, (n,), rad/s, are modes of the assembly.
 
-        The others are no poles of the assembly, or noise makes them: their standard deviation
+        The others are not poles of the assembly, or noise makes them: their standard deviation
         exceeds a tenth of their natural frequency, or other rates in the fits move them as far.
         """
         self.modes.clear()
@@ -123,10 +114,7 @@ class Assembly:
         return other is not None and abs(other.pole - mode.pole) <= _DEPENDS * abs(mode.pole)
 
     def _refined(self, start: complex, *, shifted: bool = False) -> AssemblyPole | None:
-        """Find the pole near an identified one by Newton's method; None if there is none.
-
-        A real pole does not count, as it does not oscillate.
-        """
+        """Find the oscillating pole near an identified one by Newton's method, or None."""
         pole, allowed = start, max(abs(start.real), _MOVES * abs(start))
         for _ in range(_STEPS):
             flexibility, side = self._flexibility(pole, shifted=shifted), _STEP * abs(pole)

@@ -12,10 +12,7 @@ from linkage_vibration.mechanics.keys import DAMPEST, STIFFEST, Keys
 
 
 def mount_springs(base: Base | None) -> tuple[tuple[Mount, int], ...]:
-    """Return the mounts' springs: each mount, and 0 for its spring along x or 1 for that along z.
-
-    A direction in which a mount has neither stiffness nor damping is left out.
-    """
+    """Return each mount with 0 for its spring along x or 1 for that along z, if it has one."""
     return tuple(
         (mount, axis)
         for mount in (base.mounts if base else ())
@@ -25,20 +22,7 @@ def mount_springs(base: Base | None) -> tuple[tuple[Mount, int], ...]:
 
 
 def read_mounts(keys: Keys, taken: set[str]) -> tuple[Mount, ...]:
-    """Read the mounts of a base.
-
-    Parameters
-    ----------
-    keys : Keys
-        Of the base; ``mounts`` is optional, as a base without them floats.
-    taken : set of str
-        Names of points, which no mount may have.
-
-    Raises
-    ------
-    MechanismError
-        If a name or a number is invalid.
-    """
+    """Read the mounts of a base, none of which may have the name of a point that is `taken`."""
     found = []
     for name in keys.names("mounts"):
         if name in taken or name == GROUND:

@@ -55,14 +55,9 @@ class Pins:
         return gaps, jacobian
 
     def placed(self, angles: FloatArray, weights: FloatArray | None = None) -> FloatArray:
-        """Return the pose, (3 n_bodies,), with given angles and the smallest gaps.
+        """Return the pose, (3 n_bodies,), with given angles (rad) and the smallest gaps.
 
-        Parameters
-        ----------
-        angles : ndarray, (n_bodies,)
-            rad.
-        weights : ndarray, (n_pins,), optional
-            How much the gap of each pin counts, 1.
+        `weights`, (n_pins,), say how much the gap of each pin counts.
         """
         pose = np.zeros(3 * len(angles))
         pose[2::3] = angles
@@ -77,16 +72,8 @@ class Pins:
 def closed_angles(pins: Pins, guess: FloatArray, free: BoolArray) -> FloatArray:
     """Return the angles of every closed pose that is found, (n_poses, n_bodies), rad.
 
-    The nearest to the guess is the first: that with the smallest root mean square of the angles
-    by which the free bodies turn from the guess, each by less than half a turn.
-
-    Parameters
-    ----------
-    pins : Pins
-    guess : ndarray, (n_bodies,)
-        rad.
-    free : ndarray of bool, (n_bodies,)
-        Which angles are unknown; the others are held.
+    The search turns the free bodies, (n_bodies,), from a guess, (n_bodies,). The first pose is the
+    nearest: that with the smallest root mean square of turns, each of less than half a turn.
     """
     found, gaps = _descend(_Loops.of(pins), guess, free)
     found = found[gaps < _CLOSED]
@@ -100,15 +87,10 @@ def closed_angles(pins: Pins, guess: FloatArray, free: BoolArray) -> FloatArray:
 
 
 def described(mechanism: Mechanism, poses: Sequence[FloatArray], chosen: int) -> str:
-    """Return how a pose differs from the angles given; empty if those are clear.
+    """Return how the chosen pose differs from the angles given; empty if those are clear.
 
-    Parameters
-    ----------
-    mechanism : Mechanism
-    poses : sequence of ndarray, (n_bodies,)
-        Angles of the bodies in the closed poses, rad, the nearest first.
-    chosen : int
-        The pose that is used: the nearest whose branch reaches over the stroke.
+    Poses are angles of the bodies, (n_bodies,), rad, the nearest first. The chosen one is the
+    nearest whose branch reaches over the stroke.
     """
     names = [body.name for body in mechanism.bodies]
     held, given = names.index(mechanism.input_body), mechanism.assembly_alpha3
@@ -153,16 +135,7 @@ def described(mechanism: Mechanism, poses: Sequence[FloatArray], chosen: int) ->
 
 
 def cannot_close(mechanism: Mechanism, loop: "OpenLoop | None", length: float) -> MechanismError:
-    """Return the error that the lengths cannot close, to be raised.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-    loop : OpenLoop or None
-        What is open, if it is known.
-    length : float
-        By which lengths were divided, m.
-    """
+    """Return the error that lengths, which were divided by `length` (m), cannot close."""
     given = math.degrees(mechanism.assembly_alpha3)
     text, bodies = f"the loops do not close at alpha3 = {given:.6g} deg", "the bodies"
     if loop is not None:
@@ -183,13 +156,7 @@ def turns(angles: FloatArray) -> FloatArray:
 
 
 def distance(turned: FloatArray, free: BoolArray) -> FloatArray:
-    """Return the root mean square of the turns of the free bodies, (...), rad.
-
-    Parameters
-    ----------
-    turned, free : ndarray, (..., n_bodies), and ndarray of bool, (n_bodies,)
-        Angle by which each body turns, rad, and which bodies count.
-    """
+    """Return the root mean square of the turns, (..., n_bodies), of the free bodies, (...), rad."""
     return np.asarray(np.sqrt((turned[..., free] ** 2).mean(axis=-1)))
 
 
@@ -205,14 +172,7 @@ class OpenLoop:
 def open_loop(
     pins: Pins, mechanism: Mechanism, guess: FloatArray, free: BoolArray
 ) -> OpenLoop | None:
-    """Return the first loop that cannot close, or None if none is found.
-
-    Parameters
-    ----------
-    pins, mechanism : Pins and Mechanism
-    guess, free : ndarray, (n_bodies,)
-        As `closed_angles` takes them.
-    """
+    """Return the first loop that cannot close, or None; arguments are as for `closed_angles`."""
     joints = mechanism.joints
     used = np.zeros(len(joints))
     for loop in _loops_of(joints, mechanism.input_body):

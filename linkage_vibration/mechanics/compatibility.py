@@ -66,22 +66,11 @@ class RowSpace:
 
 
 def row_space(compatibility: FloatArray, labels: Sequence[str]) -> RowSpace:
-    """Separate the independent constraints in the rows of B from repetitions, by truncated SVD.
+    """Separate the independent constraints in the rows of B, (n_constraints, n), from repetitions.
 
     Joints that are closed twice, or that join a rigid body to itself, repeat other rows or have
-    rows of zeros. Singular values up to 1e-12 of the largest are cut off.
-
-    Parameters
-    ----------
-    compatibility, labels
-        B, (n_constraints, n), and names of its rows, for the error.
-
-    Raises
-    ------
-    CouplingError
-        If rows nearly repeat one another, with a singular value between 1e-12 and 1e-6 of the
-        largest: keeping them would magnify rounding, and dropping them would free a joint. Also if
-        B is not finite.
+    rows of zeros. Rows that nearly repeat others are refused: keeping them would magnify rounding,
+    and leaving them out would free a joint.
     """
     if not np.isfinite(compatibility).all():
         raise CouplingError(
@@ -118,15 +107,7 @@ def _redundant(dependencies: FloatArray) -> tuple[int, ...]:
 
 
 class InterfaceMap:
-    """The position of every interface DoF of every component in the vector u.
-
-    Parameters
-    ----------
-    mechanism, components
-        The interface DoFs of the components, one component after the other, are the entries of u.
-    spatial : bool
-        Whether they have displacements out of the plane.
-    """
+    """The position of every interface DoF in the vector u, (n,), one component after the other."""
 
     def __init__(
         self,
@@ -185,12 +166,7 @@ class InterfaceMap:
     ) -> FloatArray:
         """Return the (3, n) matrix that turns u into a point's global x, y and z displacement.
 
-        Parameters
-        ----------
-        body, point, configuration
-            A point of a body, and where the bodies are.
-        rate : bool
-            Return the derivative with respect to alpha3 instead.
+        With `rate` it is the derivative with respect to alpha3.
         """
         rows = np.zeros((3, len(self)))
         if body in self._centres:
@@ -251,15 +227,10 @@ class InterfaceMap:
     ) -> FloatArray:
         """Return the stiffness on u that forces at rest add where bodies and springs turn, (n, n).
 
-        A point at the arm r of a rigid body that turns by theta moves by -r theta^2 / 2 as well, so
-        a force F there adds F r to the stiffness of the rotation. That of a link is
-        in its `components.Prestress`.
-
-        Parameters
-        ----------
-        configuration, joints, springs
-            Where the bodies are; the forces of the constraints, (n_constraints,), and of the
-            springs and mounts, (n_springs,), in the order and with the signs of `join`'s rows.
+        The forces of the constraints, (n_constraints,), and of the springs and mounts,
+        (n_springs,), have the order and the signs of the rows of `join`. A point at the arm r of a
+        rigid body that turns by theta moves by -r theta^2 / 2 as well, so a force F there adds F r
+        to the stiffness of the rotation. `components.Prestress` has the part of a link.
         """
         found = np.zeros((len(self), len(self)))
         forces: list[tuple[str, str, FloatArray]] = []

@@ -34,12 +34,8 @@ class Prestress(Protocol):
     def stiffness(self, forces: FloatArray, gravity: FloatArray) -> FloatArray:
         """Return the stiffness that forces at rest add, (n, n).
 
-        Parameters
-        ----------
-        forces : ndarray, (n_dofs,)
-            Of the joints and springs on the interface DoFs of the component, N and N m.
-        gravity : ndarray, (2,)
-            Along the local x and z axes, m/s2.
+        The forces of joints and springs, (n_dofs,), N and N m, act on the interface DoFs. Gravity,
+        (2,), is along the local x and z axes, m/s2.
         """
 
 
@@ -57,26 +53,14 @@ class Component:
     prestress: Prestress | None = None  # of a beam; that of a rigid body is in the joints
 
     def own_axes(self, vector: FloatArray, angle: float) -> FloatArray:
-        """Turn a vector from the global axes into those of the component's DoFs, (2,).
-
-        Parameters
-        ----------
-        vector, angle
-            Along x and z, (2,); the angle of the body's own x axis, rad.
-        """
+        """Turn a vector, (2,), from the global axes into those of the DoFs of a turned body."""
         if self.dofs[0].point == CENTRE_OF_GRAVITY:  # a rigid body, which has the global axes
             return vector
         c, s = math.cos(angle), math.sin(angle)
         return np.array([[c, s], [-s, c]]) @ vector
 
     def translation(self, along: FloatArray) -> FloatArray:
-        """Return the coordinates of the component if it moves as a whole, (n,), m.
-
-        Parameters
-        ----------
-        along : ndarray, (2,)
-            The motion along the axes of its DoFs, m.
-        """
+        """Return the coordinates, (n,), if all of the component moves by (2,) in its axes, m."""
         local = dict(zip(("x", "z"), along.tolist(), strict=True))
         ends = np.array([local.get(dof.direction, 0.0) for dof in self.dofs])
         n = len(ends)

@@ -79,11 +79,6 @@ def couple(system: UncoupledSystem, joining: Joining) -> CoupledSystem:
     """Assemble on the null space of B: M = L^T M L, K = L^T (K + G^T k G) L with B L = 0.
 
     Constraints that repeat others are left out, and their labels are reported.
-
-    Parameters
-    ----------
-    system, joining
-        The components, and what joins them in one configuration.
     """
     constraints = row_space(joining.compatibility, joining.labels)
     basis = constraints.null_space
@@ -102,23 +97,12 @@ def couple(system: UncoupledSystem, joining: Joining) -> CoupledSystem:
 def assembled_frf(
     system: CoupledSystem, frequencies: FloatArray, outputs: FloatArray, inputs: FloatArray
 ) -> ComplexArray:
-    """Receptances of the assembly by solving (K + i (D + w C) - w^2 M) q = f line by line.
+    """Return receptances, (n_freq, n_out, n_in), m/N, by solving the assembly line by line (Hz).
 
-    It needs no receptance of a component, so it also works at 0 Hz, where free components have
-    none, and at an undamped resonance of a component. Returns m/N, (n_freq, n_out, n_in).
-
-    Parameters
-    ----------
-    system, frequencies
-        The assembly, with any damping; Hz, (n_freq,), where 0 gives the static limit.
-    outputs, inputs : ndarray, (n_out, n_interface) and (n_in, n_interface)
-        Rows that pick or combine interface DoFs into responses and forces.
-
-    Raises
-    ------
-    CouplingError
-        If the assembly can move freely at 0 Hz, or resonates without damping, so that the
-        receptance is infinite there, or so nearly that rounding leaves less than 6 digits.
+    It solves (K + i (D + w C) - w^2 M) q = f, so it also works at 0 Hz and at an undamped resonance
+    of a component, where components have no receptances. A receptance that is infinite, or so
+    nearly that rounding leaves less than 6 digits, is an error. Outputs and inputs are rows on the
+    interface DoFs, (n_out, n_interface) and (n_in, n_interface).
     """
     frequencies = np.asarray(frequencies, dtype=float)
     left, right = system.restrict(outputs), system.restrict(inputs)
@@ -166,15 +150,10 @@ def congruent(
     stretch: FloatArray | None = None,
     weights: FloatArray | None = None,
 ) -> FloatArray:
-    """Return L^T A L, symmetric to the last bit, with springs added on the interface.
+    """Return L^T A L of a matrix A, (n, n), symmetric to the last bit, with springs added.
 
-    Parameters
-    ----------
-    system, matrix, basis
-        The components; a matrix of theirs, (n, n); the motions that open no joint, as
-        `CoupledSystem` has them.
-    stretch, weights : ndarray, (n_springs, m) and (n_springs,), optional
-        Elongations of springs by these motions, and their stiffness or damping.
+    `stretch`, (n_springs, m), has their elongations by the columns of the basis; `weights`,
+    (n_springs,), their stiffness or damping.
     """
     n, free = system.n_interface, basis.shape[1]
     own = basis.T @ matrix[:n, :n] @ basis

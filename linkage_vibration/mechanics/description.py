@@ -34,15 +34,7 @@ Point = tuple[float, float]
 
 
 class MechanismError(LinkageVibrationError):
-    """The description of a mechanism is invalid; the text names the key and the fix.
-
-    Parameters
-    ----------
-    path : str
-        Where in the description, such as ``links.lower_link.section.width``.
-    problem : str
-        What is wrong there, and what to do about it.
-    """
+    """The description of a mechanism is invalid at a path; the text names the key and the fix."""
 
     def __init__(self, path: str, problem: str) -> None:
         super().__init__(f"{path}: {problem}")
@@ -97,13 +89,7 @@ class Rayleigh(_ViscousDamping):
     stiffness_coefficient: float  # b, s
 
     def viscous(self, mass: FloatArray, stiffness: FloatArray) -> FloatArray:
-        """Return the viscous damping matrix of a component.
-
-        Parameters
-        ----------
-        mass, stiffness : ndarray, (n, n)
-            The free component's, SI.
-        """
+        """Return the viscous damping of a component, (n, n), from its mass and stiffness."""
         return self.mass_coefficient * mass + self.stiffness_coefficient * stiffness
 
 
@@ -114,13 +100,7 @@ class ModalRatio(_ViscousDamping):
     ratio: float  # 1
 
     def viscous(self, mass: FloatArray, stiffness: FloatArray) -> FloatArray:
-        """Return C = sum over r of 2 zeta w_r M phi_r phi_r^T M, which damps no rigid motion.
-
-        Parameters
-        ----------
-        mass, stiffness : ndarray, (n, n)
-            The free component's, SI; w_r and phi_r are its modes.
-        """
+        """Return C = sum over r of 2 zeta w_r M phi_r phi_r^T M, which damps no rigid motion."""
         values, shapes = eigh(stiffness, mass)
         momenta = mass @ shapes
         floor = values.max(initial=0.0) * 1e-13  # rigid motions, apart from rounding
@@ -141,13 +121,7 @@ class LossFactor:
         return self.factor
 
     def viscous(self, mass: FloatArray, stiffness: FloatArray) -> FloatArray:
-        """Return zeros, as there is no viscous damping.
-
-        Parameters
-        ----------
-        mass, stiffness : ndarray, (n, n)
-            The free component's, SI.
-        """
+        """Return zeros, (n, n), as there is no viscous damping."""
         return np.zeros_like(mass)
 
 
@@ -171,14 +145,8 @@ class Body(Protocol):
     ) -> Component | FrfComponent:
         """Put the body on its interface DoFs.
 
-        Parameters
-        ----------
-        link, mechanism
-            The link that is made of it, and the mechanism, for damping and rotations that are held.
-        spatial : bool
-            Keep the displacement out of the plane as well.
-        reduced : bool
-            False keeps every DoF of the body instead of ``link.modes`` fixed-interface modes.
+        `spatial` keeps the displacement out of the plane; `reduced=False` keeps every DoF of the
+        body instead of `link.modes` fixed-interface modes.
         """
 
 
@@ -196,18 +164,7 @@ class Link:
     damping: Damping | None  # its own rule, or None for the mechanism's
 
     def positions(self, wanted: Sequence[InterfaceDof], have: Sequence[InterfaceDof]) -> list[int]:
-        """Return where wanted DoFs are among those that the link's body has.
-
-        Parameters
-        ----------
-        wanted, have : sequence of InterfaceDof
-            DoFs that the linkage needs, and those of the body.
-
-        Raises
-        ------
-        MechanismError
-            If the body lacks one of them.
-        """
+        """Return where the DoFs that the linkage needs are among those that the link's body has."""
         for dof in wanted:
             if dof not in have:
                 raise MechanismError(
@@ -454,17 +411,10 @@ class Mechanism:
 
 
 def rayleigh_damping(ratio: float, low: float, high: float) -> Rayleigh:
-    """Rayleigh coefficients that give one damping ratio at two frequencies.
+    """Rayleigh coefficients that give one damping ratio (1) at two frequencies (Hz).
 
-    Solves zeta = a / (2 w) + b w / 2 at both; between them the ratio is lower, and outside higher.
+    They solve zeta = a / (2 w) + b w / 2 at both; between them the ratio is lower, outside higher.
 
-    Parameters
-    ----------
-    ratio, low, high : float
-        Damping ratio zeta, 1; the two frequencies, Hz.
-
-    Examples
-    --------
     >>> damping = rayleigh_damping(0.02, 4.0, 180.0)
     >>> omega = 2 * np.pi * 180.0
     >>> ratio = damping.mass_coefficient / (2 * omega) + damping.stiffness_coefficient * omega / 2

@@ -36,28 +36,11 @@ def component_frf(
     frequencies: FloatArray,
     loss_factor: float = 0.0,
 ) -> ComplexArray:
-    """Receptances of one component, (K (1 + i eta) - w^2 M + i w C)^-1, on its first DoFs.
+    """Return receptances of a component, (K (1 + i eta) - w^2 M + i w C)^-1, on its first DoFs.
 
-    Parameters
-    ----------
-    mass, stiffness, damping : ndarray, (n, n)
-        Symmetric, SI; the damping is viscous, of any kind.
-    n_dofs, frequencies
-        Number of coordinates to keep, the first ones; Hz, (n_freq,).
-    loss_factor : float
-        eta, of structural damping, 1.
-
-    Returns
-    -------
-    complex ndarray, (n_freq, n_dofs, n_dofs)
-        m/N between displacements; symmetric. Below 1 Hz a free body moves so much more than a
-        coupled one that the rounding of its FRFs alone leaves errors in those of an assembly: with
-        the paper's linkage 4e-9 of the largest at 0.1 Hz, 1e-7 at 0.01 Hz.
-
-    Raises
-    ------
-    FbsError
-        At 0 Hz, if the component is free to move as a rigid body; at an undamped resonance.
+    The result, (n_freq, n_dofs, n_dofs), m/N, is symmetric. Below 1 Hz a free body moves so much
+    more than a coupled one that the rounding of its FRFs alone leaves errors in those of an
+    assembly: with the paper's linkage 4e-9 of the largest at 0.1 Hz, 1e-7 at 0.01 Hz.
     """
     omega = 2.0 * math.pi * np.asarray(frequencies, dtype=float)
     if (omega == 0.0).any() and _is_floating(stiffness):
@@ -88,15 +71,7 @@ def component_receptance(
     s: complex,
     loss_factor: float = 0.0,
 ) -> ComplexArray:
-    """Receptances of one component at one s in the upper half plane, (n_dofs, n_dofs), m/N.
-
-    Parameters
-    ----------
-    mass, stiffness, damping, n_dofs, loss_factor
-        As `component_frf` takes them.
-    s : complex
-        rad/s.
-    """
+    """Return receptances, (n_dofs, n_dofs), m/N, at one s (rad/s) in the upper half plane."""
     dynamic = (1.0 + 1j * loss_factor) * stiffness + s**2 * mass + s * damping
     return np.linalg.solve(dynamic, np.eye(len(mass), n_dofs))[:n_dofs]
 
@@ -145,35 +120,14 @@ def couple_frfs(
     compliance: FloatArray | ComplexArray | float = 0.0,
     frequencies: FloatArray | None = None,
 ) -> ComplexArray:
-    """Couple components: H_c = H - H B^T (B H B^T + S)^-1 B H, between outputs and inputs.
+    """Couple components: H_c = H - H B^T (B H B^T + S)^-1 B H, (n_freq, n_out, n_in), m/N.
 
-    H is block diagonal and never assembled: each block is only multiplied with the rows of B,
-    outputs and inputs that involve it. Rigid rows of B that repeat others are left out, as in
-    `row_space`. Returns m/N, (n_freq, n_out, n_in).
-
-    Parameters
-    ----------
-    blocks : sequence of complex ndarray, (n_freq, n_r, n_r)
-        Receptances of the components at the same frequencies; their DoFs one after the other are
-        the n DoFs.
-    compatibility : ndarray, (n_constraints, n)
-        B; B u is zero where the joint is rigid.
-    outputs, inputs : ndarray, (n_out, n) and (n_in, n)
-        Rows that pick or combine DoFs into responses and forces.
-    compliance : float or ndarray, (n_constraints,) or (n_freq, n_constraints)
-        Diagonal of S: 1/k makes B u the elongation of a spring k, 1/(k + i w c) with a damper
-        beside it; 0 is rigid.
-    frequencies : ndarray, (n_freq,), optional
-        Hz, for errors.
-
-    Raises
-    ------
-    CouplingError
-        If rigid rows of B nearly repeat others.
-    FbsError
-        If the arrays do not match; if at a frequency the rounding of the components' FRFs leaves an
-        error above 1e-6 of the assembly's largest: free components near 0 Hz, or undamped ones at
-        a resonance of their own, move much more than the assembly.
+    `blocks` are the receptances of the components, (n_freq, n_r, n_r); their DoFs one after the
+    other are the n DoFs. `compatibility`, `outputs` and `inputs` are rows on these, (..., n). The
+    compliance is the diagonal of S, (n_constraints,) or (n_freq, n_constraints): 0 is rigid, 1/k
+    makes B u the elongation of a spring, and 1/(k + i w c) puts a damper beside it. Rigid rows that
+    repeat others are left out, as in `row_space`. FRFs whose rounding leaves an error above 1e-6 of
+    the assembly's largest are refused; `frequencies`, Hz, are for this error.
     """
     frf, error = couple_frfs_with_error(blocks, compatibility, outputs, inputs, compliance)
     poor = ~(error <= _ROUNDING_LIMIT * np.abs(frf).max(axis=(1, 2), initial=0.0))
@@ -199,23 +153,12 @@ def couple_frfs_with_error(
     inputs: FloatArray,
     compliance: FloatArray | ComplexArray | float = 0.0,
 ) -> tuple[ComplexArray, FloatArray]:
-    """Couple components as `couple_frfs` does, and estimate the error by rounding.
+    """Couple components as `couple_frfs` does, and estimate the error by rounding, (n_freq,), m/N.
 
-    A relative change of B H B^T + S by eps, which double precision cannot avoid, changes H_c by
-    f^T dZ g, with the interface forces f and g of the outputs and the inputs; so the error is up to
-    eps abs(f)^T abs(Z) abs(g). For f, the components are assumed to be reciprocal.
-
-    Parameters
-    ----------
-    blocks, compatibility, outputs, inputs, compliance
-        As `couple_frfs` takes them.
-
-    Returns
-    -------
-    frf : complex ndarray, (n_freq, n_out, n_in)
-        m/N between displacements; NaN where B H B^T + S is singular.
-    error : ndarray, (n_freq,)
-        Estimate of the largest error by rounding, m/N; infinite where the matrix is singular.
+    A relative change of B H B^T + S by eps, which double precision cannot avoid, changes H_c by f^T
+    dZ g, with the interface forces f and g of the outputs and the inputs; so the error is up to eps
+    abs(f)^T abs(Z) abs(g). For f, the components are assumed to be reciprocal. Where the matrix is
+    singular, the FRF is NaN and the error is infinite.
     """
     n_freq = _check_sizes(blocks, (compatibility, outputs, inputs))
     compatibility, compliance = independent_rows(compatibility, compliance)
@@ -248,13 +191,7 @@ def couple_frfs_with_error(
 def independent_rows(
     compatibility: FloatArray, compliance: FloatArray | ComplexArray | float
 ) -> tuple[FloatArray, FloatArray | ComplexArray]:
-    """Replace rigid rows by a basis of their span if some repeat others.
-
-    Parameters
-    ----------
-    compatibility, compliance
-        As `couple_frfs` takes them.
-    """
+    """Replace rigid rows, and their compliance, by a basis of their span if some repeat others."""
     n_rows = len(compatibility)
     spread = np.broadcast_to(compliance, (*np.shape(compliance)[:-1], n_rows))
     rigid = ~spread.any(axis=tuple(range(spread.ndim - 1)))

@@ -31,18 +31,7 @@ Components = Sequence[Component | FrfComponent]
 
 
 def check_gravity(mechanism: Mechanism, components: Components, *, spatial: bool) -> None:
-    """Refuse gravity where the stiffness that it adds is not known.
-
-    Parameters
-    ----------
-    mechanism, components, spatial
-        What `LinkageModel` has.
-
-    Raises
-    ------
-    MechanismError
-        If the model is spatial, or a link is not made of beams.
-    """
+    """Refuse gravity in a spatial model, and where a link is not made of beams."""
     if not mechanism.gravity:
         return
     if spatial:
@@ -66,20 +55,7 @@ def prestress(
     configuration: Configuration,
     joining: Joining,
 ) -> FloatArray:
-    """Return the stiffness that gravity adds to the components in a configuration, (n, n).
-
-    Parameters
-    ----------
-    mechanism, components, interface, system
-        What `LinkageModel` has.
-    configuration, joining
-        Where the bodies are, and what joins them there.
-
-    Raises
-    ------
-    CouplingError
-        If the linkage is not at rest, because nothing carries its weight.
-    """
+    """Return the stiffness that gravity adds to the components in a configuration, (n, n)."""
     known = [c for c in components if isinstance(c, Component)]
     down = np.array([0.0, -mechanism.gravity])
     axes = {c.name: c.own_axes(down, configuration.angle(c.name)) for c in known}
@@ -104,18 +80,7 @@ def prestress(
 
 
 def at_rest(coupled: CoupledSystem, weight: FloatArray, configuration: Configuration) -> FloatArray:
-    """Return how far weights move the components until springs and links carry them, (n,).
-
-    Parameters
-    ----------
-    coupled, weight, configuration
-        The assembly; the weights on the components, (n,), N; where the bodies are.
-
-    Raises
-    ------
-    CouplingError
-        If nothing carries them.
-    """
+    """Return how far weights, (n,), N, move the components until something carries them, (n,)."""
     n = len(coupled.basis)
     load = np.concatenate([coupled.basis.T @ weight[:n], weight[n:]])
     size = np.diag(coupled.stiffness)
@@ -135,18 +100,7 @@ def at_rest(coupled: CoupledSystem, weight: FloatArray, configuration: Configura
 def with_prestress(
     coupled: CoupledSystem, system: UncoupledSystem, added: FloatArray, alpha3: float
 ) -> CoupledSystem:
-    """Return an assembly with the stiffness that gravity adds.
-
-    Parameters
-    ----------
-    coupled, system, added, alpha3
-        The assembly without it; the components; from `prestress`; the input angle, rad.
-
-    Raises
-    ------
-    CouplingError
-        If the linkage does not stay in this configuration: it buckles, or falls over.
-    """
+    """Return an assembly with the stiffness that gravity adds; refuse one that buckles or falls."""
     stiffness = coupled.stiffness + congruent(system, added, coupled.basis)
     lowest = float(eigvalsh(stiffness, coupled.mass, subset_by_index=[0, 0])[0])
     if lowest < -(MECHANISM**2):

@@ -35,20 +35,7 @@ def soil_places(mechanism: Mechanism) -> tuple[Place, ...]:
 
 
 def transmissibility(solution: Solution, outputs: Sequence[Place], soil: Place) -> PoleResidue:
-    """Return the displacement of points per displacement of the soil, (n_out, 1).
-
-    Parameters
-    ----------
-    solution, outputs
-        The assembly in one configuration; points and directions along the global axes.
-    soil : (name, direction)
-        One of the `soil_places`.
-
-    Raises
-    ------
-    ModelError
-        If the soil has no such place.
-    """
+    """Return the displacement of points per displacement of the soil at a place, (n_out, 1)."""
     mechanism = solution.model.mechanism
     if soil not in soil_places(mechanism):
         known = ", ".join(".".join(place) for place in soil_places(mechanism))

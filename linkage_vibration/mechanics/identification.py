@@ -82,36 +82,18 @@ def identify(
     max_order: int = 60,
     confirm: Callable[[ComplexArray], BoolArray] | None = None,
 ) -> IdentifiedModes:
-    """Identify the modes in a band from receptances.
+    """Identify the modes in a band (Hz) from receptances, (n_freq, n_out, n_in), m/N.
 
     Shapes come from the column of the drive point d, where R_d = phi_d^2 / (2 i w_d) for a mode of
     unit modal mass (w_d = imag p): phi_o = 2 i w_d R_o / sqrt(2 i w_d R_d), turned in the complex
-    plane to be as real as possible, of which the real part is kept. If damping is proportional,
-    these are the shapes of the undamped modes. Their scale is as accurate as R_d, which is poor for
-    a mode that hardly moves the drive point.
+    plane to be as real as possible, and its real part is kept. If damping is proportional, these
+    are the shapes of the undamped modes. Their scale is as accurate as R_d, which is poor for a
+    mode that hardly moves the drive point.
 
-    Parameters
-    ----------
-    frequencies : ndarray, (n_freq,)
-        Hz, ascending, with any spacing.
-    frf : complex ndarray, (n_freq, n_out, n_in)
-        Receptances there, m/N between displacements.
-    band : tuple of float
-        Hz; lines outside it are not used.
-    drive_point : tuple of int
-        Indices of the output and the input that are one point and direction.
-    max_order : int
-        Poles of the largest model: twice the modes in and near the band, and as many again for
-        noise. At most a third of the number of lines is used.
-    confirm : callable, optional
-        Tells which of some poles, (n,), rad/s, are modes; the others are spurious and left out.
-
-    Raises
-    ------
-    IdentificationError
-        If the arrays do not match; if the lines do not cover the band, are too few, or are too far
-        apart for a peak; if there is no mode, or modes leave too much of the FRFs unexplained; if
-        a mode does not move the drive point.
+    `drive_point` has the indices of the output and the input that are one point and direction.
+    `max_order` poles are those of the largest model: twice the modes in and near the band, and as
+    many again for noise; at most a third of the number of lines. `confirm` says which of some
+    poles, (n,), rad/s, are modes; the others are spurious and left out.
     """
     frequencies, frf = _in_band(frequencies, frf, band)
     if not (0 <= drive_point[0] < frf.shape[1] and 0 <= drive_point[1] < frf.shape[2]):
@@ -149,23 +131,10 @@ def identify(
 def fit_poles(
     omega: FloatArray, frf: ComplexArray, max_order: int
 ) -> tuple[ComplexArray, BoolArray]:
-    """Fit stable poles, ascending, to receptances.
+    """Fit stable poles, (n,), rad/s, ascending, to receptances, (n_freq, n_out, n_in), at omega.
 
-    Parameters
-    ----------
-    omega : ndarray, (n_freq,)
-        rad/s, ascending.
-    frf : complex ndarray, (n_freq, n_out, n_in)
-        Receptances there, m/N.
-    max_order : int
-        Poles of the largest model; a third of the number of lines is the most that is used.
-
-    Returns
-    -------
-    poles : complex ndarray, (n,)
-        In the upper half plane, rad/s; some of them only fit noise.
-    recurring : ndarray of bool, (n,)
-        Which of them most models of the upper half of orders have as well.
+    Some of them only fit noise; the second array says which recur in most models of the upper half
+    of orders. The largest model has `max_order` poles, or a third of the number of lines.
     """
     order = min(max_order, len(omega) // _LINES_A_POLE)
     return _recurring(list(_models(omega, frf, max(2, order // frf.shape[2]))))
@@ -356,8 +325,8 @@ def _real(matrix: ComplexArray) -> FloatArray:
 def _recurring(models: list[_Model]) -> tuple[ComplexArray, BoolArray]:
     """Return the poles of one model, ascending, and which of them recur.
 
-    A pole recurs if most models of the upper half of orders have it. The model is the lowest of
-    those with the largest number of such poles.
+    The model is the lowest of those with the largest number of poles that most models of the upper
+    half of orders have as well.
     """
     models = models[len(models) // 2 :]
     flags = [
@@ -384,11 +353,11 @@ def _recurs(model: _Model, other: _Model) -> BoolArray:
 def _residues(
     omega: FloatArray, frf: ComplexArray, poles: ComplexArray, weights: FloatArray
 ) -> tuple[ComplexArray, ComplexArray]:
-    """Fit the residues of poles, (n, n_out, n_in), beside residual terms, and the FRFs (LSFD).
+    """Fit the residues of poles, (n, n_out, n_in), and return the fitted FRFs, too (LSFD).
 
-    ``weights`` has one weight for each line, (n_freq,). Residual terms are L / s^2 for modes below
-    the lines, and U + V s^2 for those above. Poles that are not modes of the band take part, so
-    that their share does not go to its modes.
+    There is one weight for each line. Residual terms are L / s^2 for modes below the lines, and U +
+    V s^2 for those above. Poles that are not modes of the band take part, so that their share does
+    not go to its modes.
     """
     scale = omega[-1]
     s = 1j * omega[:, np.newaxis] / scale

@@ -16,21 +16,9 @@ STIFFEST, DAMPEST = 1e15, 1e12
 
 
 class Keys:
-    """A mapping with its path. It remembers which keys were read.
+    """A mapping with its path, such as ``links.crank``. It remembers which keys were read.
 
     Every method that reads a key raises `MechanismError` if the key is missing or invalid.
-
-    Parameters
-    ----------
-    path : str
-        Where in the description the mapping is, such as ``links.crank``; empty for the whole.
-    value : Any
-        The mapping.
-
-    Raises
-    ------
-    MechanismError
-        If it is not a mapping whose keys are text.
     """
 
     def __init__(self, path: str, value: Any) -> None:
@@ -61,13 +49,7 @@ class Keys:
         return self._children[key]
 
     def error(self, key: str, problem: str) -> MechanismError:
-        """Return the error that a key is invalid, to be raised.
-
-        Parameters
-        ----------
-        key, problem : str
-            The problem says what is wrong with the key and what to do about it.
-        """
+        """Return the error that a key is invalid, to be raised; the problem includes the fix."""
         return MechanismError(self._at(key), problem)
 
     def names(self, key: str) -> list[str]:
@@ -88,27 +70,13 @@ class Keys:
         return isinstance(self._value.get(key), Mapping)
 
     def member(self, key: str, allowed: Collection[str]) -> str:
-        """Return a key that must be one of those allowed.
-
-        Parameters
-        ----------
-        key, allowed
-            The key, and the keys that may occur here.
-        """
+        """Return a key that must be one of those allowed."""
         if key not in allowed:
             raise self.error(key, f"{key!r} is not one of: {', '.join(allowed)}.")
         return key
 
     def number(self, key: str, *, positive: bool = False, default: float | None = None) -> float:
-        """Return a finite number.
-
-        Parameters
-        ----------
-        key, positive
-            The key, and whether to refuse 0 and less.
-        default : float, optional
-            The number if the key is missing.
-        """
+        """Return a finite number."""
         if default is not None and key not in self:
             return default
         value = self._finite(key, self._get(key))
@@ -117,18 +85,7 @@ class Keys:
         return value
 
     def refuse_rigid(self, key: str, value: float, limit: float = STIFFEST) -> None:
-        """Refuse a stiffness or damping, SI, beside which the links lose their digits.
-
-        Parameters
-        ----------
-        key, value, limit
-            The key, the value that was read, and the largest one allowed.
-
-        Raises
-        ------
-        MechanismError
-            If it is larger.
-        """
+        """Refuse a stiffness or damping, SI, beside which the links lose their digits."""
         if value > limit:
             raise self.error(
                 key,
@@ -144,13 +101,7 @@ class Keys:
         return [self._finite(f"{key}[{i}]", item) for i, item in enumerate(value)]
 
     def integer(self, key: str, *, default: int | None = None, least: int = 1) -> int:
-        """Return a whole number up to 10000.
-
-        Parameters
-        ----------
-        key, default, least
-            The key, the number if it is missing, and the smallest number allowed.
-        """
+        """Return a whole number from `least` to 10000."""
         value = default if default is not None and key not in self else self._get(key)
         if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= 10_000:
             raise self.error(key, f"{value!r} is not a whole number from {least} to 10000.")
@@ -171,13 +122,7 @@ class Keys:
         return tuple(value)
 
     def choice(self, key: str, allowed: Collection[str], *, default: str | None = None) -> str:
-        """Return one of the texts allowed.
-
-        Parameters
-        ----------
-        key, allowed, default
-            The key, the texts allowed, and the text if the key is missing.
-        """
+        """Return one of the texts allowed."""
         value = default if default is not None and key not in self else self._get(key)
         if not isinstance(value, str) or value not in allowed:
             raise self.error(key, f"{value!r} is not one of: {', '.join(allowed)}.")
@@ -198,13 +143,7 @@ class Keys:
         return self._pair(key, "two numbers [along x, along z]")
 
     def interval(self, key: str, *, positive: bool = False) -> tuple[float, float]:
-        """Return an ascending pair of numbers.
-
-        Parameters
-        ----------
-        key, positive
-            The key, and whether to refuse 0 and less.
-        """
+        """Return an ascending pair of numbers."""
         low, high = self._pair(key, "an interval [from, to]")
         if high <= low or (positive and low <= 0.0):
             above = " and both are greater than zero" if positive else ""

@@ -56,15 +56,10 @@ class Toggle:
 
 
 class KinematicsError(LinkageVibrationError):
-    """The linkage cannot close at the requested angle.
+    """The linkage cannot close at the requested angle alpha3, rad.
 
-    Parameters
-    ----------
-    alpha3 : float
-        The requested angle, rad.
-    nearest : Toggle or None
-        The end of the range in which the linkage closes, on that side; None if it closes at every
-        angle and the requested value is not an angle.
+    `nearest` is the end of the range in which it closes, on that side; None if the linkage closes
+    at every angle and the requested value is not an angle.
     """
 
     def __init__(self, alpha3: float, nearest: Toggle | None) -> None:
@@ -99,26 +94,14 @@ class Configuration:
         return 0.0 if body == GROUND else float(self.velocity_ratios[self.bodies.index(body)])
 
     def place(self, body: str, local: Point) -> FloatArray:
-        """Return the global x and z of a point, (2,), m.
-
-        Parameters
-        ----------
-        body, local
-            Name of a body, or the ground, and x and z of the point in its own axes, m.
-        """
+        """Return the global x and z, (2,), m, of a point in a body's axes, or the ground's."""
         if body == GROUND:
             return np.array(local)
         arm = rotation(self.angle(body)) @ np.array(local)
         return np.asarray(self.origins[self.bodies.index(body)] + arm)
 
     def place_rate(self, body: str, local: Point) -> FloatArray:
-        """Return d(place)/d(alpha3) of a point, (2,), m/rad.
-
-        Parameters
-        ----------
-        body, local
-            As `place` takes them.
-        """
+        """Return d(place)/d(alpha3) of a point, (2,), m/rad."""
         if body == GROUND:
             return np.zeros(2)
         i = self.bodies.index(body)
@@ -167,18 +150,7 @@ def _same_place(pose: FloatArray, other: FloatArray) -> bool:
 
 
 class Kinematics:
-    """The closed positions of one mechanism on one branch of its assembly.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-        Its ``assembly`` chooses the branch.
-
-    Raises
-    ------
-    MechanismError
-        If the linkage cannot close at any angle of its stroke, or not over its whole stroke.
-    """
+    """The closed positions of one mechanism on the branch of its assembly that it describes."""
 
     def __init__(self, mechanism: Mechanism) -> None:
         self._bodies = tuple(body.name for body in mechanism.bodies)
@@ -211,13 +183,7 @@ class Kinematics:
         return self._toggles[0].alpha3, self._toggles[1].alpha3
 
     def at(self, alpha3: float) -> Configuration:
-        """Return the configuration at an input angle in rad.
-
-        Raises
-        ------
-        KinematicsError
-            If the linkage cannot close there; the error has the nearest angle at which it can.
-        """
+        """Return the configuration at an input angle in rad; refuse an angle where none closes."""
         low, high = self.closable_range
         if not low < alpha3 < high:
             raise self._out_of_reach(alpha3)
@@ -292,9 +258,9 @@ class Kinematics:
             return None
 
     def _assemble(self, mechanism: Mechanism) -> list[tuple[FloatArray, FloatArray]]:
-        """Return closed poses and their rates, that nearest to the description first.
+        """Return closed poses and their rates, the nearest to the description first.
 
-        It is the only one if it is so near that no other was looked for.
+        If the nearest is within `NEAR` of it, no others are sought.
         """
         alpha3, angles = mechanism.assembly_alpha3, dict(mechanism.assembly_angles)
         guess = np.array([angles.get(body, alpha3) for body in self._bodies])
@@ -332,13 +298,7 @@ class Kinematics:
         raise errors[0]
 
     def _follow(self, mechanism: Mechanism, start: tuple[FloatArray, FloatArray]) -> None:
-        """Keep the branch of a closed pose, between its toggles.
-
-        Raises
-        ------
-        MechanismError
-            If the pose is at a toggle, or the branch ends within the stroke.
-        """
+        """Keep the branch of a closed pose, between its toggles, if it reaches over the stroke."""
         if np.linalg.norm(start[1]) > 1.0 / _LEAST_STEP:
             raise MechanismError(
                 "assembly.alpha3_deg", "the linkage is at a toggle there; give another angle."

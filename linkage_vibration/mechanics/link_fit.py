@@ -167,10 +167,7 @@ class LinkFit:
     def at(self, s: ComplexArray, *, shifted: bool = False) -> ComplexArray:
         """Return the receptances, (n_s, n, n), m/N, at points s, (n_s,), rad/s.
 
-        Parameters
-        ----------
-        s, shifted
-            Points; whether the real poles of the rigid block are those of the second fit.
+        `shifted` takes the real poles of the second fit for the rigid block.
         """
         scaled = s[:, np.newaxis] / self.omega[-1]
         terms = self.shape.terms(scaled)
@@ -182,10 +179,7 @@ class LinkFit:
     def variances(self, s: complex, forces: ComplexArray, turns: ComplexArray) -> FloatArray:
         """Return the variance of Re(t f^T H(s) f) per squared relative noise, (n_turns,).
 
-        Parameters
-        ----------
-        s, forces, turns
-            Where, rad/s; f, (n,), on the DoFs, N; t, (n_turns,).
+        f are forces on the DoFs, (n,), N, and t are the turns, (n_turns,); s is in rad/s.
         """
         at, lines = np.array([[s / self.omega[-1]]]), 1j * self.omega[:, np.newaxis]
         lines = lines / self.omega[-1]
@@ -213,16 +207,10 @@ class LinkFit:
 def fit_link(
     omega: FloatArray, frf: ComplexArray, unit: FloatArray, motions: FloatArray
 ) -> LinkFit:
-    """Fit the receptances of a free link.
+    """Fit the receptances, (n_freq, n, n), m/N, of a free link at omega, (n_freq,), rad/s.
 
-    Parameters
-    ----------
-    omega, frf : ndarray, (n_freq,) and (n_freq, n, n)
-        Lines, rad/s, ascending, above 0, and receptances there, m/N.
-    unit : ndarray, (n,)
-        Unit of each DoF, which normalises receptances.
-    motions : ndarray, (n, n_motions)
-        Orthonormal rigid motions of the normalised DoFs.
+    `unit`, (n,), normalises the DoFs; `motions`, (n, n_motions), are orthonormal rigid motions of
+    the normalised DoFs.
     """
     raw = frf / np.outer(unit, unit)
     lines = (raw + raw.swapaxes(1, 2)) / 2.0

@@ -56,18 +56,11 @@ class RigidFit:
 def find_mass_lines(
     frequencies: FloatArray, frf: ComplexArray, *, flexibility: bool = False
 ) -> MassLines | None:
-    """Find the lines in which a body moves almost as a rigid one.
+    """Find the lines in which a body moves almost as a rigid one, or None.
 
-    They end below its first resonance, and begin above those of its suspension, if it has any. None
-    is returned if the lines do not show this: they are above the first resonance, are too few or
-    too noisy, or the suspension is too stiff.
-
-    Parameters
-    ----------
-    frequencies, frf
-        Hz, (n_freq,), ascending, above 0, and receptances, (n_freq, n, n).
-    flexibility : bool
-        Return the highest lines, which show F best, instead of those that show A best.
+    They end below its first resonance, and begin above those of its suspension, if it has any.
+    `flexibility` asks for the highest such lines, which show F best, instead of those that show A
+    best. Receptances are (n_freq, n, n) at ascending frequencies above 0 Hz.
     """
     omega = 2.0 * math.pi * frequencies
     drive = -(omega[:, np.newaxis] ** 2) * np.einsum("kii->ki", frf)
@@ -111,7 +104,7 @@ def _expand(
 ) -> tuple[ComplexArray, FloatArray, ComplexArray]:
     """Fit terms in 1, w^2, 1 / w^2 and w^4.
 
-    Returns them, the standard deviations of their real parts, and what is left of the values.
+    It returns them, the standard deviations of their real parts, and the rest of the values.
     """
     x = omega / math.sqrt(omega[0] * omega[-1])
     terms = np.stack([np.ones_like(x), x**2, x**-2.0, x**4][: 4 if len(x) >= 16 else 3], axis=1)
@@ -141,13 +134,9 @@ def _doubt(omega: FloatArray, drive: ComplexArray) -> float | None:
 
 
 def fit_rigid_body(accelerance: FloatArray, motions: FloatArray) -> RigidFit:
-    """Fit the mass, the moment of inertia and the centre of gravity of a planar body.
+    """Fit the mass, the moment of inertia and the centre of gravity of a planar body to A, (n, n).
 
-    Parameters
-    ----------
-    accelerance, motions
-        A, (n, n), with positive drive points, and the rigid motions of its DoFs along x, z and
-        about y, (n, 3).
+    `motions`, (n, 3), are the rigid motions of its DoFs along x, z and about y.
     """
     unit = np.sqrt(np.diag(accelerance))
     scaled = (accelerance + accelerance.T) / 2.0 / np.outer(unit, unit)
@@ -190,11 +179,6 @@ def reversed_dofs(
 
     Each entry holds the one or two DoFs that would have to be reversed together; several are
     returned if the data do not distinguish them. Without an entry, no sign is known to be wrong.
-
-    Parameters
-    ----------
-    accelerance, motions, fit
-        As `fit_rigid_body` takes them, and the fit that it returns.
     """
     if fit.misfit <= _MISFIT:
         return []
@@ -214,15 +198,8 @@ def reversed_dofs(
 def least_sound_speed(lines: MassLines, distance: float, mass: float) -> float:
     """Return a lower bound of the speed of sound along a bar, m/s; 0 if it is not known.
 
-    The stiffness k of a bar between two points at the distance L is at most E m / (rho L^2), which
-    only a uniform bar reaches, so its material has sqrt(E / rho) >= L sqrt(k / m).
-
-    Parameters
-    ----------
-    lines : MassLines
-        Of the displacements of the two points along the bar.
-    distance, mass
-        m and kg.
+    The lines are of two points at a distance L (m) along the bar. Its stiffness k between them is
+    at most E m / (rho L^2), which only a uniform bar reaches, so sqrt(E / rho) >= L sqrt(k / m).
     """
     stretch = np.array([1.0, -1.0])
     if stretch @ lines.accelerance @ stretch > _APART * np.trace(lines.accelerance):

@@ -93,14 +93,8 @@ def name_modes(energy: KineticEnergy, given: Sequence[str] = ()) -> tuple[str, .
     """Return a name for each mode; no two are the same.
 
     The modes of a body share its motions out so that together they have as much energy as possible;
-    a mode for which no motion is left is numbered.
-
-    Parameters
-    ----------
-    energy : KineticEnergy
-        Of the modes, for example averaged over a stroke.
-    given : sequence of str
-        Names that replace those of the first modes; an empty one does not.
+    a mode for which no motion is left is numbered. Names in `given` replace those of the first
+    modes; an empty one does not.
     """
     bodies = list(dict.fromkeys(body for body, _ in energy.motions))
     owners = np.array([body for body, _ in energy.motions])

@@ -43,13 +43,7 @@ class Modes:
         return self.omega < MECHANISM
 
     def select(self, order: IntArray, signs: FloatArray) -> "Modes":
-        """Return some of the modes, in another order and with other signs.
-
-        Parameters
-        ----------
-        order, signs : ndarray, (k,)
-            Indices, and 1 or -1 for each.
-        """
+        """Return some of the modes, (k,), in another order and with other signs, 1 or -1."""
         return Modes(self.omega[order], self.shapes[:, order] * signs)
 
 
@@ -136,20 +130,11 @@ def solve_modes(system: CoupledSystem) -> tuple[Modes, FloatArray]:
 
 
 def damp_modes(system: CoupledSystem, omega: FloatArray, vectors: FloatArray) -> DampedModes:
-    """Find the damped modes of a system from its undamped ones.
+    """Find the damped modes of a system from its undamped ones, (m,) and (m, m).
 
     Proportional damping leaves the shapes as they are; other viscous damping makes complex modes by
-    the symmetric first-order form, other structural damping by K (1 + i eta).
-
-    Parameters
-    ----------
-    system, omega, vectors
-        The assembly, and its undamped modes, (m,) and (m, m), on its generalised coordinates.
-
-    Raises
-    ------
-    ModesError
-        If viscous and structural damping both couple the modes.
+    the symmetric first-order form, other structural damping by K (1 + i eta). Both together are
+    refused if they couple the modes.
     """
     viscous = vectors.T @ system.damping @ vectors
     loss = vectors.T @ system.loss @ vectors if system.loss.any() else np.zeros_like(viscous)
@@ -175,26 +160,13 @@ def mixed_damping() -> ModesError:
 def track(
     previous: FloatArray, modes: Modes, mass: FloatArray
 ) -> tuple[IntArray, FloatArray, FloatArray]:
-    """Find the modes whose shapes continue those of a neighbouring configuration.
+    """Find the modes whose shapes, (n, k), continue those of a neighbouring configuration.
 
-    They are paired by the mass-weighted modal assurance criterion, (phi_i^T M phi_j)^2, which is 1
-    for the same shape and 0 for orthogonal ones. Shapes from two configurations compare because M
-    is that of the uncoupled components, in their own axes.
-
-    Parameters
-    ----------
-    previous, mass : ndarray, (n, k) and (n, n)
-        Mass-normalised shapes of the tracked modes there; mass of the uncoupled components.
-    modes : Modes
-        All modes here.
-
-    Returns
-    -------
-    order, signs : ndarray, (k,)
-        Which of the modes here continue the k there, and 1 or -1, to align their shapes with these.
-    mac : ndarray, (k,)
-        The criterion of each pair. Over all modes here it adds up to no more than 1, so a pair
-        above one half has no rival; at or below it the step was too long to decide.
+    They are paired by the mass-weighted modal assurance criterion, (phi_i^T M phi_j)^2. Shapes from
+    two configurations compare because M is that of the uncoupled components, in their own axes. The
+    result is the indices of the k modes, 1 or -1 to align their shapes, and the criterion of each
+    pair. It adds up to no more than 1 over all modes, so a pair above one half has no rival; at or
+    below it the step was too long to decide.
     """
     product = previous.T @ mass @ modes.shapes
     criterion = product**2
@@ -213,20 +185,11 @@ def align(
 ) -> Modes:
     """Turn the shapes of modes that coincide, or cross, so that they continue a neighbour's.
 
-    Modes of one frequency have no unique shapes: any mixture is valid. Modes that cross with
-    negligible coupling mix likewise near the crossing. Two such shapes are rotated in their plane
-    to be nearest to the neighbour's (orthogonal Procrustes problem), unless that would leave out a
-    coupling that matters. The same object is returned if no shape had to be rotated.
-
-    Parameters
-    ----------
-    previous, modes, mass
-        As `track` takes them; the modes are ascending.
-    order, signs : ndarray, (k,)
-        From `track`.
-    coupling : float
-        Coupling that may be left out: the gap between two modes at the point where they would
-        cross without it, relative to their frequency.
+    Modes of one frequency have no unique shapes, and modes that cross with negligible coupling mix
+    near the crossing. Two such shapes are rotated in their plane to be nearest to the neighbour's
+    (orthogonal Procrustes problem), unless that would leave out more than `coupling`: the gap
+    between two modes where they would cross without it, relative to their frequency. The same
+    object is returned if no shape had to be rotated.
     """
     omega = modes.omega
     if not (np.diff(omega) < _CLOSE * omega[1:]).any():

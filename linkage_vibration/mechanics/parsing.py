@@ -45,20 +45,10 @@ def _no_files(keys: Keys, _: dict[str, Point]) -> Body:
 
 
 def mechanism_from_mapping(mapping: Any, read_body: BodyReader = _no_files) -> Mechanism:
-    """Validate a mapping and return the mechanism that it describes.
+    """Validate a mapping, as read from YAML, and return the mechanism that it describes.
 
-    Parameters
-    ----------
-    mapping : Any
-        Nested mappings of numbers and text; the shipped ``three_point_linkage.yaml`` shows every
-        key. Keys that end in ``_deg`` are in degrees, all else is SI.
-    read_body : callable
-        Reads the body of a link that has a ``file``, from the keys of the link and its points.
-
-    Raises
-    ------
-    MechanismError
-        At the first missing, unknown or invalid key; it names the key, the problem and the fix.
+    Keys that end in ``_deg`` are in degrees, all else is SI. `read_body` reads the body of a link
+    that has a ``file``, from the keys of the link and its points. The first invalid key is refused.
     """
     top = Keys("", mapping)
     if "uncertainty" in top:  # of numbers that are valid
@@ -117,13 +107,7 @@ def _uncertain(keys: Keys, mapping: dict[str, Any], read_body: BodyReader) -> Me
 
 
 def again_from_mapping(mapping: dict[str, Any], known: Mechanism) -> Mechanism:
-    """Validate a mapping whose links from files are those of a known mechanism.
-
-    Parameters
-    ----------
-    mapping, known
-        As `mechanism_from_mapping` takes it; the mechanism that has the bodies of these links.
-    """
+    """Validate a mapping whose links from files have the bodies of a mechanism read before."""
     bodies = {f"links.{link.name}": link.body for link in known.links}
     given = mapping["links"].items()
     links = {name: {**link, "file": {}} if "file" in link else link for name, link in given}
@@ -221,15 +205,7 @@ def _rigid_body(keys: Keys, name: str) -> RigidBody:
 
 
 def read_rigid(keys: Keys, name: str, places: dict[str, Point]) -> RigidBody:
-    """Read mass, inertia and centre of gravity of a rigid body; an error names the key.
-
-    Parameters
-    ----------
-    keys, name : Keys and str
-        The mapping of the body, and its name.
-    places : dict of str to (x, z)
-        Its points in its own axes, m.
-    """
+    """Read mass, inertia and centre of gravity of a rigid body with points at places (x, z), m."""
     centre = _centre_of_gravity(keys, places)
     mass, inertia = keys.number("mass", positive=True), keys.number("inertia", positive=True)
     if mass > _HEAVIEST:

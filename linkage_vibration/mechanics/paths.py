@@ -20,19 +20,7 @@ def split_paths(path: str) -> tuple[str, ...]:
 
 
 def number_at(mapping: Any, path: str) -> float:
-    """Return the number at a path in a description.
-
-    Parameters
-    ----------
-    mapping : Any
-        The description, as read from YAML.
-    path : str
-
-    Raises
-    ------
-    MechanismError
-        If the path does not lead to a number.
-    """
+    """Return the number at a path in a description, as read from YAML."""
     below = mapping
     for key in path.split("."):
         try:
@@ -48,15 +36,7 @@ def number_at(mapping: Any, path: str) -> float:
 
 
 def with_numbers(mapping: dict[str, Any], numbers: Iterable[tuple[str, float]]) -> dict[str, Any]:
-    """Return a copy of a description with other numbers.
-
-    Parameters
-    ----------
-    mapping : dict
-        The description, as read from YAML.
-    numbers : iterable of (path, number)
-        The new numbers; each path has to exist.
-    """
+    """Return a copy of a description with other numbers at paths, each of which has to exist."""
     changed = copy.deepcopy(mapping)
     for path, number in numbers:
         *keys, last = path.split(".")
@@ -66,17 +46,8 @@ def with_numbers(mapping: dict[str, Any], numbers: Iterable[tuple[str, float]]) 
 
 
 def number_paths(data: Any, above: str = "") -> Iterator[str]:
-    """Yield the path of every number in a description.
+    """Yield the path of every number in a description; `above` is the path of a part, with a dot.
 
-    Parameters
-    ----------
-    data : Any
-        The description, as read from YAML, or a part of it.
-    above : str
-        The path of the part, with a dot at its end.
-
-    Examples
-    --------
     >>> list(number_paths({"ground": {"P1": [0.0, 1.0]}, "name": "crank"}))
     ['ground.P1.0', 'ground.P1.1']
     """

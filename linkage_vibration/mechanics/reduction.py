@@ -29,22 +29,11 @@ class Reduction:
 def craig_bampton(
     mass: FloatArray, stiffness: FloatArray, n_interface: int, n_modes: int
 ) -> Reduction:
-    """Reduce to interface DoFs and fixed-interface modes (Craig and Bampton 1968).
+    """Reduce (n, n) matrices, interface DoFs first, to these and fixed-interface modes (1968).
 
     T = [[I, 0], [-K_ii^-1 K_ib, Phi]], with K_ii Phi = M_ii Phi Omega^2 and Phi^T M_ii Phi = I.
-    Statics on the interface stay exact; natural frequencies are approached from above.
-
-    Parameters
-    ----------
-    mass, stiffness : ndarray, (n, n)
-        Symmetric, interface DoFs first.
-    n_interface, n_modes : int
-        Number of interface DoFs, and of modes to keep, the lowest; all if there are fewer.
-
-    Raises
-    ------
-    ReductionError
-        If the interior can move freely while the interface is held.
+    Statics on the interface stay exact; natural frequencies are approached from above. All modes
+    are kept if there are fewer than `n_modes`.
     """
     b, i = slice(0, n_interface), slice(n_interface, None)
     n_interior = len(mass) - n_interface

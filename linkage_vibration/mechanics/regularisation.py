@@ -70,10 +70,7 @@ def rigid_motions(
 ) -> FloatArray:
     """Return how DoFs move with a rigid body, (n, 6): along x, z, about y; along y, about z, x.
 
-    Parameters
-    ----------
-    dofs, points
-        DoFs, (n,), and the places of their points in the body's own axes, m.
+    `points` have names and places in the body's own axes, m.
     """
     places = dict(points)
     rows = []
@@ -91,15 +88,10 @@ def rigid_motions(
 
 
 def noise_level(frequencies: FloatArray, frf: ComplexArray) -> float:
-    """Estimate the relative noise of receptances, 1, from the third differences of the lines.
+    """Estimate the relative noise of receptances, (n_freq, n, n), from third differences of lines.
 
     Anything resolved by the lines has small differences; noise of standard deviation s has
     differences of sqrt(20) s. The median over lines excludes peaks.
-
-    Parameters
-    ----------
-    frequencies, frf
-        Hz, (n_freq,), above 0, and receptances, (n_freq, n, n).
     """
     accelerance = np.asarray(frequencies)[:, np.newaxis, np.newaxis] ** 2 * frf
     steps = np.median(np.abs(np.diff(accelerance, n=3, axis=0)), axis=0)
@@ -113,24 +105,12 @@ def noise_level(frequencies: FloatArray, frf: ComplexArray) -> float:
 def regularise(
     dofs: Sequence[InterfaceDof], frequencies: FloatArray, frf: ComplexArray, motions: FloatArray
 ) -> Regularised:
-    """Fit the elastic part of the receptances of a free body.
+    """Fit the elastic part of the receptances, (n_freq, n, n), of a free body by `fit_link`.
 
-    The elastic part is that of `fit_link`. Lines are weighted by the inverse of their size, as for
-    relative noise. Computed FRFs are unchanged within rounding as long as poles and terms suffice.
-
-    Parameters
-    ----------
-    dofs, motions
-        Rows and columns, (n,), for errors; their `rigid_motions`, (n, k).
-    frequencies, frf
-        Hz, (n_freq,), ascending, above 0, and receptances with noise, (n_freq, n, n).
-
-    Raises
-    ------
-    RegularisationError
-        If there are fewer than 30 lines. If an FRF departs from every such fit by more than noise
-        and more than 3 %: it is not reciprocal, a pole drifted between measurements, a sensor has
-        a wrong gain or place, the body is not free, or lines are too far apart for a pole.
+    Lines are weighted by the inverse of their size, as for relative noise. Computed FRFs are
+    unchanged within rounding as long as poles and terms suffice. `motions` are the `rigid_motions`
+    of the DoFs, (n, k). FRFs that depart from every such fit by more than noise and more than 3 %
+    are refused.
     """
     omega = 2.0 * math.pi * np.asarray(frequencies, dtype=float)
     if len(omega) < _LEAST_LINES:
@@ -187,17 +167,11 @@ def noise_gain(
 ) -> FloatArray:
     """Return the relative error of coupled FRFs per unit of relative error in the measured ones.
 
-    In first order H_c changes by T dH U with T = O - O H B^T Z B, U = I^T - B^T Z B H I^T and
-    Z = (B H B^T + S)^-1. Errors dH of measured FRFs are independent, complex, and of standard
-    deviation e abs(H_kl); the gain is the standard deviation of H_c over e abs(H_c). Where gain
-    times noise comes near 1, the coupled FRF is noise. The poles of a fit are taken as exact.
-
-    Parameters
-    ----------
-    blocks : sequence of complex ndarray, (n_freq, n_r, n_r), or Measured
-        Receptances of the components; arrays are exact.
-    compatibility, outputs, inputs, compliance
-        As `couple_frfs` takes them.
+    In first order H_c changes by T dH U with T = O - O H B^T Z B, U = I^T - B^T Z B H I^T and Z =
+    (B H B^T + S)^-1. Errors dH of measured FRFs are independent, complex, and of standard deviation
+    e abs(H_kl); the gain, (n_freq, n_out, n_in), is the standard deviation of H_c over e abs(H_c).
+    Where gain times noise comes near 1, the coupled FRF is noise. The poles of a fit are taken as
+    exact, and so are blocks that are arrays.
     """
     frfs = receptances(blocks)
     frf = np.array([block_diag(*lines) for lines in zip(*frfs, strict=True)])

@@ -341,15 +341,7 @@ class FarPoles:
 def far_poles(
     stiffness: ComplexArray, decay: FloatArray, band: tuple[float, float], n_far: int = N_FAR
 ) -> FarPoles:
-    """Choose poles that represent the modes above a band.
-
-    Parameters
-    ----------
-    stiffness, decay : ndarray, (n_modes,)
-        k and c of the modes that they represent, in one configuration or in several.
-    band, n_far
-        Hz; number of poles.
-    """
+    """Choose poles for the modes (k and c) above a band (Hz), of one or more configurations."""
     n_lines = 3 * n_far + 4
     nodes = (1.0 - np.cos(np.pi * (np.arange(n_lines) + 0.5) / n_lines)) / 2.0
     frequencies = band[0] + (band[1] - band[0]) * nodes
@@ -376,13 +368,7 @@ def far_poles(
 
 
 def searched(band: tuple[float, float], *, free: bool) -> tuple[float, float]:
-    """Return the part of a band (Hz) in which responses are compared.
-
-    Parameters
-    ----------
-    band, free
-        Hz; whether the linkage is a mechanism, which responds without limit towards 0 Hz.
-    """
+    """Return the part of a band (Hz) in which responses are compared; `free` is for a mechanism."""
     return (max(band[0], FREE_FROM * band[1]), band[1]) if free else band
 
 
@@ -391,14 +377,9 @@ def in_reach(
     band: tuple[float, float],
     decay: FloatArray | None = None,
 ) -> BoolArray:
-    """Return which modes are in a band, or too close above it for far poles, (n_modes,).
+    """Return which modes are in a band (Hz), or too close above it for far poles, (n_modes,).
 
-    Parameters
-    ----------
-    stiffness, band
-        k, (n_modes,), (rad/s)^2; Hz.
-    decay : ndarray, (n_modes,), optional
-        c, rad/s. The slower root of an overdamped mode decides.
+    The slower root of an overdamped mode decides, if the decay c, rad/s, is given.
     """
     size = np.sqrt(np.abs(stiffness))
     if decay is not None:
@@ -414,15 +395,7 @@ def reach(band: tuple[float, float]) -> float:
 
 
 def pole_residue(damped: DampedModes, outputs: FloatArray, inputs: FloatArray) -> PoleResidue:
-    """Turn damped modes into the FRFs between outputs and inputs.
-
-    Parameters
-    ----------
-    damped : DampedModes
-        As `damp_modes` returns them.
-    outputs, inputs : ndarray, (n_out, n_modes) and (n_in, n_modes)
-        Displacement of the undamped, mass-normalised modes there.
-    """
+    """Turn damped modes into FRFs; outputs, (n_out, n_modes), and inputs are on undamped modes."""
     if damped.shapes is None:
         pairs = [(outputs.astype(complex), inputs.astype(complex))]
     else:
@@ -448,13 +421,7 @@ def pole_residue(damped: DampedModes, outputs: FloatArray, inputs: FloatArray) -
 
 
 def oscillators(omega: ArrayLike, damping_ratios: ArrayLike, residues: ArrayLike) -> PoleResidue:
-    """Return one FRF, the sum of viscously damped oscillators.
-
-    Parameters
-    ----------
-    omega, damping_ratios, residues : array_like, (n_modes,)
-        rad/s, 1 and 1/kg.
-    """
+    """Return one FRF: the sum of viscously damped oscillators (rad/s, 1 and 1/kg)."""
     w = np.asarray(omega, dtype=float)
     above = np.asarray(residues, dtype=complex)[np.newaxis, np.newaxis]
     decay = 2.0 * np.asarray(damping_ratios, dtype=float) * w

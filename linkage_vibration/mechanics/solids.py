@@ -66,29 +66,11 @@ def solid_matrices(
     rotations: Collection[str] = (),
     spatial: bool = False,
 ) -> Matrices:
-    """Connect a free solid rigidly to its pins, and reduce it to them, without damping.
+    """Tie a free solid rigidly to its pins, and reduce it to them, without damping.
 
-    Coordinates are x, (y,) z and, where wanted, theta, point by point, then the modes.
-
-    Parameters
-    ----------
-    mass, stiffness : sparse array, (3 n_nodes, 3 n_nodes)
-        Displacements x, y, z node by node; SI.
-    nodes : ndarray, (n_nodes, 3)
-        x, y, z in the component's own axes, m.
-    pins : sequence of Pin
-        In the order that the interface DoFs are to have.
-    n_modes : int
-        Fixed-interface modes to keep; fewer where there are not so many.
-    rotations : collection of str
-        Points whose rotation is an interface DoF.
-    spatial : bool
-        Keep y too.
-
-    Raises
-    ------
-    ReductionError
-        If two pins share a node, the solid has separate parts, or the pins do not hold it.
+    The sparse matrices, (3 n_nodes, 3 n_nodes), have the displacements x, y, z of each node at
+    (n_nodes, 3), m. The interface DoFs are x, (y,) z and, for the points in `rotations`, theta,
+    point by point in the order of the pins; the fixed-interface modes follow.
     """
     transformation = rigid_ties(nodes, [pin.nodes for pin in pins], _places(pins))
     turning, dofs = _pin_coordinates(pins, rotations, spatial)
@@ -119,23 +101,9 @@ def rigid_ties(
 ) -> sparse.csc_array:
     """Move groups of nodes as rigid bodies: u = T q for small displacements.
 
-    Parameters
-    ----------
-    nodes, places : ndarray, (n_nodes, 3) and (n_groups, 3)
-        m; places are the reference points of the rigid bodies.
-    groups : sequence of ndarray of int
-        Nodes of each rigid body.
-
-    Returns
-    -------
-    sparse array, (3 n_nodes, 6 n_groups + 3 n_free)
-        Rows: x, y, z node by node. Columns: translations x, y, z and rotations about x, y, z of
-        each group, then x, y, z of each node that is in no group.
-
-    Raises
-    ------
-    ReductionError
-        If a node is in two groups.
+    The rows of T, (3 n_nodes, 6 n_groups + 3 n_free), are x, y, z node by node. The columns are
+    translations x, y, z and rotations about x, y, z of each group at its place, (n_groups, 3), m,
+    then x, y, z of each node that is in no group.
     """
     tied = np.concatenate(groups)
     if len(np.unique(tied)) != len(tied):
@@ -165,19 +133,7 @@ def sparse_craig_bampton(
 ) -> Reduction:
     """Reduce to interface DoFs and fixed-interface modes, as `reduction.craig_bampton` does.
 
-    Parameters
-    ----------
-    mass, stiffness : sparse array, (n, n)
-        Symmetric, interface DoFs first.
-    n_interface, n_modes : int
-        Number of interface DoFs, and of modes to keep, the lowest; all if there are fewer.
-    mirror : sparse array, (n, n), optional
-        The reflection; modes that equal the negative of their image are left out.
-
-    Raises
-    ------
-    ReductionError
-        If the interior can move freely while the interface is held.
+    Modes that equal the negative of their image in the `mirror`, (n, n), are left out.
     """
     b, i = slice(0, n_interface), slice(n_interface, None)
     k_ii, m_ii = stiffness[i, i].tocsc(), mass[i, i].tocsc()

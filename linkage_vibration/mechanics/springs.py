@@ -35,18 +35,7 @@ _SOFTEST = 1e5  # Pa, the bulk modulus of air
 def spring_stiffness(
     spring: Spring, mechanism: Mechanism, configuration: Configuration
 ) -> tuple[float, float]:
-    """Return the stiffness of a spring, and its derivative with respect to alpha3.
-
-    Parameters
-    ----------
-    spring, mechanism, configuration
-        One of the mechanism's springs, and where its bodies are.
-
-    Raises
-    ------
-    MechanismError
-        If the piston of a cylinder is beyond its end there.
-    """
+    """Return the stiffness of a spring, and its derivative with respect to alpha3."""
     if isinstance(spring.stiffness, float):
         return spring.stiffness, 0.0
     if isinstance(spring.stiffness, StiffnessCurve):
@@ -58,15 +47,10 @@ def spring_stiffness(
 def spring_prestress(
     spring: Spring, mechanism: Mechanism, configuration: Configuration, force: float
 ) -> float:
-    """Return the stiffness that the force of a spring at rest adds.
+    """Return the stiffness that the tension (N) or moment (N m) of a spring at rest adds.
 
-    Between two points it acts across the spring, N/m: T / L. On a joint it acts on the rotation,
-    N m/rad, if a cylinder turns the joint, whose lever r changes: M / r dr/dangle.
-
-    Parameters
-    ----------
-    spring, mechanism, configuration, force
-        As `spring_stiffness` takes them; its tension, N, or its moment on the joint, N m.
+    Between two points it acts across the spring, N/m: T / L. On a joint it acts on the rotation, N
+    m/rad, if a cylinder turns the joint, whose lever r changes: M / r dr/dangle.
     """
     if len(spring.points) == 2:
         return force / _line(_ends(spring, mechanism), configuration)[1]
@@ -78,20 +62,7 @@ def spring_prestress(
 
 
 def read_stiffness(keys: Keys, stroke: tuple[float, float]) -> float | StiffnessCurve | Cylinder:
-    """Read the stiffness of a spring: a number, a curve over alpha3, or a cylinder.
-
-    Parameters
-    ----------
-    keys : Keys
-        Of the spring, with ``stiffness`` or ``cylinder``; without both it is 0.
-    stroke : tuple of float
-        Range of alpha3, deg, which a curve has to cover.
-
-    Raises
-    ------
-    MechanismError
-        If a key is missing or invalid.
-    """
+    """Read the stiffness of a spring: a number, a curve over the stroke (deg), or a cylinder."""
     if "cylinder" in keys:
         return _read_cylinder(keys["cylinder"], on_joint="joint" in keys)
     if keys.is_mapping("stiffness"):

@@ -28,13 +28,7 @@ def element_matrices(
 ) -> tuple[FloatArray, FloatArray]:
     """Return mass and stiffness of one element, (6, 6), or (12, 12) in space, SI.
 
-    Parameters
-    ----------
-    length, section, material
-        Distance of its two nodes, m; its cross-section and its material.
-    spatial : bool
-        Whether the element moves out of the plane of motion too. Coordinates are u, w, theta (and
-        v, chi, psi) of the first node, then of the second.
+    Coordinates are u, w, theta (and v, chi, psi) of the first node, then of the second.
     """
     youngs, shear, density = material.youngs_modulus, material.shear_modulus, material.density
     size = 6 if spatial else 3
@@ -101,16 +95,11 @@ def _static_field(
 def prestress_matrices(
     length: float, section: Section, material: Material
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the stiffness of a plane element per newton of tension, and per newton of shear.
+    """Return the stiffness of a plane element per newton of tension and of shear, (6, 6) each.
 
-    Each is (6, 6). The strains of a beam whose sections turn (Reissner 1972) are, to the second
-    order, u' + w' theta - theta^2 / 2 along it and w' - theta - u' theta across it. So the tension
-    N and the shear force Q add the energy of N (w' theta - theta^2 / 2) - Q u' theta.
-
-    Parameters
-    ----------
-    length, section, material
-        As `element_matrices` takes them.
+    The strains of a beam whose sections turn (Reissner 1972) are, to the second order, u' + w'
+    theta - theta^2 / 2 along it and w' - theta - u' theta across it. So the tension N and the shear
+    force Q add the energy of N (w' theta - theta^2 / 2) - Q u' theta.
     """
     shear_rigidity = section.shear_coefficient * material.shear_modulus * section.area
     phi = 12.0 * material.youngs_modulus * section.second_moment / (shear_rigidity * length**2)

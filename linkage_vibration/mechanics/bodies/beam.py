@@ -64,18 +64,7 @@ class Beam:
     def component(
         self, link: Link, mechanism: Mechanism, *, spatial: bool, reduced: bool
     ) -> Component:
-        """Put the beam on its interface DoFs.
-
-        Parameters
-        ----------
-        link, mechanism, spatial, reduced
-            As `description.Body.component` takes them.
-
-        Raises
-        ------
-        MechanismError
-            If the beam does not fit the points of the link.
-        """
+        """Return the component of the beam, as `description.Body.component` says."""
         try:
             found = beam_matrices(
                 self,
@@ -110,13 +99,7 @@ class BeamPrestress:
     loaded: tuple[tuple[int, int], ...]  # (n_points,): interface DoFs along x and z
 
     def stiffness(self, forces: FloatArray, gravity: FloatArray) -> FloatArray:
-        """Return the stiffness that forces at rest add, (n, n).
-
-        Parameters
-        ----------
-        forces, gravity
-            As `components.Prestress.stiffness` takes them.
-        """
+        """Return the stiffness that forces at rest add, (n, n), as `components.Prestress` says."""
         applied = forces[np.array(self.loaded)] + self.masses[:, np.newaxis] * gravity
         before = self.places[:, 0] < self.middles[:, np.newaxis]
         cut = -(before @ applied + self.carried[:, np.newaxis] * gravity)  # tension and shear
@@ -141,18 +124,7 @@ class BeamMatrices:
 
 
 def read(keys: Keys, places: dict[str, Point]) -> Beam:
-    """Read a beam from the keys of a link.
-
-    Parameters
-    ----------
-    keys, places
-        With ``material``, ``section`` or ``sections``, and ``elements``; the points, x and z, m.
-
-    Raises
-    ------
-    MechanismError
-        If a key is missing or invalid, or the link is too short, deep or heavy for a beam.
-    """
+    """Read a beam from the keys of a link and the places of its points, x and z, m."""
     material = read_material(keys["material"])
     poisson = material.poisson_ratio
     end = max(x for x, _ in places.values())
@@ -220,44 +192,27 @@ def beam_matrices(
     clamped: str | None = None,
     spatial: bool = False,
 ) -> BeamMatrices:
-    """Put a beam on its points.
+    """Put a beam on its points, of which no two have the same x.
 
     The axis is z = 0. The beam begins at x = 0, or at a point before that, and ends where its last
-    segment ends; it may extend beyond its points. Each point and each end of a segment is a node;
-    ``beam.elements`` are distributed over the spans between them by length, rounded, at least one
-    each. A point beside the axis is on a rigid, massless arm from its node, so that
-    u = u_point + z theta and v = v_point + z psi.
+    segment ends. Each point and each end of a segment is a node; `beam.elements` are distributed
+    over the spans between them by length, rounded, at least one each. A point beside the axis is on
+    a rigid, massless arm from its node, so that u = u_point + z theta and v = v_point + z psi.
 
-    In space pins are ball joints, except for a clamped one. If all pins are on one line, none of
-    them holds or excites a spin of the whole beam about it, so the first point is held against
-    that rotation. If the line is the axis, no pin can twist the beam, and torsion is left out.
+    In space pins are ball joints, except for a clamped one, which turns neither by chi nor by psi.
+    If all pins are on one line, none of them holds or excites a spin of the beam about it, so the
+    first point is held against that rotation. If the line is the axis, no pin can twist the beam,
+    and torsion is left out.
 
-    Parameters
-    ----------
-    beam, points
-        Segments that ascend and reach the last point; two or more points in any order, with x and
-        z in m, no two at the same x.
-    rotations, masses
-        Points whose rotation theta is an interface DoF; point masses at points, kg.
-    clamped, spatial
-        A point that in space does not turn out of the plane (chi and psi); whether the beam moves
-        out of the plane of motion too.
+    `rotations` are points whose theta is an interface DoF; `masses` are point masses, kg.
 
-    Raises
-    ------
-    MechanismError
-        With a path within the link, if two points share a node, the segments do not reach the
-        last point, or a section lacks a property that a spatial beam needs.
-
-    Examples
-    --------
     >>> from linkage_vibration.mechanics.sections.rectangle import rectangle
     >>> steel = Material(210e9, 7800.0, 0.3)
     >>> beam = Beam(steel, (Segment(0.5, rectangle(0.02, 0.04, 0.3)),), elements=4)
-    >>> found = beam_matrices(beam, [("A", (0.0, 0.0)), ("B", (0.5, 0.03))], rotations={"A"})
-    >>> [str(dof) for dof in found.dofs]
+    >>> matrices = beam_matrices(beam, [("A", (0.0, 0.0)), ("B", (0.5, 0.03))], rotations={"A"})
+    >>> [str(dof) for dof in matrices.dofs]
     ['A x', 'A z', 'A theta', 'B x', 'B z']
-    >>> found.mass.shape, found.nodes
+    >>> matrices.mass.shape, matrices.nodes
     ((15, 15), array([0.   , 0.125, 0.25 , 0.375, 0.5  ]))
     """
     size = 6 if spatial else 3

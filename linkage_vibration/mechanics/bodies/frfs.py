@@ -27,19 +27,9 @@ class Frfs(Body):
     def component(
         self, link: Link, mechanism: Mechanism, *, spatial: bool, reduced: bool
     ) -> FrfComponent:
-        """Put the body on its interface DoFs.
+        """Return the component of the body, as `description.Body.component` says.
 
-        Parameters
-        ----------
-        link, mechanism, spatial, reduced
-            As `description.Body.component` takes them.
-
-        Raises
-        ------
-        MechanismError
-            If the FRFs lack a DoF, or the link has point masses.
-        RegularisationError
-            If the FRFs contradict one another.
+        FRFs that contradict one another are refused.
         """
         wanted = mechanism.interface_dofs(link, spatial=spatial)
         order = link.positions(wanted, self.dofs)

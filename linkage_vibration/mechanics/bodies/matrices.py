@@ -28,20 +28,7 @@ class Matrices(Body):
     def component(
         self, link: Link, mechanism: Mechanism, *, spatial: bool, reduced: bool
     ) -> Component:
-        """Put the body on its interface DoFs.
-
-        Parameters
-        ----------
-        link, mechanism, spatial, reduced
-            As `description.Body.component` takes them.
-
-        Raises
-        ------
-        MechanismError
-            If the matrices are not in double precision, or lack a DoF.
-        ReductionError
-            If the body has too few points to be held by them.
-        """
+        """Return the component of the body, as `description.Body.component` says."""
         if self.mass.dtype != np.float64 or self.stiffness.dtype != np.float64:
             raise MechanismError(
                 f"links.{link.name}",
@@ -67,19 +54,9 @@ def component_of(
     spatial: bool,
     reduced: bool,
 ) -> Component:
-    """Order the coordinates of a body, reduce them, and damp what is left.
+    """Order the coordinates of one of the equal bodies of a link, reduce them, and damp the result.
 
-    Parameters
-    ----------
-    link, mechanism, spatial, reduced
-        As `description.Body.component` takes them.
-    body, drawing
-        One of the equal bodies of the link, and how its coordinates move the points drawn.
-
-    Raises
-    ------
-    ReductionError
-        If the body has too few points to be held by them.
+    `drawing` says how the coordinates of the body move the points by which it is drawn.
     """
     wanted = mechanism.interface_dofs(link, spatial=spatial)
     first = link.positions(wanted, body.dofs)

@@ -9,13 +9,7 @@ from linkage_vibration.mechanics.keys import Keys
 
 
 def read(keys: Keys, poisson_ratio: float) -> Section:
-    """Read a section by its properties; those out of the plane are NaN if they are missing.
-
-    Parameters
-    ----------
-    keys, poisson_ratio
-        With ``area`` and ``second_moment``, and optional others; see `SHAPES`.
-    """
+    """Read a section by its properties; those out of the plane are NaN if they are missing."""
     return Section(
         area=keys.number("area", positive=True),
         second_moment=keys.number("second_moment", positive=True),

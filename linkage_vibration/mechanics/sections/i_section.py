@@ -10,11 +10,11 @@ from linkage_vibration.mechanics.sections.rectangle import rectangle
 def i_section(
     height: float, width: float, web: float, flange: float, poisson_ratio: float
 ) -> Section:
-    """Return an I-section.
+    """Return an I-section from its dimensions, m, and Poisson's ratio, 1.
 
     The shear coefficient in the plane follows from the energy of the shear flow (Jourawski's
-    formula in the web, linear flow along the flanges), times the effect that Poisson's ratio has
-    on a rectangle (Cowper, J. Appl. Mech. 33, 1966, 335-340). It is exact for a web as wide as the
+    formula in the web, linear flow along the flanges), times the effect that Poisson's ratio has on
+    a rectangle (Cowper, J. Appl. Mech. 33, 1966, 335-340). It is exact for a web as wide as the
     flanges. For rolled profiles (IPE, HEA, HEB) it is 1 to 7 % above the elastic solution, and
     Cowper's thin-walled formula 3 to 9 % below; wide flanges and thick webs make it up to 23 %.
 
@@ -23,15 +23,6 @@ def i_section(
     and up to 92 % for thick webs between thin flanges. The torsion constant is the sum over the
     flanges and the web: 1 to 3 % too low for rolled profiles, up to 37 % too high for thick webs.
 
-    Parameters
-    ----------
-    height, width, web, flange : float
-        Over all in the plane of motion; of the flanges across it; their thicknesses, m.
-    poisson_ratio : float
-        Of the material, 1.
-
-    Examples
-    --------
     An IPE 100 has 83 mm of clear web, and 10.0 cm2 of area without its fillets:
 
     >>> round(i_section(0.1, 0.055, 0.0041, 0.0057, 0.3).area * 1e4, 1)
@@ -61,13 +52,7 @@ def i_section(
 
 
 def read(keys: Keys, poisson_ratio: float) -> Section:
-    """Read an I-section.
-
-    Parameters
-    ----------
-    keys, poisson_ratio
-        With ``height``, ``width``, ``web_thickness`` and ``flange_thickness``; see `SHAPES`.
-    """
+    """Read an I-section."""
     height, width = keys.number("height", positive=True), keys.number("width", positive=True)
     web, flange = (keys.number(f"{part}_thickness", positive=True) for part in ("web", "flange"))
     if web >= width:

@@ -11,25 +11,13 @@ _ZETA_5 = 1.0369277551433699  # sum of 1 / n^5
 
 
 def rectangle(width: float, height: float, poisson_ratio: float) -> Section:
-    """Return a full rectangle.
+    """Return a full rectangle, with its width across the plane of motion and its height in it, m.
 
     The shear coefficient is Cowper's (J. Appl. Mech. 33, 1966, 335-340), for any ratio of the
-    sides, and so for both planes. With sides b <= a, Saint-Venant's torsion constant is
-    J = a b^3 (1/3 - 64 b / (pi^5 a) sum over odd n of tanh(n pi a / (2 b)) / n^5), exact to
-    rounding.
+    sides, and so for both planes. With sides b <= a, Saint-Venant's torsion constant is J = a b^3
+    (1/3 - 64 b / (pi^5 a) sum over odd n of tanh(n pi a / (2 b)) / n^5), exact to rounding.
 
-    Parameters
-    ----------
-    width, height : float
-        Across the plane of motion and in it, m.
-    poisson_ratio : float
-        Of the material, 1.
-
-    Examples
-    --------
-    A square of side a has J = 0.1406 a^4:
-
-    >>> round(rectangle(1.0, 1.0, 0.3).torsion_constant, 4)
+    >>> round(rectangle(1.0, 1.0, 0.3).torsion_constant, 4)  # of a square of side a: 0.1406 a^4
     0.1406
     """
     shear = 10.0 * (1.0 + poisson_ratio) / (12.0 + 11.0 * poisson_ratio)
@@ -48,12 +36,6 @@ def rectangle(width: float, height: float, poisson_ratio: float) -> Section:
 
 
 def read(keys: Keys, poisson_ratio: float) -> Section:
-    """Read a rectangle.
-
-    Parameters
-    ----------
-    keys, poisson_ratio
-        With ``width`` and ``height``; see `SHAPES`.
-    """
+    """Read a rectangle."""
     width, height = keys.number("width", positive=True), keys.number("height", positive=True)
     return rectangle(width, height, poisson_ratio)

@@ -9,23 +9,10 @@ from linkage_vibration.mechanics.keys import Keys
 
 
 def tube(outer: float, inner: float, poisson_ratio: float) -> Section:
-    """Return a round tube, or a full bar if the inner diameter is 0.
+    """Return a round tube with its diameters in m, or a full bar if the inner one is 0.
 
     The shear coefficient is Cowper's (J. Appl. Mech. 33, 1966, 335-340). The torsion constant is
     the polar second moment of area, exactly.
-
-    Parameters
-    ----------
-    outer, inner : float
-        Diameters, m.
-    poisson_ratio : float
-        Of the material, 1.
-
-    Examples
-    --------
-    >>> bar = tube(0.02, 0.0, 0.3)
-    >>> bar.torsion_constant == 2.0 * bar.second_moment
-    True
     """
     area = math.pi * (outer**2 - inner**2) / 4.0
     second_moment = math.pi * (outer**4 - inner**4) / 64.0
@@ -35,13 +22,7 @@ def tube(outer: float, inner: float, poisson_ratio: float) -> Section:
 
 
 def read(keys: Keys, poisson_ratio: float) -> Section:
-    """Read a tube.
-
-    Parameters
-    ----------
-    keys, poisson_ratio
-        With ``outer_diameter`` and ``inner_diameter``; see `SHAPES`.
-    """
+    """Read a tube."""
     outer = keys.number("outer_diameter", positive=True)
     inner = keys.number("inner_diameter", positive=True)
     if inner >= outer:
@@ -54,11 +35,5 @@ def read(keys: Keys, poisson_ratio: float) -> Section:
 
 
 def read_round(keys: Keys, poisson_ratio: float) -> Section:
-    """Read a round bar.
-
-    Parameters
-    ----------
-    keys, poisson_ratio
-        With ``diameter``; see `SHAPES`.
-    """
+    """Read a round bar."""
     return tube(keys.number("diameter", positive=True), 0.0, poisson_ratio)
