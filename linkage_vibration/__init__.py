@@ -17,8 +17,9 @@ if TYPE_CHECKING:
     from linkage_vibration.mechanics.model import IdentifiedSolution, LinkageModel, Solution
     from linkage_vibration.mechanics.response import Peak, PoleResidue
     from linkage_vibration.playback.replay import Replayed, WhatIf, replay
+    from linkage_vibration.prediction.parameter_files import read_parameters
     from linkage_vibration.prediction.predictor import Prediction, Predictor, Status
-    from linkage_vibration.prediction.settings import Parameters, read_parameters
+    from linkage_vibration.prediction.settings import Parameters
     from linkage_vibration.readers.mechanism import read_mechanism
     from linkage_vibration.review.log import Log, Resonances, read_log
     from linkage_vibration.table.table import Table, load_table, save_table
@@ -31,8 +32,9 @@ _MODULES = {
     "mechanics.model": ["IdentifiedSolution", "LinkageModel", "Solution"],
     "mechanics.response": ["Peak", "PoleResidue"],
     "playback.replay": ["Replayed", "WhatIf", "replay"],
+    "prediction.parameter_files": ["read_parameters"],
     "prediction.predictor": ["Prediction", "Predictor", "Status"],
-    "prediction.settings": ["Parameters", "read_parameters"],
+    "prediction.settings": ["Parameters"],
     "readers.mechanism": ["read_mechanism"],
     "review.log": ["Log", "Resonances", "read_log"],
     "table.table": ["Table", "load_table", "save_table"],

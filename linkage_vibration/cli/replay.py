@@ -52,7 +52,8 @@ def run(options: argparse.Namespace) -> int:
 
     from linkage_vibration.playback.remapping import remappings
     from linkage_vibration.playback.replay import WhatIf, problems, replay, summary
-    from linkage_vibration.prediction.settings import Parameters, read_parameters, with_values
+    from linkage_vibration.prediction.parameter_files import read_parameters
+    from linkage_vibration.prediction.settings import Parameters, with_values
     from linkage_vibration.support.atomic_files import check_outputs, check_suffix
     from linkage_vibration.support.progress import table_bar
 

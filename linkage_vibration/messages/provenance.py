@@ -6,7 +6,8 @@ from dataclasses import replace
 
 from linkage_vibration.bags.writing import Attachment
 from linkage_vibration.prediction.answers import Served
-from linkage_vibration.prediction.settings import Parameters, parameters_yaml
+from linkage_vibration.prediction.parameter_files import parameters_yaml
+from linkage_vibration.prediction.settings import Parameters
 from linkage_vibration.table.table import table_bytes
 
 MECHANISM, PARAMETERS = "mechanism.yaml", "parameters.yaml"

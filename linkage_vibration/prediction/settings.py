@@ -1,19 +1,20 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""The parameters of the node: one list for the node, the replay, YAML files and the manual."""
+"""The parameters of the node and the replay, each declared once.
+
+The ROS parameters, files of parameters (`parameter_files`), the help and the manual follow from it.
+"""
 
 import math
-import os
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import yaml
 
-from linkage_vibration.bags.recorder import Limits
 from linkage_vibration.bags.schemas import Schema
 from linkage_vibration.bags.writing import COMPRESSIONS
 from linkage_vibration.errors import LinkageVibrationError
@@ -41,26 +42,15 @@ from linkage_vibration.support.resources import (
     DEFAULT_TABLE,
     config_file,
 )
-from linkage_vibration.support.version import VERSION
 
 Value = TypeVar("Value", bool, int, float, str, tuple[float, ...])
+Class = TypeVar("Class")
 
-# ROS 2's names of the types, as `ros2 param describe` prints them.
-TYPE_NAMES = {
-    bool: "boolean",
-    int: "integer",
-    float: "double",
-    str: "string",
-    tuple: "double array",
-}
 NODE_NAME = "linkage_vibration"
-
-DEPRECATED = {"percent_points": (0.0, 100.0), "percent_angles": (3.14159, 1.5708)}
-"""The lists that release 1.0.0 had instead of the pairs of `calibration`, and their defaults."""
-
 ROS_PARAMETERS = ("qos_overrides", "start_type_description_service", "use_sim_time")
 """The parameters that ROS 2 gives every node."""
 
+_LABELS = {HITCH: "hitch", ENGINE: "engine", PTO: "PTO", GROUND: "ground"}
 _UNITS = {HITCH: (*ANGLES, *CALIBRATED), ENGINE: ROTATIONS, PTO: ROTATIONS, GROUND: SPEEDS}
 _TYPE_NAME = re.compile(r"[a-z][a-z0-9_]*/(msg/)?[A-Z][A-Za-z0-9]*")
 _TOPIC_NAME = re.compile(r"(~/|/)?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*")
@@ -86,8 +76,8 @@ def _parameter(
     is active; the node reads all others when it is configured.
     """
     words = {"unit": unit, "valid": valid, "description": description, "live": live}
-    found: Any = field(default=default, metadata={**words, "check": check, "between": between})
-    return found  # type: ignore[no-any-return]
+    declared: Any = field(default=default, metadata={**words, "check": check, "between": between})
+    return declared  # type: ignore[no-any-return]
 
 
 def _ranged(default: Value, least: float, largest: float, unit: str, description: str) -> Value:
@@ -109,92 +99,11 @@ def _text(valid: str, description: str) -> str:
 def _limit(default: Value, unit: str, description: str) -> Value:
     """Return the field of a limit of the logs, where 0 means no limit; it is not live."""
     valid = f"a {'whole' if isinstance(default, int) else 'finite'} number, 0 for no limit"
-    return _parameter(default, unit, valid, description, _is_limit, live=False)
 
+    def is_limit(value: Any) -> bool:
+        return bool(0 <= value < math.inf)
 
-def _is_limit(value: Any) -> bool:
-    return bool(0 <= value < math.inf)
-
-
-def _speed(source: Source) -> float:
-    """Return the field of a speed that may be fixed."""
-    name = source.value
-    description = (
-        f"Fixed {_NAMES[name]} speed. If negative, the speed is read as `{name}_input` says."
-    )
-    return _parameter(-1.0, source.unit, "a finite number", description, math.isfinite)
-
-
-_NAMES = {HITCH: "hitch", ENGINE: "engine", PTO: "PTO", GROUND: "ground"}
-
-
-def _preset(name: str) -> str:
-    """Return the field of the preset of an input."""
-    presets = PRESETS[name]
-    listing = "; ".join(
-        f"`{key}` is the {one.field.replace('{joint_name}', 'joint_name')} of {one.type} on "
-        f"`{one.topic}`, in {one.unit}"
-        for key, one in presets.items()
-    )
-    what = "crank angle" if name == HITCH else f"{_NAMES[name]} speed"
-    return _parameter(
-        next(iter(presets)),
-        "",
-        " or ".join(presets),
-        f"What publishes the {what}: {listing}. Other parameters of the input override it.",
-        presets.__contains__,
-    )
-
-
-def _override(name: str, what: str, valid: str, check: Callable[[str], Any]) -> str:
-    """Return the field of a text that overrides what the preset of an input says."""
-    return _parameter(
-        "",
-        "",
-        f"{valid}, or empty",
-        f"{what} of the {_NAMES[name]} input. If it is empty, the preset decides.",
-        lambda value: not value or bool(check(value)),
-    )
-
-
-def _topic(name: str) -> str:
-    return _override(name, "Topic", "the name of a topic", _TOPIC_NAME.fullmatch)
-
-
-def _type(name: str) -> str:
-    what = "Type of the messages"
-    return _override(name, what, "a type such as nav_msgs/msg/Odometry", _TYPE_NAME.fullmatch)
-
-
-def _field(name: str) -> str:
-    valid = "a path such as twist.twist.linear.x, position[boom] or data[0], or a CAN signal"
-    return _override(name, "Path to the number in the messages", valid, str.isprintable)
-
-
-def _unit(name: str) -> str:
-    units = _UNITS[name]
-    return _override(name, "Unit of the number", " or ".join(units), units.__contains__)
-
-
-def _time(name: str) -> str:
-    """Return the field of the origin of an input's time."""
-    usual = "receipt" if name != HITCH else "header, or receipt for messages without a header"
-    return _parameter(
-        "",
-        "",
-        f"{' or '.join(TIMES)}, or empty",
-        f"Origin of the time of the {_NAMES[name]} input: the stamp in the header of its messages, "
-        f"or their receipt, which is the log time of a bag. If it is empty, {usual}.",
-        lambda value: value in ("", *TIMES),
-    )
-
-
-def _delay(name: str) -> float:
-    """Return the field of an input's known delay."""
-    description = (
-        f"Known time from the moment of a value of the {_NAMES[name]} input to its receipt."
-    )
-    return _ranged(0.0, 0.0, 10.0, "s", f"{description} It is subtracted from the time of receipt.")
+    return _parameter(default, unit, valid, description, is_limit, live=False)
 
 
 def _sign(description: str) -> int:
@@ -206,24 +115,98 @@ def _scale(unit: str, description: str) -> float:
     return _parameter(1.0, unit, valid, description, lambda scale: 0.0 < scale < math.inf)
 
 
-def _offset(unit: str, description: str) -> float:
-    return _parameter(0.0, unit, "a finite number", description, math.isfinite)
+def _finite(default: float, unit: str, description: str) -> float:
+    return _parameter(default, unit, "a finite number", description, math.isfinite)
 
 
-def _speed_sign(name: str) -> int:
-    return _sign(f"Sign of the {_NAMES[name]} speed: speed = sign * scale * number + offset.")
+def _preset(name: str, quantity: str) -> str:
+    """Return the field of the preset of an input."""
+    listing = "; ".join(
+        f"`{key}` is the {preset.field.replace('{joint_name}', 'joint_name')} of {preset.type} on "
+        f"`{preset.topic}`, in {preset.unit}"
+        for key, preset in PRESETS[name].items()
+    )
+    return _parameter(
+        next(iter(PRESETS[name])),
+        "",
+        " or ".join(PRESETS[name]),
+        f"What publishes the {quantity}: {listing}. Other parameters of the input override it.",
+        PRESETS[name].__contains__,
+    )
 
 
-def _speed_scale(name: str) -> float:
-    unit = f"{name}_unit per unit of the number"
-    return _scale(unit, f"Change of the {_NAMES[name]} speed per unit of the number.")
+def _place(name: str) -> dict[str, Any]:
+    """Return the fields that override the preset of an input, by their names."""
+
+    def override(what: str, valid: str, check: Callable[[str], Any]) -> str:
+        words = f"{what} of the {_LABELS[name]} input. If it is empty, the preset decides."
+        return _parameter(
+            "", "", f"{valid}, or empty", words, lambda value: not value or bool(check(value))
+        )
+
+    kind = "a type such as nav_msgs/msg/Odometry"
+    path = "a path such as twist.twist.linear.x, position[boom] or data[0], or a CAN signal"
+    units = _UNITS[name]
+    return {
+        f"{name}_topic": override("Topic", "the name of a topic", _TOPIC_NAME.fullmatch),
+        f"{name}_type": override("Type of the messages", kind, _TYPE_NAME.fullmatch),
+        f"{name}_field": override("Path to the number in the messages", path, str.isprintable),
+        f"{name}_unit": override("Unit of the number", " or ".join(units), units.__contains__),
+    }
 
 
-def _speed_offset(name: str) -> float:
-    return _offset(f"{name}_unit", f"The {_NAMES[name]} speed at the number 0.")
+def _timing(name: str) -> dict[str, Any]:
+    """Return the fields of the origin of an input's time and of its known delay."""
+    label = _LABELS[name]
+    usual = "receipt" if name != HITCH else "header, or receipt for messages without a header"
+    origin = (
+        f"Origin of the time of the {label} input: the stamp in the header of its messages, or "
+        f"their receipt, which is the log time of a bag. If it is empty, {usual}."
+    )
+    delay = (
+        f"Known time from the moment of a value of the {label} input to its receipt. It is "
+        "subtracted from the time of receipt."
+    )
+    valid = f"{' or '.join(TIMES)}, or empty"
+    return {
+        f"{name}_time": _parameter("", "", valid, origin, lambda value: value in ("", *TIMES)),
+        f"{name}_delay": _ranged(0.0, 0.0, 10.0, "s", delay),
+    }
+
+
+def _speed(source: Source) -> dict[str, Any]:
+    """Return the fields of a speed, which may be fixed, by their names."""
+    name = source.value
+    speed = f"{_LABELS[name]} speed"
+    fixed = f"Fixed {speed}. If negative, the speed is read as `{name}_input` says."
+    gain = f"{name}_unit per unit of the number"
+    return {
+        f"{name}_speed": _finite(-1.0, source.unit, fixed),
+        f"{name}_input": _preset(name, speed),
+        **_place(name),
+        f"{name}_sign": _sign(f"Sign of the {speed}: speed = sign * scale * number + offset."),
+        f"{name}_scale": _scale(gain, f"Change of the {speed} per unit of the number."),
+        f"{name}_offset": _finite(0.0, f"{name}_unit", f"The {speed} at the number 0."),
+        **_timing(name),
+    }
+
+
+def _with_inputs(cls: type[Class]) -> type[Class]:
+    """Add the parameters that all inputs have to a class, each group after a parameter of it."""
+    speeds = {name: speed for source in Source for name, speed in _speed(source).items()}
+    groups = {"joint_name": _place(HITCH), "calibration": _timing(HITCH), "implement": speeds}
+    kinds: dict[str, type] = {}
+    for name, kind in cls.__annotations__.items():
+        kinds[name] = kind
+        for added, declared in groups.get(name, {}).items():
+            kinds[added] = type(declared.default)
+            setattr(cls, added, declared)
+    cls.__annotations__ = kinds
+    return cls
 
 
 @dataclass(frozen=True, slots=True)
+@_with_inputs
 class Parameters:
     """The parameters of the node, in the order of the manual.
 
@@ -233,7 +216,7 @@ class Parameters:
     autostart: bool = _switch(
         True, "Configure and activate the node at start, without a lifecycle manager."
     )
-    input: str = _preset(HITCH)
+    input: str = _preset(HITCH, "crank angle")
     joint_name: str = _parameter(
         "hitch_rockshaft_joint",
         "",
@@ -241,16 +224,12 @@ class Parameters:
         "Name of the joint that turns the input crank, for the preset `joint_states`.",
         lambda name: name != "",
     )
-    hitch_topic: str = _topic(HITCH)
-    hitch_type: str = _type(HITCH)
-    hitch_field: str = _field(HITCH)
-    hitch_unit: str = _unit(HITCH)
     sign: int = _sign(
         "Direction of the hitch input: position = sign * scale * number + offset. A position in "
         "rad or deg is the crank angle; another one is looked up in `calibration`."
     )
     scale: float = _scale("hitch_unit per unit of the number", "Change of the position per number.")
-    offset: float = _offset("hitch_unit", "Position at the number 0.")
+    offset: float = _finite(0.0, "hitch_unit", "Position at the number 0.")
     calibration: tuple[float, ...] = _parameter(
         (0.0, 3.14159, 100.0, 1.5708),
         "hitch_unit, rad",
@@ -260,8 +239,6 @@ class Parameters:
         "other unit. A monotone curve connects them.",
         lambda pairs: Calibration(pairs) is not None,
     )
-    hitch_time: str = _time(HITCH)
-    hitch_delay: float = _delay(HITCH)
     angle_stddev: float = _ranged(
         0.0,
         0.0,
@@ -298,39 +275,6 @@ class Parameters:
         "the name of an implement in implement_file",
         "The implement at start. If it is empty, that of the mechanism is used.",
     )
-    engine_speed: float = _speed(Source.ENGINE)
-    engine_input: str = _preset(ENGINE)
-    engine_topic: str = _topic(ENGINE)
-    engine_type: str = _type(ENGINE)
-    engine_field: str = _field(ENGINE)
-    engine_unit: str = _unit(ENGINE)
-    engine_sign: int = _speed_sign(ENGINE)
-    engine_scale: float = _speed_scale(ENGINE)
-    engine_offset: float = _speed_offset(ENGINE)
-    engine_time: str = _time(ENGINE)
-    engine_delay: float = _delay(ENGINE)
-    pto_speed: float = _speed(Source.PTO)
-    pto_input: str = _preset(PTO)
-    pto_topic: str = _topic(PTO)
-    pto_type: str = _type(PTO)
-    pto_field: str = _field(PTO)
-    pto_unit: str = _unit(PTO)
-    pto_sign: int = _speed_sign(PTO)
-    pto_scale: float = _speed_scale(PTO)
-    pto_offset: float = _speed_offset(PTO)
-    pto_time: str = _time(PTO)
-    pto_delay: float = _delay(PTO)
-    ground_speed: float = _speed(Source.GROUND)
-    ground_input: str = _preset(GROUND)
-    ground_topic: str = _topic(GROUND)
-    ground_type: str = _type(GROUND)
-    ground_field: str = _field(GROUND)
-    ground_unit: str = _unit(GROUND)
-    ground_sign: int = _speed_sign(GROUND)
-    ground_scale: float = _speed_scale(GROUND)
-    ground_offset: float = _speed_offset(GROUND)
-    ground_time: str = _time(GROUND)
-    ground_delay: float = _delay(GROUND)
     warning_level: float = _ranged(
         5.0,
         1e-6,
@@ -432,18 +376,37 @@ class Parameters:
         lambda name: name != "",
     )
 
+    if TYPE_CHECKING:  # type checkers do not see the parameters that the decorator adds
+
+        def __init__(self, **values: Any) -> None: ...
+        def __getattr__(self, name: str) -> Any: ...  # noqa: D105
+
+    def source(self, name: str) -> SourceSettings:
+        """Return where an input comes from: "hitch", "engine", "pto" or "ground"."""
+        preset = PRESETS[name][self._input(name, "input")]
+        kind, replaced = self._chosen(name, "type"), bool(self._input(name, "field"))
+        joint = f'"{self.joint_name}"' if self.joint_name.isdecimal() else self.joint_name
+        package, _, last = kind.rpartition("/")
+        return SourceSettings(
+            name,
+            self._chosen(name, "topic"),
+            f"{package.removesuffix('/msg')}/msg/{last}",
+            self._chosen(name, "field").replace("{joint_name}", joint),
+            self._input(name, "time"),
+            self._input(name, "delay"),
+            -math.inf if replaced else preset.low,
+            math.inf if replaced else preset.high,
+            bool(self._input(name, "topic")),
+            str(_path(self.can_database) or ""),
+            self._chosen(name, "unit") if self._input(name, "scale") == 1.0 else "",
+        )
+
     def speed_sources(self) -> dict[Source, SourceSettings]:
         """Return where the speeds come from, unless they are fixed."""
         return {source: self.source(source.value) for source in Source}
 
     def crank_input(self, schema: Schema) -> CrankInput:
-        """Return the input of the crank angle.
-
-        Parameters
-        ----------
-        schema : Schema
-            The fields of the type of its messages.
-        """
+        """Return the input of the crank angle from messages with these fields."""
         return CrankInput(self.source(HITCH), schema, self._hitch_scale())
 
     def speed_input(self, source: Source, schema: Schema) -> SpeedInput:
@@ -456,10 +419,9 @@ class Parameters:
         """
         name = source.value
         factor = {**ROTATIONS, **SPEEDS}[self._chosen(name, "unit")]
-        sign, scale, offset = (
-            getattr(self, f"{name}_{each}") for each in ("sign", "scale", "offset")
-        )
-        return SpeedInput(self.source(name), schema, factor, sign, scale, offset)
+        gain = factor * self._input(name, "sign") * self._input(name, "scale")
+        offset = factor * self._input(name, "offset")
+        return SpeedInput(self.source(name), schema, gain, offset)
 
     def check_inputs(self) -> None:
         """Refuse parameters of inputs that do not fit each other.
@@ -474,55 +436,29 @@ class Parameters:
         except InputError as error:
             raise ParameterError(f"Parameter {error}") from None
         for name in PRESETS:
-            if getattr(self, f"{name}_time") == "header" and getattr(self, f"{name}_delay"):
+            if self._input(name, "time") == "header" and self._input(name, "delay"):
                 raise ParameterError(
                     f"Parameter {name}_delay is subtracted from the time of receipt, but "
                     f"{name}_time is header; write `{name}_time: receipt`, or remove the delay."
                 )
 
-    def source(self, name: str) -> SourceSettings:
-        """Return where an input comes from: "hitch", "engine", "pto" or "ground"."""
-        preset = PRESETS[name][self._preset_of(name)]
-        kind, own = self._chosen(name, "type"), not self._own(name, "field")
-        joint = f'"{self.joint_name}"' if self.joint_name.isdecimal() else self.joint_name
-        field = self._chosen(name, "field").replace("{joint_name}", joint)
-        package, _, last = kind.rpartition("/")
-        return SourceSettings(
-            name,
-            self._chosen(name, "topic"),
-            f"{package.removesuffix('/msg')}/msg/{last}",
-            field,
-            self._own(name, "time"),
-            getattr(self, f"{name}_delay"),
-            preset.low if own else -math.inf,
-            preset.high if own else math.inf,
-            bool(self._own(name, "topic")),
-            str(_path(self.can_database) or ""),
-            self._chosen(name, "unit") if self._scale_of(name) == 1.0 else "",
-        )
+    def _input(self, name: str, what: str) -> Any:
+        """Return a parameter of an input; some of the hitch have no prefix."""
+        bare = name == HITCH and what in ("input", "sign", "scale", "offset")
+        return getattr(self, what if bare else f"{name}_{what}")
 
-    def _scale_of(self, name: str) -> float:
-        return self.scale if name == HITCH else float(getattr(self, f"{name}_scale"))
+    def _chosen(self, name: str, what: str) -> str:
+        """Return the text in a parameter of an input, or in its preset if that is empty."""
+        preset = PRESETS[name][self._input(name, "input")]
+        return str(self._input(name, what) or getattr(preset, what))
 
     def _hitch_scale(self) -> HitchScale:
         unit, calibration = self._chosen(HITCH, "unit"), Calibration(self.calibration)
         return HitchScale(unit, self.sign, self.scale, self.offset, calibration, self.angle_stddev)
 
-    def _preset_of(self, name: str) -> str:
-        return self.input if name == HITCH else str(getattr(self, f"{name}_input"))
-
-    def _own(self, name: str, what: str) -> str:
-        """Return what a parameter of an input says; empty if it says nothing."""
-        return str(getattr(self, f"{name}_{what}"))
-
-    def _chosen(self, name: str, what: str) -> str:
-        """Return what a parameter of an input says, or else its preset."""
-        preset = PRESETS[name][self._preset_of(name)]
-        return self._own(name, what) or str(getattr(preset, what))
-
     def fixed_speed(self, source: Source) -> float | None:
         """Return a fixed speed (rpm or m/s), or None if the speed is read from its topic."""
-        value: float = getattr(self, f"{source.value}_speed")
+        value: float = self._input(source.value, "speed")
         return value if value >= 0.0 else None
 
     def warning_limits(self) -> WarningLimits:
@@ -554,44 +490,20 @@ class Parameters:
         return _path(self.excitation_file) or config_file(DEFAULT_EXCITATIONS)
 
     def log_path(self) -> Path:
-        """Return the folder of the logs.
-
-        Raises
-        ------
-        ParameterError
-            If log_directory is not a folder to which this process may write.
-        """
-        folder = _path(self.log_directory)
-        if folder is not None and not (folder.is_dir() and os.access(folder, os.W_OK | os.X_OK)):
-            raise ParameterError(
-                f"Parameter log_directory must be a folder to which the node may write, not "
-                f"{folder}; create it, or name another one."
-            )
-        return folder or Path.cwd()
-
-    def limits(self) -> Limits:
-        """Return the limits of the size of the logs."""
-        return Limits(self.split_size, self.split_duration, self.disk_limit, self.delete_oldest)
+        """Return the folder of the logs."""
+        return _path(self.log_directory) or Path.cwd()
 
 
 def check_value(name: str, value: object) -> Any:
-    """Return a value in the type of its parameter, the field of `Parameters` with this name.
-
-    Parameters
-    ----------
-    name, value : str and object
-
-    Raises
-    ------
-    ParameterError
-        If there is no such parameter, or if the value has another type or is invalid.
-    """
-    known = {f.name: f for f in fields(Parameters)}
-    if name not in known:
-        valid_names = [*known, *ROS_PARAMETERS]
-        raise ParameterError(f"Parameter {name} is unknown; {ask_for(name, valid_names)}")
-    parameter = known[name]
-    value = own_value(name, value)
+    """Return a value in the type of its parameter, or raise a `ParameterError` that names a fix."""
+    declared = {parameter.name: parameter for parameter in fields(Parameters)}
+    if name not in declared:
+        similar = get_close_matches(name, [*declared, *ROS_PARAMETERS], 1)
+        listing = "`linkage_vibration_node --help` lists what is valid."
+        hint = f"did you mean {similar[0]}?" if similar else listing
+        raise ParameterError(f"Parameter {name} is unknown; {hint}")
+    parameter = declared[name]
+    value = converted(name, value)
     words = parameter.metadata
     between = words["between"]
     try:
@@ -603,249 +515,56 @@ def check_value(name: str, value: object) -> Any:
     except InputError as error:
         raise ParameterError(f"Parameter {name}: {error}") from None
     if not valid:
-        example = f"write for example `{name}: {_yaml(parameter.default)}`"
+        example = f"write for example `{name}: {yaml_text(parameter.default)}`"
         fix = "leave it empty if you do not need it" if parameter.default == "" else example
         raise ParameterError(f"Parameter {name} must be {words['valid']}, not {value!r}; {fix}.")
     return value
 
 
 def with_values(parameters: Parameters, values: Mapping[str, object]) -> Parameters:
-    """Return parameters with other values for some of them.
+    """Return parameters with other values for some of them, given by their names.
 
-    Parameters
-    ----------
-    parameters : Parameters
-    values : mapping of str to object
-        The new values by the names of their parameters.
-
-    Raises
-    ------
-    ParameterError
-        If a parameter does not exist, if a value has another type or is invalid, or if parameters
-        of an input do not fit each other.
+    A `ParameterError` says which value is invalid, or which parameters do not fit each other.
     """
     changed = replace(parameters, **{name: check_value(name, v) for name, v in values.items()})
     changed.check_inputs()
     return changed
 
 
-def is_own(name: str) -> bool:
-    """Return whether a name is not that of a parameter which ROS 2 gives every node."""
-    return name.partition(".")[0] not in ROS_PARAMETERS
+def is_ros_parameter(name: str) -> bool:
+    """Return whether a name is that of a parameter which ROS 2 gives every node."""
+    return name.partition(".")[0] in ROS_PARAMETERS
 
 
-def with_pairs(given: Mapping[str, object]) -> dict[str, object]:
-    """Return values in which the calibration has its present name and form.
+def converted(name: str, value: Any) -> Any:
+    """Return a value of YAML or ROS 2 in the type of a parameter if it means the same.
 
-    Release 1.0.0 had two lists instead of pairs.
-
-    Raises
-    ------
-    ParameterError
-        If the lists are not lists of the same length.
+    The integer 1 stands for 1.0, and as a mode for "1". An unknown parameter keeps its value.
     """
-    values = dict(given)
-    if "percent_calibration" in values:
-        values.setdefault("calibration", values.pop("percent_calibration"))
-    old = {name: values.pop(name) for name in DEPRECATED if name in values}
-    if not old:
-        return values
-    lists: list[Any] = [old.get(name, default) for name, default in DEPRECATED.items()]
-    try:
-        pairs = [value for pair in zip(*lists, strict=True) for value in pair]
-    except (TypeError, ValueError):
-        raise ParameterError(
-            f"Parameters {' and '.join(DEPRECATED)} must be lists of the same length; give pairs "
-            "in calibration instead."
-        ) from None
-    return {"calibration": pairs, **values}
-
-
-def ask_for(name: str, known: Iterable[str]) -> str:
-    """Return the question whether a similar name was meant, or where the valid names are listed.
-
-    Parameters
-    ----------
-    name, known : str, iterable of str
-        A name that is unknown, and those that exist.
-    """
-    similar = get_close_matches(name, list(known), 1)
-    if similar:
-        return f"did you mean {similar[0]}?"
-    return "`linkage_vibration_node --help` lists what is valid."
-
-
-def own_type(kind: type, value: Any) -> Any:
-    """Return a value in another type if it means the same, such as 1 for 1.0.
-
-    Parameters
-    ----------
-    kind : type
-    value : object
-        A value as YAML or ROS 2 gives it.
-    """
+    kinds = {parameter.name: type(parameter.default) for parameter in fields(Parameters)}
+    kind = kinds.get(name)
+    if name == "marker_mode" and type(value) is int:
+        return str(value)
     if kind is float and type(value) is int:
         return float(value)
-    if kind is tuple and not isinstance(value, str | bytes) and isinstance(value, Iterable):
-        items = [own_type(float, item) for item in value]
+    if kind is tuple and isinstance(value, Iterable) and not isinstance(value, str | bytes):
+        items = [float(item) if type(item) is int else item for item in value]
         return tuple(items) if all(type(item) is float for item in items) else items
     return value
 
 
-def own_value(name: str, value: Any) -> Any:
-    """Return a value in the type of a parameter if it means the same, such as "1" for a mode.
-
-    Parameters
-    ----------
-    name, value : str and object
-        A parameter, or a name that is none, and the value as YAML or ROS 2 gives it.
-    """
-    if name == "marker_mode" and type(value) is int:
-        return str(value)
-    if name == "input" and value == "joint_state":
-        return "joint_states"  # its name in earlier files and logs
-    kinds = {parameter.name: type(parameter.default) for parameter in fields(Parameters)}
-    return own_type(kinds.get(name, object), value)
-
-
 def without_markers(settings: Parameters) -> Parameters:
     """Return the parameters with default markers, on which no message of a log depends."""
-    shown = [f for f in fields(Parameters) if f.name.startswith("marker_")]
-    defaults: Any = {f.name: f.default for f in shown}
-    return replace(settings, **defaults)
+    defaults = {f.name: f.default for f in fields(Parameters) if f.name.startswith("marker_")}
+    return with_values(settings, defaults)
 
 
-def parameters_yaml(parameters: Parameters, node_name: str) -> str:
-    """Return a YAML file for ``--params-file`` that gives a node these parameters.
-
-    Parameters
-    ----------
-    parameters : Parameters
-    node_name : str
-        Name of the node with its namespace.
-    """
-    values = {f.name: _plain(getattr(parameters, f.name)) for f in fields(parameters)}
-    sections = {node_name: {"ros__parameters": values}}
-    return f"# linkage_vibration {VERSION}\n" + yaml.safe_dump(
-        sections, sort_keys=False, default_flow_style=None
-    )
-
-
-class _Loader(yaml.SafeLoader):
-    """YAML as ROS 2 reads it, where 1e-3 is a number."""
-
-
-_Loader.add_implicit_resolver(
-    "tag:yaml.org,2002:float",
-    re.compile(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)[eE][-+]?[0-9]+$"),
-    list("-+.0123456789"),
-)
-
-
-def read_parameters(path: str | Path) -> Parameters:
-    """Read a file of parameters, as a node reads it from ``--params-file``.
-
-    If several sections match the node, later ones override earlier ones.
-
-    Raises
-    ------
-    ParameterError
-        If the file cannot be read, has no section for the node, or has an unknown parameter or an
-        invalid value.
-    """
-    path = Path(path)
-    found = [given for name, given in _sections(path) if _matches(name, f"/{NODE_NAME}")]
-    if not found:
-        raise ParameterError(no_parameters(path, NODE_NAME))
-    values: dict[str, object] = {}
-    for given in found:
-        if isinstance(given, dict):
-            values.update({n: value for name, value in given.items() if is_own(n := str(name))})
-    try:
-        return with_values(Parameters(), with_pairs(values))
-    except (ParameterError, OverflowError) as error:
-        raise ParameterError(f"{path}: {error}") from None
-
-
-def has_parameters(path: Path, node_name: str) -> bool:
-    """Return whether a file of parameters has a section for a node.
-
-    Parameters
-    ----------
-    path, node_name : Path, str
-        The file, and the name of the node with its namespace.
-
-    Raises
-    ------
-    ParameterError
-        If the file cannot be read.
-    """
-    return any(_matches(name, node_name) for name, _ in _sections(path))
-
-
-def no_parameters(path: Path, node_name: str) -> str:
-    """Return the sentence that a file of parameters has no section for a node.
-
-    Parameters
-    ----------
-    path, node_name : Path, str
-        The file, and the name of the node, with its namespace if it has one.
-    """
-    return (
-        f"{path} has no parameters for the node; give them below `{node_name}:` or `/**:` and "
-        "there `ros__parameters:`."
-    )
-
-
-def _sections(path: Path) -> list[tuple[str, object]]:
-    """Return the names of the nodes in a file, which may have wildcards, and their parameters."""
-    try:
-        content = yaml.load(path.read_text(encoding="utf-8"), _Loader)
-    except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:
-        problem = " ".join(str(error).split())
-        raise ParameterError(f"{path} cannot be read as YAML: {problem}.") from None
-    return list(_named(content, ""))
-
-
-def _named(content: object, namespace: str) -> Iterator[tuple[str, object]]:
-    """Yield the names and the parameters of the nodes in a namespace, also in nested ones."""
-    for key, section in content.items() if isinstance(content, dict) else ():
-        name = f"{namespace}/{str(key).strip('/')}"
-        if isinstance(section, dict) and "ros__parameters" in section:
-            yield name, section["ros__parameters"]
-        else:
-            yield from _named(section, name)
-
-
-def _matches(section: str, node_name: str) -> bool:
-    """Return whether the name of a section, which may have wildcards, is that of a node."""
-    pattern = re.escape(section).replace(r"/\*\*", r"(/\w+)*").replace(r"/\*", r"/\w+")
-    return re.fullmatch(pattern, node_name) is not None
-
-
-def parameter_table() -> str:
-    """Return the parameters as a Markdown table, for the manual."""
-    rows = ["| parameter | type | default | unit | valid | live | meaning |"]
-    rows += ["|---|---|---|---|---|---|---|"]
-    for parameter in fields(Parameters):
-        words = parameter.metadata
-        rows.append(
-            f"| `{parameter.name}` | {TYPE_NAMES[type(parameter.default)]} "
-            f"| `{_yaml(parameter.default)}` | {words['unit']} | {words['valid']} "
-            f"| {'yes' if words['live'] else ''} | {words['description']} |"
-        )
-    return "\n".join(rows) + "\n"
+def yaml_text(value: object) -> str:
+    """Return a value of a parameter as YAML writes it."""
+    plain = list(value) if isinstance(value, tuple) else value
+    return str(yaml.safe_dump(plain, default_flow_style=True).splitlines()[0])
 
 
 def _path(text: str) -> Path | None:
     """Return the path in a parameter, with ``~`` expanded; None if the parameter is empty."""
     return Path(text).expanduser().absolute() if text else None
-
-
-def _plain(value: object) -> object:
-    return list(value) if isinstance(value, tuple) else value
-
-
-def _yaml(value: object) -> str:
-    """Return a scalar or a list as YAML writes it."""
-    return yaml.safe_dump(_plain(value), default_flow_style=True).splitlines()[0]

@@ -17,12 +17,8 @@ from rclpy.exceptions import NameValidationException
 
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.messages.topics import INPUT_TOPICS
-from linkage_vibration.prediction.settings import (
-    ParameterError,
-    Parameters,
-    has_parameters,
-    no_parameters,
-)
+from linkage_vibration.prediction.parameter_files import has_parameters, missing_section
+from linkage_vibration.prediction.settings import ParameterError, Parameters
 
 USAGE = """\
 usage: linkage_vibration_node [--help] [--ros-args [-p PARAMETER:=VALUE] [--params-file FILE]
@@ -105,7 +101,7 @@ def unused_files(arguments: Sequence[str], node_name: str) -> list[str]:
     """
     files = [Path(file) for option, file in pairwise(arguments) if option == "--params-file"]
     unused = [
-        no_parameters(file, node_name) for file in files if not has_parameters(file, node_name)
+        missing_section(file, node_name) for file in files if not has_parameters(file, node_name)
     ]
     if files and len(unused) == len(files):
         raise ParameterError(unused[0])

@@ -41,7 +41,7 @@ from linkage_vibration.ros.endpoints import Throttle, advertise, publisher
 from linkage_vibration.ros.interface_check import check_interfaces
 from linkage_vibration.ros.listener import Listener
 from linkage_vibration.ros.live_inputs import LiveTopic, check_outputs, live_topics
-from linkage_vibration.ros.log_control import Recording
+from linkage_vibration.ros.log_control import Recording, log_folder, log_limits
 from linkage_vibration.ros.markers import Markers
 from linkage_vibration.ros.memory import Memory
 from linkage_vibration.ros.message_path import Predicting, input_topics, output_topics
@@ -282,7 +282,7 @@ class LinkageVibrationNode(LifecycleNode):
             raise next(iter(self._faults.values()))
         check_interfaces()
         settings = self._settings
-        folder, path = settings.log_path(), settings.excitation_path()
+        folder, path = log_folder(settings), settings.excitation_path()
         self._monitored = excitations = read_excitations(path)
         self._excitations = path.read_text(encoding="utf-8")
         self._memory = memory = Memory(self.get_fully_qualified_name(), settings, self.get_logger())
@@ -297,7 +297,8 @@ class LinkageVibrationNode(LifecycleNode):
         topics = [*input_topics(inputs), *output_topics(self)]
         extra_topics = self._extra_topics() - {topic.name for topic in topics}
         provenance = self._provenance(served)
-        recorder = Recorder(folder, topics, provenance, settings.limits(), settings.compression)
+        limits = log_limits(settings)
+        recorder = Recorder(folder, topics, provenance, limits, settings.compression)
         self._recording = recording = Recording(self, recorder, extra_topics, self._throttle)
         self._markers = markers = Markers(self, self._serving, self._settings)
         self._predicting = Predicting(

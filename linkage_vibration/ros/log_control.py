@@ -2,19 +2,40 @@
 # SPDX-License-Identifier: Apache-2.0
 """Records the node's messages, from its activation or from a request."""
 
+import os
 import time
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from std_srvs.srv import Trigger
 
-from linkage_vibration.bags.recorder import Recorder
+from linkage_vibration.bags.recorder import Limits, Recorder
 from linkage_vibration.bags.writing import LogError
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.messages.topics import log_topic
+from linkage_vibration.prediction.settings import ParameterError, Parameters
 from linkage_vibration.ros.endpoints import MessageInfo, Throttle, message_class, subscribe
+
+
+def log_folder(settings: Parameters) -> Path:
+    """Return the folder of the logs, or raise a `ParameterError` if no file can be made in it."""
+    folder = settings.log_path()
+    if settings.log_directory and not (folder.is_dir() and os.access(folder, os.W_OK | os.X_OK)):
+        raise ParameterError(
+            f"Parameter log_directory must be a folder to which the node may write, not "
+            f"{folder}; create it, or name another one."
+        )
+    return folder
+
+
+def log_limits(settings: Parameters) -> Limits:
+    """Return the limits of the size of the logs."""
+    return Limits(
+        settings.split_size, settings.split_duration, settings.disk_limit, settings.delete_oldest
+    )
 
 
 class Recording:

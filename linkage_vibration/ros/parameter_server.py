@@ -16,13 +16,11 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from linkage_vibration.prediction.settings import (
-    DEPRECATED,
     ParameterError,
     Parameters,
     check_value,
-    is_own,
-    own_value,
-    with_pairs,
+    converted,
+    is_ros_parameter,
     with_values,
 )
 
@@ -43,13 +41,8 @@ def declare_parameters(node: Node) -> tuple[Parameters, dict[str, ParameterError
         If an unknown parameter was given, or use_sim_time is not true or false.
     """
     at_start = node.get_parameters_by_prefix("")
-    given = with_pairs({name: p.value for name, p in at_start.items() if is_own(name)})
-    if DEPRECATED.keys() & at_start:
-        node.get_logger().warning(
-            f"Parameters {' and '.join(DEPRECATED)} are deprecated; write `calibration: "
-            f"{given['calibration']}` instead."
-        )
-    for name in filter(is_own, at_start):
+    given = {name: p.value for name, p in at_start.items() if not is_ros_parameter(name)}
+    for name in given:
         node.undeclare_parameter(name)
     _check_sim_time(at_start.values())
     values: dict[str, Any] = {}
@@ -63,12 +56,12 @@ def declare_parameters(node: Node) -> tuple[Parameters, dict[str, ParameterError
         node.declare_parameter(name, values[name], _descriptor(parameter), ignore_override=True)
     for name, value in given.items():
         check_value(name, value)  # which raises, because no other parameter is left
-    found = Parameters(**values)
+    settings = Parameters(**values)
     try:
-        found.check_inputs()
+        settings.check_inputs()
     except ParameterError as error:
         faults["calibration"] = error
-    return found, faults
+    return settings, faults
 
 
 def _descriptor(parameter: Any) -> ParameterDescriptor:
@@ -105,12 +98,12 @@ def new_values(node: Node, asked: "list[Parameter[Any]]") -> "list[Parameter[Any
     found = []
     for parameter in asked:
         name = parameter.name
-        value = own_value(name, parameter.value)
+        value = converted(name, parameter.value)
         before = (
-            own_value(name, node.get_parameter(name).value) if node.has_parameter(name) else None
+            converted(name, node.get_parameter(name).value) if node.has_parameter(name) else None
         )
         if type(value) is not type(before) or value != before:
-            found.append(Parameter(name, value=value) if is_own(name) else parameter)
+            found.append(parameter if is_ros_parameter(name) else Parameter(name, value=value))
     return found
 
 
@@ -126,7 +119,7 @@ def changed(
     configured : bool
         Whether the node is configured, so that only live parameters may be set.
     """
-    own = [p for p in asked if is_own(p.name)]
+    own = [p for p in asked if not is_ros_parameter(p.name)]
     live = {parameter.name: parameter.metadata["live"] for parameter in fields(Parameters)}
     try:
         _check_sim_time(asked)

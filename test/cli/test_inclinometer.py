@@ -13,7 +13,8 @@ from linkage_vibration.cli.main import main
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.kinematics import Kinematics
 from linkage_vibration.prediction.inputs.units import Calibration, HitchScale
-from linkage_vibration.prediction.settings import Parameters, read_parameters
+from linkage_vibration.prediction.parameter_files import read_parameters
+from linkage_vibration.prediction.settings import Parameters
 from test.playback.test_replay import JOINT, START, Entry, float64, joint_state, write_mcap
 
 REST = 3.0  # s, of each height

@@ -31,9 +31,10 @@ from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.inputs.units import Calibration, HitchScale
 from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.prediction.motion import crank_filter, crank_resolution
+from linkage_vibration.prediction.parameter_files import read_parameters
 from linkage_vibration.prediction.predictor import Predictor, Status
 from linkage_vibration.prediction.resonance import ResonanceMonitor
-from linkage_vibration.prediction.settings import Parameters, read_parameters
+from linkage_vibration.prediction.settings import Parameters
 from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.atomic_files import OutputError

@@ -10,14 +10,8 @@ from pathlib import Path
 import pytest
 import yaml
 
-from linkage_vibration.prediction.settings import (
-    ParameterError,
-    Parameters,
-    check_value,
-    parameter_table,
-    parameters_yaml,
-    read_parameters,
-)
+from linkage_vibration.prediction.parameter_files import parameters_yaml, read_parameters
+from linkage_vibration.prediction.settings import ParameterError, Parameters, check_value
 from linkage_vibration.support.resources import (
     DEFAULT_EXCITATIONS,
     DEFAULT_MECHANISM,
@@ -25,11 +19,12 @@ from linkage_vibration.support.resources import (
     config_file,
     share_directory,
 )
+from tools.parameter_table import parameter_table
 
 
-def test_readme_has_the_table() -> None:
-    """The table of parameters in docs/node.md is generated from the code."""
-    assert parameter_table().strip() in (share_directory() / "docs/node.md").read_text()
+def test_the_manual_has_the_table() -> None:
+    """The table of parameters in docs/node.md is what `tools/parameter_table.py` prints."""
+    assert parameter_table() in (share_directory() / "docs/node.md").read_text()
 
 
 def test_parameter_file_has_every_parameter() -> None:
@@ -111,39 +106,6 @@ def test_calibration_in_degrees_is_refused() -> None:
     """Angles beyond a full turn are refused, and the same angle is given in rad."""
     with pytest.raises(ParameterError, match=r"calibration.*180 rad.* write 3\.14159\."):
         check_value("calibration", [0.0, 180.0, 100.0, 90.0])
-
-
-def test_lists_of_the_first_release(tmp_path: Path) -> None:
-    """The two lists of 1.0.0 become pairs; one that was not given has its old default."""
-    path = tmp_path / "params.yaml"
-    lists = "percent_points: [0, 40, 100], percent_angles: [3.1, 2.6, 1.6]"
-    path.write_text(f"/**: {{ros__parameters: {{{lists}}}}}")
-    assert read_parameters(path).calibration == (0.0, 3.1, 40.0, 2.6, 100.0, 1.6)
-    path.write_text("/**: {ros__parameters: {percent_angles: [3.0, 1.5]}}")
-    assert read_parameters(path).calibration == (0.0, 3.0, 100.0, 1.5)
-    for angles in ("[3.0]", "3.0"):
-        path.write_text(f"/**: {{ros__parameters: {{percent_angles: {angles}}}}}")
-        with pytest.raises(ParameterError, match="must be lists of the same length"):
-            read_parameters(path)
-
-
-def test_log_directory_must_be_a_folder(tmp_path: Path) -> None:
-    """A folder that does not exist, or a file, is refused before recording starts."""
-    assert Parameters(log_directory=str(tmp_path)).log_path() == tmp_path
-    (tmp_path / "file").touch()
-    for name in ("missing", "file"):
-        with pytest.raises(ParameterError, match=f"log_directory must be a folder.*{name}; create"):
-            Parameters(log_directory=str(tmp_path / name)).log_path()
-
-
-def test_names_of_earlier_files(tmp_path: Path) -> None:
-    """Files and logs of earlier releases are read, with the names that they had."""
-    path = tmp_path / "params.yaml"
-    path.write_text(
-        "/**: {ros__parameters: {input: joint_state, percent_calibration: [0, 3, 100, 2]}}"
-    )
-    found = read_parameters(path)
-    assert (found.input, found.calibration) == ("joint_states", (0.0, 3.0, 100.0, 2.0))
 
 
 def test_files_that_ship_stand_for_those_not_named() -> None:

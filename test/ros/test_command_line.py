@@ -78,7 +78,7 @@ def test_refusals_end_the_process(start: Callable[..., Any]) -> None:
         (["-r", f"__node:={240 * 'a'}"], "cannot start: Invalid service name: topic length"),
         (["-r", f"__ns:=/{240 * 'a'}"], "choose another name."),
         (["--params_file", "x"], "did you mean `--ros-args --params-file FILE`?"),
-        (["-p", "percent_calibration:=[]"], "given without a value, for example as an empty list"),
+        (["-p", "calibration:=[]"], "given without a value, for example as an empty list"),
         (["-p", "use_simtime:=true"], "did you mean use_sim_time?"),
         (["-p", "use_sim_time:=1"], "Parameter use_sim_time must be true or false, not 1"),
         (["--log-level", "loud"], "does not use a valid severity level"),

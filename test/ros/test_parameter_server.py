@@ -11,12 +11,9 @@ from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from linkage_vibration.prediction.settings import (
-    NODE_NAME,
-    Parameters,
-    has_parameters,
-    read_parameters,
-)
+from linkage_vibration.prediction.parameter_files import has_parameters, read_parameters
+from linkage_vibration.prediction.settings import NODE_NAME, ParameterError, Parameters
+from linkage_vibration.ros.log_control import log_folder
 from linkage_vibration.ros.parameter_server import changed, declare_parameters, new_values
 
 
@@ -25,7 +22,7 @@ from linkage_vibration.ros.parameter_server import changed, declare_parameters, 
     [
         "/**: {ros__parameters: {sign: -1, scale: 1e-3, offset: 2, joint_name: arm}}",
         "/**: {ros__parameters: {joint_name: 1e3_arm, sign: -1}}",
-        "linkage_vibration: {ros__parameters: {percent_points: [0, 100], percent_angles: [3, 1]}}",
+        "linkage_vibration: {ros__parameters: {calibration: [0, 3, 100, 1]}}",
         "/linkage_vibration: {ros__parameters: {scale: 3.}}\n/**: {ros__parameters: {scale: 2.}}",
         "/**: {ros__parameters: {scale: 2.}}\n/linkage_vibration: {ros__parameters: {scale: 3.}}",
         "/*: {ros__parameters: {sign: -1}}\n/**/linkage_vibration: {ros__parameters: {scale: .5}}",
@@ -70,6 +67,15 @@ def test_sections_of_a_node(environment: dict[str, str], tmp_path: Path, opened:
     finally:
         node.destroy_node()
         rclpy.shutdown(context=context)
+
+
+def test_log_directory_must_be_a_folder(tmp_path: Path) -> None:
+    """A folder that does not exist, or a file, is refused before recording starts."""
+    assert log_folder(Parameters(log_directory=str(tmp_path))) == tmp_path
+    (tmp_path / "file").touch()
+    for name in ("missing", "file"):
+        with pytest.raises(ParameterError, match=f"log_directory must be a folder.*{name}; create"):
+            log_folder(Parameters(log_directory=str(tmp_path / name)))
 
 
 def test_what_may_be_set() -> None:

@@ -268,7 +268,7 @@ class CrankInput(Input):
 
 
 class SpeedInput(Input):
-    """A speed: sign * scale * number + offset in its unit.
+    """A speed: gain * number + offset.
 
     Its time is that of its receipt less the delay, or that of the header of its message.
 
@@ -276,22 +276,15 @@ class SpeedInput(Input):
     ----------
     settings, schema : SourceSettings, Schema
         As those of `Input`.
-    factor, sign, scale, offset : float
-        The unit in rpm or m/s; 1 or -1; unit per unit of the number; and the speed at the number 0,
-        in the unit.
+    gain, offset : float
+        The speed (rpm or m/s) per unit of the number, and the speed at the number 0.
     """
 
     def __init__(
-        self,
-        settings: SourceSettings,
-        schema: Schema,
-        factor: float,
-        sign: int,
-        scale: float,
-        offset: float,
+        self, settings: SourceSettings, schema: Schema, gain: float, offset: float
     ) -> None:
         super().__init__(settings, schema)
-        self._gain, self._offset = sign * scale * factor, offset * factor
+        self._gain, self._offset = gain, offset
         self._stamped = settings.time == HEADER_TIME
 
     def read_one(self, data: bytes, received: int) -> tuple[float, int] | None:
