@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Types of arrays."""
+"""Types of arrays, and equations in stacks."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,3 +9,13 @@ BoolArray = NDArray[np.bool_]
 ComplexArray = NDArray[np.complex128]
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]
+
+
+def solve_stack(matrices: ComplexArray, right: FloatArray | ComplexArray) -> ComplexArray:
+    """Solve equations, (n, m, m), whose right side is the same for all, (m, k), or not, (n, m, k).
+
+    NumPy 1 takes a right side of two dimensions as one vector for each equation, but NumPy 2 takes
+    it as one matrix, so it always gets three dimensions.
+    """
+    right = np.broadcast_to(right, (len(matrices), *right.shape[-2:]))
+    return np.asarray(np.linalg.solve(matrices, right))

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import block_diag
 
-from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray, IntArray
+from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray, IntArray, solve_stack
 from linkage_vibration.mechanics.compatibility import CouplingError, Joining, row_space
 from linkage_vibration.mechanics.components import Component
 
@@ -114,7 +114,7 @@ def assembled_frf(
         dynamic = system.stiffness - omega**2 * system.mass
         dynamic = dynamic + 1j * (system.loss + omega * system.damping)
         try:
-            moved = np.linalg.solve(dynamic, np.hstack([left.T, right.T]))
+            moved = solve_stack(dynamic, np.hstack([left.T, right.T]))
         except np.linalg.LinAlgError:
             raise _infinite(frequencies[lines]) from None
         frf[lines] = left @ moved[:, :, len(left) :]

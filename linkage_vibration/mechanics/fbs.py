@@ -13,7 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from linkage_vibration.errors import LinkageVibrationError
-from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray, IntArray
+from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray, IntArray, solve_stack
 from linkage_vibration.mechanics.compatibility import row_space
 
 Matrix = FloatArray | ComplexArray
@@ -208,7 +208,7 @@ def independent_rows(
 def _solve(matrices: ComplexArray, right: Matrix) -> ComplexArray:
     """Solve a stack of equations; NaN where a matrix is singular."""
     try:
-        return np.asarray(np.linalg.solve(matrices, right))
+        return solve_stack(matrices, right)
     except np.linalg.LinAlgError:
         columns = np.broadcast_to(right, (len(matrices), *right.shape[-2:]))
         found = np.full(columns.shape, np.nan, dtype=complex)

@@ -21,7 +21,7 @@ import numpy as np
 from scipy.linalg import block_diag, orth
 
 from linkage_vibration.errors import LinkageVibrationError
-from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray
+from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray, solve_stack
 from linkage_vibration.mechanics.dofs import InterfaceDof
 from linkage_vibration.mechanics.link_fit import LinkFit, fit_link
 
@@ -179,7 +179,7 @@ def noise_gain(
     diagonal = np.arange(len(compatibility))
     interface[:, diagonal, diagonal] += compliance
     if np.linalg.matrix_rank(compatibility) == len(compatibility):
-        joints = np.linalg.solve(interface, compatibility.astype(complex))  # Z B
+        joints = solve_stack(interface, compatibility.astype(complex))  # Z B
     else:  # rows that repeat others share their force
         joints = np.linalg.pinv(interface, rcond=_REPEATED) @ compatibility
     away = outputs - outputs @ frf @ compatibility.T @ joints

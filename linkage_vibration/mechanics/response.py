@@ -334,7 +334,7 @@ class FarPoles:
         basis = np.hstack([np.ones((len(w), 1)), terms, 1j * w / np.sqrt(k) * terms])
         scale = np.concatenate([[1.0], k, np.sqrt(k)])[:, np.newaxis]
         rows, values = (np.vstack([part.real, part.imag]) for part in (basis, sums))
-        weights = scale * np.linalg.lstsq(rows, values)[0] + 0j
+        weights = scale * np.linalg.lstsq(rows, values, rcond=None)[0] + 0j
         return weights[: 1 + len(k)], weights[1 + len(k) :]
 
 
@@ -356,7 +356,8 @@ def far_poles(
     weights = lowest / stiffness.real
     lines = np.column_stack([np.ones(len(decay)), stiffness.real / lowest])
     goal = np.column_stack([decay, stiffness.imag])
-    law = np.linalg.lstsq(lines * weights[:, np.newaxis], goal * weights[:, np.newaxis])[0]
+    size = weights[:, np.newaxis]
+    law = np.linalg.lstsq(lines * size, goal * size, rcond=None)[0]
     own = np.column_stack([np.ones(n_far), k.real / lowest]) @ law
     k, c = np.asarray(k + 1j * own[:, 1], dtype=np.complex128), own[:, 0].copy()
     w = 2.0 * math.pi * frequencies[:, np.newaxis]

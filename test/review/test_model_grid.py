@@ -116,5 +116,5 @@ def test_tractor_is_drawn_and_moves() -> None:
     rigid[: len(x), 0] = rigid[len(x) :, 1] = 1.0
     rigid[: len(x), 2], rigid[len(x) :, 2] = -z, x
     every = found["shapes"][:, :, points].transpose(3, 2, 0, 1).reshape(len(rigid), -1)
-    fitted = rigid @ np.linalg.lstsq(rigid, every)[0]
+    fitted = rigid @ np.linalg.lstsq(rigid, every, rcond=None)[0]
     np.testing.assert_allclose(fitted, every, atol=1e-5)

@@ -11,7 +11,7 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
-from scipy.interpolate import Akima1DInterpolator
+from scipy.interpolate import CubicHermiteSpline
 from scipy.optimize import linear_sum_assignment
 
 from linkage_vibration.mechanics.arrays import BoolArray, FloatArray, IntArray
@@ -26,6 +26,7 @@ _FEWEST = 16  # steps of the range between which deviations are interpolated
 _ABOVE = 1.7  # times the highest tracked frequency: modes up to there may mix with tracked ones
 _SAME = 1e-3  # relative: difference between a frequency of the table and the same of the model
 _CLOSE = 2.0  # standard deviations of the distance of two modes; nearer ones may change places
+_LEVEL = 1e-9  # of the largest turn of the chords; where they turn less, a curve is level
 _EXCESS = 0.15  # of a variance: what the second and the third order may add
 # Standard deviation of a toggle's angle, of its distance. A frequency may vanish with the distance,
 # and a damping ratio then grows with its inverse. Higher orders add 5/4 and 4 times the square of
@@ -64,12 +65,12 @@ def with_parameter_stddev(table: Table, sampler: Sampler) -> Table:
     angles = np.linspace(*table.alpha3_range, N_ANGLES)
     n, fewest = table.n_modes, min(len(each.frequencies) for each, _ in points)
     rows = [(each, order[:fewest]) for each, order in points]
-    found = _between(at, angles, np.array([each.stddev[:, order[:n]] for each, order in rows]))
-    excess = _between(at, angles, np.array([each.excess[:, order[:n]] for each, order in rows]))
+    found = makima(at, angles, np.array([each.stddev[:, order[:n]] for each, order in rows]))
+    excess = makima(at, angles, np.array([each.excess[:, order[:n]] for each, order in rows]))
     doubtful = np.abs(excess) > _EXCESS
     doubtful[:, 1] |= doubtful[:, 0]  # a damping ratio depends on the frequency
     doubtful |= _crowded(table, at, angles, rows)[:, np.newaxis]
-    toggle = _between(at, angles, np.array([each.toggle_stddev for each, _ in rows]))
+    toggle = makima(at, angles, np.array([each.toggle_stddev for each, _ in rows]))
     if table.toggles is not None:
         apart = np.minimum(angles - table.toggles[0], table.toggles[1] - angles)
         doubtful |= (toggle > _TOGGLE * apart)[:, np.newaxis, np.newaxis]
@@ -110,9 +111,22 @@ def _point(
     return changes, np.concatenate([order, others])
 
 
-def _between(points: FloatArray, angles: FloatArray, values: FloatArray) -> FloatArray:
-    """Interpolate values at points, (n_points, ...), at angles."""
-    return np.asarray(Akima1DInterpolator(points, values, method="makima")(angles))
+def makima(points: FloatArray, angles: FloatArray, values: FloatArray) -> FloatArray:
+    """Interpolate values at points, (n_points, ...), at angles by the modified Akima method.
+
+    SciPy itself has this method only since 1.13, as `Akima1DInterpolator(method="makima")`.
+    """
+    chords = np.diff(values, axis=0) / np.diff(points).reshape(-1, *[1] * (values.ndim - 1))
+    for _ in range(2):  # continue them linearly beyond both ends
+        before, after = 2.0 * chords[:1] - chords[1:2], 2.0 * chords[-1:] - chords[-2:-1]
+        chords = np.concatenate([before, chords, after])
+    turns = np.abs(np.diff(chords, axis=0)) + 0.5 * np.abs(chords[1:] + chords[:-1])
+    both = turns[:-2] + turns[2:]
+    slopes = 0.5 * (chords[3:] + chords[:-3])
+    kept = both > _LEVEL * both.max(initial=0.0)
+    left, right = chords[1:-2][kept], chords[2:-1][kept]
+    slopes[kept] = left + turns[:-2][kept] / both[kept] * (right - left)
+    return np.asarray(CubicHermiteSpline(points, values, slopes, extrapolate=False)(angles))
 
 
 def _crowded(
@@ -123,11 +137,11 @@ def _crowded(
     place = np.array(
         [[np.log(each.frequencies)[order], each.ratios[order]] for each, order in rows]
     )
-    place = _between(points, angles, place)
+    place = makima(points, angles, place)
     own = table.evaluate(angles)
     place[:, 0, :n], place[:, 1, :n] = np.log(own[:, :n]), own[:, n : 2 * n]
     approach = np.array([each.approach[np.ix_(order, order)] for each, order in rows])
-    approach = _between(points, angles, approach)[:, :n]
+    approach = makima(points, angles, approach)[:, :n]
     gaps = np.hypot(*(place[:, i, :n, np.newaxis] - place[:, i, np.newaxis] for i in (0, 1)))
     gaps[:, np.arange(n), np.arange(n)] = math.inf
     return np.asarray(((gaps < _CLOSE * approach) & (gaps < NEAR)).any(axis=2))

@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg import schur
 
-from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray, IntArray
+from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray, IntArray, solve_stack
 from linkage_vibration.mechanics.description import Response
 from linkage_vibration.mechanics.model import LinkageModel, Place, Solution
 from linkage_vibration.mechanics.modes import mixed_damping
@@ -269,7 +269,7 @@ def _totals(
     else:
         w = lines[:, np.newaxis, np.newaxis]
         dynamic = np.diag(omega**2) + 1j * loss - w**2 * np.eye(len(omega)) + 1j * w * viscous
-        frf = own @ np.linalg.solve(dynamic, own.T.astype(complex))
+        frf = own @ solve_stack(dynamic, own.T.astype(complex))
     return np.asarray(frf[:, upper[0], upper[1]])
 
 

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import yaml
 from numpy.typing import NDArray
+from scipy import interpolate
 from scipy.special import ndtri
 
 pytest.importorskip("matplotlib")
@@ -25,6 +26,7 @@ from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.support.resources import config_file
 from linkage_vibration.table.table import load_table, save_table
 from linkage_vibration.table.tabulation import build_table
+from linkage_vibration.table.tabulation.deviations import makima
 from test.support.crossing import crossing_crank
 
 FloatArray = NDArray[np.float64]
@@ -39,6 +41,32 @@ CLAIMS = {
     },
     "absolute": {"ground.P3.0": 0.002},
 }
+
+
+def test_makima_by_hand() -> None:
+    """What is level up to a kink stays level, where plain Akima's slope is 1/2 at the kink.
+
+    The chords are 0, 0, 0, 1 and 1. The left chord at the kink has the weight |1 - 1| + |1 + 1| / 2
+    of the chords to the right, and the right chord has the weight of those to the left, which is 0.
+    """
+    points, values = np.arange(6.0), np.array([0.0, 0.0, 0.0, 0.0, 1.0, 2.0])
+    found = makima(points, np.array([0.5, 2.5, 3.5, 4.5]), values)
+    # Half-way a cubic is the mean of its ends and an eighth of the difference of their slopes.
+    assert found == pytest.approx([0.0, 0.0, 0.5 - 1.0 / 8.0, 1.5], abs=1e-15)
+
+
+def test_makima_is_that_of_scipy() -> None:
+    """Where SciPy has the method, since 1.13, the values are the same to the last bit."""
+    generator = np.random.default_rng(3)
+    points = np.cumsum(generator.uniform(0.1, 1.0, 30))
+    values = generator.normal(size=(30, 2, 3))
+    values[10:15] = 1.0  # level, and far from zero
+    angles = np.linspace(points[0], points[-1], 500)
+    try:
+        known = interpolate.Akima1DInterpolator(points, values, method="makima")
+    except TypeError:
+        pytest.skip("SciPy is older than 1.13")
+    assert np.array_equal(makima(points, angles, values), known(angles))
 
 
 @pytest.mark.parametrize("damper", [False, True], ids=["proportional", "coupled"])
