@@ -13,6 +13,7 @@ from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.resources import config_file
+from test.support.programs import missing_programs
 
 # Times say nothing on a machine that others share.
 settings.register_profile("untimed", deadline=None)
@@ -29,6 +30,13 @@ def pytest_pycollect_makemodule(module_path: Path, parent: Any) -> pytest.Module
     if module_path.name == "__init__.py":
         return None
     return pytest.Module.from_parent(parent, path=module_path)
+
+
+def pytest_terminal_summary(terminalreporter: Any) -> None:
+    """Name the programs that would enable more tests."""
+    skipped = terminalreporter.stats.get("skipped", [])
+    if line := missing_programs(str(report.longrepr) for report in skipped):
+        terminalreporter.write_line(line)
 
 
 @pytest.fixture(scope="session")

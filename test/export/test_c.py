@@ -40,8 +40,9 @@ from linkage_vibration.support.resources import (
 )
 from linkage_vibration.table.table import Table, load_table
 from linkage_vibration.table.tabulation import build_table
-from test.support.c_code import COMPILERS, STRICT, Library, compile_c, require, write
+from test.support.c_code import COMPILERS, STRICT, Library, compile_c, write
 from test.support.crossing import AT, GAP, RATIO, crossing_crank, meeting_off_axis
+from test.support.programs import require
 
 ANGLES = 100_000
 

@@ -24,8 +24,9 @@ from linkage_vibration.review.log import Log, read_log
 from linkage_vibration.support.resources import PAPER_TABLE, config_file
 from linkage_vibration.table.table import save_table
 from test.export.test_c import four_bar
-from test.support.c_code import STRICT, compile_c, require
+from test.support.c_code import STRICT, compile_c
 from test.support.fmu import differences, simulate
+from test.support.programs import require
 
 VERSIONS = 2, 3
 INTERFACES = "ModelExchange", "CoSimulation"

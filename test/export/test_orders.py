@@ -33,7 +33,8 @@ from linkage_vibration.support.resources import (
     config_file,
 )
 from linkage_vibration.table.table import Table, load_table
-from test.support.c_code import Library, compile_c, require, write
+from test.support.c_code import Library, compile_c, write
+from test.support.programs import require
 
 CASES = {
     "tractor with amplitudes": (

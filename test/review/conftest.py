@@ -18,7 +18,7 @@ from linkage_vibration.prediction.resonance import ResonanceMonitor
 from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.support.resources import PAPER_MECHANISM, PAPER_TABLE, config_file
 from linkage_vibration.table.table import load_table, table_bytes
-from test.support.browser import CHROMIUM, NAMES, Browser
+from test.support.browser import Browser
 from test.support.drive import engine_and_pto_speed, hitch_duty_cycle
 
 START = 1_767_225_600 * 10**9  # ns
@@ -101,7 +101,5 @@ def drive(write_log: WriteLog, tmp_path_factory: pytest.TempPathFactory) -> Path
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
     """Return the browser of the tests of a file; a page that moves would slow other files down."""
-    if not CHROMIUM:
-        pytest.skip(f"This machine has none of {', '.join(NAMES)}; run apt-get install chromium.")
     with Browser() as found:
         yield found

@@ -28,7 +28,7 @@ from linkage_vibration.table.table import save_table
 from linkage_vibration.table.tabulation import build_table
 from linkage_vibration_interfaces.srv import GetModeShapes
 from test.ros.test_same_bytes import messages
-from test.support.browser import CHROMIUM, NAMES, Browser
+from test.support.browser import Browser
 
 ANGLES = np.radians(np.linspace(150.0, 165.0, 31))
 BEGIN = math.radians(162.75)  # mode 1 is overdamped beyond; its damping ratio is 0.997 at 162.5 deg
@@ -147,7 +147,6 @@ def test_pages(files: dict[str, Path], tmp_path: Path, capsys: Any) -> None:
     assert re.fullmatch(r"4\.69 to 5\.49 Hz, overdamped in \d+ predictions", mode)
 
 
-@pytest.mark.skipif(not CHROMIUM, reason=f"This machine has none of {', '.join(NAMES)}.")
 def test_page_in_a_browser(files: dict[str, Path]) -> None:
     """At an angle at which the mode is overdamped, the numbers and the linkage say so."""
     with Browser() as browser:

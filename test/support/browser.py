@@ -1,21 +1,23 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""A headless Chromium that opens pages and sends them the input of a person."""
+"""A headless Chromium that opens pages and sends them the input of a person.
+
+A test that opens one is skipped where none is installed.
+"""
 
 import base64
 import itertools
 import json
 import os
 import select
-import shutil
 import subprocess
 import tempfile
 import time
 from pathlib import Path
 from typing import Any
 
-NAMES = ("chromium", "chromium-browser", "google-chrome")
-CHROMIUM = next(filter(None, map(shutil.which, NAMES)), "")
+from test.support.programs import require
+
 TIMEOUT = 20.0  # s
 
 
@@ -29,6 +31,7 @@ class Browser:
     """
 
     def __init__(self, width: int = 1280, height: int = 900) -> None:
+        chromium = require("chromium", "chromium-browser", "google-chrome")
         self.problems: list[str] = []
         self._ids = itertools.count(1)
         self._held = b""
@@ -37,7 +40,7 @@ class Browser:
         to_browser, self._write = os.pipe()
         self._read, from_browser = os.pipe()
         command = (
-            f'exec "{CHROMIUM}" --headless --no-sandbox --disable-gpu --hide-scrollbars '
+            f'exec "{chromium}" --headless --no-sandbox --disable-gpu --hide-scrollbars '
             f'--remote-debugging-pipe --user-data-dir="{self._profile.name}" --no-first-run '
             "--disable-background-networking --disable-dev-shm-usage --disable-extensions "
             f"about:blank 3<&{to_browser} 4>&{from_browser}"

@@ -3,19 +3,18 @@
 """Compiles exported C, and calls it at many angles."""
 
 import ctypes
-import shutil
 import subprocess
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pytest
 from numpy.typing import NDArray
 
 from linkage_vibration.export.c_source import Description, c_files
 from linkage_vibration.export.constants import Constants, Reals
 from linkage_vibration.export.evaluation import NUMBERS
+from test.support.programs import require
 
 COMPILERS = ("gcc", "clang")
 EXACT = ("-O2", "-ffp-contract=off")
@@ -47,14 +46,6 @@ void assess_many(const PREFIX_prediction *predictions, const PREFIX_real *speeds
     }
 }
 """
-
-
-def require(tool: str) -> str:
-    """Return the path of a program; skip the test if it is not installed."""
-    found = shutil.which(tool)
-    if found is None:
-        pytest.skip(f"{tool} is not installed")
-    return found
 
 
 def compile_c(command: Sequence[Any], folder: Path) -> None:

@@ -1,0 +1,43 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Programs that some tests need, and which of them would enable more tests."""
+
+import re
+import shutil
+from collections import Counter
+from collections.abc import Iterable
+
+import pytest
+
+# The packages of Debian and Ubuntu that have them.
+PACKAGES = {
+    "arm-linux-gnueabihf-gcc": "gcc-arm-linux-gnueabihf",
+    "arm-none-eabi-gcc": "gcc-arm-none-eabi",
+    "cc": "gcc",
+    "chromium": "chromium",
+    "clang": "clang",
+    "cmake": "cmake",
+    "cppcheck": "cppcheck",
+    "gcc": "gcc",
+    "nm": "binutils",
+    "qemu-arm": "qemu-user",
+}
+
+
+def require(program: str, *others: str) -> str:
+    """Return the path of a program, or of another that does the same; skip the test without one."""
+    found = next(filter(None, map(shutil.which, (program, *others))), None)
+    if found is None:
+        pytest.skip(f"{program} is not installed; run apt-get install {PACKAGES[program]}")
+    return found
+
+
+def missing_programs(reasons: Iterable[str]) -> str:
+    """Return one line about the programs that the reasons of skipped tests name; or nothing."""
+    named = (re.search(r"(\S+) is not installed; run apt-get install", each) for each in reasons)
+    counts = Counter(each[1] for each in named if each)
+    if not counts:
+        return ""
+    tests = ", ".join(f"{count} with {program}" for program, count in sorted(counts.items()))
+    packages = " ".join(sorted({PACKAGES[program] for program in counts}))
+    return f"More tests would run: {tests}; run `apt-get install {packages}`."
