@@ -5,6 +5,7 @@
 #   make demo BAG=FILE JOINT=NAME    play one joint of any bag
 #   make test                        lint, types and tests
 #   make test ONLY=test/ros          some tests alone
+#   make test VERSIONS=ubuntu-24.04  tests with the libraries that tools/ubuntu-24.04.txt names
 #   make coverage                    which share of the code the tests run, into docs/coverage.md
 #   make docs                        the documentation, as a site in build/docs
 #   make bench                       all benchmarks, into benchmark/results (some hours)
@@ -19,7 +20,7 @@ ifndef AMENT_PREFIX_PATH
 ROS_DISTRO := $(or $(ROS_DISTRO),jazzy)
 export ROS_DISTRO
 endif
-suffix := $(if $(AMENT_PREFIX_PATH),,$(filter-out -jazzy,-$(ROS_DISTRO)))
+suffix := $(if $(AMENT_PREFIX_PATH),,$(filter-out -jazzy,-$(ROS_DISTRO)))$(addprefix -,$(VERSIONS))
 venv := .venv$(suffix)
 # The matrices are small, so BLAS threads cost more time in waiting for each other than they save.
 export OPENBLAS_NUM_THREADS ?= 1
@@ -32,7 +33,8 @@ in_venv = @. $(venv)/bin/activate &&
 demo: setup
 	$(in_venv) linkage-vibration demo $(if $(BAG),--bag "$(BAG)") $(if $(JOINT),--joint "$(JOINT)")
 
-test: $(if $(ONLY),setup,lint)
+# Lint and types are those of the newest versions.
+test: $(if $(ONLY)$(VERSIONS),setup,lint)
 	$(in_venv) python -m pytest $(if $(ONLY),$(ONLY),$(in_two))
 
 lint: setup
@@ -57,7 +59,7 @@ bench:
 	@. build/bench$(suffix)/bin/activate && python -m benchmark $(ONLY)
 
 setup:
-	@PYTHON="$(PYTHON)" sh tools/setup.sh $(venv)
+	@PYTHON="$(PYTHON)" VERSIONS="$(VERSIONS)" sh tools/setup.sh $(venv)
 
 clean:
-	rm -rf .venv .venv-kilted build install log *.egg-info .hypothesis .mypy_cache .pytest_cache .ruff_cache
+	rm -rf .venv .venv-* build install log *.egg-info .hypothesis .mypy_cache .pytest_cache .ruff_cache

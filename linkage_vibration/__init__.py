@@ -9,7 +9,7 @@ imported when it is first used, so that importing the package is fast.
 from importlib import import_module
 from typing import TYPE_CHECKING
 
-from linkage_vibration.support.version import VERSION
+from linkage_vibration.support.version import VERSION, check_versions
 
 if TYPE_CHECKING:
     from linkage_vibration.errors import LinkageVibrationError
@@ -58,6 +58,7 @@ def __getattr__(name: str) -> object:
     """Import a name of the public API when it is first used."""
     if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    check_versions()
     globals()[name] = value = getattr(import_module(_HOMES[name]), name)
     return value
 

@@ -16,6 +16,8 @@ from xml.etree import ElementTree
 import pytest
 import setuptools  # type: ignore[import-untyped]
 
+from linkage_vibration.support.version import OLDEST
+
 ROOT = Path(__file__).parents[1]
 OURS = {"linkage_vibration", "benchmark", "linkages", "test"}
 
@@ -100,8 +102,8 @@ def imports(folder: str) -> Iterator[tuple[Path, str, list[str]]]:
 
 
 @pytest.fixture(scope="module")
-def declared() -> dict[str, set[str]]:
-    """Return the distributions of each list of setup.py; that of install_requires has no name."""
+def entries() -> dict[str, list[str]]:
+    """Return the lists of requirements of setup.py; that of install_requires has no name."""
     found: dict[str, Any] = {}
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(setuptools, "setup", lambda **options: found.update(options))
@@ -110,11 +112,34 @@ def declared() -> dict[str, set[str]]:
             compile((ROOT / "setup.py").read_text(), ROOT / "setup.py", "exec"),
             {"__file__": str(ROOT / "setup.py")},
         )
-    lists = {"": found["install_requires"], **found["extras_require"]}
+    return {"": found["install_requires"], **found["extras_require"]}
+
+
+@pytest.fixture(scope="module")
+def declared(entries: dict[str, list[str]]) -> dict[str, set[str]]:
+    """Return the distributions of each list of setup.py."""
     return {
-        name: {re.split(r"[^\w-]", entry)[0].lower() for entry in entries}
-        for name, entries in lists.items()
+        name: {re.split(r"[^\w-]", entry)[0].lower() for entry in each}
+        for name, each in entries.items()
     }
+
+
+def test_oldest_versions_are_tested(entries: dict[str, list[str]]) -> None:
+    """Start-up refuses what is older than setup.py allows, and one run of the tests uses the limit.
+
+    mcap alone has no release between the limit and the newest one.
+    """
+    needed = {entry: entry.partition(">=") for each in entries.values() for entry in each}
+    limits = {name.lower(): version for name, _, version in needed.values() if version}
+    assert limits.items() >= {name.lower(): version for name, version in OLDEST.items()}.items()
+    text = (ROOT / "tools" / "ubuntu-24.04.txt").read_text()
+    pinned = dict(re.findall(r"^([\w-]+)==([\d.]+)(?:; python_version <.*)?$", text, re.MULTILINE))
+    assert {name.lower() for name in pinned} == {
+        *map(str.lower, OLDEST),
+        "hypothesis",
+        "pytest",
+    } - {"mcap"}
+    assert {name.lower(): version for name, version in pinned.items()}.items() <= limits.items()
 
 
 @pytest.mark.parametrize("folder", FOLDERS)

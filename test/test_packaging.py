@@ -184,6 +184,7 @@ def setup_on(tmp_path: Path, tools: set[str], **environment: str) -> subprocess.
             r"cannot import its rclpy; run: make PYTHON=/usr/bin/python3",
         ),
         ({"ROS_DISTRO": "humble"}, r"ROS_DISTRO=humble cannot be used; run: make ROS_DISTRO=jazzy"),
+        ({"VERSIONS": "ubuntu-22.04"}, r"cannot be used; run: make test VERSIONS=ubuntu-24\.04"),
     ],
 )
 def test_setup_names_what_the_machine_lacks(

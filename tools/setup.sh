@@ -5,7 +5,7 @@
 # Usage: setup.sh [ENVIRONMENT [EXTRAS]]
 # Make a virtual environment (.venv) and install the package with extras (bags,plots,test,docs) into it;
 # return at once if that is already done. ROS 2 is the sourced one, or else the wheels on PyPI of
-# ROS_DISTRO (jazzy or kilted).
+# ROS_DISTRO (jazzy or kilted). The other libraries are the newest, or those of tools/VERSIONS.txt.
 set -eu
 cd "$(dirname "$0")/.."
 python=${PYTHON:-python3}
@@ -14,6 +14,7 @@ extras=${2:-bags,plots,test,docs}
 venv=$PWD/$name
 distro=${ROS_DISTRO:-jazzy}
 wheels=tools/$distro.txt
+versions=${VERSIONS:+tools/$VERSIONS.txt}
 export PIP_DISABLE_PIP_VERSION_CHECK=1
 
 fail() {
@@ -58,13 +59,15 @@ elif [ "$machine" != x86_64 ] || [ "$minor" -gt 13 ]; then
 elif [ ! -f "$wheels" ]; then
     fail "the wheels of ROS_DISTRO=$distro cannot be used; run: make ROS_DISTRO=jazzy (or kilted)"
 fi
+[ -z "$versions" ] || [ -f "$versions" ] ||
+    fail "VERSIONS=$VERSIONS cannot be used; run: make test VERSIONS=ubuntu-24.04"
 [ -z "$missing" ] || fail "packages are missing:$missing; run: $(apt $missing)"
 
 # Compare with what .venv was created for and from. The package itself is installed editable, so its
 # files are always current.
-environment="$venv 3.$minor $base ${rclpy:-$distro} $extras"
-sources=$(find package.xml setup.py tools/setup.sh "$wheels" linkage_vibration_interfaces -type f | sort |
-    xargs cksum)
+environment="$venv 3.$minor $base ${rclpy:-$distro} $extras${VERSIONS:+ $VERSIONS}"
+sources=$(find package.xml setup.py tools/setup.sh "$wheels" $versions linkage_vibration_interfaces \
+    -type f | sort | xargs cksum)
 if [ "$(cat "$venv/environment" 2> /dev/null)" != "$environment" ]; then
     rm -rf "$venv"
 elif [ "$(cat "$venv/sources" 2> /dev/null)" = "$sources" ]; then
@@ -88,7 +91,8 @@ if [ -z "$rclpy" ]; then
     echo "Installing ROS 2 $distro from PyPI and linkage_vibration into $name (once, some minutes)"
     # Python compiles only the modules that are imported, so that takes less time than all of them.
     {
-        "$venv/bin/pip" install -qq --no-compile -r "$wheels" --editable ".[$extras]" &&
+        "$venv/bin/pip" install -qq --no-compile ${versions:+-c "$versions"} -r "$wheels" \
+            --editable ".[$extras]" &&
             "$venv/bin/pip" install -qq --no-deps --no-build-isolation ./linkage_vibration_interfaces
     } || fail "pip could not install everything; see its messages above"
 else
@@ -103,7 +107,8 @@ else
     echo "Installing linkage_vibration into $name"
     # Keep the NumPy that this ROS 2 was compiled with.
     "$venv/bin/python" -c 'import numpy; print("numpy==" + numpy.__version__)' > "$venv/numpy.txt"
-    "$venv/bin/pip" install -qq --constraint "$venv/numpy.txt" --editable ".[$extras]" ||
+    "$venv/bin/pip" install -qq --constraint "$venv/numpy.txt" \
+        ${versions:+-c "$versions"} --editable ".[$extras]" ||
         fail "pip could not install everything; see its messages above"
 fi
 # An editable install lacks what `ros2 run` and `ros2 launch` look for.

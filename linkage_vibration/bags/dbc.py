@@ -13,6 +13,7 @@ import numpy as np
 from linkage_vibration.bags.can_frames import EXTENDED, FLAGS, PAYLOAD
 from linkage_vibration.bags.can_signals import Bits, CanSignal, j1939_key
 from linkage_vibration.bags.schemas import FieldError
+from linkage_vibration.support.version import check_versions
 
 if TYPE_CHECKING:
     from cantools.database.can import Database, Message, Signal
@@ -77,6 +78,7 @@ def dbc_signal(path: Path, name: str) -> CanSignal:
 @lru_cache(maxsize=4)  # several inputs may read one large file
 def _load(path: Path, changed: int) -> "Database":
     """Return the content of a file that was changed at a time, ns."""
+    check_versions("cantools")
     try:
         from cantools.database.can import Database
     except ImportError:

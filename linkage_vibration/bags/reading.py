@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from linkage_vibration.bags.can_logs import SUFFIXES, CanLogError, CanLogReader, can_log_suffix
 from linkage_vibration.bags.message_types import JOINT_STATE
 from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.support.version import check_versions
 from linkage_vibration.support.yaml_size import refuse_unbounded
 
 if TYPE_CHECKING:
@@ -211,12 +212,13 @@ def bag_reader(path: Path, *, by_chunks: bool = False) -> "BagReader":
     BagError
         If there is no such bag, or rosbags is missing.
     """
+    check_versions("rosbags")
     try:
         from rosbags.rosbag1 import Reader as Reader1
         from rosbags.rosbag2 import Reader as Reader2
     except ImportError:
         raise BagError(
-            "Reading bags needs rosbags 0.11 or later; run `pip install linkage_vibration[bags]`."
+            "Reading bags needs rosbags; run `pip install linkage_vibration[bags]`."
         ) from None
     kind = _kind(path)
     if kind in SUFFIXES:
@@ -231,6 +233,7 @@ def bag_reader(path: Path, *, by_chunks: bool = False) -> "BagReader":
 
 
 def _can_log_reader(path: Path) -> CanLogReader:
+    check_versions("python-can")
     try:
         return CanLogReader(path)
     except ImportError:

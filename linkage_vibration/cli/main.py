@@ -14,7 +14,7 @@ from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.support.atomic_files import messages_beside
 from linkage_vibration.support.exit_codes import FAILED, ended_by_signals
 from linkage_vibration.support.missing_library import missing_library
-from linkage_vibration.support.version import VERSION
+from linkage_vibration.support.version import VERSION, check_versions
 
 # Each is a module of this room. Its docstring is the help text, `add_arguments` declares what it
 # takes, and `run` does the work and returns the exit code. The modules import nothing slow at their
@@ -48,6 +48,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     # save. NumPy reads this variable when it is first imported, which is after this line.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
+        check_versions()
         with ended_by_signals(), redirect_stdout(messages_beside(_outputs(options))):
             return int(options.run(options))
     except LinkageVibrationError as error:

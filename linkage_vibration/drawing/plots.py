@@ -31,6 +31,7 @@ from linkage_vibration.messages.topics import PREDICTION, RESONANCE
 from linkage_vibration.prediction.predictor import Status
 from linkage_vibration.prediction.resonance import ResonanceState
 from linkage_vibration.support.atomic_files import write_bytes
+from linkage_vibration.support.version import check_versions
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -53,7 +54,10 @@ def require_matplotlib() -> None:
     ------
     PlotError
         If it is missing.
+    OldLibraryError
+        If it is too old.
     """
+    check_versions("matplotlib", "pillow")
     try:
         import matplotlib.figure  # noqa: F401
     except ImportError:

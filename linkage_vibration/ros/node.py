@@ -10,6 +10,7 @@ from importlib.metadata import PackageNotFoundError, version
 from types import FrameType
 
 from linkage_vibration.support.missing_library import missing_library
+from linkage_vibration.support.version import OldLibraryError, check_versions
 
 STOP_SIGNALS = (signal.SIGHUP, signal.SIGINT, signal.SIGTERM)
 JAZZY = 7  # major version of its rclpy
@@ -31,9 +32,13 @@ def main(args: list[str] | None = None) -> int:
         return 1
     # The import of ROS 2 and SciPy takes a second, in which signals are handled already.
     try:
+        check_versions()
         from linkage_vibration.ros.spinning import run
 
         return run(args, stop_asked)
+    except OldLibraryError as error:
+        print(f"linkage_vibration_node: {error}", file=sys.stderr)
+        return 1
     except ImportError as error:
         print(f"linkage_vibration_node: {missing_library(error)}", file=sys.stderr)
         return 1
