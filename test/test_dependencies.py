@@ -125,7 +125,7 @@ def declared(entries: dict[str, list[str]]) -> dict[str, set[str]]:
 
 
 def test_oldest_versions_are_tested(entries: dict[str, list[str]]) -> None:
-    """Start-up refuses what is older than setup.py allows, and one run of the tests uses the limit.
+    """The limits of setup.py are those of package.xml, of start-up, and of one run of the tests.
 
     mcap alone has no release between the limit and the newest one.
     """
@@ -140,6 +140,10 @@ def test_oldest_versions_are_tested(entries: dict[str, list[str]]) -> None:
         "pytest",
     } - {"mcap"}
     assert {name.lower(): version for name, version in pinned.items()}.items() <= limits.items()
+    keys = {key: name for name, key in DISTRIBUTIONS.values() if key and name != "mcap"}
+    for element in ElementTree.parse(ROOT / "package.xml").iter("exec_depend"):
+        limit = limits.get(keys.get(element.text, ""))
+        assert element.get("version_gte") == limit or element.text == "mcap-ros2-support"
 
 
 @pytest.mark.parametrize("folder", FOLDERS)
