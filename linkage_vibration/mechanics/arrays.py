@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Types of arrays, and equations in stacks."""
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -11,7 +13,7 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]
 
 
-def solve_stack(matrices: ComplexArray, right: FloatArray | ComplexArray) -> ComplexArray:
+def solve_stack(matrices: NDArray[Any], right: NDArray[Any]) -> NDArray[Any]:
     """Solve equations, (n, m, m), whose right side is the same for all, (m, k), or not, (n, m, k).
 
     NumPy 1 takes a right side of two dimensions as one vector for each equation, but NumPy 2 takes
