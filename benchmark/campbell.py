@@ -15,9 +15,10 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from linkage_vibration.drawing.palette import GREY, INK, mode_colours
+from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.prediction.excitation import Excitation, Source
 from linkage_vibration.prediction.predictor import Predictor
-from linkage_vibration.prediction.resonance import Resonance, ResonanceMonitor, ResonanceState
+from linkage_vibration.prediction.resonance import ResonanceMonitor, ResonanceState
 from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.support.resources import DEFAULT_TABLE, config_file
 from linkage_vibration.table.table import Table, load_table
@@ -123,14 +124,14 @@ def over_the_drive(ax: Axes, predictor: Predictor, excitations: Sequence[Excitat
 
 def assess_drive(
     predictor: Predictor, excitations: Sequence[Excitation]
-) -> tuple[FloatArray, list[Resonance]]:
+) -> tuple[FloatArray, list[MessageColumns]]:
     """Assess every joint state of the shipped drive, as the node would.
 
     Returns
     -------
     times : ndarray, (n,), s
         Times of the joint states.
-    resonances : list of Resonance, n
+    resonances : list of MessageColumns, n
         The resonance at each time.
     """
     times, alpha3 = hitch_duty_cycle()

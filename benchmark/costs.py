@@ -79,7 +79,7 @@ def _resonance_costs(predictor: Predictor) -> tuple[float, float]:
     speeds = [
         ReportedSpeed(i, Source.ENGINE, 1800.0 + i, int(times[i])) for i in range(0, BLOCK, 10)
     ]
-    many = _lowest(lambda: monitor.assess_many(*numbers, speeds), 1) / BLOCK
+    many = _lowest(lambda: monitor.assess_many(*numbers, speeds, np.zeros(BLOCK)), 1) / BLOCK
     first = predictor.predict(1.6)
     return _lowest(lambda: monitor.assess(first, 0.0, SECOND), 200), many
 
@@ -102,10 +102,10 @@ def _level_costs() -> tuple[float, float]:
     alpha3, speeds = np.linspace(1.6, 3.1, BLOCK), np.full((3, BLOCK), 600.0)
     found = predict_many(predictor, alpha3, np.zeros(BLOCK))
     relative = found.frequency_stddev / found.natural_frequencies
-    stddev = np.stack([relative, found.damping_ratio_stddev], axis=1)
-    many = _lowest(lambda: levels.many(alpha3, speeds, stddev), 1) / BLOCK
-    one = tuple(speeds[:, 0].tolist())
-    return _lowest(lambda: levels.at(2.3, one, stddev[0]), 200), many
+    stddev = np.array([relative, found.damping_ratio_stddev])
+    many = _lowest(lambda: levels.at(alpha3, speeds, stddev), 1) / BLOCK
+    one = alpha3[:1], speeds[:, :1], stddev[:, :1]
+    return _lowest(lambda: levels.at(*one), 200), many
 
 
 def _write_cost() -> float:

@@ -43,9 +43,11 @@ from linkage_vibration.bags.message_types import JOINT_STATE
 from linkage_vibration.bags.recovery import recover
 from linkage_vibration.bags.streams import open_bags
 from linkage_vibration.bags.writing import Topic
+from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.messages.definitions import message_definition
-from linkage_vibration.messages.encoding import encode_predictions
-from linkage_vibration.prediction.batch import Predictions
+from linkage_vibration.messages.encoding import encode_columns
+from linkage_vibration.messages.fields import message_fields
+from linkage_vibration.messages.topics import PREDICTION
 from linkage_vibration.readers.matlab import read_matlab
 from test.support.damage import damaged, write_files
 from test.support.file_readers import all_readers
@@ -54,7 +56,6 @@ SECONDS = 30  # of joint states at 1 kHz
 ROUNDS = 5
 DAMAGED = 500  # MATLAB files
 MEMORY = 4 * 2**30  # bytes of address space of a process that reads damaged files
-PREDICTION = "linkage_vibration_interfaces/msg/VibrationPrediction"
 TOPIC = "/joint_states"
 
 Measured = Callable[[Path], int]
@@ -282,11 +283,11 @@ def _parts(folder: Path) -> Iterator[str]:
     yield compared(ros1, {"ours": _read_ours, "rosbags": _ros1_by_rosbags})
     n = 20_000
     slow = 1.0 + np.sin(0.5e-3 * np.arange(n))[:, np.newaxis] * np.arange(1, 7)
-    peak = slow[:, 0], slow[:, 1], slow[:, 2]
-    modes = slow, slow, slow, slow
-    found = Predictions(slow[:, 0], np.ones(n, np.uint8), *modes, *peak, "0" * 64, slow)
+    values = {f.name: slow if f.is_sequence else slow[:, 0] for f in message_fields(PREDICTION)}
+    values |= {"status": np.ones(n, np.uint8), "table_id": "0" * 64}
     stamps = np.arange(n, dtype=np.int32), np.arange(n, dtype=np.uint32)
-    np.save(folder / "rows.npy", encode_predictions(found, *stamps, "base_link"))
+    [(_, rows)] = encode_columns(PREDICTION, MessageColumns(**values), *stamps, "base_link")
+    np.save(folder / "rows.npy", rows)
     yield f"{n:,} predictions of 6 modes, written to MCAP with zstd:"
     yield compared(folder / "rows.npy", {"ours": _write_ours, "mcap": _write_by_mcap})
     yield "The same, read into columns:"

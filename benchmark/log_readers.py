@@ -25,7 +25,8 @@ from linkage_vibration.bags.recorder import UNLIMITED, Limits, Provenance, Recor
 from linkage_vibration.bags.recovery import recover
 from linkage_vibration.bags.writing import COMPRESSIONS, Topic, offered_qos_profiles
 from linkage_vibration.messages.definitions import message_definition, type_hash
-from linkage_vibration.messages.encoding import encode_prediction
+from linkage_vibration.messages.encoding import encode_message
+from linkage_vibration.messages.topics import PREDICTION
 from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.support.resources import PAPER_TABLE, config_file
 from linkage_vibration.table.table import load_table
@@ -36,7 +37,6 @@ PACKAGES = ["@mcap/core", "@mcap/nodejs", "@mcap/support", "@foxglove/rosmsg"]
 PACKAGES += ["@foxglove/rosmsg2-serialization"]
 NODE_MODULES = Path("build/npm").resolve()
 JOINT_STATE = "sensor_msgs/msg/JointState"
-PREDICTION = "linkage_vibration_interfaces/msg/VibrationPrediction"
 # Topic, log time, publish time, fields.
 Message = tuple[str, int, int, Any]
 
@@ -74,7 +74,7 @@ def record(folder: Path, compression: str, limits: Limits) -> None:
         at = 10**9 * sec + nanosec
         data = bytes(store.serialize_cdr(message, JOINT_STATE))
         recorder.write("/joint_states", data, at, at - 1000)
-        data = encode_prediction(predictor.predict(alpha3), sec, nanosec, "hitch")
+        data = encode_message(PREDICTION, predictor.predict(alpha3), sec, nanosec, "hitch")
         recorder.write("/prediction", data, at + 500, at + 400)
     recorder.stop()
 

@@ -14,10 +14,11 @@ from numpy.typing import NDArray
 
 from benchmark.report import machine, publish, table
 from linkage_vibration.drawing.palette import GREY, INK, mode_colours
+from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.motion import crank_filter
 from linkage_vibration.prediction.predictor import Predictor
-from linkage_vibration.prediction.resonance import Resonance, ResonanceMonitor
+from linkage_vibration.prediction.resonance import ResonanceMonitor
 from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.support.resources import DEFAULT_EXCITATIONS, DEFAULT_TABLE, config_file
 from linkage_vibration.table.table import load_table
@@ -116,7 +117,7 @@ def _true_direction(
     motion: Callable[[FloatArray], FloatArray],
     ratio: float,
     rise: float,
-    found: Resonance,
+    found: MessageColumns,
     now: float,
 ) -> float:
     """Return 1 if the excitation truly approaches the mode, and -1 if it moves away."""

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from benchmark.report import machine, publish, table
 from linkage_vibration.drawing.palette import GREY, INK, mode_colours
-from linkage_vibration.prediction.batch import Predictions, predict_many
+from linkage_vibration.messages.columns import MessageColumns
+from linkage_vibration.prediction.batch import predict_many
 from linkage_vibration.prediction.excitation import Excitation, Source
 from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.prediction.predictor import Predictor
@@ -183,14 +184,14 @@ def warned(
             for source, values in ((Source.ENGINE, engine), (Source.PTO, pto))
         ]
         velocity = np.gradient(alpha3, STEP * EVERY)
-        states = monitor.assess_many(predictions, velocity, time, speeds).state
+        states = monitor.assess_many(predictions, velocity, time, speeds, np.zeros(n)).state
         notes = rule != RULES[4]
         found.append((states == ResonanceState.WARNING) | ((states == ResonanceState.NOTE) & notes))
     return np.array(found)
 
 
 def _in_bands(
-    predictions: Predictions,
+    predictions: MessageColumns,
     excitations: Sequence[Excitation],
     engine: FloatArray,
     pto: FloatArray,

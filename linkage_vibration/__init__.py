@@ -16,12 +16,13 @@ if TYPE_CHECKING:
     from linkage_vibration.mechanics.description import Mechanism
     from linkage_vibration.mechanics.model import IdentifiedSolution, LinkageModel, Solution
     from linkage_vibration.mechanics.response import Peak, PoleResidue
+    from linkage_vibration.messages.columns import MessageColumns
     from linkage_vibration.playback.replay import Replayed, WhatIf, replay
     from linkage_vibration.prediction.parameter_files import read_parameters
     from linkage_vibration.prediction.predictor import Prediction, Predictor, Status
     from linkage_vibration.prediction.settings import Parameters
     from linkage_vibration.readers.mechanism import read_mechanism
-    from linkage_vibration.review.log import Log, Resonances, read_log
+    from linkage_vibration.review.log import Log, read_log
     from linkage_vibration.table.table import Table, load_table, save_table
     from linkage_vibration.table.tabulation.building import build_table
     from linkage_vibration.testing.bag_checks import Failure, Limits, Report, check_bag
@@ -31,12 +32,13 @@ _MODULES = {
     "mechanics.description": ["Mechanism"],
     "mechanics.model": ["IdentifiedSolution", "LinkageModel", "Solution"],
     "mechanics.response": ["Peak", "PoleResidue"],
+    "messages.columns": ["MessageColumns"],
     "playback.replay": ["Replayed", "WhatIf", "replay"],
     "prediction.parameter_files": ["read_parameters"],
     "prediction.predictor": ["Prediction", "Predictor", "Status"],
     "prediction.settings": ["Parameters"],
     "readers.mechanism": ["read_mechanism"],
-    "review.log": ["Log", "Resonances", "read_log"],
+    "review.log": ["Log", "read_log"],
     "table.table": ["Table", "load_table", "save_table"],
     "table.tabulation.building": ["build_table"],
     "testing.bag_checks": ["Failure", "Limits", "Report", "check_bag"],
@@ -47,8 +49,8 @@ __version__ = VERSION
 # fmt: off
 __all__ = [
     "Failure", "IdentifiedSolution", "Limits", "LinkageModel", "LinkageVibrationError", "Log",
-    "Mechanism", "Parameters", "Peak", "PoleResidue", "Prediction", "Predictor", "Replayed",
-    "Report", "Resonances", "Solution", "Status", "Table", "WhatIf", "build_table", "check_bag",
+    "Mechanism", "MessageColumns", "Parameters", "Peak", "PoleResidue", "Prediction", "Predictor",
+    "Replayed", "Report", "Solution", "Status", "Table", "WhatIf", "build_table", "check_bag",
     "load_table", "read_log", "read_mechanism", "read_parameters", "replay", "save_table",
 ]
 # fmt: on

@@ -186,5 +186,7 @@ def test_integration_reaches_the_steady_level() -> None:
     run = Run(2.2 * steps, 1500.0 * steps, 0.0 * steps)
     velocity = integrated(levels, excitations, run, np.ones((1, predictor.table.n_modes)))
     found = math.sqrt(float((velocity[0, -round(1.0 / STEP) :] ** 2).mean()))
-    level = levels.at(2.2, (1500.0, math.nan, math.nan), np.zeros((2, predictor.table.n_modes)))
+    speeds = np.array([[1500.0], [math.nan], [math.nan]])
+    exact = np.zeros((2, 1, predictor.table.n_modes))
+    level = levels.at(np.array([2.2]), speeds, exact).message(0)
     assert found == pytest.approx(float(level.total_velocity), rel=0.04)

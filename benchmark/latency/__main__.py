@@ -212,7 +212,8 @@ def parts() -> str:
     from sensor_msgs.msg import JointState
 
     from linkage_vibration.bags.joint_states import JointStateReader
-    from linkage_vibration.messages.encoding import encode_prediction
+    from linkage_vibration.messages.encoding import encode_message
+    from linkage_vibration.messages.topics import PREDICTION
     from linkage_vibration.prediction.health import ReadingWatch
     from linkage_vibration.prediction.motion import crank_filter
     from linkage_vibration.prediction.predictor import Predictor
@@ -232,7 +233,7 @@ def parts() -> str:
     steps: dict[str, Callable[[], object]] = {
         "table lookup": lambda: predictor.table.interpolate(2.0),
         "prediction, lookup included": lambda: predictor.predict(2.0),
-        "encoding the prediction": lambda: encode_prediction(prediction, 0, 0, ""),
+        "encoding the prediction": lambda: encode_message(PREDICTION, prediction, 0, 0, ""),
         "noting the motion": lambda: motion.note(next(stamps), 2.0),
         "keeping it for the watch": keep,
         "decoding the joint state": lambda: reader.read_one(data),

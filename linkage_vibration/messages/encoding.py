@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Encodes predictions and resonances as CDR, one at a time or many at once, without rclpy.
+"""Encodes our messages as CDR, one at a time or many at once, without rclpy.
 
 The same values always give the same bytes. A ROS 2 serializer does not promise that: it may leave
 arbitrary bytes where CDR pads. `struct` and NumPy are also several times faster than rclpy.
@@ -8,19 +8,15 @@ arbitrary bytes where CDR pads. `struct` and NumPy are also several times faster
 
 import struct
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from functools import cache, lru_cache
 from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
+from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.messages.fields import CODES, message_fields
-from linkage_vibration.messages.topics import PREDICTION, RESONANCE
-from linkage_vibration.prediction.batch import Predictions
-from linkage_vibration.prediction.excitation import Excitation
-from linkage_vibration.prediction.predictor import Prediction
-from linkage_vibration.prediction.resonance import Resonance, Resonances
 
 Bytes = NDArray[np.uint8]
 Integers = NDArray[np.int64]
@@ -33,86 +29,49 @@ _HEADER = {
     "header.stamp.nanosec": "nanosec",
     "header.frame_id": "frame_id",
 }
-_AS_BYTES = ".encode() + b'\\0'"  # CDR ends a text with a zero
 
 
-def encode_prediction(prediction: Prediction, sec: int, nanosec: int, frame_id: str) -> bytes:
-    """Encode a prediction as ``linkage_vibration_interfaces/msg/VibrationPrediction``.
+def encode_message(type_name: str, message: object, sec: int, nanosec: int, frame_id: str) -> bytes:
+    """Encode one message with its encapsulation header, as DDS carries it and MCAP stores it.
 
     Parameters
     ----------
-    prediction : Prediction
-        It has at least one mode, as CDR pads an empty sequence differently.
+    type_name, message : str and object
+        The type, and an object with its fields except the header. A sequence of 8-byte numbers is
+        not empty, as CDR pads an empty one differently.
     sec, nanosec, frame_id : int, int and str
         Stamp (s and ns) and frame of the header.
-
-    Returns
-    -------
-    bytes
-        The message with its encapsulation header, as DDS carries it and MCAP stores it.
     """
-    return _encoder(PREDICTION)(prediction, sec, nanosec, frame_id)
+    return _encoder(type_name)(message, sec, nanosec, frame_id)
 
 
-def encode_resonance(resonance: Resonance, sec: int, nanosec: int, frame_id: str) -> bytes:
-    """Encode a resonance as ``linkage_vibration_interfaces/msg/Resonance``.
-
-    Parameters
-    ----------
-    resonance : Resonance
-    sec, nanosec, frame_id : int, int and str
-        As in `encode_prediction`.
-    """
-    return _encoder(RESONANCE)(resonance, sec, nanosec, frame_id)
-
-
-def encode_predictions(
-    predictions: Predictions, sec: NDArray[np.int32], nanosec: NDArray[np.uint32], frame_id: str
-) -> Bytes:
-    """Return what `encode_prediction` gives for each of many predictions, as rows of bytes.
-
-    Parameters
-    ----------
-    predictions : Predictions
-    sec, nanosec : ndarray, (n,)
-        Stamps of the headers, s and ns.
-    frame_id : str
-        Frame of all headers.
-    """
-    texts = {"header.frame_id": frame_id, "table_id": predictions.table_id}
-    return _encode_columns(PREDICTION, predictions, texts, sec, nanosec)
-
-
-def encode_resonances(
-    resonances: Resonances,
-    excitations: Sequence[Excitation],
-    table_id: str,
+def encode_columns(
+    type_name: str,
+    columns: MessageColumns,
     sec: NDArray[np.int32],
     nanosec: NDArray[np.uint32],
     frame_id: str,
 ) -> Iterator[tuple[Integers, Bytes]]:
-    """Encode many resonances whose headers have the same frame.
+    """Encode many messages, (n,), whose headers have the same frame.
 
-    Parameters
-    ----------
-    resonances : Resonances
-    excitations, table_id : sequence of Excitation and str
-        Those of the monitor, and the table of the predictions.
-    sec, nanosec, frame_id : ndarray, (n,), ndarray, (n,), and str
-        As in `encode_predictions`.
-
-    Yields
-    ------
-    which, encoded : ndarray, (m,), and ndarray of uint8, (m, n_bytes)
-        Indices of the resonances of one excitation, whose messages have the same size, and what
-        `encode_resonance` returns for each of them.
+    The indices of messages whose texts are equal, (m,), are yielded with the bytes that
+    `encode_message` returns for them, (m, n_bytes).
     """
-    for number in np.unique(resonances.excitation).tolist():
-        [which] = np.nonzero(resonances.excitation == number)
-        excitation = excitations[number].name if number >= 0 else ""
-        texts = {"header.frame_id": frame_id, "excitation": excitation, "table_id": table_id}
-        same = resonances.rows(which)
-        yield which, _encode_columns(RESONANCE, same, texts, sec[which], nanosec[which])
+    groups = [np.arange(len(sec))]
+    names = [field.name for field in message_fields(type_name) if field.type == "string"]
+    texts = {name: getattr(columns, name) for name in names if name != "header.frame_id"}
+    for text in texts.values():
+        if not isinstance(text, str):
+            groups = [rows[text[rows] == each] for rows in groups for each in np.unique(text[rows])]
+    for rows in groups:
+        if len(rows):
+            alike = columns if len(rows) == len(sec) else columns.rows(rows)
+            shared = {
+                name: str(text if isinstance(text, str) else text[rows[0]])
+                for name, text in texts.items()
+            }
+            shared["header.frame_id"] = frame_id
+            yield rows, _encode_alike(type_name, alike, shared, sec[rows], nanosec[rows])
 
 
 @cache
@@ -122,20 +81,24 @@ def _encoder(type_name: str) -> Callable[[object, int, int, str], bytes]:
     The function is generated as source, as a loop over the fields would take twice as long.
     """
     lines, formats, arguments = [], [], []
+    scope: dict[str, Any] = {"encapsulation": _ENCAPSULATION, "pack": struct.pack}
     for i, field in enumerate(message_fields(type_name)):
-        value = _HEADER.get(field.name, f"message.{field.name}")
-        code = np.dtype(CODES[field.type]).char
-        if field.type == "string" or field.is_sequence:
-            lines.append(f"v{i} = {value}{'.tolist()' if field.is_sequence else _AS_BYTES}")
-            formats.append(f"I{{len(v{i})}}{code if field.is_sequence else 's'}")
-            arguments += [f"len(v{i})", f"*v{i}" if field.is_sequence else f"v{i}"]
+        value, kind = _HEADER.get(field.name, f"message.{field.name}"), np.dtype(CODES[field.type])
+        if field.type == "string":
+            lines.append(f"v{i} = {value}.encode() + b'\\0'")  # CDR ends a text with a zero
+            formats.append(f"I{{len(v{i})}}s")
+            arguments += [f"len(v{i})", f"v{i}"]
+        elif field.is_sequence:
+            scope |= {"array": np.asarray, f"kind{i}": kind}
+            lines.append(f"v{i} = array({value}, kind{i}).tobytes()")
+            formats.append(f"I0{kind.char}{{len(v{i})}}s")
+            arguments += [f"len(v{i}) // {kind.itemsize}", f"v{i}"]
         else:
-            formats.append(code)
+            formats.append(kind.char)
             arguments.append(value)
     # CDR aligns every number to its own size, as `struct` does in native mode.
     lines.append(f"return encapsulation + pack(f'{''.join(formats)}', {', '.join(arguments)})")
     source = "\n    ".join(["def encode(message, sec, nanosec, frame_id):", *lines])
-    scope: dict[str, Any] = {"encapsulation": _ENCAPSULATION, "pack": struct.pack}
     exec(source, scope)
     return cast(Callable[[object, int, int, str], bytes], scope["encode"])
 
@@ -160,14 +123,14 @@ def _layout(type_name: str, *lengths: int) -> np.dtype[np.void]:
     return np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": itemsize})
 
 
-def _encode_columns(
+def _encode_alike(
     type_name: str,
-    columns: object,
+    columns: MessageColumns,
     texts: Mapping[str, str],
     sec: NDArray[np.int32],
     nanosec: NDArray[np.uint32],
 ) -> Bytes:
-    """Encode messages that have the same texts, and columns as attributes."""
+    """Encode messages that have the same texts."""
     values: dict[str, Any] = {"header.stamp.sec": sec, "header.stamp.nanosec": nanosec}
     lengths: list[int] = []
     for field in message_fields(type_name):

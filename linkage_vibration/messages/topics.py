@@ -1,12 +1,11 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""The topics of the node: one list for its subscriptions, its log, its manual and its policy."""
+"""The topics that the node publishes: one list for its log, its manual and its policy."""
 
 from dataclasses import dataclass
 
 from linkage_vibration.bags.writing import QUEUE_DEPTH, Topic, offered_qos_profiles
 from linkage_vibration.messages.definitions import OWN_PACKAGE, message_definition, type_hash
-from linkage_vibration.prediction.inputs.presets import PRESETS
 
 PREDICTION = f"{OWN_PACKAGE}/msg/VibrationPrediction"
 RESONANCE = f"{OWN_PACKAGE}/msg/Resonance"
@@ -15,8 +14,6 @@ TABLE_INFO = f"{OWN_PACKAGE}/msg/TableInfo"
 PREDICTION_TOPIC = "/linkage_vibration/prediction"
 """Topic of the predictions in a replay, and of a node that has its default name."""
 RESONANCE_TOPIC = "/linkage_vibration/resonance"
-HITCHED_TOPIC = "hitched_implement"
-"""Topic that names the implement on the hitch."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,25 +37,9 @@ class NodeTopic:
     logged: bool = True
 
 
-_INPUT_QOS, _OUTPUT_QOS = (f"{q}, keep last {QUEUE_DEPTH}" for q in ("best effort", "reliable"))
+INPUT_QOS, _OUTPUT_QOS = (f"{q}, keep last {QUEUE_DEPTH}" for q in ("best effort", "reliable"))
 _LATCHED = "reliable, transient local"
 
-_PRESETS = [preset for presets in PRESETS.values() for preset in presets.values()]
-_HITCHED = NodeTopic(
-    HITCHED_TOPIC,
-    "std_msgs/msg/String",
-    f"{_INPUT_QOS}; also latched",
-    "The name of the implement on the hitch ([implements](services.md#implements-by-name)); "
-    "subscribed if `implement_file` is given.",
-    logged=False,
-)
-INPUT_TOPICS = (
-    *(
-        NodeTopic(one.topic, one.type, _INPUT_QOS, one.meaning)
-        for one in {preset.topic: preset for preset in _PRESETS}.values()
-    ),
-    _HITCHED,
-)
 OUTPUT_TOPICS = (
     NodeTopic(
         "~/prediction",

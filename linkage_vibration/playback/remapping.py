@@ -10,9 +10,10 @@ from linkage_vibration.bags.streams import Bags, BagTopic
 from linkage_vibration.bags.writing import QUEUE_DEPTH, Topic, offered_qos_profiles
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.messages.definitions import DefinitionError, message_definition
-from linkage_vibration.messages.topics import INPUT_TOPICS, log_topic
+from linkage_vibration.messages.topics import log_topic
 from linkage_vibration.prediction.inputs.presets import HITCH
 from linkage_vibration.prediction.inputs.sources import SourceSettings
+from linkage_vibration.prediction.inputs.topics import INPUT_TOPICS
 from linkage_vibration.prediction.settings import NODE_NAME, Parameters
 
 

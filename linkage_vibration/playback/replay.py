@@ -17,8 +17,8 @@ from linkage_vibration.bags.numbers import LeftOut
 from linkage_vibration.bags.recorder import PROVENANCE_METADATA, package_versions
 from linkage_vibration.bags.streams import Bags, BagTopic, Block, open_bags
 from linkage_vibration.mechanics.model import LinkageModel
-from linkage_vibration.messages.encoding import encode_predictions, encode_resonances
-from linkage_vibration.messages.provenance import attachments, implement_facts
+from linkage_vibration.messages.columns import MessageColumns, joined
+from linkage_vibration.messages.encoding import encode_columns
 from linkage_vibration.messages.topics import (
     PREDICTION,
     PREDICTION_TOPIC,
@@ -34,13 +34,14 @@ from linkage_vibration.playback.remapping import (
     topic_schema,
 )
 from linkage_vibration.prediction.answers import Implement, Served, with_implement
-from linkage_vibration.prediction.batch import Predictions, joined, predict_many
+from linkage_vibration.prediction.batch import predict_many
 from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.inputs.presets import HITCH
 from linkage_vibration.prediction.inputs.sources import CrankInput, Readings, SpeedInput
 from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.prediction.motion import crank_filter, crank_resolution
 from linkage_vibration.prediction.predictor import Predictor, Status
+from linkage_vibration.prediction.provenance import attachments, implement_facts
 from linkage_vibration.prediction.resonance import ReportedSpeed, ResonanceMonitor
 from linkage_vibration.prediction.settings import NODE_NAME, Parameters
 from linkage_vibration.readers.excitations import read_excitations
@@ -236,7 +237,7 @@ class _Replay:
     def messages(self, block: Block) -> list[Messages]:
         """Return the input messages of a block that are used, and what is predicted for them."""
         found: list[Messages] = []
-        predicted: list[Predictions] = []
+        predicted: list[MessageColumns] = []
         used: list[Integers] = []
         rows = np.flatnonzero(block.topics == self._places[HITCH])
         groups = list(self._input.read_block(block, rows, self.done))
@@ -244,9 +245,10 @@ class _Replay:
             log_times = block.log_times[group.rows]
             predictions = predict_many(self._predictor, group.crank_angle, group.stddev)
             predicted.append(predictions)
-            encoded = encode_predictions(predictions, group.sec, group.nanosec, group.frame_id)
-            place = _PLACES * group.rows + 1
-            found.append(Messages(PREDICTION_TOPIC, encoded, place, log_times, log_times))
+            header = group.sec, group.nanosec, group.frame_id
+            for _, encoded in encode_columns(PREDICTION, predictions, *header):
+                place = _PLACES * group.rows + 1
+                found.append(Messages(PREDICTION_TOPIC, encoded, place, log_times, log_times))
             used.append(group.rows)
             counts = np.bincount(predictions.status, minlength=len(Status))
             for status, count in enumerate(counts.tolist()):
@@ -295,7 +297,7 @@ class _Replay:
         monitor: ResonanceMonitor,
         block: Block,
         groups: Sequence[Readings],
-        predicted: Sequence[Predictions],
+        predicted: Sequence[MessageColumns],
         speeds: Sequence[_SpeedRow],
     ) -> list[Messages]:
         """Assess predictions, with the speeds that were received among them."""
@@ -308,7 +310,7 @@ class _Replay:
         assessed = order[first:]
         velocity, error = self._velocities(groups, order)
         resonances = monitor.assess_many(
-            joined(predicted, assessed),
+            joined(predicted).rows(assessed),
             velocity[assessed],
             np.concatenate([group.times for group in groups])[assessed],
             [
@@ -321,10 +323,9 @@ class _Replay:
         for group in groups:
             answer, answers = np.split(answers, [len(group.rows)])
             kept = np.flatnonzero(answer >= 0)
-            for which, data in encode_resonances(
+            for which, data in encode_columns(
+                RESONANCE,
                 resonances.rows(answer[kept]),
-                monitor.excitations,
-                predicted[0].table_id,
                 group.sec[kept],
                 group.nanosec[kept],
                 group.frame_id,

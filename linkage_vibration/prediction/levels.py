@@ -2,15 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """How strongly excitations shake the response point, from the poles and residues of a table.
 
-Numbers for one angle and for many are equal to the last bit, so complex numbers are pairs of arrays
+Numbers for one angle are those for many to the last bit, so complex numbers are pairs of arrays
 here, and sums run in the order of the terms.
 """
 
 import math
-from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,13 +20,14 @@ from scipy.optimize import linear_sum_assignment
 
 from linkage_vibration.mechanics.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from linkage_vibration.mechanics.description import Mechanism
+from linkage_vibration.messages.columns import MessageColumns
+from linkage_vibration.messages.fields import message_fields
+from linkage_vibration.messages.topics import RESONANCE
 from linkage_vibration.prediction.excitation import Excitation, ExcitationError, LoadKind, Source
 from linkage_vibration.prediction.loads import Input, load_input
-from linkage_vibration.prediction.predictor import Predictor
+from linkage_vibration.prediction.predictor import Predictor, angles_in_table
 from linkage_vibration.table.interpolation import stroke_angle, stroke_variable
 from linkage_vibration.table.table import Table
-
-Single = NDArray[np.float32]
 
 ERROR = 1e-4
 """Largest error of a response between the angles at which the table was evaluated, over the sum of
@@ -43,34 +45,6 @@ _NOTABLE = 0.1  # of the level by all, from which one of them counts
 _TINY = float(np.finfo(float).tiny)
 _FIRST_CELLS, _MOST_CELLS = 32, 512  # of a piece of the table
 _CHUNK = 64  # angles that are evaluated together, so that their terms stay in the cache
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Levels:
-    """Steady vibration of the response point by each excitation and by all, at n angles.
-
-    It is NaN where it is not known: without an amplitude or a speed, above the band of the table,
-    and a standard deviation also where the first order is not enough. Standard deviations take
-    the shapes of the modes as exact.
-
-    Attributes
-    ----------
-    velocities, velocity_stddevs, accelerations : ndarray of float32, (n, n_excitations)
-        m/s, m/s and m/s^2, root mean square over time.
-    amplifications : ndarray of float32, (n, n_excitations)
-        Response over the static response to the same load, 1; NaN if there is none. Without an
-        amplitude, the load is a force at the response point.
-    total_velocity, total_velocity_stddev, total_acceleration : ndarray of float32, (n,)
-        Roots of the sums of squares over the excitations that are known.
-    """
-
-    velocities: Single
-    velocity_stddevs: Single
-    accelerations: Single
-    amplifications: Single
-    total_velocity: Single
-    total_velocity_stddev: Single
-    total_acceleration: Single
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -167,8 +141,6 @@ class LevelTable:
         if table.places:
             place = mechanism.response.point, mechanism.response.direction
             self._cells, self._layout = _sampled(table, list(inputs.values()), place)
-            self._starts = self._cells[0].tolist()
-        self._last: tuple[tuple[float, ...], _Forcing] | None = None
 
     @property
     def arrays(self) -> tuple[FloatArray, FloatArray, int, IntArray]:
@@ -211,61 +183,32 @@ class LevelTable:
         found = _cubic(cubics[i].swapaxes(0, 1), (angles - starts[i])[:, np.newaxis])
         return np.ascontiguousarray(found.T)
 
-    def at(self, alpha3: float, speeds: tuple[float, ...], stddev: FloatArray) -> Levels:
-        """Return the levels at one angle.
+    def at(self, alpha3: FloatArray, speeds: FloatArray, stddev: FloatArray) -> MessageColumns:
+        """Return the levels at n angles, which are the float32 fields of ``Resonance.msg``.
+
+        Outside the table they are not known. Standard deviations take the shapes of the modes as
+        exact, and are not known where the first order is not enough.
 
         Parameters
         ----------
-        alpha3 : float
-            rad; outside the table, levels are not known.
-        speeds : tuple of float
-            rpm or m/s of each `Source`; NaN where it is not known.
-        stddev : ndarray, (2, n_modes)
+        alpha3, speeds : ndarray, (n,) and (n_sources, n)
+            rad, and rpm or m/s of each `Source`; NaN where it is not known.
+        stddev : ndarray, (2, n, n_modes)
             Standard deviations of natural frequencies over these, and of damping ratios.
         """
-        angle = self._predictor.angle_in_table(alpha3)
-        if self._cells is None or angle is None:
-            return self._split(np.full((4 * len(self._inputs) + 3, 1), math.nan), 0)
-        if self._last is None or self._last[0] != speeds:
-            self._last = speeds, self._forcing(np.array([speeds, speeds]).T)
-        i = max(bisect_right(self._starts, angle) - 1, 0)
-        values = _cubic(self._cells[1][i], angle - self._starts[i])
-        # Two equal columns, as NumPy sums a single one in another order.
-        both = values[:, np.newaxis].repeat(2, axis=1)
-        deviations = stddev[:, :, np.newaxis].repeat(2, axis=2)
-        return self._split(self._evaluate(both, self._last[1], deviations), 0)
-
-    def many(self, alpha3: FloatArray, speeds: FloatArray, stddev: FloatArray) -> Levels:
-        """Return the same at many angles, equal to the last bit.
-
-        Parameters
-        ----------
-        alpha3, speeds, stddev : ndarray, (n,), (n_sources, n) and (n, 2, n_modes)
-        """
-        found = np.full((4 * len(self._inputs) + 3, len(alpha3)), math.nan)
-        if self._cells is None:
-            return self._split(found, slice(None))
-        low, high = self._predictor.table.alpha3_range
-        angles = alpha3.copy()
-        for row in np.flatnonzero(~((low <= alpha3) & (alpha3 <= high))).tolist():
-            angle = self._predictor.angle_in_table(float(alpha3[row]))
-            angles[row] = math.nan if angle is None else angle
-        [rows] = np.nonzero(~np.isnan(angles))
-        for start in range(0, len(rows), _CHUNK):
-            at = rows[start : start + _CHUNK]
-            twice = at if len(at) > 1 else at.repeat(2)
-            deviations = np.ascontiguousarray(stddev[twice].transpose(1, 2, 0))
-            forcing = self._forcing(speeds[:, twice])
-            together = self._evaluate(self._values(angles[twice]), forcing, deviations)
-            found[:, at] = together[:, : len(at)]
-        return self._split(found, slice(None))
-
-    def _split(self, found: FloatArray, which: int | slice) -> Levels:
-        with np.errstate(over="ignore"):
-            rows = found.astype(np.float32)[:, which].T
-        n = len(self._inputs)
-        columns = [rows[..., n * i : n * i + n] for i in range(4)]
-        return Levels(*columns, *(rows[..., 4 * n + i] for i in range(3)))
+        m = len(self._inputs)
+        numbers = _unknown(m, len(alpha3))
+        if self._cells is not None:
+            angles = angles_in_table(alpha3, self._predictor.table.alpha3_range)
+            [rows] = np.nonzero(~np.isnan(angles))
+            for start in range(0, len(rows), _CHUNK):
+                at = rows[start : start + _CHUNK]
+                deviations = np.ascontiguousarray(stddev[:, at].swapaxes(1, 2))
+                forcing = self._forcing(speeds[:, at])
+                chunk = _unknown(m, len(at))
+                self._evaluate(_by_name(chunk, m), self._values(angles[at]), forcing, deviations)
+                numbers[:, at] = chunk
+        return _level_columns(numbers, m)
 
     def _forcing(self, speeds: FloatArray) -> _Forcing:
         """Return what excitations do at speeds, (n_sources, n)."""
@@ -290,90 +233,120 @@ class LevelTable:
         above[2] *= w
         above[1] += above[2]
         terms = _quotient(above[:2], poles[0] - w * w, poles[2] * w + poles[1])
-        sums = np.add.reduce(terms, axis=1)
+        sums = np.add.accumulate(terms, axis=1)[:, -1]
         sums += rest[:2]
         sums[1] += rest[2] * w
         square = sums * sums
         return _Responses(above[:2], terms, poles, sums, square[0] + square[1], rest[3])
 
     def _evaluate(
-        self, values: FloatArray, forcing: _Forcing, deviations: FloatArray
-    ) -> FloatArray:
-        """Return everything at n angles, (4 n_excitations + 3, n)."""
+        self,
+        levels: dict[str, FloatArray],
+        values: FloatArray,
+        forcing: _Forcing,
+        deviations: FloatArray,
+    ) -> None:
+        """Compute the levels at n angles, (n_excitations, n) of each and (n,) of all, in place."""
         w, responses = forcing.omega, self._responses(values, forcing.omega)
         magnitude = np.sqrt(responses.squares)
-        found = np.full((4 * len(w) + 3, values.shape[1]), math.nan)
-        velocity, spread, acceleration, amplification = found[:-3].reshape(4, *w.shape)
-        np.divide(magnitude * forcing.known, responses.static, out=amplification)
+        np.divide(magnitude * forcing.known, responses.static, out=levels["amplifications"])
         if not self._loaded:
-            return found
-        np.multiply(magnitude, forcing.velocity, out=velocity)
-        np.multiply(velocity, w, out=acceleration)
+            return
+        velocity = np.multiply(magnitude, forcing.velocity, out=levels["velocities"])
+        np.multiply(velocity, w, out=levels["accelerations"])
         unknown = 0.0 * np.fmax.reduce(velocity)  # NaN where no level is known
-        known = np.fmax(velocity, 0.0)
-        fast = known * w
-        total = np.sqrt(np.add.reduce(known * known))
-        found[-3] = total + unknown
-        found[-1] = np.sqrt(np.add.reduce(fast * fast)) + unknown
+        heard = np.fmax(velocity, 0.0)
+        total = np.sqrt(_sum(heard * heard))
+        levels["total_velocity"][:] = total + unknown
+        levels["total_acceleration"][:] = np.sqrt(_sum((heard * w) ** 2)) + unknown
         if self.states_uncertainty:
-            spread[:], found[-2] = self._spreads(values, forcing, responses, known, deviations)
-            spread += 0.0 * velocity  # NaN where the velocity is not known
-            found[-2] += unknown
-        return found
+            each, together = self._spreads(values, forcing, responses, heard, total, deviations)
+            levels["velocity_stddevs"][:] = each + 0.0 * velocity  # NaN where it is not known
+            levels["total_velocity_stddev"][:] = together + unknown
 
     def _spreads(
         self,
         values: FloatArray,
         forcing: _Forcing,
         responses: _Responses,
-        known: FloatArray,
+        velocity: FloatArray,
+        total: FloatArray,
         deviations: FloatArray,
     ) -> tuple[FloatArray, FloatArray]:
-        """Return standard deviations of known velocities, (n_excitations, n), and of all, (n,)."""
-        magnitude, total = np.sqrt(responses.squares), np.sqrt(np.add.reduce(known * known))
-        factor, share = known / magnitude, known / np.maximum(total, _TINY)
+        """Return standard deviations of velocities, (n_excitations, n), and of their total, (n,).
+
+        A velocity that is not known is 0.
+        """
+        magnitude = np.sqrt(responses.squares)
+        factor, share = velocity / magnitude, velocity / np.maximum(total, _TINY)
         moved = _deviated(responses, forcing.omega, deviations, self._moved) * factor
-        variance = _variances(moved, known, total)
-        own = known * self._deviation
-        own *= own
+        variance = _variances(moved, velocity, total)
+        by_load = velocity * self._deviation
+        by_load *= by_load
         if self._moved.any():
-            own += self._by_own_frequencies(values, forcing, known)
-        each = np.sqrt(variance[:-1] + own)
-        together = np.sqrt(variance[-1] + np.add.reduce(own * share * share))
+            by_load += self._by_own_frequencies(values, forcing, velocity)
+        each = np.sqrt(variance[:-1] + by_load)
+        together = np.sqrt(variance[-1] + _sum(by_load * share * share))
         # Where modes cancel, their shapes decide, whose deviations are not known.
-        sizes = np.add.reduce(np.hypot(responses.terms[0], responses.terms[1]))
+        sizes = _sum(np.hypot(responses.terms[0], responses.terms[1]))
         cancelled = magnitude < _CANCELLED * sizes
         each[cancelled] = math.nan
         together[(cancelled & (share > _NOTABLE)).any(axis=0)] = math.nan
         return each, together
 
     def _by_own_frequencies(
-        self, values: FloatArray, forcing: _Forcing, known: FloatArray
+        self, values: FloatArray, forcing: _Forcing, velocity: FloatArray
     ) -> FloatArray:
-        """Return variances of known velocities, (n_excitations, n), by those of frequencies."""
-        sides = np.empty((2, *known.shape))
+        """Return variances of velocities, (n_excitations, n), by those of their frequencies."""
+        sides = np.empty((2, *velocity.shape))
         for side, sign in zip(sides, (-1.0, 1.0), strict=True):
             size = 1.0 + sign * _REACH * self._moved
             magnitude = np.sqrt(self._responses(values, forcing.omega * size).squares)
             rms = forcing.velocity * np.where(self._soil, 1.0 / size, size)
             np.fmax(magnitude * rms, 0.0, out=side)
-        return _variance(sides, known)
+        return _variance(sides, velocity)
 
 
 def _cubic(cell: FloatArray, t: float | FloatArray) -> FloatArray:
     return np.asarray(((cell[0] * t + cell[1]) * t + cell[2]) * t + cell[3])
 
 
-def no_levels(n_excitations: int, *n: int) -> Levels:
-    """Return levels that are not known.
+def unknown_levels(n_excitations: int, n: int) -> MessageColumns:
+    """Return levels at n angles that are not known."""
+    return _level_columns(_unknown(n_excitations, n), n_excitations)
 
-    Parameters
-    ----------
-    n_excitations, *n : int
-        How many excitations, and how many angles if there are several.
-    """
-    each = [np.full((*n, n_excitations), math.nan, np.float32)] * 4
-    return Levels(*each, *[np.full(n, math.nan, np.float32)] * 3)
+
+@cache
+def _level_fields() -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return the names of the levels of each excitation and of all: the float32 fields."""
+    fields = [field for field in message_fields(RESONANCE) if field.type == "float32"]
+    each = tuple(field.name for field in fields if field.is_sequence)
+    return each, tuple(field.name for field in fields if not field.is_sequence)
+
+
+def _unknown(m: int, n: int) -> FloatArray:
+    """Return the rows of all levels of m excitations at n angles, NaN."""
+    each, of_all = _level_fields()
+    return np.full((len(each) * m + len(of_all), n), math.nan)
+
+
+def _by_name(numbers: NDArray[Any], m: int) -> dict[str, NDArray[Any]]:
+    """Return the rows of each level by name, (m, n) of each excitation and (n,) of all."""
+    each, of_all = _level_fields()
+    first = len(each) * m
+    parts = numbers[:first].reshape(len(each), m, numbers.shape[1])
+    return dict(zip(each, parts, strict=True)) | dict(zip(of_all, numbers[first:], strict=True))
+
+
+def _level_columns(numbers: FloatArray, m: int) -> MessageColumns:
+    with np.errstate(over="ignore"):
+        single = numbers.astype(np.float32)
+    return MessageColumns(**{name: rows.T for name, rows in _by_name(single, m).items()})
+
+
+def _sum(terms: FloatArray) -> FloatArray:
+    """Return the sum along the first axis, in its order; `np.sum` has others, by the shape."""
+    return np.asarray(np.add.accumulate(terms)[-1])
 
 
 def _quotient(above: FloatArray, real: FloatArray, imaginary: FloatArray) -> FloatArray:
@@ -449,20 +422,20 @@ def _hides_a_peak(
     return np.asarray(found)
 
 
-def _variances(moved: FloatArray, known: FloatArray, total: FloatArray) -> FloatArray:
+def _variances(moved: FloatArray, velocities: FloatArray, total: FloatArray) -> FloatArray:
     """Return the variances of velocities and, last, of their total, (n_excitations + 1, n).
 
     Parameters
     ----------
     moved : ndarray, (4 m, n_excitations, n)
         Velocities if one mode deviates, as `_deviated` orders them.
-    known, total : ndarray, (n_excitations, n) and (n,)
+    velocities, total : ndarray, (n_excitations, n) and (n,)
         Velocities and their total without deviations.
     """
-    others = np.empty((len(moved), len(known) + 1, known.shape[1]))
+    others = np.empty((len(moved), len(velocities) + 1, velocities.shape[1]))
     others[:, :-1] = moved
-    np.sqrt(np.add.reduce(moved * moved, axis=1), out=others[:, -1])
-    return _variance(others, np.concatenate([known, total[np.newaxis]]))
+    np.sqrt(np.add.accumulate(moved * moved, axis=1)[:, -1], out=others[:, -1])
+    return _variance(others, np.concatenate([velocities, total[np.newaxis]]))
 
 
 def _variance(others: FloatArray, centre: FloatArray) -> FloatArray:

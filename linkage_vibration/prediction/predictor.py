@@ -5,11 +5,12 @@
 import enum
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
 
+from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.table.table import Table
 
 FloatArray = NDArray[np.float64]
@@ -75,6 +76,9 @@ class Prediction:
     interpolation_error: float
     table_id: str
     damping_ratio_stddev: FloatArray
+
+
+_NUMBERS = [each.name for each in fields(Prediction) if each.name != "table_id"]
 
 
 def uncertain_modes(
@@ -166,6 +170,36 @@ def fault(prediction: Prediction, alpha3_range: tuple[float, float]) -> str:
     return ""
 
 
+def one_row(prediction: Prediction) -> MessageColumns:
+    """Return a prediction as columns of one row."""
+    return MessageColumns(
+        **{
+            name: value[np.newaxis] if isinstance(value, np.ndarray) else np.array([value])
+            for name, value in ((name, getattr(prediction, name)) for name in _NUMBERS)
+        },
+        table_id=prediction.table_id,
+    )
+
+
+def angles_in_table(alpha3: FloatArray, alpha3_range: tuple[float, float]) -> FloatArray:
+    """Return the angles of a table that are the same positions, rad, (n,); NaN if there are none.
+
+    A table over a whole turn belongs to a crank that turns all the way, for which whole turns are
+    removed.
+    """
+    low, high = alpha3_range
+    angles = np.where((low <= alpha3) & (alpha3 <= high), alpha3, math.nan)
+    if covers_a_turn(alpha3_range):
+        turned = np.minimum(low + (alpha3 - low) % _TURN, high)
+        np.copyto(angles, turned, where=np.isnan(angles) & (np.abs(alpha3) < _FARTHEST))
+    return angles
+
+
+def covers_a_turn(alpha3_range: tuple[float, float]) -> bool:
+    """Return whether a table over these angles, rad, belongs to a crank that turns all the way."""
+    return alpha3_range[1] - alpha3_range[0] >= _TURN * (1.0 - 1e-12)
+
+
 class Predictor:
     """Predicts from a table.
 
@@ -176,23 +210,18 @@ class Predictor:
         self.table = table
         self._low, self._high = table.alpha3_range
         self._sound_low, self._sound_high = table.sound_range
-        self._turns = self._high - self._low >= _TURN * (1.0 - 1e-12)
         self._n_modes = table.n_modes
         self._measured = table.measured
         self._table_id = table.table_id
         table.interpolate(self._low)  # the table prepares itself at the first use
 
     def angle_in_table(self, alpha3: float) -> float | None:
-        """Return the angle of the table (rad) that is the same position as alpha3 (rad).
-
-        For a crank that turns all the way, whole turns are removed. The result is None if alpha3 is
-        outside the table.
-        """
+        """Return the angle of the table, rad, as `angles_in_table` does; None if there is none."""
         if self._low <= alpha3 <= self._high:
             return alpha3
-        if not self._turns or not abs(alpha3) < _FARTHEST:
-            return None
-        return min(self._low + (alpha3 - self._low) % _TURN, self._high)
+        with np.errstate(invalid="ignore"):
+            angle = float(angles_in_table(np.array([alpha3]), self.table.alpha3_range)[0])
+        return None if math.isnan(angle) else angle
 
     def predict(self, alpha3: float, stddev: float = 0.0) -> Prediction:
         """Predict at an angle; every float gives a prediction, possibly without numbers.

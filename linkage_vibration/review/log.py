@@ -6,7 +6,7 @@ import itertools
 import tempfile
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -32,10 +32,12 @@ from linkage_vibration.drawing.intervals import gap_starts, in_passes, one_after
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.description import Mechanism
-from linkage_vibration.messages.provenance import EXCITATIONS, PARAMETERS
+from linkage_vibration.messages.columns import MessageColumns
+from linkage_vibration.messages.fields import Field, message_fields
 from linkage_vibration.messages.topics import PREDICTION, RESONANCE
 from linkage_vibration.prediction.excitation import Excitation, Source, excitations_from_mapping
 from linkage_vibration.prediction.predictor import Status
+from linkage_vibration.prediction.provenance import EXCITATIONS, PARAMETERS
 from linkage_vibration.prediction.resonance import ResonanceState
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.atomic_files import write_text
@@ -44,65 +46,11 @@ from linkage_vibration.table.table import Table, TableError, load_table
 IntArray = NDArray[np.int64]
 
 _TURN = 2.0 * np.pi
-# Fields of messages that nobody reviews; the excitation of a resonance has its own columns.
-_LEVELS = ("states", "velocities", "velocity_stddevs", "accelerations", "amplifications")
-_UNUSED = ("header.frame_id", *_LEVELS)
+_MISSING: dict[str, Any] = {"f": np.nan, "U": "", "i": 0}
 
 
 class ReviewError(LinkageVibrationError):
     """A log cannot be reviewed, or two logs cannot be compared."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Resonances:
-    """The most severe excitation at each prediction, as columns of the message's fields.
-
-    Where the log has no resonance for a prediction, its state is stale, and its other fields are
-    NaN, 0 or "".
-
-    Attributes
-    ----------
-    state, mode, approach : ndarray of int, (n,)
-        The message's constants, and the index of the mode, counted from 0.
-    excitation : ndarray of str, (n,)
-        Its name.
-    excitation_frequency, natural_frequency, margin : ndarray, (n,)
-        Hz.
-    relative_margin : ndarray, (n,)
-        Margin over natural frequency, 1.
-    time_to_crossing : ndarray, (n,)
-        s.
-    probability : ndarray, (n,)
-        1; with all below, NaN in logs that are older than these fields.
-    velocity, velocity_stddev : ndarray, (n,)
-        By this excitation, m/s rms.
-    total_velocity, total_velocity_stddev, total_acceleration : ndarray, (n,)
-        By all excitations, m/s and m/s^2 rms.
-    approach_rate, approach_rate_error : ndarray, (n,)
-        At which the distance shrinks, and a bound of its error, Hz/s.
-    crank_velocity, crank_velocity_error : ndarray, (n,)
-        Of the crank, and a bound of its error, rad/s.
-    """
-
-    state: IntArray
-    excitation: NDArray[np.str_]
-    excitation_frequency: FloatArray
-    mode: IntArray
-    natural_frequency: FloatArray
-    margin: FloatArray
-    relative_margin: FloatArray
-    approach: IntArray
-    time_to_crossing: FloatArray
-    probability: FloatArray
-    velocity: FloatArray
-    velocity_stddev: FloatArray
-    total_velocity: FloatArray
-    total_velocity_stddev: FloatArray
-    total_acceleration: FloatArray
-    approach_rate: FloatArray
-    approach_rate_error: FloatArray
-    crank_velocity: FloatArray
-    crank_velocity_error: FloatArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -128,7 +76,9 @@ class Log:
         The peak of the FRF, Hz and m/N.
     interpolation_error : ndarray, (n,)
         Bound of the relative errors of natural frequencies and damping ratios, 1.
-    resonances : Resonances or None
+    resonances : MessageColumns or None
+        The ``Resonance`` of each prediction, without header, ``table_id`` and sequences. Where the
+        log has none for a prediction, its state is stale, and its other fields are NaN, 0 or "".
         None if the log holds no resonance.
     speeds : dict of Source to (times, values)
         Speeds on topics: s since the first stamp, and rpm or m/s. Speeds have no stamps; their
@@ -158,7 +108,7 @@ class Log:
     peak_frequency: FloatArray
     peak_magnitude: FloatArray
     interpolation_error: FloatArray
-    resonances: Resonances | None
+    resonances: MessageColumns | None
     speeds: dict[Source, tuple[FloatArray, FloatArray]]
     excitations: tuple[Excitation, ...]
     table: Table | None
@@ -224,7 +174,9 @@ def read_log(path: str | Path) -> Log:
         if topic.endswith(f"/{source.value}_speed") and kind == FLOAT64
     }
     wanted = {topic: types[topic] for topic in [*topics, *speeds] if topic}
-    columns = read_columns(path, wanted, as_written=True, unused=_UNUSED)
+    of_excitations = [field.name for field in message_fields(RESONANCE) if field.is_sequence]
+    unused = ["header.frame_id", *of_excitations]  # the reported one has columns of its own
+    columns = read_columns(path, wanted, as_written=True, unused=unused)
     predictions, resonances = (columns.get(topic, {}) for topic in topics)
     if not len(predictions.get("status", ())):
         raise ReviewError(f"{path} holds no prediction; was the joint ever published?")
@@ -300,7 +252,7 @@ def problems(log: Log) -> list[str]:
 
 
 def write_csv(log: Log, path: Path) -> None:
-    """Write a log as CSV: one line for each prediction, in SI units and radians.
+    """Write a log as CSV: one line for each prediction, with the fields of the messages.
 
     The numbers of an overdamped mode, and those that are not known, are "nan".
     A `ReviewError` is raised if the file cannot be written.
@@ -311,38 +263,38 @@ def write_csv(log: Log, path: Path) -> None:
     path : Path
         The file, which is replaced only when the table is complete.
     """
-    names = ["stamp_ns", "status", "crank_angle_rad"]
-    columns: list[NDArray[np.generic]] = [log.stamps, log.status, log.crank_angle]
-    for name, values in (
-        ("natural_frequency_{}_hz", log.natural_frequencies),
-        ("frequency_stddev_{}_hz", log.frequency_stddev),
-        ("damping_ratio_{}", log.damping_ratios),
-        ("damping_ratio_stddev_{}", log.damping_ratio_stddev),
-    ):
-        names += [name.format(mode + 1) for mode in range(log.n_modes)]
-        columns += list(values.T)
-    names += ["frf_peak_frequency_hz", "frf_peak_magnitude_m_per_n", "interpolation_error"]
-    columns += [log.peak_frequency, log.peak_magnitude, log.interpolation_error]
+    table: dict[str, NDArray[Any]] = {"stamp_ns": log.stamps}
+    for field in message_fields(PREDICTION):
+        if not field.name.startswith("header.") and field.name != "table_id":
+            values = getattr(log, field.name.removeprefix("frf_"))
+            if field.is_sequence:
+                name = _singular(field.name)
+                for mode in range(log.n_modes):
+                    table[f"{name}_{mode + 1}{_suffix(field)}"] = values[:, mode]
+            else:
+                table[field.name + _suffix(field)] = values
     if log.resonances is not None:
-        r = log.resonances
-        names += ["resonance_state", "excitation", "excitation_frequency_hz", "mode", "mode_name"]
-        columns += [r.state, r.excitation, r.excitation_frequency, r.mode + 1]
-        known = np.array([log.mode_name(mode) for mode in range(log.n_modes)])
-        columns.append(known[np.minimum(r.mode, log.n_modes - 1)])
-        names += ["margin_hz", "relative_margin", "approach", "time_to_crossing_s"]
-        columns += [r.margin, r.relative_margin, r.approach, r.time_to_crossing]
-        names += ["probability", "velocity_m_per_s", "velocity_stddev_m_per_s"]
-        columns += [r.probability, r.velocity, r.velocity_stddev]
-        names += ["total_velocity_m_per_s", "total_velocity_stddev_m_per_s"]
-        names += ["total_acceleration_m_per_s2"]
-        columns += [r.total_velocity, r.total_velocity_stddev, r.total_acceleration]
-        names += ["approach_rate_hz_per_s", "approach_rate_error_hz_per_s"]
-        columns += [r.approach_rate, r.approach_rate_error]
-        names += ["crank_velocity_rad_per_s", "crank_velocity_error_rad_per_s"]
-        columns += [r.crank_velocity, r.crank_velocity_error]
+        for field in resonance_fields():
+            name = "resonance_state" if field.name == "state" else field.name
+            table[name + _suffix(field)] = getattr(log.resonances, field.name)
+        mode = log.resonances.mode
+        names = np.array([log.mode_name(mode) for mode in range(log.n_modes)])
+        table |= {"mode": mode + 1, "mode_name": names[np.minimum(mode, log.n_modes - 1)]}
     # str() of a Python float is the shortest text from which the same float is read.
-    rows = [names, *(map(str, row) for row in zip(*(c.tolist() for c in columns), strict=True))]
+    columns = [column.tolist() for column in table.values()]
+    rows = [[*table], *(map(str, row) for row in zip(*columns, strict=True))]
     write_text(path, "".join(",".join(row) + "\n" for row in rows), ReviewError)
+
+
+def _suffix(field: Field) -> str:
+    """Return the unit of a number as the end of a name, such as ``_m_per_s2``; 1 has none."""
+    unit = field.unit.split()[0] if field.type.startswith("float") else "1"
+    return "" if unit == "1" else "_" + unit.lower().replace("/", "_per_").replace("^", "")
+
+
+def _singular(name: str) -> str:
+    """Return the name of one number of a sequence."""
+    return name.removesuffix("ies") + "y" if name.endswith("ies") else name.removesuffix("s")
 
 
 def _speed_times(speeds: Columns, predictions: Columns, passes: IntArray) -> FloatArray:
@@ -357,7 +309,7 @@ def _speed_times(speeds: Columns, predictions: Columns, passes: IntArray) -> Flo
 
 def _resonances(
     columns: Columns, stamps: IntArray, places: IntArray, passes: IntArray
-) -> Resonances | None:
+) -> MessageColumns | None:
     """Return the resonances that have the stamps of the predictions; None if there are none.
 
     Parameters
@@ -371,30 +323,38 @@ def _resonances(
     """
     if not len(columns.get("state", ())):
         return None
-    own, number = header_stamps(columns), np.zeros(len(stamps), np.int64)
+    taken, number = header_stamps(columns), np.zeros(len(stamps), np.int64)
     number[passes] = 1
     later = np.searchsorted(places[passes], columns[PLACE], side="right")
-    order = np.lexsort((own, later))
+    order = np.lexsort((taken, later))
     rows = np.zeros(len(stamps), np.int64)
     for k, (low, high) in enumerate(itertools.pairwise([0, *passes.tolist(), len(stamps)])):
         mine = order[later[order] == k]
         if len(mine):
-            at = np.searchsorted(own[mine], stamps[low:high])
+            at = np.searchsorted(taken[mine], stamps[low:high])
             rows[low:high] = mine[np.minimum(at, len(mine) - 1)]
-    found = (own[rows] == stamps) & (later[rows] == np.cumsum(number))
-    missing: dict[str, Any] = {"f": np.nan, "U": "", "i": 0}
+    there = (taken[rows] == stamps) & (later[rows] == np.cumsum(number))
+    one_each = bool(there.all() and np.array_equal(rows, np.arange(len(taken))))
     values: dict[str, Any] = {}
-    one_each = bool(found.all() and np.array_equal(rows, np.arange(len(own))))
-    for field in fields(Resonances):
-        column = columns.pop(field.name, np.full(len(own), np.nan))
+    for field in resonance_fields():
+        column = columns.pop(field.name, np.full(len(taken), np.nan))
         column = column if one_each else column[rows]  # a copy takes time and memory
         if column.dtype.kind in "iu":
             column = column.astype(np.int64)
         elif column.dtype == object:
             column = column.astype(str)
-        other = ResonanceState.STALE if field.name == "state" else missing[column.dtype.kind]
-        values[field.name] = column if one_each else np.where(found, column, other)
-    return Resonances(**values)
+        other: Any = ResonanceState.STALE if field.name == "state" else _MISSING[column.dtype.kind]
+        values[field.name] = column if one_each else np.where(there, column, other)
+    return MessageColumns(**values)
+
+
+def resonance_fields() -> list[Field]:
+    """Return the fields of a resonance that a log shows for each prediction, in their order."""
+    return [
+        field
+        for field in message_fields(RESONANCE)
+        if not (field.is_sequence or field.name.startswith("header.") or field.name == "table_id")
+    ]
 
 
 def _read_provenance(path: Path) -> tuple[dict[str, bytes], dict[str, dict[str, str]]]:

@@ -16,7 +16,7 @@ from textwrap import fill
 from rclpy.exceptions import NameValidationException
 
 from linkage_vibration.errors import LinkageVibrationError
-from linkage_vibration.messages.topics import INPUT_TOPICS
+from linkage_vibration.prediction.inputs.topics import INPUT_TOPICS
 from linkage_vibration.prediction.parameter_files import has_parameters, missing_section
 from linkage_vibration.prediction.settings import ParameterError, Parameters
 

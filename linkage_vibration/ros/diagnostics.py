@@ -10,10 +10,11 @@ from dataclasses import dataclass, field
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
 from linkage_vibration.bags.recorder import Recorder
+from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.prediction.answers import Served
 from linkage_vibration.prediction.health import Fault, Level, summary
 from linkage_vibration.prediction.predictor import Prediction, uncertain_modes
-from linkage_vibration.prediction.resonance import Resonance, ResonanceState
+from linkage_vibration.prediction.resonance import ResonanceState
 
 LATENCIES = 1_000  # the percentiles are those of this many latest latencies
 CLOCK_STEP = 0.5  # s; the wall clock was set if it differs by more from the steady clock
@@ -129,7 +130,7 @@ class Health:
         Age of the last reading, and the age from which it is too old, s.
     second : Second
         What happened since the last status.
-    prediction, resonance : Prediction, Resonance or None
+    prediction, resonance : Prediction, MessageColumns or None
         The last ones.
     recorder, served : Recorder, Served or None
         None while the node is not configured.
@@ -146,7 +147,7 @@ class Health:
     stale_after: float
     second: Second
     prediction: Prediction | None
-    resonance: Resonance | None
+    resonance: MessageColumns | None
     recorder: Recorder | None
     served: Served | None
     readings: Sequence[Fault] = ()
@@ -238,7 +239,7 @@ def statuses(name: str, health: Health, statistics: Statistics) -> list[Diagnost
     ]
 
 
-def _resonance_warning(near: Resonance, served: Served | None) -> str:
+def _resonance_warning(near: MessageColumns, served: Served | None) -> str:
     """Return a sentence about an excitation that warns, and how far what it says can be trusted."""
     mode = f"mode {near.mode + 1}" if served is None else served.table.mode_label(near.mode)
     text = (

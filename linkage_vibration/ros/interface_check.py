@@ -9,12 +9,11 @@ import numpy as np
 from rclpy.serialization import deserialize_message
 
 from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.messages.definitions import OWN_PACKAGE, own_services
-from linkage_vibration.messages.encoding import encode_prediction, encode_resonance
-from linkage_vibration.messages.fields import message_fields
+from linkage_vibration.messages.encoding import encode_message
+from linkage_vibration.messages.fields import CODES, message_fields
 from linkage_vibration.messages.topics import PREDICTION, RESONANCE, TABLE_INFO
-from linkage_vibration.prediction.predictor import Prediction, Status
-from linkage_vibration.prediction.resonance import Resonance, ResonanceState
 from linkage_vibration.ros.endpoints import message_class
 from linkage_vibration.support.version import VERSION
 
@@ -34,20 +33,23 @@ def check_interfaces() -> None:
     InterfaceError
         If a message class has other fields, or reads other values.
     """
-    one, two, three, four, five = np.arange(2.0, 12.0).reshape(5, 2)
-    levels = np.arange(3.0, 11.0, dtype=np.float32).reshape(4, 2)
-    near, warning = Status.NEAR_TOGGLE, ResonanceState.WARNING
-    prediction = Prediction(1.0, near, one, two, three, four, 12.0, 13.0, 14.0, "table", five)
-    about: Any = warning, "engine 1", 1.0, 2, 3.0, 4.0, 5.0, -1, 6.0, "table", 0.25, 0.5, 0.75
-    about += np.array([1, 3], np.uint8), *levels, 15.0, 16.0, 17.0, 18.0, 19.0, 20.0, 21.0
-    resonance = Resonance(*about)
     _check_names(TABLE_INFO, message_class(TABLE_INFO))
     for name in own_services():
         service = message_class(name)
         _check_names(f"{name}_Request", service.Request)
         _check_names(f"{name}_Response", service.Response)
-    _check_values(PREDICTION, prediction, encode_prediction(prediction, 1, 2, "frame"))
-    _check_values(RESONANCE, resonance, encode_resonance(resonance, 1, 2, "frame"))
+    for name in (PREDICTION, RESONANCE):
+        _check_values(name)
+
+
+def _example(type_name: str) -> MessageColumns:
+    """Return a message whose fields, except those of the header, have different values."""
+    fields: dict[str, Any] = {}
+    for i, field in enumerate(message_fields(type_name)):
+        value = np.array([i, i + 100], CODES[field.type])
+        number = value if field.is_sequence else value[0]
+        fields[field.name] = f"text {i}" if field.type == "string" else number
+    return MessageColumns(**fields)
 
 
 def _check_names(type_name: str, kind: Any) -> None:
@@ -59,9 +61,11 @@ def _check_names(type_name: str, kind: Any) -> None:
         raise _mismatch(type_name, f"has other fields ({differing})")
 
 
-def _check_values(type_name: str, example: object, encoded: bytes) -> None:
+def _check_values(type_name: str) -> None:
     """Refuse a message class that reads other values than were encoded."""
     _check_names(type_name, message_class(type_name))
+    example = _example(type_name)
+    encoded = encode_message(type_name, example, 1, 2, "frame")
     try:
         decoded = deserialize_message(encoded, message_class(type_name))
     except RuntimeError as error:

@@ -23,10 +23,10 @@ from std_msgs.msg import String
 from linkage_vibration.bags.recorder import Provenance, Recorder, package_versions
 from linkage_vibration.bags.writing import QUEUE_DEPTH
 from linkage_vibration.errors import LinkageVibrationError
-from linkage_vibration.messages.provenance import attachments, implement_facts
 from linkage_vibration.prediction.answers import Served, place_name
 from linkage_vibration.prediction.excitation import Excitation
 from linkage_vibration.prediction.levels import LevelTable
+from linkage_vibration.prediction.provenance import attachments, implement_facts
 from linkage_vibration.prediction.resonance import ResonanceMonitor, never_warned
 from linkage_vibration.prediction.settings import (
     NODE_NAME,

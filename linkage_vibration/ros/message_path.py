@@ -13,8 +13,9 @@ from rclpy.node import Node
 
 from linkage_vibration.bags.numbers import CdrError, ReadingError
 from linkage_vibration.bags.writing import Topic
-from linkage_vibration.messages.encoding import encode_prediction, encode_resonance
-from linkage_vibration.messages.topics import OUTPUT_TOPICS, log_topic
+from linkage_vibration.messages.columns import MessageColumns
+from linkage_vibration.messages.encoding import encode_message
+from linkage_vibration.messages.topics import OUTPUT_TOPICS, PREDICTION, RESONANCE, log_topic
 from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.health import Expected, Fault, ReadingWatch, SpeedWatch
 from linkage_vibration.prediction.inputs.presets import HITCH
@@ -23,7 +24,7 @@ from linkage_vibration.prediction.inputs.units import ANGLES, Reading
 from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.prediction.motion import UNKNOWN, Rate, crank_filter, crank_resolution
 from linkage_vibration.prediction.predictor import Prediction, Predictor, Status, fault
-from linkage_vibration.prediction.resonance import Resonance, ResonanceMonitor
+from linkage_vibration.prediction.resonance import ResonanceMonitor
 from linkage_vibration.prediction.settings import Parameters
 from linkage_vibration.ros.diagnostics import Statistics
 from linkage_vibration.ros.endpoints import MessageInfo, Throttle, message_class
@@ -77,7 +78,7 @@ class Predicting:
 
     Attributes
     ----------
-    prediction, resonance : Prediction, Resonance or None
+    prediction, resonance : Prediction, MessageColumns or None
         The last ones.
     """
 
@@ -98,7 +99,7 @@ class Predicting:
     ) -> None:
         self.predictor = predictor
         self.prediction: Prediction | None = None
-        self.resonance: Resonance | None = None
+        self.resonance: MessageColumns | None = None
         self._node, self._clock, self._listener = node, node.get_clock(), listener
         self._monitor, self._record, self._show = monitor, record, show
         self._statistics, self._throttle = statistics, throttle
@@ -278,7 +279,7 @@ class Predicting:
         counts, received = self._statistics, source[2]
         prediction = self.predictor.predict(reading.crank_angle, reading.stddev)
         self.prediction = prediction
-        encoded = encode_prediction(prediction, sec, nanosec, frame)
+        encoded = encode_message(PREDICTION, prediction, sec, nanosec, frame)
         self._predictions.publish(encoded)
         counts.latencies.append(time.monotonic() - began)
         counts.predicted += 1
@@ -288,7 +289,7 @@ class Predicting:
         velocity, error = self._velocity(reading, 10**9 * sec + nanosec, needed)
         if needed:
             self.resonance = self._monitor.assess(prediction, velocity, at, error)
-            encoded = encode_resonance(self.resonance, sec, nanosec, frame)
+            encoded = encode_message(RESONANCE, self.resonance, sec, nanosec, frame)
             self._resonances.publish(encoded)
             answers.append((self._resonance_topic, encoded))
         self._record(*source, *answers)

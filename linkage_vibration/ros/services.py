@@ -26,11 +26,12 @@ from rclpy.task import Future
 from std_msgs.msg import String
 
 from linkage_vibration.errors import LinkageVibrationError
-from linkage_vibration.messages.encoding import encode_prediction
-from linkage_vibration.messages.topics import HITCHED_TOPIC
+from linkage_vibration.messages.encoding import encode_message
+from linkage_vibration.messages.topics import PREDICTION
 from linkage_vibration.prediction import answers
 from linkage_vibration.prediction.answers import Served, place_name
 from linkage_vibration.prediction.excitation import Excitation
+from linkage_vibration.prediction.inputs.topics import HITCHED_TOPIC
 from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.prediction.predictor import Predictor, fault
 from linkage_vibration.ros.endpoints import subscribe
@@ -347,7 +348,7 @@ def _predict(
     for i, angle in enumerate(request.crank_angles):
         prediction = predictor.predict(angle, stddev)
         # The bytes of the topic, decoded, so that the service and the topic cannot differ.
-        encoded = encode_prediction(prediction, *stamp, "")
+        encoded = encode_message(PREDICTION, prediction, *stamp, "")
         messages.append(deserialize_message(encoded, VibrationPrediction))
         if not prediction.status.has_numbers:
             failed.append(i)

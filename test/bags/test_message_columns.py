@@ -11,9 +11,9 @@ from linkage_vibration.bags.message_columns import LOG_TIME, read_columns, topic
 from linkage_vibration.bags.reading import BagError, read_messages
 from linkage_vibration.bags.writing import LogWriter, Topic, offered_qos_profiles
 from linkage_vibration.messages.definitions import message_definition, type_hash
-from linkage_vibration.messages.encoding import encode_resonance
-from linkage_vibration.prediction.resonance import Resonance, ResonanceState
+from linkage_vibration.messages.encoding import encode_message
 from linkage_vibration.support.resources import config_file
+from test.support.messages import resonance
 
 RESONANCE = "linkage_vibration_interfaces/msg/Resonance"
 QOS = offered_qos_profiles(reliable=True, depth=10)
@@ -32,11 +32,11 @@ def test_strings_of_any_length(tmp_path: Path) -> None:
     path = tmp_path / "log.mcap"
     with LogWriter(path, [topic("/r")]) as log:
         for k, name in enumerate(names):
-            numbers = np.arange(6.0) + k
-            resonance = Resonance(  # type: ignore[call-arg]
-                ResonanceState(k % 3), name, numbers[0], k, *numbers[1:4], -(k % 2), numbers[4], "t"
-            )
-            log.write("/r", encode_resonance(resonance, k, 7 * k, "frame"[: k % 5]), k, k)
+            numbers = {"state": k % 3, "mode": k, "approach": -(k % 2)}
+            for i, field in enumerate(("margin", "relative_margin", "time_to_crossing")):
+                numbers[field] = k + i
+            message = resonance(excitation=name, table_id="t", **numbers)
+            log.write("/r", encode_message(RESONANCE, message, k, 7 * k, "frame"[: k % 5]), k, k)
     found = read_columns(path, topic_types(path))["/r"]
     messages = [message for _, message in read_messages(path, "/r")]
     assert found["excitation"].tolist() == names

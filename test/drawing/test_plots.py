@@ -15,7 +15,7 @@ from linkage_vibration.bags.reading import BagError
 from linkage_vibration.bags.writing import LogWriter, Topic, offered_qos_profiles
 from linkage_vibration.drawing.plots import PlotError, _draw, _read, plot_predictions
 from linkage_vibration.messages.definitions import message_definition, type_hash
-from linkage_vibration.messages.encoding import encode_prediction
+from linkage_vibration.messages.encoding import encode_message
 from linkage_vibration.messages.topics import PREDICTION
 from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.support.resources import config_file
@@ -39,7 +39,7 @@ def write_log(path: Path, times: list[float], alpha3: list[float]) -> Path:
         for time, angle in zip(times, alpha3, strict=True):
             nanoseconds = round(time * 1e9)
             sec, nanosec = divmod(nanoseconds, 10**9)
-            data = encode_prediction(predictor.predict(angle), sec, nanosec, "")
+            data = encode_message(PREDICTION, predictor.predict(angle), sec, nanosec, "")
             log.write(topic.name, data, nanoseconds, nanoseconds)
     return path
 

@@ -5,7 +5,7 @@
 import math
 import re
 import subprocess
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +30,7 @@ from linkage_vibration.export.constants import (
 from linkage_vibration.export.evaluation import NUMBERS, compare, evaluate, exported
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
-from linkage_vibration.prediction.batch import Predictions, predict_many
+from linkage_vibration.prediction.batch import predict_many
 from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.support.resources import (
     DEFAULT_TABLE,
@@ -346,15 +346,9 @@ def test_overdamped_mode(tmp_path: Path) -> None:
     inside = np.zeros(len(angles), bool)
     for start, end in constants.gaps:
         inside |= (start <= angles) & (angles < end)
-    assert_same_bits(found[~inside], Predictions(*columns(expected, ~inside)))
+    assert_same_bits(found[~inside], expected.rows(~inside))
     assert np.isnan(expected.natural_frequencies[~inside, 0]).any()  # it is overdamped
     assert np.isnan(found["natural_frequencies"][inside]).any()
-
-
-def columns(predictions: Predictions, which: Any) -> list[Any]:
-    """Return the columns of some predictions."""
-    values = (getattr(predictions, field.name) for field in fields(Predictions))
-    return [value if isinstance(value, str) else value[which] for value in values]
 
 
 def test_errors_of_equal_constants(paper: Table) -> None:

@@ -90,7 +90,7 @@ def test_same_numbers_as_the_node(case: Case) -> None:
     predicted = library.predict(angles, 0.0 * angles)
     found = library.assess(predicted, speeds)
     predictions = predict_many(Predictor(table), angles, np.zeros(N))
-    levels = known.many(angles, speeds.T, np.zeros((N, 2, table.n_modes)))
+    levels = known.at(angles, speeds.T, np.zeros((2, N, table.n_modes)))
     for name in (*LEVELS, "total_velocity", "total_acceleration"):
         own, expected = found[name].astype(np.float32), getattr(levels, name)
         np.testing.assert_array_equal(np.isnan(own), np.isnan(expected), name)
@@ -151,8 +151,8 @@ def test_single_precision(tmp_path: Path) -> None:
     library = Library(tmp_path, description_of(table, ""), constants)
     angles, speeds = (one.astype(np.float32) for one in drawn(table))
     found = library.assess(library.predict(angles, 0.0 * angles), speeds)
-    zero = np.zeros((N, 2, table.n_modes))
-    levels = known.many(angles.astype(float), speeds.T.astype(float), zero)
+    zero = np.zeros((2, N, table.n_modes))
+    levels = known.at(angles.astype(float), speeds.T.astype(float), zero)
     for name in LEVELS:
         one, two = getattr(levels, name).astype(float), found[name].astype(float)
         both = np.isfinite(one) & np.isfinite(two)

@@ -11,12 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from linkage_vibration.mechanics.model import LinkageModel
-from linkage_vibration.messages.encoding import (
-    encode_prediction,
-    encode_predictions,
-    encode_resonance,
-    encode_resonances,
-)
+from linkage_vibration.messages.encoding import encode_columns, encode_message
+from linkage_vibration.messages.topics import PREDICTION, RESONANCE
 from linkage_vibration.prediction.batch import predict_many
 from linkage_vibration.prediction.excitation import Excitation, Source, excitations_from_mapping
 from linkage_vibration.prediction.levels import LevelTable
@@ -47,9 +43,9 @@ def assert_same(
     angles, stddevs, sec, nanosec = zip(*rows, strict=True)
     predictions = predict_many(predictor, np.array(angles, float), np.array(stddevs, float))
     stamps = np.array(sec, np.int32), np.array(nanosec, np.uint32)
-    encoded = encode_predictions(predictions, *stamps, frame)
+    [(_, encoded)] = encode_columns(PREDICTION, predictions, *stamps, frame)
     for i, (angle, stddev, *stamp) in enumerate(rows):
-        single = encode_prediction(predictor.predict(angle, stddev), *stamp, frame)  # type: ignore[call-arg]
+        single = encode_message(PREDICTION, predictor.predict(angle, stddev), *stamp, frame)  # type: ignore[call-arg]
         assert encoded[i].tobytes() == single
 
 
@@ -110,7 +106,9 @@ def assert_same_resonances(
         else:
             asked.append(event)
             resonance = monitors[0].assess(predictor.predict(first), value, time)
-            expected.append(encode_resonance(resonance, -len(asked), time % SECOND, "base_link"))
+            expected.append(
+                encode_message(RESONANCE, resonance, -len(asked), time % SECOND, "base_link")
+            )
     angle, velocity, times = np.array(asked, object).reshape(-1, 3).T
     predictions = predict_many(predictor, angle.astype(float), np.zeros(len(asked)))
     resonances = monitors[1].assess_many(
@@ -118,13 +116,12 @@ def assert_same_resonances(
         velocity.astype(float),
         times.astype(np.int64),
         reported,
+        np.zeros(len(asked)),
     )
     stamps = -1 - np.arange(len(asked), dtype=np.int32), (times % SECOND).astype(np.uint32)
     found = {
         int(i): row.tobytes()
-        for which, rows in encode_resonances(
-            resonances, monitors[1].excitations, predictions.table_id, *stamps, "base_link"
-        )
+        for which, rows in encode_columns(RESONANCE, resonances, *stamps, "base_link")
         for i, row in zip(which, rows, strict=True)
     }
     assert [found[i] for i in range(len(asked))] == expected

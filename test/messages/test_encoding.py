@@ -9,9 +9,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from linkage_vibration.messages.encoding import encode_prediction, encode_resonance
+from linkage_vibration.messages.encoding import encode_message
+from linkage_vibration.messages.topics import PREDICTION, RESONANCE
 from linkage_vibration.prediction.predictor import Prediction, Status, fault
-from linkage_vibration.prediction.resonance import Resonance, ResonanceState
+from linkage_vibration.prediction.resonance import ResonanceState
+from test.support.messages import resonance
 
 TEXT = st.text(st.characters(codec="utf-8", exclude_characters="\0"), max_size=20)
 
@@ -45,7 +47,7 @@ def test_bytes_are_what_ros_reads(
         table,
         numbers,
     )
-    encoded = encode_prediction(prediction, sec, 7, frame)
+    encoded = encode_message(PREDICTION, prediction, sec, 7, frame)
     message = deserialize_message(encoded, VibrationPrediction)
     assert (message.header.stamp.sec, message.header.stamp.nanosec) == (sec, 7)
     assert (message.header.frame_id, message.table_id) == (frame, table)
@@ -68,10 +70,11 @@ def test_resonances_are_what_ros_reads(
     from linkage_vibration_interfaces.msg import Resonance as Message
 
     state = ResonanceState.WARNING
-    resonance = Resonance(
-        state, excitation, number, mode, 2.0, 3.0, 4.0, -1, math.inf, "0123456789ab"
-    )
-    message = deserialize_message(encode_resonance(resonance, 5, 7, frame), Message)
+    values = {"natural_frequency": 2.0, "margin": 3.0, "relative_margin": 4.0, "approach": -1}
+    values |= {"state": state, "excitation_frequency": number, "mode": mode}
+    texts = {"excitation": excitation, "table_id": "0123456789ab"}
+    known = resonance(**values, **texts, time_to_crossing=math.inf)
+    message = deserialize_message(encode_message(RESONANCE, known, 5, 7, frame), Message)
     assert (message.header.stamp.sec, message.header.stamp.nanosec) == (5, 7)
     assert (message.header.frame_id, message.excitation) == (frame, excitation)
     assert (message.state, message.mode, message.approach) == (Message.STATE_WARNING, mode, -1)

@@ -12,7 +12,6 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from linkage_vibration.bags.message_types import FLOAT64, JOINT_STATE
 from linkage_vibration.messages.definitions import message_definition, type_hash
 from linkage_vibration.messages.topics import (
-    INPUT_TOPICS,
     OUTPUT_TOPICS,
     PREDICTION,
     RESONANCE,
@@ -21,6 +20,7 @@ from linkage_vibration.messages.topics import (
     log_topic,
     topic_table,
 )
+from linkage_vibration.prediction.inputs.topics import INPUT_TOPICS
 from linkage_vibration.support.resources import config_file, share_directory
 
 

@@ -23,8 +23,14 @@ from linkage_vibration.bags.message_types import FLOAT64, JOINT_STATE
 from linkage_vibration.bags.reading import BagError, read_messages
 from linkage_vibration.cli.main import main
 from linkage_vibration.errors import LinkageVibrationError
-from linkage_vibration.messages.encoding import encode_prediction, encode_resonance
-from linkage_vibration.messages.topics import log_topic
+from linkage_vibration.messages.encoding import encode_message
+from linkage_vibration.messages.topics import (
+    PREDICTION,
+    PREDICTION_TOPIC,
+    RESONANCE,
+    RESONANCE_TOPIC,
+    log_topic,
+)
 from linkage_vibration.playback.remapping import ReplayError, remappings
 from linkage_vibration.playback.replay import WhatIf, replay
 from linkage_vibration.prediction.excitation import Source
@@ -49,7 +55,6 @@ from test.support.motions import MOTIONS, PERCENT, read
 
 DRIVE = config_file("drives/hitch_duty_cycle.mcap")
 JOINT = "hitch_rockshaft_joint"
-PREDICTION, RESONANCE = "/linkage_vibration/prediction", "/linkage_vibration/resonance"
 STORE = get_typestore(Stores.LATEST)
 START = 1_700_000_000 * 10**9
 
@@ -143,13 +148,13 @@ def test_same_as_one_by_one(tmp_path: Path) -> None:
         prediction = predictor.predict(reading.crank_angle, reading.stddev)
         statuses.add(prediction.status)
         header = message.header.stamp.sec, message.header.stamp.nanosec, "base"
-        predictions.append((time, encode_prediction(prediction, *header)))
+        predictions.append((time, encode_message(PREDICTION, prediction, *header)))
         if monitor.any_speed_reported:
             resonance = monitor.assess(prediction, reading.velocity, time)
-            resonances.append((time, encode_resonance(resonance, *header)))
+            resonances.append((time, encode_message(RESONANCE, resonance, *header)))
     assert {Status.OK, Status.OUT_OF_RANGE} <= statuses
-    assert data_of(log, PREDICTION) == predictions
-    assert data_of(log, RESONANCE) == resonances
+    assert data_of(log, PREDICTION_TOPIC) == predictions
+    assert data_of(log, RESONANCE_TOPIC) == resonances
     assert (done.predictions, done.resonances) == (len(predictions), len(resonances))
     for topic in ("/joint_states", "/engine_speed", "/pto_speed"):
         assert data_of(log, topic) == data_of(bag, topic)
@@ -186,8 +191,8 @@ def test_motion_that_is_estimated(tmp_path: Path) -> None:
         velocity, error = crank.add(time, reading.crank_angle, resolution)
         found = monitor.assess(prediction, velocity, time, error)
         directions.add(found.approach)
-        expected.append((time, encode_resonance(found, *divmod(time, 10**9), "")))
-    assert data_of(log, RESONANCE) == expected
+        expected.append((time, encode_message(RESONANCE, found, *divmod(time, 10**9), "")))
+    assert data_of(log, RESONANCE_TOPIC) == expected
     assert directions > {0}
 
 
@@ -196,7 +201,7 @@ def test_a_log_replayed_is_the_same_log(tmp_path: Path) -> None:
     first, second = tmp_path / "first.mcap", tmp_path / "second.mcap"
     replay([DRIVE], first, Parameters())
     replay([first], second, Parameters())
-    for topic in (PREDICTION, RESONANCE, "/joint_states"):
+    for topic in (PREDICTION_TOPIC, RESONANCE_TOPIC, "/joint_states"):
         assert data_of(first, topic) == data_of(second, topic) != []
     with first.open("rb") as file:
         reader = make_reader(file)
@@ -235,7 +240,7 @@ def test_every_kind_of_bag_gives_the_same(tmp_path: Path) -> None:
     found = []
     for paths in bags:
         replay(paths, tmp_path / "log.mcap", Parameters())
-        found.append(data_of(tmp_path / "log.mcap", PREDICTION))
+        found.append(data_of(tmp_path / "log.mcap", PREDICTION_TOPIC))
     assert len(found[0]) == 2500
     assert found[1:] == found[:1] * 3
 
@@ -257,8 +262,8 @@ def test_hitch_percent(tmp_path: Path) -> None:
         reading = HitchScale("percent", calibration=Calibration(calibration)).reading(value)
         time = START + k * 10**8
         prediction = predictor.predict(reading.crank_angle, reading.stddev)
-        expected.append((time, encode_prediction(prediction, *divmod(time, 10**9), "")))
-    assert data_of(log, PREDICTION) == expected
+        expected.append((time, encode_message(PREDICTION, prediction, *divmod(time, 10**9), "")))
+    assert data_of(log, PREDICTION_TOPIC) == expected
     assert done.statuses[Status.INVALID_ANGLE] == 2
 
 
@@ -275,11 +280,11 @@ def test_what_if_the_implement_were_heavier(tmp_path: Path) -> None:
     """A heavier implement lowers the first natural frequency; the log contains its mechanism."""
     bag, log = write_mcap(tmp_path / "bag.mcap", swing(20)), tmp_path / "log.mcap"
     replay([bag], log, Parameters())
-    before = [m.natural_frequencies[0] for _, m in read_messages(log, PREDICTION)]
+    before = [m.natural_frequencies[0] for _, m in read_messages(log, PREDICTION_TOPIC)]
     finished: list[float] = []
     replay([bag], log, Parameters(), what_if=WhatIf(mass=1200.0), building=finished.append)
     assert len(finished) > 10
-    after = [m.natural_frequencies[0] for _, m in read_messages(log, PREDICTION)]
+    after = [m.natural_frequencies[0] for _, m in read_messages(log, PREDICTION_TOPIC)]
     ratio = np.array(after) / np.array(before)
     assert np.all(ratio[np.isfinite(ratio)] < 0.99)
     with log.open("rb") as file:

@@ -12,7 +12,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from linkage_vibration.messages.encoding import encode_resonance
+from linkage_vibration.messages.encoding import encode_message
+from linkage_vibration.messages.topics import RESONANCE
 from linkage_vibration.prediction.excitation import (
     Excitation,
     Source,
@@ -360,7 +361,7 @@ def test_same_calls_give_the_same_answers(predictor: Predictor) -> None:
             if i % 5 == 0:
                 watch.set_speed(Source.ENGINE, 4000.0 + 700.0 * math.sin(0.03 * i), time)
             found = watch.assess(predictor.predict(1.6 + 0.005 * i), 0.25, time)
-            answers.append(encode_resonance(found, i, 0, ""))
+            answers.append(encode_message(RESONANCE, found, i, 0, ""))
         return answers
 
     assert played() == played()

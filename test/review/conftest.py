@@ -11,7 +11,8 @@ import pytest
 
 from linkage_vibration.bags.writing import Attachment, LogWriter, Topic, offered_qos_profiles
 from linkage_vibration.messages.definitions import message_definition, type_hash
-from linkage_vibration.messages.encoding import encode_prediction, encode_resonance
+from linkage_vibration.messages.encoding import encode_message
+from linkage_vibration.messages.topics import PREDICTION, RESONANCE
 from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.prediction.resonance import ResonanceMonitor
@@ -78,10 +79,14 @@ def write_log() -> WriteLog:
                         log.write(f"/{source.value}_speed", data, received, received)
                 prediction = predictor.predict(float(angle), 0.005)
                 header = (*divmod(stamp, 10**9), "")
-                log.write(predictions, encode_prediction(prediction, *header), stamp, stamp)
+                log.write(
+                    predictions, encode_message(PREDICTION, prediction, *header), stamp, stamp
+                )
                 if speeds:
                     resonance = monitor.assess(prediction, np.nan, stamp)
-                    log.write(resonances, encode_resonance(resonance, *header), stamp, stamp)
+                    log.write(
+                        resonances, encode_message(RESONANCE, resonance, *header), stamp, stamp
+                    )
         return path
 
     return write

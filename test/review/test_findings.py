@@ -23,6 +23,7 @@ from linkage_vibration.review.overview import drive_summary, overview_html
 from linkage_vibration.review.review_page import review_page
 from linkage_vibration.review.time_axis import time_axis
 from test.support.drive import hitch_duty_cycle
+from test.support.messages import changed
 
 GAP, BACK = 900.0, 10.0  # s
 
@@ -100,7 +101,7 @@ def test_first_sentence(log: Log) -> None:
     assert first_sentence(none, []).startswith("Whether the drive met a resonance is not known")
     assert log.resonances is not None
     state = np.zeros_like(log.resonances.state)
-    clear = replace(log, resonances=replace(log.resonances, state=state))
+    clear = replace(log, resonances=changed(log.resonances, state=state))
     assert "No excitation came near a natural frequency; the nearest was" in first_sentence(
         clear, []
     )

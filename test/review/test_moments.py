@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from linkage_vibration.review.log import Log, Resonances, read_log
+from linkage_vibration.review.log import Log, read_log
 from linkage_vibration.review.moments import angle_shares, margin_shares, moments, worst
+from test.support.messages import resonance
 
 
 def with_resonances(
@@ -17,18 +18,16 @@ def with_resonances(
 ) -> Log:
     """Return the first predictions of a log with the given resonances."""
     n = len(state)
-    none = np.full(n, np.nan)
     frequency = log.natural_frequencies[np.arange(n), mode]
-    found = Resonances(
-        np.array(state),
-        np.array(excitation),
-        frequency * (1.0 + np.array(margin)),
-        np.array(mode),
-        frequency,
-        frequency * np.array(margin),
-        np.array(margin),
-        np.zeros(n, dtype=int),
-        *[none] * 11,
+    relative = np.array(margin)
+    found = resonance(
+        state=np.array(state),
+        excitation=np.array(excitation),
+        excitation_frequency=frequency * (1.0 + relative),
+        mode=np.array(mode),
+        natural_frequency=frequency,
+        margin=frequency * relative,
+        relative_margin=relative,
     )
     rows = {
         name: getattr(log, name)[:n]

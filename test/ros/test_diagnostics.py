@@ -17,7 +17,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
 from linkage_vibration.prediction.health import Fault, Level
 from linkage_vibration.prediction.predictor import Predictor
-from linkage_vibration.prediction.resonance import Resonance, ResonanceState
+from linkage_vibration.prediction.resonance import ResonanceState
 from linkage_vibration.ros.diagnostics import (
     LATENCIES,
     Health,
@@ -28,6 +28,7 @@ from linkage_vibration.ros.diagnostics import (
 )
 from linkage_vibration.support.resources import PAPER_TABLE, config_file
 from linkage_vibration.table.table import load_table
+from test.support.messages import changed, resonance
 from test.support.ros_process import until
 
 OK, WARN, ERROR, STALE = (
@@ -36,8 +37,17 @@ OK, WARN, ERROR, STALE = (
     DiagnosticStatus.ERROR,
     DiagnosticStatus.STALE,
 )
-NEAR = Resonance(
-    ResonanceState.WARNING, "engine 3", 94.0, 1, 95.0, -1.0, -1.0 / 95.0, 1, 2.0, "a table"
+NEAR = resonance(
+    state=ResonanceState.WARNING,
+    excitation="engine 3",
+    excitation_frequency=94.0,
+    mode=1,
+    natural_frequency=95.0,
+    margin=-1.0,
+    relative_margin=-1.0 / 95.0,
+    approach=1,
+    time_to_crossing=2.0,
+    table_id="a table",
 )
 # Mode 1 is known, and mode 3 is overdamped, so that nothing about it is uncertain.
 UNCERTAIN = replace(
@@ -64,7 +74,7 @@ SOUND = Health(
     stale_after=1.0,
     second=QUIET,
     prediction=None,
-    resonance=replace(NEAR, state=ResonanceState.CLEAR),
+    resonance=changed(NEAR, state=ResonanceState.CLEAR),
     recorder=recorder(),
     served=SimpleNamespace(  # type: ignore[arg-type]
         table=replace(
@@ -114,25 +124,25 @@ def test_most_serious_problem_first(changes: dict[str, Any], level: bytes, words
         ),
         (
             "resonance",
-            {"resonance": replace(NEAR, probability=0.3)},
+            {"resonance": changed(NEAR, probability=0.3)},
             WARN,
             r"within 1.1 % of mode 2 .*, in its half-power band with a probability of 0.3\.",
         ),
         (
             "resonance",
-            {"resonance": replace(NEAR, velocity=0.0123, velocity_stddev=0.004)},
+            {"resonance": changed(NEAR, velocity=0.0123, velocity_stddev=0.004)},
             WARN,
             r"shakes the response point with 12.3 mm/s rms \(standard deviation 4 mm/s\) if its",
         ),
         (
             "resonance",
-            {"resonance": replace(NEAR, velocity=0.0123)},
+            {"resonance": changed(NEAR, velocity=0.0123)},
             WARN,
             r"12.3 mm/s rms \(standard deviation not known\) if its amplitude is as described",
         ),
         (
             "resonance",
-            {"resonance": replace(NEAR, state=ResonanceState.NOTE)},
+            {"resonance": changed(NEAR, state=ResonanceState.NOTE)},
             OK,
             "engine 3 passes a mode",
         ),

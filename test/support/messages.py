@@ -6,6 +6,26 @@ from typing import Any
 
 import numpy as np
 
+from linkage_vibration.messages.columns import MessageColumns
+from linkage_vibration.messages.fields import CODES, message_fields
+from linkage_vibration.messages.topics import RESONANCE
+
+
+def resonance(**values: Any) -> MessageColumns:
+    """Return a resonance with these values, and one excitation; nothing else is known."""
+    fields: dict[str, Any] = {}
+    for field in message_fields(RESONANCE):
+        kind = np.dtype(CODES[field.type])
+        unknown = np.nan if kind.kind == "f" else 0
+        number = np.full(1, unknown, kind) if field.is_sequence else unknown
+        fields[field.name] = "" if field.type == "string" else number
+    return MessageColumns(**fields | values)
+
+
+def changed(columns: MessageColumns, **values: Any) -> MessageColumns:
+    """Return the same with other values."""
+    return MessageColumns(**vars(columns) | values)
+
 
 def plain(value: Any) -> Any:
     """Return a decoded message of any reader as dicts, lists and numbers; NaN as a string."""

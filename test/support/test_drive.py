@@ -9,10 +9,12 @@ import pytest
 from rosbags.highlevel import AnyReader
 
 from linkage_vibration.bags.reading import read_joint_states
-from linkage_vibration.messages.encoding import encode_resonance
+from linkage_vibration.messages.columns import MessageColumns
+from linkage_vibration.messages.encoding import encode_message
+from linkage_vibration.messages.topics import RESONANCE
 from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.predictor import Predictor
-from linkage_vibration.prediction.resonance import Resonance, ResonanceMonitor, ResonanceState
+from linkage_vibration.prediction.resonance import ResonanceMonitor, ResonanceState
 from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.support.resources import PAPER_TABLE, config_file
 from linkage_vibration.table.table import load_table
@@ -107,7 +109,7 @@ def test_bag_holds_the_speeds() -> None:
     assert speeds == {ENGINE_SPEED: engine.tolist(), PTO_SPEED: pto.tolist()}
 
 
-def replayed() -> list[tuple[float, Resonance]]:
+def replayed() -> list[tuple[float, MessageColumns]]:
     """Assess every joint state of the shipped bag as a node does; times are s from its start."""
     predictor = Predictor(load_table(config_file(PAPER_TABLE)))
     monitor = ResonanceMonitor(read_excitations(config_file("excitations.yaml")))
@@ -147,6 +149,6 @@ def test_drive_crosses_resonances() -> None:
 def test_replay_repeats_itself() -> None:
     """Played twice, a bag gives the same resonances to the last bit."""
     first, second = (
-        [encode_resonance(found, 0, 0, "") for _, found in replayed()] for _ in range(2)
+        [encode_message(RESONANCE, found, 0, 0, "") for _, found in replayed()] for _ in range(2)
     )
     assert first == second
