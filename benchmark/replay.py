@@ -49,9 +49,9 @@ STAGES = {
     "rows": "ordering messages by time",
     "_read": "decoding joint states",
     "predict_many": "predicting",
-    "encode_predictions": "encoding predictions",
+    "encode_columns": "encoding messages",
     "_records": "laying out the log's records",
-    "_resonances": "assessing and encoding resonances",
+    "_resonances": "assessing resonances",
 }
 
 

@@ -20,7 +20,7 @@ FUNCTIONS = ["build_table", "check_bag", "load_table", "read_log", "read_mechani
 FUNCTIONS += ["read_parameters", "replay", "save_table"]
 CLASSES = ["Limits", "LinkageModel", "LinkageVibrationError", "Parameters", "Predictor", "WhatIf"]
 RETURNED = ["Failure", "IdentifiedSolution", "Log", "Mechanism", "Peak", "PoleResidue"]
-RETURNED += ["Prediction", "Replayed", "Report", "Resonances", "Solution", "Status", "Table"]
+RETURNED += ["Prediction", "Replayed", "Report", "MessageColumns", "Solution", "Status", "Table"]
 
 
 def test_the_list_is_what_was_promised() -> None:

@@ -36,8 +36,9 @@ def velocity_and_stddevs(load: dict[str, Any], hertz: float, stddev: float) -> t
     excitations = excitations_from_mapping({"load": {**order, **load}})
     predictor = Predictor(load_table(config_file(f"tables/{NAME}.npz")))
     table = LevelTable(predictor, MECHANISM, excitations)
-    speeds = tuple(60.0 * hertz if s is Source.ENGINE else math.nan for s in Source)
-    levels = table.at(ANGLE, speeds, np.zeros((2, predictor.table.n_modes)))
+    speeds = [[60.0 * hertz if s is Source.ENGINE else math.nan] for s in Source]
+    exact = np.zeros((2, 1, predictor.table.n_modes))
+    levels = table.at(np.array([ANGLE]), np.array(speeds), exact)
     columns = levels.velocities, levels.velocity_stddevs, levels.total_velocity_stddev
     return tuple(float(np.ravel(column)[0]) for column in columns)
 
