@@ -46,7 +46,7 @@ def run(options: argparse.Namespace) -> int:
     model = LinkageModel(read_mechanism(mechanism))
     if model.kinematics.notice:
         print(f"{mechanism}: {model.kinematics.notice}\n")
-    found = []
+    compared: list[study.ComparedMode] = []
     for alpha3, path in tqdm(words, disable=None, unit="recording", delay=1.0):
         try:
             modes = measure_modes(*read_recording(path, options.topic))
@@ -54,10 +54,10 @@ def run(options: argparse.Namespace) -> int:
             raise RingdownError(f"{path}: {error}") from None
         if not modes:
             raise RingdownError(f"{path}: its decays show no common mode; record more blows.")
-        found += study.compare(model, alpha3, modes)
-    print(study.summary(found, model.mechanism.response.mode_names or ()))
+        compared += study.compare(model, alpha3, modes)
+    print(study.comparison_table(compared, model.mechanism.response.mode_names or ()))
     if options.output:
-        text = study.calibration_text(found, mechanism, options.output)
+        text = study.calibration_text(compared, mechanism, options.output)
         write_text(options.output, text, study.MeasurementError)
         print(f"\nWritten: {options.output}")
     return 0

@@ -11,15 +11,14 @@ from typing import Any
 
 import numpy as np
 import yaml
-from scipy.optimize import linear_sum_assignment
 
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.paths import number_at
 from linkage_vibration.readers.mechanism import load_yaml
+from linkage_vibration.studies.mode_pairing import FARTHEST, pair_modes
 from linkage_vibration.studies.ringdown import MeasuredMode
 
-_FARTHEST = math.log(1.5)  # from a measured frequency to the model's
 _INCLINOMETER = math.radians(0.5)  # standard deviation of an angle
 _UNKNOWN = 0.01  # relative deviation of a frequency that one or two decays show
 _BOUNDS = 3.0  # from a number of the mechanism to its bounds in the calibration
@@ -30,44 +29,37 @@ class MeasurementError(LinkageVibrationError):
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
-    """A measured mode, and the mode of the mechanism that is nearest."""
+class ComparedMode:
+    """A measured mode, and the mode of the mechanism to which it belongs."""
 
     alpha3: float  # rad
     measured: MeasuredMode
-    mode: int | None  # from 0; None if no mode of the mechanism is near
-    predicted: float  # Hz; NaN if none is near
+    mode: int | None  # from 0; None if it belongs to no mode of the mechanism
+    predicted: float  # Hz; NaN if it belongs to none
     deviation: float  # relative standard deviation of the measured frequency
 
 
-def compare(model: LinkageModel, alpha3: float, measured: Sequence[MeasuredMode]) -> list[Found]:
-    """Return the measured modes at an angle with those of a mechanism that are nearest.
-
-    Parameters
-    ----------
-    model, alpha3
-        The mechanism, and the angle, rad.
-    measured : sequence of MeasuredMode
-        Ascending.
-    """
+def compare(
+    model: LinkageModel, alpha3: float, measured: Sequence[MeasuredMode]
+) -> list[ComparedMode]:
+    """Return the measured modes (ascending) at an angle (rad) beside those of a mechanism."""
     steps = _steps(model, alpha3)
-    predicted = model.solve(alpha3).natural_frequencies
+    solution = model.solve(alpha3)
     beside = [model.solve(alpha3 + step).natural_frequencies for step in steps]
-    own = np.array([mode.frequency for mode in measured])
-    count = min(len(predicted), *map(len, beside), int((predicted < 2.0 * own.max()).sum()))
-    away = np.abs(np.log(own[:, np.newaxis] / np.maximum(predicted[:count], 1e-3)))
-    pairs = dict(zip(*(each.tolist() for each in linear_sum_assignment(away)), strict=True))
-    found = []
-    for i, mode in enumerate(measured):
-        j = pairs.get(i)
-        if j is None or away[i, j] > _FARTHEST:
-            found.append(Found(alpha3, mode, None, math.nan, math.nan))
-            continue
-        turned = max(abs(math.log(each[j] / predicted[j])) for each in beside)
-        spread = mode.frequency_stddev / mode.frequency
-        noise = _UNKNOWN if math.isnan(spread) else spread
-        found.append(Found(alpha3, mode, j, float(predicted[j]), math.hypot(noise, turned)))
-    return found
+    count = min(len(solution.natural_frequencies), *map(len, beside))
+    predicted = solution.natural_frequencies[:count]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        turned = np.max([np.abs(np.log(each[:count] / predicted)) for each in beside], axis=0)
+    spreads = np.array([mode.frequency_stddev / mode.frequency for mode in measured])
+    spreads[np.isnan(spreads)] = _UNKNOWN
+    deviations = np.hypot(spreads[:, np.newaxis], np.nan_to_num(turned, posinf=0.0))
+    modes = pair_modes(measured, predicted, solution.damping_ratios[:count], deviations)
+    return [
+        ComparedMode(alpha3, mode, None, math.nan, math.nan)
+        if j is None
+        else ComparedMode(alpha3, mode, j, float(predicted[j]), float(deviations[i, j]))
+        for i, (mode, j) in enumerate(zip(measured, modes, strict=True))
+    ]
 
 
 def _steps(model: LinkageModel, alpha3: float) -> list[float]:
@@ -82,20 +74,10 @@ def _steps(model: LinkageModel, alpha3: float) -> list[float]:
     return steps
 
 
-def calibration_text(found: Sequence[Found], mechanism: Path, output: Path) -> str:
-    """Return the text of a calibration that fits the rigid bodies to measured modes.
+def calibration_text(modes: Sequence[ComparedMode], mechanism: Path, output: Path) -> str:
+    """Return the text of a calibration (written to output) of rigid bodies to modes at all heights.
 
-    Parameters
-    ----------
-    found : sequence of Found
-        At all heights.
-    mechanism, output : Path
-        The mechanism to start from, and the calibration that will be written.
-
-    Raises
-    ------
-    MeasurementError
-        If no measured mode is near one of the mechanism.
+    It raises MeasurementError if no measured mode belongs to one of the mechanism.
     """
     targets = [
         {
@@ -104,13 +86,13 @@ def calibration_text(found: Sequence[Found], mechanism: Path, output: Path) -> s
             "hz": float(f"{each.measured.frequency:.7g}"),
             "deviation": float(f"{each.deviation:.3g}"),
         }
-        for each in found
+        for each in modes
         if each.mode is not None
     ]
     if not targets:
         raise MeasurementError(
-            "No measured frequency is within a factor of 1.5 of a mode of the mechanism; check "
-            "the angles, and the masses and springs of the mechanism."
+            f"No measured frequency is within a factor of {FARTHEST:g} of a mode of the mechanism; "
+            "check the angles, and the masses and springs of the mechanism."
         )
     mapping = load_yaml(mechanism)[0]
     content = {
@@ -130,46 +112,33 @@ def _rigid_numbers(mapping: dict[str, Any]) -> dict[str, list[float]]:
     return {path: [value / _BOUNDS, value * _BOUNDS] for path, value in numbers.items()}
 
 
-def summary(found: Sequence[Found], names: Sequence[str]) -> str:
-    """Return a table of measured modes beside the mechanism's.
-
-    Parameters
-    ----------
-    found : sequence of Found
-    names : sequence of str
-        Of the mechanism's modes, from the first; further modes have numbers alone.
-    """
+def comparison_table(modes: Sequence[ComparedMode], names: Sequence[str]) -> str:
+    """Return a table of measured modes beside the mechanism's, of which the first have names."""
     lines = [
         f"{'alpha3 [deg]':>12}{'measured [Hz]':>22}{'damping ratio':>20}{'blows':>7}"
         f"{'model [Hz]':>12}  mode"
     ]
-    for each in found:
-        own = each.measured
-        label = "no mode of the model is near" if each.mode is None else f"mode {each.mode + 1}"
+    for each in modes:
+        measured = each.measured
+        label = "belongs to no mode of the model" if each.mode is None else f"mode {each.mode + 1}"
         if each.mode is not None and each.mode < len(names):
             label += f" ({names[each.mode]})"
         lines.append(
             f"{math.degrees(each.alpha3):12.2f}"
-            f"{_with_deviation(own.frequency, own.frequency_stddev, 3):>22}"
-            f"{_with_deviation(own.ratio, own.ratio_stddev, 4):>20}{own.decays:7d}"
+            f"{_with_deviation(measured.frequency, measured.frequency_stddev, 3):>22}"
+            f"{_with_deviation(measured.ratio, measured.ratio_stddev, 4):>20}{measured.decays:7d}"
             f"{each.predicted:12.3f}  {label}"
         )
     return "\n".join(lines)
 
 
 def _with_deviation(value: float, deviation: float, digits: int) -> str:
-    known = "unknown" if math.isnan(deviation) else f"{deviation:.{digits}f}"
-    return f"{value:.{digits}f} +- {known}"
+    text = "unknown" if math.isnan(deviation) else f"{deviation:.{digits}f}"
+    return f"{value:.{digits}f} +- {text}"
 
 
 def angle_and_path(word: str) -> tuple[float, Path]:
-    """Return the angle (rad) and the file of a word such as ``112.5:low.mcap``.
-
-    Raises
-    ------
-    MeasurementError
-        If it has another form.
-    """
+    """Return the angle (rad) and the file of a word such as ``112.5:low.mcap``."""
     angle, _, path = word.partition(":")
     try:
         alpha3 = math.radians(float(angle))
