@@ -27,6 +27,7 @@ _ITERATIONS = 60
 _CLOSED = 1e-9  # of a gap, lengths divided by the largest one
 _DONE, _STUCK = 1e-28, 1e4  # square of a gap, and damping, at which a search ends
 _SAME = 1e-4  # rad, between the angles of two poses
+_EQUAL = 1e-6  # rad, between distances that only rounding may distinguish
 _OPEN = 1e-3  # weight of a pin that is opened
 _REST = 0.02  # largest gap of the other pins over that of the opened one
 
@@ -73,12 +74,14 @@ def closed_angles(pins: Pins, guess: FloatArray, free: BoolArray) -> FloatArray:
     """Return the angles of every closed pose that is found, (n_poses, n_bodies), rad.
 
     The search turns the free bodies, (n_bodies,), from a guess, (n_bodies,). The first pose is the
-    nearest: that with the smallest root mean square of turns, each of less than half a turn.
+    nearest: that with the smallest root mean square of turns, each of less than half a turn. Of two
+    equally near ones, such as mirrored poses, that with the lower angle of the first body comes first.
     """
     found, gaps = _descend(_Loops.of(pins), guess, free)
     found = found[gaps < _CLOSED]
     turned = turns(found - guess)
-    order = np.argsort(distance(turned, free))
+    keys = np.column_stack([distance(turned, free), turned]) / _EQUAL
+    order = np.lexsort(keys.round().T[::-1])
     kept: list[FloatArray] = []
     for one in turned[order]:
         if all(np.abs(turns(one - other)).max() > _SAME for other in kept):

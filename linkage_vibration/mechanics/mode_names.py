@@ -21,6 +21,8 @@ from linkage_vibration.mechanics.description import GROUND
 from linkage_vibration.mechanics.model import Solution
 from linkage_vibration.mechanics.modes import MECHANISM
 
+_EQUAL = 1e-9  # of all energy: shares of symmetric bodies differ by rounding alone
+
 GROUPS = ("base", "rigid_bodies", "links")
 """What `group_shares` are the shares of."""
 
@@ -93,8 +95,8 @@ def name_modes(energy: KineticEnergy, given: Sequence[str] = ()) -> tuple[str, .
     """Return a name for each mode; no two are the same.
 
     The modes of a body share its motions out so that together they have as much energy as possible;
-    a mode for which no motion is left is numbered. Names in `given` replace those of the first
-    modes; an empty one does not.
+    a mode for which no motion is left is numbered. Of bodies or motions with equal energy the first
+    is taken. Names in `given` replace those of the first modes; an empty one does not.
     """
     bodies = list(dict.fromkeys(body for body, _ in energy.motions))
     owners = np.array([body for body, _ in energy.motions])
@@ -102,11 +104,12 @@ def name_modes(energy: KineticEnergy, given: Sequence[str] = ()) -> tuple[str, .
     totals = np.array([energy.shares[rows[b]].sum(axis=0) for b in bodies])
     if GROUND in bodies:
         totals[bodies.index(GROUND)] = np.where(energy.mounts > 0.5, np.inf, 0.0)
-    owner = totals.argmax(axis=0)
+    owner = (totals - _EQUAL * np.arange(len(bodies))[:, np.newaxis]).argmax(axis=0)
     names = [""] * energy.shares.shape[1]
     for i, body in enumerate(bodies):
         modes = np.flatnonzero(owner == i)
         shares = energy.shares[np.ix_(rows[body], modes)]
+        shares = shares - _EQUAL * np.outer(range(len(shares)), len(modes) - np.arange(len(modes)))
         if body == GROUND or body in energy.rigid:
             at, motion = linear_sum_assignment(shares.T, maximize=True)
             chosen = dict(zip(at.tolist(), motion.tolist(), strict=True))

@@ -135,7 +135,8 @@ def _continued(terms: list[FloatArray]) -> list[FloatArray]:
     for here in terms[1:]:
         before = found[-1]
         one, other = _poles(before)[:, np.newaxis], _poles(here)
-        left, right = linear_sum_assignment(np.abs(one - other) / (np.abs(one) + np.abs(other)))
+        away = np.abs(one - other) / (np.abs(one) + np.abs(other))
+        left, right = linear_sum_assignment(away**2)  # squares keep the order of shifted poles
         after = _silent(before)
         after[left] = here[right]
         new = np.delete(here, right, axis=0)

@@ -33,6 +33,7 @@ _PAUSE = 0.5  # s without samples, which a spline cannot bridge
 _OVERLOADED = 20  # samples at the largest value of a channel, which a clipped one has
 _FAR = 4.0  # times the median deviation: largest values that are no noise
 _LARGEST = 250  # columns of a pencil; more would take long and change little
+_CONSTANT = 1e-9  # of the largest value: a channel that varies by less shows rounding alone
 _NOISE = 2.858  # medians of the singular values of noise: the optimal threshold of Gavish, Donoho
 _STRONG = 100.0  # times the energy that noise gives to an oscillation: weaker ones are left out
 _HIGHEST = 0.8  # of half the rate: oscillations above are distorted by the resampling
@@ -79,7 +80,8 @@ def measure_modes(times: FloatArray, signals: FloatArray) -> list[MeasuredMode]:
     moving = _without_mean(signals, rate)
     # Most of the time nothing but noise is recorded, by which channels of all units compare.
     noise = np.median(np.abs(moving), axis=0)
-    signals, moving = (each[:, noise > 0.0] / noise[noise > 0.0] for each in (signals, moving))
+    alive = noise > _CONSTANT * np.abs(signals).max(axis=0)
+    signals, moving = (each[:, alive] / noise[alive] for each in (signals, moving))
     decays = find_decays(moving, rate)
     if not decays:
         raise RingdownError(

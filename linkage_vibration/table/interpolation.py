@@ -11,7 +11,7 @@ from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray
 NearTerms = tuple[ComplexArray, FloatArray, ComplexArray]
 """Terms of FRFs: k and c, (n, n_terms), as in `PoleResidue`, and shapes, (n, n_places, n_terms)."""
 
-_EVEN = 1e-6  # of a logarithm: products that differ by less are equal
+EVEN = 1e-6  # of a logarithm: products that differ by less are equal
 _LARGE = 600.0  # the logarithm of a number that a float can still hold
 _GRID = 1001  # places in an interval among which the next point is chosen
 
@@ -41,7 +41,7 @@ def leja_points(points: Sequence[float], low: float, high: float, count: int) ->
         product = np.log(np.abs(grid[:, np.newaxis] - np.array(points))).sum(axis=1)
         for _ in range(count):
             # The last of equally good ones, on every machine, however the logarithms are rounded.
-            chosen.append(float(grid[np.flatnonzero(product > product.max() - _EVEN)[-1]]))
+            chosen.append(float(grid[np.flatnonzero(product > product.max() - EVEN)[-1]]))
             product += np.log(np.abs(grid - chosen[-1]))
     return chosen
 

@@ -87,14 +87,13 @@ def values_of(poles: ComplexArray) -> FloatArray:
 
 
 def nearest(one: ComplexArray, other: ComplexArray) -> dict[int, int]:
-    """Pair poles so that the sum of the distances is least: index here to index there.
+    """Pair poles, (n,) and (m,), rad/s: index here to index there.
 
-    Parameters
-    ----------
-    one, other : ndarray, (n,) and (m,)
-        rad/s. Where the numbers differ, the farthest remain without a partner.
+    The sum of squares of the distances is least. That of the distances themselves would be equal in
+    either order where two poles move by more than their distance. If the numbers differ, the
+    farthest remain without a partner.
     """
-    pairs = linear_sum_assignment(np.abs(one[:, np.newaxis] - other))
+    pairs = linear_sum_assignment(np.abs(one[:, np.newaxis] - other) ** 2)
     return dict(zip(pairs[0].tolist(), pairs[1].tolist(), strict=True))
 
 

@@ -244,6 +244,25 @@ def test_a_drawn_four_bar_has_two_poses() -> None:
     assert kinematics.notice == "" or "is used" in kinematics.notice
 
 
+@pytest.mark.parametrize("off", [-1e-12, 0.0, 1e-12, -1e-3, 1e-3])
+def test_a_guess_between_mirrored_poses(off: float) -> None:
+    """Along the line from B to D both poses are equally near: the lower coupler is taken.
+
+    By the law of cosines the coupler is acos((1.09 + 0.81 - 0.64) / (2 * 0.9 * sqrt(1.09))) from
+    that line, on either side of it.
+    """
+    crank, coupler, rocker = 0.3, 0.9, 0.8
+    bar = four_bar(1.0, crank, coupler, rocker)
+    line = math.atan2(-crank, 1.0)  # from B (0, 0.3) to D (1, 0)
+    guess = (("coupler", line + off), ("rocker", line + math.pi))
+    kinematics = Kinematics(Mechanism(**{**vars_of(bar), "assembly_angles": guess}))
+    length = math.hypot(1.0, crank)
+    apart = math.acos((length**2 + coupler**2 - rocker**2) / (2.0 * coupler * length))
+    expected = line + apart if off == 1e-3 else line - apart
+    angle = kinematics.at(math.radians(90.0)).angle("coupler")
+    assert float(turns(np.array(angle - expected))) == pytest.approx(0.0, abs=1e-9)
+
+
 def vars_of(mechanism: Mechanism) -> dict[str, Any]:
     """Return the fields of a mechanism."""
     return {name: getattr(mechanism, name) for name in mechanism.__dataclass_fields__}

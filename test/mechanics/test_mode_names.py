@@ -80,6 +80,21 @@ def test_one_motion_belongs_to_one_mode() -> None:
     assert name_modes(energy, ["", "lift"]) == ("plough pitch", "lift")
 
 
+@pytest.mark.parametrize("rounding", [-1e-14, 0.0, 1e-14])
+def test_equal_energy_goes_to_the_first(rounding: float) -> None:
+    """In a symmetric mode bodies or motions have equal energy, which rounding does not split."""
+    motions = tuple((body, motion) for body in ("left", "right") for motion in ("surge", "heave"))
+    shares = np.array([[0.25, 0.3], [0.25, 0.3], [0.25, 0.2], [0.25, 0.2]])
+    turned = shares + rounding * np.array([[-1.0], [2.0], [3.0], [-4.0]])
+    energy = KineticEnergy(motions, ("left", "right"), turned, np.zeros(2))
+    assert name_modes(energy) == ("left surge", "left heave")
+    energy = KineticEnergy(motions, (), turned, np.zeros(2))  # links
+    assert name_modes(energy) == ("left surge", "left surge 2")
+    more = shares + 1e-6 * np.array([[-1.0], [0.0], [0.0], [2.0]])
+    energy = KineticEnergy(motions, ("left", "right"), more, np.zeros(2))
+    assert name_modes(energy) == ("right heave", "left heave")
+
+
 def _named(names: Any) -> Any:
     mapping = yaml.safe_load(config_file("three_point_linkage.yaml").read_text())
     mapping["response"]["mode_names"] = names

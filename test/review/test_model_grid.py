@@ -12,7 +12,7 @@ from linkage_vibration.drawing.geometry import curves
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.readers.mechanism import read_mechanism
-from linkage_vibration.review.model_grid import linkage_grid, receptance_grid
+from linkage_vibration.review.model_grid import _continued, linkage_grid, receptance_grid
 from linkage_vibration.support.resources import (
     DEFAULT_MECHANISM,
     DEFAULT_TABLE,
@@ -94,6 +94,16 @@ def test_terms_of_a_mode_that_becomes_real() -> None:
         exact = table.frf(halfway, place, place).frf(frequencies)[:, 0, 0]
         off.append(np.linalg.norm(mixed - exact) / np.linalg.norm(exact))
     assert max(off) < 1e-2
+
+
+def test_terms_keep_their_order_where_all_frequencies_rise() -> None:
+    """Undamped modes at 1 and 2 rad/s rise to 2 and 3: the first does not jump over the second."""
+    before, after = np.zeros((2, 7)), np.zeros((2, 7))
+    before[:, 0], after[:, 0] = [1.0, 4.0], [9.0, 4.0]  # squares of frequencies
+    before[:, 3], after[:, 3] = [1.0, 2.0], [2.0, 1.0]  # residues
+    first, second = _continued([before, after])
+    assert np.array_equal(first[:, [0, 3]], [[1.0, 1.0], [4.0, 2.0]])
+    assert np.array_equal(second[:, [0, 3]], [[4.0, 1.0], [9.0, 2.0]])
 
 
 def test_tractor_is_drawn_and_moves() -> None:

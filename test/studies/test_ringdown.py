@@ -51,6 +51,16 @@ def test_close_modes() -> None:
     assert [mode.frequency for mode in again] == pytest.approx([2.5, 2.9, 7.2], rel=5e-3)
 
 
+def test_a_channel_that_does_not_move_changes_nothing() -> None:
+    """Rounding of a constant is not divided by itself; a small motion on a constant is measured."""
+    times, signals = recording(np.random.default_rng(3))
+    found = measure_modes(times, signals)
+    constant = np.full((len(times), 2), [GRAVITY, 0.0])
+    assert measure_modes(times, np.hstack([signals, constant])) == found
+    small = measure_modes(times, GRAVITY + 1e-6 * signals)
+    assert [mode.frequency for mode in small] == pytest.approx([7.0, 19.0], rel=0.01)
+
+
 def test_deviations_hold() -> None:
     """The intervals of 95 % contain the truth in 85 to 100 % of 30 recordings of five blows."""
     inside = []

@@ -53,4 +53,5 @@ def _same_modes(frequencies: FloatArray, omega: FloatArray) -> IntArray:
     """
     known = np.log(np.where(np.isnan(frequencies), np.inf, 2.0 * math.pi * frequencies))
     apart = np.abs(np.subtract.outer(known, np.log(np.maximum(omega, MECHANISM / 10.0))))
-    return np.asarray(linear_sum_assignment(np.minimum(apart, 1e3))[1])
+    # Squares keep the order: sums of distances are equal where modes have moved past each other.
+    return np.asarray(linear_sum_assignment(np.minimum(apart, 1e3) ** 2)[1])

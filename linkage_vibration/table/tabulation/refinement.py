@@ -10,6 +10,7 @@ import numpy as np
 
 from linkage_vibration.mechanics.arrays import BoolArray, FloatArray
 from linkage_vibration.table.interpolation import (
+    EVEN,
     interpolate_positive,
     interpolation_matrix,
     leja_points,
@@ -64,7 +65,8 @@ def first_points(solved: Iterable[float], low: float, high: float) -> list[float
         best = leja_points(points, low, high, 1)
         products = np.log(np.abs(np.subtract.outer([*best, *free], points))).sum(axis=1)
         if free and products[1:].max() > products[0] - _EQUALLY_GOOD:
-            best = [free.pop(int(products[1:].argmax()))]
+            # The last of equally good ones, as in `leja_points`.
+            best = [free.pop(int(np.flatnonzero(products[1:] > products[1:].max() - EVEN)[-1]))]
         elif len(points) >= _FIRST:
             break
         points += best

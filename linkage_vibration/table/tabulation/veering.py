@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Distinguishes modes that cross from modes that veer, between which a gap remains."""
 
-import itertools
+from itertools import combinations, pairwise
 
 import numpy as np
 from scipy.optimize import brentq
@@ -12,6 +12,7 @@ from linkage_vibration.table.interpolation import interpolation_matrix
 from linkage_vibration.table.tabulation.sampling import Sampler
 from linkage_vibration.table.tabulation.tracking import Tracked
 
+_COINCIDENT = 1e-12  # of a logarithm: modes that coincide do not cross, but differ by rounding
 _MIXED = 0.9  # MAC: it is lower where a shape has mixed with another
 _NARROW = 100.0  # tolerances: modes that mix and are closer than that veer
 
@@ -59,11 +60,14 @@ def crossing_gaps(sampler: Sampler, fitted: list[float], tracked: Tracked) -> di
 
     grid = np.linspace(points[0], points[-1], GRID)
     curves, gaps = curve(grid, logarithms), {}
-    for one, other in itertools.combinations(range(curves.shape[1]), 2):
+    for one, other in combinations(range(curves.shape[1]), 2):
         apart = curves[:, one] - curves[:, other]
         difference = logarithms[:, one] - logarithms[:, other]
-        for i in np.flatnonzero(apart[:-1] * apart[1:] < 0.0):
-            x = float(brentq(gap, grid[i], grid[i + 1], args=(difference,), xtol=1e-15))
+        clear = np.flatnonzero(np.abs(apart) > _COINCIDENT)
+        for i, j in pairwise(clear):
+            if apart[i] * apart[j] > 0.0:
+                continue
+            x = float(brentq(gap, grid[i], grid[j], args=(difference,), xtol=1e-15))
             level = curve(np.array([x]), logarithms)[0, one]
             # The two modes are the nearest ones, and the second is half the gap away.
             off = np.abs(np.log(sampler.at(x).frequencies) - level)

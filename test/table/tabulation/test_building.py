@@ -17,6 +17,7 @@ from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.resources import config_file
 from linkage_vibration.table.table import TableError, table_bytes
 from linkage_vibration.table.tabulation import build_table, sampling
+from linkage_vibration.table.tabulation.refinement import first_points
 
 
 @pytest.mark.parametrize("which", ["mechanism", "printed"])
@@ -220,3 +221,15 @@ def test_progress() -> None:
     assert finished[0] == 0.0
     assert finished == sorted(finished)
     assert 0.5 < finished[-1] < 1.0
+
+
+def test_rounding_chooses_no_points() -> None:
+    """Solved points that lie symmetrically are equally good; the same are used in any rounding."""
+    random = np.random.default_rng(0)
+    for _ in range(40):
+        half = np.sort(random.uniform(0.05, 0.97, 5))
+        solved = np.concatenate([-half[::-1], half])
+        chosen = first_points(solved.tolist(), -1.0, 1.0)
+        rounded = solved * (1.0 + 1e-15 * random.uniform(-1.0, 1.0, len(solved)))
+        again = first_points(rounded.tolist(), -1.0, 1.0)
+        np.testing.assert_allclose(again, chosen, rtol=1e-12, atol=1e-12)

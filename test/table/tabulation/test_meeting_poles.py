@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from linkage_vibration.mechanics.model import LinkageModel
+from linkage_vibration.table.pole_cells import nearest
 from linkage_vibration.table.tabulation import build_table
 from test.support.crossing import (
     AT,
@@ -54,3 +55,12 @@ def test_only_sum_and_product_are_smooth(meeting: Meeting) -> None:
         other = one.conj() if meeting is meeting_on_axis else max(poles, key=lambda p: abs(p.imag))
         gaps.append(abs(one - other))
     assert gaps[1] / gaps[0] == pytest.approx(10.0, rel=1e-2)
+
+
+@pytest.mark.parametrize("rounding", [-1e-13, 0.0, 1e-13])
+def test_poles_that_move_far_keep_their_order(rounding: float) -> None:
+    """Sums of distances are equal in either order: 10 to 20 and 11 to 21, or 10 to 21, 11 to 20."""
+    low, high = [10j, (11.0 + rounding) * 1j], [20j, (21.0 - rounding) * 1j]
+    for before, after in ((low, high), (low, high[::-1]), (low[::-1], high), (high, low)):
+        pairs = nearest(np.array(before), np.array(after))
+        assert [pairs[i] for i in np.argsort(np.abs(before))] == np.argsort(np.abs(after)).tolist()

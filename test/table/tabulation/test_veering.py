@@ -2,6 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Modes that veer or cross: followed at any step, resolved to the tolerance, or refused."""
 
+import math
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -12,6 +16,7 @@ from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.resources import config_file
 from linkage_vibration.table.table import TableError
 from linkage_vibration.table.tabulation import build_table
+from linkage_vibration.table.tabulation.veering import crossing_gaps
 from test.support.crossing import STROKE, crossing_crank, exact_frequencies
 
 AT = 0.8137  # rad, where the crank's modes meet: on no even grid
@@ -67,3 +72,32 @@ def test_modes_in_and_out_of_the_plane_are_not_swapped(steps: int) -> None:
         order, signs, _ = track(shapes, solution.modes, model.system.mass)
         shapes = solution.modes.select(order, signs).shapes
         assert (solution.in_plane[order] == plane).all()
+
+
+@pytest.mark.parametrize("at", [0.0, 1e-17, 0.3137])
+def test_a_crossing_on_a_place_of_the_grid_is_found(at: float) -> None:
+    """The grid has 0 exactly, where the difference of both modes is exactly 0."""
+    points = [-1.0, 0.0, 1.0]
+    rising = np.array(points) - at
+    tracked: Any = SimpleNamespace(
+        variables=np.array(points),
+        log_frequencies=np.column_stack([rising, -rising]),
+        at=lambda wanted: np.ones(3, bool),
+    )
+    sampler: Any = SimpleNamespace(
+        at=lambda x: SimpleNamespace(frequencies=np.exp([x - at - 0.1, at - x + 0.1]))
+    )
+    [(x, gap)] = crossing_gaps(sampler, points, tracked).items()
+    assert x == pytest.approx(at, abs=1e-9)
+    assert gap == pytest.approx(0.1, abs=1e-9)
+
+
+def test_modes_that_coincide_do_not_cross() -> None:
+    """Two equal modes, whose polynomials differ by rounding alone, are solved nowhere."""
+    points, random = np.linspace(-1.0, 1.0, 9), np.random.default_rng(0)
+    logarithms = math.log(20.0) + 0.3 * np.repeat(points[:, np.newaxis] ** 2, 2, axis=1)
+    logarithms += 1e-15 * random.uniform(-1.0, 1.0, logarithms.shape)
+    tracked: Any = SimpleNamespace(
+        variables=points, log_frequencies=logarithms, at=lambda wanted: np.ones(9, bool)
+    )
+    assert crossing_gaps(SimpleNamespace(), points.tolist(), tracked) == {}  # type: ignore[arg-type]
