@@ -75,7 +75,7 @@ def closed_angles(pins: Pins, guess: FloatArray, free: BoolArray) -> FloatArray:
 
     The search turns the free bodies, (n_bodies,), from a guess, (n_bodies,). The first pose is the
     nearest: that with the smallest root mean square of turns, each of less than half a turn. Of two
-    equally near ones, such as mirrored poses, that with the lower angle of the first body comes first.
+    equally near ones, such as mirrored poses, that with the lower angle of the first body is first.
     """
     found, gaps = _descend(_Loops.of(pins), guess, free)
     found = found[gaps < _CLOSED]
