@@ -106,7 +106,7 @@ def _rates(solution: Solution) -> Sample:
     out_rate, in_rate = _row_rates(model, solution)
     n = len(model.interface)
     shapes = solution.modes.shapes[:n, :POLES]
-    shape_rates = np.column_stack([solution.shape_derivative(r)[:n] for r in range(POLES)])
+    shape_rates = np.column_stack([_shape_rate(solution, r)[:n] for r in range(POLES)])
     out, into = outputs @ shapes, inputs @ shapes
     residues = out * into
     residue_rates = (out_rate @ shapes + outputs @ shape_rates) * into
@@ -116,6 +116,28 @@ def _rates(solution: Solution) -> Sample:
     static_rate -= (residue_rates / k - residues * k_rate / k**2).sum(axis=1)
     terms = [k_rate / k, b * k_rate, residue_rates.ravel(), static_rate]
     return Sample(np.array(live), np.concatenate(terms))
+
+
+def _shape_rate(solution: Solution, mode: int) -> FloatArray:
+    """Return d(shape)/d(alpha3) of one mode, (n,), by Nelson's bordered system, without springs."""
+    system, n_interface = solution.model.system, len(solution.model.interface)
+    phi, squared = solution.modes.shapes[:, mode], solution.modes.omega[mode] ** 2
+    rate = solution.model.interface.join_rate(solution.configuration)[0]
+    n, n_rows, b = len(phi), len(rate), slice(0, n_interface)
+    compatibility = solution.joining.compatibility
+    residual = (system.stiffness[b] - squared * system.mass[b]) @ phi
+    multipliers = np.linalg.lstsq(compatibility.T, -residual, rcond=None)[0]
+    # Interface forces of the constraints are scaled like stiffness, to compare rows.
+    scale = float(np.abs(np.diag(system.stiffness)).max())
+    matrix = np.zeros((n + n_rows + 1, n + n_rows + 1))
+    matrix[:n, :n] = system.stiffness - squared * system.mass
+    matrix[n : n + n_rows, b] = scale * compatibility
+    matrix[:n, n : n + n_rows] = matrix[n : n + n_rows, :n].T
+    matrix[:n, -1] = matrix[-1, :n] = -(system.mass @ phi) * math.sqrt(scale)
+    right = np.zeros(len(matrix))
+    right[b] = -rate.T @ multipliers
+    right[n : n + n_rows] = -scale * (rate @ phi[b])
+    return np.asarray(np.linalg.solve(matrix, right)[:n])
 
 
 def _peak_rate(solution: Solution) -> tuple[float, float]:

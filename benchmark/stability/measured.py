@@ -27,8 +27,7 @@ from linkage_vibration.mechanics.fbs import component_frf, couple_frfs
 from linkage_vibration.mechanics.identification import identify
 from linkage_vibration.mechanics.model import LinkageModel, Solution
 from linkage_vibration.mechanics.regularisation import (
-    Measured,
-    as_measured,
+    MeasuredFrfs,
     noise_gain,
     noise_level,
     receptances,
@@ -67,7 +66,7 @@ class _Bench:
         assert isinstance(component, Component)
         return component
 
-    def regularised(self, frf: ComplexArray) -> Measured:
+    def regularised(self, frf: ComplexArray) -> MeasuredFrfs:
         """Regularise FRFs of the link."""
         points = self.solution.model.mechanism.local_points(self.link.name)
         motions = rigid_motions(self.link.dofs, list(points.items()))
@@ -87,12 +86,12 @@ class _Bench:
         joints = np.linalg.pinv(b @ h @ b.T, rcond=cut)
         return np.asarray(self.rows @ (h - h @ b.T @ joints @ b @ h) @ self.rows[:1].T)
 
-    def share(self, part: Measured) -> float:
+    def share(self, part: MeasuredFrfs) -> float:
         """Noise gain of the drive point, L2 over the band."""
         size = np.abs(self.exact[:, 0, 0])
         return float(np.linalg.norm(self.gain(part) * size) / np.linalg.norm(size))
 
-    def gain(self, part: Measured) -> FloatArray:
+    def gain(self, part: MeasuredFrfs) -> FloatArray:
         """Noise gain of the drive point, (n_freq,)."""
         b, row = self.solution.joining.compatibility, self.rows[:1]
         return noise_gain(self._put(part), b, row, row)[:, 0, 0]
@@ -103,7 +102,7 @@ class _Bench:
         rest = np.linalg.norm((coupled - self.exact)[band, 0])
         return float(rest / np.linalg.norm(self.exact[band, 0]))
 
-    def _put(self, part: ComplexArray | Measured) -> list[ComplexArray | Measured]:
+    def _put(self, part: ComplexArray | MeasuredFrfs) -> list[ComplexArray | MeasuredFrfs]:
         return [part if k == self.at else block for k, block in enumerate(self.blocks)]
 
 
@@ -201,9 +200,14 @@ def _noise(case: _Bench, share: float) -> list[str]:
         f"{cut:.2g}",
         f"{case.error(coupled):.2g}",
         modes,
-        f"{case.share(as_measured(clean)):.2g}",
-        f"{case.share(Measured(clean, part.kept, part.leverage)):.2g}",
+        f"{case.share(_as_measured(clean)):.2g}",
+        f"{case.share(MeasuredFrfs(clean, part.kept, part.leverage)):.2g}",
     ]
+
+
+def _as_measured(frf: ComplexArray) -> MeasuredFrfs:
+    """Return receptances, (n_freq, n, n), that nothing has smoothed."""
+    return MeasuredFrfs((frf + frf.swapaxes(1, 2)) / 2.0, np.eye(frf.shape[1]), np.zeros(len(frf)))
 
 
 def _drowned(case: _Bench) -> float:
@@ -357,8 +361,9 @@ def _draw(case: _Bench, pictures: Path) -> None:
     ]
     for coupled, colour, width, label in styles:
         above.loglog(lines, np.abs(coupled[:, 0, 0]), color=colour, lw=width, label=label)
-    below.loglog(lines, case.gain(as_measured(clean)), color=COLOURS[1], lw=1.2, label="gain, raw")
-    ours = case.gain(Measured(clean, part.kept, part.leverage))
+    raw = case.gain(_as_measured(clean))
+    below.loglog(lines, raw, color=COLOURS[1], lw=1.2, label="gain, raw")
+    ours = case.gain(MeasuredFrfs(clean, part.kept, part.leverage))
     below.loglog(lines, ours, color=COLOURS[2], ls="--", lw=1.2, label="gain, ours")
     below.axhline(100.0, color=GREY, lw=1.0)
     below.annotate(

@@ -21,13 +21,14 @@ from linkage_vibration.mechanics.compatibility import Joining
 from linkage_vibration.mechanics.components import Component, FrfComponent
 from linkage_vibration.mechanics.fbs import component_receptance, independent_rows
 
-_STEP = 1e-5  # of a pole, for the derivative
-_STEPS = 20
-_CLOSE = 1e-9  # step of a pole that has converged, relative
-_SAME = 1e-6  # distance of two poles that are one, relative
-_UNCERTAIN = 0.1  # standard deviation of a frequency, relative, of a mode that noise makes
-_DEPENDS = 0.1  # of a pole that the rates of a fit make: how far it moves with them, at least
-_MOVES = 1e-3  # of a pole: one farther away than this, and than its decay rate, is another
+_STEP = 1e-5  # step for the derivative, as a share of a pole
+_STEPS = 20  # largest number of Newton steps
+_CLOSE = 1e-9  # A pole has converged if its relative step is smaller.
+_SAME = 1e-6  # Two poles are one if their relative distance is smaller.
+# Noise makes a mode if the relative standard deviation of its frequency is larger.
+_UNCERTAIN = 0.1
+_DEPENDS = 0.1  # The rates of a fit make a pole if it moves with them by a larger share.
+_MOVES = 1e-3  # A pole that is farther away, and farther than its decay rate, is another one.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,9 +75,9 @@ class Assembly:
         self._rigid = np.zeros(len(rigid))
         self._joining = joining
         ends = np.cumsum([len(component.dofs) for component in components]).tolist()
-        owns = [slice(first, last) for first, last in zip([0, *ends], ends, strict=False)]
+        blocks = [slice(first, last) for first, last in zip([0, *ends], ends, strict=False)]
         self._parts = [
-            (c, held[own], self._rows[:, own]) for c, own in zip(components, owns, strict=True)
+            (c, held[dofs], self._rows[:, dofs]) for c, dofs in zip(components, blocks, strict=True)
         ]
 
     def confirm(self, poles: ComplexArray) -> BoolArray:
@@ -104,8 +105,8 @@ class Assembly:
         for component, _, rows in self._parts:
             if isinstance(component, FrfComponent):
                 forces = rows.T @ mode.forces
-                own = component.measured.fit.variances(mode.pole, forces, mode.turns())
-                power += component.noise**2 * own
+                variances = component.measured.fit.variances(mode.pole, forces, mode.turns())
+                power += component.noise**2 * variances
         return np.asarray(np.sqrt(power))
 
     def _stays(self, mode: AssemblyPole) -> bool:
@@ -134,18 +135,18 @@ class Assembly:
     def _flexibility(self, s: complex, *, shifted: bool) -> ComplexArray:
         """Return B H(s) B^T + S(s) of independent rows, (n_rows, n_rows)."""
         springs = 1.0 / (self._joining.stiffness + s * self._joining.damping)
-        found = np.diag(np.concatenate([self._rigid, springs]).astype(complex))
+        flexibility = np.diag(np.concatenate([self._rigid, springs]).astype(complex))
         for component, held, rows in self._parts:
             if isinstance(component, FrfComponent):
-                own = component.measured.fit.at(np.array([s]), shifted=shifted)[0]
-                found += rows @ own @ rows.T
+                receptance = component.measured.fit.at(np.array([s]), shifted=shifted)[0]
+                flexibility += rows @ receptance @ rows.T
                 continue
             free = np.flatnonzero(~held)
             left = np.ix_(*[[*free, *range(len(held), len(component.mass))]] * 2)
             matrices = component.mass[left], component.stiffness[left], component.damping[left]
-            own = component_receptance(*matrices, len(free), s, component.loss_factor)
-            found += rows[:, free] @ own @ rows[:, free].T
-        return found
+            receptance = component_receptance(*matrices, len(free), s, component.loss_factor)
+            flexibility += rows[:, free] @ receptance @ rows[:, free].T
+        return flexibility
 
 
 def _same(first: AssemblyPole, second: AssemblyPole) -> bool:

@@ -23,7 +23,7 @@ def mount_springs(base: Base | None) -> tuple[tuple[Mount, int], ...]:
 
 def read_mounts(keys: Keys, taken: set[str]) -> tuple[Mount, ...]:
     """Read the mounts of a base, none of which may have the name of a point that is `taken`."""
-    found = []
+    mounts = []
     for name in keys.names("mounts"):
         if name in taken or name == GROUND:
             raise keys["mounts"].error(
@@ -36,5 +36,5 @@ def read_mounts(keys: Keys, taken: set[str]) -> tuple[Mount, ...]:
             if min(values) < 0.0:
                 raise mount.error(key, f"{min(values):g} is below zero; give [along x, along z].")
             mount.refuse_rigid(key, max(values), STIFFEST if key == "stiffness" else DAMPEST)
-        found.append(Mount(name, mount.point("at"), pairs["stiffness"], pairs["damping"]))
-    return tuple(found)
+        mounts.append(Mount(name, mount.point("at"), pairs["stiffness"], pairs["damping"]))
+    return tuple(mounts)

@@ -20,16 +20,17 @@ from linkage_vibration.mechanics.description import GROUND, Mechanism, Mechanism
 NEAR = math.radians(5.0)
 """Angle of every body from those given, within which a pose is used without a search for others."""
 
-_ROUGH = math.radians(20.0)  # of a body: the angles given are wrong
-_AMBIGUOUS = 2.0  # a pose is clear if others are so many times farther away
-_STARTS = 200  # in addition to the angles given
+# The angles given are wrong if a body turns by more than this from them.
+_ROUGH = math.radians(20.0)
+_AMBIGUOUS = 2.0  # A pose is clear if the others are so many times farther away.
+_STARTS = 200  # number of random starting angles, beside the angles given
 _ITERATIONS = 60
-_CLOSED = 1e-9  # of a gap, lengths divided by the largest one
+_CLOSED = 1e-9  # A pose is closed if its gap, over the largest length, is smaller.
 _DONE, _STUCK = 1e-28, 1e4  # square of a gap, and damping, at which a search ends
-_SAME = 1e-4  # rad, between the angles of two poses
-_EQUAL = 1e-6  # rad, between distances that only rounding may distinguish
+_SAME = 1e-4  # rad; two poses are the same if all their angles differ by less
+_EQUAL = 1e-6  # rad; only rounding may distinguish distances that differ by less
 _OPEN = 1e-3  # weight of a pin that is opened
-_REST = 0.02  # largest gap of the other pins over that of the opened one
+_REST = 0.02  # largest ratio of the gaps of the other pins to that of the opened one
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,15 +78,15 @@ def closed_angles(pins: Pins, guess: FloatArray, free: BoolArray) -> FloatArray:
     nearest: that with the smallest root mean square of turns, each of less than half a turn. Of two
     equally near ones, such as mirrored poses, that with the lower angle of the first body is first.
     """
-    found, gaps = _descend(_Loops.of(pins), guess, free)
-    found = found[gaps < _CLOSED]
-    turned = turns(found - guess)
+    angles, gaps = _descend(_Loops.of(pins), guess, free)
+    angles = angles[gaps < _CLOSED]
+    turned = turns(angles - guess)
     keys = np.column_stack([distance(turned, free), turned]) / _EQUAL
     order = np.lexsort(keys.round().T[::-1])
     kept: list[FloatArray] = []
-    for one in turned[order]:
-        if all(np.abs(turns(one - other)).max() > _SAME for other in kept):
-            kept.append(one)
+    for turn in turned[order]:
+        if all(np.abs(turns(turn - other)).max() > _SAME for other in kept):
+            kept.append(turn)
     return guess + np.reshape(kept, (len(kept), len(guess)))
 
 
@@ -102,22 +103,23 @@ def described(mechanism: Mechanism, poses: Sequence[FloatArray], chosen: int) ->
     free = np.arange(len(names)) != held
     turned = turns(np.array(poses) - guess) * free
     away = distance(turned, free)
-    alpha3, own = float(poses[chosen][held]), turned[chosen]
+    alpha3, moves = float(poses[chosen][held]), turned[chosen]
     others = [i for i in range(len(poses)) if i != chosen]
     rival = others[0] if others and away[others[0]] < _AMBIGUOUS * away[chosen] else None
     moved = abs(alpha3 - given) > 1e-9
-    if not moved and rival is None and np.abs(own).max() <= _ROUGH:
+    if not moved and rival is None and np.abs(moves).max() <= _ROUGH:
         return ""
 
     def written(pose: FloatArray) -> str:
         degrees = (np.degrees(pose) % 360.0).tolist()
         pairs = zip(names, degrees, free.tolist(), strict=True)
-        return f"{{{', '.join(f'{name}: {angle:.2f}' for name, angle, own in pairs if own)}}}"
+        angles = [f"{name}: {angle:.2f}" for name, angle, is_free in pairs if is_free]
+        return f"{{{', '.join(angles)}}}"
 
-    body = int(np.abs(own).argmax())
+    body = int(np.abs(moves).argmax())
     what = (
         f"the closed pose that is used has {names[body]} turned by "
-        f"{math.degrees(own[body]):+.1f} deg from the angle given"
+        f"{math.degrees(moves[body]):+.1f} deg from the angle given"
     )
     if moved:
         what = (
@@ -142,8 +144,8 @@ def cannot_close(mechanism: Mechanism, loop: "OpenLoop | None", length: float) -
     given = math.degrees(mechanism.assembly_alpha3)
     text, bodies = f"the loops do not close at alpha3 = {given:.6g} deg", "the bodies"
     if loop is not None:
-        known = not math.isnan(loop.missing)
-        gap = f" (gap {loop.missing * length:.4g} m)" if known else ""
+        measured = not math.isnan(loop.missing)
+        gap = f" (gap {loop.missing * length:.4g} m)" if measured else ""
         text += (
             f", nor elsewhere in the stroke: the ends of the loop {', '.join(loop.points)} do not "
             f"meet{gap}"
@@ -206,31 +208,31 @@ def _opened(
 
 
 def _loops_of(joints: Sequence[tuple[str, str, str]], crank: str) -> list[list[int]]:
-    """Return loops of pins, of which all others consist; those with the crank are the first."""
+    """Return independent loops of pins; those with the crank are the first."""
     came: dict[str, tuple[str, int]] = {}  # how a body is reached from the ground: body and pin
-    queue, known = deque([GROUND]), {GROUND}
+    queue, reached = deque([GROUND]), {GROUND}
     while queue:
         body = queue.popleft()
         for pin, (_, *pair) in enumerate(joints):
-            for one, other in (pair, pair[::-1]):
-                if one == body and other not in known:
-                    known.add(other)
-                    came[other] = body, pin
-                    queue.append(other)
+            for first, second in (pair, pair[::-1]):
+                if first == body and second not in reached:
+                    reached.add(second)
+                    came[second] = body, pin
+                    queue.append(second)
     tree = {pin for _, pin in came.values()}
 
     def way(body: str) -> list[int]:
         return [] if body == GROUND or body not in came else [*way(came[body][0]), came[body][1]]
 
-    found = []
-    for pin, (_, one, other) in enumerate(joints):
+    loops = []
+    for pin, (_, first, second) in enumerate(joints):
         if pin not in tree:
-            there, back = way(one), way(other)
+            there, back = way(first), way(second)
             shared = sum(a == b for a, b in zip(there, back, strict=False))
-            found.append([*there[shared:], pin, *reversed(back[shared:])])
-    with_crank = [any(crank in joints[pin] for pin in loop) for loop in found]
-    order = sorted(range(len(found)), key=lambda i: (not with_crank[i], len(found[i])))
-    return [found[i] for i in order]
+            loops.append([*there[shared:], pin, *reversed(back[shared:])])
+    with_crank = [any(crank in joints[pin] for pin in loop) for loop in loops]
+    order = sorted(range(len(loops)), key=lambda i: (not with_crank[i], len(loops[i])))
+    return [loops[i] for i in order]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -275,14 +277,14 @@ def _descend(loops: _Loops, guess: FloatArray, free: BoolArray) -> tuple[FloatAr
         active = active[(sizes > _DONE) & (damping[active] < _STUCK)]
         if not len(active):
             break
-        old, own = gaps[active], angles[active]
-        slopes = loops.slopes(own)[:, :, free]
+        old, trial = gaps[active], angles[active]
+        slopes = loops.slopes(trial)[:, :, free]
         across = slopes.swapaxes(1, 2)
         matrix = across @ slopes + damping[active, np.newaxis, np.newaxis] * np.eye(n_free)
-        own[:, free] -= np.linalg.solve(matrix, across @ old[:, :, np.newaxis])[:, :, 0]
-        new = loops.gaps(own)
+        trial[:, free] -= np.linalg.solve(matrix, across @ old[:, :, np.newaxis])[:, :, 0]
+        new = loops.gaps(trial)
         better = (new**2).sum(axis=1) < (old**2).sum(axis=1)
-        angles[active[better]], gaps[active[better]] = own[better], new[better]
+        angles[active[better]], gaps[active[better]] = trial[better], new[better]
         damping[active] *= np.where(better, 0.1, 4.0)
         damping = np.maximum(damping, 1e-14)
     return angles, np.sqrt((gaps**2).sum(axis=1))

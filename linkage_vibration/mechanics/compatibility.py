@@ -9,7 +9,6 @@ centre of gravity plus its rotation times the arm. A spring has a row as well, w
 elongation of the spring.
 """
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -24,19 +23,20 @@ from linkage_vibration.mechanics.components import CENTRE_OF_GRAVITY, Component,
 from linkage_vibration.mechanics.description import (
     GROUND,
     Mechanism,
-    MechanismError,
-    Point,
     Spring,
 )
 from linkage_vibration.mechanics.dofs import InterfaceDof
 from linkage_vibration.mechanics.kinematics import Configuration, rotation, rotation_derivative
-from linkage_vibration.mechanics.springs import spring_prestress, spring_stiffness
+from linkage_vibration.mechanics.springs import (
+    spring_drift,
+    spring_line,
+    spring_prestress,
+    spring_stiffness,
+)
 
-_ZERO = 1e-12  # of the largest singular value of B: a direction below is a repetition
-_CLEAR = 1e-6  # of the same: a direction above is a constraint; between the two it is unclear
-_INVOLVED = 1e-6  # share of a row in a dependency, 1
-
-_End = tuple[str, str, Point]  # body, name of the point, and its place in the body's own axes
+_ZERO = 1e-12  # Directions with a smaller share of the largest singular value of B are repetitions.
+_CLEAR = 1e-6  # Directions with a larger share are constraints; between both limits it is unclear.
+_INVOLVED = 1e-6  # A row is part of a dependency if its share is larger.
 
 
 class CouplingError(LinkageVibrationError):
@@ -97,13 +97,13 @@ def row_space(compatibility: FloatArray, labels: Sequence[str]) -> RowSpace:
 
 def _redundant(dependencies: FloatArray) -> tuple[int, ...]:
     """Return the last rows that can go, given orthonormal combinations of rows that vanish."""
-    found: list[int] = []
+    redundant: list[int] = []
     for row in reversed(range(len(dependencies))):
         if dependencies.shape[1] and np.linalg.norm(dependencies[row]) > _INVOLVED:
-            found.append(row)
+            redundant.append(row)
             # The remaining combinations do not involve this row.
             dependencies = dependencies @ null_space(dependencies[row : row + 1])
-    return tuple(reversed(found))
+    return tuple(reversed(redundant))
 
 
 class InterfaceMap:
@@ -127,7 +127,7 @@ class InterfaceMap:
             if dof.direction != "y":
                 self._places.setdefault((body, dof.point), []).append(at)
         self._centres = {body.name: body.centre_of_gravity for body in mechanism.rigid}
-        # Out of the plane rigid bodies are held, as the ground is, so they need no joint.
+        # Rigid bodies are held out of the plane, as the ground is, so they need no joint there.
         held = {GROUND, *self._centres}
         self._joints = [
             (joint, [0, 1, 2] if spatial and not held.issuperset(joint[1:]) else [0, 2])
@@ -232,7 +232,7 @@ class InterfaceMap:
         rigid body that turns by theta moves by -r theta^2 / 2 as well, so a force F there adds F r
         to the stiffness of the rotation. `components.Prestress` has the part of a link.
         """
-        found = np.zeros((len(self), len(self)))
+        stiffness = np.zeros((len(self), len(self)))
         forces: list[tuple[str, str, FloatArray]] = []
         for i, ((point, first, second), _) in enumerate(self._joints):
             force = joints[2 * i : 2 * i + 2]
@@ -242,11 +242,11 @@ class InterfaceMap:
             if len(spring.points) == 1:
                 row = self._elongation(spring, configuration, rate=False)
             else:
-                ends, unit, _ = self._line(spring, configuration)
-                row = np.array([-unit[1], unit[0]]) @ self._apart(ends, configuration)
-                pulls = zip(ends, (force * unit, -force * unit), strict=True)
-                forces += [(body, point, pull) for (body, point, _), pull in pulls]
-            found += added * np.outer(row, row)
+                unit, _ = spring_line(spring, self._mechanism, configuration)
+                row = np.array([-unit[1], unit[0]]) @ self._apart(spring, configuration)
+                pulls = force * unit, -force * unit
+                forces += zip(spring.bodies, spring.points, pulls, strict=True)
+            stiffness += added * np.outer(row, row)
         mounts = mount_springs(self._mechanism.base)
         for (mount, axis), force in zip(mounts, springs[len(springs) - len(mounts) :], strict=True):
             forces.append((GROUND, mount.name, -force * np.eye(2)[axis]))
@@ -256,8 +256,8 @@ class InterfaceMap:
                 arm = configuration.place(body, local)
                 arm = arm - configuration.place(body, self._centres[body])
                 theta = self._places[body, CENTRE_OF_GRAVITY][2]
-                found[theta, theta] += force @ arm
-        return found
+                stiffness[theta, theta] += force @ arm
+        return stiffness
 
     def _pins(self, configuration: Configuration, *, rate: bool = False) -> FloatArray:
         """Return the rows of B, or of its derivative, that belong to the pins."""
@@ -281,41 +281,22 @@ class InterfaceMap:
         if len(spring.points) == 1:
             turn = self._turn(second, spring.points[0]) - self._turn(first, spring.points[0])
             return np.zeros_like(turn) if rate else turn
-        ends, unit, length = self._line(spring, configuration)
-        apart = self._apart(ends, configuration)
+        unit, length = spring_line(spring, self._mechanism, configuration)
+        apart = self._apart(spring, configuration)
         if not rate:
             return np.asarray(unit @ apart)
-        drift = configuration.place_rate(*ends[1][::2]) - configuration.place_rate(*ends[0][::2])
+        drift = spring_drift(spring, self._mechanism, configuration)
         turning = (drift - unit * (unit @ drift)) / length
-        return np.asarray(turning @ apart + unit @ self._apart(ends, configuration, rate=True))
-
-    def _line(
-        self, spring: Spring, configuration: Configuration
-    ) -> tuple[list[_End], FloatArray, float]:
-        """Return the ends of a spring between two points, its direction, (2,), and its length."""
-        ends = [
-            (body, point, self._mechanism.local_points(body)[point])
-            for body, point in zip(spring.bodies, spring.points, strict=True)
-        ]
-        away = configuration.place(*ends[1][::2]) - configuration.place(*ends[0][::2])
-        length = math.hypot(*away)
-        if length < 1e-9:
-            raise MechanismError(
-                f"springs.{spring.name}",
-                f"its two ends meet at alpha3 = {math.degrees(configuration.alpha3):.3f} deg, so "
-                "that it has no direction there; put it on the joint instead.",
-            )
-        return ends, away / length, length
+        return np.asarray(turning @ apart + unit @ self._apart(spring, configuration, rate=True))
 
     def _apart(
-        self,
-        ends: list[_End],
-        configuration: Configuration,
-        *,
-        rate: bool = False,
+        self, spring: Spring, configuration: Configuration, *, rate: bool = False
     ) -> FloatArray:
         """Return the displacement of the second end relative to the first in x and z, (2, n)."""
-        first, second = (self.displacement(*e[:2], configuration, rate=rate) for e in ends)
+        first, second = (
+            self.displacement(body, point, configuration, rate=rate)
+            for body, point in zip(spring.bodies, spring.points, strict=True)
+        )
         return np.asarray((second - first)[[0, 2]])
 
     def _turn(self, body: str, point: str) -> FloatArray:

@@ -14,7 +14,7 @@ import numpy as np
 
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.dofs import InterfaceDof
-from linkage_vibration.mechanics.regularisation import Regularised
+from linkage_vibration.mechanics.regularisation import RegularisedFrfs
 
 CENTRE_OF_GRAVITY = "centre of gravity"
 
@@ -24,7 +24,7 @@ class Drawing:
     """How the coordinates of a component move the points by which it is drawn."""
 
     places: FloatArray  # (n_points, 2): local x and z of the points, in order along the body, m
-    # (n_points, 3 or 4, n): local x, y and z of each point per coordinate; of a beam theta too.
+    # (n_points, 3 or 4, n): local x, y and z of each point per coordinate, and theta of a beam
     displacement: FloatArray
 
 
@@ -77,5 +77,5 @@ class FrfComponent:
     name: str  # of the body
     dofs: tuple[InterfaceDof, ...]  # (n_interface,): rows and columns
     frequencies: FloatArray  # (n_freq,), Hz, ascending, above 0
-    measured: Regularised  # receptances of the free body
+    measured: RegularisedFrfs  # receptances of the free body
     noise: float  # relative noise of the receptances as they were measured, 1

@@ -13,8 +13,8 @@ from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray, IntArra
 from linkage_vibration.mechanics.compatibility import CouplingError, Joining, row_space
 from linkage_vibration.mechanics.components import Component
 
-_CHUNK = 2**20  # complex numbers of dynamic stiffness held at a time, 16 MB
-_ROUNDING_LIMIT = 1e-6  # of the motion, 1: an error by rounding that is refused
+_CHUNK = 2**20  # complex numbers of dynamic stiffness that are held at a time, 16 MB
+_ROUNDING_LIMIT = 1e-6  # A larger error by rounding, of the motion, is refused.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -131,7 +131,7 @@ def assembled_frf(
 
 
 def _infinite(frequencies: FloatArray) -> CouplingError:
-    """Return the error that a receptance is infinite, or nearly so, at some frequencies."""
+    """Return the error that a receptance is infinite, or nearly so, at frequencies (Hz)."""
     if frequencies[0] == 0.0:
         return CouplingError(
             "The assembly can move without a force, so it has no receptance at 0 Hz; hold it, for "
@@ -156,12 +156,12 @@ def congruent(
     (n_springs,), their stiffness or damping.
     """
     n, free = system.n_interface, basis.shape[1]
-    own = basis.T @ matrix[:n, :n] @ basis
+    interface = basis.T @ matrix[:n, :n] @ basis
     if stretch is not None and weights is not None:
-        own = own + stretch.T @ (weights[:, np.newaxis] * stretch)
-    found = np.empty((len(matrix) - n + free,) * 2)
-    found[:free, :free] = (own + own.T) / 2.0
-    found[:free, free:] = basis.T @ matrix[:n, n:]
-    found[free:, :free] = found[:free, free:].T
-    found[free:, free:] = matrix[n:, n:]
-    return found
+        interface = interface + stretch.T @ (weights[:, np.newaxis] * stretch)
+    product = np.empty((len(matrix) - n + free,) * 2)
+    product[:free, :free] = (interface + interface.T) / 2.0
+    product[:free, free:] = basis.T @ matrix[:n, n:]
+    product[free:, :free] = product[:free, free:].T
+    product[free:, free:] = matrix[n:, n:]
+    return product

@@ -28,7 +28,7 @@ GROUND = "ground"
 FORMULATION = 2
 """Part of every model hash; raise it when a change of the mechanics changes its numbers."""
 
-_LATER = {"later": True}  # a field newer than the model hash, which it enters if it is given
+_LATER = {"later": True}  # Such a field enters the model hash only if it differs from its default.
 
 Point = tuple[float, float]
 
@@ -77,7 +77,7 @@ class _ViscousDamping:
 
     @property
     def loss_factor(self) -> float:
-        """There is no structural damping."""
+        """Return 0: this rule has no structural damping."""
         return 0.0
 
 
@@ -269,7 +269,7 @@ class Response:
     direction: Literal["x", "z"]
     band: tuple[float, float]  # Hz
     modes: int
-    # Names that replace those of the first modes; an empty one does not.
+    # Names that replace those of the first modes; an empty name replaces nothing.
     mode_names: tuple[str, ...] = field(default=(), metadata=_LATER)
 
 
@@ -282,7 +282,7 @@ class UncertainNumber:
     deviation: float  # its standard deviation, in the same unit
     step: float  # by which the number differs in `sides`
     relative: bool  # whether its logarithm is normal, rather than the number itself
-    # The mechanism with a smaller and with a larger number.
+    # The mechanisms with the number smaller and larger by `step`.
     sides: "tuple[Mechanism, Mechanism]" = field(compare=False, repr=False)
 
 
@@ -350,11 +350,11 @@ class Mechanism:
     @cached_property
     def joints(self) -> tuple[tuple[str, str, str], ...]:
         """Every pin as (point, one body, other body); k bodies at a point make k - 1 pins."""
-        found: dict[str, None] = {}
+        points: dict[str, None] = {}
         for name in (GROUND, *(body.name for body in self.bodies)):
-            found.update(dict.fromkeys(self.local_points(name)))
+            points.update(dict.fromkeys(self.local_points(name)))
         pins = []
-        for point in found:
+        for point in points:
             first, *others = self.owners(point)
             pins += [(point, first, other) for other in others]
         return tuple(pins)
@@ -381,13 +381,13 @@ class Mechanism:
 
     def rotations(self, link: str) -> frozenset[str]:
         """Return the points at which a link's rotation is held or sprung, and must be kept."""
-        found = {
+        points = {
             spring.points[0]
             for spring in self.springs
             if len(spring.points) == 1 and link in spring.bodies
         }
-        found.update(other.clamped for other in self.links if other.name == link and other.clamped)
-        return frozenset(found)
+        points.update(other.clamped for other in self.links if other.name == link and other.clamped)
+        return frozenset(points)
 
     def components(
         self, *, spatial: bool = False, reduced: bool = True

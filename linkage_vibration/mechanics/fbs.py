@@ -18,10 +18,12 @@ from linkage_vibration.mechanics.compatibility import row_space
 
 Matrix = FloatArray | ComplexArray
 
-_CHUNK = 2**20  # complex numbers of dynamic stiffness held at a time, 16 MB
-_FLOATING = 1e-9  # least eigenvalue of a scaled stiffness, 1: below it a body is free to move
-_HARMLESS = 1e-12  # of the largest receptance, 1: an error by rounding that is not looked into
-_ROUNDING_LIMIT = 1e-6  # of the largest receptance, 1: an error by rounding that is refused
+_CHUNK = 2**20  # complex numbers of dynamic stiffness that are held at a time, 16 MB
+# A body is free to move if the least eigenvalue of its scaled stiffness is smaller.
+_FLOATING = 1e-9
+# A smaller error by rounding, of the largest receptance, is not computed precisely.
+_HARMLESS = 1e-12
+_ROUNDING_LIMIT = 1e-6  # A larger error by rounding, of the largest receptance, is refused.
 
 
 class FbsError(LinkageVibrationError):
@@ -89,9 +91,9 @@ def _inverse(matrices: Sequence[Matrix], n_dofs: int, omega: FloatArray) -> Comp
         return _solve(_dynamic(matrices, omega), pick)[:, :n_dofs]
     cross = _dynamic([matrix[b, i] for matrix in matrices], omega)
     diagonals: list[Matrix] = [matrix.diagonal()[np.newaxis, i] for matrix in matrices]
-    own = _dynamic(diagonals, omega)
+    inner = _dynamic(diagonals, omega)
     with np.errstate(divide="ignore", invalid="ignore"):
-        passed = (cross / own) @ cross.swapaxes(1, 2)
+        passed = (cross / inner) @ cross.swapaxes(1, 2)
     condensed = _dynamic([matrix[b, b] for matrix in matrices], omega) - passed
     held = ~np.isfinite(condensed).all(axis=(1, 2))  # on a resonance with the interface held
     condensed[held] = np.eye(n_dofs)
@@ -132,7 +134,7 @@ def couple_frfs(
     frf, error = couple_frfs_with_error(blocks, compatibility, outputs, inputs, compliance)
     poor = ~(error <= _ROUNDING_LIMIT * np.abs(frf).max(axis=(1, 2), initial=0.0))
     if poor.any():
-        # A response that vanishes is no measure of the error; the largest between any DoFs is.
+        # A response may vanish, so the error is compared with the largest between any two DoFs.
         if np.ndim(compliance) == 2:
             compliance = np.asarray(compliance)[poor]
         every = np.eye(compatibility.shape[1])
@@ -167,10 +169,10 @@ def couple_frfs_with_error(
     frf = np.zeros((n_freq, len(left), len(right)), dtype=complex)
     start = 0
     for block in blocks:
-        own = slice(start, start + block.shape[1])
-        start = own.stop
-        i, j = np.flatnonzero(left[:, own].any(axis=1)), np.flatnonzero(right[:, own].any(axis=1))
-        frf[:, i[:, np.newaxis], j] += left[i, own] @ block @ right[j, own].T
+        dofs = slice(start, start + block.shape[1])
+        start = dofs.stop
+        i, j = np.flatnonzero(left[:, dofs].any(axis=1)), np.flatnonzero(right[:, dofs].any(axis=1))
+        frf[:, i[:, np.newaxis], j] += left[i, dofs] @ block @ right[j, dofs].T
     interface, diagonal = frf[:, :n_rows, :n_rows], np.arange(n_rows)
     interface[:, diagonal, diagonal] += compliance
     driven, seen = frf[:, :n_rows, n_rows:], frf[:, n_rows:, :n_rows]
@@ -211,17 +213,17 @@ def _solve(matrices: ComplexArray, right: Matrix) -> ComplexArray:
         return solve_stack(matrices, right)
     except np.linalg.LinAlgError:
         columns = np.broadcast_to(right, (len(matrices), *right.shape[-2:]))
-        found = np.full(columns.shape, np.nan, dtype=complex)
+        solutions = np.full(columns.shape, np.nan, dtype=complex)
         for line, matrix in enumerate(matrices):
             try:
-                found[line] = np.linalg.solve(matrix, columns[line])
+                solutions[line] = np.linalg.solve(matrix, columns[line])
             except np.linalg.LinAlgError:
                 continue
-        return found
+        return solutions
 
 
 def _lost(lines: IntArray, share: float, frequencies: FloatArray | None) -> FbsError:
-    """Return the error that rounding leaves too few digits at some frequencies."""
+    """Return the error that rounding leaves too few digits at lines, given by their indices."""
     place = f"line {lines[0]}" if frequencies is None else f"{frequencies[lines[0]]:g} Hz"
     if len(lines) > 1:
         place += f" and {len(lines) - 1} other frequencies"

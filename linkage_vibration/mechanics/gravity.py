@@ -24,8 +24,8 @@ from linkage_vibration.mechanics.description import Mechanism, MechanismError
 from linkage_vibration.mechanics.kinematics import Configuration
 from linkage_vibration.mechanics.modes import MECHANISM
 
-_SINGULAR = 1e-13  # of the largest scaled singular value: a motion that nothing holds
-_BALANCED = 1e-6  # of the weight: a larger part that nothing carries is no rounding
+_SINGULAR = 1e-13  # Nothing holds a motion whose scaled singular value, of the largest, is smaller.
+_BALANCED = 1e-6  # A larger part of the weight that nothing carries is more than rounding.
 
 Components = Sequence[Component | FrfComponent]
 
@@ -56,27 +56,27 @@ def prestress(
     joining: Joining,
 ) -> FloatArray:
     """Return the stiffness that gravity adds to the components in a configuration, (n, n)."""
-    known = [c for c in components if isinstance(c, Component)]
+    parts = [c for c in components if isinstance(c, Component)]
     down = np.array([0.0, -mechanism.gravity])
-    axes = {c.name: c.own_axes(down, configuration.angle(c.name)) for c in known}
+    axes = {c.name: c.own_axes(down, configuration.angle(c.name)) for c in parts}
     weight = np.zeros(len(system.mass))
-    for each in known:
-        weight[system.rows[each.name]] = each.mass @ each.translation(axes[each.name])
+    for part in parts:
+        weight[system.rows[part.name]] = part.mass @ part.translation(axes[part.name])
     moved = at_rest(couple(system, joining), weight, configuration)
     b = slice(0, system.n_interface)
     springs = joining.stiffness * (joining.elongation @ moved[b])
     on_bodies = system.stiffness[b] @ moved - weight[b]
     on_joints = -on_bodies - joining.elongation.T @ springs
     joints = np.linalg.lstsq(joining.compatibility.T, on_joints, rcond=None)[0]
-    found = np.zeros_like(system.stiffness)
-    found[b, b] = interface.prestress(configuration, np.asarray(joints, np.float64), springs)
-    for each in known:
-        if each.prestress is not None:
-            rows = system.rows[each.name]
-            forces = on_bodies[rows[: len(each.dofs)]]
-            added = each.prestress.stiffness(forces, axes[each.name])
-            found[np.ix_(rows, rows)] += added
-    return found
+    stiffness = np.zeros_like(system.stiffness)
+    stiffness[b, b] = interface.prestress(configuration, np.asarray(joints, np.float64), springs)
+    for part in parts:
+        if part.prestress is not None:
+            rows = system.rows[part.name]
+            forces = on_bodies[rows[: len(part.dofs)]]
+            added = part.prestress.stiffness(forces, axes[part.name])
+            stiffness[np.ix_(rows, rows)] += added
+    return stiffness
 
 
 def at_rest(coupled: CoupledSystem, weight: FloatArray, configuration: Configuration) -> FloatArray:
@@ -86,15 +86,15 @@ def at_rest(coupled: CoupledSystem, weight: FloatArray, configuration: Configura
     size = np.diag(coupled.stiffness)
     scale = np.sqrt(np.maximum(size, _SINGULAR * size.max() or 1.0))
     scaled = coupled.stiffness / np.outer(scale, scale)
-    found = np.linalg.lstsq(scaled, load / scale, rcond=_SINGULAR)[0] / scale
-    rest = np.abs(coupled.stiffness @ found - load).max()
-    if not rest <= _BALANCED * np.abs(weight).max():
+    moved = np.linalg.lstsq(scaled, load / scale, rcond=_SINGULAR)[0] / scale
+    unbalanced = np.abs(coupled.stiffness @ moved - load).max()
+    if not unbalanced <= _BALANCED * np.abs(weight).max():
         raise CouplingError(
             "Nothing carries the weight of the linkage at alpha3 = "
             f"{math.degrees(configuration.alpha3):.3f} deg; hold its crank with `clamped` or a "
             "spring and its base with mounts, or remove gravity."
         )
-    return coupled.expand(found[:, np.newaxis])[:, 0]
+    return coupled.expand(moved[:, np.newaxis])[:, 0]
 
 
 def with_prestress(

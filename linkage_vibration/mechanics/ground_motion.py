@@ -38,8 +38,8 @@ def transmissibility(solution: Solution, outputs: Sequence[Place], soil: Place) 
     """Return the displacement of points per displacement of the soil at a place, (n_out, 1)."""
     mechanism = solution.model.mechanism
     if soil not in soil_places(mechanism):
-        known = ", ".join(".".join(place) for place in soil_places(mechanism))
-        raise ModelError(f"The soil has no motion {'.'.join(soil)}; name one of: {known}.")
+        places = ", ".join(".".join(place) for place in soil_places(mechanism))
+        raise ModelError(f"The soil has no motion {'.'.join(soil)}; name one of: {places}.")
     out = solution.participation(outputs)
     if mechanism.base is None:
         return _with_the_ground(solution, out, outputs, soil[1])
@@ -86,11 +86,11 @@ def _with_the_ground(
     into = (moved @ model.system.mass @ solution.modes.shapes)[np.newaxis]
     parts = pole_residue(solution.damped, out, into)
     a, b, kappa, gamma = parts.residues, parts.rates, parts.stiffness, parts.decay
-    own = np.array([[float(place[1] == direction)] for place in outputs])
+    along_motion = np.array([[float(place[1] == direction)] for place in outputs])
     # -s^2 (a + s b) with s^2 = D - kappa - s gamma; the rates b of all modes add up to zero.
     return replace(
         parts,
         residues=(a - b * gamma) * kappa,
         rates=(a - b * gamma) * gamma + b * kappa,
-        residual=own - (a - b * gamma).sum(axis=2),
+        residual=along_motion - (a - b * gamma).sum(axis=2),
     )

@@ -32,19 +32,19 @@ from scipy.linalg import null_space
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import BoolArray, ComplexArray, FloatArray
 
-_STEADY = 0.2  # by which a pole may move from order to order, of its decay rate
-_ALIKE = 0.9  # least MAC of its shape with that at another order
+_STEADY = 0.2  # A pole moves by less than this share of its decay rate from order to order.
+_ALIKE = 0.9  # least MAC of the shapes of a pole at two orders
 _FAINT = 1e-4  # least share of a mode in any FRF at its resonance; below it, pole and zero cancel
-_ABOVE_NOISE = 3.0  # least share relative to the noise; more where few lines show a peak
-_SURE = 0.5  # a share that is a mode whatever the noise
-_RECURS = 0.5  # least share of the orders at which a mode is found
-_LINES_A_POLE = 3  # least lines in the band for each pole of a model
-_LEAST_DEGREE = 10  # of the polynomials, for which there must be enough lines
-_NODE = 1e-9  # residue of a drive point at a node, relative to the largest of the mode
-_COARSEST = 5.0  # half-power bandwidths, by which lines may be apart at a peak
-_SHORT = 0.01  # of a band: how far its lines may end before its ends
-_UNEXPLAINED = 0.6  # of the FRFs: what modes may leave unexplained in the mean of some lines
-_RUN = 5  # lines
+_ABOVE_NOISE = 3.0  # least ratio of this share to the noise; more where few lines show a peak
+_SURE = 0.5  # A larger share is a mode, however large the noise is.
+_RECURS = 0.5  # least share of the orders at which a mode recurs
+_LINES_A_POLE = 3  # least number of lines in the band for each pole of a model
+_LEAST_DEGREE = 10  # There must be enough lines for polynomials of this degree.
+_NODE = 1e-9  # A drive point is a node if its residue is below this share of the mode's largest.
+_COARSEST = 5.0  # largest spacing of the lines at a peak, in half-power bandwidths
+_SHORT = 0.01  # Lines may end before the ends of a band by this share of it.
+_UNEXPLAINED = 0.6  # largest share of the FRFs that modes may leave unexplained near some lines
+_RUN = 5  # number of lines over which this share is averaged
 
 
 class IdentificationError(LinkageVibrationError):
@@ -104,12 +104,12 @@ def identify(
     omega = 2.0 * math.pi * frequencies
     poles, recurring = fit_poles(omega, frf, max_order)
     residues, fitted = _residues(omega, frf, poles, omega**2)
-    found = np.abs(poles) / (2.0 * math.pi)
-    inside = (found >= band[0]) & (found <= band[1])
+    natural = np.abs(poles) / (2.0 * math.pi)
+    inside = (natural >= band[0]) & (natural <= band[1])
     rest = _line_sizes(omega, frf, frf - fitted)
     noise = float(np.median(rest / _line_sizes(omega, frf)))
-    # Noise matters most where a peak is narrower than the spacing, or only its flank is seen.
-    ends = np.minimum(np.abs(found - frequencies[0]), np.abs(frequencies[-1] - found))
+    # Noise matters most if a peak is narrower than the spacing, or only its flank is in the band.
+    ends = np.minimum(np.abs(natural - frequencies[0]), np.abs(frequencies[-1] - natural))
     flank = 1.0 - poles.real / math.pi / np.maximum(ends, np.finfo(float).tiny)
     doubt = np.maximum(_coarseness(frequencies, poles), 1.0) * flank
     faint = np.clip(_ABOVE_NOISE * noise * doubt**2, _FAINT, _SURE)
@@ -176,7 +176,7 @@ def _in_band(
 def _check_complete(
     omega: FloatArray, frf: ComplexArray, poles: ComplexArray, band: tuple[float, float]
 ) -> None:
-    """Refuse modes that leave most of the FRFs unexplained near some frequency.
+    """Refuse modes that leave most of the FRFs unexplained near any frequency.
 
     Near a missing peak nearly everything is left; noise of 10 % leaves 10 %.
     """
@@ -270,12 +270,12 @@ class _Fraction:
                 self._recurrence[: k + 1, k] += share
             self._recurrence[k + 1, k] = np.linalg.norm(column)
             self._basis[:, k + 1] = column / self._recurrence[k + 1, k]
-        basis = _real(self._basis)
+        basis = real_equations(self._basis)
         self._numerators = np.empty((n_out, degree + 1, (degree + 1) * self._n_in))
         rests = []
         for output in range(n_out):
             product = self._basis[:, :, np.newaxis] * frf[:, output, np.newaxis, :]
-            equations = _real(product.reshape(n_freq, -1))
+            equations = real_equations(product.reshape(n_freq, -1))
             self._numerators[output] = basis.T @ equations
             rests.append(np.linalg.qr(equations - basis @ self._numerators[output], mode="r"))
         self._rest = np.asarray(np.linalg.qr(np.vstack(rests), mode="r"))
@@ -296,29 +296,30 @@ class _Fraction:
 
     def denominator(self, degree: int) -> ComplexArray:
         """Return A on the lines, (n_freq, n_in, n_in)."""
-        found = self.coefficients(degree).reshape(degree + 1, -1)
-        values = self._basis[:, : degree + 1] @ found / self._weights[:, np.newaxis]
+        coefficients = self.coefficients(degree).reshape(degree + 1, -1)
+        values = self._basis[:, : degree + 1] @ coefficients / self._weights[:, np.newaxis]
         return np.asarray(values.reshape(-1, self._n_in, self._n_in))
 
     def roots(self, degree: int) -> tuple[ComplexArray, ComplexArray]:
         """Return the roots of det A, and shapes B v of unit length where A v = 0."""
         n_in, size = self._n_in, degree * self._n_in
-        found = self.coefficients(degree)
-        lower = found[:size].reshape(degree, n_in, n_in).swapaxes(0, 1).reshape(n_in, -1)
-        last = -np.linalg.lstsq(found[size:], lower, rcond=None)[0]  # columns may be dependent
+        coefficients = self.coefficients(degree)
+        lower = coefficients[:size].reshape(degree, n_in, n_in).swapaxes(0, 1).reshape(n_in, -1)
+        # Columns may be dependent.
+        last = -np.linalg.lstsq(coefficients[size:], lower, rcond=None)[0]
         companion = np.kron(self._recurrence[:degree, :degree].T, np.eye(n_in))
         companion[-n_in:] += self._recurrence[degree, degree - 1] * last
         roots, vectors = np.linalg.eig(companion)
         # The eigenvectors hold every basis polynomial but the last at a root, times v.
         values = np.vstack([vectors, last @ vectors]).reshape(degree + 1, n_in, -1)
-        n = degree + 1
-        numerators = (self._numerators[:, :n, : n * n_in] @ found).reshape(-1, n * n_in)
-        shapes = numerators @ values.reshape(n * n_in, -1)
+        size += n_in
+        numerators = self._numerators[:, : degree + 1, :size] @ coefficients
+        shapes = numerators.reshape(-1, size) @ values.reshape(size, -1)
         return roots, shapes / np.maximum(np.linalg.norm(shapes, axis=0), np.finfo(float).tiny)
 
 
-def _real(matrix: ComplexArray) -> FloatArray:
-    """Real parts above imaginary parts: complex equations with real unknowns."""
+def real_equations(matrix: ComplexArray) -> FloatArray:
+    """Return real parts above imaginary parts: complex equations with real unknowns."""
     return np.concatenate([matrix.real, matrix.imag])
 
 
@@ -365,12 +366,15 @@ def _residues(
     terms = np.hstack([upper + lower, 1j * (upper - lower), s**-2.0, s**0.0, s**2.0])
     weights = (weights / weights.max())[:, np.newaxis]
     right = weights * frf.reshape(len(omega), -1)
-    columns = _real(weights * terms)
+    columns = real_equations(weights * terms)
     norms = np.linalg.norm(columns, axis=0)
-    found = np.linalg.lstsq(columns / norms, _real(right), rcond=None)[0] / norms[:, np.newaxis]
+    unknowns = (
+        np.linalg.lstsq(columns / norms, real_equations(right), rcond=None)[0]
+        / norms[:, np.newaxis]
+    )
     n = len(poles)
-    complete = found[:n] + 1j * found[n : 2 * n]
-    fitted = (terms @ found).reshape(frf.shape)
+    complete = unknowns[:n] + 1j * unknowns[n : 2 * n]
+    fitted = (terms @ unknowns).reshape(frf.shape)
     return np.asarray(complete.reshape(n, *frf.shape[1:]) * scale), fitted
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 from linkage_vibration.mechanics.description import MechanismError, Point
 
-_LARGEST = 1e30  # SI; powers of what is larger overflow
+_LARGEST = 1e30  # SI; powers of larger numbers overflow
 
 STIFFEST, DAMPEST = 1e15, 1e12
 """Stiffness and damping, SI, beside which links lose more than 1e-6 by rounding."""

@@ -31,12 +31,13 @@ from linkage_vibration.mechanics.closure import (
 )
 from linkage_vibration.mechanics.description import GROUND, Mechanism, MechanismError, Point
 
-_STEP = 0.3  # of arc length, with lengths scaled by the largest body: about 10 deg of rotation
-_LEAST_STEP = 1e-6  # where shorter ones still fail, another branch crosses
-_BEND = 0.25  # rad, by which the curve should turn in a step; twice that is rejected
-_TURNING_TOLERANCE = 1e-8  # of arc length: the error of alpha3 at a toggle is its square
-_TOLERANCE = 1e-13  # of a Newton step, in the same scale
-_ANGLES = 9  # over the stroke, where the linkage does not close at the angle of the description
+_STEP = 0.3  # arc length, with lengths scaled by the largest body; about 10 deg of rotation
+_LEAST_STEP = 1e-6  # Another branch crosses where even shorter steps fail.
+_BEND = 0.25  # rad; the curve should turn by this in a step, and twice that is rejected
+_TURNING_TOLERANCE = 1e-8  # arc length; the error of alpha3 at a toggle is the square of it
+_TOLERANCE = 1e-13  # size of a Newton step, in the same scale, that ends the iteration
+# number of angles of the stroke that are tried where the linkage does not close as given
+_ANGLES = 9
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,12 +64,12 @@ class KinematicsError(LinkageVibrationError):
     """
 
     def __init__(self, alpha3: float, nearest: Toggle | None) -> None:
-        where = f"The linkage cannot close at alpha3 = {math.degrees(alpha3):.3f} deg; "
-        if nearest is None:
-            super().__init__(f"{where}give a finite angle.")
-        else:
-            nearest_text = f"the nearest angle at which it can is its toggle at {nearest}."
-            super().__init__(where + nearest_text)
+        advice = "give a finite angle."
+        if nearest is not None:
+            advice = f"the nearest angle at which it can is its toggle at {nearest}."
+        super().__init__(
+            f"The linkage cannot close at alpha3 = {math.degrees(alpha3):.3f} deg; {advice}"
+        )
         self.alpha3 = alpha3
         self.nearest = nearest
 
@@ -83,7 +84,7 @@ class Configuration:
     angles: FloatArray  # (n,): angle of each body's own x axis, rad, continuous between the toggles
     origin_rates: FloatArray  # (n, 2): d(origin)/d(alpha3), m/rad
     velocity_ratios: FloatArray  # (n,): d(angle)/d(alpha3), 1
-    toggle_distance: float  # of alpha3 from the nearer toggle, rad; infinite if there is none
+    toggle_distance: float  # rad, between alpha3 and the nearer toggle; infinite without toggles
 
     def angle(self, body: str) -> float:
         """Return the angle of a body's own x axis, rad; that of the ground is 0."""
@@ -150,7 +151,11 @@ def _same_place(pose: FloatArray, other: FloatArray) -> bool:
 
 
 class Kinematics:
-    """The closed positions of one mechanism on the branch of its assembly that it describes."""
+    """The closed positions of one mechanism on the branch of its assembly that it describes.
+
+    `toggles` are those below and above; None where the input can turn all the way. `notice` says
+    how the assembled pose differs from the angles given; it is empty if those are clear.
+    """
 
     def __init__(self, mechanism: Mechanism) -> None:
         self._bodies = tuple(body.name for body in mechanism.bodies)
@@ -163,24 +168,14 @@ class Kinematics:
         starts = self._assemble(mechanism)
         chosen = self._choose(mechanism, starts)
         poses = [start[0][2::3] for start in starts]
-        self._notice = described(mechanism, poses, chosen) if self._searched else ""
-
-    @property
-    def toggles(self) -> tuple[Toggle, Toggle] | None:
-        """The toggles below and above; None where the input can turn all the way."""
-        return self._toggles
-
-    @property
-    def notice(self) -> str:
-        """How the assembled pose differs from the angles given; empty if those are clear."""
-        return self._notice
+        self.notice = described(mechanism, poses, chosen) if self._searched else ""
 
     @property
     def closable_range(self) -> tuple[float, float]:
         """The toggles' angles, rad; infinite where the input can turn all the way."""
-        if self._toggles is None:
+        if self.toggles is None:
             return -math.inf, math.inf
-        return self._toggles[0].alpha3, self._toggles[1].alpha3
+        return self.toggles[0].alpha3, self.toggles[1].alpha3
 
     def at(self, alpha3: float) -> Configuration:
         """Return the configuration at an input angle in rad; refuse an angle where none closes."""
@@ -212,20 +207,20 @@ class Kinematics:
         return other
 
     def _evenly(self, alpha3: float | FloatArray) -> FloatArray:
-        """Turn alpha3 into a variable of which poses are smooth functions, up to the toggles.
+        """Turn alpha3 into a variable over which poses are smooth, up to the toggles.
 
         Near a toggle they change as the square root of the distance, as an arc sine does.
         """
-        if self._toggles is None:
+        if self.toggles is None:
             return np.asarray(alpha3)
         low, high = self.closable_range
         share = (2.0 * np.asarray(alpha3) - low - high) / (high - low)
         return np.asarray(np.arcsin(np.clip(share, -1.0, 1.0)))
 
     def _out_of_reach(self, alpha3: float) -> KinematicsError:
-        if self._toggles is None:
+        if self.toggles is None:
             return KinematicsError(alpha3, None)
-        low, high = self._toggles
+        low, high = self.toggles
         below = alpha3 - low.alpha3 < high.alpha3 - alpha3
         return KinematicsError(alpha3, low if below else high)
 
@@ -272,21 +267,21 @@ class Kinematics:
     def _nearest(
         self, mechanism: Mechanism, guess: FloatArray
     ) -> list[tuple[FloatArray, FloatArray]]:
-        """Return the closed poses at the nearest angle at which there are some."""
+        """Return the closed poses at the angle nearest to the description that has any."""
         free = self._input[2::3] == 0.0
         given = mechanism.assembly_alpha3
         stroke = np.linspace(*mechanism.stroke, _ANGLES)
         stroke = stroke[np.isfinite(stroke)]
         for alpha3 in [given, *stroke[np.argsort(np.abs(stroke - given))].tolist()]:
-            found = closed_angles(self._pins, np.where(free, guess, alpha3), free)
-            closed = [self._close(self._pins.placed(one), self._input, alpha3) for one in found]
-            poses = [pose for pose in closed if pose is not None]
-            if poses:
-                return poses
+            angles = closed_angles(self._pins, np.where(free, guess, alpha3), free)
+            poses = [self._close(self._pins.placed(each), self._input, alpha3) for each in angles]
+            closed = [pose for pose in poses if pose is not None]
+            if closed:
+                return closed
         loop = open_loop(self._pins, mechanism, guess, free)
         raise cannot_close(mechanism, loop, self._length)
 
-    def _choose(self, mechanism: Mechanism, starts: "list[tuple[FloatArray, FloatArray]]") -> int:
+    def _choose(self, mechanism: Mechanism, starts: list[tuple[FloatArray, FloatArray]]) -> int:
         """Keep the first branch that reaches over the stroke, and return which it is."""
         errors = []
         for i, start in enumerate(starts):
@@ -303,25 +298,19 @@ class Kinematics:
             raise MechanismError(
                 "assembly.alpha3_deg", "the linkage is at a toggle there; give another angle."
             )
-        poses, self._toggles = self._trace(mechanism, *start)
+        tangent = start[1] / np.linalg.norm(start[1])
+        above, high = self._walk(mechanism, start[0], tangent)
+        below, low = self._walk(mechanism, start[0], -tangent)
+        self.toggles = None if low is None or high is None else (low, high)
+        poses = np.array([*reversed(below), start[0], *above])
         alphas = poses @ self._input
         self._traced = alphas[0], alphas[-1]
-        # Without toggles it was traced up and down until it repeats, and less than a step further.
+        # Without toggles, both directions were traced until they repeat, less than a step further.
         self._period = 2.0 * math.pi * ((alphas[-1] - alphas[0]) // (4.0 * math.pi))
         even = self._evenly(alphas)
         apart = np.append(np.diff(even) > _TURNING_TOLERANCE, True)
         self._guess = CubicSpline(even[apart], poses[apart])
         self._check_stroke(mechanism)
-
-    def _trace(
-        self, mechanism: Mechanism, start: FloatArray, rate: FloatArray
-    ) -> tuple[FloatArray, tuple[Toggle, Toggle] | None]:
-        """Return closed poses, (n, n_pose), alpha3 ascending, and the toggles at their ends."""
-        tangent = rate / np.linalg.norm(rate)
-        above, high = self._walk(mechanism, start, tangent)
-        below, low = self._walk(mechanism, start, -tangent)
-        poses = np.array([*reversed(below), start, *above])
-        return poses, None if low is None or high is None else (low, high)
 
     def _walk(
         self, mechanism: Mechanism, pose: FloatArray, tangent: FloatArray
@@ -353,7 +342,7 @@ class Kinematics:
                     continue
                 return [*poses, locked], self._toggle(mechanism, locked)
             if way * ((ahead - pose) @ self._input) < step * min(slopes) / 2.0:
-                step /= 2.0  # alpha3 turned back and forth within it
+                step /= 2.0  # alpha3 turned back and forth within the step
                 continue
             poses.append(ahead)
             curvature = (onward - tangent) / step
@@ -385,8 +374,8 @@ class Kinematics:
             return self._close(pose + length * tangent, tangent, float(tangent @ pose) + length)
 
         def turning(length: float) -> float:
-            found = ahead(length)
-            return math.nan if found is None else float(found[1] @ self._input)
+            closed = ahead(length)
+            return math.nan if closed is None else float(closed[1] @ self._input)
 
         if not turning(0.0) * turning(step) <= 0.0:
             return None
@@ -418,9 +407,9 @@ class Kinematics:
         aligned: tuple[str, ...] = ()
         for point, first, second in mechanism.joints:
             if first in moving and second in moving:
-                for one in pivots(first, point):
-                    for other in pivots(second, point):
-                        aligned = (one, point, other)
+                for before in pivots(first, point):
+                    for after in pivots(second, point):
+                        aligned = (before, point, after)
         return Toggle(float(pose @ self._input), aligned, tuple(moving))
 
     def _check_stroke(self, mechanism: Mechanism) -> None:
@@ -432,10 +421,10 @@ class Kinematics:
                 "[from, to].",
             )
         for angle in mechanism.stroke:
-            if self._toggles and not self._toggles[0].alpha3 < angle < self._toggles[1].alpha3:
+            if self.toggles and not self.toggles[0].alpha3 < angle < self.toggles[1].alpha3:
                 raise MechanismError(
                     "input.range_deg",
                     f"the linkage cannot close at {math.degrees(angle):g} deg: it locks at its "
-                    f"toggles, {self._toggles[0]}, and {self._toggles[1]}; keep the range between "
+                    f"toggles, {self.toggles[0]}, and {self.toggles[1]}; keep the range between "
                     "them.",
                 )

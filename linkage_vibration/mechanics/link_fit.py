@@ -28,22 +28,24 @@ import numpy as np
 from scipy.linalg import null_space
 
 from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray
-from linkage_vibration.mechanics.identification import fit_poles
+from linkage_vibration.mechanics.identification import fit_poles, real_equations
 
-_MAX_ORDER = 60  # poles in the largest model of a link
-_ORDERS = 4  # most terms for the modes above the lines
-_LOWEST = 0.02  # pole of the deformation, in last lines; below it the link moves as a rigid body
-_NARROWEST = 0.5  # bandwidth of a pole among the lines, in spacings of them
-_RELAXATIONS = 2.0 ** np.arange(-1, 6)  # real poles of the rigid motions, in first lines
-_SHIFT = math.sqrt(2.0)  # of the real poles in the second fit, to the middle between them
+_MAX_ORDER = 60  # number of poles in the largest model of a link
+_ORDERS = 4  # largest number of terms for the modes above the lines
+_LOWEST = 0.02  # least pole of the deformation, over the last line; below it the link is rigid
+_NARROWEST = 0.5  # least bandwidth of a pole among the lines, in spacings of the lines
+_RELAXATIONS = 2.0 ** np.arange(-1, 6)  # real poles of the rigid motions, over the first line
+# factor of the real poles in the second fit, which lie between those of the first
+_SHIFT = math.sqrt(2.0)
 _CLEARLY = 20.0  # least advantage of a law other than the first, in the information criterion
-_STEPS = 4  # of the improvement of the poles
-_NEGLIGIBLE = 1e-6  # improvement of the sum of squares
-_STEP = 1e-6  # of a parameter, for derivatives
-_RESOLVED = 1e-8  # singular value of the changes with the parameters, which are differences
-_ROUNDING = 1e-9  # of what is fitted: computed FRFs leave no more
-_COMPUTED = 1e-4  # of what is fitted: FRFs that were measured leave more
-_SMALLEST = 1e-13  # singular value of the scaled terms that is not rounding
+_STEPS = 4  # number of Gauss-Newton steps that improve the poles
+_NEGLIGIBLE = 1e-6  # The steps end if the sum of squares falls by less than this share.
+_STEP = 1e-6  # relative step of a parameter, for derivatives
+# Smaller singular values of the changes with the parameters are errors of differences.
+_RESOLVED = 1e-8
+_ROUNDING = 1e-9  # Computed FRFs leave no more than this share of what is fitted.
+_COMPUTED = 1e-4  # Measured FRFs leave more than this share of what is fitted.
+_SMALLEST = 1e-13  # Smaller singular values of the scaled terms are rounding.
 
 
 class _Law(enum.Enum):
@@ -77,13 +79,13 @@ class _Shape:
 
     def derivatives(self, s: ComplexArray) -> list[ComplexArray]:
         """Return the derivatives of the terms with respect to each parameter."""
-        found = []
+        derivatives = []
         for i, value in enumerate(self.parameters):
             step = _STEP * max(abs(value), 1e-3)
             sides = np.repeat(self.parameters[np.newaxis], 2, axis=0)
             sides[:, i] += step, -step
-            found.append((self.terms(s, sides[0]) - self.terms(s, sides[1])) / (2.0 * step))
-        return found
+            derivatives.append((self.terms(s, sides[0]) - self.terms(s, sides[1])) / (2.0 * step))
+        return derivatives
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -102,9 +104,9 @@ class _Fit:
 
     def at_lines(self) -> ComplexArray:
         """Return the fit at the lines, (n_freq, n, n)."""
-        found = np.tensordot(self.basis, self.coefficients, axes=1)
+        parts = np.tensordot(self.basis, self.coefficients, axes=1)
         n_freq = len(self.weights)
-        return np.asarray((found[:n_freq] + 1j * found[n_freq:]) / self.weights[:, :, np.newaxis])
+        return np.asarray((parts[:n_freq] + 1j * parts[n_freq:]) / self.weights[:, :, np.newaxis])
 
     def values(self, terms: ComplexArray) -> ComplexArray:
         """Return the fit where the terms have these values, (n_s, n_terms)."""
@@ -116,7 +118,7 @@ class _Fit:
         ``rates`` and ``rate`` are the derivatives of the terms at the lines and there.
         """
         plain = np.tensordot(self.tail, self.coefficients, axes=1)
-        moved = _real(self.weights * rates)
+        moved = real_equations(self.weights * rates)
         again = np.tensordot(self.basis.T @ moved, plain, axes=1)
         return np.asarray(
             np.tensordot(rate, plain, axes=1) - np.tensordot(terms @ self.tail, again, axes=1)
@@ -173,8 +175,8 @@ class LinkFit:
         terms = self.shape.terms(scaled)
         both = _rigid_terms(scaled, terms, self.omega, shifted=shifted)
         rigid = self.shifted if shifted else self.moving
-        found = self.elastic.values(terms) + rigid.values(both)
-        return np.asarray(found * np.outer(self.unit, self.unit))
+        receptances = self.elastic.values(terms) + rigid.values(both)
+        return np.asarray(receptances * np.outer(self.unit, self.unit))
 
     def variances(self, s: complex, forces: ComplexArray, turns: ComplexArray) -> FloatArray:
         """Return the variance of Re(t f^T H(s) f) per squared relative noise, (n_turns,).
@@ -186,14 +188,14 @@ class LinkFit:
         terms = self.shape.terms(at)
         both = _rigid_terms(at, terms, self.omega)
         whole = self.unit * forces
-        own = self.rigid @ whole
-        rigid = np.outer(own, own)
+        whole_rigid = self.rigid @ whole
+        rigid = np.outer(whole_rigid, whole_rigid)
         rest = np.outer(whole, whole) - rigid
         column = (-1, 1, 1)
         shares = self.moving.shares(both).reshape(column) * rigid
         shares = shares + self.elastic.shares(terms).reshape(column) * rest
         rates = zip(self.shape.derivatives(lines), self.shape.derivatives(at), strict=True)
-        # Without noise there are no pulls.
+        # FRFs without noise have no pulls.
         for (along, there), pull in zip(rates, self.pulls, strict=False):
             change = self.elastic.changes(along, there, terms)[0]
             wide = [_padded(rate, both.shape[1]) for rate in (along, there)]
@@ -220,7 +222,7 @@ def fit_link(
     s = 1j * omega[:, np.newaxis] / omega[-1]
     shape, pulls = _Shape(_Law.ANY, 1, np.empty(0)), np.empty((0, 2 * len(omega), *raw.shape[1:]))
     if elastic.size:
-        right = _real(weights * across.reshape(len(omega), -1))
+        right = real_equations(weights * across.reshape(len(omega), -1))
         shape = _choose(s, right, weights, _candidates(omega, frf))
         _, left, columns = _columns(s, shape, weights, right)
         if left < (_ROUNDING * np.linalg.norm(right)) ** 2:
@@ -244,12 +246,12 @@ def fit_link(
 
 def _candidates(omega: FloatArray, frf: ComplexArray) -> list[ComplexArray]:
     """Return sets of poles that may be those of the link, per last line."""
-    found, recurring = fit_poles(omega, frf, _MAX_ORDER)
-    after = np.searchsorted(omega, found.imag).clip(1, len(omega) - 1)
-    wide = -2.0 * found.real > _NARROWEST * np.diff(omega)[after - 1]
-    visible = (found.imag > _LOWEST * omega[-1]) & (wide | (found.imag > omega[-1]))
-    found, recurring = found[visible] / omega[-1], recurring[visible]
-    return [found[:0], found[recurring], found]
+    poles, recurring = fit_poles(omega, frf, _MAX_ORDER)
+    after = np.searchsorted(omega, poles.imag).clip(1, len(omega) - 1)
+    wide = -2.0 * poles.real > _NARROWEST * np.diff(omega)[after - 1]
+    visible = (poles.imag > _LOWEST * omega[-1]) & (wide | (poles.imag > omega[-1]))
+    poles, recurring = poles[visible] / omega[-1], recurring[visible]
+    return [poles[:0], poles[recurring], poles]
 
 
 def _choose(
@@ -269,11 +271,11 @@ def _choose(
                 if score < best:
                     best, chosen, first, least = score, shape, start, left
     if math.sqrt(least) < _COMPUTED * np.linalg.norm(right):
-        # The criterion leaves out what is smaller than the noise of single lines. In FRFs that were
-        # computed, and stored in single precision, one term more costs nothing and removes that.
+        # The criterion ignores errors below the noise of single lines. In FRFs that were computed,
+        # and stored in single precision, one more term costs nothing and removes these errors.
         return _refined(s, _Shape(chosen.law, chosen.order + 1, first), weights, right)[0]
     for i in reversed(range(len(first) // 2)):
-        # A set of poles may hold one that only fits noise beside those of the link.
+        # The set may contain a pole that only fits noise.
         start = np.delete(first, [i, len(first) // 2 + i])
         shape, left = _refined(s, _Shape(chosen.law, chosen.order, start), weights, right)
         score = _criterion(shape, left, right)
@@ -294,7 +296,7 @@ def _refined(
     s: ComplexArray, shape: _Shape, weights: FloatArray, right: FloatArray
 ) -> tuple[_Shape, float]:
     """Improve the parameters by Gauss-Newton steps; also return what the fit leaves."""
-    found, best = shape, math.inf
+    refined, best = shape, math.inf
     for _ in range(_STEPS + 1):
         rest, left, columns = _columns(s, shape, weights, right)
         half = len(shape.parameters) // 2
@@ -303,12 +305,12 @@ def _refined(
         if not (left < best and sound):
             break
         converged = left > (1.0 - _NEGLIGIBLE) * best
-        found, best = shape, left
+        refined, best = shape, left
         if converged or not len(shape.parameters):
             break
         step = np.linalg.lstsq(columns.T, rest.ravel(), rcond=_SMALLEST)[0]
         shape = _Shape(shape.law, shape.order, shape.parameters + step)
-    return found, best
+    return refined, best
 
 
 def _columns(
@@ -318,13 +320,13 @@ def _columns(
 
     The change, (n_parameters, n_equations), is that of the part that the coefficients cannot undo.
     """
-    basis, triangle = np.linalg.qr(_real(weights * shape.terms(s)))
+    basis, triangle = np.linalg.qr(real_equations(weights * shape.terms(s)))
     shares = basis.T @ right
     rest = right - basis @ shares
     coefficients = np.linalg.lstsq(triangle, shares, rcond=_SMALLEST)[0]
     columns = np.empty((len(shape.parameters), right.size))
     for i, rate in enumerate(shape.derivatives(s)):
-        column = _real(weights * rate) @ coefficients
+        column = real_equations(weights * rate) @ coefficients
         columns[i] = (column - basis @ (basis.T @ column)).ravel()
     return rest, float((rest**2).sum()), columns
 
@@ -344,17 +346,12 @@ def _padded(terms: ComplexArray, count: int) -> ComplexArray:
 
 def _fitted(terms: ComplexArray, weights: FloatArray, lines: ComplexArray) -> _Fit:
     """Fit terms with real coefficients to weighted lines."""
-    matrix = _real(weights * terms)
+    matrix = real_equations(weights * terms)
     sizes = np.linalg.norm(matrix, axis=0)
     basis, values, right = np.linalg.svd(matrix / sizes, full_matrices=False)
     kept = values > _SMALLEST * values[0]
     basis = basis[:, kept]
     double = np.concatenate([weights, weights])
-    coefficients = np.tensordot(basis.T, double[:, :, np.newaxis] * _real(lines), axes=1)
+    coefficients = np.tensordot(basis.T, double[:, :, np.newaxis] * real_equations(lines), axes=1)
     tail = right[kept].T / values[kept] / sizes[:, np.newaxis]
     return _Fit(tail, basis, weights, coefficients)
-
-
-def _real(matrix: ComplexArray) -> FloatArray:
-    """Return real parts above imaginary parts: complex equations with real unknowns."""
-    return np.concatenate([matrix.real, matrix.imag])

@@ -19,19 +19,19 @@ from scipy.optimize import least_squares
 
 from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray
 
-_RATIO = 2.5  # least ratio of the last and the first line, so that no resonance hides below them
+_RATIO = 2.5  # least ratio of the last line to the first, so that no resonance hides below them
 _LEAST_LINES = 6
 _START_STEP, _END_STEP = 1.3, 1.6
-_SMOOTH = 0.02  # of A: the largest misfit that noise does not explain
-_BEND = 0.7  # of A: the largest departure from it within the lines
-_LAG = 0.5  # of A: the largest imaginary part
-_DOUBT = 0.1  # of A: its largest standard deviation
-_NEAR = 2.0  # ratio of the first lines of windows among which the most precise is chosen
-_MISFIT = 0.19  # of FRFs that no rigid body has; noise, gains and places within 5 % leave 0.16
-_FLIPPED = 0.15  # the largest misfit that remains when the sign of a wrong DoF is corrected
-_APART = 0.05  # of A: the largest apparent extension of a rigid body
-_LARGEST = 200.0  # logarithm of a number that is finite when squared
-_SURE = 4.0  # standard deviations
+_SMOOTH = 0.02  # largest misfit that noise does not explain, as a share of A
+_BEND = 0.7  # largest departure from A within the lines, as a share of A
+_LAG = 0.5  # largest imaginary part, as a share of A
+_DOUBT = 0.1  # largest standard deviation of A, as a share of A
+_NEAR = 2.0  # The most precise window is chosen among those that begin up to this factor higher.
+_MISFIT = 0.19  # No rigid body leaves more; noise, gains and places within 5 % leave up to 0.16.
+_FLIPPED = 0.15  # largest misfit that remains when the sign of a wrong DoF is corrected
+_APART = 0.05  # largest apparent extension of a rigid body, as a share of A
+_LARGEST = 200.0  # largest logarithm of a number whose square is finite
+_SURE = 4.0  # number of standard deviations that are allowed for
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,16 +64,16 @@ def find_mass_lines(
     """
     omega = 2.0 * math.pi * frequencies
     drive = -(omega[:, np.newaxis] ** 2) * np.einsum("kii->ki", frf)
-    found: list[tuple[float, slice]] = []
+    windows: list[tuple[float, slice]] = []
     for lines in _windows(frequencies):
-        if found and frequencies[lines.start] > _NEAR * frequencies[found[0][1].start]:
+        if windows and frequencies[lines.start] > _NEAR * frequencies[windows[0][1].start]:
             break
         doubt = _doubt(omega[lines], drive[lines])
         if doubt is not None:
-            found.append((doubt, lines))
-    if not found:
+            windows.append((doubt, lines))
+    if not windows:
         return None
-    lines = min(found, key=lambda one: -one[1].stop if flexibility else one[0])[1]
+    lines = min(windows, key=lambda window: -window[1].stop if flexibility else window[0])[1]
     terms = -(omega[lines, np.newaxis, np.newaxis] ** 2) * frf[lines]
     values, deviations, _ = _expand(omega[lines], terms.reshape(len(terms), -1))
     n, scale = frf.shape[1], omega[lines.start] * omega[lines.stop - 1]
@@ -110,21 +110,21 @@ def _expand(
     terms = np.stack([np.ones_like(x), x**2, x**-2.0, x**4][: 4 if len(x) >= 16 else 3], axis=1)
     basis, upper = np.linalg.qr(terms)
     inverse = np.linalg.inv(upper)
-    found = inverse @ (basis.T @ values)
-    rest = values - terms @ found
+    coefficients = inverse @ (basis.T @ values)
+    rest = values - terms @ coefficients
     power = (rest.real**2).sum(axis=0) / (len(x) - terms.shape[1])
     deviations = np.sqrt((inverse**2).sum(axis=1)[:, np.newaxis] * power)
-    return found, deviations, rest
+    return coefficients, deviations, rest
 
 
 def _doubt(omega: FloatArray, drive: ComplexArray) -> float | None:
-    """Return the relative error of A from drive points, (n_freq, n); None where there is no A."""
-    found, deviations, rest = _expand(omega, drive)
-    size = np.maximum(np.abs(found[0].real), np.finfo(float).tiny)
+    """Return the relative error of A from drive points, (n_freq, n); None if they show no A."""
+    coefficients, deviations, rest = _expand(omega, drive)
+    size = np.maximum(np.abs(coefficients[0].real), np.finfo(float).tiny)
     noise = (np.abs(np.diff(rest, axis=0)) ** 2).mean(axis=0) / 2.0
     smooth = np.sqrt(np.maximum((np.abs(rest) ** 2).mean(axis=0) - noise, 0.0)) / size
     fitted = drive - rest
-    bend = np.abs(fitted.real - found[0].real).max(axis=0) / size
+    bend = np.abs(fitted.real - coefficients[0].real).max(axis=0) / size
     lag = np.abs(fitted.imag).max(axis=0) / size
     spread = deviations[0] / size
     for values, limit in ((smooth, _SMOOTH), (bend, _BEND), (lag, _LAG), (spread, _DOUBT)):
@@ -183,15 +183,15 @@ def reversed_dofs(
     if fit.misfit <= _MISFIT:
         return []
     for size in (1, 2):
-        found = []
+        explanations = []
         for dofs in combinations(range(len(motions)), size):
             sign = np.ones(len(motions))
             sign[list(dofs)] = -1.0
             turned = fit_rigid_body(accelerance * np.outer(sign, sign), motions)
             if turned.misfit < min(_FLIPPED, fit.misfit / 2.0):
-                found.append(dofs)
-        if found:
-            return found
+                explanations.append(dofs)
+        if explanations:
+            return explanations
     return []
 
 

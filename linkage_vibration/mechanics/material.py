@@ -5,8 +5,8 @@
 from linkage_vibration.mechanics.description import Material
 from linkage_vibration.mechanics.keys import Keys
 
-_SOFTEST = 1e6  # Pa, rubber; metals in N/mm2 are below
-_STIFFEST = 1e18  # Pa; beside what is stiffer, rounding moves the first mode by more than 1e-5
+_SOFTEST = 1e6  # Pa, of rubber; the moduli of metals in N/mm2 are lower
+_STIFFEST = 1e18  # Pa; beside a stiffer link, rounding moves the first mode by more than 1e-5
 _STIFF, _FLIMSY = 1e9, (0.5, 25.0)  # Pa, and kg/m3 that no solid so stiff has; in g/cm3 all have
 
 

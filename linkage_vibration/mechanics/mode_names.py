@@ -24,7 +24,7 @@ from linkage_vibration.mechanics.modes import MECHANISM
 _EQUAL = 1e-9  # of all energy: shares of symmetric bodies differ by rounding alone
 
 GROUPS = ("base", "rigid_bodies", "links")
-"""What `group_shares` are the shares of."""
+"""The groups of bodies in the columns of `group_shares`."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,15 +37,15 @@ class KineticEnergy:
     mounts: FloatArray  # (n_modes,): share of the mounts in the strain energy, 1
 
     def select(self, modes: IntArray) -> "KineticEnergy":
-        """Return those of some modes, by their indices."""
+        """Return the shares of the modes with these indices."""
         return KineticEnergy(self.motions, self.rigid, self.shares[:, modes], self.mounts[modes])
 
     def group_shares(self) -> FloatArray:
         """Return the shares of the base, the rigid bodies and the links, (n_modes, 3)."""
-        found = np.zeros((self.shares.shape[1], len(GROUPS)))
+        shares = np.zeros((self.shares.shape[1], len(GROUPS)))
         for (body, _), row in zip(self.motions, self.shares, strict=True):
-            found[:, 0 if body == GROUND else 1 if body in self.rigid else 2] += row
-        return found
+            shares[:, 0 if body == GROUND else 1 if body in self.rigid else 2] += row
+        return shares
 
 
 def kinetic_energy(solution: Solution) -> KineticEnergy:
@@ -59,14 +59,14 @@ def kinetic_energy(solution: Solution) -> KineticEnergy:
     rigid = tuple(body.name for body in solution.model.mechanism.rigid_bodies)
     for component in solution.model.components:
         assert isinstance(component, Component)  # else it could not be solved
-        own = solution.modes.shapes[solution.model.system.rows[component.name]]
-        energy = own * (component.mass @ own)
+        shapes = solution.modes.shapes[solution.model.system.rows[component.name]]
+        energy = shapes * (component.mass @ shapes)
         if component.name == GROUND or component.name in rigid:
             heave = "bounce" if component.name == GROUND else "heave"
             motions += [(component.name, motion) for motion in ("surge", heave, "pitch")]
             rows += list(energy)
             continue
-        along = _along(component, own)
+        along = _along(component, shapes)
         motions += [(component.name, "stretching"), (component.name, "bending")]
         rows += [energy.sum(axis=0) * along, energy.sum(axis=0) * (1.0 - along)]
     shares, count = np.array(rows), len(mount_springs(solution.model.mechanism.base))
@@ -77,15 +77,15 @@ def kinetic_energy(solution: Solution) -> KineticEnergy:
     return KineticEnergy(tuple(motions), rigid, shares / shares.sum(axis=0), mounts)
 
 
-def _along(component: Component, own: FloatArray) -> FloatArray:
+def _along(component: Component, shapes: FloatArray) -> FloatArray:
     """Return the share of the motion of a link that is along it, (n_modes,)."""
     if component.drawing is None:
         axis = np.array([dof.direction == "x" for dof in component.dofs])
         lateral = np.array([dof.direction in ("y", "z") for dof in component.dofs])
-        moved = own[: len(component.dofs)] ** 2
+        moved = shapes[: len(component.dofs)] ** 2
         parts = moved[axis].sum(axis=0), moved[lateral].sum(axis=0)
     else:
-        squares = ((component.drawing.displacement @ own) ** 2).sum(axis=0)
+        squares = ((component.drawing.displacement @ shapes) ** 2).sum(axis=0)
         parts = squares[0], squares[1] + squares[2]
     total = parts[0] + parts[1]
     return np.where(total > 0.0, parts[0] / np.where(total > 0.0, total, 1.0), 0.0)
@@ -125,8 +125,8 @@ def name_modes(energy: KineticEnergy, given: Sequence[str] = ()) -> tuple[str, .
 
 def _unlike(names: Sequence[str]) -> tuple[str, ...]:
     """Return the names; a repeated one has a number from the second time on."""
-    found: list[str] = []
+    distinct: list[str] = []
     for i, name in enumerate(names):
         earlier = list(names[:i]).count(name)
-        found.append(f"{name} {earlier + 1}" if earlier else name)
-    return tuple(found)
+        distinct.append(f"{name} {earlier + 1}" if earlier else name)
+    return tuple(distinct)

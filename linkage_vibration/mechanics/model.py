@@ -32,7 +32,7 @@ from linkage_vibration.mechanics.gravity import check_gravity, prestress, with_p
 from linkage_vibration.mechanics.identification import IdentifiedModes, identify
 from linkage_vibration.mechanics.kinematics import Configuration, Kinematics, rotation
 from linkage_vibration.mechanics.modes import DampedModes, Modes, damp_modes, solve_modes
-from linkage_vibration.mechanics.regularisation import Measured, noise_gain, receptances
+from linkage_vibration.mechanics.regularisation import MeasuredFrfs, noise_gain, receptances
 from linkage_vibration.mechanics.response import (
     Peak,
     PoleResidue,
@@ -42,10 +42,11 @@ from linkage_vibration.mechanics.response import (
     pole_residue,
 )
 
-_STILL = 1e-6  # of the largest response: below it a DoF is held
-_NOISE = 0.5  # of coupled FRFs, root mean square over lines: the largest noise accepted
-_STEP = 1e-5  # rad, of a difference
-_ROUNDING = 1e-9  # of the largest response, 1: with a larger error the assembly is solved
+_STILL = 1e-6  # A DoF is held if it moves by less than this share of the largest response.
+_NOISE = 0.5  # Coupled FRFs with a larger share of noise, root mean square over lines, are refused.
+_STEP = 1e-5  # rad; half of the step of a central difference over alpha3
+# Lines with a larger error by rounding, of the largest response, are solved again.
+_ROUNDING = 1e-9
 
 Place = tuple[str, str]
 """A point and a direction along the global axes: ("E1", "z")."""
@@ -88,6 +89,8 @@ class LinkageModel:
         self.components = mechanism.components(spatial=spatial, reduced=reduced)
         check_gravity(mechanism, self.components, spatial=spatial)
         self.interface = InterfaceMap(mechanism, self.components, spatial=spatial)
+        # For each component: the frequencies of the FRFs that were computed last, and these.
+        self._frfs: dict[str, tuple[bytes, ComplexArray | MeasuredFrfs]] = {}
 
     @cached_property
     def system(self) -> UncoupledSystem:
@@ -98,14 +101,14 @@ class LinkageModel:
         ModelError
             If a component has no matrices.
         """
-        known = [c for c in self.components if isinstance(c, Component)]
+        parts = [c for c in self.components if isinstance(c, Component)]
         for component in self.components:
             if isinstance(component, FrfComponent):
                 raise ModelError(
                     f"links.{component.name} is known by its FRFs alone, so the assembly has no "
                     "matrices; use `coupled_frf`, or `identify` the modes from FRFs."
                 )
-        return uncoupled_system(known)
+        return uncoupled_system(parts)
 
     def rows(self, places: Sequence[Place], configuration: Configuration) -> FloatArray:
         """Return the displacements at places per interface DoF, (n_places, n_interface).
@@ -164,8 +167,9 @@ class LinkageModel:
         """
         if not self.mechanism.gravity:
             return np.zeros_like(self.system.stiffness)
-        own = self.mechanism, self.components, self.interface, self.system
-        return prestress(*own, configuration, joining)
+        return prestress(
+            self.mechanism, self.components, self.interface, self.system, configuration, joining
+        )
 
     def _assemble(
         self, configuration: Configuration, joining: Joining
@@ -214,7 +218,7 @@ class LinkageModel:
 
     @cached_property
     def measured_frequencies(self) -> FloatArray | None:
-        """Frequencies (Hz, above 0) at which links are known by FRFs; None where none is.
+        """Frequencies (Hz, above 0) at which links are known by FRFs; None without such links.
 
         Raises
         ------
@@ -254,8 +258,7 @@ class LinkageModel:
         drive = self.rows([(response.point, response.direction)], configuration)
         every = np.vstack([drive, np.eye(len(self.interface))])
         joining = self.interface.join(configuration)
-        # Raw FRFs would show noise in place of modes.
-        self._couple(configuration, frequencies, drive, drive)
+        self._couple(configuration, frequencies, drive, drive)  # it refuses too much noise
         blocks, rows, compliance = self._blocks(joining, frequencies)
         blocks = [
             c.measured.fit.smooth() if isinstance(c, FrfComponent) else block
@@ -291,7 +294,7 @@ class LinkageModel:
             self._check_noise(blocks, rows, inputs, compliance)
             parts = receptances(blocks)
             return couple_frfs(parts, rows, outputs, inputs, compliance, frequencies)
-        if self.mechanism.gravity:  # which changes the components with the configuration
+        if self.mechanism.gravity:  # the components change with the configuration
             coupled = self._assemble(configuration, joining)[0]
             return assembled_frf(coupled, frequencies, outputs, inputs)
         frf = np.empty((len(frequencies), len(outputs), len(inputs)), dtype=complex)
@@ -330,7 +333,7 @@ class LinkageModel:
 
     def _check_noise(
         self,
-        blocks: Sequence[ComplexArray | Measured],
+        blocks: Sequence[ComplexArray | MeasuredFrfs],
         rows: FloatArray,
         inputs: FloatArray,
         compliance: ComplexArray,
@@ -350,11 +353,11 @@ class LinkageModel:
 
     def _blocks(
         self, joining: Joining, frequencies: FloatArray
-    ) -> tuple[list[ComplexArray | Measured], FloatArray, ComplexArray]:
+    ) -> tuple[list[ComplexArray | MeasuredFrfs], FloatArray, ComplexArray]:
         """Return FRFs of the components, the rows that join them, and the rows' compliance."""
         omega = 2.0 * math.pi * frequencies[:, np.newaxis]
         springs = 1.0 / (joining.stiffness + 1j * omega * joining.damping)
-        # DoFs that the ground holds in every configuration are held before components are coupled.
+        # Components are computed with those DoFs held that the ground holds at every angle.
         compatibility = joining.compatibility[joining.compatibility[:, ~self._held].any(axis=1)]
         rigid = np.zeros((len(omega), len(compatibility)))
         return (
@@ -366,24 +369,22 @@ class LinkageModel:
     @cached_property
     def _held(self) -> BoolArray:
         """Interface DoFs, (n,), that the ground holds, of components that have matrices."""
-        known = [np.full(len(c.dofs), isinstance(c, Component)) for c in self.components]
-        return np.asarray(self.interface.held & np.concatenate(known))
+        has_matrices = [np.full(len(c.dofs), isinstance(c, Component)) for c in self.components]
+        return np.asarray(self.interface.held & np.concatenate(has_matrices))
 
     def _frf(
         self, component: Component | FrfComponent, frequencies: FloatArray
-    ) -> ComplexArray | Measured:
-        """Return the FRFs of a component on its interface DoFs, kept for the next configuration."""
-        kept: dict[tuple[str, bytes], ComplexArray | Measured]
-        kept = self.__dict__.setdefault("_frfs", {})
-        key = (component.name, np.asarray(frequencies, dtype=float).tobytes())
-        if key not in kept:
-            for old in [k for k in kept if k[0] == component.name]:
-                del kept[old]
+    ) -> ComplexArray | MeasuredFrfs:
+        """Return the FRFs of a component on its interface DoFs; they are kept for the next call."""
+        lines = np.asarray(frequencies, dtype=float)
+        key, (kept_key, kept) = lines.tobytes(), self._frfs.get(component.name, (b"", None))
+        if kept is None or kept_key != key:
             i = self.components.index(component)
             start = sum(len(other.dofs) for other in self.components[:i])
             held = self._held[start : start + len(component.dofs)]
-            kept[key] = _component_frf(component, np.asarray(frequencies, dtype=float), held)
-        return kept[key]
+            kept = _component_frf(component, lines, held)
+            self._frfs[component.name] = key, kept
+        return kept
 
 
 @dataclass(frozen=True, eq=False)
@@ -425,8 +426,8 @@ class IdentifiedSolution:
     @property
     def drive_point(self) -> PoleResidue:
         """Receptance of the response point, of the identified modes."""
-        found = self.identified
-        return oscillators(found.omega, found.damping_ratios, found.shapes[0] ** 2)
+        modes = self.identified
+        return oscillators(modes.omega, modes.damping_ratios, modes.shapes[0] ** 2)
 
     def peak(self, band: tuple[float, float]) -> Peak:
         """Return the peak of the receptance of the identified modes within a band (Hz)."""
@@ -517,8 +518,8 @@ class Solution:
 
         Where damping couples the modes, it is the real part of the complex shape.
         """
-        own = self.participation(places)
-        return own if self.damped.shapes is None else own @ self.damped.real_shapes
+        shapes = self.participation(places)
+        return shapes if self.damped.shapes is None else shapes @ self.damped.real_shapes
 
     def participation(self, places: Sequence[Place]) -> FloatArray:
         """Displacement of each undamped, mass-normalised shape at places, (n_places, n_modes)."""
@@ -571,9 +572,9 @@ class Solution:
                 moved = component.drawing.displacement @ self._of(component)
                 energy += (moved[:, 1] ** 2).sum(axis=0) - (moved[:, [0, 2]] ** 2).sum(axis=(0, 1))
             elif isinstance(component, Component):
-                own = self._of(component)[: len(component.dofs)]
+                shapes = self._of(component)[: len(component.dofs)]
                 lateral = np.array([dof.direction == "y" for dof in component.dofs])
-                energy += (own[lateral] ** 2).sum(axis=0) - (own[~lateral] ** 2).sum(axis=0)
+                energy += (shapes[lateral] ** 2).sum(axis=0) - (shapes[~lateral] ** 2).sum(axis=0)
         return energy <= 0.0 if out.any() else np.ones(len(energy), dtype=bool)
 
     def link_shapes(self, mode: int) -> dict[str, tuple[FloatArray, FloatArray]]:
@@ -601,15 +602,15 @@ class Solution:
     @cached_property
     def _drawn_places(self) -> dict[str, FloatArray]:
         """Where each body is drawn, as `link_shapes` returns it."""
-        found = {}
+        drawn = {}
         for component in self.model.components:
             body = component.name
-            own = list(self.model.mechanism.local_points(body).values())
+            local = list(self.model.mechanism.local_points(body).values())
             if isinstance(component, Component) and component.drawing is not None:
-                own = [(float(x), float(z)) for x, z in component.drawing.places]
-            places = np.array([self.configuration.place(body, place) for place in own])
-            found[body] = np.insert(places, 1, 0.0, axis=1)
-        return found
+                local = [(float(x), float(z)) for x, z in component.drawing.places]
+            places = np.array([self.configuration.place(body, place) for place in local])
+            drawn[body] = np.insert(places, 1, 0.0, axis=1)
+        return drawn
 
     @cached_property
     def frequency_derivatives(self) -> FloatArray:
@@ -632,44 +633,9 @@ class Solution:
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.asarray(slope / (2.0 * self.modes.omega) / (2.0 * math.pi))
 
-    def shape_derivative(self, mode: int) -> FloatArray:
-        """d(shape)/d(alpha3) of one mode, (n,), by Nelson's bordered system.
-
-        The frequency of the mode must differ from all others. Shapes are those of `modes`, in the
-        components' own axes, mass-normalised, with their signs.
-        """
-        system, n_interface = self.model.system, len(self.model.interface)
-        phi, squared = self.modes.shapes[:, mode], self.modes.omega[mode] ** 2
-        rate, stretch_rate, weights_rate = self.model.interface.join_rate(self.configuration)
-        n, n_rows = len(phi), len(rate)
-        stiffness = system.stiffness + self.prestress
-        weights = self.joining.stiffness[:, np.newaxis]
-        b = slice(0, n_interface)
-        stretch = self.joining.elongation
-        stiffness[b, b] += stretch.T @ (weights * stretch)
-        stiffness_rate = stretch_rate.T @ (weights * stretch)
-        stiffness_rate = stiffness_rate + stiffness_rate.T
-        stiffness_rate += stretch.T @ (weights_rate[:, np.newaxis] * stretch)
-        # Interface forces of the constraints are scaled like stiffness, to compare rows.
-        scale = float(np.abs(np.diag(stiffness)).max())
-        matrix = np.zeros((n + n_rows + 1, n + n_rows + 1))
-        matrix[:n, :n] = stiffness - squared * system.mass
-        matrix[n : n + n_rows, b] = scale * self.joining.compatibility
-        matrix[:n, n : n + n_rows] = matrix[n : n + n_rows, :n].T
-        matrix[:n, -1] = matrix[-1, :n] = -(system.mass @ phi) * math.sqrt(scale)
-        right = np.zeros(len(matrix))
-        right[:n] = -self._prestress_rate @ phi
-        right[b] -= stiffness_rate @ phi[b] + rate.T @ self._multipliers()[:, mode]
-        right[n : n + n_rows] = -scale * (rate @ phi[b])
-        if self.coupled.redundant:  # then the constraints' forces are not unique, but the shape is
-            return np.asarray(np.linalg.lstsq(matrix, right, rcond=None)[0][:n])
-        return np.asarray(np.linalg.solve(matrix, right)[:n])
-
     @cached_property
     def _prestress_rate(self) -> FloatArray:
         """Return d(prestress)/d(alpha3), (n, n), by a difference; it is small beside the rest."""
-        if not self.model.mechanism.gravity:
-            return self.prestress
         here, model = self.configuration.alpha3, self.model
         sides = [model.kinematics.at(here + step) for step in (-_STEP, _STEP)]
         low, high = (model.prestress(side, model.interface.join(side)) for side in sides)
@@ -685,8 +651,7 @@ class Solution:
         )
         stretch = self.joining.elongation
         residual += stretch.T @ (self.joining.stiffness[:, np.newaxis] * (stretch @ phi[b]))
-        found = np.linalg.lstsq(self.joining.compatibility.T, -residual, rcond=None)[0]
-        return np.asarray(found)
+        return np.asarray(np.linalg.lstsq(self.joining.compatibility.T, -residual, rcond=None)[0])
 
     def _of(self, component: Component) -> FloatArray:
         """Return a component's own coordinates in every mode, (n_component, n_modes)."""
@@ -695,8 +660,8 @@ class Solution:
 
 def _component_frf(
     component: Component | FrfComponent, frequencies: FloatArray, held: BoolArray
-) -> ComplexArray | Measured:
-    """Return the FRFs of a component, some of whose DoFs are held and do not respond."""
+) -> ComplexArray | MeasuredFrfs:
+    """Return the FRFs of a component; DoFs that are held, (n_dofs,), do not respond."""
     if isinstance(component, Component):
         n, free = len(component.dofs), np.flatnonzero(~held)
         left = np.ix_(*[[*free, *range(n, len(component.mass))]] * 2)
@@ -722,4 +687,4 @@ def _component_frf(
             f"({component.frequencies[0]:g} to {component.frequencies[-1]:g} Hz)."
         )
     measured = component.measured
-    return Measured(measured.frf[at], measured.kept, measured.leverage[at])
+    return MeasuredFrfs(measured.frf[at], measured.kept, measured.leverage[at])

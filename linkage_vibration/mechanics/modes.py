@@ -16,13 +16,14 @@ from linkage_vibration.mechanics.coupling import CoupledSystem
 MECHANISM = 2.0 * math.pi * 1e-2
 """rad/s; below it, 0.01 Hz, a mode is that of a mechanism, at 0 Hz apart from rounding."""
 
-_SHIFT = (2.0 * math.pi * 1.0) ** 2  # (rad/s)^2, 1 Hz
-_SLOWEST = 1e-3  # rad/s, the frequency given to a mechanism mode if damping couples it to others
-_COINCIDENT = 1e-9  # of a natural frequency: modes nearer than that coincide within rounding
-_CLOSE = 0.1  # of a natural frequency: modes farther apart mix only if they are coupled
-_TURNED = 1e-9  # rad, by which shapes differ through rounding
-_STEP = 0.1  # of the distance to another pole: a Newton step that converges
-_DIAGONAL = 1e-9  # of the modal damping: off-diagonal terms below this are rounding
+_SHIFT = (2.0 * math.pi * 1.0) ** 2  # (rad/s)^2; it is that of 1 Hz
+_SLOWEST = 1e-3  # rad/s; a mechanism mode gets this frequency if damping couples it to others
+# Modes coincide within rounding if they are nearer than this share of their frequency.
+_COINCIDENT = 1e-9
+_CLOSE = 0.1  # Modes that are farther apart, of their frequency, mix only if they are coupled.
+_TURNED = 1e-9  # rad; a smaller rotation between shapes is rounding
+_STEP = 0.1  # A Newton step converges if it is below this share of the distance to another pole.
+_DIAGONAL = 1e-9  # Smaller off-diagonal terms, as shares of the modal damping, are rounding.
 
 
 class ModesError(LinkageVibrationError):
@@ -60,8 +61,8 @@ class DampedModes:
 
     stiffness: ComplexArray  # (n_modes,): k, (rad/s)^2; its imaginary part is structural damping
     decay: FloatArray  # (n_modes,): c = 2 zeta w, rad/s
-    # (2 or 1, n_modes, n_modes): the damped modes of each term by the undamped ones: two where
-    # viscous damping couples the modes, one where structural damping does, None where neither does.
+    # (2 or 1, n_modes, n_modes): the damped modes of each term by the undamped ones. There are two
+    # if viscous damping couples the modes, one if structural damping does; otherwise it is None.
     shapes: ComplexArray | None
     poles: ComplexArray | None  # (2, n_modes), rad/s, where viscous damping couples the modes
 
@@ -94,8 +95,8 @@ class DampedModes:
     def _oscillating_terms(self) -> IntArray:
         """Indices of the terms that oscillate, ascending by the magnitude of their poles."""
         poles = self._upper_poles
-        found = np.flatnonzero((poles.imag > 0.0) & (np.abs(poles) >= MECHANISM))
-        return np.asarray(found[np.argsort(np.abs(poles[found]), kind="stable")])
+        terms = np.flatnonzero((poles.imag > 0.0) & (np.abs(poles) >= MECHANISM))
+        return np.asarray(terms[np.argsort(np.abs(poles[terms]), kind="stable")])
 
     @property
     def damping_ratios(self) -> FloatArray:
@@ -122,7 +123,7 @@ def solve_modes(system: CoupledSystem) -> tuple[Modes, FloatArray]:
     Also returned are the same shapes on the generalised coordinates, (m, m).
     """
     mu, vectors = eigh(system.mass, system.stiffness + _SHIFT * system.mass)
-    # Where mu is only rounding, the compliance phi^2 / omega^2 of the mode is still right.
+    # If mu is only rounding, its limit keeps the compliance phi^2 / omega^2 of the mode right.
     mu, vectors = np.maximum(mu, 1e-17 * mu[-1])[::-1], vectors[:, ::-1]
     omega = np.sqrt(np.maximum(1.0 / mu - _SHIFT, 0.0))
     vectors = vectors / np.sqrt(mu)
@@ -231,7 +232,7 @@ def _is_diagonal(modal: FloatArray, matrix: FloatArray, vectors: FloatArray) -> 
     limit = _DIAGONAL * (scale + diagonal.max(initial=0.0) * 1e-9)
     if (off <= limit).all():
         return True
-    # A mechanism mode may have no damping at all, and all its terms are rounding.
+    # A mechanism mode may have no damping; then all its terms are rounding.
     size = np.abs(vectors)
     rounding = len(modal) * np.finfo(float).eps * (size.T @ np.abs(matrix) @ size)
     undamped = diagonal <= np.diag(rounding)
@@ -285,9 +286,9 @@ def _refined(
     value = poles * (poles * size + damped) + (omega[:, np.newaxis] ** 2 * shapes**2).sum(axis=0)
     with np.errstate(divide="ignore", invalid="ignore"):
         step = value / slope
-        # Where two poles meet, the slope is zero, and a step leads nowhere.
-        known = np.abs(step * size) <= _STEP * np.abs(slope)
-    return np.asarray(np.where(known, poles - step, poles))
+        # Where two poles meet, the slope is zero, and Newton's method does not converge.
+        converges = np.abs(step * size) <= _STEP * np.abs(slope)
+    return np.asarray(np.where(converges, poles - step, poles))
 
 
 def _structural_modes(omega: FloatArray, loss: FloatArray) -> DampedModes:

@@ -30,11 +30,11 @@ from linkage_vibration.mechanics.springs import read_stiffness
 from linkage_vibration.mechanics.uncertainty import read_uncertainty
 
 # No linkage comes near these limits; numbers in millimetres or tonnes go beyond them.
-_LONGEST = 100.0  # m, between two points of a body
+_LONGEST = 100.0  # m; longest distance between two points of a body
 FARTHEST = 2.0 * _LONGEST
 """Longest distance of a centre of gravity from a point of its body, m."""
-_WIDEST = 10.0  # m and times the size of a rigid body, its radius of gyration
-_HEAVIEST = 1e9  # kg, a rigid body
+_WIDEST = 10.0  # largest radius of gyration of a rigid body, in m and in sizes of the body
+_HEAVIEST = 1e9  # kg; largest mass of a rigid body
 
 
 def _no_files(keys: Keys, _: dict[str, Point]) -> Body:
@@ -101,14 +101,14 @@ def _uncertain(keys: Keys, mapping: dict[str, Any], read_body: BodyReader) -> Me
     """Return the mechanism of a mapping with the uncertainty of its numbers."""
     exact = {key: value for key, value in mapping.items() if key != "uncertainty"}
     mechanism = mechanism_from_mapping(exact, read_body)
-    known = read_uncertainty(keys, exact, lambda other: again_from_mapping(other, mechanism))
+    uncertainty = read_uncertainty(keys, exact, lambda other: again_from_mapping(other, mechanism))
     keys.refuse_unknown()
-    return replace(mechanism, uncertainty=known)
+    return replace(mechanism, uncertainty=uncertainty)
 
 
-def again_from_mapping(mapping: dict[str, Any], known: Mechanism) -> Mechanism:
+def again_from_mapping(mapping: dict[str, Any], mechanism: Mechanism) -> Mechanism:
     """Validate a mapping whose links from files have the bodies of a mechanism read before."""
-    bodies = {f"links.{link.name}": link.body for link in known.links}
+    bodies = {f"links.{link.name}": link.body for link in mechanism.links}
     given = mapping["links"].items()
     links = {name: {**link, "file": {}} if "file" in link else link for name, link in given}
 
@@ -331,10 +331,10 @@ def _check_topology(mechanism: Mechanism) -> None:
             shared.setdefault(pair, []).append(point)
     twice = {pair: points for pair, points in shared.items() if len(points) > 1}
     if freedom < 1 and twice:
-        (one, other), points = next(iter(twice.items()))
+        (first, second), points = next(iter(twice.items()))
         raise MechanismError(
             "links",
-            f"{one} and {other} are joined at {' and '.join(points)}, which holds them to one "
+            f"{first} and {second} are joined at {' and '.join(points)}, which holds them to one "
             "another as one body; join two bodies at one point, and give equal links side by side "
             "as one with `count: 2`.",
         )

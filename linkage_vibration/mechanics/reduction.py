@@ -10,7 +10,7 @@ from scipy.linalg import cho_factor, cho_solve, eigh
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import FloatArray
 
-_SINGULAR = 1e-12  # a pivot this small beside its diagonal entry is rounding
+_SINGULAR = 1e-12  # A smaller pivot, as a share of its diagonal entry, is rounding.
 
 
 class ReductionError(LinkageVibrationError):

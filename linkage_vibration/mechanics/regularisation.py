@@ -26,8 +26,9 @@ from linkage_vibration.mechanics.dofs import InterfaceDof
 from linkage_vibration.mechanics.link_fit import LinkFit, fit_link
 
 _LEAST_LINES = 30
-_REPEATED = 1e-14  # of the largest singular value of B H B^T: rounding is smaller
-_SYSTEMATIC = 0.03  # of the FRFs, root mean square over lines; with more, the link is not free
+_REPEATED = 1e-14  # Smaller singular values, as shares of the largest of B H B^T, are rounding.
+# A link with a larger systematic share, root mean square over lines, is not free.
+_SYSTEMATIC = 0.03
 
 
 class RegularisationError(LinkageVibrationError):
@@ -35,7 +36,7 @@ class RegularisationError(LinkageVibrationError):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Measured:
+class MeasuredFrfs:
     """Receptances with the remaining noise, which is independent from line to line.
 
     With noise N of the measurement and E = K (N + N^T) / 2 K^T, the error is E plus that of a fit,
@@ -48,21 +49,15 @@ class Measured:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Regularised(Measured):
+class RegularisedFrfs(MeasuredFrfs):
     """Receptances whose elastic part is fitted, and the fit of the whole."""
 
     fit: LinkFit
 
 
-def as_measured(frf: ComplexArray) -> Measured:
-    """Take receptances, (n_freq, n, n), as measured, with the mean of H_ij and H_ji for both."""
-    n_freq, n = frf.shape[:2]
-    return Measured((frf + frf.swapaxes(1, 2)) / 2.0, np.eye(n), np.zeros(n_freq))
-
-
-def receptances(blocks: Sequence[ComplexArray | Measured]) -> list[ComplexArray]:
+def receptances(blocks: Sequence[ComplexArray | MeasuredFrfs]) -> list[ComplexArray]:
     """Return the FRFs of components, measured or not, (n_freq, n_r, n_r) each."""
-    return [block.frf if isinstance(block, Measured) else block for block in blocks]
+    return [block.frf if isinstance(block, MeasuredFrfs) else block for block in blocks]
 
 
 def rigid_motions(
@@ -104,7 +99,7 @@ def noise_level(frequencies: FloatArray, frf: ComplexArray) -> float:
 
 def regularise(
     dofs: Sequence[InterfaceDof], frequencies: FloatArray, frf: ComplexArray, motions: FloatArray
-) -> Regularised:
+) -> RegularisedFrfs:
     """Fit the elastic part of the receptances, (n_freq, n, n), of a free body by `fit_link`.
 
     Lines are weighted by the inverse of their size, as for relative noise. Computed FRFs are
@@ -127,7 +122,7 @@ def regularise(
     kept = fit.rigid
     fitted = kept @ fit.lines @ kept + fit.elastic.at_lines()
     _check_consistent(dofs, raw - fitted, fitted)
-    return Regularised(
+    return RegularisedFrfs(
         fitted * np.outer(unit, unit),
         unit[:, np.newaxis] * kept / unit[np.newaxis],
         fit.elastic.leverage,
@@ -159,7 +154,7 @@ def _check_consistent(
 
 
 def noise_gain(
-    blocks: Sequence[ComplexArray | Measured],
+    blocks: Sequence[ComplexArray | MeasuredFrfs],
     compatibility: FloatArray,
     outputs: FloatArray,
     inputs: FloatArray,
@@ -188,12 +183,12 @@ def noise_gain(
     power = np.zeros(coupled.shape)
     start = 0
     for block, values in zip(blocks, frfs, strict=True):
-        own = slice(start, start + values.shape[1])
-        start = own.stop
-        if not isinstance(block, Measured):
+        dofs = slice(start, start + values.shape[1])
+        start = dofs.stop
+        if not isinstance(block, MeasuredFrfs):
             continue
         for i, j in np.ndindex(*coupled.shape[1:]):
-            left, right = away[:, i, own], into[:, own, j]
+            left, right = away[:, i, dofs], into[:, dofs, j]
             every = _even(left, right)
             kept = _even(left @ block.kept, right @ block.kept)
             fitted = block.leverage[:, np.newaxis, np.newaxis] * np.abs(every - kept) ** 2

@@ -13,8 +13,8 @@ from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from linkage_vibration.mechanics.modes import MECHANISM, DampedModes
 
-_REACH = 1.3  # of the upper end of a band: modes up to there keep their own poles
-_MARGIN = 0.95  # between configurations the lowest mode may be lower still
+_REACH = 1.3  # Modes up to this multiple of the upper end of a band keep their own poles.
+_MARGIN = 0.95  # Between configurations, the lowest mode may be lower by this factor.
 N_FAR = 4
 """Default number of poles that represent the modes above a band."""
 
@@ -24,11 +24,12 @@ RIVAL = 0.8
 FREE_FROM = 0.01
 """Share of a band from which a mechanism's peak is sought where damping couples the modes."""
 
-_NOTHING = 1e-15  # of the largest residue
+_NOTHING = 1e-15  # Smaller residues, as shares of the largest, are rounding.
 _NEWTON = 6  # largest number of steps to a maximum; three or four are enough
-_GRID = 200  # frequencies over the band in which a peak is sought first
-_BESIDE = 1e-6  # of a frequency: just above 0 Hz
-_WIDER = np.arange(-32.0, 33.0)  # quarter half-widths: where to seek a maximum if Newton fails
+_GRID = 200  # number of frequencies over the band at which a peak is sought first
+_BESIDE = 1e-6  # relative distance from 0 Hz at which a slope is evaluated
+# places, in quarter half-widths, at which a maximum is sought if Newton's method fails
+_WIDER = np.arange(-32.0, 33.0)
 _AROUND = np.linspace(-2.0, 2.0, 9)  # lines about each resonance, in half-power half-widths
 
 
@@ -155,7 +156,7 @@ class PoleResidue:
         )
 
     def _only(self, which: BoolArray) -> "PoleResidue":
-        """Return some of the modes, without the residual."""
+        """Return the sum over a selection of the modes, (n_modes,), without the residual."""
         return PoleResidue(
             self.stiffness[which],
             self.decay[which],
@@ -177,8 +178,7 @@ class PoleResidue:
             first = float(omega[omega >= MECHANISM].min(initial=high)) / 2.0
             low = max(low, FREE_FROM * high if self.rates.any() else first)
         inside = (omega > low) & (omega < high)
-        centre = omega[inside]
-        width = (self.decay[inside] + self.stiffness.imag[inside] / centre) / 2.0
+        centre, width = omega[inside], self._half_widths(inside)
         driven = np.abs(self.residues[0, 0, inside]) + centre * np.abs(self.rates[0, 0, inside])
         endless = centre[(width <= 0.0) & (driven > 0.0)]
         if len(endless):
@@ -196,7 +196,7 @@ class PoleResidue:
             magnitude = float(np.abs(self._value(np.array([at]))[0]))
             if magnitude > best.magnitude:
                 best = Peak(at / (2.0 * math.pi), magnitude, turns)
-        # Of two maxima within one bracket the higher may have been missed.
+        # A bracket may hold two maxima, and the higher one may have been missed.
         for at, magnitude in zip(*self.local_peaks(np.flatnonzero(inside)), strict=True):
             if magnitude > best.magnitude * (1.0 + 1e-12) and band[0] < at < band[1]:
                 best = Peak(float(at), float(magnitude), True)
@@ -213,9 +213,7 @@ class PoleResidue:
         low, high = 2.0 * math.pi * band[0], 2.0 * math.pi * band[1]
         omega = np.sqrt(np.abs(self.stiffness))
         inside = (omega > max(low, MECHANISM)) & (omega < high)
-        centre = omega[inside]
-        width = (self.decay[inside] + self.stiffness.imag[inside] / centre) / 2.0
-        near = centre + np.multiply.outer(_AROUND, width)
+        near = omega[inside] + np.multiply.outer(_AROUND, self._half_widths(inside))
         every = np.clip([*np.linspace(low, high, count), *near.ravel()], low, high)
         return np.asarray(np.unique(every) / (2.0 * math.pi))
 
@@ -235,12 +233,11 @@ class PoleResidue:
             Hz and m/N; NaN where there is no maximum, infinite if a mode is undamped. Modes close
             to one another may share a maximum.
         """
-        k = np.abs(self.stiffness[modes])
-        width = (self.decay[modes] + self.stiffness.imag[modes] / np.sqrt(k)) / 2.0
+        k, width = np.abs(self.stiffness[modes]), self._half_widths(modes)
         start = np.sqrt(np.maximum(k - 2.0 * width**2, 0.0))
-        omega, found = self._climb(start, width, 3.0 * width)
+        omega, settled = self._climb(start, width, 3.0 * width)
         inside = (start >= 2.0 * math.pi * band[0]) & (start <= 2.0 * math.pi * band[1])
-        lost = np.flatnonzero(~found & inside)
+        lost = np.flatnonzero(~settled & inside)
         if len(lost):
             # Other modes have shifted the maximum: look for the nearest one.
             step = width[lost] / 4.0
@@ -250,15 +247,20 @@ class PoleResidue:
             top[1:-1] = (size[1:-1] > size[:-2]) & (size[1:-1] >= size[2:])
             nearest = np.where(top, np.abs(_WIDER)[:, np.newaxis], np.inf).argmin(axis=0)
             begin = around[nearest, np.arange(len(lost))]
-            again, settled = self._climb(begin, step, 2.0 * step)
-            found[lost], omega[lost] = settled & top.any(axis=0), again
-        omega[~found] = np.nan
-        sizes, known = np.full(len(omega), np.nan), np.isfinite(omega)
-        sizes[known] = np.abs(self._value(omega[known]))
+            again, found_again = self._climb(begin, step, 2.0 * step)
+            settled[lost], omega[lost] = found_again & top.any(axis=0), again
+        omega[~settled] = np.nan
+        sizes, finite = np.full(len(omega), np.nan), np.isfinite(omega)
+        sizes[finite] = np.abs(self._value(omega[finite]))
         driven = (self.residues[0, 0, modes] != 0.0) | (self.rates[0, 0, modes] != 0.0)
         endless = (width <= 0.0) & driven
         omega[endless], sizes[endless] = start[endless], np.inf
         return omega / (2.0 * math.pi), sizes
+
+    def _half_widths(self, modes: IntArray | BoolArray) -> FloatArray:
+        """Return half of the half-power bandwidths of some modes, rad/s."""
+        omega = np.sqrt(np.abs(self.stiffness[modes]))
+        return np.asarray((self.decay[modes] + self.stiffness.imag[modes] / omega) / 2.0)
 
     def _climb(
         self, start: FloatArray, stride: FloatArray, reach: FloatArray
@@ -352,14 +354,14 @@ def far_poles(
     lowest = _MARGIN * stiffness.real.min()
     steps = (1.0 - np.cos(np.pi * (np.arange(n_far) + 0.5) / n_far)) / 2.0
     k = lowest / steps[::-1] + 0j
-    # Damping along a line, c = a + b k, as for Rayleigh's; the nearest modes have most weight.
+    # The damping follows a line, c = a + b k, like Rayleigh's; the nearest modes count most.
     weights = lowest / stiffness.real
     lines = np.column_stack([np.ones(len(decay)), stiffness.real / lowest])
     goal = np.column_stack([decay, stiffness.imag])
     size = weights[:, np.newaxis]
     law = np.linalg.lstsq(lines * size, goal * size, rcond=None)[0]
-    own = np.column_stack([np.ones(n_far), k.real / lowest]) @ law
-    k, c = np.asarray(k + 1j * own[:, 1], dtype=np.complex128), own[:, 0].copy()
+    damping = np.column_stack([np.ones(n_far), k.real / lowest]) @ law
+    k, c = np.asarray(k + 1j * damping[:, 1], dtype=np.complex128), damping[:, 0].copy()
     w = 2.0 * math.pi * frequencies[:, np.newaxis]
     basis = np.hstack([np.ones((n_lines, 1)), k / (k - w**2 + 1j * w * c)])
     scale = np.concatenate([[1.0], k])[:, np.newaxis]

@@ -38,10 +38,10 @@ from linkage_vibration.mechanics.bodies.matrices import Matrices
 from linkage_vibration.mechanics.dofs import InterfaceDof
 from linkage_vibration.mechanics.reduction import Reduction, ReductionError
 
-_DENSE = 400  # coordinates up to which LAPACK finds all modes at once
+_DENSE = 400  # LAPACK finds all modes at once up to this number of coordinates.
 # A pin's six coordinates in the mirror y = 0: rotations turn over where displacements do not.
 _PIN_IMAGE = [1.0, -1.0, 1.0, -1.0, 1.0, -1.0]
-_SINGULAR = 1e-12  # a pivot this small beside its diagonal entry is rounding
+_SINGULAR = 1e-12  # A smaller pivot, as a share of its diagonal entry, is rounding.
 # Relative difference of squares within which modes come mixed: a square bar bends along the
 # diagonals of its mesh rather than in and out of the plane, and a little differently along each.
 _SAME_FREQUENCY = 0.02
@@ -112,12 +112,10 @@ def rigid_ties(
     blocks = []
     for group, place in zip(groups, places, strict=True):
         x, y, z = (nodes[group] - place).T
-        o, one = np.zeros(len(group)), np.ones(len(group))
+        o, i = np.zeros(len(group)), np.ones(len(group))
         # u + omega x r, row by row
-        rigid = np.array(
-            [[one, o, o, o, z, -y], [o, one, o, -z, o, x], [o, o, one, y, -x, o]]
-        ).transpose(2, 0, 1)
-        blocks.append(rigid.reshape(-1, 6))
+        rigid = np.array([[i, o, o, o, z, -y], [o, i, o, -z, o, x], [o, o, i, y, -x, o]])
+        blocks.append(rigid.transpose(2, 0, 1).reshape(-1, 6))
     rows = np.concatenate([tied, free])
     order = (3 * rows[:, None] + np.arange(3)).ravel()
     stacked = sparse.block_diag([*blocks, sparse.identity(3 * len(free))], format="csr")
@@ -215,15 +213,15 @@ def _symmetric(
     images = shapes.T @ (mass @ (mirror @ shapes))
     images = (images + images.T) / 2.0
     gaps = np.flatnonzero(np.diff(squares) > _SAME_FREQUENCY * squares[1:]) + 1
-    found, kept = [np.zeros(0)], [shapes[:, :0]]
+    values_kept, shapes_kept = [np.zeros(0)], [shapes[:, :0]]
     for group in np.split(np.arange(len(squares)), gaps):
         likeness, basis = eigh(images[np.ix_(group, group)])
         basis = basis[:, likeness > 0.0]
         if basis.shape[1]:
             values, mixture = eigh(basis.T @ (squares[group, None] * basis))
-            found.append(values)
-            kept.append(shapes[:, group] @ (basis @ mixture))
-    return np.concatenate(found), np.hstack(kept)
+            values_kept.append(values)
+            shapes_kept.append(shapes[:, group] @ (basis @ mixture))
+    return np.concatenate(values_kept), np.hstack(shapes_kept)
 
 
 def _mirror(nodes: FloatArray) -> sparse.csr_array:

@@ -25,11 +25,12 @@ from linkage_vibration.mechanics.description import (
 from linkage_vibration.mechanics.keys import STIFFEST, Keys
 from linkage_vibration.mechanics.kinematics import Configuration
 
-_DENSE = 20  # places between two given angles at which a curve is checked
+_DENSE = 20  # number of places between two given angles at which a curve is checked
 # No cylinder comes near these limits; numbers in millimetres, litres or MPa go beyond them.
-_LONGER = 10.0  # times the closed length: bore and stroke
-_MOST_HOSE = 100.0  # times the volume of a cylinder: that of its hoses
+_LONGER = 10.0  # largest ratio of bore or stroke to the closed length
+_MOST_HOSE = 100.0  # largest ratio of the volumes of hoses and cylinder
 _SOFTEST = 1e5  # Pa, the bulk modulus of air
+_SAME_PLACE = 1e-9  # m; the ends of a spring meet if they are nearer to one another
 
 
 def spring_stiffness(
@@ -53,10 +54,10 @@ def spring_prestress(
     m/rad, if a cylinder turns the joint, whose lever r changes: M / r dr/dangle.
     """
     if len(spring.points) == 2:
-        return force / _line(_ends(spring, mechanism), configuration)[1]
+        return force / spring_line(spring, mechanism, configuration)[1]
     if not isinstance(spring.stiffness, Cylinder):
         return 0.0
-    unit, length = _line(_ends(spring, mechanism), configuration)
+    unit, length = spring_line(spring, mechanism, configuration)
     lever, rate = _lever(_arm(spring, mechanism, configuration), unit, length)
     return force / lever * rate
 
@@ -149,12 +150,10 @@ def _oil_stiffness(
     spring: Spring, cylinder: Cylinder, mechanism: Mechanism, configuration: Configuration
 ) -> tuple[float, float]:
     """Return the stiffness of the oil in a cylinder, and its derivative."""
-    ends = _ends(spring, mechanism)
-    unit, length = _line(ends, configuration)
+    unit, length = spring_line(spring, mechanism, configuration)
     axial, slope = _column(spring.name, cylinder, length, configuration)
     if cylinder.ends is None:
-        drift = configuration.place_rate(*ends[1]) - configuration.place_rate(*ends[0])
-        return axial, slope * float(unit @ drift)
+        return axial, slope * float(unit @ spring_drift(spring, mechanism, configuration))
     first, second = spring.bodies
     lever, lever_rate = _lever(_arm(spring, mechanism, configuration), unit, length)
     turning = configuration.velocity_ratio(second) - configuration.velocity_ratio(first)
@@ -170,11 +169,26 @@ def _ends(spring: Spring, mechanism: Mechanism) -> list[tuple[str, Point]]:
     return [(body, mechanism.local_points(body)[point]) for body, point in both]
 
 
-def _line(ends: list[tuple[str, Point]], configuration: Configuration) -> tuple[FloatArray, float]:
-    """Return the direction from the first end to the second, (2,), and the distance, m."""
-    away = configuration.place(*ends[1]) - configuration.place(*ends[0])
+def spring_line(
+    spring: Spring, mechanism: Mechanism, configuration: Configuration
+) -> tuple[FloatArray, float]:
+    """Return the direction from the first end of a spring to the second, (2,), and its length."""
+    first, second = _ends(spring, mechanism)
+    away = configuration.place(*second) - configuration.place(*first)
     length = math.hypot(*away)
+    if length < _SAME_PLACE and len(spring.points) == 2:
+        raise MechanismError(
+            f"springs.{spring.name}",
+            f"its two ends meet at alpha3 = {math.degrees(configuration.alpha3):.3f} deg, so "
+            "that it has no direction there; put it on the joint instead.",
+        )
     return away / length, length
+
+
+def spring_drift(spring: Spring, mechanism: Mechanism, configuration: Configuration) -> FloatArray:
+    """Return d(second end - first end)/d(alpha3) of a spring, (2,), m/rad."""
+    first, second = _ends(spring, mechanism)
+    return configuration.place_rate(*second) - configuration.place_rate(*first)
 
 
 def _arm(spring: Spring, mechanism: Mechanism, configuration: Configuration) -> FloatArray:
@@ -222,7 +236,7 @@ def _column(
                 f"{height:.2g} m high, and as stiff as a rigid body; give hose_volume, or correct "
                 "closed_length.",
             )
-        one = cylinder.count * cylinder.bulk_modulus * area**2 / volume
-        stiffness += one
-        slope -= sign * one * area / volume
+        column = cylinder.count * cylinder.bulk_modulus * area**2 / volume
+        stiffness += column
+        slope -= sign * column * area / volume
     return stiffness, slope

@@ -360,7 +360,7 @@ def hitch() -> LinkageModel:
 
 
 def test_every_way_to_solve_agrees(hitch: LinkageModel) -> None:
-    """Modal sum and FRFs, reduced and unreduced links, and slopes and differences."""
+    """Modal sum and FRFs, reduced and unreduced links, and slopes and differences agree."""
     solution, places, step = hitch.solve(2.9), [("E1", "z"), ("P3", "x")], 1e-4
     lines = np.array([0.0, 1.5, 8.0, 90.0])
     ours, theirs = (
@@ -373,10 +373,6 @@ def test_every_way_to_solve_agrees(hitch: LinkageModel) -> None:
     before, after = (hitch.solve(2.9 + h) for h in (-step, step))
     slopes = (after.modes.omega - before.modes.omega)[:6] / (2.0 * step) / (2.0 * math.pi)
     np.testing.assert_allclose(solution.frequency_derivatives[:6], slopes, rtol=1e-5, atol=1e-5)
-    shapes = [side.modes.shapes[:, 3] for side in (before, after)]
-    shapes = [shape * np.sign(shape @ solution.modes.shapes[:, 3]) for shape in shapes]
-    slope = (shapes[1] - shapes[0]) / (2.0 * step)
-    np.testing.assert_allclose(solution.shape_derivative(3), slope, atol=1e-4 * np.abs(slope).max())
 
 
 def test_table_has_the_frequencies_under_gravity(hitch: LinkageModel) -> None:

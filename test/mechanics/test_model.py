@@ -22,7 +22,6 @@ from linkage_vibration.mechanics.description import (
 )
 from linkage_vibration.mechanics.kinematics import Kinematics
 from linkage_vibration.mechanics.model import LinkageModel, ModelError
-from linkage_vibration.mechanics.modes import track
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
 from linkage_vibration.mechanics.response import PoleResidue
 
@@ -126,23 +125,6 @@ def test_frequency_derivatives(model: LinkageModel) -> None:
         before, after = (model.solve(angle + d).natural_frequencies for d in (-h, h))
         found = model.solve(angle).frequency_derivatives[:8]
         np.testing.assert_allclose(found, (after - before)[:8] / (2 * h), rtol=1e-5)
-
-
-@pytest.mark.parametrize("mode", range(4))
-def test_shape_derivatives(model: LinkageModel, mode: int) -> None:
-    """Analytic derivatives of the shapes agree with central differences."""
-    h, angle = 1e-4, math.radians(140.0)
-    here = model.solve(angle)
-    ends = []
-    for d in (-h, h):
-        solution = model.solve(angle + d)
-        chosen = solution.modes.select(
-            *track(here.modes.shapes[:, mode : mode + 1], solution.modes, model.system.mass)[:2]
-        )
-        ends.append(chosen.shapes[:, 0])
-    difference = (ends[1] - ends[0]) / (2 * h)
-    error = np.linalg.norm(here.shape_derivative(mode) - difference)
-    assert error < 1e-6 * np.linalg.norm(difference)
 
 
 def test_link_shapes_meet_at_the_pins(model: LinkageModel) -> None:

@@ -16,9 +16,8 @@ from linkage_vibration.mechanics.fbs import component_frf, couple_frfs
 from linkage_vibration.mechanics.identification import identify
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.regularisation import (
-    Measured,
+    MeasuredFrfs,
     RegularisationError,
-    as_measured,
     noise_gain,
     noise_level,
     regularise,
@@ -60,11 +59,11 @@ class Bench:
         points = self.model.mechanism.local_points(self.link.name)
         return rigid_motions(self.link.dofs, list(points.items()))
 
-    def regularise(self, frf: ComplexArray) -> Measured:
+    def regularise(self, frf: ComplexArray) -> MeasuredFrfs:
         """Regularise FRFs of the link."""
         return regularise(self.link.dofs, self.lines, frf, self.motions)
 
-    def put(self, part: ComplexArray | Measured) -> list[ComplexArray | Measured]:
+    def put(self, part: ComplexArray | MeasuredFrfs) -> list[ComplexArray | MeasuredFrfs]:
         """Return the components with another one in the place of the link."""
         return [part if k == self.at else block for k, block in enumerate(self.blocks)]
 
@@ -77,6 +76,11 @@ class Bench:
         """Relative error of the drive-point receptance over all lines."""
         difference = np.linalg.norm((coupled - self.exact)[:, 0])
         return float(difference / np.linalg.norm(self.exact[:, 0]))
+
+
+def as_measured(frf: ComplexArray) -> MeasuredFrfs:
+    """Return receptances, (n_freq, n, n), that nothing has smoothed."""
+    return MeasuredFrfs((frf + frf.swapaxes(1, 2)) / 2.0, np.eye(frf.shape[1]), np.zeros(len(frf)))
 
 
 def bench(model: LinkageModel, name: str, lines: FloatArray = LINES) -> Bench:
@@ -210,7 +214,7 @@ def test_gain_of_regularised_frfs(model: LinkageModel) -> None:
     parts = [case.regularise(noisy(case.measured, noise, seed)) for seed in range(60)]
     coupled = np.array([case.couple(part.frf) for part in parts])
     spread = np.sqrt((np.abs(coupled - coupled.mean(axis=0)) ** 2).mean(axis=0))
-    exact = Measured(case.measured, parts[0].kept, parts[0].leverage)
+    exact = MeasuredFrfs(case.measured, parts[0].kept, parts[0].leverage)
     gain = noise_gain(case.put(exact), case.compatibility, case.rows, case.rows[:1])
     found = spread / np.abs(coupled.mean(axis=0)) / noise
     lines = [1, 7, 20, 60]

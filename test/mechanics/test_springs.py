@@ -74,21 +74,16 @@ def test_oil_on_a_joint_has_the_stiffness_of_its_volume_and_lever() -> None:
 
 @pytest.mark.parametrize("spring", [OIL, CURVE, STAY])
 def test_derivatives_are_differences(spring: dict[str, Any]) -> None:
-    """Those of the stiffness, of natural frequencies, and of a shape."""
+    """Those of the stiffness and of natural frequencies."""
     model, step = sprung(spring), 1e-5
     for alpha3 in np.radians([100.0, 130.0, 170.0]):
         before, after = (stiffness(model, alpha3 + h)[0] for h in (-step, step))
         slope = stiffness(model, alpha3)[1]
         assert slope == pytest.approx((after - before) / (2.0 * step), rel=1e-6)
         solution = model.solve(alpha3)
-        one, other = (model.solve(alpha3 + h).modes for h in (-step, step))
-        expected = (other.omega - one.omega)[:4] / (2.0 * step) / (2.0 * math.pi)
+        low, high = (model.solve(alpha3 + h).modes.omega for h in (-step, step))
+        expected = (high - low)[:4] / (2.0 * step) / (2.0 * math.pi)
         np.testing.assert_allclose(solution.frequency_derivatives[:4], expected, rtol=1e-4)
-        sign = np.sign((one.shapes[:, 0] * other.shapes[:, 0]).sum())
-        turn = np.sign((solution.modes.shapes[:, 0] * one.shapes[:, 0]).sum())
-        difference = turn * (sign * other.shapes[:, 0] - one.shapes[:, 0]) / (2.0 * step)
-        derivative = solution.shape_derivative(0)
-        assert np.abs(derivative - difference).max() < 1e-5 * np.abs(derivative).max()
 
 
 def test_rod_side_adds_its_own_column() -> None:

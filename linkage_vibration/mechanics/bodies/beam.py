@@ -36,9 +36,8 @@ from linkage_vibration.mechanics.timoshenko import (
 )
 
 _COORDINATE = {"x": U, "y": V, "z": W, "theta": THETA}
-_SAME_PLACE = 1e-9  # of the beam's length: what lies closer together is one place
-# No link comes near this limit; numbers in millimetres or tonnes go beyond it.
-_HEAVIEST = 1e6  # kg
+_SAME_PLACE = 1e-9  # Places that are nearer, as a share of the beam's length, are one place.
+_HEAVIEST = 1e6  # kg; no link is heavier, but numbers in millimetres or tonnes give more
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +65,7 @@ class Beam:
     ) -> Component:
         """Return the component of the beam, as `description.Body.component` says."""
         try:
-            found = beam_matrices(
+            matrices = beam_matrices(
                 self,
                 link.points,
                 rotations=mechanism.rotations(link.name),
@@ -76,13 +75,13 @@ class Beam:
             )
         except MechanismError as error:
             raise MechanismError(f"links.{link.name}.{error.path}", error.problem) from None
-        body = Matrices(found.dofs, found.mass, found.stiffness)
-        places = np.column_stack([found.nodes, np.zeros(len(found.nodes))])
-        drawing = Drawing(places, found.displacement)
-        made = component_of(link, mechanism, body, drawing, spatial=spatial, reduced=reduced)
+        body = Matrices(matrices.dofs, matrices.mass, matrices.stiffness)
+        places = np.column_stack([matrices.nodes, np.zeros(len(matrices.nodes))])
+        drawing = Drawing(places, matrices.displacement)
+        component = component_of(link, mechanism, body, drawing, spatial=spatial, reduced=reduced)
         if spatial or not mechanism.gravity:
-            return made
-        return replace(made, prestress=_prestress(self, link, made))
+            return component
+        return replace(component, prestress=_prestress(self, link, component))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -108,8 +107,8 @@ class BeamPrestress:
         for i, element in enumerate(elements):
             nodal[3 * i : 3 * i + 6, 3 * i : 3 * i + 6] += element
         nodal[self.turns, self.turns] += applied[:, 1] * self.places[:, 1]
-        found = self.motion.T @ nodal @ self.motion
-        return np.asarray((found + found.T) / 2.0)
+        stiffness = self.motion.T @ nodal @ self.motion
+        return np.asarray((stiffness + stiffness.T) / 2.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -260,8 +259,10 @@ def _prestress(beam: Beam, link: Link, component: Component) -> BeamPrestress:
     nodes, sections = _mesh(beam, places[:, 0].tolist())
     lengths = np.diff(nodes)
     both = zip(lengths.tolist(), sections, strict=True)
-    unit = np.array([prestress_matrices(length, own, beam.material) for length, own in both])
-    masses = link.count * beam.material.density * lengths * [own.area for own in sections]
+    unit = np.array(
+        [prestress_matrices(length, section, beam.material) for length, section in both]
+    )
+    masses = link.count * beam.material.density * lengths * [section.area for section in sections]
     motion = component.drawing.displacement[:, [0, 2, 3]].reshape(3 * len(nodes), -1)
     first = _first_coordinates(link.points, nodes, 3)
     extra = dict(link.masses)

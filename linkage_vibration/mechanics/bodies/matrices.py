@@ -21,8 +21,8 @@ class Matrices(Body):
     mass: FloatArray  # (n, n), SI
     stiffness: FloatArray  # (n, n)
     damping: FloatArray | None = None  # (n, n), viscous; None leaves it to the damping rule
-    # Digest of what the matrices were computed from, as their last bits may differ from machine to
-    # machine, and the model's hash with them. If it is empty, their bytes enter the hash.
+    # Digest of the data from which the matrices were computed. It enters the model hash instead of
+    # the matrices, because their last bits may differ between machines; not if it is empty.
     digest: str = ""
 
     def component(
@@ -60,7 +60,7 @@ def component_of(
     """
     wanted = mechanism.interface_dofs(link, spatial=spatial)
     first = link.positions(wanted, body.dofs)
-    # A planar model holds the body out of the plane; rotations that nobody holds are free.
+    # A planar model holds the body out of the plane; rotations are free unless they are interface.
     held = {i for i, dof in enumerate(body.dofs) if dof.direction == "y" and not spatial}
     order = first + [i for i in range(len(body.mass)) if i not in held.union(first)]
     block = np.ix_(order, order)

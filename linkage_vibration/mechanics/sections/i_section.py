@@ -28,26 +28,26 @@ def i_section(
     >>> round(i_section(0.1, 0.055, 0.0041, 0.0057, 0.3).area * 1e4, 1)
     9.9
     """
-    one = rectangle(width, flange, poisson_ratio)
+    flange_section = rectangle(width, flange, poisson_ratio)
     top, inner = height / 2.0, height / 2.0 - flange
-    area = 2.0 * (one.area + inner * web)
+    area = 2.0 * (flange_section.area + inner * web)
     second_moment = (width * height**3 - (width - web) * (2.0 * inner) ** 3) / 12.0
-    # Integrals of (first moment of area)^2 / thickness over the web, the depth of the flanges, and
-    # their outstands.
-    outer = one.area * (height - flange) / 2.0
+    # These are the integrals of (first moment of area)^2 / thickness over the web, the depth of the
+    # flanges, and their outstands.
+    outer = flange_section.area * (height - flange) / 2.0
     flow = (
         outer**2 * inner + 2.0 / 3.0 * outer * web * inner**3 + 2.0 / 15.0 * web**2 * inner**5
     ) * (2.0 / web)
     flow += width * flange**3 * (2.0 / 3.0 * top**2 - top * flange / 2.0 + flange**2 / 10.0)
     flow += flange * (height - flange) ** 2 * (width - web) ** 3 / 24.0
-    poisson = one.shear_coefficient / (5.0 / 6.0)
+    poisson = flange_section.shear_coefficient / (5.0 / 6.0)
     return Section(
         area=area,
         second_moment=second_moment,
         shear_coefficient=poisson * second_moment**2 / (area * flow),
         second_moment_out=(flange * width**3 + inner * web**3) / 6.0,
-        shear_coefficient_out=one.shear_coefficient * 2.0 * one.area / area,
-        torsion_constant=2.0 * one.torsion_constant + (height - flange) * web**3 / 3.0,
+        shear_coefficient_out=flange_section.shear_coefficient * 2.0 * flange_section.area / area,
+        torsion_constant=2.0 * flange_section.torsion_constant + (height - flange) * web**3 / 3.0,
     )
 
 
