@@ -25,7 +25,7 @@ from rosbags.highlevel import AnyReader
 from tqdm import tqdm
 
 from benchmark.report import machine, publish, table
-from linkage_vibration.bags.recorder import Limits, Provenance, Recorder
+from linkage_vibration.bags.recorder import LogLimits, Provenance, Recorder
 from linkage_vibration.bags.recovery import recover
 from linkage_vibration.bags.writing import Attachment, Topic
 
@@ -65,7 +65,7 @@ def record(folder: Path) -> None:
     """Record until the process is killed."""
     topic = Topic("/numbers", "made_up/msg/Number", "uint64 time\nuint64 number\n", "", "")
     provenance = Provenance((Attachment("table.npz", "application/x-npz", bytes(100_000)),))
-    recorder = Recorder(folder, [topic], provenance, Limits(split_duration=SPLIT))
+    recorder = Recorder(folder, [topic], provenance, LogLimits(split_duration=SPLIT))
     recorder.start()
     for number in itertools.count():
         now = time.time_ns()

@@ -37,10 +37,12 @@ from tqdm import tqdm
 from benchmark.replay import write_mcap, write_ros1
 from benchmark.report import machine, publish, table
 from linkage_vibration.bags.chunks import ChunkLog, Messages
-from linkage_vibration.bags.joint_states import JointStateReader
+from linkage_vibration.bags.field_reader import FieldReader
 from linkage_vibration.bags.message_columns import read_columns
 from linkage_vibration.bags.message_types import JOINT_STATE
+from linkage_vibration.bags.numbers import LeftOut
 from linkage_vibration.bags.recovery import recover
+from linkage_vibration.bags.schemas import schema_of_text
 from linkage_vibration.bags.streams import open_bags
 from linkage_vibration.bags.writing import Topic
 from linkage_vibration.messages.columns import MessageColumns
@@ -77,12 +79,13 @@ def _read_by_mcap(path: Path) -> int:
 
 
 def _decode_ours(path: Path) -> int:
-    reader = JointStateReader()
     with open_bags([path]) as bags:
+        schema = schema_of_text(message_definition(JOINT_STATE), JOINT_STATE)
+        reader = FieldReader(schema, JOINT_STATE, "position[0]")
         return sum(
-            states.position.shape[1]
+            len(numbers.rows)
             for block in bags.blocks([TOPIC])
-            for states in reader.read(block, np.arange(len(block)))
+            for numbers in reader.read(block, np.arange(len(block)), LeftOut())
         )
 
 

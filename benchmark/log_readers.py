@@ -21,7 +21,7 @@ from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from benchmark.report import machine, publish, table
-from linkage_vibration.bags.recorder import UNLIMITED, Limits, Provenance, Recorder
+from linkage_vibration.bags.recorder import UNLIMITED, LogLimits, Provenance, Recorder
 from linkage_vibration.bags.recovery import recover
 from linkage_vibration.bags.writing import COMPRESSIONS, Topic, offered_qos_profiles
 from linkage_vibration.messages.definitions import message_definition, type_hash
@@ -52,7 +52,7 @@ def topic(name: str, type_name: str) -> Topic:
     )
 
 
-def record(folder: Path, compression: str, limits: Limits) -> None:
+def record(folder: Path, compression: str, limits: LogLimits) -> None:
     """Record the duty cycle with its predictions."""
     store = get_typestore(Stores.EMPTY)
     store.register(get_types_from_msg(message_definition(JOINT_STATE), JOINT_STATE))
@@ -121,7 +121,7 @@ def npm_version(package: str) -> str:
 def make_logs(folder: Path) -> dict[str, Path]:
     """Make a log of each kind; the keys describe them."""
     kinds = {f"compression {name}": (name, UNLIMITED) for name in COMPRESSIONS}
-    kinds["one of several splits"] = ("zstd", Limits(split_size=250_000))
+    kinds["one of several splits"] = ("zstd", LogLimits(split_size=250_000))
     found = {}
     for number, (name, (compression, limits)) in enumerate(kinds.items()):
         place = folder / str(number)

@@ -211,7 +211,10 @@ def parts() -> str:
     from rclpy.serialization import deserialize_message, serialize_message
     from sensor_msgs.msg import JointState
 
-    from linkage_vibration.bags.joint_states import JointStateReader
+    from linkage_vibration.bags.field_reader import FieldReader
+    from linkage_vibration.bags.message_types import JOINT_STATE
+    from linkage_vibration.bags.schemas import schema_of_text
+    from linkage_vibration.messages.definitions import message_definition
     from linkage_vibration.messages.encoding import encode_message
     from linkage_vibration.messages.topics import PREDICTION
     from linkage_vibration.prediction.health import ReadingWatch
@@ -222,7 +225,9 @@ def parts() -> str:
 
     predictor = Predictor(load_table(config_file(PAPER_TABLE)))
     message = JointState(name=["hitch_rockshaft_joint"], position=[2.0])
-    data, reader = serialize_message(message), JointStateReader()
+    schema = schema_of_text(message_definition(JOINT_STATE), JOINT_STATE)
+    reader = FieldReader(schema, JOINT_STATE, f"position[{message.name[0]}]", "velocity")
+    data = serialize_message(message)
     prediction = predictor.predict(2.0)
     motion, watch, stamps = crank_filter(), ReadingWatch(), count(10**18, 10**6)
 

@@ -10,13 +10,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from linkage_vibration.bags.can_frames import EXTENDED, read_frame, read_frames, read_key
+from linkage_vibration.bags.can_frames import EXTENDED, FrameReader, Frames
 from linkage_vibration.bags.can_signals import SIGNALS, CanSignal
 from linkage_vibration.bags.dbc import dbc_signal
 from linkage_vibration.bags.numbers import (
     Integers,
     LeftOut,
-    Number,
+    MessageNumber,
     NumberReader,
     Numbers,
 )
@@ -72,72 +72,56 @@ def find_signal(field: str, database: str) -> CanSignal:
 
 
 class CanReader(NumberReader):
-    """Reads a signal of a CAN bus.
-
-    Parameters
-    ----------
-    signal : CanSignal
-    """
+    """Reads a signal of a CAN bus."""
 
     has_header = True
 
     def __init__(self, signal: CanSignal) -> None:
         self._signal = signal
+        self._frames = FrameReader()
 
     def describe(self) -> str:
         """Return the name of the signal."""
         return f"CAN signal {self._signal.name}"
 
-    def read_one(self, data: bytes) -> Number | None:
+    def read_one(self, data: bytes) -> MessageNumber | None:
         """Return the value of the signal in a frame, NaN for none; see `NumberReader.read_one`."""
-        if not self._signal.matches(read_key(data)):
+        frames = self._frames.read_one(data, self._signal.matches)
+        numbers = None if frames is None else self._numbers(frames, LeftOut())
+        if numbers is None:
             return None
-        sec, nanosec, frame_id, key, dlc, payload = read_frame(data)
-        keys, counts = np.array([key], np.uint32), np.array([dlc], np.uint8)
-        rows = np.frombuffer(payload, np.uint8)[np.newaxis]
-        if self._signal.selectors and not self._signal.present(keys, counts, rows)[0]:
-            return None
-        value = float(self._signal.values(counts, rows)[0])
-        self.note = self._signal.explain(dlc, payload) if math.isnan(value) else ""
-        return Number(value, math.nan, sec, nanosec, frame_id)
+        value, sec, nanosec = numbers.value.item(), numbers.sec.item(), numbers.nanosec.item()
+        return MessageNumber(value, math.nan, sec, nanosec, numbers.frame_id)
 
     def read(self, block: Block, rows: Integers, left_out: LeftOut) -> Iterator[Numbers]:
-        """Read many frames; see `NumberReader.read`.
+        """Read many frames; see `NumberReader.read`."""
+        for frames in self._frames.read(block, rows, left_out):
+            numbers = self._numbers(frames, left_out)
+            if numbers is not None:
+                yield numbers
 
-        Parameters
-        ----------
-        block, rows, left_out : Block, ndarray and LeftOut
-            As in `NumberReader.read`.
-        """
+    def _numbers(self, frames: Frames, left_out: LeftOut) -> Numbers | None:
+        """Return the values of the signal in the frames that contain it, and explain a NaN."""
         signal = self._signal
-        groups, unreadable = read_frames(block, rows)
-        if len(unreadable):
-            left_out.unreadable += len(unreadable)
-            left_out.fault = left_out.fault or "a message is not a can_msgs/Frame in plain CDR"
-        for frames in groups:
-            present = signal.present(frames.key, frames.dlc, frames.payload)
+        present = signal.present(frames.key, frames.dlc, frames.payload)
+        if not present.all():
             left_out.others += int((~present).sum())
-            if not present.all():
-                left_out.names.update(_names(frames.key[~present]))
-            if present.any():
-                self.note = ""
-                dlc, payload = frames.dlc[present], frames.payload[present]
-                values = signal.values(dlc, payload)
-                if np.isnan(values).any():
-                    row = int(np.isnan(values).argmax())
-                    self.note = signal.explain(int(dlc[row]), payload[row].tobytes())
-                yield Numbers(
-                    frames.rows[present],
-                    values,
-                    np.full(len(values), math.nan),
-                    frames.sec[present],
-                    frames.nanosec[present],
-                    frames.frame_id,
-                )
+            left_out.names.update(_names(frames.key[~present]))
+            if not present.any():
+                return None
+            frames = frames.of(present)
+        values = signal.values(frames.dlc, frames.payload)
+        invalid = np.flatnonzero(np.isnan(values))
+        self.note = ""
+        if len(invalid):
+            row = invalid[0]
+            self.note = signal.explain(int(frames.dlc[row]), frames.payload[row].tobytes())
+        rates = np.full(len(values), math.nan)
+        return Numbers(frames.rows, values, rates, frames.sec, frames.nanosec, frames.frame_id)
 
     def other_names(self, data: bytes) -> Sequence[str]:
         """Return which frame a message is."""
-        return [_name(read_key(data))]
+        return [_name(self._frames.key(data))]
 
     def explain_missing(self, topic: str, names: Sequence[str]) -> str:
         """Return that no frame contains the signal, which frames there are, and the remedy.

@@ -2,78 +2,52 @@
 # SPDX-License-Identifier: Apache-2.0
 """Reads one number from each message of any type, one by one or thousands together.
 
-A message is parsed only as far as the number. All others that have the same lengths before it have
-the number at the same place, so they are not parsed.
+A message is parsed only as far as the number.
 """
 
 import math
 import struct
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from linkage_vibration.bags.cdr import ORIGIN, STAMP, CdrMessage, Layouts
 from linkage_vibration.bags.numbers import (
     CdrError,
     Integers,
     LeftOut,
-    Number,
+    MessageNumber,
     NumberReader,
     Numbers,
     ReadingError,
 )
 from linkage_vibration.bags.schemas import (
     NUMBERS,
-    Field,
     FieldError,
     Schema,
+    SchemaField,
     Step,
     find_path,
     has_header,
 )
 from linkage_vibration.bags.streams import Block
 
-_KEPT = 64  # layouts; most types have one
-_ORIGIN = 4  # bytes of the encapsulation header, after which CDR aligns numbers to their sizes
 _MAX_NAMES = 20
 _STRUCT = {"f8": "d", "f4": "f", "i1": "b", "i2": "h", "i4": "i", "i8": "q"}
 _STRUCT |= {"u1": "B", "u2": "H", "u4": "I", "u8": "Q"}
 _SIZES = {name: int(code[1]) for name, code in NUMBERS.items()} | {"bool": 1}
 
 
-@dataclass(frozen=True, eq=False)
-class _Layout:
-    """Where the number of a message is, and the bytes on which this depends.
+@dataclass(frozen=True, slots=True)
+class _Places:
+    """Where the numbers of a message are; -1 for none, with a fault or the names that there are."""
 
-    A layout without a number has a fault, or the names that the message contains instead.
-    """
-
-    order: str  # "<" or ">"
-    at: int
-    needed: int  # bytes of a message up to the end of its number
     frame_id: str
-    fault: str
-    names: Sequence[str]
-    places: Integers  # of the bytes that similar messages share
-    shared: NDArray[np.uint8]
-    mask: int = field(init=False)
-    bits: int = field(init=False)
-
-    def __post_init__(self) -> None:
-        """Prepare the comparison with one message."""
-        every = np.zeros((2, self.needed), np.uint8)
-        every[0, self.places], every[1, self.places] = 0xFF, self.shared
-        for name, row in zip(("mask", "bits"), every, strict=True):
-            object.__setattr__(self, name, int.from_bytes(row.tobytes(), "little"))
-
-    def fits(self, data: bytes) -> bool:
-        """Return whether a message has its number here."""
-        if len(data) < self.needed:
-            return False
-        bits = int.from_bytes(data[: self.needed], "little")
-        return not (bits ^ self.bits) & self.mask
+    value: int = -1
+    rate: int = -1
+    fault: str = ""
+    names: Sequence[str] = ()
 
 
 def _unknown_size(schema: Schema, type_name: str) -> str:
@@ -82,104 +56,82 @@ def _unknown_size(schema: Schema, type_name: str) -> str:
         return ""
     if type_name not in schema:
         return type_name
-    found = (_unknown_size(schema, one.type) for one in schema[type_name])
-    return next(filter(None, found), "")
+    unknown = (_unknown_size(schema, field.type) for field in schema[type_name])
+    return next(filter(None, unknown), "")
 
 
 class FieldReader(NumberReader):
-    """Reads a field of messages of any type.
+    """Reads a number of messages of any type, by a path; see `find_path`.
 
-    Parameters
-    ----------
-    schema, type_name : Schema, str
-        Fields of the type, and its name.
-    path : str
-        Path to a number; see `find_path`, which raises a `FieldError` for another one.
+    The rate of an element that has a name is read from the list ``rates`` beside its own, which
+    contains float64. It is unknown unless there is one rate for each name.
 
     Raises
     ------
     FieldError
-        If the number lies behind a field whose size is not known.
+        If the path does not lead to a number, or to one behind a field whose size is not known.
     """
 
-    def __init__(self, schema: Schema, type_name: str, path: str) -> None:
+    def __init__(self, schema: Schema, type_name: str, path: str, rates: str = "") -> None:
         self.has_header = has_header(schema, type_name)
         self._schema, self._type, self._path = schema, type_name, path
         self._steps = find_path(schema, type_name, path)
         self._check_sizes()
         self._code = NUMBERS[self._steps[-1].field.type]
-        self._width = int(self._code[1])
-        self._layouts: list[_Layout] = []
+        self._rate_steps: tuple[Step, ...] = ()
+        if rates:
+            last = replace(self._steps[-1], field=SchemaField(rates, "float64", 0))
+            self._rate_steps = (*self._steps[:-1], last)
+        self._layouts = Layouts(type_name, self._places)
 
     def describe(self) -> str:
         """Return the path of the field, in words."""
         return f"field {self._path}"
 
-    def read_one(self, data: bytes) -> Number | None:
-        """Return the number of a message; see `NumberReader.read_one`.
-
-        Raises
-        ------
-        ReadingError
-            If the message has no such element.
-        """
-        layout = self._layout(data)
-        if layout.fault:
-            raise ReadingError(layout.fault)
-        if layout.at < 0:
+    def read_one(self, data: bytes) -> MessageNumber | None:
+        """Return the number of a message; see `NumberReader.read_one`."""
+        layout = self._layouts.find(data)
+        places, order = layout.places, layout.order
+        if places.fault:
+            raise ReadingError(places.fault)
+        if places.value < 0:
             return None
-        [value] = struct.unpack_from(layout.order + _STRUCT[self._code], data, layout.at)
+        [value] = struct.unpack_from(order + _STRUCT[self._code], data, places.value)
+        rate = math.nan
+        if places.rate >= 0:
+            [rate] = struct.unpack_from(f"{order}d", data, places.rate)
         if not self.has_header:
-            return Number(float(value))
-        sec, nanosec = struct.unpack_from(f"{layout.order}iI", data, _ORIGIN)
-        return Number(float(value), math.nan, sec, nanosec, layout.frame_id)
+            return MessageNumber(float(value), rate)
+        sec, nanosec = struct.unpack_from(f"{order}iI", data, ORIGIN)
+        return MessageNumber(float(value), rate, sec, nanosec, places.frame_id)
 
     def read(self, block: Block, rows: Integers, left_out: LeftOut) -> Iterator[Numbers]:
-        """Read many messages; those of the same layout together.
-
-        Parameters
-        ----------
-        block, rows, left_out : Block, ndarray and LeftOut
-            As in `NumberReader.read`.
-        """
-        known, left = iter(list(self._layouts)), rows
-        while len(left):
-            layout = next(known, None)
-            if layout is None:
-                try:
-                    layout = self._parsed(block.message(int(left[0])))
-                except CdrError as error:
-                    left_out.unreadable += 1
-                    left_out.fault = left_out.fault or str(error)
-                    left = left[1:]
-                    continue
-            same = block.sizes[left] >= layout.needed
-            places = block.starts[left[same], np.newaxis] + layout.places
-            same[same] = (block.buffer[places] == layout.shared).all(axis=1)
-            found, left = left[same], left[~same]
-            if not len(found):
+        """Read many messages, those of the same layout together; see `NumberReader.read`."""
+        for layout, alike, messages in self._layouts.groups(block, rows, left_out):
+            places, n = layout.places, len(alike)
+            if places.fault:
+                left_out.refused += n
+                left_out.fault = left_out.fault or places.fault
                 continue
-            if layout.fault:
-                left_out.refused += len(found)
-                left_out.fault = left_out.fault or layout.fault
-            elif layout.at < 0:
-                left_out.others += len(found)
-                left_out.names.update(layout.names)
-            else:
-                yield self._numbers(block, found, layout)
+            if places.value < 0:
+                left_out.others += n
+                left_out.names.update(places.names)
+                continue
+            value = layout.column(messages, places.value, self._code)[:, 0].astype(np.float64)
+            rate = np.full(n, math.nan)
+            if places.rate >= 0:
+                rate = layout.column(messages, places.rate, "f8")[:, 0]
+            sec, nanosec = np.zeros(n, np.int32), np.zeros(n, np.uint32)
+            if self.has_header:
+                sec, nanosec = layout.stamps(messages)
+            yield Numbers(alike, value, rate, sec, nanosec, places.frame_id)
 
     def other_names(self, data: bytes) -> Sequence[str]:
         """Return the names in a message, at most 20."""
-        return self._layout(data).names
+        return self._layouts.find(data).places.names
 
     def explain_missing(self, topic: str, names: Sequence[str]) -> str:
-        """Return that the name is missing, which names are there, and the remedy.
-
-        Parameters
-        ----------
-        topic, names : str and sequence of str
-            The topic that was read, and the names that its messages contain.
-        """
+        """Return that the name is missing, which names are there, and the remedy."""
         if not names:
             return ""
         listing = ", ".join(sorted(names)[:_MAX_NAMES])
@@ -189,196 +141,101 @@ class FieldReader(NumberReader):
         """Refuse a path behind a field whose size is not known, such as a ``wstring``."""
         inside = self._type
         for step in self._steps:
-            for one in self._schema[inside]:
-                if one == step.field:
+            for field in self._schema[inside]:
+                if field == step.field:
                     break
-                if unknown := _unknown_size(self._schema, one.type):
+                if unknown := _unknown_size(self._schema, field.type):
                     raise FieldError(
-                        f"{self._type}: {self._path} lies behind {one.name}, and the size of a "
+                        f"{self._type}: {self._path} lies behind {field.name}, and the size of a "
                         f"{unknown.rpartition('/')[2]} is not known; choose a field before it, or "
                         "another message."
                     )
             inside = step.field.type
 
-    def _numbers(self, block: Block, rows: Integers, layout: _Layout) -> Numbers:
-        """Return the numbers of messages of a layout."""
-        starts = block.starts[rows, np.newaxis]
-
-        def column(at: int, code: str) -> NDArray[Any]:
-            values = block.buffer[starts + np.arange(at, at + int(code[1]))]
-            return np.asarray(values.view(layout.order + code)[:, 0])
-
-        sec = nanosec = np.zeros(len(rows), np.uint32)
+    def _places(self, message: CdrMessage) -> _Places:
+        """Return where the numbers of a message are."""
+        frame_id = ""
         if self.has_header:
-            sec, nanosec = column(_ORIGIN, "i4"), column(_ORIGIN + 4, "u4")
-        return Numbers(
-            rows,
-            column(layout.at, self._code).astype(np.float64),
-            np.full(len(rows), math.nan),
-            sec.astype(np.int32),
-            nanosec.astype(np.uint32),
-            layout.frame_id,
-        )
-
-    def _layout(self, data: bytes) -> _Layout:
-        """Return the layout of a message."""
-        for layout in self._layouts:
-            if layout.fits(data):
-                return layout
-        return self._parsed(data)
-
-    def _parsed(self, data: bytes) -> _Layout:
-        """Parse a message, and keep its layout."""
-        try:
-            layout = self._parse(data)
-        except (struct.error, UnicodeDecodeError) as error:
-            raise CdrError(f"{len(data)} bytes are not a {self._type}: {error}") from None
-        self._layouts = [*self._layouts[1 - _KEPT :], layout]
-        return layout
-
-    def _parse(self, data: bytes) -> _Layout:
-        message = _Message(data, self._type, self._schema)
-        frame_id, fault, names = "", "", list[str]()
-        if self.has_header:
-            message.position += 8
+            message.skip(STAMP)
             frame_id = message.text()
-            message.position = _ORIGIN
-        inside, found = self._type, True
-        for step in self._steps:
-            index, names = message.enter(inside, step)
+        value, names, fault = self._place(message, self._steps)
+        rate = -1
+        if self._rate_steps and value >= 0:
+            rate, _, _ = self._place(message, self._rate_steps)
+        return _Places(frame_id, value, rate, fault, names[:_MAX_NAMES])
+
+    def _place(self, message: CdrMessage, steps: Sequence[Step]) -> tuple[int, Sequence[str], str]:
+        """Return where the number of a path is (-1 for none), the names beside it, and a fault."""
+        message.position, inside, names = ORIGIN, self._type, list[str]()
+        for step in steps:
+            count, names = self._enter(message, inside, step)
+            index = step.index or 0
+            if step.name:
+                if step.name not in names:
+                    return -1, names, ""
+                if fault := _name_fault(step, names, count):
+                    return -1, names, fault
+                index = names.index(step.name)
+            if index >= count:
+                fault = (
+                    f"A message has {count} elements in {step.field.name}, so {self._path} is "
+                    "missing; choose another element."
+                )
+                return -1, names, fault
+            self._skip_elements(message, step.field.type, index)
             inside = step.field.type
-            if index < 0:
-                found = False
-                if not step.name:
-                    fault = (
-                        f"A message has {-1 - index} elements in {step.field.name}, so "
-                        f"{self._path} is missing; choose another element."
-                    )
-                elif step.name in names:
-                    fault = (
-                        f"A message has no single element of {step.field.name} for {step.name}; "
-                        "publish each name once, and one element for each name."
-                    )
-                break
-        at = -1
-        if found:
-            message.align(self._width)
-            at = message.position
-            message.skip_bytes(self._width)
-        places = np.unique(np.concatenate([np.arange(*span) for span in message.spans]))
-        needed = max(message.position if found else 0, int(places[-1]) + 1)
-        shared = np.frombuffer(data, np.uint8)[places]
-        return _Layout(
-            message.order, at, needed, frame_id, fault, names[:_MAX_NAMES], places, shared
-        )
+        size = _SIZES[inside]
+        message.align(size)
+        return message.skip(size), names, ""
 
-
-class _Message:
-    """A message that is being parsed.
-
-    Attributes
-    ----------
-    order : str
-        "<" or ">".
-    position : int
-        The next byte.
-    spans : list of (int, int)
-        The bytes on which positions depend so far.
-    """
-
-    def __init__(self, data: bytes, type_name: str, schema: Schema) -> None:
-        if len(data) < _ORIGIN:
-            raise CdrError(f"{len(data)} bytes are not a {type_name} in plain CDR")
-        if data[0] != 0 or data[1] > 1:
-            raise CdrError(
-                f"a {type_name} begins with 0x{data[:2].hex().upper()}, but 0x0000 or 0x0001 is "
-                "plain CDR; let its publisher use the encoding XCDR1 for a final type"
-            )
-        self._data, self._type, self._schema = data, type_name, schema
-        self.order = "<" if data[1] else ">"
-        self.position = _ORIGIN
-        self.spans = [(0, 2)]
-
-    def align(self, size: int) -> None:
-        """Go to the next multiple of a size."""
-        self.position += -(self.position - _ORIGIN) % size
-
-    def skip_bytes(self, count: int) -> None:
-        """Go on by a number of bytes."""
-        self.position += count
-        if self.position > len(self._data):
-            raise CdrError(f"a message of {len(self._data)} bytes is too short for a {self._type}")
-
-    def count(self) -> int:
-        """Return the length at the position, and go behind it."""
-        self.align(4)
-        [found] = struct.unpack_from(f"{self.order}I", self._data, self.position)
-        self.spans.append((self.position, self.position + 4))
-        self.position += 4
-        if found > len(self._data):  # each element has at least one byte
-            raise CdrError(f"a list or text is longer than the message of {len(self._data)} bytes")
-        return int(found)
-
-    def text(self) -> str:
-        """Return the text at the position, on which the layout depends."""
-        length = self.count()
-        begin = self.position
-        self.skip_bytes(length)
-        self.spans.append((begin, self.position))
-        return self._data[begin : self.position].rstrip(b"\x00").decode()
-
-    def skip(self, one: Field) -> None:
-        """Go behind a field."""
-        count = 1 if one.length is None else one.length or self.count()
-        self._skip_elements(one.type, count)
-
-    def enter(self, inside: str, step: Step) -> tuple[int, list[str]]:
-        """Go to the element of a step, and return its place and the names beside it.
-
-        The place is negative if there is no such element: -1 less the number of elements, or any
-        number if the element has a name.
-        """
-        names: list[str] | None = None
+    def _enter(self, message: CdrMessage, inside: str, step: Step) -> tuple[int, list[str]]:
+        """Go to the first element of a step; return the number of elements, and their names."""
+        names: list[str] | None = None if step.name else []
         begin = -1
-        for one in self._schema[inside]:
-            if one == step.field:
-                begin = self.position
-                if not step.name or names is not None:
-                    break
-                self.skip(one)
-            elif one.name == step.names:
-                names = [self.text() for _ in range(one.length or self.count())]
-                if begin >= 0:
-                    break
+        for field in self._schema[inside]:
+            if field.name == step.field.name:
+                begin = message.position
+            if begin >= 0 and names is not None:
+                break
+            if names is None and field.name == step.names:
+                names = [message.text() for _ in range(field.length or message.count())]
             else:
-                self.skip(one)
-        self.position = begin
+                self._skip_field(message, field)
+        message.position = begin
         if step.field.length is None:
-            return 0, []
-        count = step.field.length or self.count()
-        index, names = step.index, names or []
-        if step.name:
-            single = names.count(step.name) == 1 and len(names) == count
-            index = names.index(step.name) if single else -1
-        assert index is not None
-        if not 0 <= index < count:
-            return -1 - count, names
-        self._skip_elements(step.field.type, index)
-        return index, names
+            return 1, names or []
+        return step.field.length or message.count(), names or []
 
-    def _skip_elements(self, type_name: str, count: int) -> None:
+    def _skip_field(self, message: CdrMessage, field: SchemaField) -> None:
+        count = 1 if field.length is None else field.length or message.count()
+        self._skip_elements(message, field.type, count)
+
+    def _skip_elements(self, message: CdrMessage, type_name: str, count: int) -> None:
         """Go behind elements of a type."""
         size = _SIZES.get(type_name)
         if size is not None:
             if count:
-                self.align(size)
-                self.skip_bytes(size * count)
+                message.align(size)
+                message.skip(size * count)
             return
         for _ in range(count):
             if type_name == "string":
-                self.skip_bytes(self.count())
+                message.skip(message.count())
             elif type_name in self._schema:
-                for one in self._schema[type_name]:
-                    self.skip(one)
+                for field in self._schema[type_name]:
+                    self._skip_field(message, field)
             else:
                 raise CdrError(f"the size of a {type_name} is not known")
+
+
+def _name_fault(step: Step, names: Sequence[str], count: int) -> str:
+    """Return why the element of a step is not known by its name; empty if it is."""
+    times = names.count(step.name)
+    if times > 1:
+        return f"A message contains the name {step.name} {times} times; publish each name once."
+    if len(names) != count:
+        return (
+            f"A message has {len(names)} names but {count} elements in {step.field.name}, so the "
+            f"one of {step.name} is unknown; publish one element for each name."
+        )
+    return ""

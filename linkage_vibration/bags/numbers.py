@@ -26,7 +26,7 @@ class ReadingError(LinkageVibrationError):
     """A message has no reliable number."""
 
 
-class Number(NamedTuple):
+class MessageNumber(NamedTuple):
     """The number of one message, its rate (1/s, NaN if unknown), and the header of the message."""
 
     value: float
@@ -45,7 +45,7 @@ class Numbers:
     rows : ndarray, (n,)
         Which messages of the block they are.
     value, rate : ndarray, (n,)
-        As those of `Number`.
+        As those of `MessageNumber`.
     sec, nanosec : ndarray, (n,)
         Stamps of their headers, s and ns; 0 for messages without a header.
     frame_id : str
@@ -104,7 +104,7 @@ class NumberReader(ABC):
         """Return what is read, in words, such as "joint boom"."""
 
     @abstractmethod
-    def read_one(self, data: bytes) -> Number | None:
+    def read_one(self, data: bytes) -> MessageNumber | None:
         """Return the number of a message in plain CDR; None if it does not contain it.
 
         Raises

@@ -44,7 +44,7 @@ _NAME = re.compile(r"linkage_vibration_\d{8}-\d{6}(_\d+)?\.mcap")
 
 
 @dataclass(frozen=True, slots=True)
-class Limits:
+class LogLimits:
     """Limits of the size of logs.
 
     Attributes
@@ -82,7 +82,7 @@ class Provenance:
     metadata: Mapping[str, str] = field(default_factory=dict)
 
 
-UNLIMITED = Limits()
+UNLIMITED = LogLimits()
 
 # A message: topic, data, log time, publish time.
 _Entry: TypeAlias = tuple[Topic, bytes, int, int] | Provenance
@@ -110,7 +110,7 @@ class Recorder:
         Topics of the logs; `add_topic` adds others.
     provenance : Provenance
         Origin of the messages; `change_provenance` replaces it.
-    limits : Limits
+    limits : LogLimits
         Limits of the size of logs.
     compression : str
         One of `writing.COMPRESSIONS`.
@@ -134,7 +134,7 @@ class Recorder:
         folder: Path,
         topics: Iterable[Topic],
         provenance: Provenance,
-        limits: Limits = UNLIMITED,
+        limits: LogLimits = UNLIMITED,
         compression: str = "zstd",
     ) -> None:
         self.path: Path | None = None

@@ -28,7 +28,7 @@ class FieldError(LinkageVibrationError):
 
 
 @dataclass(frozen=True, slots=True)
-class Field:
+class SchemaField:
     """A field of a message.
 
     Attributes
@@ -44,11 +44,11 @@ class Field:
     length: int | None = None
 
 
-Schema: TypeAlias = Mapping[str, tuple[Field, ...]]
+Schema: TypeAlias = Mapping[str, tuple[SchemaField, ...]]
 """The fields of a type and of all types that it contains, by their names."""
 
 # CDR has no empty messages.
-_EMPTY = (Field("structure_needs_at_least_one_member", "uint8"),)
+EMPTY = (SchemaField("structure_needs_at_least_one_member", "uint8"),)
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +57,7 @@ class Step:
 
     Attributes
     ----------
-    field : Field
+    field : SchemaField
     index : int, optional
         Place of the element, from 0; None for a field of one value.
     names, name : str
@@ -65,7 +65,7 @@ class Step:
         empty if the place is given.
     """
 
-    field: Field
+    field: SchemaField
     index: int | None = None
     names: str = ""
     name: str = ""
@@ -82,13 +82,13 @@ def schema_of_store(store: Any, type_name: str) -> Schema:
     type_name : str
         Such as "sensor_msgs/msg/JointState".
     """
-    found: dict[str, tuple[Field, ...]] = {}
+    found: dict[str, tuple[SchemaField, ...]] = {}
     waiting = [type_name]
     while waiting:
         name = waiting.pop()
         if name not in found and name in store.fielddefs:
             listed = [_field(each, content) for each, content in store.fielddefs[name][1]]
-            found[name] = tuple(listed) or _EMPTY
+            found[name] = tuple(listed) or EMPTY
             waiting += [field.type for field in listed if "/" in field.type]
     return found
 
@@ -108,14 +108,14 @@ def schema_of_text(text: str, type_name: str) -> Schema:
     return schema_of_store(store, type_name)
 
 
-def _field(name: str, content: Any) -> Field:
+def _field(name: str, content: Any) -> SchemaField:
     """Return a field as rosbags describes it: its kind, and what it contains."""
     kind, inner = content
     if kind.name in ("BASE", "NAME"):
-        return Field(name, inner if isinstance(inner, str) else str(inner[0]))
+        return SchemaField(name, inner if isinstance(inner, str) else str(inner[0]))
     (_, element), length = inner
     element = element if isinstance(element, str) else str(element[0])
-    return Field(name, element, int(length) if kind.name == "ARRAY" else 0)
+    return SchemaField(name, element, int(length) if kind.name == "ARRAY" else 0)
 
 
 def has_header(schema: Schema, type_name: str) -> bool:
@@ -126,7 +126,7 @@ def has_header(schema: Schema, type_name: str) -> bool:
     schema, type_name : Schema, str
         Fields of the type, and its name.
     """
-    return schema[type_name][0] == Field("header", HEADER)
+    return schema[type_name][0] == SchemaField("header", HEADER)
 
 
 def find_path(schema: Schema, type_name: str, path: str) -> tuple[Step, ...]:
@@ -162,7 +162,7 @@ def find_path(schema: Schema, type_name: str, path: str) -> tuple[Step, ...]:
     return tuple(steps)
 
 
-def _step(fields: tuple[Field, ...], name: str, key: str | None) -> Step | None:
+def _step(fields: tuple[SchemaField, ...], name: str, key: str | None) -> Step | None:
     """Return a step to a field of a message; None if there is no such field or element."""
     field = next((field for field in fields if field.name == name), None)
     if field is None or (field.length is None) != (key is None):
@@ -177,7 +177,7 @@ def _step(fields: tuple[Field, ...], name: str, key: str | None) -> Step | None:
     return Step(field, index=int(key))
 
 
-def _names_beside(fields: tuple[Field, ...], field: Field) -> str:
+def _names_beside(fields: tuple[SchemaField, ...], field: SchemaField) -> str:
     """Return the only list of texts beside a list of its kind; empty if there is none."""
     found = [each.name for each in fields if each.type == "string" and each.length == field.length]
     return found[0] if len(found) == 1 and found[0] != field.name else ""

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
-from linkage_vibration.bags.schemas import Field, Schema
+from linkage_vibration.bags.schemas import EMPTY, Schema, SchemaField
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.messages.topics import OUTPUT_TOPICS
 from linkage_vibration.prediction.excitation import Source
@@ -19,7 +19,6 @@ from linkage_vibration.ros.endpoints import message_class
 # As rosidl describes a field: `double`, `sequence<std_msgs/Header, 3>`, `string<10>[2]`.
 _TYPE = re.compile(r"(sequence<)?([\w/]+)(?:<\d+>)?(?:, \d+)?>?(?:\[(\d+)\])?")
 _PLAIN = {"double": "float64", "float": "float32", "boolean": "bool"}
-_EMPTY = (Field("structure_needs_at_least_one_member", "uint8"),)  # CDR has no empty messages
 
 
 @dataclass(slots=True, eq=False)
@@ -123,23 +122,23 @@ def installed_schema(type_name: str) -> Schema:
     ImportError, AttributeError
         If its package is not installed, or has no such type.
     """
-    found: dict[str, tuple[Field, ...]] = {}
+    found: dict[str, tuple[SchemaField, ...]] = {}
     waiting = [type_name]
     while waiting:
         name = waiting.pop()
         if name not in found:
             described: dict[str, Any] = message_class(name).get_fields_and_field_types()
             listed = [_field(each, text) for each, text in described.items()]
-            found[name] = tuple(listed) or _EMPTY
+            found[name] = tuple(listed) or EMPTY
             waiting += [each.type for each in listed if "/" in each.type]
     return found
 
 
-def _field(name: str, text: str) -> Field:
+def _field(name: str, text: str) -> SchemaField:
     """Return a field as rosidl describes it."""
     match = _TYPE.fullmatch(text)
     if match is None:
         raise LinkageVibrationError(f"Field {name} has the unknown type {text}; report this.")
     sequence, element, length = match.groups()
     element = _PLAIN.get(element, element.replace("/", "/msg/"))
-    return Field(name, element, 0 if sequence else None if length is None else int(length))
+    return SchemaField(name, element, 0 if sequence else None if length is None else int(length))

@@ -12,7 +12,7 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from std_srvs.srv import Trigger
 
-from linkage_vibration.bags.recorder import Limits, Recorder
+from linkage_vibration.bags.recorder import LogLimits, Recorder
 from linkage_vibration.bags.writing import LogError
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.messages.topics import log_topic
@@ -31,9 +31,9 @@ def log_folder(settings: Parameters) -> Path:
     return folder
 
 
-def log_limits(settings: Parameters) -> Limits:
+def log_limits(settings: Parameters) -> LogLimits:
     """Return the limits of the size of the logs."""
-    return Limits(
+    return LogLimits(
         settings.split_size, settings.split_duration, settings.disk_limit, settings.delete_oldest
     )
 

@@ -7,21 +7,14 @@ import random
 import struct
 import sys
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pytest
 
-from linkage_vibration.bags.can_frames import (
-    ERROR,
-    EXTENDED,
-    REMOTE,
-    Frame,
-    read_frame,
-    read_frames,
-    read_key,
-)
+from linkage_vibration.bags.can_frames import ERROR, EXTENDED, REMOTE, FrameReader, Frames
 from linkage_vibration.bags.message_columns import topic_types
-from linkage_vibration.bags.numbers import CdrError
+from linkage_vibration.bags.numbers import CdrError, LeftOut
 from linkage_vibration.bags.reading import BagError, read_messages
 from linkage_vibration.bags.streams import Block, open_bags
 from test.support.can_bus import EPOCH, BusFrame, identifier, recorded_frames, write_candump
@@ -29,6 +22,24 @@ from test.support.can_bus import EPOCH, BusFrame, identifier, recorded_frames, w
 can = pytest.importorskip("can", reason="logs are written with python-can (extra can)")
 
 HITCH = identifier(65093, 0xF0)
+
+
+class Frame(NamedTuple):
+    """A frame: stamp and frame of its header, key, number of bytes, and data."""
+
+    sec: int
+    nanosec: int
+    frame_id: str
+    key: int
+    dlc: int
+    payload: bytes
+
+
+def frame_of(frames: Frames, row: int) -> Frame:
+    """Return a row of columns."""
+    sec, nanosec = int(frames.sec[row]), int(frames.nanosec[row])
+    key, dlc = int(frames.key[row]), int(frames.dlc[row])
+    return Frame(sec, nanosec, frames.frame_id, key, dlc, frames.payload[row].tobytes())
 
 
 def frames_of(
@@ -40,22 +51,16 @@ def frames_of(
         names = topics or [topic.name for topic in bags.topics]
         for block in bags.blocks(names):
             rows = np.arange(len(block))
-            groups, unreadable = read_frames(block, rows)
-            assert not len(unreadable)
-            columns = {}
-            for group in groups:
+            left_out, reader, columns = LeftOut(), FrameReader(), {}
+            for group in reader.read(block, rows, left_out):
                 for i, row in enumerate(group.rows.tolist()):
-                    columns[row] = Frame(
-                        int(group.sec[i]),
-                        int(group.nanosec[i]),
-                        group.frame_id,
-                        int(group.key[i]),
-                        int(group.dlc[i]),
-                        group.payload[i].tobytes(),
-                    )
+                    columns[row] = frame_of(group, i)
+            assert not left_out.unreadable
             for row in rows.tolist():
-                assert read_frame(block.message(row)) == columns[row]
-                assert read_key(block.message(row)) == columns[row].key
+                alone = reader.read_one(block.message(row), lambda key: True)
+                assert alone is not None
+                assert frame_of(alone, 0) == columns[row]
+                assert reader.key(block.message(row)) == columns[row].key
                 found.append((int(block.log_times[row]), names[block.topics[row]], columns[row]))
     return found
 
@@ -373,22 +378,25 @@ def test_frames_of_other_publishers() -> None:
     zeros = np.zeros(len(messages), np.int64)
     buffer = np.frombuffer(b"".join(messages), np.uint8)
     block = Block(buffer, np.cumsum(sizes) - sizes, sizes, zeros, zeros, zeros)
-    groups, unreadable = read_frames(block, np.arange(len(messages)))
+    reader, left_out = FrameReader(), LeftOut()
+    decoded = {
+        row: frame_of(group, i)
+        for group in reader.read(block, np.arange(len(messages)), left_out)
+        for i, row in enumerate(group.rows.tolist())
+    }
     n = len(good)
-    expected_bad = [*range(n, n + 5), *range(2 * n + 6, 2 * n + 11)]
-    assert sorted(set(unreadable.tolist()) - {n + 5, 2 * n + 11}) == expected_bad
+    zeroed = {n + 5, 2 * n + 11}  # 40 bytes of zeros are a frame without a name
+    assert decoded.keys() - zeroed == {*range(n), *range(n + 6, 2 * n + 6)}
+    assert left_out.unreadable == len(messages) - len(decoded)
     for message in bad[:5]:
-        for read in (read_key, read_frame):
-            with pytest.raises(CdrError):
-                read(message)
-    decoded = {}
-    for group in groups:
-        for i, row in enumerate(group.rows.tolist()):
-            decoded[row] = group.frame_id, int(group.key[i]), group.payload[i].tobytes()
+        with pytest.raises(CdrError):
+            reader.key(message)
     for row in range(n):
-        frame = read_frame(messages[row])
-        assert frame[:2] == (3, 4)
-        assert (frame.frame_id, frame.key, frame.payload) == decoded[row]
-        assert frame.key == EXTENDED | HITCH
-        assert frame.payload == bytes(range(8))
-    assert [decoded[row][0] for row in range(0, n, 2)] == ["", "can", "can0", "längerer Name"]
+        alone = reader.read_one(messages[row], lambda key: True)
+        assert alone is not None
+        assert frame_of(alone, 0) == decoded[row]
+        assert decoded[row][:2] == (3, 4)
+        assert decoded[row].key == EXTENDED | HITCH
+        assert decoded[row].payload == bytes(range(8))
+    names = [decoded[row].frame_id for row in range(0, n, 2)]
+    assert names == ["", "can", "can0", "längerer Name"]

@@ -13,9 +13,16 @@ from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from linkage_vibration.bags.field_reader import FieldReader
+from linkage_vibration.bags.message_types import JOINT_STATE
 from linkage_vibration.bags.numbers import CdrError, LeftOut, ReadingError
-from linkage_vibration.bags.schemas import NUMBERS, FieldError, find_path, schema_of_text
-from test.bags.test_joint_states import block_of
+from linkage_vibration.bags.schemas import (
+    NUMBERS,
+    FieldError,
+    find_path,
+    schema_of_store,
+    schema_of_text,
+)
+from linkage_vibration.bags.streams import Block
 
 SEPARATOR = "\n" + "=" * 80 + "\n"
 PART = f"{SEPARATOR}MSG: a/Part\nstring label\nint16[2] pair\nfloat64 value\nuint8[] rest"
@@ -25,6 +32,29 @@ HEADER = (
 )
 KINDS = [kind for kind in NUMBERS if kind not in ("octet", "char", "byte")]
 NAMES = st.lists(st.sampled_from(["up", "down", "a b", "ä"]), max_size=4)
+LATEST = get_typestore(Stores.LATEST)
+JOINTS = schema_of_store(LATEST, JOINT_STATE)
+
+
+def block_of(data: list[bytes]) -> Block:
+    """Return a block of messages with other bytes between them."""
+    sizes = np.array([len(message) for message in data], np.int64)
+    starts = 3 + np.cumsum(sizes + 5) - sizes - 5
+    buffer = np.frombuffer(b"abc" + b"".join(message + b"other" for message in data), np.uint8)
+    zeros = np.zeros(len(data), np.int64)
+    return Block(buffer, starts, sizes, zeros, zeros, zeros)
+
+
+def joint_state(
+    names: list[str], positions: list[float], velocities: list[float], *, little: bool = True
+) -> bytes:
+    """Return a joint state in CDR."""
+    header = LATEST.types["std_msgs/msg/Header"](
+        LATEST.types["builtin_interfaces/msg/Time"](3, 4), "base"
+    )
+    numbers = [np.array(values, float) for values in (positions, velocities, [])]
+    message = LATEST.types[JOINT_STATE](header, names, *numbers)
+    return bytes(LATEST.serialize_cdr(message, JOINT_STATE, little_endian=little))
 
 
 def value_of(draw: Any, kind: str, store: Any) -> Any:
@@ -188,11 +218,56 @@ def test_elements_by_name(names: list[str], count: int) -> None:
         if "a b" not in names:
             assert reader.read_one(data) is None
             assert list(reader.other_names(data)) == names
-        elif names.count("a b") > 1 or len(names) != count:
-            with pytest.raises(ReadingError, match="no single element of value for a b"):
+        elif (times := names.count("a b")) > 1:
+            with pytest.raises(ReadingError, match=f"the name a b {times} times; publish each"):
+                reader.read_one(data)
+        elif len(names) != count:
+            words = f"{len(names)} names but {count} elements in value, so the one of a b"
+            with pytest.raises(ReadingError, match=words):
                 reader.read_one(data)
         else:
             assert reader.read_one(data)[0] == names.index("a b")  # type: ignore[index]
+
+
+@given(st.lists(st.tuples(NAMES, st.integers(0, 4), st.booleans()), min_size=1, max_size=6))
+def test_rates_of_elements(contents: list[tuple[list[str], int, bool]]) -> None:
+    """The rate of an element is that of its name, or unknown unless each name has one."""
+    reader, alone = (
+        FieldReader(JOINTS, JOINT_STATE, "position[up]", rates="velocity") for _ in range(2)
+    )
+    data, expected = [], {}
+    for row, (names, count, little) in enumerate(contents):
+        positions, velocities = (
+            [float(i) for i in range(len(names))],
+            [10.0 + i for i in range(count)],
+        )
+        data.append(joint_state(names, positions, velocities, little=little))
+        if names.count("up") == 1:
+            rate = velocities[names.index("up")] if count == len(names) else math.nan
+            expected[row] = positions[names.index("up")], rate
+    found = {
+        row: (value, rate)
+        for part in reader.read(block_of(data), np.arange(len(data)), LeftOut())
+        for row, value, rate in zip(part.rows.tolist(), part.value, part.rate, strict=True)
+    }
+    assert found.keys() == expected.keys()
+    for row, numbers in expected.items():
+        number = alone.read_one(data[row])
+        assert number is not None
+        np.testing.assert_array_equal([found[row], number[:2]], [numbers, numbers])
+        assert number[2:] == (3, 4, "base")
+
+
+def test_padding_is_ignored() -> None:
+    """Padding bytes may have any value, as they do in messages of DDS."""
+    message = joint_state(["ab"], [1.0], [])
+    at = message.index(b"ab\x00") + 3
+    other = message[:at] + b"\x7f" + message[at + 1 :]
+    reader = FieldReader(JOINTS, JOINT_STATE, "position[ab]")
+    [part] = reader.read(block_of([message, other]), np.arange(2), LeftOut())
+    np.testing.assert_array_equal(part.value, [1.0, 1.0])
+    assert reader.read_one(message) == reader.read_one(other)
+    assert len(reader._layouts) == 1
 
 
 @given(st.binary(max_size=60))

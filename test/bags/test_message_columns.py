@@ -70,9 +70,7 @@ def test_invalid_messages(tmp_path: Path, data: bytes) -> None:
     path = tmp_path / "log.mcap"
     with LogWriter(path, [topic("/r")]) as log:
         log.write("/r", data, 1, 1)
-    with pytest.raises(
-        BagError, match=rf"log\.mcap: a message of {len(data)} bytes on /r does not match"
-    ):
+    with pytest.raises(BagError, match=r"log\.mcap: a message on /r does not match"):
         read_columns(path, {"/r": RESONANCE})
 
 

@@ -26,7 +26,7 @@ from linkage_vibration.bags import recorder as module
 from linkage_vibration.bags.recorder import (
     PROVENANCE_METADATA,
     RECORDING_METADATA,
-    Limits,
+    LogLimits,
     Provenance,
     Recorder,
     package_versions,
@@ -47,7 +47,7 @@ def cdr(number: int, size: int = 12) -> bytes:
 
 
 def recorder(
-    folder: Path, limits: Limits = module.UNLIMITED, compression: str = "zstd"
+    folder: Path, limits: LogLimits = module.UNLIMITED, compression: str = "zstd"
 ) -> Recorder:
     """Return a recorder of two topics."""
     return Recorder(folder, TOPICS, PROVENANCE, limits, compression)
@@ -213,7 +213,7 @@ def test_slow_disk_has_limited_time_at_the_end(
 
 def test_splits_by_size_are_complete_in_themselves(tmp_path: Path) -> None:
     """No file exceeds the limit, no message is lost, and each file has its provenance."""
-    log = recorder(tmp_path, Limits(split_size=300_000), "none")
+    log = recorder(tmp_path, LogLimits(split_size=300_000), "none")
     log.start()
     for first in range(0, 20_000, 500):  # so few fit into the queue
         write(log, range(first, first + 500), size=100)
@@ -241,7 +241,7 @@ def test_splits_by_size_are_complete_in_themselves(tmp_path: Path) -> None:
 
 def test_split_by_duration(tmp_path: Path) -> None:
     """The first message after the time begins a new file; an idle recorder begins none."""
-    log = recorder(tmp_path, Limits(split_duration=0.2))
+    log = recorder(tmp_path, LogLimits(split_duration=0.2))
     log.start()
     write(log, range(3))
     time.sleep(0.7)
@@ -258,7 +258,7 @@ def test_disk_limit_ends_the_recording(tmp_path: Path) -> None:
     (tmp_path / "other.mcap").write_bytes(
         bytes(10**6)
     )  # the last in order, and not one of our logs
-    log = recorder(tmp_path, Limits(split_size=200_000, disk_limit=500_000), "none")
+    log = recorder(tmp_path, LogLimits(split_size=200_000, disk_limit=500_000), "none")
     log.start()
     # At once, because a recording that has ended does not count messages.
     log.write_together([(TOPICS[k % 2].name, cdr(k, 100), k, k) for k in range(20_000)])
@@ -280,7 +280,7 @@ def test_oldest_are_deleted_if_asked(tmp_path: Path) -> None:
     old = tmp_path / "linkage_vibration_20200101-000000.mcap"
     old.write_bytes(bytes(100_000))
     (tmp_path / "other.mcap").write_bytes(bytes(10**6))
-    log = recorder(tmp_path, Limits(disk_limit=800_000, delete_oldest=True), "none")
+    log = recorder(tmp_path, LogLimits(disk_limit=800_000, delete_oldest=True), "none")
     log.start()
     for k in range(0, 20_000, 1000):
         write(log, range(k, k + 1000), size=100)
@@ -299,7 +299,7 @@ def test_oldest_are_deleted_if_asked(tmp_path: Path) -> None:
 
 def test_message_larger_than_a_log_may_be(tmp_path: Path) -> None:
     """It is dropped with an error, and the messages after it are recorded."""
-    log = recorder(tmp_path, Limits(split_size=100_000))
+    log = recorder(tmp_path, LogLimits(split_size=100_000))
     log.start()
     log.write("/a", bytes(10**6), 1, 1)
     write(log, range(5))
@@ -388,13 +388,15 @@ def test_stops_and_starts(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("limits", "compression", "words"),
     [
-        (Limits(split_size=1000), "zstd", "split_size is 1000 bytes.*set it to [0-9]+ or more"),
-        (Limits(disk_limit=1000), "zstd", "reached disk_limit, 1000 bytes"),
-        (Limits(disk_limit=1000, delete_oldest=True), "zstd", "1000 bytes; raise it"),
+        (LogLimits(split_size=1000), "zstd", "split_size is 1000 bytes.*set it to [0-9]+ or more"),
+        (LogLimits(disk_limit=1000), "zstd", "reached disk_limit, 1000 bytes"),
+        (LogLimits(disk_limit=1000, delete_oldest=True), "zstd", "1000 bytes; raise it"),
         (module.UNLIMITED, "gzip", "no compression 'gzip'; use one of none, lz4, zstd"),
     ],
 )
-def test_start_reports_errors(tmp_path: Path, limits: Limits, compression: str, words: str) -> None:
+def test_start_reports_errors(
+    tmp_path: Path, limits: LogLimits, compression: str, words: str
+) -> None:
     """`start` raises an error and leaves no file."""
     log = recorder(tmp_path, limits, compression)
     with pytest.raises(LogError, match=words):

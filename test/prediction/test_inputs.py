@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_typestore
 
 from linkage_vibration.bags.message_types import FLOAT64, JOINT_STATE
-from linkage_vibration.bags.numbers import Number, ReadingError
+from linkage_vibration.bags.numbers import MessageNumber, ReadingError
 from linkage_vibration.bags.schemas import schema_of_store
 from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.inputs.joint_state import JointReader
@@ -44,6 +44,13 @@ def state(names: list[str], positions: list[float], velocities: list[float] | No
     )
 
 
+def joint_reader(name: str) -> JointReader:
+    """Return a reader of the position of a joint."""
+    reader = Parameters(joint_name=name).crank_input(JOINTS).reader
+    assert isinstance(reader, JointReader)
+    return reader
+
+
 def float64(value: float) -> bytes:
     """Return a number in CDR."""
     return bytes(STORE.serialize_cdr(STORE.types[FLOAT64](value), FLOAT64))
@@ -57,7 +64,7 @@ def percent_input(percents: Sequence[float], angles: Sequence[float]) -> HitchSc
 
 def test_position_is_found_by_name() -> None:
     """The order of the names does not matter; a message about other joints gives no reading."""
-    joint = JointReader("b")
+    joint = joint_reader("b")
     for names, positions in ((["a", "b"], [1.0, 2.0]), (["b", "a"], [2.0, 1.0])):
         assert joint.read_one(state(names, positions))[:1] == (2.0,)  # type: ignore[index]
     for others in (state(["a"], [1.0]), state(["a"], []), state([], [])):
@@ -74,7 +81,7 @@ def test_crank_angle_and_velocity() -> None:
 @pytest.mark.parametrize("velocities", [[], [1.0], [1.0, 2.0, 3.0]])
 def test_velocity_that_belongs_to_no_joint(velocities: list[float]) -> None:
     """The velocity is unknown unless there is one for each name."""
-    reading = JointReader("b").read_one(state(["a", "b"], [1.0, 2.0], velocities))
+    reading = joint_reader("b").read_one(state(["a", "b"], [1.0, 2.0], velocities))
     assert reading is not None
     assert math.isnan(reading.rate)
 
@@ -82,16 +89,16 @@ def test_velocity_that_belongs_to_no_joint(velocities: list[float]) -> None:
 @pytest.mark.parametrize(
     ("names", "positions", "words"),
     [
-        (["b"], [], "1 names but 0 positions"),
-        (["a", "b"], [1.0], "2 names but 1 positions"),
-        (["b"], [1.0, 2.0], "1 names but 2 positions"),
-        (["b", "b"], [1.0, 2.0], "contains the joint b 2 times"),
+        (["b"], [], "1 names but 0 elements in position"),
+        (["a", "b"], [1.0], "2 names but 1 elements in position"),
+        (["b"], [1.0, 2.0], "1 names but 2 elements in position"),
+        (["b", "b"], [1.0, 2.0], "contains the name b 2 times"),
     ],
 )
 def test_unreliable_readings(names: list[str], positions: list[float], words: str) -> None:
     """Arrays of different lengths and a repeated joint are reported."""
     with pytest.raises(ReadingError, match=words):
-        JointReader("b").read_one(state(names, positions))
+        joint_reader("b").read_one(state(names, positions))
 
 
 def test_hitch_position_through_a_calibration() -> None:
@@ -268,11 +275,9 @@ def test_parameters_that_do_not_fit(changes: dict[str, Any], words: str) -> None
 @pytest.mark.parametrize("name", ["7", "a]b", "a.b", "{joint_name}", "ä b"])
 def test_names_of_joints(name: str) -> None:
     """A joint is found by any name, also by one that looks like a place or a path."""
-    found = Parameters(joint_name=name).crank_input(JOINTS)
-    assert isinstance(found.reader, JointReader)
-    reading = found.read_one(state(["a", name], [1.0, 2.0]), RECEIVED)
-    assert reading is not None
-    assert reading[0].crank_angle == 2.0
+    number = joint_reader(name).read_one(state(["a", name], [1.0, 2.0]))
+    assert number is not None
+    assert number.value == 2.0
 
 
 def test_fields_of_joint_states() -> None:
@@ -280,7 +285,9 @@ def test_fields_of_joint_states() -> None:
     data = state(["a", "b"], [1.0, 2.0], [3.0, 4.0])
     for path, value in (("velocity[b]", 4.0), ("position[1]", 2.0), ("header.stamp.sec", 3.0)):
         read = Parameters(hitch_field=path).crank_input(JOINTS).reader.read_one
-        assert read(data) == pytest.approx(Number(value, math.nan, 3, 4, "base"), nan_ok=True)
+        assert read(data) == pytest.approx(
+            MessageNumber(value, math.nan, 3, 4, "base"), nan_ok=True
+        )
     with pytest.raises(
         InputError, match=r"hitch_field: .* no number 'positions\[b\]'; did you mean position\[NAME"
     ):

@@ -6,7 +6,7 @@ from importlib import import_module
 
 import pytest
 
-from linkage_vibration.bags.schemas import NUMBERS, Field, schema_of_text
+from linkage_vibration.bags.schemas import NUMBERS, SchemaField, schema_of_text
 from linkage_vibration.messages.definitions import message_definition
 from linkage_vibration.prediction.settings import ParameterError, Parameters, with_values
 from linkage_vibration.ros.live_inputs import installed_schema, live_topics
@@ -14,7 +14,7 @@ from linkage_vibration.ros.live_inputs import installed_schema, live_topics
 PACKAGES = ("sensor_msgs", "std_msgs", "geometry_msgs", "diagnostic_msgs", "rcl_interfaces")
 
 
-def plain(fields: tuple[Field, ...]) -> list[tuple[str, str, int | None]]:
+def plain(fields: tuple[SchemaField, ...]) -> list[tuple[str, str, int | None]]:
     """Return fields with one name for each kind of number."""
     return [(one.name, NUMBERS.get(one.type, one.type), one.length) for one in fields]
 

@@ -14,7 +14,7 @@ from linkage_vibration.bags.can_reader import CanReader, find_signal
 from linkage_vibration.bags.field_reader import FieldReader
 from linkage_vibration.bags.message_types import CAN_FRAME, JOINT_STATE
 from linkage_vibration.bags.numbers import Integers, LeftOut, NumberReader, Numbers
-from linkage_vibration.bags.schemas import Field, FieldError, Schema, find_path
+from linkage_vibration.bags.schemas import FieldError, Schema, SchemaField, find_path
 from linkage_vibration.bags.streams import Block
 from linkage_vibration.prediction.inputs.joint_state import JointReader
 from linkage_vibration.prediction.inputs.units import HitchScale, InputError, Reading, wrong_unit
@@ -23,15 +23,15 @@ FloatArray = NDArray[np.float64]
 
 HEADER_TIME, RECEIPT_TIME = TIMES = ("header", "receipt")
 
-_JOINT_LISTS = [Field(n, "float64", 0) for n in ("position", "velocity", "effort")]
-_HEADER = Field("header", "std_msgs/msg/Header")
-_JOINT_FIELDS = (_HEADER, Field("name", "string", 0), *_JOINT_LISTS)
+_JOINT_LISTS = [SchemaField(n, "float64", 0) for n in ("position", "velocity", "effort")]
+_HEADER = SchemaField("header", "std_msgs/msg/Header")
+_JOINT_FIELDS = (_HEADER, SchemaField("name", "string", 0), *_JOINT_LISTS)
 _FRAME_FIELDS = (
     _HEADER,
-    Field("id", "uint32"),
-    *(Field(name, "bool") for name in ("is_rtr", "is_extended", "is_error")),
-    Field("dlc", "uint8"),
-    Field("data", "uint8", 8),
+    SchemaField("id", "uint32"),
+    *(SchemaField(name, "bool") for name in ("is_rtr", "is_extended", "is_error")),
+    SchemaField("dlc", "uint8"),
+    SchemaField("data", "uint8", 8),
 )
 
 
@@ -102,11 +102,11 @@ def _field_reader(schema: Schema, source: SourceSettings) -> NumberReader:
 
 
 def _joint_reader(schema: Schema, source: SourceSettings) -> NumberReader:
-    """Return the fast reader of a joint's position, or the reader of another field."""
+    """Return the reader of a joint's position and velocity, or the reader of another field."""
     last = find_path(schema, source.type, source.field)[-1]
     standard = schema[source.type] == _JOINT_FIELDS
     if standard and last.field.name == "position" and last.name:
-        return JointReader(last.name)
+        return JointReader(schema, source.type, source.field, last)
     return _field_reader(schema, source)
 
 
