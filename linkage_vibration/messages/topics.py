@@ -51,8 +51,9 @@ OUTPUT_TOPICS = (
         "~/resonance",
         RESONANCE,
         _OUTPUT_QOS,
-        "With each prediction, once a speed is known: the most severe excitation, whether it "
-        "warns, and how strongly each shakes the response point ([excitation](excitation.md)).",
+        "With predictions at `resonance_rate`, once a speed is known: the most severe excitation, "
+        "whether it warns, and how strongly each shakes the response point "
+        "([excitation](excitation.md)).",
     ),
     NodeTopic(
         "~/table_info",

@@ -49,6 +49,7 @@ from linkage_vibration.readers.served import read_described, read_served
 from linkage_vibration.support.atomic_files import check_outputs, replacement
 from linkage_vibration.table.tabulation import build_table
 
+BoolArray = NDArray[np.bool_]
 FloatArray = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
@@ -147,8 +148,8 @@ def replay(
     """Predict for each reading of the hitch in bags, and write a log.
 
     The log contains the input messages unchanged, a prediction for each reading and, where a speed
-    is known, a resonance, at the log times of the readings. The bytes of the predictions are those
-    that the node publishes.
+    is known, resonances at their rate, at the log times of the readings. The bytes of both are
+    those that the node publishes.
 
     Parameters
     ----------
@@ -304,22 +305,26 @@ class _Replay:
         found: list[Messages] = []
         rows = np.concatenate([group.rows for group in groups])
         order = np.argsort(rows)
-        before = np.searchsorted(rows[order], [speed[0] for speed in speeds]).tolist()
+        before = np.searchsorted(rows[order], [speed[0] for speed in speeds])
         # There is nothing to assess before the first speed.
-        first = 0 if monitor.any_speed_reported else min([len(rows), *before])
-        assessed = order[first:]
-        velocity, error = self._velocities(groups, order)
+        first = 0 if monitor.any_speed_reported else min([len(rows), *before.tolist()])
+        stamps = np.concatenate(
+            [10**9 * group.sec.astype(np.int64) + group.nanosec for group in groups]
+        )
+        due = np.zeros(len(rows), np.bool_)
+        due[first:] = monitor.due(stamps[order[first:]])
+        assessed = order[due]
+        velocity, error = self._velocities(groups, stamps, order, due)
+        earlier = np.searchsorted(np.flatnonzero(due), before).tolist()
         resonances = monitor.assess_many(
             joined(predicted).rows(assessed),
-            velocity[assessed],
+            velocity,
             np.concatenate([group.times for group in groups])[assessed],
-            [
-                ReportedSpeed(earlier - first, source, value, time)
-                for earlier, (_, source, value, time) in zip(before, speeds, strict=True)
-            ],
-            error[assessed],
+            [ReportedSpeed(n, *speed[1:]) for n, speed in zip(earlier, speeds, strict=True)],
+            error,
         )
-        answers = np.argsort(order) - first
+        answers = np.full(len(rows), -1)
+        answers[assessed] = np.arange(len(assessed))
         for group in groups:
             answer, answers = np.split(answers, [len(group.rows)])
             kept = np.flatnonzero(answer >= 0)
@@ -337,34 +342,32 @@ class _Replay:
         return found
 
     def _velocities(
-        self, groups: Sequence[Readings], order: Integers
+        self, groups: Sequence[Readings], stamps: Integers, order: Integers, due: BoolArray
     ) -> tuple[FloatArray, FloatArray]:
         """Return the velocities, as reported or else as estimated, and bounds of their errors.
 
         Parameters
         ----------
-        groups : sequence of Readings
-        order : ndarray, (n,)
-            In which order the readings arrived.
+        groups, stamps : sequence of Readings and ndarray, (n,)
+            The readings, and their stamps, ns.
+        order, due : ndarray, (n,)
+            In which order they arrived, and which of them, in this order, are assessed.
         """
-        velocity = np.concatenate([group.velocity for group in groups])
+        velocity = np.concatenate([group.velocity for group in groups])[order]
         error = np.zeros(len(velocity))
-        unknown = order[np.isnan(velocity[order])]
+        [unknown] = np.nonzero(np.isnan(velocity))
         if len(unknown):
-            stamps, angles, stddevs = (
-                np.concatenate(columns)[unknown].tolist()
-                for columns in (
-                    [10**9 * group.sec.astype(np.int64) + group.nanosec for group in groups],
-                    [group.crank_angle for group in groups],
-                    [group.stddev for group in groups],
-                )
+            rows, wanted = order[unknown], due[unknown]
+            stddevs = np.concatenate([group.stddev for group in groups])[rows].tolist()
+            known_part = self._input.scale.angle_stddev
+            rates = self._motion.add_many(
+                stamps[rows].tolist(),
+                np.concatenate([group.crank_angle for group in groups])[rows].tolist(),
+                [crank_resolution(stddev, known_part) for stddev in stddevs],
+                wanted.tolist(),
             )
-            resolutions = [
-                crank_resolution(stddev, self._input.scale.angle_stddev) for stddev in stddevs
-            ]
-            found = self._motion.add_many(stamps, angles, resolutions)
-            velocity[unknown], error[unknown] = found
-        return velocity, error
+            velocity[unknown[wanted]], error[unknown[wanted]] = rates
+        return velocity[due], error[due]
 
 
 def _inputs(
@@ -435,7 +438,8 @@ def _monitor(
     excitations = read_excitations(settings.excitation_path())
     levels = LevelTable(served.predictor, served.mechanism, excitations)
     limits = settings.warning_limits()
-    monitor = ResonanceMonitor(excitations, limits, settings.stale_after, levels)
+    rules = limits, settings.stale_after, levels, settings.resonance_rate
+    monitor = ResonanceMonitor(excitations, *rules)
     for source, speed in fixed.items():
         monitor.set_fixed(source, speed)
     return monitor

@@ -21,6 +21,7 @@ Nothing here has a clock. The same readings give the same estimates to the last 
 
 import math
 from collections.abc import Iterable
+from itertools import repeat
 from typing import NamedTuple
 
 import numpy as np
@@ -179,18 +180,26 @@ class RateFilter:
         self._trim()
 
     def add_many(
-        self, stamps: Iterable[int], values: Iterable[float], resolutions: Iterable[float]
+        self,
+        stamps: Iterable[int],
+        values: Iterable[float],
+        resolutions: Iterable[float],
+        wanted: Iterable[bool] = repeat(True),
     ) -> tuple[FloatArray, FloatArray]:
-        """Return what `add` returns for each reading: the rates, and the bounds of their errors.
+        """Return what `add` returns for the readings whose rates are wanted, as two arrays.
 
         Parameters
         ----------
-        stamps, values, resolutions : iterable of int, of float and of float
-            As those of `add`.
+        stamps, values, resolutions, wanted : iterable of int, of float, of float and of bool
+            As those of `add`, and whether the rate at each reading is wanted.
         """
         rows: list[float] = []
-        for stamp, value, resolution in zip(stamps, values, resolutions, strict=True):
+        for stamp, value, resolution, want in zip(
+            stamps, values, resolutions, wanted, strict=False
+        ):
             known = self._take(stamp, value, resolution) and self._residuals >= _RESIDUALS
+            if not want:
+                continue
             now, spread = 1e-9 * (stamp - self._origin), self._spread()
             time, mean, half_step, share = self._mean()
             error = half_step + spread * share

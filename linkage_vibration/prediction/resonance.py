@@ -23,6 +23,7 @@ FloatArray = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 _LATEST = 2**63 - 1  # ns
+_NO_PERIOD = -(2**63)
 _LEAST_MARGIN = 1e-300
 _LOOKED_AT = 65  # angles of the range
 _CONSTANT = Rate(0.0, 0.0)
@@ -192,6 +193,8 @@ class ResonanceMonitor:
         Older speeds are not used, s.
     levels : LevelTable, optional
         Levels of the excitations. Without it, levels and probabilities are not known.
+    rate : float
+        How often at most predictions are assessed, Hz; 0 for each.
     """
 
     def __init__(
@@ -200,11 +203,14 @@ class ResonanceMonitor:
         limits: WarningLimits = WarningLimits(),
         stale_after: float = 1.0,
         levels: LevelTable | None = None,
+        rate: float = 0.0,
     ) -> None:
         self.excitations = tuple(excitations)
         self.limits = limits
         self.stale_after = stale_after
         self.levels = levels
+        self.rate = rate
+        self._period = _NO_PERIOD
         ratios = [(one.ratio, one.relative_stddev) for one in self.excitations]
         self._ratios, self._stddevs = np.array(ratios).T[..., np.newaxis]
         self._sources = np.array([list(Source).index(one.source) for one in self.excitations])
@@ -249,6 +255,23 @@ class ResonanceMonitor:
             self._speeds[source] = _Speed(value, None)
         elif self._speeds[source].time is None:
             self._speeds[source] = _UNKNOWN_SPEED
+
+    def due(self, stamps: Integers) -> BoolArray:
+        """Return which readings are to be assessed, once a speed is reported: one in each period.
+
+        It is the first after the periods of `rate`, counted from a stamp of 0, have changed, also
+        where the clock jumps back. Readings with the same stamp are never assessed twice.
+
+        Parameters
+        ----------
+        stamps : ndarray, (n,)
+            Those of the next readings, ns, in the order in which the readings arrive.
+        """
+        if not self.rate:
+            return np.ones(len(stamps), np.bool_)
+        periods = np.concatenate([[self._period], stamps // round(1e9 / self.rate)])
+        self._period = int(periods[-1])
+        return np.asarray(periods[1:] != periods[:-1])
 
     def assess(
         self, prediction: Prediction, velocity: float, time: int, velocity_error: float = 0.0

@@ -318,6 +318,14 @@ class Parameters:
     stale_after: float = _ranged(
         1.0, 0.01, 3600.0, "s", "A speed or a crank angle that is older than this is not used."
     )
+    resonance_rate: float = _ranged(
+        50.0,
+        0.0,
+        1e4,
+        "Hz",
+        "Rate at which predictions are assessed for `~/resonance`, at most: the first in each "
+        "period of their stamps. With 0, each is assessed.",
+    )
     record: bool = _switch(
         False,
         "Start an MCAP log when the node is activated. `~/start_recording` and `~/stop_recording` "

@@ -77,9 +77,9 @@ class Log:
     interpolation_error : ndarray, (n,)
         Bound of the relative errors of natural frequencies and damping ratios, 1.
     resonances : MessageColumns or None
-        The ``Resonance`` of each prediction, without header, ``table_id`` and sequences. Where the
-        log has none for a prediction, its state is stale, and its other fields are NaN, 0 or "".
-        None if the log holds no resonance.
+        The latest ``Resonance`` at each prediction, without header, ``table_id`` and sequences.
+        Before the first one, the state is stale, and other fields are NaN, 0 or "". None if the log
+        holds no resonance.
     speeds : dict of Source to (times, values)
         Speeds on topics: s since the first stamp, and rpm or m/s. Speeds have no stamps; their
         times are those of their receipt, less the median delay of the predictions.
@@ -310,7 +310,7 @@ def _speed_times(speeds: Columns, predictions: Columns, passes: IntArray) -> Flo
 def _resonances(
     columns: Columns, stamps: IntArray, places: IntArray, passes: IntArray
 ) -> MessageColumns | None:
-    """Return the resonances that have the stamps of the predictions; None if there are none.
+    """Return the latest resonance at each prediction; None if there are none.
 
     Parameters
     ----------
@@ -323,17 +323,18 @@ def _resonances(
     """
     if not len(columns.get("state", ())):
         return None
-    taken, number = header_stamps(columns), np.zeros(len(stamps), np.int64)
-    number[passes] = 1
+    taken = header_stamps(columns)
     later = np.searchsorted(places[passes], columns[PLACE], side="right")
     order = np.lexsort((taken, later))
-    rows = np.zeros(len(stamps), np.int64)
+    rows, there = np.zeros(len(stamps), np.int64), np.zeros(len(stamps), np.bool_)
     for k, (low, high) in enumerate(itertools.pairwise([0, *passes.tolist(), len(stamps)])):
         mine = order[later[order] == k]
         if len(mine):
             at = np.searchsorted(taken[mine], stamps[low:high])
-            rows[low:high] = mine[np.minimum(at, len(mine) - 1)]
-    there = (taken[rows] == stamps) & (later[rows] == np.cumsum(number))
+            exact = taken[mine[np.minimum(at, len(mine) - 1)]] == stamps[low:high]
+            at -= ~exact  # none at this stamp: the last one before
+            rows[low:high] = mine[np.maximum(at, 0)]
+            there[low:high] = at >= 0
     one_each = bool(there.all() and np.array_equal(rows, np.arange(len(taken))))
     values: dict[str, Any] = {}
     for field in resonance_fields():

@@ -9,6 +9,7 @@ from contextlib import suppress
 from functools import partial
 from typing import Any, TypeVar
 
+import numpy as np
 from rclpy.node import Node
 
 from linkage_vibration.bags.numbers import CdrError, ReadingError
@@ -52,7 +53,7 @@ def output_topics(node: Node) -> list[Topic]:
 class Predicting:
     """Answers each reading of the crank angle with a prediction on ``~/prediction``.
 
-    Once a speed is known, the resonance follows on ``~/resonance``.
+    Once a speed is known, resonances follow on ``~/resonance``, at a limited rate.
 
     Parameters
     ----------
@@ -133,7 +134,7 @@ class Predicting:
         self._crank = crank
         self._motion = crank_filter()  # another calibration is not a motion
         monitor.limits = settings.warning_limits()
-        monitor.stale_after = settings.stale_after
+        monitor.stale_after, monitor.rate = settings.stale_after, settings.resonance_rate
         for source in Source:
             monitor.set_fixed(source, settings.fixed_speed(source))
         if before != {(t.name, t.type) for t in topics.values()} and self._subscribed:
@@ -285,8 +286,9 @@ class Predicting:
         counts.predicted += 1
         counts.take_reading(began, sec, nanosec, received)
         answers = [(self._prediction_topic, encoded)]
-        needed = self._monitor.any_speed_reported
-        velocity, error = self._velocity(reading, 10**9 * sec + nanosec, needed)
+        stamp, needed = 10**9 * sec + nanosec, self._monitor.any_speed_reported
+        needed = needed and bool(self._monitor.due(np.array([stamp]))[0])
+        velocity, error = self._velocity(reading, stamp, needed)
         if needed:
             self.resonance = self._monitor.assess(prediction, velocity, at, error)
             encoded = encode_message(RESONANCE, self.resonance, sec, nanosec, frame)
@@ -295,7 +297,7 @@ class Predicting:
         self._record(*source, *answers)
         self._readings.take(
             began,
-            10**9 * sec + nanosec,
+            stamp,
             received,
             reading.crank_angle,
             reading.velocity,

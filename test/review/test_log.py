@@ -13,7 +13,9 @@ import pytest
 from linkage_vibration.bags.reading import read_messages
 from linkage_vibration.messages.fields import message_fields
 from linkage_vibration.messages.topics import RESONANCE
+from linkage_vibration.playback.replay import replay
 from linkage_vibration.prediction.excitation import Source
+from linkage_vibration.prediction.settings import Parameters
 from linkage_vibration.review.log import (
     ReviewError,
     durations,
@@ -116,3 +118,26 @@ def test_no_prediction(write_log: Any, tmp_path: Path) -> None:
     """A log without a prediction is refused."""
     with pytest.raises(ReviewError, match=r"empty\.mcap holds no prediction"):
         read_log(write_log(tmp_path / "empty.mcap", [], []))
+
+
+def test_latest_resonance_of_each_prediction(tmp_path: Path) -> None:
+    """Between resonances, whose rate is limited, a prediction has the last one before it."""
+    log = tmp_path / "log.mcap"
+    replay(config_file("drives/hitch_duty_cycle.mcap"), log, Parameters(resonance_rate=5.0))
+    times = [
+        np.array([m.header.stamp.sec * 10**9 + m.header.stamp.nanosec for _, m in messages])
+        for messages in (
+            list(read_messages(log, f"/linkage_vibration/{topic}"))
+            for topic in ("prediction", "resonance")
+        )
+    ]
+    assert 15 * len(times[1]) < len(times[0])  # 5 of 100 Hz
+    margins = [m.margin for _, m in read_messages(log, "/linkage_vibration/resonance")]
+    expected = []
+    for stamp in times[0].tolist():
+        earlier = [k for k, time in enumerate(times[1].tolist()) if time <= stamp]
+        expected.append(margins[earlier[-1]] if earlier else math.nan)
+    found = read_log(log).resonances
+    assert found is not None
+    np.testing.assert_array_equal(found.margin, expected)
+    assert (found.state[np.isnan(expected)] == 2).all()  # stale
