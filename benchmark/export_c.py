@@ -19,7 +19,7 @@ from linkage_vibration.cli.main import main as command
 from linkage_vibration.drawing.palette import INK, mode_colours
 from linkage_vibration.export.c_source import angles_to_test, description_of
 from linkage_vibration.export.constants import Constants, constants_of, fewer_cells
-from linkage_vibration.export.evaluation import NUMBERS, Errors, exported
+from linkage_vibration.export.evaluation import NUMBERS, ExportErrors, exported
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.playback.replay import replay
 from linkage_vibration.prediction.batch import predict_many
@@ -135,7 +135,7 @@ def sizes(name: str, of: Table) -> list[list[str]]:
     return rows
 
 
-def cells_of(errors: Errors) -> list[str]:
+def cells_of(errors: ExportErrors) -> list[str]:
     """Return errors as cells of a table; 0 where the bits are equal."""
     values = errors.frequency, errors.damping_ratio, errors.peak, errors.slope
     return [f"{value:.1e}" if value else "0" for value in values]
@@ -149,31 +149,21 @@ def drive_log(folder: Path) -> Log:
 
 
 def fmus(folder: Path, log: Log) -> list[list[str]]:
-    """Simulate the drive with each version and interface; return sizes and differences."""
-    rows = []
-    for version in (2, 3):
-        path = folder / f"hitch{version}.fmu"
-        command(["export", "--fmu", str(path), "--fmi", str(version)])
-        size = path.stat().st_size / 1e3
-        for interface, step in (("ModelExchange", STEPS[0]), *(("CoSimulation", s) for s in STEPS)):
-            now, before = differences(simulate(path, interface, log, step), log, step)
-            rows.append(
-                [
-                    f"{version}.0",
-                    interface,
-                    f"{step:g}",
-                    f"{size:.0f}",
-                    f"{now:.1e}",
-                    "" if interface == "ModelExchange" else f"{before:.1e}",
-                ]
-            )
+    """Simulate the drive with each interface; return sizes and differences."""
+    rows, path = [], folder / "hitch.fmu"
+    command(["export", "--fmu", str(path)])
+    size = path.stat().st_size / 1e3
+    for interface, step in (("ModelExchange", STEPS[0]), *(("CoSimulation", s) for s in STEPS)):
+        now, before = differences(simulate(path, interface, log, step), log, step)
+        lag = "" if interface == "ModelExchange" else f"{before:.1e}"
+        rows.append([interface, f"{step:g}", f"{size:.0f}", f"{now:.1e}", lag])
     return rows
 
 
 def draw(log: Log, folder: Path) -> None:
     """Draw the drive: the crank angle, natural frequencies by FMU and node, and the lag."""
-    exchange = simulate(folder / "hitch2.fmu", "ModelExchange", log, STEPS[0])
-    stepped = simulate(folder / "hitch2.fmu", "CoSimulation", log, STEPS[1])
+    exchange = simulate(folder / "hitch.fmu", "ModelExchange", log, STEPS[0])
+    stepped = simulate(folder / "hitch.fmu", "CoSimulation", log, STEPS[1])
     figure = Figure(figsize=(10.0, 8.0), dpi=110, layout="constrained")
     top, middle, bottom = figure.subplots(3, 1, height_ratios=[1.0, 2.0, 1.4])
     top.plot(log.times, np.degrees(log.crank_angle), color=INK)
@@ -236,7 +226,7 @@ def main() -> None:
             "The shipped drive through FMPy, with steps (s): the size of the FMU (kB), "
             "the largest relative difference of natural frequencies from those of the node at the "
             "same time, and for a co-simulation also from those one step before.",
-            table(["FMI", "interface", "step", "kB", "now", "one step before"], simulated),
+            table(["interface", "step", "kB", "now", "one step before"], simulated),
         ],
         machine("matplotlib", "fmpy", version_of("gcc"), version_of("clang")),
     )

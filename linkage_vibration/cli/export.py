@@ -27,10 +27,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     text = "folder for a header, a source file in C99 and a test; it is created if it is missing"
     parser.add_argument("--c", type=Path, metavar="DIR", help=text)
-    text = "FMU to write, for co-simulation and model exchange"
+    text = "FMU to write, for co-simulation and model exchange by FMI 2.0"
     parser.add_argument("--fmu", type=Path, metavar="FILE", help=text)
-    text = "version of FMI (default: %(default)s)"
-    parser.add_argument("--fmi", type=int, choices=(2, 3), default=2, help=text)
     text = "leave out the compiled library of the FMU; an importer compiles its sources"
     parser.add_argument("--source-only", action="store_true", help=text)
     text = "single instead of double precision; the files say how large the errors are"
@@ -96,15 +94,15 @@ def _files(
     from linkage_vibration.export.fmu import fmu_bytes
     from linkage_vibration.support.atomic_files import make_folder
 
-    description, found = description_of(table, errors), dict[Path, bytes]()
+    description, contents = description_of(table, errors), dict[Path, bytes]()
     if options.c is not None:
         make_folder(options.c, ExportError)
         texts = c_files(description, constants)
-        found |= {options.c / name: text.encode() for name, text in texts.items()}
+        contents |= {options.c / name: text.encode() for name, text in texts.items()}
     if options.fmu is not None:
         compiled = not options.source_only
-        found[options.fmu] = fmu_bytes(description, constants, options.fmi, compiled=compiled)
-    return found
+        contents[options.fmu] = fmu_bytes(description, constants, compiled=compiled)
+    return contents
 
 
 def _read(options: argparse.Namespace, path: Path) -> "tuple[Table, Orders | None]":
@@ -125,13 +123,7 @@ def _read(options: argparse.Namespace, path: Path) -> "tuple[Table, Orders | Non
 def orders_of(
     table: "Table", mechanism: "Mechanism", excitations: "Sequence[Excitation]"
 ) -> "Orders":
-    """Return excitations with the responses to them, as an export contains them.
-
-    Parameters
-    ----------
-    table, mechanism, excitations
-        The table, its mechanism, and excitations of this mechanism.
-    """
+    """Return excitations of a mechanism with the responses to them, as an export contains them."""
     import numpy as np
 
     from linkage_vibration.export.constants import Orders
@@ -141,10 +133,10 @@ def orders_of(
     levels = LevelTable(Predictor(table), mechanism, excitations)
     starts, cubics, n_terms, inputs = levels.arrays
     return Orders(
-        names=tuple(one.name for one in excitations),
-        sources=tuple(one.source.value for one in excitations),
-        ratios=np.array([one.ratio for one in excitations]),
-        forces=np.array([_force(one) for one in excitations]),
+        names=tuple(excitation.name for excitation in excitations),
+        sources=tuple(excitation.source.value for excitation in excitations),
+        ratios=np.array([excitation.ratio for excitation in excitations]),
+        forces=np.array([_force(excitation) for excitation in excitations]),
         inputs=tuple(inputs.tolist()),
         n_terms=n_terms,
         n_inputs=int(inputs.max()) + 1,
@@ -154,11 +146,11 @@ def orders_of(
     )
 
 
-def _force(one: "Excitation") -> tuple[float, float, float, float]:
+def _force(excitation: "Excitation") -> tuple[float, float, float, float]:
     """Return the load of an excitation as `Orders.forces` has it."""
     from linkage_vibration.prediction.excitation import LoadKind
 
-    load = one.load
+    load = excitation.load
     if load is None:
         return math.nan, 1.0, 0.0, 0.0
     soil = float(load.kind is LoadKind.BASE_ACCELERATION)

@@ -59,22 +59,22 @@ def curves(model: LinkageModel, configuration: Configuration) -> Curves:
     model : LinkageModel
     configuration : Configuration
     """
-    found = {}
+    lines = {}
     for component in model.components:
         name = component.name
-        known = model.mechanism.local_points(name)
+        points = model.mechanism.local_points(name)
         if isinstance(component, Component) and component.drawing is not None:
             axis = [(float(x), float(z)) for x, z in component.drawing.places]
-            for node, point in _beside(component.drawing.places, known):
-                axis[node + 1 : node + 1] = [known[point], axis[node]]
+            for node, point in _beside(component.drawing.places, points):
+                axis[node + 1 : node + 1] = [points[point], axis[node]]
         else:
-            axis = list(known.values())
-        found[name] = np.array([configuration.place(name, place) for place in axis])
+            axis = list(points.values())
+        lines[name] = np.array([configuration.place(name, place) for place in axis])
     for rigid in model.mechanism.rigid:
-        own = found[rigid.name]
+        corners = lines[rigid.name]
         centre = configuration.place(rigid.name, rigid.centre_of_gravity)
-        found[rigid.name] = np.vstack([own, centre, own[:1]])
-    return found
+        lines[rigid.name] = np.vstack([corners, centre, corners[:1]])
+    return lines
 
 
 def mode_curves(solution: Solution, mode: int) -> Curves:
@@ -86,22 +86,22 @@ def mode_curves(solution: Solution, mode: int) -> Curves:
     mode : int, from 0
     """
     model, shape = solution.model, solution.modes.shapes[:, mode]
-    found = {name: moved[:, ::2] for name, (_, moved) in solution.link_shapes(mode).items()}
+    shapes = {name: moved[:, ::2] for name, (_, moved) in solution.link_shapes(mode).items()}
     for component in model.components:
         if isinstance(component, Component) and component.drawing is not None:
-            name, moved = component.name, found[component.name]
-            known = model.mechanism.local_points(name)
-            for node, point in _beside(component.drawing.places, known):
+            name, moved = component.name, shapes[component.name]
+            points = model.mechanism.local_points(name)
+            for node, point in _beside(component.drawing.places, points):
                 rows = model.interface.displacement(name, point, solution.configuration)[::2]
                 aside = rows @ shape[: rows.shape[1]]
                 moved = np.insert(moved, node + 1, [aside, moved[node]], axis=0)
-            found[name] = moved
+            shapes[name] = moved
     for rigid in model.mechanism.rigid:
         # The first two coordinates of a rigid body are its centre's displacements in global axes.
         centre = shape[model.system.rows[rigid.name]][:2]
-        own = found[rigid.name]
-        found[rigid.name] = np.vstack([own, centre, own[:1]])
-    return found
+        corners = shapes[rigid.name]
+        shapes[rigid.name] = np.vstack([corners, centre, corners[:1]])
+    return shapes
 
 
 def _beside(axis: FloatArray, points: Mapping[str, Point]) -> list[tuple[int, str]]:
@@ -109,12 +109,12 @@ def _beside(axis: FloatArray, points: Mapping[str, Point]) -> list[tuple[int, st
 
     The order allows to insert points after each node without changing the indices before it.
     """
-    found = []
+    nearest = []
     for name, point in points.items():
         apart = np.linalg.norm(axis - np.array(point), axis=1)
         if apart.min() > _ON * np.ptp(axis, axis=0).max():
-            found.append((int(apart.argmin()), name))
-    return sorted(found, reverse=True)
+            nearest.append((int(apart.argmin()), name))
+    return sorted(nearest, reverse=True)
 
 
 def nearest_mode(solution: Solution, frequency: float) -> int:

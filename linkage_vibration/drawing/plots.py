@@ -144,9 +144,9 @@ def _draw(
         places = np.maximum.accumulate(predictions[PLACE])
         at = np.interp(resonances[PLACE], places, times)
         for mode, ax in enumerate(rows):
-            own = near & (resonances["mode"] == mode)
-            values = resonances["excitation_frequency"][own]
-            [dots] = ax.plot(at[own], values, ".", color=_NEAR, markersize=3)
+            of_mode = near & (resonances["mode"] == mode)
+            values = resonances["excitation_frequency"][of_mode]
+            [dots] = ax.plot(at[of_mode], values, ".", color=_NEAR, markersize=3)
             keys["excitation near a natural frequency"] = dots
     invalid = np.isin(predictions["status"], (Status.OUT_OF_RANGE, Status.INVALID_ANGLE))
     for frequencies, ax in zip(predictions["natural_frequencies"].T, rows, strict=True):

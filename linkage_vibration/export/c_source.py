@@ -54,54 +54,29 @@ class Description:
 
 
 def description_of(table: Table, errors: str) -> Description:
-    """Return what an export says about a table.
-
-    Parameters
-    ----------
-    table, errors
-        The table, and a sentence about measured errors.
-    """
+    """Return what an export says about a table, with a sentence about measured errors."""
     labels = tuple(table.mode_label(mode) for mode in range(table.n_modes))
     return Description(table.mechanism_name, table.table_id, labels, errors)
 
 
 def c_files(description: Description, constants: Constants) -> dict[str, str]:
-    """Return the header, the source and the test by their names.
-
-    Parameters
-    ----------
-    description, constants
-        What the files say, and the numbers that they contain.
-    """
+    """Return the header, the source and the test by their names."""
     prefix = description.prefix
     values = _values(description, constants)
     files = {f"{prefix}.h": "table.h.in", f"{prefix}.c": "table.c.in"}
-    found = {name: filled(template, values) for name, template in files.items()}
-    found[f"{prefix}_test.c"] = filled("test.c.in", values | _test_values(constants))
-    return found
+    texts = {name: filled(template, values) for name, template in files.items()}
+    texts[f"{prefix}_test.c"] = filled("test.c.in", values | _test_values(constants))
+    return texts
 
 
 def filled(template: str, values: Mapping[str, str]) -> str:
-    """Return a template with its values.
-
-    Parameters
-    ----------
-    template : str
-        Name of a file in the folder of the templates.
-    values : mapping
-        What stands for each name between two ``@``.
-    """
+    """Return the template of a file name, with a value for each name between two ``@``."""
     text = (_TEMPLATES / template).read_text(encoding="utf-8")
     return re.sub(r"@(\w+)@", lambda match: values[match[1]], text)
 
 
 def literal(value: float, suffix: str = "") -> str:
-    """Return a number in C, as a hexadecimal float that is exact.
-
-    Parameters
-    ----------
-    value, suffix
-        The number, and the suffix of its type.
+    """Return a number in C, as a hexadecimal float that is exact, with the suffix of its type.
 
     Examples
     --------
@@ -160,8 +135,8 @@ def _values(description: Description, constants: Constants) -> dict[str, str]:
     orders = constants.orders
     header = source = ""
     if orders is not None:
-        own = common | _order_values(orders, constants, f)
-        header, source = filled("orders.h.in", own), filled("orders.c.in", own)
+        values = common | _order_values(orders, constants, f)
+        header, source = filled("orders.h.in", values), filled("orders.c.in", values)
     return common | {"orders_header": header, "orders_source": source}
 
 
@@ -172,16 +147,14 @@ def _facts(description: Description, constants: Constants) -> str:
     lines += [f"M{label[1:]}" for label in description.mode_labels]
     lines += [f"{n} cells; {constants.size} bytes of constants.", description.errors]
     lines += [constants.gap_text] * bool(constants.gaps)
-    found = []
-    for line in lines:
-        found += textwrap.wrap(comment(line), _WIDTH) or [""]
-    return "\n".join(f" * {line}".rstrip() for line in found)
+    wrapped = [text for line in lines for text in textwrap.wrap(comment(line), _WIDTH) or [""]]
+    return "\n".join(f" * {line}".rstrip() for line in wrapped)
 
 
 def _statuses(prefix: str) -> str:
     """Return the constants of the status as macros."""
-    known = message_constants(PREDICTION)
-    return "\n".join(f"#define {prefix}_{name} {value}" for name, value in known.items())
+    statuses = message_constants(PREDICTION).items()
+    return "\n".join(f"#define {prefix}_{name} {value}" for name, value in statuses)
 
 
 def _arrays(constants: Constants, f: str) -> dict[str, str]:
@@ -228,13 +201,13 @@ def _braced(values: Reals, f: str, indent: str) -> str:
 
 def _lines(words: Iterable[str], indent: str) -> list[str]:
     """Return words with commas between them, in lines of the usual width."""
-    found, line = [], indent
+    lines, line = [], indent
     for word in words:
         if len(line) + len(word) > _WIDTH and line != indent:
-            found.append(line.rstrip())
+            lines.append(line.rstrip())
             line = indent
         line += f"{word}, "
-    return [*found, line.removesuffix(", ")]
+    return [*lines, line.removesuffix(", ")]
 
 
 def _order_values(orders: Orders, constants: Constants, f: str) -> dict[str, str]:
@@ -271,28 +244,24 @@ def _test_values(constants: Constants) -> dict[str, str]:
     f, dtype = _suffix(constants), constants.starts.dtype
     angles = angles_to_test(constants)
     stddev = np.where(np.arange(len(angles)) % 2, 1e-3, 0.0).astype(dtype)
-    found = evaluate(constants, angles, stddev)
-    numbers = np.hstack([getattr(found, name).reshape(len(angles), -1) for name in NUMBERS])
+    outputs = evaluate(constants, angles, stddev)
+    numbers = np.hstack([getattr(outputs, name).reshape(len(angles), -1) for name in NUMBERS])
     with np.errstate(all="ignore"):
         largest = np.fmax.reduce(np.abs(numbers), axis=0, initial=0.0)
     return {
         "count": str(len(angles)),
         "limit": "1e-4" if f else "1e-12",
         "angles": _rows(np.stack([angles, stddev], axis=1), f),
-        "expected_statuses": "\n".join(_lines(map(str, found.status.tolist()), "    ")),
+        "expected_statuses": "\n".join(_lines(map(str, outputs.status.tolist()), "    ")),
         "expected": _rows(numbers, f),
         "largest": _rows(np.where(largest > 0.0, largest, 1.0), f),
     }
 
 
 def angles_to_test(constants: Constants, count: int = _TESTED) -> Reals:
-    """Return angles in and around the range, with its ends, borders of cells, and no numbers.
+    """Return angles in and around the range, with its ends, borders of cells, NaN and infinity.
 
-    Parameters
-    ----------
-    constants : Constants
-    count : int
-        How many, at least 20.
+    There are at least 20.
     """
     real = constants.starts.dtype.type
     low, high = constants.alpha3_range

@@ -141,11 +141,11 @@ class Constants:
 
 def arrays(constants: Constants) -> list[Reals]:
     """Return all arrays of constants."""
-    own = [value for value in vars(constants).values() if isinstance(value, np.ndarray)]
-    orders = constants.orders
-    if orders is not None:
-        own += [value for value in vars(orders).values() if isinstance(value, np.ndarray)]
-    return own
+    values = [
+        *vars(constants).values(),
+        *(vars(constants.orders) if constants.orders else {}).values(),
+    ]
+    return [value for value in values if isinstance(value, np.ndarray)]
 
 
 def constants_of(table: Table, orders: Orders | None = None) -> Constants:
@@ -153,11 +153,6 @@ def constants_of(table: Table, orders: Orders | None = None) -> Constants:
 
     Where a lookup of the table solves an eigenproblem, in tiny cells around angles at which two
     poles meet or the highest peak changes, they give NaN.
-
-    Parameters
-    ----------
-    table : Table
-    orders : Orders, optional
 
     Raises
     ------
@@ -204,13 +199,13 @@ def constants_of(table: Table, orders: Orders | None = None) -> Constants:
 
 def _gaps(ends: list[float], without: BoolArray) -> tuple[tuple[float, float], ...]:
     """Return where cells without cubics begin and end; neighbours are one gap."""
-    found: list[tuple[float, float]] = []
+    gaps: list[tuple[float, float]] = []
     for start, end, is_gap in zip(ends, ends[1:], without.tolist(), strict=False):
-        if is_gap and found and found[-1][1] == start:
-            found[-1] = found[-1][0], end
+        if is_gap and gaps and gaps[-1][1] == start:
+            gaps[-1] = gaps[-1][0], end
         elif is_gap:
-            found.append((start, end))
-    return tuple(found)
+            gaps.append((start, end))
+    return tuple(gaps)
 
 
 def single(constants: Constants) -> Constants:
@@ -261,15 +256,10 @@ def fewer_cells(constants: Constants, tolerance: float) -> Constants:
     """Return constants with as few cells as a tolerance needs.
 
     Neighbouring cells are joined into one that has their values and slopes at its ends, as long as
-    it agrees with them at several angles in each. Of the rows of standard deviations by uncertain
-    numbers every second is left out, repeatedly, as long as no deviation changes by more than 1 %.
-
-    Parameters
-    ----------
-    constants : Constants
-    tolerance : float
-        Relative error of natural frequencies and damping ratios against the table; that of the
-        peak is `PEAK_TOLERANCE` times as large.
+    it agrees with them at several angles in each. The tolerance is the relative error of natural
+    frequencies and damping ratios against the table; that of the peak is `PEAK_TOLERANCE` times as
+    large. Of the rows of standard deviations by uncertain numbers every second is left out,
+    repeatedly, as long as no deviation changes by more than 1 %.
 
     Raises
     ------
@@ -300,9 +290,9 @@ def _kept_rows(rows: Reals) -> int:
     every, places = 1, np.arange(len(rows))
     while len(rows) > 2 * every and (len(rows) - 1) % (2 * every) == 0:
         kept = slice(None, None, 2 * every)
-        found = np.transpose([np.interp(places, places[kept], column[kept]) for column in rows.T])
-        good = np.abs(found - rows) <= _DEVIATION * np.abs(rows)
-        if not (good | (np.isnan(found) & np.isnan(rows))).all():
+        fewer = np.transpose([np.interp(places, places[kept], column[kept]) for column in rows.T])
+        good = np.abs(fewer - rows) <= _DEVIATION * np.abs(rows)
+        if not (good | (np.isnan(fewer) & np.isnan(rows))).all():
             break
         every *= 2
     return every
@@ -349,10 +339,7 @@ class _Joiner:
     def cubic(self, first: int, after: int) -> FloatArray:
         """Return the cubics, (4, k), with the values and slopes of cells at both ends.
 
-        Parameters
-        ----------
-        first, after
-            The first of the cells, and the one after the last.
+        The cells are those from ``first`` to the one before ``after``.
         """
         h = float(self._starts[after] - self._starts[first])
         f0, d0 = (ends[first] for ends in self._first)

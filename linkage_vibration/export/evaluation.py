@@ -43,7 +43,7 @@ NUMBERS = tuple(field.name for field in fields(Outputs))[1:]
 
 
 @dataclass(frozen=True)
-class Errors:
+class ExportErrors:
     """The largest differences between two exports, at angles at which both have numbers.
 
     Attributes
@@ -86,15 +86,10 @@ class Errors:
 
 def exported(
     constants: Constants, approximate: Constants, *, in_single: bool
-) -> tuple[Constants, Errors]:
+) -> tuple[Constants, ExportErrors]:
     """Return the numbers to export with their errors, which are added to those of the pieces.
 
-    Parameters
-    ----------
-    constants, approximate : Constants
-        Those of the table, and those with fewer cells; they may be the same.
-    in_single : bool
-        Whether to export in single precision.
+    The approximate constants have fewer cells than those of the table, or are the same.
     """
     chosen = single(approximate) if in_single else approximate
     errors = compare(constants, chosen)
@@ -105,14 +100,8 @@ def exported(
     return chosen, errors
 
 
-def compare(constants: Constants, approximate: Constants) -> Errors:
-    """Measure how far approximate numbers are from those of the table.
-
-    Parameters
-    ----------
-    constants, approximate
-        Those of the table in double precision, and the others.
-    """
+def compare(constants: Constants, approximate: Constants) -> ExportErrors:
+    """Measure how far approximate numbers are from those of the table in double precision."""
     dtype = approximate.starts.dtype
     low, high = constants.alpha3_range
     angles = np.random.default_rng(_SEED).uniform(low, high, _SAMPLES)
@@ -121,46 +110,42 @@ def compare(constants: Constants, approximate: Constants) -> Errors:
     if constants.turns:  # a quarter of them anywhere
         far = approximate.farthest
         angles[::4] = np.random.default_rng(_SEED).uniform(-far, far, len(angles[::4]))
-    own = angles.astype(dtype)
-    same = own.astype(float)
+    rounded = angles.astype(dtype)
+    same = rounded.astype(float)
     if not constants.turns:
         same = np.clip(same, low, high)  # the ends of the range are rounded, too
-    exact = evaluate(constants, same, np.zeros(len(own)))
-    found = evaluate(approximate, own, np.zeros(len(own), dtype))
+    exact = evaluate(constants, same, np.zeros(len(same)))
+    other = evaluate(approximate, rounded, np.zeros(len(same), dtype))
 
     def relative(name: str) -> Reals:
-        one, other = getattr(exact, name), getattr(found, name).astype(float)
+        true, value = getattr(exact, name), getattr(other, name).astype(float)
         with np.errstate(all="ignore"):
-            return np.nan_to_num(np.where(one == other, 0.0, np.abs(other / one - 1.0)), nan=0.0)
+            return np.nan_to_num(np.where(true == value, 0.0, np.abs(value / true - 1.0)), nan=0.0)
 
     def absolute(name: str) -> float:
-        one, other = getattr(exact, name), getattr(found, name).astype(float)
+        true, value = getattr(exact, name), getattr(other, name).astype(float)
         with np.errstate(all="ignore"):
-            largest = np.nanmax(np.abs(one), initial=0.0)
-            return float(np.nanmax(np.abs(other - one), initial=0.0) / (largest or 1.0))
+            largest = np.nanmax(np.abs(true), initial=0.0)
+            return float(np.nanmax(np.abs(value - true), initial=0.0) / (largest or 1.0))
 
     peak = relative("frf_peak_frequency")
-    other = peak > _OTHER
+    other_peak = peak > _OTHER
     heights = relative("frf_peak_magnitude")
-    return Errors(
+    return ExportErrors(
         frequency=float(relative("natural_frequencies").max(initial=0.0)),
         damping_ratio=float(relative("damping_ratios").max(initial=0.0)),
         slope=absolute("frequency_slopes"),
         stddev=absolute("frequency_stddev"),
-        peak=float(max(peak[~other].max(initial=0.0), heights.max(initial=0.0))),
-        other_peaks=int(other.sum()),
-        samples=len(own),
+        peak=float(max(peak[~other_peak].max(initial=0.0), heights.max(initial=0.0))),
+        other_peaks=int(other_peak.sum()),
+        samples=len(same),
     )
 
 
 def evaluate(constants: Constants, crank_angle: Reals, stddev: Reals) -> Outputs:
-    """Return what the exported function gives at angles.
+    """Return what the exported function gives at angles with standard deviations, (n,), rad.
 
-    Parameters
-    ----------
-    constants : Constants
-    crank_angle, stddev : ndarray, (n,)
-        Angles and their standard deviations, rad, in the precision of the constants.
+    Both are in the precision of the constants.
     """
     real = constants.starts.dtype.type
     with np.errstate(all="ignore"):
@@ -178,7 +163,7 @@ def evaluate(constants: Constants, crank_angle: Reals, stddev: Reals) -> Outputs
 def _positions(
     constants: Constants, crank_angle: Reals
 ) -> tuple[NDArray[np.int32], Reals, NDArray[np.bool_]]:
-    """Return the status, the angle of the table that is the same position, and if there is one."""
+    """Return statuses, equivalent angles within the table, rad, and whether there are any."""
     statuses = message_constants(PREDICTION)
     real = constants.starts.dtype.type
     low, high = map(real, constants.alpha3_range)
@@ -226,8 +211,8 @@ def _between(points: Reals, values: Reals, angle: Reals) -> Reals:
     i = np.clip(np.searchsorted(points, angle, side="right") - 1, 0, len(points) - 1)
     j = np.minimum(i + 1, len(points) - 1)
     slope = (values[j] - values[i]) / (points[j] - points[i])[:, np.newaxis]
-    found = slope * (angle - points[i])[:, np.newaxis] + values[i]
-    return np.where(((i == j) | (points[i] == angle))[:, np.newaxis], values[i], found)
+    between = slope * (angle - points[i])[:, np.newaxis] + values[i]
+    return np.where(((i == j) | (points[i] == angle))[:, np.newaxis], values[i], between)
 
 
 def _peaks(constants: Constants, angle: Reals) -> list[Reals]:

@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Packs an export as an FMU for FMI 2.0 or 3.0: description, sources, and a compiled library."""
+"""Packs an export as an FMU for FMI 2.0: description, sources, and a compiled library."""
 
 import hashlib
 import io
@@ -51,7 +51,7 @@ _SYSTEMS = {
     "Windows": ("windows", ".dll"),
 }
 _MACHINES = {"amd64": "x86_64", "arm64": "aarch64"}
-_FMI2_PLATFORMS = {
+_PLATFORMS = {
     "x86_64-linux": "linux64",
     "x86_64-darwin": "darwin64",
     "x86_64-windows": "win64",
@@ -77,19 +77,8 @@ class _Variable:
         return "discrete" if self.is_integer else "continuous"
 
 
-def fmu_bytes(
-    description: Description, constants: Constants, version: int, *, compiled: bool
-) -> bytes:
-    """Return an FMU.
-
-    Parameters
-    ----------
-    description, constants
-        What it says, and its numbers.
-    version : int
-        2 for FMI 2.0, or 3 for FMI 3.0.
-    compiled : bool
-        Whether it contains a library for this machine beside its sources.
+def fmu_bytes(description: Description, constants: Constants, *, compiled: bool) -> bytes:
+    """Return an FMU, with a library for this machine beside its sources if it is compiled.
 
     Raises
     ------
@@ -99,29 +88,23 @@ def fmu_bytes(
     prefix = description.prefix
     reals, integers = _variables(description, constants)
     sources = dict(list(c_files(description, constants).items())[:2])
-    content = "".join(f"{name}{text}" for name, text in sources.items())
-    token = hashlib.sha256(f"{version}{VERSION}{content}".encode()).hexdigest()[:32]
+    token = hashlib.sha256(f"{VERSION}{sources}".encode()).hexdigest()[:32]
     values = {
         "prefix": prefix,
         "PREFIX": prefix.upper(),
-        "fmi": str(version),
-        "settable": str(sum(one.causality != "output" for one in reals)),
+        "settable": str(sum(variable.causality != "output" for variable in reals)),
         "reals": str(len(reals)),
         "integers": str(len(integers)),
         "token": token,
         "start": literal(constants.alpha3_range[0]),
     }
-    wrapper = filled("fmu.c.in", values) + filled(f"fmi{version}.c.in", values)
-    sources[f"fmi{version}.c"] = wrapper
+    sources["fmi2.c"] = filled("fmu.c.in", values)
     names = [name for name in sources if name.endswith(".c")]
-    xml = {2: _description_2, 3: _description_3}[version]
-    tree = xml(description, token, reals + integers, names)
+    tree = _model_description(description, token, reals + integers, names)
     files = {"modelDescription.xml": _text(tree)}
     files |= {f"sources/{name}": text.encode() for name, text in sources.items()}
-    if version == 3:
-        files["sources/buildDescription.xml"] = _text(_build_description(prefix, names))
     if compiled:
-        folder, suffix = _platform(version)
+        folder, suffix = _platform()
         files[f"binaries/{folder}/{prefix}{suffix}"] = _library(sources)
     return _packed(files)
 
@@ -203,28 +186,24 @@ def _speed_text(source: str) -> str:
 def _outputs(kind: str, names: Sequence[str], labels: Sequence[str] = ()) -> list[_Variable]:
     """Return outputs with the units and descriptions of the fields of a message.
 
-    Parameters
-    ----------
-    kind, names, labels
-        The message, its fields, and what the elements of each field belong to.
+    The labels name what the elements of each field belong to.
     """
     fields = {field.name: field for field in message_fields(kind)}
-    found = []
+    variables = []
     for name in names:
         unit, text = "Hz/rad", "Hz/rad, change of the natural frequencies with crank_angle"
         if name in fields:
             unit, text = fields[name].unit, fields[name].comment
         limits = (None, None) if name in _SIGNED else (0.0, None)
         for i, label in enumerate(labels or [""], 1):
-            own, what = (f"{name}[{i}]", f"{text}; {label}") if labels else (name, text)
-            found.append(_Variable(own, "output", unit, what, None, limits))
-    return found
+            full_name, what = (f"{name}[{i}]", f"{text}; {label}") if labels else (name, text)
+            variables.append(_Variable(full_name, "output", unit, what, None, limits))
+    return variables
 
 
-def _description_2(
+def _model_description(
     description: Description, token: str, variables: Sequence[_Variable], sources: Sequence[str]
 ) -> ElementTree.Element:
-    """Return the model description of FMI 2.0."""
     root = ElementTree.Element(
         "fmiModelDescription",
         {
@@ -237,50 +216,26 @@ def _description_2(
     for interface, more in _INTERFACES.items():
         attributes = {"modelIdentifier": description.prefix, **more}
         attributes["canNotUseMemoryManagementFunctions"] = "true"
-        own = ElementTree.SubElement(root, interface, attributes)
-        files = ElementTree.SubElement(own, "SourceFiles")
+        element = ElementTree.SubElement(root, interface, attributes)
+        files = ElementTree.SubElement(element, "SourceFiles")
         for name in sources:
             ElementTree.SubElement(files, "File", name=name)
     _add_units(root)
     listed = ElementTree.SubElement(root, "ModelVariables")
     outputs = []
-    for reference, one in enumerate(variables):
-        if one.causality == "independent":
+    for reference, variable in enumerate(variables):
+        if variable.causality == "independent":
             continue
-        scalar = ElementTree.SubElement(listed, "ScalarVariable", _attributes(one, reference))
-        kind = "Integer" if one.is_integer else "Real"
-        ElementTree.SubElement(scalar, kind, _type_attributes(one))
-        if one.causality == "output":
+        scalar = ElementTree.SubElement(listed, "ScalarVariable", _attributes(variable, reference))
+        kind = "Integer" if variable.is_integer else "Real"
+        ElementTree.SubElement(scalar, kind, _type_attributes(variable))
+        if variable.causality == "output":
             outputs.append(len(listed))
     structure = ElementTree.SubElement(root, "ModelStructure")
     for part in ("Outputs", "InitialUnknowns"):
         unknowns = ElementTree.SubElement(structure, part)
         for index in outputs:
             ElementTree.SubElement(unknowns, "Unknown", index=str(index))
-    return root
-
-
-def _description_3(
-    description: Description, token: str, variables: Sequence[_Variable], sources: Sequence[str]
-) -> ElementTree.Element:
-    """Return the model description of FMI 3.0."""
-    root = ElementTree.Element(
-        "fmiModelDescription",
-        {"fmiVersion": "3.0", "instantiationToken": token, **_common(description)},
-    )
-    for interface, more in _INTERFACES.items():
-        ElementTree.SubElement(root, interface, {"modelIdentifier": description.prefix, **more})
-    _add_units(root)
-    listed = ElementTree.SubElement(root, "ModelVariables")
-    structure = ElementTree.SubElement(root, "ModelStructure")
-    for part in ("Output", "InitialUnknown"):
-        for reference, one in enumerate(variables):
-            if one.causality == "output":
-                ElementTree.SubElement(structure, part, valueReference=str(reference))
-    for reference, one in enumerate(variables):
-        kind = "Int32" if one.is_integer else "Float64"
-        attributes = _attributes(one, reference) | _type_attributes(one)
-        ElementTree.SubElement(listed, kind, attributes)
     return root
 
 
@@ -301,24 +256,24 @@ def _common(description: Description) -> dict[str, str]:
     }
 
 
-def _attributes(one: _Variable, reference: int) -> dict[str, str]:
+def _attributes(variable: _Variable, reference: int) -> dict[str, str]:
     return {
-        "name": one.name,
+        "name": variable.name,
         "valueReference": str(reference),
-        "description": _printable(one.description),
-        "causality": one.causality,
-        "variability": one.variability,
+        "description": _printable(variable.description),
+        "causality": variable.causality,
+        "variability": variable.variability,
     }
 
 
-def _type_attributes(one: _Variable) -> dict[str, str]:
+def _type_attributes(variable: _Variable) -> dict[str, str]:
     """Return unit, limits and start of a variable; integers have no unit."""
-    found = {} if one.is_integer else {"unit": one.unit}
-    pairs = zip(("min", "max", "start"), (*one.limits, one.start), strict=True)
+    attributes = {} if variable.is_integer else {"unit": variable.unit}
+    pairs = zip(("min", "max", "start"), (*variable.limits, variable.start), strict=True)
     for name, value in pairs:
         if value is not None:
-            found[name] = str(int(value)) if one.is_integer else repr(float(value))
-    return found
+            attributes[name] = str(int(value)) if variable.is_integer else repr(float(value))
+    return attributes
 
 
 def _add_units(root: ElementTree.Element) -> None:
@@ -328,16 +283,6 @@ def _add_units(root: ElementTree.Element) -> None:
         unit = ElementTree.SubElement(units, "Unit", name=name)
         ElementTree.SubElement(unit, "BaseUnit", base)
     ElementTree.SubElement(root, "DefaultExperiment", startTime="0", stopTime="1", stepSize="0.01")
-
-
-def _build_description(prefix: str, sources: Sequence[str]) -> ElementTree.Element:
-    """Return how an importer of FMI 3.0 compiles the sources."""
-    root = ElementTree.Element("fmiBuildDescription", fmiVersion="3.0")
-    build = ElementTree.SubElement(root, "BuildConfiguration", modelIdentifier=prefix)
-    files = ElementTree.SubElement(build, "SourceFileSet", language="C99")
-    for name in sources:
-        ElementTree.SubElement(files, "SourceFile", name=name)
-    return root
 
 
 def _printable(text: str) -> str:
@@ -350,12 +295,12 @@ def _text(root: ElementTree.Element) -> bytes:
     return bytes(ElementTree.tostring(root, encoding="utf-8", xml_declaration=True)) + b"\n"
 
 
-def _platform(version: int) -> tuple[str, str]:
+def _platform() -> tuple[str, str]:
     """Return the folder of a library for this machine, and its suffix."""
     machine = platform.machine().lower()
     system, suffix = _SYSTEMS.get(platform.system(), (platform.system().lower(), ".so"))
     name = f"{_MACHINES.get(machine, machine)}-{system}"
-    return _FMI2_PLATFORMS.get(name, name) if version == 2 else name, suffix
+    return _PLATFORMS.get(name, name), suffix
 
 
 def _library(sources: Mapping[str, str]) -> bytes:
@@ -370,8 +315,8 @@ def _library(sources: Mapping[str, str]) -> bytes:
         folder = Path(name)
         for file, text in sources.items():
             (folder / file).write_text(text, encoding="utf-8")
-        own = [file for file in sources if file.endswith(".c")]
-        command = [*compiler.split(), *FLAGS, "-o", "library", *own, "-lm"]
+        units = [file for file in sources if file.endswith(".c")]
+        command = [*compiler.split(), *FLAGS, "-o", "library", *units, "-lm"]
         try:
             subprocess.run(command, cwd=folder, check=True, capture_output=True, text=True)
         except OSError as error:

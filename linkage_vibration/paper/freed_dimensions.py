@@ -139,7 +139,9 @@ def _best_fit(
 def _fit(described: Any, key: str, x: FloatArray) -> FreedFit:
     closed: Closed = {}
     off = _residuals(x, described, key, closed)
-    angles = [at.angle("implement") for _, found in closed.values() for at in found]
+    angles = [
+        at.angle("implement") for _, configurations in closed.values() for at in configurations
+    ]
     lean = max((abs(angle - math.pi / 2.0) for angle in angles), default=math.nan)
     cost, worst = float(off @ off) / 2.0, float(np.abs(np.expm1(off)).max())
     return FreedFit(key, float(x[-1]) if key else math.nan, cost, worst, lean)

@@ -79,8 +79,8 @@ def reproduce(output: Path, progress: Progress = lambda what, done, total: None)
     for done, (label, name) in enumerate(FILES.items()):
         progress("stroke", done, len(FILES))
         mapping = load_yaml(config_file(name))[0]
-        sweeps[label], found = _sweep(mechanism_of(mapping, config_file(name)))
-        numbers[label] = {**geometry(mapping), **found}
+        sweeps[label], frequencies = _sweep(mechanism_of(mapping, config_file(name)))
+        numbers[label] = {**geometry(mapping), **frequencies}
     progress("stroke", len(FILES), len(FILES))
     _write_numbers(output, numbers)
     fits = scan_freed_dimensions(progress=partial(progress, "freed dimensions"))
@@ -172,12 +172,12 @@ def _eleven_frfs(solution: Solution) -> ComplexArray:
 
 def _dofs(mechanism: Mechanism) -> dict[str, float]:
     """Return the numbers of Table 2, from a spatial model."""
-    found: dict[str, float] = {}
+    counts: dict[str, float] = {}
     for component in LinkageModel(mechanism, spatial=True).components:
         if isinstance(component, Component):
             plural = component.name in ("lower_link", "input_crank", "lift_rod")
             name = component.name + "s" * plural
             physical = len(component.dofs)
-            found[f"reduction.{name}.physical"] = physical
-            found[f"reduction.{name}.modal"] = len(component.mass) - physical
-    return found
+            counts[f"reduction.{name}.physical"] = physical
+            counts[f"reduction.{name}.modal"] = len(component.mass) - physical
+    return counts

@@ -15,13 +15,13 @@ from linkage_vibration.review.moments import Moment
 _NAMES = {Source.ENGINE: "engine", Source.PTO: "PTO", Source.GROUND: "ground"}
 
 
-def campbell(log: Log, found: list[Moment]) -> list[dict[str, Any]]:
+def campbell(log: Log, all_moments: list[Moment]) -> list[dict[str, Any]]:
     """Return a plot for each source of excitations whose speed is known.
 
     Parameters
     ----------
     log : Log
-    found : list of Moment
+    all_moments : list of Moment
         Its moments of resonance, which are drawn as dots.
 
     Returns
@@ -35,27 +35,27 @@ def campbell(log: Log, found: list[Moment]) -> list[dict[str, Any]]:
     for values, colour in zip(
         log.natural_frequencies.T, palette.mode_colours(log.n_modes), strict=True
     ):
-        known = values[np.isfinite(values)]
-        ends = [float(known.min()), float(known.max())] if len(known) else None
+        finite = values[np.isfinite(values)]
+        ends = [float(finite.min()), float(finite.max())] if len(finite) else None
         bands.append({"colour": colour, "ends": ends})
     plots = []
     for source, (_, speeds) in log.speeds.items():
-        own = [one for one in log.excitations if one.source is source]
+        orders = [order for order in log.excitations if order.source is source]
         turning = speeds[np.isfinite(speeds) & (speeds > 0.0)]
-        if not own or not len(turning):
+        if not orders or not len(turning):
             continue
-        met = [(excitation_of(log, m.excitation), m.excitation_frequency) for m in found]
+        met = [(excitation_of(log, m.excitation), m.excitation_frequency) for m in all_moments]
         plots.append(
             {
                 "title": f"Campbell plot of the drive: orders of {_NAMES[source]}",
                 "unit": f"{_NAMES[source]} speed [{source.unit}]",
                 "speeds": [float(turning.min()), float(turning.max())],
-                "orders": [[one.name, one.ratio] for one in own],
+                "orders": [[order.name, order.ratio] for order in orders],
                 "bands": bands,
                 "dots": [
-                    [frequency / one.ratio, frequency]
-                    for one, frequency in met
-                    if one is not None and one.source is source
+                    [frequency / order.ratio, frequency]
+                    for order, frequency in met
+                    if order is not None and order.source is source
                 ],
             }
         )

@@ -32,82 +32,62 @@ class Meeting:
     avoid: str  # what to avoid, in words
 
 
-def meetings(log: Log, found: list[Moment]) -> list[Meeting]:
-    """Return the excitations and modes that met, the most severe first.
-
-    Parameters
-    ----------
-    log : Log
-    found : list of Moment
-        Its moments of resonance.
-    """
-    if not found:
+def meetings(log: Log, all_moments: list[Moment]) -> list[Meeting]:
+    """Return the excitations and modes that met, the most severe first."""
+    if not all_moments:
         return []
-    strength = amplification(log, found)
+    strength = amplification(log, all_moments)
     groups: dict[tuple[str, int], list[Moment]] = {}
-    for moment in found:
+    for moment in all_moments:
         groups.setdefault((moment.excitation, moment.mode), []).append(moment)
     result = []
     for (name, mode), members in groups.items():
         peaks = [_strongest(moment, strength) for moment in members]
         k = max(range(len(members)), key=lambda i: float(strength[peaks[i]]))
         at, dwell = peaks[k], sum(moment.end - moment.start for moment in members)
-        found_stddev = _amplification_stddev(log, at)
-        numbers = float(strength[at]), found_stddev, dwell, len(members)
+        stddev = _amplification_stddev(log, at)
+        numbers = float(strength[at]), stddev, dwell, len(members)
         result.append(Meeting(name, mode, members[k], at, *numbers, _avoid(log, members[k])))
     return sorted(result, key=lambda meeting: -meeting.amplification)
 
 
-def amplification(log: Log, found: list[Moment]) -> FloatArray:
+def amplification(log: Log, all_moments: list[Moment]) -> FloatArray:
     """Return how many times the nearest excitation amplifies its mode's static response, (n,).
 
     It is 1 / sqrt((1 - r^2)^2 + (2 zeta r)^2), with the ratio r of the frequencies and the damping
     ratio zeta of the mode; 0 where it is not known. Where the frequencies crossed, r was 1.
-
-    Parameters
-    ----------
-    log : Log
-    found : list of Moment
-        Its moments of resonance.
     """
     if log.resonances is None:
         return np.zeros(len(log.stamps))
     rows = np.arange(len(log.stamps))
     zeta = log.damping_ratios[rows, np.minimum(log.resonances.mode, log.n_modes - 1)]
     ratio = log.resonances.excitation_frequency / log.resonances.natural_frequency
-    ratio[[moment.nearest for moment in found if moment.crossed]] = 1.0
+    ratio[[moment.nearest for moment in all_moments if moment.crossed]] = 1.0
     return np.nan_to_num(_amplified(ratio, zeta))
 
 
-def first_sentence(log: Log, found: list[Meeting]) -> str:
-    """Return in words when and how strongly a drive met its worst resonance, and what to avoid.
-
-    Parameters
-    ----------
-    log : Log
-    found : list of Meeting
-        What met, the most severe first.
-    """
+def first_sentence(log: Log, met: list[Meeting]) -> str:
+    """Return in words when and how strongly a drive met its worst resonance, and what to avoid."""
     if log.resonances is None:
         return (
             "Whether the drive met a resonance is not known, as the log holds no speed of engine, "
             "PTO or ground."
         )
-    known = log.resonances.state != ResonanceState.STALE
-    if not known.any():
+    assessed = log.resonances.state != ResonanceState.STALE
+    if not assessed.any():
         return (
             "Whether the drive met a resonance is not known, as no crank angle was valid while a "
             "speed was known."
         )
-    if not found:
-        margins = np.where(known, np.abs(log.resonances.relative_margin), np.inf)
+    if not met:
+        margins = np.where(assessed, np.abs(log.resonances.relative_margin), np.inf)
         at = int(np.nanargmin(margins))
         return (
             f"No excitation came near a natural frequency; the nearest was "
             f"{log.resonances.excitation[at]}, {100.0 * margins[at]:.1f} % from "
             f"{log.mode_label(int(log.resonances.mode[at]))}."
         )
-    worst = found[0]
+    worst = met[0]
     angle = math.degrees(log.table_angle[worst.strongest])
     return (
         f"The worst moment was at {real_times(log)[worst.strongest]:.2f} s and {angle:.1f} deg: "
@@ -192,11 +172,5 @@ def _avoid(log: Log, moment: Moment) -> str:
 
 
 def excitation_of(log: Log, name: str) -> Excitation | None:
-    """Return an excitation, if the log describes it.
-
-    Parameters
-    ----------
-    log, name : Log, str
-        The log, and the name of the excitation.
-    """
-    return next((one for one in log.excitations if one.name == name), None)
+    """Return an excitation, if the log describes it."""
+    return next((order for order in log.excitations if order.name == name), None)

@@ -137,9 +137,9 @@ def thinned(
     for values in quantities:
         # Padding and missing values are never the extreme value of a stretch.
         for unknown, extreme in ((np.inf, np.argmin), (-np.inf, np.argmax)):
-            known = np.where(np.isnan(values), unknown, values)
-            known = np.pad(known, (0, len(starts) * length - n), constant_values=unknown)
-            kept.append(starts + extreme(known.reshape(-1, length), axis=1))
+            filled = np.where(np.isnan(values), unknown, values)
+            filled = np.pad(filled, (0, len(starts) * length - n), constant_values=unknown)
+            kept.append(starts + extreme(filled.reshape(-1, length), axis=1))
     return np.unique(np.concatenate(kept))
 
 

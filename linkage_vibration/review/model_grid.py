@@ -131,19 +131,19 @@ def _continued(terms: list[FloatArray]) -> list[FloatArray]:
     terms : list of ndarray, (n_terms, 7)
         At each angle; the number of terms may differ.
     """
-    found = [terms[0]]
+    paired = [terms[0]]
     for here in terms[1:]:
-        before = found[-1]
-        one, other = _poles(before)[:, np.newaxis], _poles(here)
-        away = np.abs(one - other) / (np.abs(one) + np.abs(other))
+        before = paired[-1]
+        earlier, later = _poles(before)[:, np.newaxis], _poles(here)
+        away = np.abs(earlier - later) / (np.abs(earlier) + np.abs(later))
         left, right = linear_sum_assignment(away**2)  # squares keep the order of shifted poles
         after = _silent(before)
         after[left] = here[right]
         new = np.delete(here, right, axis=0)
         if len(new):
-            found = [np.vstack([past, _silent(new)]) for past in found]
-        found.append(np.vstack([after, new]))
-    return found
+            paired = [np.vstack([past, _silent(new)]) for past in paired]
+        paired.append(np.vstack([after, new]))
+    return paired
 
 
 def _poles(terms: FloatArray) -> np.ndarray[Any, np.dtype[np.complex128]]:

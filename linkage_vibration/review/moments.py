@@ -41,27 +41,33 @@ class Moment:
 
 def moments(log: Log) -> list[Moment]:
     """Return each run of warnings about the same excitation and mode, in order of time."""
-    found = log.resonances
-    if found is None:
+    resonances = log.resonances
+    if resonances is None:
         return []
     times, result = log.times, []
     one_pass = np.searchsorted(log.passes, np.arange(len(times)), side="right")
-    about_what = (found.excitation, found.mode, one_pass)
-    for start, end in runs(found.state == ResonanceState.WARNING, *about_what):
-        margins = found.relative_margin[start:end]
+    about_what = (resonances.excitation, resonances.mode, one_pass)
+    for start, end in runs(resonances.state == ResonanceState.WARNING, *about_what):
+        margins = resonances.relative_margin[start:end]
         nearest = start + int(np.abs(margins).argmin())
         period = float(times[start]), float(times[end - 1]), start, end - 1
-        about = str(found.excitation[nearest]), int(found.mode[nearest])
-        at = (found.excitation_frequency, found.natural_frequency, found.relative_margin)
-        frequency, own, margin = (float(column[nearest]) for column in at)
+        about = str(resonances.excitation[nearest]), int(resonances.mode[nearest])
+        at = (
+            resonances.excitation_frequency,
+            resonances.natural_frequency,
+            resonances.relative_margin,
+        )
+        excitation_frequency, natural, margin = (float(column[nearest]) for column in at)
         crossed = bool(margins.min() <= 0.0 <= margins.max())
-        result.append(Moment(*period, nearest, *about, frequency, own, margin, crossed))
+        result.append(
+            Moment(*period, nearest, *about, excitation_frequency, natural, margin, crossed)
+        )
     return result
 
 
-def worst(found: list[Moment]) -> list[Moment]:
+def worst(all_moments: list[Moment]) -> list[Moment]:
     """Return the `MAX_MOMENTS` moments with the smallest margins, in order of time."""
-    kept = sorted(found, key=lambda moment: abs(moment.relative_margin))[:MAX_MOMENTS]
+    kept = sorted(all_moments, key=lambda moment: abs(moment.relative_margin))[:MAX_MOMENTS]
     return sorted(kept, key=lambda moment: moment.start)
 
 
@@ -71,8 +77,8 @@ def angle_shares(log: Log) -> Shares:
     if log.table is not None:
         low, high = log.table.alpha3_range
     else:
-        known = angles[np.isfinite(angles)]
-        low, high = (known.min(), known.max()) if len(known) else (0.0, 1.0)
+        finite = angles[np.isfinite(angles)]
+        low, high = (finite.min(), finite.max()) if len(finite) else (0.0, 1.0)
     return _shares(log, angles, np.linspace(low, max(high, low + 1e-6), _ANGLE_BINS + 1))
 
 
@@ -87,6 +93,6 @@ def margin_shares(log: Log) -> Shares | None:
 def _shares(log: Log, values: FloatArray, edges: FloatArray) -> Shares:
     held = durations(log)
     total = float(held.sum()) or 1.0
-    known = np.isfinite(values)
-    counts, _ = np.histogram(values[known], edges, weights=held[known])
+    finite = np.isfinite(values)
+    counts, _ = np.histogram(values[finite], edges, weights=held[finite])
     return edges, counts / total

@@ -30,16 +30,16 @@ def logs_of(paths: Sequence[Path]) -> list[Path]:
     ReviewError
         If a folder holds no MCAP file.
     """
-    found: list[Path] = []
+    logs: list[Path] = []
     for path in paths:
         if not path.is_dir() or (path / _NO_BAG).exists():
-            found.append(path)
+            logs.append(path)
             continue
         inside = sorted(path.glob("*.mcap"))
         if not inside:
             raise ReviewError(f"{path} holds no .mcap file; give logs, or a folder of logs.")
-        found += inside
-    return found
+        logs += inside
+    return logs
 
 
 def drive_summary(log: Log) -> dict[str, Any]:
@@ -54,15 +54,15 @@ def drive_summary(log: Log) -> dict[str, Any]:
         angle, excitation, mode, duration and amplification, or None; ``sentence``; ``model``, the
         ids of table and model.
     """
-    found = meetings(log, moments(log))
+    met = meetings(log, moments(log))
     near = None
     if log.resonances is not None and (log.resonances.state != ResonanceState.STALE).any():
         warning, held = log.resonances.state == ResonanceState.WARNING, durations(log)
         modes = range(log.n_modes)
         near = [float(held[warning & (log.resonances.mode == mode)].sum()) for mode in modes]
     worst = None
-    if found:
-        first = found[0]
+    if met:
+        first = met[0]
         worst = {
             "time_s": float(real_times(log)[first.strongest]),
             "crank_angle_deg": math.degrees(log.crank_angle[first.strongest]),
@@ -86,7 +86,7 @@ def drive_summary(log: Log) -> dict[str, Any]:
         "mode_names": list(log.table.mode_names) if log.table else [],
         "in_resonance_s": near,
         "worst": worst,
-        "sentence": first_sentence(log, found),
+        "sentence": first_sentence(log, met),
         "model": {
             "table_id": log.table_id,
             "mechanism": log.table.mechanism_name if log.table else None,
@@ -107,7 +107,7 @@ def overview_html(drives: Sequence[tuple[dict[str, Any], str]], failures: Sequen
     """
     n_modes = max((len(drive["in_resonance_s"] or ()) for drive, _ in drives), default=0)
     names = [list(drive["mode_names"]) for drive, _ in drives if drive["mode_names"]]
-    shared = names[0] if names and all(own == names[0] for own in names) else []
+    shared = names[0] if names and all(others == names[0] for others in names) else []
     shared += [""] * (n_modes - len(shared))
     modes = [f"near {name or f'mode {i}'} [s]" for i, name in enumerate(shared[:n_modes], 1)]
     head = ["drive", "worst moment", *modes, "start, UTC", "duration [s]", "model"]

@@ -52,9 +52,9 @@ _STALE_AFTER = 1.0  # s, if the log does not hold this parameter
 
 def review_page(log: Log) -> Page:
     """Return what a page shows of a log."""
-    found = moments(log)
-    shown, met = worst(found), meetings(log, found)
-    rows = _kept(log, [moment.nearest for moment in shown] + [one.strongest for one in met])
+    all_moments = moments(log)
+    shown, met = worst(all_moments), meetings(log, all_moments)
+    rows = _kept(log, [moment.nearest for moment in shown] + [meeting.strongest for meeting in met])
     missing, axis, margin = gaps(log), time_axis(log), limit_margin(log)
     content: dict[str, Any] = {
         "charts": _charts(log, margin),
@@ -65,15 +65,15 @@ def review_page(log: Log) -> Page:
         "answer": first_sentence(log, met),
         "tables": [
             *_meetings_table(log, met, rows, axis),
-            _moments_table(log, found, shown, rows, axis),
+            _moments_table(log, all_moments, shown, rows, axis),
         ],
-        "summary": _summary(log, found, missing),
+        "summary": _summary(log, all_moments, missing),
         "histograms": _histograms(log, margin),
         "provenance": _provenance(log, len(rows)),
         "shades": _shades(log, missing, axis),
         "excitations": _excitations(log, rows, axis),
         "clock": axis.knots(),
-        "campbell": campbell(log, found),
+        "campbell": campbell(log, all_moments),
         "stale_after": _number(log, "stale_after", _STALE_AFTER),
     }
     if log.mechanism and log.table:
@@ -275,19 +275,25 @@ def _meetings_table(log: Log, met: list[Meeting], rows: IntArray, axis: TimeAxis
     if not met:
         return []
     times, places, lines = real_times(log), axis.place(log.times), []
-    for one in met[:MAX_MEETINGS]:
-        index = int(np.searchsorted(rows, one.strongest))
+    for meeting in met[:MAX_MEETINGS]:
+        index = int(np.searchsorted(rows, meeting.strongest))
         spread = (
-            "" if math.isnan(one.amplification_stddev) else f" ± {one.amplification_stddev:.2g}"
+            ""
+            if math.isnan(meeting.amplification_stddev)
+            else f" ± {meeting.amplification_stddev:.2g}"
         )
-        cells = [one.excitation, _numbered(log, one.mode), f"{one.amplification:.3g}{spread}"]
-        at = clock(float(times[one.strongest]), float(times.max()))
-        cells += [f"{one.dwell:.2f}", str(one.count), at, one.avoid]
-        length = one.worst.end - one.worst.start
-        place = {"time": float(places[one.strongest]), "index": index, "mode": one.mode}
+        cells = [
+            meeting.excitation,
+            _numbered(log, meeting.mode),
+            f"{meeting.amplification:.3g}{spread}",
+        ]
+        at = clock(float(times[meeting.strongest]), float(times.max()))
+        cells += [f"{meeting.dwell:.2f}", str(meeting.count), at, meeting.avoid]
+        length = meeting.worst.end - meeting.worst.start
+        place = {"time": float(places[meeting.strongest]), "index": index, "mode": meeting.mode}
         lines.append({"cells": cells, "length": length, **place})
     note = "Each row is an excitation and a mode at its strongest moment. Choose a row to go there."
-    if any(math.isnan(one.amplification_stddev) for one in met):
+    if any(math.isnan(meeting.amplification_stddev) for meeting in met):
         note += " Amplifications without ± have a standard deviation that is not known."
     if len(met) > MAX_MEETINGS:
         note += f" Of {len(met)} pairs, the {MAX_MEETINGS} with the highest amplification."
@@ -298,20 +304,20 @@ def _meetings_table(log: Log, met: list[Meeting], rows: IntArray, axis: TimeAxis
 
 
 def _moments_table(
-    log: Log, found: list[Moment], shown: list[Moment], rows: IntArray, axis: TimeAxis
+    log: Log, all_moments: list[Moment], shown: list[Moment], rows: IntArray, axis: TimeAxis
 ) -> dict[str, Any]:
     if log.resonances is None:
         note = "The log holds no resonances, as no speed of engine, PTO or ground was known."
-    elif not found:
+    elif not all_moments:
         note = "No excitation came near a natural frequency."
     else:
         note = "Each row is a warning at its smallest margin. Choose a row to go there."
-        if len(found) > len(shown):
-            note += f" Of {len(found)} warnings, the {MAX_MOMENTS} with the smallest margins."
+        if len(all_moments) > len(shown):
+            note += f" Of {len(all_moments)} warnings, the {MAX_MOMENTS} with the smallest margins."
     if any(m.crossed for m in shown):
         note += " × marks a crossing."
     times, real, lines = axis.place(log.times), real_times(log), []
-    strength = amplification(log, found)
+    strength = amplification(log, all_moments)
     for m in shown:
         time, length = float(times[m.nearest]), m.end - m.start
         severity = float(strength[m.first : m.last + 1].max())
@@ -327,12 +333,12 @@ def _moments_table(
         at |= {"y": m.natural_frequency, "margin": m.relative_margin, "severity": severity}
         lines.append(at)
     head = ["time", "excitation", "mode", "Hz", "margin %", "amplified", "duration s"]
-    title = f"Single moments of resonance ({len(found)})"
+    title = f"Single moments of resonance ({len(all_moments)})"
     table = {"id": "moments", "title": title, "note": note, "head": head, "rows": lines}
     return table | {"folded": True}
 
 
-def _summary(log: Log, found: list[Moment], missing: list[tuple[float, float]]) -> Items:
+def _summary(log: Log, all_moments: list[Moment], missing: list[tuple[float, float]]) -> Items:
     items: Items = []
 
     def add(label: str, value: str, **alert: bool) -> None:
@@ -340,11 +346,11 @@ def _summary(log: Log, found: list[Moment], missing: list[tuple[float, float]]) 
 
     held = durations(log)
     add("Drive", f"{_span(log.times[-1])}, {len(log.stamps):,} predictions")
-    known = np.isfinite(log.peak_magnitude)
-    if known.any():
-        angles = log.crank_angle[known] * DEG
+    valid = np.isfinite(log.peak_magnitude)
+    if valid.any():
+        angles = log.crank_angle[valid] * DEG
         add("Crank angle", f"{angles.min():.1f} to {angles.max():.1f} deg")
-        for mode, values in enumerate(log.natural_frequencies[known].T):
+        for mode, values in enumerate(log.natural_frequencies[valid].T):
             oscillating = values[np.isfinite(values)]
             overdamped = f"overdamped in {len(values) - len(oscillating):,} predictions"
             parts = [overdamped] if len(oscillating) < len(values) else []
@@ -357,13 +363,13 @@ def _summary(log: Log, found: list[Moment], missing: list[tuple[float, float]]) 
     if log.resonances is not None:
         warning = float(held[log.resonances.state == ResonanceState.WARNING].sum())
         share = 100.0 * warning / (float(held.sum()) or 1.0)
-        known = held[log.resonances.state != ResonanceState.STALE].sum() / (held.sum() or 1.0)
-        text = f"{len(found)}, {share:.1f} % of the time"
-        if not known:
+        assessed = held[log.resonances.state != ResonanceState.STALE].sum() / (held.sum() or 1.0)
+        text = f"{len(all_moments)}, {share:.1f} % of the time"
+        if not assessed:
             text = "not known"
-        elif known < _NEARLY_ALL:
-            text += f"; not known for {100.0 * (1.0 - known):.1f} %"
-        add("Resonance warnings", text, alert=bool(found) or not known)
+        elif assessed < _NEARLY_ALL:
+            text += f"; not known for {100.0 * (1.0 - assessed):.1f} %"
+        add("Resonance warnings", text, alert=bool(all_moments) or not assessed)
         total = log.resonances.total_velocity
         if np.isfinite(total).any():
             at = int(np.nanargmax(total))
@@ -417,7 +423,7 @@ def _histograms(log: Log, margin: float | None) -> Items:
         texts = {"title": f"Share of time over the {name}", "unit": unit}
         return {**texts, "edges": edges.tolist(), "shares": heights.tolist(), "limit": None}
 
-    found = [histogram("crank angle", "crank angle [deg]", angle_shares(log), DEG)]
+    plots = [histogram("crank angle", "crank angle [deg]", angle_shares(log), DEG)]
     margins = margin_shares(log)
     if margins is not None:
         note = "The last bar includes all larger margins."
@@ -426,8 +432,8 @@ def _histograms(log: Log, margin: float | None) -> Items:
             note += f" Bars below the warning margin of {limit:g} % are orange."
         name = "margin to the nearest resonance"
         bars = histogram(name, "margin [%]", margins, 100.0)
-        found.append(bars | {"limit": limit, "note": note})
-    return found
+        plots.append(bars | {"limit": limit, "note": note})
+    return plots
 
 
 def _provenance(log: Log, n_kept: int) -> dict[str, Any]:
@@ -464,7 +470,7 @@ def _excitations(log: Log, rows: IntArray, axis: TimeAxis) -> Items:
         places = {"times": axis.place(times), "values": values.astype(np.float32)}
         return {"name": name, "style": style, **places}
 
-    found = []
+    lines = []
     speeds = dict(log.speeds)
     for source in Source:
         fixed = _number(log, f"{source.value}_speed", -1.0)
@@ -474,16 +480,18 @@ def _excitations(log: Log, rows: IntArray, axis: TimeAxis) -> Items:
         if excitation.source in speeds:
             times, values = speeds[excitation.source]
             style = _STYLES[excitation.source]
-            found.append(line(excitation.name, style, times, excitation.ratio * values))
+            lines.append(line(excitation.name, style, times, excitation.ratio * values))
     if log.excitations or log.resonances is None:
-        return found
+        return lines
     nearest, times = log.resonances.excitation[rows], log.times[rows]
     for name in filter(None, _excitation_names(log)):
-        own = nearest == name
-        near = own | np.append(False, own[:-1])  # The sample after each run ends its line.
-        values = np.where(own, log.resonances.excitation_frequency[rows], np.nan)
-        found.append(line(name, "solid", times[near], values[near]))
-    return found
+        is_nearest = nearest == name
+        near = is_nearest | np.append(
+            False, is_nearest[:-1]
+        )  # The sample after each run ends its line.
+        values = np.where(is_nearest, log.resonances.excitation_frequency[rows], np.nan)
+        lines.append(line(name, "solid", times[near], values[near]))
+    return lines
 
 
 def _number(log: Log, name: str, default: float) -> float:

@@ -28,7 +28,6 @@ from test.support.c_code import STRICT, compile_c
 from test.support.fmu import differences, simulate
 from test.support.programs import require
 
-VERSIONS = 2, 3
 INTERFACES = "ModelExchange", "CoSimulation"
 PREFIX = "lv_three_point_linkage_on_tractor"
 STEP = 0.02  # s
@@ -41,12 +40,11 @@ def make(path: Path, *options: str) -> Path:
     return path
 
 
-@pytest.fixture(scope="module", params=VERSIONS)
-def fmu(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return an FMU of the shipped table with excitations, for each version of FMI."""
-    path = tmp_path_factory.mktemp("fmu") / f"hitch{request.param}.fmu"
+@pytest.fixture(scope="module")
+def fmu(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return an FMU of the shipped table with excitations."""
     orders = str(config_file("excitations_on_tractor.yaml"))
-    return make(path, "--fmi", str(request.param), "--excitations", orders)
+    return make(tmp_path_factory.mktemp("fmu") / "hitch.fmu", "--excitations", orders)
 
 
 @pytest.fixture(scope="module")
@@ -107,11 +105,10 @@ def test_outside_the_table(fmu: Path, interface: str) -> None:
     assert (found["nearest_mode[1]"] == 0).all()
 
 
-@pytest.mark.parametrize("version", VERSIONS)
-def test_turning_crank_in_single_precision(version: int, tmp_path: Path) -> None:
+def test_turning_crank_in_single_precision(tmp_path: Path) -> None:
     """A crank that turns has no limits, and its numbers repeat after ten turns."""
     save_table(four_bar(), tmp_path / "four_bar.npz")
-    options = [str(tmp_path / "four_bar.npz"), "--single", "--fmi", str(version)]
+    options = [str(tmp_path / "four_bar.npz"), "--single"]
     path = make(tmp_path / "four_bar.fmu", *options)
     assert validate_fmu(str(path)) == []
     found = [
@@ -125,11 +122,10 @@ def test_turning_crank_in_single_precision(version: int, tmp_path: Path) -> None
     assert all(one.max is None for one in angle if one.name == "crank_angle")
 
 
-@pytest.mark.parametrize("version", VERSIONS)
-def test_fmpy_compiles_the_sources(version: int, drive: Log, tmp_path: Path) -> None:
+def test_fmpy_compiles_the_sources(drive: Log, tmp_path: Path) -> None:
     """From a source-only FMU, FMPy compiles a library that gives the same numbers."""
     require("cmake")
-    path = make(tmp_path / "source.fmu", "--fmi", str(version), "--source-only")
+    path = make(tmp_path / "source.fmu", "--source-only")
     assert validate_fmu(str(path)) == []
     with zipfile.ZipFile(path) as archive:
         assert not any(name.startswith("binaries") for name in archive.namelist())
@@ -145,19 +141,18 @@ def test_sources_have_no_warnings(fmu: Path, compiler: str, tmp_path: Path) -> N
     """The wrapper compiles without a warning, also with a prefix of its functions."""
     with zipfile.ZipFile(fmu) as archive:
         archive.extractall(tmp_path)
-    version = fmu.stem[-1]
-    prefix = f"-DFMI{version}_FUNCTION_PREFIX={PREFIX}_"
+    prefix = f"-DFMI2_FUNCTION_PREFIX={PREFIX}_"
     for more in ([], [prefix]):
-        command = [require(compiler), *STRICT, *more, "-c", f"fmi{version}.c"]
+        command = [require(compiler), *STRICT, *more, "-c", "fmi2.c"]
         compile_c(command, tmp_path / "sources")
     symbols = subprocess.run(
-        [require("nm"), f"fmi{version}.o"],
+        [require("nm"), "fmi2.o"],
         cwd=tmp_path / "sources",
         capture_output=True,
         text=True,
         check=True,
     )
-    assert f" T {PREFIX}_fmi{version}DoStep" in symbols.stdout
+    assert f" T {PREFIX}_fmi2DoStep" in symbols.stdout
 
 
 def test_equal_exports_have_equal_bytes(tmp_path: Path) -> None:
