@@ -19,6 +19,7 @@ from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import yaml
@@ -175,14 +176,14 @@ def _write_changed(folder: Path) -> None:
             if kind == "variant":
                 for parent, key in places:
                     if key in ("mass", "density", "youngs_modulus", "height", "width", "inertia"):
-                        parent[key] = float(parent[key]) * random.uniform(0.8, 1.25)
+                        parent[key] = float(parent[key]) * float(random.uniform(0.8, 1.25))
             else:
                 parent, key = places[random.integers(len(places))]
                 parent[key] = [-1.0, "abc", None, [1.0], float("nan")][number % 5]
             (folder / f"{kind}_{number}.yaml").write_text(yaml.safe_dump(mapping, sort_keys=False))
 
 
-def _numbers(tree: object) -> Iterator[tuple[dict[str, object], str]]:
+def _numbers(tree: Any) -> Iterator[tuple[dict[str, Any], str]]:
     """Yield the mapping and the key of each number in a YAML file."""
     if isinstance(tree, dict):
         for key, value in tree.items():
@@ -195,7 +196,7 @@ def write_parameters(folder: Path, tree: Path) -> None:
     """Write the parameters of the node; resonances are assessed for each reading."""
     name = "hitch_rockshaft_joint"
     rate = {RATE: 0.0} if _has_rate(tree) else {}
-    values = {
+    values: dict[str, dict[str, Any]] = {
         "plain": {"joint_name": name},
         "amplitudes": {"excitation_file": "on_tractor.yaml", "angle_stddev": 0.002},
         "calibrated": {"offset": 0.01, "scale": 0.98, "mechanism_file": "three_point_linkage.yaml"},
@@ -249,8 +250,8 @@ def contents(path: Path) -> dict[str, object]:
                 for number, (_, channel, message) in enumerate(messages)
             }
     if path.suffix == ".csv":
-        with path.open(newline="") as file:
-            return {f"row {number}": row for number, row in enumerate(csv.reader(file))}
+        lines = path.read_text().splitlines()
+        return {f"row {number}": row for number, row in enumerate(csv.reader(lines))}
     if path.suffix == ".json":
         return dict(json.loads(path.read_text()))
     if path.is_dir():
