@@ -108,6 +108,20 @@ class _JoinRate:
 Joins = list[_JoinRate | None]
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class PoleShapes:
+    """The poles that oscillate where damping couples the modes, and their shapes."""
+
+    poles: ComplexArray  # (k,): of each pair the upper, rad/s, ascending by magnitude
+    shapes: ComplexArray  # (n, k): on the coordinates of the components, scaled as `DampedModes`
+    viscous: bool
+
+    def below(self, limit: float) -> "PoleShapes":
+        """Return those whose magnitude is at most a limit, rad/s."""
+        kept = np.abs(self.poles) <= limit
+        return PoleShapes(self.poles[kept], self.shapes[:, kept], self.viscous)
+
+
 class Sensitivity:
     """The changes of a model's modes with its uncertain numbers.
 
@@ -134,19 +148,23 @@ class Sensitivity:
         bases: dict[str, FloatArray] = {}
         self._changes = [self._change(number, bases) for number in self.numbers]
 
-    def at(self, solution: Solution, highest: float) -> ModeChanges:
-        """Return the changes of the modes up to a frequency.
+    def at(
+        self, solution: Solution, highest: float, poles: PoleShapes | None = None
+    ) -> ModeChanges:
+        """Return the changes of the modes up to a frequency in Hz.
 
-        Parameters
-        ----------
-        solution : Solution
-            Of the model.
-        highest : float
-            Hz.
+        Where damping couples the modes, the poles may be given if they are known.
         """
-        joins = [_join_rates(change, solution) for change in self._changes]
-        find = self._uncoupled if solution.damped.shapes is None else self._coupled
-        values, power, forms, columns = find(solution, joins, 2.0 * math.pi * highest)
+        joins, limit = (
+            [_join_rates(change, solution) for change in self._changes],
+            math.tau * highest,
+        )
+        if poles is None and solution.damped.shapes is not None:
+            poles = _pole_shapes(solution)
+        if poles is None:
+            values, power, forms, columns = self._uncoupled(solution, joins, limit)
+        else:
+            values, power, forms, columns = self._coupled(solution, joins, poles.below(limit))
         mixing, approach = self._mixing(forms, values, power)
         mixing[1] *= 1.0 - columns[1] ** 2  # from the angle of a pole to its damping ratio
         toggle = self._toggle_stddev(joins, solution)
@@ -170,21 +188,17 @@ class Sensitivity:
         frequencies, logs = omega / (2.0 * math.pi), main / (2.0 * values)
         return values, 2.0, forms[0], (frequencies, viscous + structural, logs, changes)
 
-    def _coupled(self, solution: Solution, joins: Joins, limit: float) -> Eigenvalues:
+    def _coupled(self, solution: Solution, joins: Joins, known: PoleShapes) -> Eigenvalues:
         """Return changes of poles, or of squares of frequencies with structural damping."""
-        damped = solution.damped
-        poles = damped.oscillating
-        poles = poles[np.abs(poles) <= limit]
-        shapes = solution.modes.shapes @ damped.oscillating_shapes[:, : len(poles)]
+        poles = known.poles
         zero, one = np.zeros(len(poles)), np.ones(len(poles))
-        if damped.poles is None:
-            values, power = -(poles**2), 2.0
-            weights = np.array([-values, zero, one, 1j * one])
-            forms = self._forms(solution, joins, shapes, weights)
-        else:
+        if known.viscous:
             values, power = -1j * poles, 1.0
             weights = 1j * np.array([poles**2, poles, one, zero])  # for -i times the poles
-            forms = self._forms(solution, joins, shapes, weights)
+        else:
+            values, power = -(poles**2), 2.0
+            weights = np.array([-values, zero, one, 1j * one])
+        forms = self._forms(solution, joins, known.shapes, weights)
         relative = _diagonals(forms) / (power * values)
         size = np.abs(poles)
         ratios, logs = -poles.real / size, np.asarray(relative.real)
@@ -334,14 +348,23 @@ class Sensitivity:
                 f"links.{link.name}: a small change of a number changes its mesh; give it another "
                 "number of elements."
             )
-        mass, damping, stiffness, _ = (basis.T @ matrix @ basis for matrix in _stacked(whole))
+        mass, stiffness = (basis.T @ matrix @ basis for matrix in (whole.mass, whole.stiffness))
         if getattr(link.body, "damping", None) is None:
             damping = (link.damping or mechanism.damping).viscous(mass, stiffness)
+        else:
+            damping = basis.T @ whole.damping @ basis
         return np.array([mass, damping, stiffness, whole.loss_factor * stiffness])
 
     @property
     def _spatial(self) -> bool:
         return bool(self._model.interface.out_of_plane.any())
+
+
+def _pole_shapes(solution: Solution) -> PoleShapes:
+    """Return all poles of a solution that oscillate, by its damped modes."""
+    damped = solution.damped
+    shapes = np.asarray(solution.modes.shapes @ damped.oscillating_shapes)
+    return PoleShapes(damped.oscillating, shapes, damped.poles is not None)
 
 
 def _spread(number: UncertainNumber) -> float:

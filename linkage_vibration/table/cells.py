@@ -7,6 +7,7 @@ Another method of interpolation is another function that returns `Cells`, as `sp
 
 from bisect import bisect_right
 from collections.abc import Iterable
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -73,11 +74,14 @@ class Cells:
         self._starts, self._cells = starts, np.ascontiguousarray(cubics)
         self._direct = np.asarray(np.isposinf(self._cells[:, 3]).any(axis=1))
         self._finder = finder
-        # On so few numbers plain floats are three times as fast as arrays.
+
+    @cached_property
+    def _plain(self) -> tuple[list[float], list[list[list[float]] | None]]:
+        """Starts and cubics as plain floats, which for one angle are three times as fast."""
         plain: list[list[list[float]] | None] = self._cells.swapaxes(1, 2).tolist()
         for i in np.flatnonzero(self._direct).tolist():
             plain[i] = None
-        self._plain = self._starts.tolist(), plain
+        return self._starts.tolist(), plain
 
     @property
     def arrays(self) -> tuple[FloatArray, FloatArray]:

@@ -10,7 +10,7 @@ from functools import partial
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray
+from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray, IntArray
 from linkage_vibration.mechanics.modes import MECHANISM
 from linkage_vibration.table.interpolation import stroke_angle, stroke_variable
 from linkage_vibration.table.reduced import Modal, ReducedModels
@@ -69,15 +69,14 @@ def _modal(
 
 
 def oscillating(poles: ComplexArray) -> ComplexArray:
-    """Return the poles that oscillate, of each pair the upper, ascending by magnitude.
+    """Return the poles that oscillate, of each pair the upper, (k,), rad/s, by magnitude."""
+    return np.asarray(poles[oscillating_indices(poles)])
 
-    Parameters
-    ----------
-    poles : ndarray, (n,)
-        rad/s.
-    """
-    found = poles[(poles.imag > 0.0) & (np.abs(poles) >= MECHANISM)]
-    return np.asarray(found[np.argsort(np.abs(found))])
+
+def oscillating_indices(poles: ComplexArray) -> IntArray:
+    """Return the indices of the poles that oscillate, of each pair the upper, by magnitude."""
+    upper = np.flatnonzero((poles.imag > 0.0) & (np.abs(poles) >= MECHANISM))
+    return np.asarray(upper[np.argsort(np.abs(poles[upper]))])
 
 
 def values_of(poles: ComplexArray) -> FloatArray:

@@ -62,20 +62,11 @@ class Modal:
         return self.poles if self.viscous else np.asarray(1j * np.sqrt(-self.poles))
 
     def frf(self, row: int, omega: FloatArray) -> ComplexArray:
-        """Return the FRFs at one of the angles, (n_freq, n_places, n_places), m/N.
-
-        Parameters
-        ----------
-        row : int
-        omega : ndarray, (n_freq,), rad/s
-        """
+        """Return the FRFs at one of the angles, (n_freq, n_triangle), m/N, at rad/s."""
         terms = 1.0 / (self._sigma(omega)[:, np.newaxis] - self.poles[row])
-        near = (self.shapes[row] * terms[:, np.newaxis]) @ self.shapes[row].T
-        n = self.shapes.shape[1]
-        upper, far = np.triu_indices(n), np.empty((len(omega), n, n), dtype=complex)
+        shapes, upper = self.shapes[row], np.triu_indices(self.shapes.shape[1])
         weights = replace(self.far, weights=self.far.weights[row])
-        far[:, upper[0], upper[1]] = far[:, upper[1], upper[0]] = weights.frf(omega)
-        return np.asarray(near + far)
+        return np.asarray(terms @ (shapes[upper[0]] * shapes[upper[1]]).T + weights.frf(omega))
 
     def highest(self, drive: int, band: tuple[float, float]) -> FloatArray:
         """Find the highest maximum of the receptance of one place, within a band.

@@ -246,9 +246,7 @@ def weighted_frf(
     poles = poles[(poles.imag > 0.0) & (poles.imag < high)]
     near = poles.imag - np.multiply.outer(np.linspace(-2.0, 2.0, 9), poles.real)
     lines = np.unique(np.clip([*np.linspace(low, high, _LINES), *near.ravel()], low, high))
-    weights = np.sqrt(np.gradient(lines))[:, np.newaxis]
-    upper = np.triu_indices(modal.shapes.shape[1])
-    return np.asarray(weights * modal.frf(row, lines)[:, upper[0], upper[1]])
+    return np.asarray(np.sqrt(np.gradient(lines))[:, np.newaxis] * modal.frf(row, lines))
 
 
 def _slope_error(coarse: Polynomials, fine: Polynomials) -> float:

@@ -94,7 +94,8 @@ def _point(
     own = values[: 2 * table.n_modes].reshape(2, -1)
     oscillates = np.isfinite(own[0])
     highest = _ABOVE * float(own[0][oscillates].max(initial=0.0))
-    changes = sensitivity.at(sampler.solution(alpha3), highest)
+    poles = sampler.pole_shapes(alpha3, highest)
+    changes = sensitivity.at(sampler.solution(alpha3), highest, poles)
     there = np.array([changes.frequencies, changes.ratios])
     off = np.abs(np.log(own[0][:, np.newaxis] / there[0])) + np.abs(
         own[1][:, np.newaxis] - there[1]

@@ -15,12 +15,18 @@ from linkage_vibration.mechanics.description import GROUND
 from linkage_vibration.mechanics.model import LinkageModel, Place, Solution
 from linkage_vibration.mechanics.modes import MECHANISM, DampedModes, Modes, ModesError
 from linkage_vibration.mechanics.response import Peak, PoleResidue, in_reach, pole_residue
+from linkage_vibration.mechanics.sensitivity import PoleShapes
 from linkage_vibration.table.interpolation import stroke_angle, stroke_variable
 from linkage_vibration.table.pole_cells import oscillating, values_of
 from linkage_vibration.table.table import TableError
 from linkage_vibration.table.tabulation.accuracy import LOOSER, Accuracy
 from linkage_vibration.table.tabulation.peaks import SILENT, heights
-from linkage_vibration.table.tabulation.subspaces import PoleSample, mass_root, sample_poles
+from linkage_vibration.table.tabulation.subspaces import (
+    PoleSample,
+    mass_root,
+    pole_shapes,
+    sample_poles,
+)
 
 _REMEMBERED = 64  # solutions of the model
 _SPARE = 4  # further modes, which may continue a tracked one
@@ -253,6 +259,13 @@ class Sampler:
             self._check(self._poles[variable])
             self._progress(1.0 - self._unfinished)
         return self._poles[variable]
+
+    def pole_shapes(self, alpha3: float, highest: float) -> PoleShapes | None:
+        """Return the poles up to a frequency (Hz) at an angle (rad), if they are sampled there."""
+        for sample in self._poles.values():
+            if sample.alpha3 == alpha3:
+                return pole_shapes(sample, self.solution(alpha3), self._mass_root, highest)
+        return None
 
     @property
     def solved_poles(self) -> list[float]:

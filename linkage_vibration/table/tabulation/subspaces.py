@@ -11,20 +11,25 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import schur
+from scipy.linalg import block_diag, schur
 
 from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray, IntArray, solve_stack
-from linkage_vibration.mechanics.description import Response
+from linkage_vibration.mechanics.description import Rayleigh, Response
 from linkage_vibration.mechanics.model import LinkageModel, Place, Solution
 from linkage_vibration.mechanics.modes import mixed_damping
 from linkage_vibration.mechanics.response import reach, searched
+from linkage_vibration.mechanics.sensitivity import PoleShapes
+from linkage_vibration.table.pole_cells import oscillating_indices
 from linkage_vibration.table.reduced import Numbers
 
 _WIDER = 2.5  # of the reach: poles up to there may continue those of a table
 _LOW = 0.1  # of the reach: displacements of slower modes are not enlarged
 _SLOWEST = 1e-3  # rad/s, the frequency given to a mechanism mode
 _POOR = 1e4  # condition of the coordinates of one subspace by those of another
-_EXACT = 1e-12  # of modal damping: coupling that is only rounding
+_EXACT = 1e-12  # of damping: a difference that is only rounding
+_FEW = 0.25  # of all coordinates, whose damping may differ from that of the others
+_FAST = 2.0  # of a pole: faster undamped modes follow the slower ones
+_SWEEPS, _CONVERGED = 6, 1e-10  # of Jacobi's method; the last relative change
 _LEAVES = 0.5  # of a pole's state: the share outside a subspace up to which it may continue it
 
 N_FAR = 5
@@ -244,33 +249,73 @@ def _totals(
     """Return the FRFs with every mode, (n_lines, n_triangle), from the equations of motion."""
     free = bool(solution.modes.mechanism.any())
     lines = check_lines(solution.model.mechanism.response.band, free=free)
-    upper = np.triu_indices(len(own))
-    joining, moved = solution.joining, solution.modes.shapes
-    damped = np.flatnonzero(joining.damping)
-    pull = joining.elongation[damped] @ moved[: joining.elongation.shape[1]]
-    rest = viscous - pull.T @ (joining.damping[damped, np.newaxis] * pull)
-    # Where springs alone couple the modes, few forces replace the equations of all modes.
-    size = np.sqrt(np.abs(np.diag(viscous)))
-    if (
-        not loss.any()
-        and (np.abs(rest - np.diag(np.diag(rest))) <= _EXACT * np.outer(size, size)).all()
-    ):
-        terms = 1.0 / (
-            omega**2
-            - np.multiply.outer(lines**2, np.ones(len(omega)))
-            + 1j * np.outer(lines, np.diag(rest))
-        )
-        both = np.vstack([own, pull])
-        every = (both * terms[:, np.newaxis]) @ both.T
-        n = len(own)
-        loose = np.einsum("w,d->wd", -1j / lines, 1.0 / joining.damping[damped])
-        inner = every[:, n:, n:] + loose[:, :, np.newaxis] * np.eye(len(damped))
-        frf = every[:, :n, :n] - every[:, :n, n:] @ np.linalg.solve(inner, every[:, n:, :n])
-    else:
-        w = lines[:, np.newaxis, np.newaxis]
+    upper, w = np.triu_indices(len(own)), lines[:, np.newaxis, np.newaxis]
+    coupling = None if loss.any() else _coupling(solution)
+    if coupling is None:
         dynamic = np.diag(omega**2) + 1j * loss - w**2 * np.eye(len(omega)) + 1j * w * viscous
         frf = own @ solve_stack(dynamic, own.T.astype(complex))
+    else:  # few forces replace the equations of all modes
+        decay, moved, damping = coupling
+        terms = 1.0 / (omega**2 - w**2 + 1j * w * decay)
+        both, n = np.vstack([own, moved]), len(own)
+        every = (both * terms) @ both.T
+        force = 1j * w * damping
+        inner = np.eye(len(damping)) + force @ every[:, n:, n:]
+        frf = every[:, :n, :n] - every[:, :n, n:] @ np.linalg.solve(inner, force @ every[:, n:, :n])
     return np.asarray(frf[:, upper[0], upper[1]])
+
+
+def _coupling(solution: Solution) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+    """Split the modal damping into a diagonal, (m,), and R^T D R with few rows R, (r, m).
+
+    Rayleigh damping of all components would leave the modes real; D, (r, r), is what springs and
+    components without it add. It returns the diagonal, R and D; None if most components differ.
+    """
+    model, joining, shapes = solution.model, solution.joining, solution.modes.shapes
+    system, rule = model.system, model.mechanism.damping
+    a, b = 0.0, 0.0
+    if isinstance(rule, Rayleigh):
+        a, b = rule.mass_coefficient, rule.stiffness_coefficient
+    rest = system.damping - a * system.mass - b * system.stiffness
+    size = np.abs(system.damping) + a * np.abs(system.mass) + b * np.abs(system.stiffness)
+    rows = np.flatnonzero((np.abs(rest) > _EXACT * size).any(axis=1))
+    if len(rows) > _FEW * len(rest) or model.mechanism.gravity:
+        return None
+    stretch = joining.elongation @ shapes[: joining.elongation.shape[1]]
+    springs = np.diag(joining.damping - b * joining.stiffness)
+    added = block_diag(rest[np.ix_(rows, rows)], springs)
+    return a + b * solution.modes.omega**2, np.vstack([shapes[rows], stretch]), added
+
+
+def pole_shapes(
+    sample: PoleSample, solution: Solution, root: FloatArray, highest: float
+) -> PoleShapes | None:
+    """Return the poles up to a frequency (Hz) and their shapes; None if the sample lacks some.
+
+    It also returns None if the damping couples fast modes too strongly to find the shapes.
+    """
+    if math.tau * highest > np.abs(sample.others).min(initial=math.inf):
+        return None
+    chosen, modes, vectors = oscillating_indices(sample.poles), solution.modes, solution.vectors
+    poles, turned = sample.poles[chosen], root @ modes.shapes  # with orthonormal columns
+    shapes = turned.T @ sample.vectors[: len(root), chosen]  # by the undamped modes
+    if sample.viscous:
+        damping, factors = vectors.T @ solution.coupled.damping @ vectors, poles
+    else:
+        damping, factors = vectors.T @ solution.coupled.loss @ vectors, 1j * np.ones(len(poles))
+    # The equations of fast modes, whose forces are large, remove the rounding of their shares.
+    omega, own = modes.omega[:, np.newaxis], np.diag(damping)[:, np.newaxis]
+    fast, change = omega > _FAST * np.abs(poles), shapes
+    for _ in range(_SWEEPS):
+        forces = factors * (damping @ shapes - own * shapes)
+        better = np.where(fast, -forces / (omega**2 + factors * own + poles**2), shapes)
+        shapes, change = better, better - shapes
+    if np.linalg.norm(omega * change) > _CONVERGED * np.linalg.norm(omega * shapes):
+        return None
+    scale = (shapes**2).sum(axis=0)
+    if sample.viscous:
+        scale = 2.0 * poles * scale + (shapes * (damping @ shapes)).sum(axis=0)
+    return PoleShapes(poles, modes.shapes @ (shapes / np.sqrt(scale)), sample.viscous)
 
 
 def continue_set(here: Subspace, there: PoleSample, count: int) -> tuple[IntArray, bool, IntArray]:
