@@ -184,32 +184,39 @@ class InterfaceMap:
         if rate:
             slope = rotation_derivative(configuration.angle(body))
             turn = configuration.velocity_ratio(body) * slope
-        (rows[0, x], rows[0, z]), (rows[2, x], rows[2, z]) = turn
+        (rows[0, x], rows[0, z]), (rows[2, x], rows[2, z]) = turn.tolist()
         if self._spatial and not rate:
             rows[1, self._at(body, point, "y")] = 1.0
         return rows
 
     def join(self, configuration: Configuration) -> Joining:
         """Return what joins the components in a configuration."""
-        rows, labels = [self._pins(configuration)], []
-        for (point, first, second), kept in self._joints:
-            labels += [f"pin {point} of {first} and {second} in {'xyz'[i]}" for i in kept]
+        rows = [self._pins(configuration)]
         for link in self._mechanism.links:
             if link.clamped is not None:
                 turn = self._turn(link.name, link.clamped) - self._turn(GROUND, link.clamped)
                 rows.append(turn[np.newaxis])
-                labels.append(f"clamp of {link.name} at {link.clamped}")
-        springs, mounts = self._mechanism.springs, mount_springs(self._mechanism.base)
+        stiffness, damping = self.spring_constants(configuration)
         return Joining(
-            compatibility=np.vstack(rows),
-            labels=tuple(labels),
-            elongation=self._elongations(configuration),
-            stiffness=np.array(
-                [spring_stiffness(each, self._mechanism, configuration)[0] for each in springs]
-                + [mount.stiffness[axis] for mount, axis in mounts]
-            ),
-            damping=np.array([*(s.damping for s in springs), *(m.damping[i] for m, i in mounts)]),
+            np.vstack(rows), self._labels, self._elongations(configuration), stiffness, damping
         )
+
+    @cached_property
+    def _labels(self) -> tuple[str, ...]:
+        """Names of the rows of B: pins, then clamps."""
+        labels: list[str] = []
+        for (point, first, second), kept in self._joints:
+            labels += [f"pin {point} of {first} and {second} in {'xyz'[i]}" for i in kept]
+        clamped = (link for link in self._mechanism.links if link.clamped is not None)
+        return (*labels, *(f"clamp of {link.name} at {link.clamped}" for link in clamped))
+
+    def spring_constants(self, configuration: Configuration) -> tuple[FloatArray, FloatArray]:
+        """Return stiffness and damping of springs and mounts, (n_springs,), as `join` does."""
+        springs, mounts = self._mechanism.springs, mount_springs(self._mechanism.base)
+        stiffness = [spring_stiffness(each, self._mechanism, configuration)[0] for each in springs]
+        stiffness += [mount.stiffness[axis] for mount, axis in mounts]
+        damping = [*(s.damping for s in springs), *(m.damping[axis] for m, axis in mounts)]
+        return np.array(stiffness), np.array(damping)
 
     def join_rate(self, configuration: Configuration) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return d/d(alpha3) of the compatibility, the elongation and the stiffness in `join`."""
@@ -261,13 +268,12 @@ class InterfaceMap:
 
     def _pins(self, configuration: Configuration, *, rate: bool = False) -> FloatArray:
         """Return the rows of B, or of its derivative, that belong to the pins."""
-        return np.vstack(
-            [
-                self.displacement(first, point, configuration, rate=rate)[kept]
-                - self.displacement(second, point, configuration, rate=rate)[kept]
-                for (point, first, second), kept in self._joints
-            ]
-        )
+        rows = []
+        for (point, first, second), kept in self._joints:
+            apart = self.displacement(first, point, configuration, rate=rate)
+            apart -= self.displacement(second, point, configuration, rate=rate)
+            rows += [apart[i] for i in kept]
+        return np.array(rows)
 
     def _elongations(self, configuration: Configuration, *, rate: bool = False) -> FloatArray:
         rows = [self._elongation(spring, configuration, rate) for spring in self._mechanism.springs]

@@ -90,6 +90,7 @@ class _Change:
     # The model with the larger number, where its geometry, a spring or, with gravity, a weight
     # changes.
     other: LinkageModel | None
+    places: bool  # whether it moves a joint, a centre of gravity or, with gravity, changes a force
     steps: float  # from the number to the larger one, in one standard deviation
 
 
@@ -97,12 +98,12 @@ class _Change:
 class _JoinRate:
     """How one standard deviation of a number changes what joins the components."""
 
-    compatibility: FloatArray
-    elongation: FloatArray
     stiffness: FloatArray
     damping: FloatArray
     angles: FloatArray  # (n_bodies,), rad
-    prestress: FloatArray  # of all components, (n, n)
+    compatibility: FloatArray | None = None
+    elongation: FloatArray | None = None
+    prestress: FloatArray | None = None  # of all components, (n, n)
 
 
 Joins = list[_JoinRate | None]
@@ -235,14 +236,18 @@ class Sensitivity:
                 for weight, block in zip(weights, blocks, strict=True):
                     if weight.any():
                         form += weight * (shapes[rows].T @ block @ shapes[rows])
-            if rate is not None:
+            if rate is None:
+                continue
+            stiffer = np.outer(rate.damping, weights[1]) + np.outer(rate.stiffness, weights[2])
+            form += stretch.T @ (stiffer * stretch)
+            if rate.compatibility is not None:
                 gap = multipliers.T @ (rate.compatibility @ own)
+                form += gap + gap.T
+            if rate.elongation is not None:
                 more = rate.elongation @ own
-                stiffer = np.outer(rate.damping, weights[1]) + np.outer(rate.stiffness, weights[2])
-                if self._model.mechanism.gravity:
-                    form += weights[2] * (shapes.T @ rate.prestress @ shapes)
-                form += gap + gap.T + stretch.T @ (stiffer * stretch)
                 form += stretch.T @ (springs * more) + more.T @ (springs * stretch)
+            if rate.prestress is not None:
+                form += weights[2] * (shapes.T @ rate.prestress @ shapes)
         return np.concatenate([np.zeros((0, k, k)), found])
 
     def _mixing(
@@ -306,6 +311,7 @@ class Sensitivity:
                 blocks.append((rows[component.name], block))
         larger = sides[1]
         other: LinkageModel | None = None
+        places = mechanism.gravity > 0.0 or _placed(sides[0]) != _placed(larger)
         if _joined(sides[0]) != _joined(larger):
             other = copy.copy(self._model)
             other.mechanism = larger
@@ -314,7 +320,7 @@ class Sensitivity:
             other.interface = InterfaceMap(larger, components, spatial=self._spatial)
             if _points(sides[0]) != _points(larger):
                 other.kinematics = self._model.kinematics.nearby(larger)
-        return _Change(tuple(blocks), other, number.deviation / number.step)
+        return _Change(tuple(blocks), other, places, number.deviation / number.step)
 
     def _link_block(
         self, link: Link, sides: Sequence[tuple[Link, Mechanism]], bases: dict[str, FloatArray]
@@ -385,20 +391,20 @@ def _join_rates(change: _Change, solution: Solution) -> _JoinRate | None:
     """Return how a number changes what joins the components in a configuration."""
     if change.other is None:
         return None
-    other, here = change.other, solution.configuration
+    other, here, low = change.other, solution.configuration, solution.joining
     moves = other.kinematics is not solution.model.kinematics
     there = other.kinematics.at(here.alpha3) if moves else here
-    low, high = solution.joining, other.interface.join(there)
-    return _JoinRate(
-        change.steps * (high.compatibility - low.compatibility),
-        change.steps * (high.elongation - low.elongation),
-        change.steps * (high.stiffness - low.stiffness),
-        change.steps * (high.damping - low.damping),
-        change.steps * (there.angles - here.angles),
-        change.steps * (other.prestress(there, high) - solution.prestress)
-        if other.mechanism.gravity
-        else solution.prestress,
-    )
+    stiffness, damping = other.interface.spring_constants(there)
+    springs = change.steps * (stiffness - low.stiffness), change.steps * (damping - low.damping)
+    angles = change.steps * (there.angles - here.angles)
+    if not change.places:
+        return _JoinRate(*springs, angles)
+    high, prestress = other.interface.join(there), None
+    if other.mechanism.gravity:
+        prestress = change.steps * (other.prestress(there, high) - solution.prestress)
+    compatibility = change.steps * (high.compatibility - low.compatibility)
+    elongation = change.steps * (high.elongation - low.elongation)
+    return _JoinRate(*springs, angles, compatibility, elongation, prestress)
 
 
 def _stacked(component: Component) -> FloatArray:
@@ -412,14 +418,19 @@ def _points(mechanism: Mechanism) -> object:
     return mechanism.ground, tuple(body.points for body in mechanism.bodies)
 
 
+def _placed(mechanism: Mechanism) -> object:
+    """Return what the rows of joints and springs depend on."""
+    rigid = tuple((body.points, body.centre_of_gravity) for body in mechanism.rigid)
+    return _points(mechanism), rigid
+
+
 def _joined(mechanism: Mechanism) -> object:
     """Return what the joints and the springs depend on."""
-    centres = tuple(body.centre_of_gravity for body in mechanism.rigid_bodies)
     weights = tuple(body.mass for body in mechanism.rigid_bodies if mechanism.gravity)
     base = mechanism.base
     if base is not None and not mechanism.gravity:
         base = replace(base, body=replace(base.body, mass=1.0, inertia=1.0))
-    return _points(mechanism), centres, weights, mechanism.springs, base
+    return _placed(mechanism), weights, mechanism.springs, base
 
 
 def _meshed_as(link: Link, other: Link) -> Link:
