@@ -394,17 +394,22 @@ def _join_rates(change: _Change, solution: Solution) -> _JoinRate | None:
     other, here, low = change.other, solution.configuration, solution.joining
     moves = other.kinematics is not solution.model.kinematics
     there = other.kinematics.at(here.alpha3) if moves else here
-    stiffness, damping = other.interface.spring_constants(there)
-    springs = change.steps * (stiffness - low.stiffness), change.steps * (damping - low.damping)
     angles = change.steps * (there.angles - here.angles)
     if not change.places:
-        return _JoinRate(*springs, angles)
+        stiffness, damping = other.interface.spring_constants(there)
+        stiffer, damped = stiffness - low.stiffness, damping - low.damping
+        return _JoinRate(change.steps * stiffer, change.steps * damped, angles)
     high, prestress = other.interface.join(there), None
     if other.mechanism.gravity:
         prestress = change.steps * (other.prestress(there, high) - solution.prestress)
-    compatibility = change.steps * (high.compatibility - low.compatibility)
-    elongation = change.steps * (high.elongation - low.elongation)
-    return _JoinRate(*springs, angles, compatibility, elongation, prestress)
+    return _JoinRate(
+        change.steps * (high.stiffness - low.stiffness),
+        change.steps * (high.damping - low.damping),
+        angles,
+        change.steps * (high.compatibility - low.compatibility),
+        change.steps * (high.elongation - low.elongation),
+        prestress,
+    )
 
 
 def _stacked(component: Component) -> FloatArray:
