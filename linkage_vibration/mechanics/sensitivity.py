@@ -26,11 +26,11 @@ from linkage_vibration.mechanics.paths import split_paths
 from linkage_vibration.mechanics.reduction import craig_bampton
 
 NEAR = 0.5
-"""Distance of two modes, of their frequency, above which they do not mix."""
+"""Modes whose logarithmic frequencies differ by more do not mix."""
 
-# Of a frequency and of a damping ratio: errors of smaller standard deviations do not matter.
+# Errors of standard deviations below these shares of a frequency or a ratio do not matter.
 _NEGLIGIBLE, _NEGLIGIBLE_RATIO = 1e-4, 1e-3
-_MOST = 0.9  # of a variance, which higher orders may take away
+_MOST = 0.9  # Higher orders may take away at most this share of a variance.
 
 Numbers = FloatArray | ComplexArray
 # Eigenvalues, the power of the frequency in them, their changes with mixed ones, (n, k, k), and
@@ -48,12 +48,12 @@ class ModeChanges:
     ratio_changes: FloatArray  # (n_numbers, n_modes)
     correlation: FloatArray  # (n_numbers, n_numbers)
     spreads: FloatArray  # (n_numbers,), as `_spread` returns them
-    # (2, n_modes): what the second and the third order of the mixing with near modes add to the
-    # variances of ln(frequency) and of damping ratios.
+    # (2, n_modes): what mixing with near modes adds to the variances of ln(frequency) and of
+    # damping ratios, by the second and the third order.
     mixing: FloatArray
     # (n_modes, n_modes): standard deviations of the distances of modes, relative to their poles.
     approach: FloatArray
-    toggle_stddev: float  # of the angle of a toggle that is near, rad
+    toggle_stddev: float  # standard deviation of the angle of a toggle that is near, rad
 
     @property
     def stddev(self) -> FloatArray:
@@ -76,8 +76,8 @@ class ModeChanges:
 
     def shares(self, mode: int) -> FloatArray:
         """Return the share of each number in the variance of a frequency, (n_numbers,), sum 1."""
-        own = self.log_frequencies[:, mode]
-        parts = own * (self.correlation @ own)
+        changes = self.log_frequencies[:, mode]
+        parts = changes * (self.correlation @ changes)
         return np.asarray(parts / parts.sum())
 
 
@@ -91,7 +91,7 @@ class _Change:
     # changes.
     other: LinkageModel | None
     places: bool  # whether it moves a joint, a centre of gravity or, with gravity, changes a force
-    steps: float  # from the number to the larger one, in one standard deviation
+    steps: float  # how many steps to the larger number are one standard deviation
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -124,17 +124,9 @@ class PoleShapes:
 
 
 class Sensitivity:
-    """The changes of a model's modes with its uncertain numbers.
+    """The changes of a model's modes with the uncertain numbers of its mechanism.
 
-    Parameters
-    ----------
-    model : LinkageModel
-        With a mechanism whose numbers are uncertain.
-
-    Raises
-    ------
-    ModelError
-        If a link is known by its FRFs alone, or the matrices of a component cannot be compared.
+    It refuses links that are known by FRFs alone, and matrices that cannot be compared.
     """
 
     def __init__(self, model: LinkageModel) -> None:
@@ -174,11 +166,15 @@ class Sensitivity:
     def _uncoupled(self, solution: Solution, joins: Joins, limit: float) -> Eigenvalues:
         """Return changes of w^2, of modal damping and of modal loss, where shapes are real."""
         omega, damped = solution.modes.omega, solution.damped
-        own = np.flatnonzero(~solution.modes.mechanism & (omega <= limit))
-        shapes, omega = solution.modes.shapes[:, own], omega[own]
-        values, decay, loss = omega**2, damped.decay[own], damped.stiffness.imag[own]
-        zero, one = np.zeros(len(own)), np.ones(len(own))
-        weights = ([-values, zero, one, zero], [-decay, one, zero, zero], [-loss, zero, zero, one])
+        elastic = np.flatnonzero(~solution.modes.mechanism & (omega <= limit))
+        shapes, omega = solution.modes.shapes[:, elastic], omega[elastic]
+        values, decay, loss = omega**2, damped.decay[elastic], damped.stiffness.imag[elastic]
+        zeros, ones = np.zeros(len(elastic)), np.ones(len(elastic))
+        weights = (
+            [-values, zeros, ones, zeros],
+            [-decay, ones, zeros, zeros],
+            [-loss, zeros, zeros, ones],
+        )
         forms = [self._forms(solution, joins, shapes, np.array(each)) for each in weights]
         main, slower, lossier = (_diagonals(form).real for form in forms)
         size = np.abs(values + 1j * loss)
@@ -189,17 +185,17 @@ class Sensitivity:
         frequencies, logs = omega / (2.0 * math.pi), main / (2.0 * values)
         return values, 2.0, forms[0], (frequencies, viscous + structural, logs, changes)
 
-    def _coupled(self, solution: Solution, joins: Joins, known: PoleShapes) -> Eigenvalues:
+    def _coupled(self, solution: Solution, joins: Joins, pairs: PoleShapes) -> Eigenvalues:
         """Return changes of poles, or of squares of frequencies with structural damping."""
-        poles = known.poles
-        zero, one = np.zeros(len(poles)), np.ones(len(poles))
-        if known.viscous:
+        poles = pairs.poles
+        zeros, ones = np.zeros(len(poles)), np.ones(len(poles))
+        if pairs.viscous:
             values, power = -1j * poles, 1.0
-            weights = 1j * np.array([poles**2, poles, one, zero])  # for -i times the poles
+            weights = 1j * np.array([poles**2, poles, ones, zeros])  # for -i times the poles
         else:
             values, power = -(poles**2), 2.0
-            weights = np.array([-values, zero, one, 1j * one])
-        forms = self._forms(solution, joins, known.shapes, weights)
+            weights = np.array([-values, zeros, ones, 1j * ones])
+        forms = self._forms(solution, joins, pairs.shapes, weights)
         relative = _diagonals(forms) / (power * values)
         size = np.abs(poles)
         ratios, logs = -poles.real / size, np.asarray(relative.real)
@@ -219,10 +215,10 @@ class Sensitivity:
         column i. The result is (n_numbers, k, k).
         """
         joining, system, n = solution.joining, self._model.system, len(self._model.interface)
-        own, b = shapes[:n], slice(0, n)
+        moved, b = shapes[:n], slice(0, n)
         stiffness = system.stiffness + solution.prestress
         matrices = system.mass, system.damping, stiffness, system.loss
-        stretch = joining.elongation @ own
+        stretch = joining.elongation @ moved
         springs = np.outer(joining.damping, weights[1]) + np.outer(joining.stiffness, weights[2])
         force = joining.elongation.T @ (springs * stretch)
         for weight, matrix in zip(weights, matrices, strict=True):
@@ -230,8 +226,8 @@ class Sensitivity:
                 force = force + weight * (matrix[b] @ shapes)
         multipliers = np.linalg.lstsq(joining.compatibility.T, -force, rcond=None)[0]
         k = shapes.shape[1]
-        found: list[Numbers] = [np.zeros((k, k), dtype=multipliers.dtype) for _ in joins]
-        for form, change, rate in zip(found, self._changes, joins, strict=True):
+        forms: list[Numbers] = [np.zeros((k, k), dtype=multipliers.dtype) for _ in joins]
+        for form, change, rate in zip(forms, self._changes, joins, strict=True):
             for rows, blocks in change.blocks:
                 for weight, block in zip(weights, blocks, strict=True):
                     if weight.any():
@@ -241,14 +237,14 @@ class Sensitivity:
             stiffer = np.outer(rate.damping, weights[1]) + np.outer(rate.stiffness, weights[2])
             form += stretch.T @ (stiffer * stretch)
             if rate.compatibility is not None:
-                gap = multipliers.T @ (rate.compatibility @ own)
+                gap = multipliers.T @ (rate.compatibility @ moved)
                 form += gap + gap.T
             if rate.elongation is not None:
-                more = rate.elongation @ own
+                more = rate.elongation @ moved
                 form += stretch.T @ (springs * more) + more.T @ (springs * stretch)
             if rate.prestress is not None:
                 form += weights[2] * (shapes.T @ rate.prestress @ shapes)
-        return np.concatenate([np.zeros((0, k, k)), found])
+        return np.concatenate([np.zeros((0, k, k)), forms])
 
     def _mixing(
         self, forms: Numbers, values: Numbers, power: float
@@ -261,24 +257,24 @@ class Sensitivity:
         """
         independent = np.tensordot(self._root.T, (forms + forms.swapaxes(1, 2)) / 2.0, 1)
         relative = independent / (power * np.sqrt(np.outer(values, values)))
-        own, logs = _diagonals(relative), np.log(values) / power
+        changes, logs = _diagonals(relative), np.log(values) / power
         mixed, size = (relative**2).sum(axis=0), (np.abs(relative) ** 2).sum(axis=0)
-        along = (own[:, :, np.newaxis] * relative).sum(axis=0)  # of u_i with y
+        along = (changes[:, :, np.newaxis] * relative).sum(axis=0)  # of u_i with y
         gaps = np.subtract.outer(logs, logs)
         # Modes that are far apart do not mix; a shape follows the joints there.
         near = (np.abs(gaps) > 0.0) & (np.abs(gaps) < NEAR)
         gaps = np.where(near, gaps, 1.0)
-        found = []
+        added = []
         for part, sign in ((np.real, 1.0), (np.imag, -1.0)):
-            first = part(own)
-            products = first.T @ own
+            first = part(changes)
+            products = first.T @ changes
             third = (products - np.diag(products)[:, np.newaxis]) * mixed
             third += 2.0 * (first[:, :, np.newaxis] * relative).sum(axis=0) * (along.T - along)
             square = np.abs(size / gaps) ** 2 + sign * ((mixed / gaps) ** 2).real
             share = square + 2.0 * part(third / gaps**2)
-            found.append(np.where(near, share, 0.0).sum(axis=1))
-        apart = np.abs(own[:, :, np.newaxis] - own[:, np.newaxis]) ** 2
-        return np.array(found), np.sqrt(apart.sum(axis=0) + 4.0 * size)
+            added.append(np.where(near, share, 0.0).sum(axis=1))
+        apart = np.abs(changes[:, :, np.newaxis] - changes[:, np.newaxis]) ** 2
+        return np.array(added), np.sqrt(apart.sum(axis=0) + 4.0 * size)
 
     def _toggle_stddev(self, joins: Joins, solution: Solution) -> float:
         """Return the standard deviation of the angle of a toggle that is near, rad.
@@ -335,8 +331,8 @@ class Sensitivity:
         """Return the matrix that turns reduced coordinates of a link into all of its own."""
         mechanism = self._model.mechanism
         reduced = self._model.components[mechanism.links.index(link)]
-        one = replace(link, count=1)
-        whole = link.body.component(one, mechanism, spatial=self._spatial, reduced=False)
+        single = replace(link, count=1)
+        whole = link.body.component(single, mechanism, spatial=self._spatial, reduced=False)
         assert isinstance(whole, Component)
         assert isinstance(reduced, Component)
         if np.array_equal(link.count * whole.mass, reduced.mass):  # it was not reduced

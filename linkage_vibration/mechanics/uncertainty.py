@@ -19,10 +19,10 @@ from linkage_vibration.mechanics.keys import Keys
 from linkage_vibration.mechanics.paths import number_at, number_paths, split_paths, with_numbers
 
 _ROOTS = ("base", "damping", "ground", "links", "rigid_bodies", "springs")
-_COUNTS = ("count", "elements", "modes")  # they are exact
-_STEP = 1e-4  # of a standard deviation, for differences
-_LEAST_STEP = 1e-6  # of the number: below it, differences are rounding
-_SINGULAR = 1e-9  # least eigenvalue of a matrix of correlations
+_COUNTS = ("count", "elements", "modes")  # Counts are exact.
+_STEP = 1e-4  # Differences are over this share of a standard deviation,
+_LEAST_STEP = 1e-6  # and at least this share of the number, below which they are rounding.
+_SINGULAR = 1e-9  # The correlations contradict one another below this eigenvalue.
 
 
 def read_uncertainty(
@@ -30,21 +30,9 @@ def read_uncertainty(
 ) -> Uncertainty:
     """Read standard deviations and correlations of numbers.
 
-    Parameters
-    ----------
-    keys : Keys
-        With ``relative`` and ``absolute`` standard deviations by the paths of numbers, and
-        ``correlations``, a list of ``between`` (two paths) and ``value``.
-    mapping : dict
-        The description of the mechanism without them.
-    parse : callable
-        Returns the mechanism of a changed description.
-
-    Raises
-    ------
-    MechanismError
-        If a path leads to no number that can be uncertain, a standard deviation is negative, or
-        the correlations contradict one another.
+    The keys are ``relative`` and ``absolute`` standard deviations by the paths of numbers, and
+    ``correlations``, a list of ``between`` (two paths) and ``value``. The mapping is the
+    description without them, and ``parse`` returns the mechanism of a changed description.
     """
     numbers: dict[str, UncertainNumber] = {}
     for kind in ("relative", "absolute"):

@@ -20,32 +20,16 @@ class Finder(Protocol):
     """Finds values and slopes where a cell has no cubics."""
 
     def values(self, cell: int, alpha3: float) -> list[float]:
-        """Return the values.
-
-        Parameters
-        ----------
-        cell, alpha3
-            Index of the cell, and an angle in it, rad.
-        """
+        """Return the k values at an angle (rad) in the cell of this index."""
 
     def slopes(self, cell: int, alpha3: float) -> list[float]:
-        """Return the slopes, per rad.
-
-        Parameters
-        ----------
-        cell, alpha3
-            Index of the cell, and an angle in it, rad.
-        """
+        """Return the k slopes at an angle (rad) in the cell of this index, per rad."""
 
 
 def spline_cells(pieces: Iterable[tuple[FloatArray, FloatArray]]) -> "Cells":
     """Return a cubic spline over each piece.
 
-    Parameters
-    ----------
-    pieces : iterable of (angles, values)
-        Ends of the cells of each piece, (n + 1,), rad, and the values there, (n + 1, k). Each
-        piece begins where the one before it ends.
+    Pieces are the ends of their cells, (n + 1,), rad, and the values there, (n + 1, k).
     """
     splines = [CubicSpline(angles, values) for angles, values in pieces]
     starts = np.concatenate([spline.x[:-1] for spline in splines])
@@ -55,17 +39,9 @@ def spline_cells(pieces: Iterable[tuple[FloatArray, FloatArray]]) -> "Cells":
 class Cells:
     """Values and slopes of k quantities at any angle, by a cubic polynomial in each cell.
 
-    Numbers for one angle and for many are equal to the last bit.
-
-    Parameters
-    ----------
-    starts : ndarray, (n_cells,)
-        Where the cells begin, rad, ascending.
-    cubics : ndarray, (n_cells, 4, k)
-        Coefficients of powers of the angle from there, highest first. A cell without cubics has an
-        infinite constant.
-    finder : Finder, optional
-        Finds the values in cells without cubics.
+    Cells begin at ``starts``, (n_cells,), rad; ``cubics``, (n_cells, 4, k), are coefficients of
+    powers of the angle from there, highest first. An infinite constant marks a cell without cubics,
+    for which the finder is asked. Numbers for one angle and for many are equal to the last bit.
     """
 
     def __init__(
@@ -111,18 +87,18 @@ class Cells:
     def many_values(self, alpha3: FloatArray) -> FloatArray:
         """Return the values at angles in rad, (n, k)."""
         i, cell, t = self._at(alpha3)
-        found = ((cell[:, 0] * t + cell[:, 1]) * t + cell[:, 2]) * t + cell[:, 3]
+        values = ((cell[:, 0] * t + cell[:, 1]) * t + cell[:, 2]) * t + cell[:, 3]
         for row in np.flatnonzero(self._direct[i]):
-            found[row] = self._known.values(int(i[row]), float(alpha3[row]))
-        return np.asarray(found)
+            values[row] = self._known.values(int(i[row]), float(alpha3[row]))
+        return np.asarray(values)
 
     def many_slopes(self, alpha3: FloatArray) -> FloatArray:
         """Return the slopes at angles in rad, (n, k), per rad."""
         i, cell, t = self._at(alpha3)
-        found = (3.0 * cell[:, 0] * t + 2.0 * cell[:, 1]) * t + cell[:, 2]
+        slopes = (3.0 * cell[:, 0] * t + 2.0 * cell[:, 1]) * t + cell[:, 2]
         for row in np.flatnonzero(self._direct[i]):
-            found[row] = self._known.slopes(int(i[row]), float(alpha3[row]))
-        return np.asarray(found)
+            slopes[row] = self._known.slopes(int(i[row]), float(alpha3[row]))
+        return np.asarray(slopes)
 
     @property
     def _known(self) -> Finder:

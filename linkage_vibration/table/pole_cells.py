@@ -42,15 +42,7 @@ def pole_piece(
     toggles: tuple[float, float] | None,
     band: tuple[float, float],
 ) -> PolePiece:
-    """Return what evaluates reduced models anywhere between the angles at which they are known.
-
-    Parameters
-    ----------
-    alpha3 : ndarray, (n,)
-        Angles of the models, rad, ascending.
-    models, toggles, band
-        The models; rad, or None; Hz.
-    """
+    """Return what evaluates reduced models between the angles (rad) at which they are known."""
     variables = stroke_variable(alpha3, toggles)
     angles = stroke_angle(np.linspace(variables[0], variables[-1], FIRST_CELLS + 1), toggles)
     angles[[0, -1]] = alpha3[[0, -1]]
@@ -85,14 +77,14 @@ def values_of(poles: ComplexArray) -> FloatArray:
     return np.array([size / (2.0 * math.pi), -poles.real / size])
 
 
-def nearest(one: ComplexArray, other: ComplexArray) -> dict[int, int]:
+def nearest(poles: ComplexArray, other: ComplexArray) -> dict[int, int]:
     """Pair poles, (n,) and (m,), rad/s: index here to index there.
 
     The sum of squares of the distances is least. That of the distances themselves would be equal in
     either order where two poles move by more than their distance. If the numbers differ, the
     farthest remain without a partner.
     """
-    pairs = linear_sum_assignment(np.abs(one[:, np.newaxis] - other) ** 2)
+    pairs = linear_sum_assignment(np.abs(poles[:, np.newaxis] - other) ** 2)
     return dict(zip(pairs[0].tolist(), pairs[1].tolist(), strict=True))
 
 
@@ -111,12 +103,7 @@ class PoleFinder:
     def values(self, cell: int, alpha3: float) -> list[float]:
         """Return frequencies (Hz), ratios, frequency (Hz) and height (m/N) of the peak.
 
-        They are NaN for a mode that does not oscillate there.
-
-        Parameters
-        ----------
-        cell, alpha3
-            Index of the cell, and an angle in it, rad.
+        They are NaN for a mode that does not oscillate at this angle, rad.
         """
         start, end = self.bounds[cell : cell + 2].tolist()
         begins = [piece.angles[0] for piece in self.pieces]
@@ -125,30 +112,24 @@ class PoleFinder:
         share, ends = (alpha3 - start) / (end - start), self.poles[self.rows[cell]]
         names = np.flatnonzero(~np.isnan(ends[0]))
         expected = (1.0 - share) * ends[0, names] + share * ends[1, names]
-        found = np.full(2 * self.n_modes + 2, math.nan)
+        row = np.full(2 * self.n_modes + 2, math.nan)
         for at, j in nearest(expected, poles[0]).items():
             if names[at] < self.n_modes:
-                found[[names[at], self.n_modes + names[at]]] = values_of(poles[0][j])
-        found[-2:] = peaks[0]
-        return [float(value) for value in found]
+                row[[names[at], self.n_modes + names[at]]] = values_of(poles[0][j])
+        row[-2:] = peaks[0]
+        return [float(value) for value in row]
 
     def slopes(self, cell: int, alpha3: float) -> list[float]:
-        """Return the slopes of the same, per rad, by a difference.
-
-        Parameters
-        ----------
-        cell, alpha3
-            Index of the cell, and an angle in it, rad.
-        """
+        """Return the slopes of the same, per rad, by a difference."""
         start, end = self.bounds[cell : cell + 2].tolist()
         step = 1e-3 * (end - start)
         before, after = max(alpha3 - step, start), min(alpha3 + step, end)
-        low, own, high = (np.array(self.values(cell, at)) for at in (before, alpha3, after))
+        low, here, high = (np.array(self.values(cell, at)) for at in (before, alpha3, after))
         # Beside the angle at which a mode vanishes, only the side on which it exists counts.
-        low = np.where(np.isnan(low), own, low)
-        high = np.where(np.isnan(high), own, high)
-        begin = np.where(low == own, alpha3, before)
-        end = np.where(high == own, alpha3, after)
+        low = np.where(np.isnan(low), here, low)
+        high = np.where(np.isnan(high), here, high)
+        begin = np.where(low == here, alpha3, before)
+        end = np.where(high == here, alpha3, after)
         with np.errstate(divide="ignore", invalid="ignore"):
             slope = np.where(end > begin, (high - low) / (end - begin), 0.0)
-        return [float(value) for value in np.where(np.isnan(own), math.nan, slope)]
+        return [float(value) for value in np.where(np.isnan(here), math.nan, slope)]

@@ -19,9 +19,9 @@ from linkage_vibration.mechanics.modes import MECHANISM
 from linkage_vibration.mechanics.response import RIVAL, PoleResidue, searched
 from linkage_vibration.table.interpolation import interpolation_matrix
 
-_EVEN = 100  # evenly spaced frequencies over the band among which maxima are sought first
-_AROUND = np.linspace(-2.0, 2.0, 9)  # further ones about each resonance, in half-widths
-_STEPS = 12  # to a maximum
+_EVEN = 100  # Maxima are first sought at so many even frequencies,
+_AROUND = np.linspace(-2.0, 2.0, 9)  # and so many half-widths from each resonance.
+_STEPS = 12  # Each maximum is then found in so many steps.
 _DEFECTIVE = 1e-100
 
 Numbers = FloatArray | ComplexArray
@@ -69,18 +69,7 @@ class Modal:
         return np.asarray(terms @ (shapes[upper[0]] * shapes[upper[1]]).T + weights.frf(omega))
 
     def highest(self, drive: int, band: tuple[float, float]) -> FloatArray:
-        """Find the highest maximum of the receptance of one place, within a band.
-
-        Parameters
-        ----------
-        drive, band
-            Index of the place; Hz.
-
-        Returns
-        -------
-        ndarray, (n, 2)
-            Frequency, Hz, and magnitude, m/N.
-        """
+        """Return frequency (Hz) and height (m/N) of the highest maximum at one place, (n, 2)."""
         rows, omega, size = self.maxima(drive, band)
         best = np.lexsort((-size, rows))
         first = best[np.unique(rows[best], return_index=True)[1]]
@@ -91,15 +80,7 @@ class Modal:
     ) -> tuple[IntArray, FloatArray, FloatArray]:
         """Find the maxima of the receptance of one place that are nearly the highest.
 
-        Parameters
-        ----------
-        drive, band
-            Index of the place; Hz.
-
-        Returns
-        -------
-        rows, omega, size : ndarray, (n_maxima,)
-            Which angle each belongs to; rad/s; m/N.
+        It returns, for each, the index of its angle, its frequency (rad/s) and its magnitude (m/N).
         """
         grid = self._lines(band)
         size = self._magnitudes(drive, grid)
@@ -149,13 +130,13 @@ class Modal:
         """Return angular frequencies among which maxima are sought, (n, n_lines), ascending."""
         # A mechanism responds without limit towards 0 Hz, which is not a resonance.
         low, high = (2.0 * math.pi * end for end in searched(band, free=self.free))
-        found = self.frequencies
-        n = len(found)
-        oscillates = (found.imag > MECHANISM) & (np.abs(found) < high)
+        poles = self.frequencies
+        n = len(poles)
+        oscillates = (poles.imag > MECHANISM) & (np.abs(poles) < high)
         even = np.tile(np.linspace(low, high, _EVEN), (n, 1))
-        own = found.imag[..., np.newaxis] - found.real[..., np.newaxis] * _AROUND
-        own = np.where(oscillates[..., np.newaxis], own, high).reshape(n, -1)
-        every = np.clip(np.hstack([even, own]), low, high)
+        around = poles.imag[..., np.newaxis] - poles.real[..., np.newaxis] * _AROUND
+        around = np.where(oscillates[..., np.newaxis], around, high).reshape(n, -1)
+        every = np.clip(np.hstack([even, around]), low, high)
         return np.sort(every, axis=1)
 
     def _sigma(self, omega: FloatArray) -> ComplexArray:
@@ -176,11 +157,11 @@ class Modal:
             slope = -rate * (residues * terms**2).sum(axis=1)
             return np.asarray((residues * terms).sum(axis=1)), np.asarray(slope)
         inertia, stiffness, shapes = (each[rows] for each in self.models)
-        own = shapes[:, drive] + 0j
+        rows_at_drive = shapes[:, drive] + 0j
         pencil = stiffness + sigma[:, np.newaxis] * inertia
-        moved = np.linalg.solve(pencil, own[..., np.newaxis])
+        moved = np.linalg.solve(pencil, rows_at_drive[..., np.newaxis])
         slope = -rate * (moved * (inertia @ moved)).sum(axis=(1, 2))
-        return np.asarray((own * moved[..., 0]).sum(axis=1)), np.asarray(slope)
+        return np.asarray((rows_at_drive * moved[..., 0]).sum(axis=1)), np.asarray(slope)
 
     def _drive(
         self, drive: int, rows: IntArray, omega: FloatArray
@@ -227,13 +208,7 @@ class ReducedModels:
         return Modal(poles, shapes, self.viscous, self.free, self.far, models)
 
     def at(self, variables: FloatArray, wanted: FloatArray) -> "ReducedModels":
-        """Interpolate between the angles.
-
-        Parameters
-        ----------
-        variables, wanted : ndarray, (n,) and (n_wanted,)
-            Stroke variables of the models, and those at which they are evaluated.
-        """
+        """Interpolate from the stroke variables of the models to those wanted."""
         matrix = interpolation_matrix(variables, wanted)
         parts = self.inertia, self.stiffness, self.shapes, self.far.weights
         inertia, stiffness, shapes, weights = (np.tensordot(matrix, part, 1) for part in parts)
@@ -242,13 +217,7 @@ class ReducedModels:
 
 
 def pole_residue_sum(modal: Modal, outputs: list[int], inputs: list[int]) -> PoleResidue:
-    """Return the FRFs at the first of the angles between some of the places.
-
-    Parameters
-    ----------
-    modal, outputs, inputs
-        Poles and residues; indices of places.
-    """
+    """Return the FRFs at the first of the angles between some places, by their indices."""
     poles, shapes, n = modal.poles[0], modal.shapes[0], modal.shapes.shape[1]
     residues = shapes[outputs][:, np.newaxis] * shapes[inputs][np.newaxis]
     if modal.viscous:
@@ -280,13 +249,13 @@ def _second_order(
     upper = np.flatnonzero(poles.imag > 0.0)
     real = np.flatnonzero(poles.imag == 0.0)
     real = real[np.argsort(np.abs(poles[real]), kind="stable")]
-    one, other = real[::2], real[1::2]
-    if len(one) > len(other):
-        other = np.append(other, one[-1])
-    p = np.concatenate([poles[upper], poles[one]])
-    q = np.concatenate([poles[upper].conj(), poles[other]])
-    first = np.concatenate([residues[..., upper], residues[..., one]], axis=2)
-    second = np.concatenate([residues[..., upper].conj(), residues[..., other]], axis=2)
+    larger_root, smaller_root = real[::2], real[1::2]
+    if len(larger_root) > len(smaller_root):
+        smaller_root = np.append(smaller_root, larger_root[-1])
+    p = np.concatenate([poles[upper], poles[larger_root]])
+    q = np.concatenate([poles[upper].conj(), poles[smaller_root]])
+    first = np.concatenate([residues[..., upper], residues[..., larger_root]], axis=2)
+    second = np.concatenate([residues[..., upper].conj(), residues[..., smaller_root]], axis=2)
     if len(real) % 2:
         second[..., -1] = 0.0
     above = -(first * q + second * p).real.astype(complex)

@@ -87,8 +87,8 @@ POINTWISE = (
 CELLS = 512
 """Cubic cells to a piece, for lookups: their error is below 1e-8."""
 
-_CHUNK = 4096  # angles looked up at a time, so that their cells stay in the cache
-_NEAR = math.radians(1.0)  # of a toggle
+_CHUNK = 4096  # So many angles are looked up at a time, whose cells stay in the cache.
+_NEAR = math.radians(1.0)  # An angle closer to a toggle is near it.
 
 
 class TableError(LinkageVibrationError):
@@ -229,12 +229,14 @@ class Table:
     def find_mode(self, wanted: str) -> int | None:
         """Return the index of a mode by its number, counted from 1, or its name; None if unknown.
 
-        The number 0 is no mode, whose index is -1. Without a number and a name, the mode is the
-        first that is not the tractor's.
+        The number 0 is no mode, and its index is -1. If nothing is wanted, the first mode that is
+        not the tractor's is meant.
         """
         if not wanted:
-            own = (i for i, name in enumerate(self.mode_names) if not name.startswith("tractor "))
-            return next(own, 0)
+            linkage_modes = (
+                i for i, name in enumerate(self.mode_names) if not name.startswith("tractor ")
+            )
+            return next(linkage_modes, 0)
         if wanted.isdecimal():
             return int(wanted) - 1
         return self.mode_names.index(wanted) if wanted in self.mode_names else None
@@ -407,9 +409,9 @@ class Table:
             )
         for place in (*outputs, *inputs):
             if place not in self.places:
-                known = ", ".join(" ".join(known) for known in self.places) or "none"
+                names = ", ".join(" ".join(names) for names in self.places) or "none"
                 raise TableError(
-                    f"The table has no FRF at {' '.join(place)}; it has these: {known}. Name the "
+                    f"The table has no FRF at {' '.join(place)}; it has these: {names}. Name the "
                     "point when the table is built, or solve the model."
                 )
         o = [self.places.index(place) for place in outputs]
@@ -438,15 +440,15 @@ class Table:
     def terms(self, alpha3: FloatArray) -> NearTerms:
         """Return the terms of FRFs at angles, (n,), rad, in the piece of the first."""
         points, matrix = self._polynomial(alpha3)
-        known = self.term_stiffness[points], self.term_decay[points], self.participations[points]
-        return interpolate_terms(matrix, known)
+        terms = self.term_stiffness[points], self.term_decay[points], self.participations[points]
+        return interpolate_terms(matrix, terms)
 
     def _polynomial(self, alpha3: FloatArray) -> tuple[slice, FloatArray]:
         """Return the points of the piece of some angles, and their weights, (n, n_points)."""
         i = self._piece(float(alpha3[0]))
         points = slice(int(self.pieces[i]), int(self.pieces[i + 1]) + 1)
-        own = stroke_variable(self.alpha3[points], self.toggles)
-        return points, interpolation_matrix(own, stroke_variable(alpha3, self.toggles))
+        variables = stroke_variable(self.alpha3[points], self.toggles)
+        return points, interpolation_matrix(variables, stroke_variable(alpha3, self.toggles))
 
     def _piece(self, alpha3: float) -> int:
         """Return the index of the piece of an angle."""
@@ -456,7 +458,7 @@ class Table:
     @cached_property
     def _pole_pieces(self) -> list[PolePiece]:
         """The pieces in which poles are found by reduced models."""
-        found, starts = [], [0, 0, 0, 0]
+        pieces, starts = [], [0, 0, 0, 0]
         arrays = (
             self.reduced_inertia,
             self.reduced_stiffness,
@@ -478,8 +480,8 @@ class Table:
             free = self.free_modes > 0
             models = ReducedModels(parts[0], parts[1], parts[2], far, viscous, free)
             points = slice(int(self.pieces[piece]), int(self.pieces[piece + 1]) + 1)
-            found.append(pole_piece(self.alpha3[points], models, self.toggles, self.band))
-        return found
+            pieces.append(pole_piece(self.alpha3[points], models, self.toggles, self.band))
+        return pieces
 
     @cached_property
     def _layout(self) -> tuple[int, int, float, float]:
@@ -497,8 +499,10 @@ class Table:
         if len(self.reduced_orders):
             direct = np.flatnonzero(np.isposinf(self.cell_cubics[:, 3]).any(axis=1)).tolist()
             bounds, rows = np.append(self.cell_starts, self.alpha3[-1]), range(len(direct))
-            known = dict(zip(direct, rows, strict=True))
-            finder = PoleFinder(self._pole_pieces, bounds, known, self.cell_poles, self.n_modes)
+            row_of_cell = dict(zip(direct, rows, strict=True))
+            finder = PoleFinder(
+                self._pole_pieces, bounds, row_of_cell, self.cell_poles, self.n_modes
+            )
             return Cells(self.cell_starts, self.cell_cubics, finder)
         pieces: list[tuple[FloatArray, FloatArray]] = []
         for piece, ends in enumerate(pairwise(self.alpha3[self.pieces].tolist())):
@@ -514,8 +518,8 @@ class Table:
         frequencies = interpolate_positive(matrix, self.natural_frequencies[points])
         others = matrix @ np.hstack([self.damping_ratios, self.peak_frequencies])[points]
         magnitudes = np.zeros((len(matrix), len(notable)))
-        own = self.peak_magnitudes[points][:, notable]
-        magnitudes[:, notable] = interpolate_positive(matrix, own)
+        heights = self.peak_magnitudes[points][:, notable]
+        magnitudes[:, notable] = interpolate_positive(matrix, heights)
         return np.hstack([frequencies, others, magnitudes])
 
     @property

@@ -23,8 +23,15 @@ ROUNDING = 1e-11
 MARGIN = 1.02
 """Factor of the errors found, since the worst place lies between those compared."""
 
-_SHARPER = 5.0  # peaks change more between the points than at the points that measure their error
-_EQUAL_AT_MOST = 0.1  # of a height: maxima that differ by more are never of one height
+_SHARPER = 5.0  # Peaks change more between points than where their error is measured.
+_EQUAL_AT_MOST = 0.1  # Maxima whose heights differ by this share are never equal.
+
+
+SILENT_SHARE = 1e-6
+"""Share of the drive-point FRFs of two places: an FRF between them that is only rounding."""
+
+N_LINES = 201
+"""Frequencies at which FRFs are compared, in addition to those near resonances."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,3 +59,19 @@ class Accuracy:
     def frf(self) -> float:
         """Tolerance of each FRF between the points of the table, L2 norm over the band."""
         return max(LOOSER * self.frequency, FRF_FLOOR)
+
+
+@dataclass(frozen=True, slots=True)
+class Bounds:
+    """Bounds of the relative errors in a piece of a table."""
+
+    values: float  # natural frequencies and damping ratios
+    peak: float  # frequency and magnitude of the highest peak
+    frf: float  # FRFs between the places, L2 norm over the band; 0 without FRFs
+    slope: float  # slopes of natural frequencies, divided by these, 1/rad
+    far: float = 0.0  # the part of `frf` that is due to far poles, where they may be added
+
+    def meet(self, accuracy: Accuracy) -> bool:
+        """Return whether the errors are small enough; slopes have no tolerance."""
+        small = self.values <= accuracy.frequency and self.peak <= accuracy.peak
+        return small and self.frf <= accuracy.frf

@@ -12,7 +12,7 @@ from linkage_vibration.mechanics.arrays import BoolArray, ComplexArray, FloatArr
 from linkage_vibration.mechanics.response import FarPoles, PoleResidue, far_poles
 from linkage_vibration.support.version import VERSION
 from linkage_vibration.table.table import Table
-from linkage_vibration.table.tabulation.accuracy import Accuracy
+from linkage_vibration.table.tabulation.accuracy import Accuracy, Bounds
 from linkage_vibration.table.tabulation.near_terms import near_terms
 from linkage_vibration.table.tabulation.peaks import SILENT, notable
 from linkage_vibration.table.tabulation.refinement import Piece
@@ -23,16 +23,10 @@ from linkage_vibration.table.tabulation.tracking import Tracked
 def assemble(
     sampler: Sampler, pieces: list[Piece], tracked: Tracked, accuracy: Accuracy, n_far: int
 ) -> Table:
-    """Make the table from pieces; its errors are not measured yet.
+    """Make the table from the pieces of the whole stroke; its errors are not measured yet.
 
-    Parameters
-    ----------
-    sampler, pieces, accuracy
-        The samples, the pieces of the whole stroke, ascending, and the accuracy of these.
-    tracked : Tracked
-        The modes at all their points, also those to which they are not fitted.
-    n_far : int
-        Number of poles that represent the modes above the band.
+    The modes are tracked at all their points, also those to which they are not fitted; ``n_far``
+    poles represent the modes above the band.
     """
     band, equal = sampler.response.band, accuracy.equal_height
     notables = np.array([_notable(tracked, piece, band, equal) for piece in pieces])
@@ -45,28 +39,47 @@ def assemble(
     deviations = np.array(
         [_deviations(*pair, n) for pair in zip(samples, fitted.orders, strict=True)]
     )
-    table = Table(
-        alpha3=np.array([sampler.at(x).alpha3 for x in variables]),
-        pieces=np.array(bounds, dtype=np.int64),
+    table = replace(
+        bare_table(sampler, np.array([sample.alpha3 for sample in samples]), np.array(bounds)),
         natural_frequencies=np.exp(fitted.log_frequencies[:, :n]),
         damping_ratios=fitted.ratios[:, :n],
         peak_frequencies=np.where(absent, 0.0, fitted.peak_frequencies)[:, used],
         peak_magnitudes=np.where(absent, SILENT, fitted.peak_magnitudes)[:, used],
         peak_notable=notables[:, used],
-        interpolation_error=np.zeros(len(pieces)),
+        frequency_stddev=deviations[:, 0],
+        damping_ratio_stddev=deviations[:, 1],
+    )
+    terms = [found for x in variables if (found := sampler.at(x).terms) is not None]
+    return (
+        table if len(terms) < len(variables) else _with_frfs(table, sampler, fitted, terms, n_far)
+    )
+
+
+def bare_table(sampler: Sampler, alpha3: FloatArray, bounds: IntArray) -> Table:
+    """Return a table of some angles (rad) without any values, whose pieces begin at indices."""
+    nothing = np.zeros((len(alpha3), 0))
+    return Table(
+        alpha3=alpha3,
+        pieces=bounds.astype(np.int64),
+        natural_frequencies=nothing,
+        damping_ratios=nothing,
+        peak_frequencies=nothing,
+        peak_magnitudes=nothing,
+        peak_notable=np.zeros((len(bounds) - 1, 0), dtype=np.bool_),
+        interpolation_error=np.zeros(len(bounds) - 1),
         peak_error=math.nan,
         frf_error=math.nan,
         slope_error=math.nan,
         free_modes=sampler.free_modes,
         toggles=sampler.toggles,
-        band=band,
+        band=sampler.response.band,
         places=(),
-        term_stiffness=np.zeros((len(variables), 0), dtype=complex),
-        term_decay=np.zeros((len(variables), 0)),
-        participations=np.zeros((len(variables), 0, 0), dtype=complex),
+        term_stiffness=nothing.astype(complex),
+        term_decay=nothing,
+        participations=np.zeros((len(alpha3), 0, 0), dtype=complex),
         far_stiffness=np.zeros(0, dtype=complex),
         far_decay=np.zeros(0),
-        far_residues=np.zeros((len(variables), 1, 0)),
+        far_residues=np.zeros((len(alpha3), 1, 0)),
         reduced_orders=np.zeros(0, dtype=np.int64),
         reduced_inertia=np.zeros(0),
         reduced_stiffness=np.zeros(0),
@@ -75,15 +88,22 @@ def assemble(
         cell_starts=np.zeros(0),
         cell_cubics=np.zeros((0, 4, 0)),
         cell_poles=np.zeros((0, 2, 0), dtype=complex),
-        frequency_stddev=deviations[:, 0],
-        damping_ratio_stddev=deviations[:, 1],
+        frequency_stddev=nothing,
+        damping_ratio_stddev=nothing,
         model_hash=sampler.model.mechanism.model_hash,
         mechanism_name=sampler.model.mechanism.name,
         package_version=VERSION,
     )
-    terms = [found for x in variables if (found := sampler.at(x).terms) is not None]
-    return (
-        table if len(terms) < len(variables) else _with_frfs(table, sampler, fitted, terms, n_far)
+
+
+def with_bounds(table: Table, bounds: Sequence[Bounds]) -> Table:
+    """Return a table with the errors of its pieces."""
+    return replace(
+        table,
+        interpolation_error=np.array([piece.values for piece in bounds]),
+        peak_error=max(piece.peak for piece in bounds),
+        frf_error=max(piece.frf for piece in bounds) if table.places else math.nan,
+        slope_error=max(piece.slope for piece in bounds),
     )
 
 
@@ -98,8 +118,8 @@ def _notable(
     tracked: Tracked, piece: Piece, band: tuple[float, float], equal: float
 ) -> BoolArray | None:
     """Return which maxima are needed to find the highest peak in a piece."""
-    own = tracked.at(piece.fitted + piece.held)
-    at, sizes = tracked.peak_frequencies[own], tracked.peak_magnitudes[own]
+    rows = tracked.at(piece.fitted + piece.held)
+    at, sizes = tracked.peak_frequencies[rows], tracked.peak_magnitudes[rows]
     return notable(at, sizes, band, equal, strict=False)
 
 
@@ -114,13 +134,23 @@ def _with_frfs(
     both = zip(terms, tracked.orders, strict=True)
     kept = [_mask(order, len(term.damped.decay)) for term, order in both]
     far = far_poles(
-        np.concatenate([t.damped.stiffness[~own] for t, own in zip(terms, kept, strict=True)]),
-        np.concatenate([t.damped.decay[~own] for t, own in zip(terms, kept, strict=True)]),
+        np.concatenate(
+            [
+                t.damped.stiffness[~tracked_modes]
+                for t, tracked_modes in zip(terms, kept, strict=True)
+            ]
+        ),
+        np.concatenate(
+            [t.damped.decay[~tracked_modes] for t, tracked_modes in zip(terms, kept, strict=True)]
+        ),
         table.band,
         n_far,
     )
     residues = np.array(
-        [_far_residues(t.triangle, own, far) for t, own in zip(terms, kept, strict=True)]
+        [
+            _far_residues(t.triangle, tracked_modes, far)
+            for t, tracked_modes in zip(terms, kept, strict=True)
+        ]
     )
     return replace(
         table,

@@ -10,21 +10,27 @@ import numpy as np
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.response import N_FAR
 from linkage_vibration.table.table import Table, TableError
-from linkage_vibration.table.tabulation.accuracy import ROUNDING, TOLERANCE, Accuracy
-from linkage_vibration.table.tabulation.assembly import assemble
+from linkage_vibration.table.tabulation.accuracy import ROUNDING, TOLERANCE, Accuracy, Bounds
+from linkage_vibration.table.tabulation.assembly import assemble, with_bounds
 from linkage_vibration.table.tabulation.coupled import build_coupled
 from linkage_vibration.table.tabulation.deviations import with_parameter_stddev
 from linkage_vibration.table.tabulation.naming import with_mode_names
 from linkage_vibration.table.tabulation.near_terms import frf_change
-from linkage_vibration.table.tabulation.refinement import Piece, first_points, more_points, refine
+from linkage_vibration.table.tabulation.refinement import (
+    Piece,
+    first_points,
+    halves,
+    more_points,
+    refine,
+    refine_pieces,
+)
 from linkage_vibration.table.tabulation.sampling import ModesAreCoupled, Sampler
 from linkage_vibration.table.tabulation.tracking import Tracker
-from linkage_vibration.table.tabulation.verification import Bounds, bound_errors, thin, with_bounds
+from linkage_vibration.table.tabulation.verification import bound_errors, thin
 
-_FINEST, _COARSEST = 1e-11, 1.0  # finer: rounding dominates; coarser: the table has no use
-_SHORTER = 8.0  # the last piece whose rounding was checked, to the next one
-_CLEARLY = 1.5  # of a tolerance: the estimated change of FRFs may be twice the true one
-_MORE_FAR, _MOST_FAR = 2, 8  # far poles, if their error is more than half of the tolerance
+_FINEST, _COARSEST = 1e-11, 1.0  # Rounding prevents finer ones; coarser tables have no use.
+_CLEARLY = 1.5  # The estimated change may be twice the true one, so it may exceed its limit.
+_MORE_FAR, _MOST_FAR = 2, 8  # Far poles are added if their error is above half of the tolerance.
 
 
 def build_table(
@@ -80,70 +86,52 @@ def _build(sampler: Sampler, tolerance: float) -> Table:
     """Build the table of a linkage whose modes damping does not couple."""
     tracker, accuracy = Tracker(sampler, tolerance), Accuracy(tolerance)
     _check_damping(sampler, accuracy)
-    pieces = _refined(tracker, [first_points(sampler.samples, *sampler.ends)], accuracy)
-    tried: set[tuple[float, float]] = set()  # pieces that have received more points
-    known: dict[tuple[int, Piece], Bounds] = {}
+    reason = f"its modes or peaks change too quickly for a tolerance of {tolerance:g}"
+
+    def refined(waiting: list[list[float]]) -> list[Piece]:
+        return refine_pieces(
+            sampler, waiting, lambda fitted: refine(tracker, fitted, accuracy) or reason, accuracy
+        )
+
+    pieces = refined([first_points(sampler.solved, *sampler.ends)])
+    tried: set[tuple[float, float]] = set()  # the ends of pieces that have received more points
+    measured: dict[tuple[int, Piece], Bounds] = {}
     n_far = N_FAR
     while True:
         pieces.sort(key=lambda piece: piece.ends)
         tracked = tracker.follow(sorted({x for p in pieces for x in (*p.fitted, *p.held)}))
         fresh = [piece for piece in pieces if piece.ends not in tried]
         limit = _CLEARLY * accuracy.frf
-        # Without far poles, which take longer than this estimate.
+        # The estimate leaves out far poles, which would take longer.
         poor = [piece for piece in fresh if frf_change(sampler, tracked, piece) > limit]
         if not poor:
             finer = assemble(sampler, [piece.finer for piece in pieces], tracked, accuracy, n_far)
             table = thin(finer, pieces)
             for index, piece in enumerate(pieces):
-                if (n_far, piece) not in known:
+                if (n_far, piece) not in measured:
                     bounds = bound_errors(table, finer, index, piece, tracked, sampler)
-                    known[n_far, piece] = bounds
-            found = [known[n_far, piece] for piece in pieces]
-            if max(bounds.far for bounds in found) > accuracy.frf / 2.0 and n_far < _MOST_FAR:
+                    measured[n_far, piece] = bounds
+            bounds_of_pieces = [measured[n_far, piece] for piece in pieces]
+            if (
+                max(bounds.far for bounds in bounds_of_pieces) > accuracy.frf / 2.0
+                and n_far < _MOST_FAR
+            ):
                 n_far += _MORE_FAR
                 continue
-            both = zip(pieces, found, strict=True)
+            both = zip(pieces, bounds_of_pieces, strict=True)
             poor = [piece for piece, bounds in both if not bounds.meet(accuracy)]
             if not poor:
-                return with_bounds(table, found)
+                return with_bounds(table, bounds_of_pieces)
         sampler.reopen(sum(piece.ends[1] - piece.ends[0] for piece in poor))
         waiting: list[list[float]] = []
         for piece in poor:
             if piece.ends in tried:  # more points did not help
-                waiting += _halves(sampler, *piece.ends)
+                waiting += halves(sampler.solved, *piece.ends)
             else:
                 tried.add(piece.ends)
                 waiting.append(sorted(piece.fitted + more_points(piece.fitted)))
         pieces = [piece for piece in pieces if piece not in poor]
-        pieces += _refined(tracker, waiting, accuracy)
-
-
-def _refined(tracker: Tracker, waiting: list[list[float]], accuracy: Accuracy) -> list[Piece]:
-    """Refine pieces, from the last to the first, and halve those that miss the tolerance."""
-    sampler, pieces = tracker.sampler, list[Piece]()
-    suspicious = sampler.length / 2.0 * (1.0 + ROUNDING)
-    while waiting:
-        fitted = waiting.pop()
-        piece = refine(tracker, fitted, accuracy)
-        if piece is not None:
-            pieces.append(piece)
-            sampler.finish(fitted[-1] - fitted[0])
-            continue
-        low, high = fitted[0], fitted[-1]
-        if high - low < 2.0 * sampler.shortest:
-            fix = "give a larger tolerance"
-            if sampler.free_modes:
-                fix += ", hold it (nothing does), or begin response.band_hz well above 0 Hz"
-            raise TableError(
-                f"{sampler.model.mechanism.name} changes too quickly at alpha3 = "
-                f"{math.degrees(sampler.angle(low)):.4f} deg for a tolerance of "
-                f"{accuracy.frequency:g}; {fix}."
-            )
-        if high - low < suspicious:
-            suspicious = (high - low) / _SHORTER
-            sampler.check_rounding(accuracy)
-        waiting += _halves(sampler, low, high)
-    return pieces
+        pieces += refined(waiting)
 
 
 def _check_damping(sampler: Sampler, accuracy: Accuracy) -> None:
@@ -158,10 +146,3 @@ def _check_damping(sampler: Sampler, accuracy: Accuracy) -> None:
                 f"its resonance is too narrow for FRFs within {accuracy.frf:g}; give its links "
                 "more damping, or build the table with a larger tolerance."
             )
-
-
-def _halves(sampler: Sampler, low: float, high: float) -> list[list[float]]:
-    """Return the first points of both halves between two stroke variables."""
-    middle = (low + high) / 2.0
-    ends = (low, middle), (middle, high)
-    return [first_points(sampler.samples, *bounds) for bounds in ends]

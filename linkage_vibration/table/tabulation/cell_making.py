@@ -21,17 +21,17 @@ CELL_ERROR = 1e-9
 CELL_ROUNDING = 1e-12
 """Further error of a damping ratio in a cell, 1: rounding of a pole, relative to the pole."""
 
-_SMALLEST = 12  # a cell that is not halved; its nodes are integers
-_UNITS = _SMALLEST * 2**12  # of a first cell
-_MOST = 2048  # cells that are halved at once; more would take too long
-_NODES = np.array([0.0, 1.0, 2.0, 3.0]) / 3.0  # of a cell, at which its cubics are exact
+_SMALLEST = 12  # A cell of so many units is not halved.
+_UNITS = _SMALLEST * 2**12  # A first cell has so many units.
+_MOST = 2048  # More cells are not halved, which would take too long.
+_NODES = np.array([0.0, 1.0, 2.0, 3.0]) / 3.0  # Cubics are exact at these shares of a cell.
 _MIDDLE = 0.5
-_SIXTHS = (0, 2, 4, 6, 3)  # the nodes and the middle
-_COEFFICIENTS = np.linalg.inv(np.vander(_NODES, 4))  # of values at the nodes
-_AHEAD = {1: [1.0], 2: [-1.0, 2.0], 3: [1.0, -3.0, 3.0]}  # weights that extrapolate to a node
+_SIXTHS = (0, 2, 4, 6, 3)  # These are the nodes and the middle.
+_COEFFICIENTS = np.linalg.inv(np.vander(_NODES, 4))  # They turn values into coefficients.
+_AHEAD = {1: [1.0], 2: [-1.0, 2.0], 3: [1.0, -3.0, 3.0]}  # They extrapolate to the next node.
 _AT_MIDDLE = np.vander([_MIDDLE], 4)[0] @ _COEFFICIENTS
-_LOW = 1e-4  # of the highest of some poles: a frequency near 0 Hz
-_SAME = 1e-4  # of a pole: two pieces differ by less where they meet
+_LOW = 1e-4  # A frequency below this share of the highest pole is near 0 Hz.
+_SAME = 1e-4  # The poles of two pieces differ by less where they meet.
 
 
 @dataclass(slots=True, eq=False)
@@ -53,14 +53,14 @@ class Cell:
 def make_cells(piece: PolePiece) -> list[Cell]:
     """Divide a piece into cells, ascending."""
     n = len(piece.angles) - 1
-    known: dict[int, tuple[ComplexArray, FloatArray]] = {}  # by the place in units of a cell
+    evaluated: dict[int, tuple[ComplexArray, FloatArray]] = {}  # the keys are places in units
     waiting = [(i * _UNITS, (i + 1) * _UNITS) for i in range(n)]
     done: list[Cell] = []
     while waiting:
         rows = [[s + (e - s) * share // 6 for share in _SIXTHS] for s, e in waiting]
-        fresh = sorted({place for row in rows for place in row} - known.keys())
+        fresh = sorted({place for row in rows for place in row} - evaluated.keys())
         angles = np.interp(np.array(fresh) / _UNITS, np.arange(n + 1), piece.angles)
-        known.update(zip(fresh, zip(*piece.evaluate(angles), strict=True), strict=True))
+        evaluated.update(zip(fresh, zip(*piece.evaluate(angles), strict=True), strict=True))
         smallest = len(waiting) > _MOST or waiting[0][1] - waiting[0][0] == _SMALLEST
         halves = []
         for row in rows:
@@ -68,7 +68,7 @@ def make_cells(piece: PolePiece) -> list[Cell]:
                 np.array([row[0], row[3]]) / _UNITS, np.arange(n + 1), piece.angles
             ).tolist()
             cell = _cell(
-                start, end, [known[x][0] for x in row], np.array([known[x][1] for x in row])
+                start, end, [evaluated[x][0] for x in row], np.array([evaluated[x][1] for x in row])
             )
             if smallest or (cell.values is not None and cell.peak is not None):
                 done.append(cell)
@@ -80,8 +80,8 @@ def make_cells(piece: PolePiece) -> list[Cell]:
 
 def _cell(start: float, end: float, poles: list[ComplexArray], peaks: FloatArray) -> Cell:
     """Return a cell with its cubics, if they agree with the poles and the peak in the middle."""
-    own, middle = poles[:4], poles[4]
-    cell = Cell(start, end, own[0], own[3], nearest(own[0], own[3]))
+    nodes, middle = poles[:4], poles[4]
+    cell = Cell(start, end, nodes[0], nodes[3], nearest(nodes[0], nodes[3]))
     coefficients = _COEFFICIENTS @ peaks[:4]
     # The peak may be at 0 Hz, so a small part of the highest frequency of poles is its scale.
     scale = np.maximum(peaks[4], [_LOW * np.abs(middle).max(initial=0.0), 0.0])
@@ -89,18 +89,18 @@ def _cell(start: float, end: float, poles: list[ComplexArray], peaks: FloatArray
         cell.peak = coefficients
     if len({len(each) for each in poles}) > 1:
         return cell
-    path, order = [own[0]], cell.follows
-    for node in own[1:]:
+    path, order = [nodes[0]], cell.follows
+    for node in nodes[1:]:
         expected = np.array(_AHEAD[len(path)]) @ np.array(path)
         order = nearest(expected, node)
         path.append(node[[order[j] for j in range(len(node))]])
     cell.follows = order
     values = values_of(np.array(path))
-    found = np.tensordot(_AT_MIDDLE, values, (0, 1))
-    imaginary = np.sqrt(np.maximum(1.0 - found[1] ** 2, 0.0))
-    there = nearest(2.0 * math.pi * found[0] * (-found[1] + 1j * imaginary), middle)
+    values_there = np.tensordot(_AT_MIDDLE, values, (0, 1))
+    imaginary = np.sqrt(np.maximum(1.0 - values_there[1] ** 2, 0.0))
+    there = nearest(2.0 * math.pi * values_there[0] * (-values_there[1] + 1j * imaginary), middle)
     exact = values_of(middle[[there[j] for j in range(len(middle))]])
-    off, limit = np.abs(found - exact), CELL_ERROR * exact
+    off, limit = np.abs(values_there - exact), CELL_ERROR * exact
     limit[1] += CELL_ROUNDING
     if (off <= limit).all():
         cell.values = np.tensordot(_COEFFICIENTS, values, (1, 1)).swapaxes(0, 1)
@@ -108,21 +108,11 @@ def _cell(start: float, end: float, poles: list[ComplexArray], peaks: FloatArray
 
 
 def follow_branches(pieces: Sequence[list[Cell]]) -> tuple[list[float], dict[int, float]]:
-    """Follow the poles through all cells, and note in each cell which branch they belong to.
+    """Follow the poles through the cells of all pieces, and note the branches in each cell.
 
-    A branch ends where its pole becomes real, and goes on where a pole oscillates again.
-
-    Parameters
-    ----------
-    pieces : sequence of list of Cell
-        The cells of each piece, ascending.
-
-    Returns
-    -------
-    begins : list of float
-        The frequency at which each branch begins, rad/s.
-    left : dict of int to float
-        Angles (rad) at which branches leave the poles that a piece holds.
+    A branch ends where its pole becomes real, and continues where a pole oscillates again. It
+    returns the frequency at which each begins, rad/s, and the angles (rad) at which branches leave
+    a piece.
     """
     begins: list[float] = []
     left: dict[int, float] = {}
@@ -132,14 +122,16 @@ def follow_branches(pieces: Sequence[list[Cell]]) -> tuple[list[float], dict[int
         for i, cell in enumerate(cells):
             pairs = nearest(np.array(list(now.values()), dtype=complex), cell.first)
             names = list(now)
-            own = {names[k]: j for k, j in pairs.items()}
+            index_of = {names[k]: j for k, j in pairs.items()}
             if i == 0:  # another set of poles
-                own = {b: j for b, j in own.items() if abs(now[b] / cell.first[j] - 1.0) < _SAME}
-            for b in now.keys() - own.keys():
+                index_of = {
+                    b: j for b, j in index_of.items() if abs(now[b] / cell.first[j] - 1.0) < _SAME
+                }
+            for b in now.keys() - index_of.keys():
                 left.setdefault(b, cell.start)
-            for j in sorted(set(range(len(cell.first))) - set(own.values())):
-                own[_branch(cell.first[j], begins, ended)] = j
-            cell.branches = {b: (j, cell.follows.get(j, -1)) for b, j in own.items()}
+            for j in sorted(set(range(len(cell.first))) - set(index_of.values())):
+                index_of[_branch(cell.first[j], begins, ended)] = j
+            cell.branches = {b: (j, cell.follows.get(j, -1)) for b, j in index_of.items()}
             taken = {k for _, k in cell.branches.values()}
             for b, (j, k) in cell.branches.items():
                 if k < 0:
@@ -172,16 +164,10 @@ class CellArrays:
 
 
 def cell_arrays(pieces: Sequence[list[Cell]], n_modes: int) -> CellArrays:
-    """Follow the modes through the cells of all pieces, and return what a table keeps of these.
-
-    Parameters
-    ----------
-    pieces, n_modes
-        The cells of each piece, and the number of modes: those that begin lowest.
-    """
+    """Follow the lowest modes through the cells of all pieces, and return what a table keeps."""
     begins, left = follow_branches(pieces)
     modes = sorted(range(len(begins)), key=lambda b: begins[b])
-    cells = [cell for own in pieces for cell in own]
+    cells = [cell for piece in pieces for cell in piece]
     cubics = np.array([_cubics(cell, modes[:n_modes], n_modes) for cell in cells])
     direct = np.flatnonzero(np.isposinf(cubics[:, 3]).any(axis=1)).tolist()
     return CellArrays(

@@ -21,7 +21,7 @@ from linkage_vibration.table.pole_cells import (
     values_of,
 )
 from linkage_vibration.table.reduced import Modal, ReducedModels
-from linkage_vibration.table.tabulation.accuracy import Accuracy
+from linkage_vibration.table.tabulation.accuracy import N_LINES, SILENT_SHARE, Accuracy, Bounds
 from linkage_vibration.table.tabulation.cell_making import (
     CELL_ERROR,
     CELL_ROUNDING,
@@ -30,42 +30,24 @@ from linkage_vibration.table.tabulation.cell_making import (
 )
 from linkage_vibration.table.tabulation.subspaces import PoleSample
 
-_FRF_ANGLES = 8  # of a piece, at which FRFs are compared
-_LINES = 201  # frequencies at which FRFs are compared, in addition to those near resonances
-_NEARLY_REAL = 1e-3  # imaginary part, of the magnitude of a pole
-_SLOPES = 101  # places of a piece at which slopes are compared
-_STEP = 1e-4  # of a piece: half the difference of angles that gives a slope
-_EPS = 4.0 * float(np.finfo(float).eps)  # of a matrix: rounding of its eigenvalues
-_SILENT = 1e-6  # of the drive-point FRFs of two places: an FRF between them that is only rounding
-
-
-@dataclass(frozen=True, slots=True)
-class Errors:
-    """Relative errors in a piece."""
-
-    values: float  # of natural frequencies and damping ratios
-    peak: float  # of frequency and magnitude of the highest peak
-    frf: float  # of FRFs, L2 norm over the band
-    slope: float  # of d(log(natural frequency))/d(alpha3), 1/rad
+_FRF_ANGLES = 8  # FRFs are compared at so many angles of a piece.
+_NEARLY_REAL = 1e-3  # A pole with a smaller share of imaginary part is nearly real.
+_SLOPES = 101  # Slopes are compared at so many angles of a piece,
+_STEP = 1e-4  # by differences over twice this share of the piece.
+_EPS = 4.0 * float(np.finfo(float).eps)  # Eigenvalues are rounded by this share of the matrix.
 
 
 def relative_errors(off: ComplexArray, exact: ComplexArray, n: int) -> FloatArray:
     """Return relative errors of FRFs in the L2 norm, (..., n_triangle), of n places.
 
-    A response that is only rounding has no relative error.
-
-    Parameters
-    ----------
-    off, exact : ndarray, (..., n_freq, n_triangle)
-        Differences and FRFs between places, the upper triangle row by row, m/N.
-    n : int
-        Number of places.
+    Differences and FRFs are (..., n_freq, n_triangle), the upper triangle row by row, m/N. A
+    response that is only rounding has no relative error.
     """
     size, error = np.linalg.norm(exact, axis=-2), np.linalg.norm(off, axis=-2)
     upper = np.triu_indices(n)
     places = [i * n - i * (i - 1) // 2 for i in range(n)]
-    own = size[..., places]
-    least = _SILENT * np.sqrt(own[..., upper[0]] * own[..., upper[1]])
+    drives = size[..., places]
+    least = SILENT_SHARE * np.sqrt(drives[..., upper[0]] * drives[..., upper[1]])
     return np.asarray(error / np.maximum(np.maximum(size, least), np.finfo(float).tiny))
 
 
@@ -104,26 +86,22 @@ class Polynomials:
         moved = np.minimum(moved, np.sqrt(moved * gaps)) / np.abs(poles)
         worst = 0.0
         moved = moved if self.models.viscous else moved / 2.0  # of the square of a pole
-        for own, shift in zip(models.modal.frequencies, moved, strict=True):
-            exact = self._compared(own)
+        for all_poles, shift in zip(models.modal.frequencies, moved, strict=True):
+            exact = self._compared(all_poles)
             exact = exact[exact.imag > _NEARLY_REAL * np.abs(exact)]
-            known = np.abs(exact[:, np.newaxis] - own).argmin(axis=1)
+            nearest_poles = np.abs(exact[:, np.newaxis] - all_poles).argmin(axis=1)
             ratios = -exact.real / np.abs(exact)
-            worst = max(worst, float(((shift[known] + CELL_ROUNDING) / ratios).max(initial=0.0)))
+            worst = max(
+                worst, float(((shift[nearest_poles] + CELL_ROUNDING) / ratios).max(initial=0.0))
+            )
         return worst
 
     def misses(
         self, variables: FloatArray, samples: Sequence[PoleSample], accuracy: Accuracy
     ) -> bool:
-        """Return whether poles in reach differ too much from those of samples.
-
-        Parameters
-        ----------
-        variables, samples, accuracy
-            Stroke variables, (n,), the samples there, and the accuracy to be met.
-        """
-        found = self.modal(variables).frequencies
-        for poles, sample in zip(found, samples, strict=True):
+        """Return whether poles in reach differ too much from those of samples elsewhere."""
+        pole_sets = self.modal(variables).frequencies
+        for poles, sample in zip(pole_sets, samples, strict=True):
             exact = self._compared(sample.poles)
             if _pole_error(poles, exact) > accuracy.frequency:
                 return True
@@ -131,21 +109,21 @@ class Polynomials:
 
     def _compared(self, poles: ComplexArray) -> ComplexArray:
         """Return those of the oscillating poles of which a table gives values or resonances."""
-        found = oscillating(poles)
-        count = max(self.response.modes, int((np.abs(found) < reach(self.response.band)).sum()))
-        return found[:count]
+        upper = oscillating(poles)
+        count = max(self.response.modes, int((np.abs(upper) < reach(self.response.band)).sum()))
+        return upper[:count]
 
 
-def _pole_error(found: ComplexArray, exact: ComplexArray) -> float:
+def _pole_error(poles: ComplexArray, exact: ComplexArray) -> float:
     """Return the largest relative error of frequency or ratio of some poles."""
-    # Where two poles are about to become real, only the angle of that differs.
+    # Where two poles are about to become real, only the angle at which they do differs.
     exact = exact[exact.imag > _NEARLY_REAL * np.abs(exact)]
     if not len(exact):
         return 0.0
-    found = oscillating(found)
-    if not len(found):
+    poles = oscillating(poles)
+    if not len(poles):
         return math.inf
-    near = found[np.abs(exact[:, np.newaxis] - found).argmin(axis=1)]
+    near = poles[np.abs(exact[:, np.newaxis] - poles).argmin(axis=1)]
     return float(np.abs(values_of(near) / values_of(exact) - 1.0).max())
 
 
@@ -155,17 +133,10 @@ def compare(
     accuracy: Accuracy,
     far_error: float,
     rounding: float,
-) -> tuple[Errors, list[Cell]] | None:
+) -> tuple[Bounds, list[Cell]] | None:
     """Return by how much fewer points change a piece, and its cells; None if that is too much.
 
-    Parameters
-    ----------
-    coarse, fine : Polynomials
-        Those through some of the points of a piece, and through all.
-    accuracy : Accuracy
-        The accuracy to be met.
-    far_error, rounding : float
-        Relative error of FRFs that far poles cause at the points; `Polynomials.rounding`.
+    Far poles cause the relative error ``far_error`` of FRFs; ``rounding`` is that of values.
     """
     grid = np.linspace(fine.variables[0], fine.variables[-1], FIRST_CELLS + 1)
     if _differ(coarse.modal(grid), fine.modal(grid), fine, accuracy) is None:
@@ -173,14 +144,14 @@ def compare(
     cells = make_cells(fine.piece)
     angles = np.array([[cell.start, (cell.start + cell.end) / 2.0] for cell in cells]).ravel()
     at = stroke_variable(angles, fine.toggles)
-    one, other = coarse.modal(at), fine.modal(at)
-    differences = _differ(one, other, fine, accuracy)
+    coarse_modal, fine_modal = coarse.modal(at), fine.modal(at)
+    differences = _differ(coarse_modal, fine_modal, fine, accuracy)
     if differences is None:
         return None
     shifts, peak = differences
     rows = {int(np.argmax(shifts)), *np.linspace(0, len(at) - 1, _FRF_ANGLES).astype(int).tolist()}
-    rows = set() if other.free else rows  # such a table has no FRFs
-    errors = [_frf_error(one, other, row, fine.response.band) for row in rows]
+    rows = set() if fine_modal.free else rows  # such a table has no FRFs
+    errors = [_frf_error(coarse_modal, fine_modal, row, fine.response.band) for row in rows]
     frf = max(errors, default=0.0) + far_error
     if frf > accuracy.frf:
         return None
@@ -189,44 +160,44 @@ def compare(
     if max(shifts) + rest > accuracy.frequency:
         return None
     slope = _slope_error(coarse, fine) + _slope_jump(cells)
-    return Errors(max(shifts) + rest, peak + rest, frf + rounding, slope), cells
+    return Bounds(max(shifts) + rest, peak + rest, frf + rounding, slope), cells
 
 
 def _differ(
-    one: Modal, other: Modal, fine: Polynomials, accuracy: Accuracy
+    coarse: Modal, modal: Modal, fine: Polynomials, accuracy: Accuracy
 ) -> tuple[list[float], float] | None:
     """Return the errors of poles at each angle and of the peak, or None if they are too large."""
     shifts = [
-        _pole_error(found, fine._compared(exact))
-        for found, exact in zip(one.frequencies, other.frequencies, strict=True)
+        _pole_error(poles, fine._compared(exact))
+        for poles, exact in zip(coarse.frequencies, modal.frequencies, strict=True)
     ]
     if max(shifts) > accuracy.frequency:
         return None
-    peak = _peak_error(one, other, fine.response.band)
+    peak = _peak_error(coarse, modal, fine.response.band)
     return None if peak > accuracy.peak else (shifts, peak)
 
 
-def _peak_error(one: Modal, other: Modal, band: tuple[float, float]) -> float:
+def _peak_error(coarse: Modal, fine: Modal, band: tuple[float, float]) -> float:
     """Return the largest relative difference of the highest peak at angles."""
-    found = one.highest(0, band)
-    rows, omega, size = other.maxima(0, band)
-    highest = np.zeros(len(found))
+    peaks = coarse.highest(0, band)
+    rows, omega, size = fine.maxima(0, band)
+    highest = np.zeros(len(peaks))
     np.maximum.at(highest, rows, size)
-    off = np.abs(found[:, 1] / highest - 1.0)
+    off = np.abs(peaks[:, 1] / highest - 1.0)
     # Either of two peaks of one height, within the error, is the highest.
     rival = size >= (1.0 - 2.0 * off[rows]) * highest[rows]
-    away = np.full(len(found), math.inf)
+    away = np.full(len(peaks), math.inf)
     places = omega / (2.0 * math.pi)
-    apart_by = np.abs(found[rows, 0] - places) / np.maximum(places, 1e-6 * band[1])
+    apart_by = np.abs(peaks[rows, 0] - places) / np.maximum(places, 1e-6 * band[1])
     np.minimum.at(away, rows[rival], apart_by[rival])
     return float(np.maximum(off, away).max())
 
 
-def _frf_error(one: Modal, other: Modal, row: int, band: tuple[float, float]) -> float:
+def _frf_error(coarse: Modal, fine: Modal, row: int, band: tuple[float, float]) -> float:
     """Return the largest relative difference of FRFs at an angle, L2 norm over the band."""
-    n, poles = other.shapes.shape[1], other.frequencies[row]
-    found, exact = (weighted_frf(each, row, band, poles) for each in (one, other))
-    return float(relative_errors(found - exact, exact, n).max())
+    n, poles = fine.shapes.shape[1], fine.frequencies[row]
+    approximate, exact = (weighted_frf(each, row, band, poles) for each in (coarse, fine))
+    return float(relative_errors(approximate - exact, exact, n).max())
 
 
 def weighted_frf(
@@ -234,18 +205,13 @@ def weighted_frf(
 ) -> ComplexArray:
     """Return FRFs at an angle, (n_freq, n_triangle), whose squares add up to those of the L2 norm.
 
-    Parameters
-    ----------
-    modal, row, band
-        Poles and residues, the index of the angle, and the band, Hz.
-    poles : ndarray, optional
-        Near which there are more lines, rad/s; its own by default.
+    There are more lines near the given poles (rad/s), or near its own.
     """
     low, high = (2.0 * math.pi * end for end in searched(band, free=modal.free))
     poles = modal.frequencies[row] if poles is None else poles
     poles = poles[(poles.imag > 0.0) & (poles.imag < high)]
     near = poles.imag - np.multiply.outer(np.linspace(-2.0, 2.0, 9), poles.real)
-    lines = np.unique(np.clip([*np.linspace(low, high, _LINES), *near.ravel()], low, high))
+    lines = np.unique(np.clip([*np.linspace(low, high, N_LINES), *near.ravel()], low, high))
     return np.asarray(np.sqrt(np.gradient(lines))[:, np.newaxis] * modal.frf(row, lines))
 
 
@@ -255,37 +221,45 @@ def _slope_error(coarse: Polynomials, fine: Polynomials) -> float:
     step = _STEP * (ends[1] - ends[0])
     at = np.linspace(ends[0] + step, ends[1] - step, _SLOPES)
     both = np.column_stack([at - step, at + step]).ravel()
-    one, other = coarse.modal(both).frequencies, fine.modal(both).frequencies
+    coarse_poles, fine_poles = coarse.modal(both).frequencies, fine.modal(both).frequencies
     width = np.diff(stroke_angle(both, toggles).reshape(-1, 2), axis=1)[:, 0]
     worst = 0.0
     for i, apart in enumerate(width.tolist()):
-        off = [_relative_shift(one[j], fine._compared(other[j])) for j in (2 * i, 2 * i + 1)]
+        off = [
+            _relative_shift(coarse_poles[j], fine._compared(fine_poles[j]))
+            for j in (2 * i, 2 * i + 1)
+        ]
         if len(off[0]) == len(off[1]) > 0:
             worst = max(worst, float(np.abs(off[1] - off[0]).max()) / apart)
     return worst
 
 
-def _relative_shift(found: ComplexArray, exact: ComplexArray) -> FloatArray:
+def _relative_shift(poles: ComplexArray, exact: ComplexArray) -> FloatArray:
     """Return the relative differences of the frequencies of some poles from the nearest others."""
     exact = exact[exact.imag > _NEARLY_REAL * np.abs(exact)]
-    found = oscillating(found)
-    if not len(found) or not len(exact):
+    poles = oscillating(poles)
+    if not len(poles) or not len(exact):
         return np.zeros(0)
-    near = found[np.abs(exact[:, np.newaxis] - found).argmin(axis=1)]
+    near = poles[np.abs(exact[:, np.newaxis] - poles).argmin(axis=1)]
     return np.asarray(np.abs(near) / np.abs(exact) - 1.0)
 
 
 def _slope_jump(cells: Sequence[Cell]) -> float:
     """Return the largest jump of a slope from a cell to the next, relative, 1/rad."""
     worst = 0.0
-    for one, other in pairwise(cells):
-        if one.values is None or other.values is None or len(one.last) != len(other.first):
+    for cell, following in pairwise(cells):
+        if (
+            cell.values is None
+            or following.values is None
+            or len(cell.last) != len(following.first)
+        ):
             continue
-        frequency = one.values[0].sum(axis=0)
-        ends = (np.array([3.0, 2.0, 1.0]) @ one.values[0, :3]) / (one.end - one.start)
-        begins = other.values[0, 2] / (other.end - other.start)
+        frequency = cell.values[0].sum(axis=0)
+        ends = (np.array([3.0, 2.0, 1.0]) @ cell.values[0, :3]) / (cell.end - cell.start)
+        begins = following.values[0, 2] / (following.end - following.start)
         order = [
-            int(np.abs(one.last[one.follows[j]] - other.first).argmin()) for j in range(len(ends))
+            int(np.abs(cell.last[cell.follows[j]] - following.first).argmin())
+            for j in range(len(ends))
         ]
         worst = max(worst, float((np.abs(ends - begins[order]) / frequency).max(initial=0.0)))
     return worst

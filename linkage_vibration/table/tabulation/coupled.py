@@ -10,21 +10,25 @@ import numpy as np
 
 from linkage_vibration.mechanics.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from linkage_vibration.mechanics.response import FarPoles, far_poles, reach, searched
-from linkage_vibration.support.version import VERSION
-from linkage_vibration.table.interpolation import interpolation_matrix, leja_points
+from linkage_vibration.table.interpolation import interpolation_matrix
 from linkage_vibration.table.reduced import Far, Numbers, ReducedModels
 from linkage_vibration.table.table import Table, TableError
-from linkage_vibration.table.tabulation.accuracy import MARGIN, Accuracy
+from linkage_vibration.table.tabulation.accuracy import MARGIN, Accuracy, Bounds
+from linkage_vibration.table.tabulation.assembly import bare_table, with_bounds
 from linkage_vibration.table.tabulation.cell_making import Cell, CellArrays, cell_arrays
 from linkage_vibration.table.tabulation.comparison import (
-    Errors,
     Polynomials,
     compare,
     relative_errors,
     weighted_frf,
 )
-from linkage_vibration.table.tabulation.refinement import first_points
-from linkage_vibration.table.tabulation.sampling import Sampler
+from linkage_vibration.table.tabulation.refinement import (
+    MOST,
+    first_points,
+    more_points,
+    refine_pieces,
+)
+from linkage_vibration.table.tabulation.sampling import Rounding, Sampler
 from linkage_vibration.table.tabulation.subspaces import (
     N_CHECK,
     N_FAR,
@@ -35,13 +39,11 @@ from linkage_vibration.table.tabulation.subspaces import (
     continue_set,
 )
 
-_SHORTER = 8.0  # the last piece whose rounding was checked, to the next one
-_BATCH = 3  # points that are added at once
-_MOST = 48  # points of a piece; if a polynomial needs more, halving the piece needs fewer
-_NARROW = 64  # parts of a piece: a step that is shorter is not halved to tell poles apart
-_END = 1.0 / 200.0  # of the band: its end, where far poles are least accurate
-_FAR_ANGLES = 65  # of a piece, at which the error by far poles is evaluated
-_BETWEEN = 24  # points that are added to follow poles; with more, the piece is halved
+_NARROW = 64  # A step below this part of a piece is not halved to distinguish poles.
+_END = 1.0 / 200.0  # In this share of the band, at its end, far poles are least accurate.
+_FAR_ANGLES = 65  # The error by far poles is evaluated at so many angles of a piece.
+_LESS_ROUNDING = "more damping, a band_hz that ends nearer to the lowest mode, "
+_BETWEEN = 24  # If poles need more points to be followed, the piece is halved.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,18 +53,12 @@ class ReducedPiece:
     variables: FloatArray  # (n,): stroke variables of the points, ascending
     alpha3: FloatArray  # (n,), rad
     models: ReducedModels
-    errors: Errors
+    bounds: Bounds
     cells: list[Cell]
 
 
 class PoleTracker:
-    """Follows the poles of a damped linkage.
-
-    Parameters
-    ----------
-    sampler : Sampler
-        Solves the model.
-    """
+    """Follows the poles of a damped linkage."""
 
     def __init__(self, sampler: Sampler) -> None:
         self.sampler, self.at = sampler, sampler.poles_at
@@ -81,30 +77,21 @@ class PoleTracker:
     def follow(self, points: list[float]) -> dict[float, IntArray] | None:
         """Find the poles that make up one smooth subspace over a piece, at each of its points.
 
-        Points are added where the steps are too long to follow it.
-
-        Parameters
-        ----------
-        points : list of float
-            Stroke variables, ascending.
-
-        Returns
-        -------
-        dict of float to ndarray of int, or None
-            The indices at each point; None if the piece must be halved.
+        Points are added where the steps are too long to follow it. It returns indices by the stroke
+        variables of the points, or None if the piece must be halved.
         """
         points, base = list(points), len(points) // 2
         fewest = len(points)
         start = self.needed(self.at(points[base]))
         while len(points) < fewest + _BETWEEN:
-            found: dict[float, IntArray] = {points[base]: start}
+            sets: dict[float, IntArray] = {points[base]: start}
             trouble = False
             for i in (*range(base + 1, len(points)), *range(base - 1, -1, -1)):
                 before = points[i - 1 if i > base else i + 1]
-                sample, set_there = self.at(points[i]), found[before]
+                sample, set_there = self.at(points[i]), sets[before]
                 here = self.at(before).subspace(set_there)
                 chosen, clear, rival = continue_set(here, sample, len(set_there))
-                found[points[i]] = chosen
+                sets[points[i]] = chosen
                 missing = np.setdiff1d(self.needed(sample), chosen)
                 if clear and not len(missing):
                     continue
@@ -120,7 +107,7 @@ class PoleTracker:
                     base = i
                 break
             if not trouble:
-                return found
+                return sets
         return None
 
 
@@ -129,20 +116,10 @@ def refine_piece(
 ) -> ReducedPiece | str:
     """Add points until poles, peaks and FRFs of the reduced models meet the tolerance.
 
-    Parameters
-    ----------
-    tracker, accuracy
-        What follows the poles, and the accuracy to be met.
-    fitted : list of float
-        The first stroke variables, ascending; the first and the last bound the piece.
-
-    Returns
-    -------
-    ReducedPiece or str
-        Why the piece must be halved.
+    It returns the piece, or the reason why it must be halved.
     """
-    while len(fitted) <= _MOST:
-        more = leja_points(fitted, fitted[0], fitted[-1], _BATCH)
+    while len(fitted) <= MOST:
+        more = more_points(fitted)
         finer = sorted(fitted + more)
         sets = tracker.follow(finer)
         if sets is None:
@@ -152,34 +129,25 @@ def refine_piece(
             return "the shapes of the poles change too quickly"
         samples = [tracker.at(x) for x in finer]
         models = _models(tracker, samples, [sets[x] for x in finer], spaces)
-        own = np.array([x in set(fitted) for x in finer], dtype=np.bool_)
+        rows = np.array([x in set(fitted) for x in finer], dtype=np.bool_)
         variables = np.array(finer)
         response, toggles = tracker.sampler.response, tracker.sampler.toggles
-        coarse = Polynomials(variables[own], _only(models, own), toggles, response)
-        if not coarse.misses(variables[~own], [samples[i] for i in np.flatnonzero(~own)], accuracy):
+        coarse = Polynomials(variables[rows], _only(models, rows), toggles, response)
+        if not coarse.misses(
+            variables[~rows], [samples[i] for i in np.flatnonzero(~rows)], accuracy
+        ):
             fine = Polynomials(variables, models, toggles, response)
-            rounding = _check_rounding(tracker, fine, finer, accuracy)
+            values = fine.rounding() + tracker.sampler.rounding(finer).values
+            alpha3, rounding = tracker.sampler.angle(finer[0]), Rounding(values)
+            tracker.sampler.refuse_rounding(rounding, alpha3, accuracy, 1.0 / 2.0, _LESS_ROUNDING)
             far_error = MARGIN * _far_error(tracker, samples, models, variables)
             far_error += tracker.sampler.rounding(finer).frf
-            found = compare(coarse, fine, accuracy, far_error, rounding)
-            if found is not None:
+            compared = compare(coarse, fine, accuracy, far_error, values)
+            if compared is not None:
                 angles = np.array([tracker.sampler.angle(x) for x in finer])
-                return ReducedPiece(variables, angles, models, *found)
+                return ReducedPiece(variables, angles, models, *compared)
         fitted = finer
     return f"the poles or the peak change too quickly for a tolerance of {accuracy.frequency:g}"
-
-
-def _check_rounding(
-    tracker: PoleTracker, fine: Polynomials, points: list[float], accuracy: Accuracy
-) -> float:
-    """Return how much rounding changes values in a piece; refuse more than half the tolerance."""
-    rounding = fine.rounding() + tracker.sampler.rounding(points).values
-    if rounding > accuracy.frequency / 2.0:
-        least = f"{1.2 * 2.0 * rounding:.1e}"
-        fix = f"{least}, more damping, or a band_hz that ends nearer to the lowest mode"
-        alpha3 = tracker.sampler.angle(fine.variables[0])
-        raise tracker.sampler.rounded(rounding, alpha3, accuracy, fix)
-    return rounding
 
 
 def _one_basis(
@@ -188,9 +156,9 @@ def _one_basis(
     """Return the subspaces at points on the basis of the middle one."""
     middle = points[len(points) // 2]
     left = tracker.at(middle).subspace(sets[middle]).left
-    found = [tracker.at(x).subspace(sets[x]).on(left) for x in points]
-    known = [space for space in found if space is not None]
-    return known if len(known) == len(found) else None
+    candidates = [tracker.at(x).subspace(sets[x]).on(left) for x in points]
+    spaces = [space for space in candidates if space is not None]
+    return spaces if len(spaces) == len(candidates) else None
 
 
 def _models(
@@ -294,40 +262,15 @@ def _only(models: ReducedModels, rows: BoolArray) -> ReducedModels:
 
 
 def build_coupled(sampler: Sampler, accuracy: Accuracy) -> Table:
-    """Build the table of a linkage whose damping couples its modes.
+    """Build the table of a linkage whose damping couples its modes."""
+    tracker = PoleTracker(sampler)
 
-    Parameters
-    ----------
-    sampler, accuracy
-        What solves the model, and the accuracy to be met.
+    def refined(fitted: list[float]) -> ReducedPiece | str:
+        return refine_piece(tracker, fitted, accuracy)
 
-    Raises
-    ------
-    TableError
-        If a piece would be too short, rounding prevents the tolerance, or the linkage has too few
-        modes that oscillate.
-    """
-    tracker, pieces = PoleTracker(sampler), list[ReducedPiece]()
-    waiting, suspicious = [sampler.ends], sampler.length
-    while waiting:
-        low, high = waiting.pop()
-        piece = refine_piece(tracker, first_points(sampler.solved_poles, low, high), accuracy)
-        if isinstance(piece, ReducedPiece):
-            pieces.append(piece)
-            sampler.finish(high - low)
-            continue
-        if high - low < 2.0 * sampler.shortest:
-            raise TableError(
-                f"{sampler.model.mechanism.name}: {piece} at alpha3 = "
-                f"{math.degrees(sampler.angle(low)):.4f} deg; give a larger tolerance, or fewer "
-                "modes in response.modes, or end the stroke before."
-            )
-        if high - low < suspicious:
-            suspicious = (high - low) / _SHORTER
-            sampler.check_rounding(accuracy)
-        middle = (low + high) / 2.0
-        waiting += [(middle, high), (low, middle)]
-    return _table(sampler, pieces)
+    waiting = [first_points(sampler.solved, *sampler.ends)]
+    pieces = refine_pieces(sampler, waiting, refined, accuracy)
+    return _table(sampler, sorted(pieces, key=lambda piece: float(piece.variables[0])))
 
 
 def _table(sampler: Sampler, pieces: Sequence[ReducedPiece]) -> Table:
@@ -336,32 +279,16 @@ def _table(sampler: Sampler, pieces: Sequence[ReducedPiece]) -> Table:
     ends = np.cumsum([0, *(len(piece.alpha3) - 1 for piece in pieces)])
     n, modes, models = len(alpha3), sampler.response.modes, [piece.models for piece in pieces]
     drive = (sampler.response.point, sampler.response.direction)
-    errors = [piece.errors for piece in pieces]
-    nothing = np.zeros((n, 0), dtype=complex)
     cells = cell_arrays([piece.cells for piece in pieces], modes)
     _check_modes(sampler, cells)
-    table = Table(
-        alpha3=alpha3,
-        pieces=ends.astype(np.int64),
+    table = replace(
+        bare_table(sampler, alpha3, ends),
         natural_frequencies=np.zeros((n, modes)),
-        damping_ratios=np.zeros((n, modes)),
         peak_frequencies=np.zeros((n, 1)),
-        peak_magnitudes=np.zeros((n, 1)),
         peak_notable=np.ones((len(pieces), 1), dtype=np.bool_),
-        interpolation_error=np.array([each.values for each in errors]),
-        peak_error=max(each.peak for each in errors),
-        frf_error=math.nan if sampler.free_modes else max(each.frf for each in errors),
-        free_modes=sampler.free_modes,
-        slope_error=max(each.slope for each in errors),
-        toggles=sampler.toggles,
-        band=sampler.response.band,
         places=() if sampler.free_modes else (drive, *(p for p in sampler.places if p != drive)),
-        term_stiffness=nothing,
-        term_decay=nothing.real,
-        participations=nothing[:, :, np.newaxis],
         far_stiffness=np.array([each.far.stiffness for each in models]),
         far_decay=np.array([each.far.decay for each in models]),
-        far_residues=nothing[:, :, np.newaxis],
         reduced_orders=np.array([each.inertia.shape[1] for each in models], dtype=np.int64),
         reduced_inertia=np.concatenate([each.inertia.ravel() for each in models]),
         reduced_stiffness=np.concatenate([each.stiffness.ravel() for each in models]),
@@ -370,12 +297,8 @@ def _table(sampler: Sampler, pieces: Sequence[ReducedPiece]) -> Table:
         cell_starts=cells.starts,
         cell_cubics=cells.cubics,
         cell_poles=cells.poles,
-        frequency_stddev=nothing.real,
-        damping_ratio_stddev=nothing.real,
-        model_hash=sampler.model.mechanism.model_hash,
-        mechanism_name=sampler.model.mechanism.name,
-        package_version=VERSION,
     )
+    table = with_bounds(table, [piece.bounds for piece in pieces])
     values = table.evaluate(alpha3)
     return replace(
         table,

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Adds the standard deviations of modes by uncertain numbers of the mechanism to a table.
 
-They are found at the points of the table, to first order. Between the points they are smooth,
-except where the first order is not enough; there they are NaN.
+They are found at the points of the table, to first order, and interpolated between them. Where the
+first order is not enough, they are NaN.
 """
 
 import math
@@ -22,30 +22,22 @@ from linkage_vibration.table.tabulation.sampling import Sampler
 N_ANGLES = 257
 """Even angles over the range at which a table has the standard deviations."""
 
-_FEWEST = 16  # steps of the range between which deviations are interpolated
-_ABOVE = 1.7  # times the highest tracked frequency: modes up to there may mix with tracked ones
-_SAME = 1e-3  # relative: difference between a frequency of the table and the same of the model
-_CLOSE = 2.0  # standard deviations of the distance of two modes; nearer ones may change places
-_LEVEL = 1e-9  # of the largest turn of the chords; where they turn less, a curve is level
-_EXCESS = 0.15  # of a variance: what the second and the third order may add
-# Standard deviation of a toggle's angle, of its distance. A frequency may vanish with the distance,
-# and a damping ratio then grows with its inverse. Higher orders add 5/4 and 4 times the square of
-# this to their standard deviations: 2 % and 8 %.
+_FEWEST = 16  # Deviations are interpolated over at most this part of the range.
+_ABOVE = 1.7  # Modes up to so many times the highest tracked frequency may mix with it.
+_SAME = 1e-3  # Frequencies of the table and the model differ by a smaller share.
+_CLOSE = 2.0  # Modes so many standard deviations apart do not change places.
+_LEVEL = 1e-9  # A curve is level where its chords turn by less than this share of the most.
+_EXCESS = 0.15  # Higher orders may add this share of a variance.
+# The standard deviation of a toggle's angle may be this share of the distance from the toggle. A
+# frequency may vanish with the distance, and a damping ratio then grows with its inverse. Higher
+# orders add 5/4 and 4 times the square of the share to their standard deviations: 2 % and 8 %.
 _TOGGLE = 0.14
 
 
 def with_parameter_stddev(table: Table, sampler: Sampler) -> Table:
     """Return a table with the standard deviations by uncertain numbers of its mechanism.
 
-    Parameters
-    ----------
-    table, sampler
-        The table, and the solutions that it was built from.
-
-    Raises
-    ------
-    TableError
-        If links are known by FRFs alone, whose change with the numbers is unknown.
+    It refuses links that are known by FRFs alone, whose change with the numbers is unknown.
     """
     model = sampler.model
     uncertainty = model.mechanism.uncertainty
@@ -65,7 +57,7 @@ def with_parameter_stddev(table: Table, sampler: Sampler) -> Table:
     angles = np.linspace(*table.alpha3_range, N_ANGLES)
     n, fewest = table.n_modes, min(len(each.frequencies) for each, _ in points)
     rows = [(each, order[:fewest]) for each, order in points]
-    found = makima(at, angles, np.array([each.stddev[:, order[:n]] for each, order in rows]))
+    stddev = makima(at, angles, np.array([each.stddev[:, order[:n]] for each, order in rows]))
     excess = makima(at, angles, np.array([each.excess[:, order[:n]] for each, order in rows]))
     doubtful = np.abs(excess) > _EXCESS
     doubtful[:, 1] |= doubtful[:, 0]  # a damping ratio depends on the frequency
@@ -74,8 +66,8 @@ def with_parameter_stddev(table: Table, sampler: Sampler) -> Table:
     if table.toggles is not None:
         apart = np.minimum(angles - table.toggles[0], table.toggles[1] - angles)
         doubtful |= (toggle > _TOGGLE * apart)[:, np.newaxis, np.newaxis]
-    found = np.where(doubtful, math.nan, found)
-    return replace(table, parameter_stddev=np.ascontiguousarray(found.swapaxes(0, 1)))
+    stddev = np.where(doubtful, math.nan, stddev)
+    return replace(table, parameter_stddev=np.ascontiguousarray(stddev.swapaxes(0, 1)))
 
 
 def _points(table: Table) -> FloatArray:
@@ -91,14 +83,14 @@ def _point(
     table: Table, alpha3: float, values: FloatArray, sensitivity: Sensitivity, sampler: Sampler
 ) -> tuple[ModeChanges, IntArray]:
     """Return the changes at an angle, and their order: tracked modes, then others."""
-    own = values[: 2 * table.n_modes].reshape(2, -1)
-    oscillates = np.isfinite(own[0])
-    highest = _ABOVE * float(own[0][oscillates].max(initial=0.0))
+    tabulated = values[: 2 * table.n_modes].reshape(2, -1)
+    oscillates = np.isfinite(tabulated[0])
+    highest = _ABOVE * float(tabulated[0][oscillates].max(initial=0.0))
     poles = sampler.pole_shapes(alpha3, highest)
     changes = sensitivity.at(sampler.solution(alpha3), highest, poles)
     there = np.array([changes.frequencies, changes.ratios])
-    off = np.abs(np.log(own[0][:, np.newaxis] / there[0])) + np.abs(
-        own[1][:, np.newaxis] - there[1]
+    off = np.abs(np.log(tabulated[0][:, np.newaxis] / there[0])) + np.abs(
+        tabulated[1][:, np.newaxis] - there[1]
     )
     off = np.where(np.isfinite(off), off, 10.0)  # a mode that does not oscillate takes what is left
     order = linear_sum_assignment(off)[1]
@@ -139,8 +131,8 @@ def _crowded(
         [[np.log(each.frequencies)[order], each.ratios[order]] for each, order in rows]
     )
     place = makima(points, angles, place)
-    own = table.evaluate(angles)
-    place[:, 0, :n], place[:, 1, :n] = np.log(own[:, :n]), own[:, n : 2 * n]
+    tabulated = table.evaluate(angles)
+    place[:, 0, :n], place[:, 1, :n] = np.log(tabulated[:, :n]), tabulated[:, n : 2 * n]
     approach = np.array([each.approach[np.ix_(order, order)] for each, order in rows])
     approach = makima(points, angles, approach)[:, :n]
     gaps = np.hypot(*(place[:, i, :n, np.newaxis] - place[:, i, np.newaxis] for i in (0, 1)))

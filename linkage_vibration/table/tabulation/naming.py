@@ -15,18 +15,13 @@ from linkage_vibration.mechanics.modes import MECHANISM
 from linkage_vibration.table.table import Table
 from linkage_vibration.table.tabulation.sampling import Sampler
 
-_ANGLES = 5  # points of the table at which the energy is computed
+_ANGLES = 5  # The energy is computed at so many points of the table.
 
 
 def with_mode_names(table: Table, sampler: Sampler) -> Table:
     """Return the table with a name for each mode, and its mean shares of kinetic energy.
 
     Modes of links that are known by FRFs alone are numbered, as their energy is not known.
-
-    Parameters
-    ----------
-    table, sampler
-        The table, and the solutions that it was built from.
     """
     given = sampler.model.mechanism.response.mode_names
     if table.measured:
@@ -46,12 +41,12 @@ def with_mode_names(table: Table, sampler: Sampler) -> Table:
 
 
 def _same_modes(frequencies: FloatArray, omega: FloatArray) -> IntArray:
-    """Return the undamped modes that the tracked modes (Hz) are, all of them different.
+    """Return which of the undamped modes (rad/s) the tracked modes (Hz) are, all different.
 
-    They are paired by frequency, which damping moves by little; where a mode is overdamped, so that
-    it has no frequency, it gets one of those that are left.
+    They are paired by frequency, which damping changes little. An overdamped mode, which has no
+    frequency, gets one of those that are left.
     """
-    known = np.log(np.where(np.isnan(frequencies), np.inf, 2.0 * math.pi * frequencies))
-    apart = np.abs(np.subtract.outer(known, np.log(np.maximum(omega, MECHANISM / 10.0))))
+    logs = np.log(np.where(np.isnan(frequencies), np.inf, 2.0 * math.pi * frequencies))
+    apart = np.abs(np.subtract.outer(logs, np.log(np.maximum(omega, MECHANISM / 10.0))))
     # Squares keep the order: sums of distances are equal where modes have moved past each other.
     return np.asarray(linear_sum_assignment(np.minimum(apart, 1e3) ** 2)[1])

@@ -16,51 +16,32 @@ from linkage_vibration.table.table import widened
 SILENT = float(np.finfo(float).tiny)
 """m/N; a maximum that is not higher is ignored."""
 
-_NOTABLE = 0.5  # of the highest: a maximum that is lower at the points is also lower between them
-_SAME = 1e-3  # of the band: two maxima of one height that are so close are one
+_NOTABLE = 0.5  # A maximum below this share of the highest at the points is lower between them.
+_SAME = 1e-3  # Two maxima of one height that are closer than this share of the band are one.
 
 
 def heights(at: FloatArray, sizes: FloatArray, band: tuple[float, float]) -> FloatArray:
-    """Return magnitudes of maxima within a band, and -1 for those outside or absent.
-
-    Parameters
-    ----------
-    at, sizes, band
-        Hz and m/N of the maxima, (..., n_peaks), NaN where there is none; Hz.
-    """
+    """Return magnitudes (m/N) of maxima at some frequencies (Hz); -1 outside the band or if NaN."""
     low, high = widened(band)
     return np.where((low <= at) & (at <= high), sizes, -1.0)
 
 
-def apart(found: FloatArray | float, exact: FloatArray | float) -> FloatArray:
-    """Return the relative difference of frequencies; that in Hz where the exact one is 0 Hz.
-
-    Parameters
-    ----------
-    found, exact : ndarray or float
-        Hz.
-    """
+def apart(frequencies: FloatArray | float, exact: FloatArray | float) -> FloatArray:
+    """Return the relative difference of frequencies; that in Hz where the exact one is 0 Hz."""
     scale = np.abs(exact)
-    return np.asarray(np.abs(found - exact) / np.where(scale > 0.0, scale, 1.0))
+    return np.asarray(np.abs(frequencies - exact) / np.where(scale > 0.0, scale, 1.0))
 
 
 def notable(
     at: FloatArray, sizes: FloatArray, band: tuple[float, float], equal: float, strict: bool
 ) -> BoolArray | None:
-    """Return which maxima, (n_peaks,), give the highest peak over some points of the stroke.
+    """Return which maxima, (n_peaks,), give the highest peak over n points of the stroke.
 
-    A maximum can be used if it exists at every point. As few as possible are chosen, so that each
-    point has its highest peak among them, and other maxima that are nearly as high. Returns None if
-    the maxima that exist at every point do not suffice.
-
-    Parameters
-    ----------
-    at, sizes : ndarray, (n, n_peaks)
-        Hz and m/N of each maximum at each point; NaN where there is none. The band's ends are last.
-    band, equal
-        Hz; relative difference up to which two maxima are of one height.
-    strict : bool
-        Leave out no maximum that is nearly the highest at a point, and may be between points.
+    A maximum can be used if it exists at every point; the arrays, (n, n_peaks), are NaN where it
+    does not. As few as possible are chosen, so that each point has its highest peak among them, and
+    other maxima that are nearly as high. Returns None if the maxima that exist at every point do
+    not suffice. If ``strict``, none is left out that is nearly the highest at a point, and may be
+    between points.
     """
     level, size = 1.0 - equal, heights(at, sizes, band)
     highest = size.max(axis=1, keepdims=True)
@@ -77,7 +58,7 @@ def notable(
 
     rivals = (size >= _NOTABLE * highest).any(axis=0)
     for other in np.flatnonzero(whole & rivals & ~chosen).tolist():
-        # One that merges with another is not smooth there, and not higher than it elsewhere.
+        # A maximum that merges with another is not smooth there, and elsewhere it is not higher.
         chosen[other] = not any(meets(row, other) for row in range(len(at)))
     left_out = np.argwhere((size >= RIVAL * highest) & ~chosen).tolist()
     if strict and not all(meets(row, peak) for row, peak in left_out):

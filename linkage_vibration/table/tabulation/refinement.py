@@ -3,8 +3,9 @@
 """Adds points to a piece of the stroke until its polynomials meet the tolerance."""
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 
@@ -17,14 +18,21 @@ from linkage_vibration.table.interpolation import (
 )
 from linkage_vibration.table.tabulation.accuracy import Accuracy
 from linkage_vibration.table.tabulation.peaks import apart, heights, notable
+from linkage_vibration.table.tabulation.sampling import Sampler
 from linkage_vibration.table.tabulation.tracking import Tracked, Tracker, unclear_steps
 from linkage_vibration.table.tabulation.veering import GRID, crossing_gaps, mix_closely
 
-_BATCH = 3  # points that measure the error of the previous ones: one alone may be where it is zero
-_FIRST = 2 * _BATCH  # first points of a piece
-_MOST = 48  # points of a piece; if a polynomial needs more, halving the piece needs fewer
-_EQUALLY_GOOD = math.log(3.0)  # of a Leja point's product: a point that is already solved is used
-_LONG = 0.01  # of the stroke: in longer pieces, maxima that may be the highest exist at every point
+_SHORTER = 8.0  # Rounding is checked again when a piece is so many times shorter.
+_BATCH = 3  # So many points measure the error; one alone may be where it is zero.
+_FIRST = 2 * _BATCH  # A piece begins with so many points.
+MOST = 48
+"""Points of a piece; if a polynomial needs more, halving the piece needs fewer."""
+
+_EQUALLY_GOOD = math.log(3.0)  # A solved point is used if its product is a third of Leja's.
+_LONG = 0.01  # In pieces above this share of the stroke, each possible highest maximum exists.
+
+
+P = TypeVar("P")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,15 +61,9 @@ class Piece:
 
 
 def first_points(solved: Iterable[float], low: float, high: float) -> list[float]:
-    """Return the first points of a piece, near Leja's; solved ones are preferred.
-
-    Parameters
-    ----------
-    solved, low, high
-        Stroke variables at which the model is solved, and of the ends.
-    """
+    """Return the first points of a piece, near Leja's; points that are solved are preferred."""
     points, free = [low, high], [x for x in solved if low < x < high]
-    while len(points) < _FIRST or (free and len(points) < _MOST // 2):
+    while len(points) < _FIRST or (free and len(points) < MOST // 2):
         best = leja_points(points, low, high, 1)
         products = np.log(np.abs(np.subtract.outer([*best, *free], points))).sum(axis=1)
         if free and products[1:].max() > products[0] - _EQUALLY_GOOD:
@@ -78,29 +80,52 @@ def more_points(fitted: list[float]) -> list[float]:
     return leja_points(fitted, fitted[0], fitted[-1], _BATCH)
 
 
+def refine_pieces(
+    sampler: Sampler,
+    waiting: list[list[float]],
+    refined: Callable[[list[float]], P | str],
+    accuracy: Accuracy,
+) -> list[P]:
+    """Refine pieces from their first points, the last first, and halve those that cannot be.
+
+    The function that refines a piece returns it, or the reason why it must be halved.
+    """
+    pieces, suspicious = list[P](), sampler.length
+    while waiting:
+        points = waiting.pop()
+        low, high = points[0], points[-1]
+        piece = refined(points)
+        if not isinstance(piece, str):
+            pieces.append(piece)
+            sampler.finish(high - low)
+            continue
+        if high - low < 2.0 * sampler.shortest:
+            raise sampler.too_short(low, piece)
+        if high - low < suspicious:
+            suspicious = (high - low) / _SHORTER
+            sampler.check_rounding(accuracy)
+        waiting += halves(sampler.solved, low, high)
+    return pieces
+
+
+def halves(solved: Iterable[float], low: float, high: float) -> list[list[float]]:
+    """Return the first points of both halves between two stroke variables."""
+    middle = (low + high) / 2.0
+    return [first_points(solved, low, middle), first_points(solved, middle, high)]
+
+
 def refine(tracker: Tracker, fitted: list[float], accuracy: Accuracy) -> Piece | None:
     """Add points until natural frequencies and peaks meet the tolerance.
 
     The checks are, in this order: maxima that exist at every point suffice for the highest peak,
-    polynomials meet the tolerance, shapes identify the modes, modes that seem to cross do cross.
-
-    Parameters
-    ----------
-    tracker, accuracy
-        The tracker over the whole stroke, and the accuracy to be met.
-    fitted : list of float
-        The first stroke variables, ascending; the first and the last bound the piece.
-
-    Returns
-    -------
-    Piece or None
-        None if it needs too many points, or points elsewhere: the piece must be halved.
+    polynomials meet the tolerance, shapes identify the modes, modes that seem to cross do cross. It
+    returns None if the piece needs too many points, or points elsewhere, so that it must be halved.
     """
     sampler, tolerance = tracker.sampler, accuracy.frequency
     band, n_modes = sampler.response.band, sampler.response.modes
     long = fitted[-1] - fitted[0] > _LONG * sampler.length
     between: set[float] = set()  # where modes could not be distinguished
-    while len(fitted) <= _MOST:
+    while len(fitted) <= MOST:
         more = more_points(fitted)
         held = sorted(between.union(more).difference(fitted))
         tracked = tracker.follow(sorted(fitted + held))
@@ -144,13 +169,13 @@ class _Polynomials:
 
     def misses(self, fitted: list[float]) -> bool:
         """Return whether polynomials are inaccurate at samples to which they are not fitted."""
-        own = self.tracked.at(fitted)
-        logarithms, ratios, at, sizes = self._between(fitted, self.tracked.variables[~own])
-        off = np.abs(logarithms - self.tracked.log_frequencies[~own])[:, : self.n_modes]
-        exact_ratios = self.tracked.ratios[~own]
+        at_points = self.tracked.at(fitted)
+        logarithms, ratios, at, sizes = self._between(fitted, self.tracked.variables[~at_points])
+        off = np.abs(logarithms - self.tracked.log_frequencies[~at_points])[:, : self.n_modes]
+        exact_ratios = self.tracked.ratios[~at_points]
         apart_ratios = np.abs(ratios / exact_ratios - 1.0)[:, : self.n_modes]
-        exact_at = self.tracked.peak_frequencies[~own][:, self.maxima]
-        exact_sizes = self.tracked.peak_magnitudes[~own][:, self.maxima]
+        exact_at = self.tracked.peak_frequencies[~at_points][:, self.maxima]
+        exact_sizes = self.tracked.peak_magnitudes[~at_points][:, self.maxima]
         # Either of two peaks of one height is the highest: each is compared with itself.
         best = heights(at, sizes, self.band).argmax(axis=1)
         rows = np.arange(len(best))
@@ -186,31 +211,25 @@ class _Polynomials:
 
     def _exceeds(self, relative: FloatArray, peaks: FloatArray) -> bool:
         """Return whether relative errors of frequencies and ratios, or of peaks, are too large."""
-        own, peak = relative.max(), peaks.max()
-        return bool(own > self.accuracy.frequency or peak > self.accuracy.refined_peak)
+        value, peak = relative.max(), peaks.max()
+        return bool(value > self.accuracy.frequency or peak > self.accuracy.refined_peak)
 
     def _between(
         self, points: list[float], at: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Return logarithms of frequencies, ratios, and frequencies and heights of the maxima."""
-        own = self.tracked.at(points)
-        matrix = interpolation_matrix(self.tracked.variables[own], at)
+        rows = self.tracked.at(points)
+        matrix = interpolation_matrix(self.tracked.variables[rows], at)
         return (
-            matrix @ self.tracked.log_frequencies[own],
-            matrix @ self.tracked.ratios[own],
-            matrix @ self.tracked.peak_frequencies[own][:, self.maxima],
-            interpolate_positive(matrix, self.tracked.peak_magnitudes[own][:, self.maxima]),
+            matrix @ self.tracked.log_frequencies[rows],
+            matrix @ self.tracked.ratios[rows],
+            matrix @ self.tracked.peak_frequencies[rows][:, self.maxima],
+            interpolate_positive(matrix, self.tracked.peak_magnitudes[rows][:, self.maxima]),
         )
 
 
 def dense(low: float, high: float) -> FloatArray:
-    """Return stroke variables over a piece, (401,), denser towards its ends.
-
-    Parameters
-    ----------
-    low, high : float
-        Its ends.
-    """
+    """Return stroke variables over a piece, (401,), denser towards its ends."""
     turn = np.linspace(0.0, math.pi, GRID)
     grid = low + (high - low) * np.sin(turn / 2.0) ** 2
     grid[-1] = high

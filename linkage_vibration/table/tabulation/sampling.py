@@ -28,15 +28,15 @@ from linkage_vibration.table.tabulation.subspaces import (
     sample_poles,
 )
 
-_REMEMBERED = 64  # solutions of the model
-_SPARE = 4  # further modes, which may continue a tracked one
-_MANY = 8  # points of a mechanism up to which all have FRFs in the table by default
-_UNDAMPED = 1e-12  # damping ratio that is only rounding
+_REMEMBERED = 64  # So many solutions of the model are kept.
+_SPARE = 4  # So many further modes may continue a tracked one.
+_MANY = 8  # Up to so many points of a mechanism all have FRFs by default.
+_UNDAMPED = 1e-12  # A damping ratio below it is only rounding.
 MOST_SOLUTIONS = 3000
 """Solutions of the model for one table: ten times those of the most difficult shipped linkage."""
 
-_CLEAR = 5.0  # roundings to a tolerance, so that polynomials through rounded values meet it
-_SHORTEST = 1e-7  # of the stroke: 1e-5 deg of 90 deg, which no joint sensor resolves
+_CLEAR = 5.0  # Polynomials meet a tolerance of so many roundings.
+_SHORTEST = 1e-7  # No joint sensor resolves this share of the stroke, 1e-5 deg of 90 deg.
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,13 +104,7 @@ class ModesAreCoupled(Exception):  # noqa: N818 - it is no error
 
 
 class Sampler:
-    """Solves a model at stroke variables (`interpolation.stroke_variable`).
-
-    Parameters
-    ----------
-    model, points, progress
-        As in `build_table`.
-    """
+    """Solves a model at stroke variables (`interpolation.stroke_variable`), each once."""
 
     def __init__(
         self,
@@ -124,7 +118,7 @@ class Sampler:
         self.response = model.mechanism.response
         self._from_frfs = model.measured_frequencies is not None
         self.places = () if self._from_frfs else _places(model, points)
-        # Compares shapes; those that are identified need no mass.
+        # It weights the comparison of shapes; those that are identified need no mass.
         self.mass = np.eye(len(model.interface)) if self._from_frfs else model.system.mass
         toggles = model.kinematics.toggles
         self.toggles = None if toggles is None else (toggles[0].alpha3, toggles[1].alpha3)
@@ -162,52 +156,39 @@ class Sampler:
         return self.samples[variable]
 
     def rounding(self, variables: Sequence[float]) -> Rounding:
-        """Return the largest errors by rounding at some of the points that are solved.
-
-        Parameters
-        ----------
-        variables : sequence of float
-            Stroke variables.
-        """
-        found = [self._roundings.get(self.angle(x), Rounding()) for x in variables]
-        return Rounding(max(each.values for each in found), max(each.frf for each in found))
+        """Return the largest errors by rounding at some of the points that are solved."""
+        roundings = [self._roundings.get(self.angle(x), Rounding()) for x in variables]
+        return Rounding(max(each.values for each in roundings), max(each.frf for each in roundings))
 
     def check_rounding(self, accuracy: Accuracy) -> None:
-        """Refuse an accuracy that rounding prevents at a point that is solved.
-
-        Parameters
-        ----------
-        accuracy : Accuracy
-            The accuracy to be met.
-
-        Raises
-        ------
-        TableError
-            If rounding is more than a fifth of a tolerance.
-        """
-        if self._from_frfs:
-            return  # their noise is larger
+        """Refuse an accuracy of which rounding is more than a fifth at a point that is solved."""
         alpha3, worst = max(self._roundings.items(), key=lambda item: item[1].values)
-        frf = worst.frf if self.places else 0.0
-        if worst.values > accuracy.frequency / _CLEAR or frf > accuracy.frf / _CLEAR:
-            least = 1.1 * _CLEAR * max(worst.values, frf / LOOSER)
-            raise self.rounded(worst.values, alpha3, accuracy, f"{least:.1e}")
+        if not self._from_frfs:  # their noise is larger
+            worst = worst if self.places else Rounding(worst.values)
+            self.refuse_rounding(worst, alpha3, accuracy, 1.0 / _CLEAR)
 
-    def rounded(self, change: float, alpha3: float, accuracy: Accuracy, fix: str) -> TableError:
-        """Return the error that rounding prevents an accuracy.
-
-        Parameters
-        ----------
-        change, alpha3, accuracy
-            Relative change by rounding; where, rad; the accuracy to be met.
-        fix : str
-            The least tolerance that can be met, and what else would help.
-        """
+    def too_short(self, variable: float, reason: str) -> TableError:
+        """Return the error that a piece at a stroke variable cannot be halved, and why it must."""
+        fix = "give a larger tolerance, use fewer modes in response.modes, or end the stroke before"
+        if self.free_modes:
+            fix += "; or hold it (nothing does), or begin response.band_hz well above 0 Hz"
         return TableError(
+            f"{self.model.mechanism.name}: {reason} at alpha3 = "
+            f"{math.degrees(self.angle(variable)):.4f} deg; {fix}."
+        )
+
+    def refuse_rounding(
+        self, rounding: Rounding, alpha3: float, accuracy: Accuracy, share: float, hint: str = ""
+    ) -> None:
+        """Refuse errors by rounding at an angle (rad) above a share of the accuracy to be met."""
+        if rounding.values <= share * accuracy.frequency and rounding.frf <= share * accuracy.frf:
+            return
+        least = 1.1 * max(rounding.values, rounding.frf / LOOSER) / share
+        raise TableError(
             f"Rounding changes a natural frequency or damping ratio of {self.model.mechanism.name} "
-            f"by {change:.0e} at alpha3 = {math.degrees(alpha3):.3f} deg, too much for a tolerance "
-            f"of {accuracy.frequency:g}; give at least {fix}, or move apart two points of a link "
-            "that nearly coincide."
+            f"by {rounding.values:.0e} at alpha3 = {math.degrees(alpha3):.3f} deg, too much for a "
+            f"tolerance of {accuracy.frequency:g}; give at least {least:.1e}, {hint}or move apart "
+            "two points of a link that nearly coincide."
         )
 
     def _note_rounding(self, solution: Solution, ratios: FloatArray) -> None:
@@ -253,9 +234,9 @@ class Sampler:
             drive = (self.response.point, self.response.direction)
             places = (drive, *(place for place in self.places if place != drive))
             with _names_angle(alpha3):
-                found = sample_poles(solution, self._mass_root, places)
-            self._poles[variable] = found
-            self._note_rounding(solution, values_of(oscillating(found.poles))[1])
+                sample = sample_poles(solution, self._mass_root, places)
+            self._poles[variable] = sample
+            self._note_rounding(solution, values_of(oscillating(sample.poles))[1])
             self._check(self._poles[variable])
             self._progress(1.0 - self._unfinished)
         return self._poles[variable]
@@ -268,9 +249,9 @@ class Sampler:
         return None
 
     @property
-    def solved_poles(self) -> list[float]:
-        """Stroke variables at which the poles are known."""
-        return list(self._poles)
+    def solved(self) -> list[float]:
+        """Stroke variables at which the model is solved: for poles, if damping couples modes."""
+        return list(self._poles or self.samples)
 
     @cached_property
     def _mass_root(self) -> FloatArray:
@@ -297,9 +278,9 @@ class Sampler:
 
     def _check(self, sample: PoleSample) -> None:
         """Refuse a linkage with an undamped mode in the band, or one that does not respond."""
-        found = sample.poles[sample.poles.imag > MECHANISM]
-        found = found[np.abs(found) < 2.0 * math.pi * self.response.band[1]]
-        if (-found.real <= _UNDAMPED * np.abs(found)).any():
+        poles = sample.poles[sample.poles.imag > MECHANISM]
+        poles = poles[np.abs(poles) < 2.0 * math.pi * self.response.band[1]]
+        if (-poles.real <= _UNDAMPED * np.abs(poles)).any():
             raise _undamped(self.model.mechanism.name)
         if np.abs(sample.totals[:, 0]).max() <= SILENT:
             raise _silent(self.model.mechanism.name)
@@ -307,12 +288,17 @@ class Sampler:
     def _solve(self, alpha3: float) -> Sample:
         self._count(alpha3)
         if self._from_frfs:
-            found = self.model.identify(alpha3)
-            every = np.arange(len(found.modes.omega))
+            identified = self.model.identify(alpha3)
+            every = np.arange(len(identified.modes.omega))
             sample = self._sample(
-                alpha3, found.modes, found.damping_ratios, every, found.drive_point, None
+                alpha3,
+                identified.modes,
+                identified.damping_ratios,
+                every,
+                identified.drive_point,
+                None,
             )
-            deviations = np.array([found.frequency_stddev, found.damping_ratio_stddev])
+            deviations = np.array([identified.frequency_stddev, identified.damping_ratio_stddev])
             return replace(sample, deviations=deviations)
         solution = self.solution(alpha3)
         self.free_modes = max(self.free_modes, int(solution.modes.mechanism.sum()))
@@ -322,9 +308,9 @@ class Sampler:
             raise ModesAreCoupled
         elastic = np.flatnonzero(~solution.modes.mechanism)
         self._note_rounding(solution, solution.damping_ratios[elastic])
-        terms, own = self._terms(solution), (self.response.point, self.response.direction)
-        if terms is not None and own in self.places:
-            row = terms.own[[self.places.index(own)]]
+        terms, drive_place = self._terms(solution), (self.response.point, self.response.direction)
+        if terms is not None and drive_place in self.places:
+            row = terms.own[[self.places.index(drive_place)]]
             drive = pole_residue(terms.damped, row, row)
         else:
             drive = solution.drive_point

@@ -22,15 +22,15 @@ from linkage_vibration.mechanics.sensitivity import PoleShapes
 from linkage_vibration.table.pole_cells import oscillating_indices
 from linkage_vibration.table.reduced import Numbers
 
-_WIDER = 2.5  # of the reach: poles up to there may continue those of a table
-_LOW = 0.1  # of the reach: displacements of slower modes are not enlarged
-_SLOWEST = 1e-3  # rad/s, the frequency given to a mechanism mode
-_POOR = 1e4  # condition of the coordinates of one subspace by those of another
-_EXACT = 1e-12  # of damping: a difference that is only rounding
-_FEW = 0.25  # of all coordinates, whose damping may differ from that of the others
-_FAST = 2.0  # of a pole: faster undamped modes follow the slower ones
-_SWEEPS, _CONVERGED = 6, 1e-10  # of Jacobi's method; the last relative change
-_LEAVES = 0.5  # of a pole's state: the share outside a subspace up to which it may continue it
+_WIDER = 2.5  # Poles up to so many times the reach may continue those of a table.
+_LOW = 0.1  # Displacements of modes below this share of the reach are not enlarged.
+_SLOWEST = 1e-3  # A mechanism mode is given this frequency, rad/s.
+_POOR = 1e4  # Coordinates with a larger condition number are poor.
+_EXACT = 1e-12  # A smaller relative difference of damping is only rounding.
+_FEW = 0.25  # The damping of this share of the coordinates may differ from the rest.
+_FAST = 2.0  # Undamped modes above so many times a pole follow the slower ones.
+_SWEEPS, _CONVERGED = 6, 1e-10  # Jacobi's method needs so many sweeps to so small a change.
+_LEAVES = 0.5  # A state that continues a subspace has a smaller share outside it.
 
 N_FAR = 5
 """Number of poles that represent all other modes."""
@@ -50,12 +50,9 @@ class Subspace:
     shapes: Numbers  # (n_places, k)
 
     def on(self, left: Numbers) -> "Subspace | None":
-        """Return it on the basis whose coordinates another subspace gives; None if that is poor.
+        """Return it on the basis to which ``left``, (k, n_states), leads; None if that is poor.
 
-        Parameters
-        ----------
-        left : ndarray, (k, n_states)
-            Of a subspace nearby, for all angles the same.
+        This ``left`` is that of one subspace nearby, for all angles.
         """
         turn = left @ self.states
         if not np.isfinite(turn).all() or np.linalg.cond(turn) > _POOR:
@@ -93,13 +90,7 @@ class PoleSample:
         return np.asarray(states / np.linalg.norm(states, axis=0))
 
     def subspace(self, chosen: IntArray) -> Subspace:
-        """Return the subspace of some of the poles, closed under conjugation.
-
-        Parameters
-        ----------
-        chosen : ndarray of int, (n,)
-            Their indices.
-        """
+        """Return the subspace of some of the poles, by their indices, closed under conjugation."""
         key = np.asarray(chosen, dtype=np.int64).tobytes()
         if key not in self._known:
             self._known[key] = self._subspace(chosen)
@@ -110,11 +101,11 @@ class PoleSample:
         wanted = np.zeros(len(mine), dtype=np.bool_)
         wanted[chosen] = True
 
-        def own(re: float | complex, im: float = 0.0) -> bool:
+        def is_wanted(re: float | complex, im: float = 0.0) -> bool:
             return bool(wanted[np.abs(mine - complex(re + 1j * im)).argmin()])
 
         output = "real" if self.viscous else "complex"
-        t, z, n = schur(self.generator, output=output, sort=own)
+        t, z, n = schur(self.generator, output=output, sort=is_wanted)
         z, t = z[:, :n], t[:n, :n]
         inertia = z.T @ self.whole.inertia @ z
         left = np.linalg.solve(inertia, z.T @ (self.whole.inertia @ self.whole.left))
@@ -128,13 +119,7 @@ def _generator_poles(sample: PoleSample) -> ComplexArray:
 
 
 def check_lines(band: tuple[float, float], *, free: bool) -> FloatArray:
-    """Return the frequencies (rad/s) of `PoleSample.totals`: those of the fit, then the others.
-
-    Parameters
-    ----------
-    band, free
-        Hz; whether the linkage can move freely at 0 Hz.
-    """
+    """Return the frequencies (rad/s) of `PoleSample.totals`: those of the fit, then the others."""
     low, high = searched(band, free=free)
     fit = (1.0 - np.cos(np.pi * (np.arange(N_FIT) + 0.5) / N_FIT)) / 2.0
     # The error is largest at the end of the band.
@@ -150,21 +135,9 @@ def mass_root(model: LinkageModel) -> FloatArray:
 
 
 def sample_poles(solution: Solution, root: FloatArray, places: tuple[Place, ...]) -> PoleSample:
-    """Find the poles in wide reach of the band and their subspace.
+    """Find the poles in wide reach of the band, and their subspace.
 
-    Parameters
-    ----------
-    solution : Solution
-        The model at one angle.
-    root : ndarray, (n, n)
-        From `mass_root`.
-    places : tuple of (point, direction)
-        Where FRFs are needed.
-
-    Raises
-    ------
-    ModesError
-        If there is both viscous and structural damping.
+    The root is that of `mass_root`; the places are those where FRFs are needed.
     """
     model, coupled = solution.model, solution.coupled
     response = model.mechanism.response
@@ -173,7 +146,7 @@ def sample_poles(solution: Solution, root: FloatArray, places: tuple[Place, ...]
     loss = solution.vectors.T @ coupled.loss @ solution.vectors
     if loss.any() and viscous.any():
         raise mixed_damping()
-    own = solution.participation(places)
+    participations = solution.participation(places)
     turned = root @ solution.modes.shapes  # with orthonormal columns
     scale = reach(response.band)
     limit = _WIDER * max(reach(response.band), float(omega[min(response.modes, len(omega)) - 1]))
@@ -202,9 +175,11 @@ def sample_poles(solution: Solution, root: FloatArray, places: tuple[Place, ...]
     back = np.linalg.inv(turn)
     inertia, stiffness = back.T @ inertia @ back, back.T @ stiffness @ back
     left = np.asarray(np.linalg.solve(inertia, back.T @ above))
-    shapes: Numbers = own @ q @ back if viscous.any() else (own @ q @ back).astype(complex)
+    shapes: Numbers = (
+        participations @ q @ back if viscous.any() else (participations @ q @ back).astype(complex)
+    )
     whole = Subspace(basis, left, inertia, stiffness, shapes)
-    totals = _totals(solution, omega, viscous, loss, own)
+    totals = _totals(solution, omega, viscous, loss, participations)
     alpha3 = solution.configuration.alpha3
     free = bool(solution.modes.mechanism.any())
     return PoleSample(alpha3, not loss.any(), free, poles, others, turn @ t @ back, whole, totals)
@@ -244,24 +219,29 @@ def _structural(
 
 
 def _totals(
-    solution: Solution, omega: FloatArray, viscous: FloatArray, loss: FloatArray, own: FloatArray
+    solution: Solution,
+    omega: FloatArray,
+    viscous: FloatArray,
+    loss: FloatArray,
+    participations: FloatArray,
 ) -> ComplexArray:
     """Return the FRFs with every mode, (n_lines, n_triangle), from the equations of motion."""
     free = bool(solution.modes.mechanism.any())
     lines = check_lines(solution.model.mechanism.response.band, free=free)
-    upper, w = np.triu_indices(len(own)), lines[:, np.newaxis, np.newaxis]
+    upper, w = np.triu_indices(len(participations)), lines[:, np.newaxis, np.newaxis]
     coupling = None if loss.any() else _coupling(solution)
     if coupling is None:
         dynamic = np.diag(omega**2) + 1j * loss - w**2 * np.eye(len(omega)) + 1j * w * viscous
-        frf = own @ solve_stack(dynamic, own.T.astype(complex))
+        frf = participations @ solve_stack(dynamic, participations.T.astype(complex))
     else:  # few forces replace the equations of all modes
         decay, moved, damping = coupling
         terms = 1.0 / (omega**2 - w**2 + 1j * w * decay)
-        both, n = np.vstack([own, moved]), len(own)
+        both, n = np.vstack([participations, moved]), len(participations)
         every = (both * terms) @ both.T
         force = 1j * w * damping
         inner = np.eye(len(damping)) + force @ every[:, n:, n:]
-        frf = every[:, :n, :n] - every[:, :n, n:] @ np.linalg.solve(inner, force @ every[:, n:, :n])
+        added = np.linalg.solve(inner, force @ every[:, n:, :n])
+        frf = np.asarray(every[:, :n, :n] - every[:, :n, n:] @ added, dtype=np.complex128)
     return np.asarray(frf[:, upper[0], upper[1]])
 
 
@@ -299,44 +279,32 @@ def pole_shapes(
     chosen, modes, vectors = oscillating_indices(sample.poles), solution.modes, solution.vectors
     poles, turned = sample.poles[chosen], root @ modes.shapes  # with orthonormal columns
     shapes = turned.T @ sample.vectors[: len(root), chosen]  # by the undamped modes
-    if sample.viscous:
-        damping, factors = vectors.T @ solution.coupled.damping @ vectors, poles
-    else:
-        damping, factors = vectors.T @ solution.coupled.loss @ vectors, 1j * np.ones(len(poles))
+    factors = poles if sample.viscous else np.full(len(poles), 1j)
+    damping = solution.coupled.damping if sample.viscous else solution.coupled.loss
+    damping = np.asarray(vectors.T @ damping @ vectors)
     # The equations of fast modes, whose forces are large, remove the rounding of their shares.
-    omega, own = modes.omega[:, np.newaxis], np.diag(damping)[:, np.newaxis]
-    fast, change = omega > _FAST * np.abs(poles), shapes
+    omega, diagonal = modes.omega[:, np.newaxis], np.diag(damping)[:, np.newaxis]
+    fast, change = omega > _FAST * np.abs(poles), np.zeros_like(shapes)
     for _ in range(_SWEEPS):
-        forces = factors * (damping @ shapes - own * shapes)
-        better = np.where(fast, -forces / (omega**2 + factors * own + poles**2), shapes)
-        shapes, change = better, better - shapes
+        forces = factors * (damping @ shapes - diagonal * shapes)
+        followed = np.asarray(-forces / (omega**2 + factors * diagonal + poles**2))
+        change = np.where(fast, followed - shapes, 0.0)
+        shapes = shapes + change
     if np.linalg.norm(omega * change) > _CONVERGED * np.linalg.norm(omega * shapes):
         return None
-    scale = (shapes**2).sum(axis=0)
+    scale = np.asarray((shapes**2).sum(axis=0))
     if sample.viscous:
-        scale = 2.0 * poles * scale + (shapes * (damping @ shapes)).sum(axis=0)
+        scale = np.asarray(2.0 * poles * scale + (shapes * (damping @ shapes)).sum(axis=0))
     return PoleShapes(poles, modes.shapes @ (shapes / np.sqrt(scale)), sample.viscous)
 
 
 def continue_set(here: Subspace, there: PoleSample, count: int) -> tuple[IntArray, bool, IntArray]:
-    """Find the poles of another angle that continue a set.
+    """Find the poles of another angle that continue a set of a given number.
 
-    A pole continues the set if the projection onto its subspace leaves its state as it is, and
-    does not if the projection removes it.
-
-    Parameters
-    ----------
-    here, there, count
-        The subspace of the set, the poles of the other angle, and the number of poles in the set.
-
-    Returns
-    -------
-    chosen : ndarray of int, (count,)
-        The poles that continue it.
-    clear : bool
-        False if the step is too long, or a pole of the set is close to another.
-    rival : ndarray of int
-        The pole that almost continues it too, with its conjugate.
+    A pole continues the set if the projection onto its subspace leaves its state as it is, and does
+    not if the projection removes it. It returns the indices of the poles; whether they are clear,
+    which they are not if the step is too long or a pole of the set is close to another; and the
+    pole that almost continues the set too, with its conjugate.
     """
     states = there.vectors
     inside = here.states @ (here.left @ states)

@@ -14,7 +14,7 @@ from linkage_vibration.table.table import TableError
 from linkage_vibration.table.tabulation.peaks import SILENT
 from linkage_vibration.table.tabulation.sampling import Sample, Sampler
 
-_VEERING = 0.03  # of the tolerance: coupling left out of shapes once modes veer by little more
+_VEERING = 0.03  # Once modes veer, shapes leave out coupling up to this share of the tolerance.
 
 Step = tuple[IntArray, FloatArray, FloatArray, FloatArray]
 
@@ -61,18 +61,13 @@ class Tracked:
 class Tracker:
     """Tracks the modes of a sampler's samples.
 
-    Parameters
-    ----------
-    sampler : Sampler
-        Solves the model.
-    tolerance : float
-        Tolerance of natural frequencies; modes that veer by less may be treated as crossing.
+    Modes that veer by less than the tolerance of frequencies may be treated as crossing.
     """
 
     def __init__(self, sampler: Sampler, tolerance: float) -> None:
         self.sampler = sampler
         self._tolerance = self._left_out = tolerance
-        # What is known by the identity of arrays, which are kept so that it stays theirs.
+        # The keys have the identities of arrays, which are kept so that these stay unique.
         self._steps: dict[tuple[int, int], tuple[FloatArray, Step]] = {}
         self._shapes: dict[tuple[int, bytes, bytes], tuple[Modes, FloatArray]] = {}
 
@@ -132,17 +127,17 @@ class Tracker:
             orders[i], signs[i], mac[min(i, before)], shapes[i] = step
         return orders, signs, shapes, mac
 
-    def _step(self, shapes: FloatArray, found: Modes) -> Step:
+    def _step(self, shapes: FloatArray, there: Modes) -> Step:
         """Track modes to the next sample; return order, signs, MAC and shapes there."""
-        key = id(shapes), id(found)
+        key = id(shapes), id(there)
         if key not in self._steps:
             mass = self.sampler.mass
-            order, sign, criterion = track(shapes, found, mass)
-            modes = align(shapes, found, mass, order, sign, self._left_out)
-            if modes is not found:
+            order, sign, criterion = track(shapes, there, mass)
+            modes = align(shapes, there, mass, order, sign, self._left_out)
+            if modes is not there:
                 order, sign, criterion = track(shapes, modes, mass)
-            there = self._same(modes, order, sign)
-            self._steps[key] = shapes, (order, sign, criterion, there)
+            continued = self._same(modes, order, sign)
+            self._steps[key] = shapes, (order, sign, criterion, continued)
         return self._steps[key][1]
 
     def _same(self, modes: Modes, order: IntArray, signs: FloatArray) -> FloatArray:
@@ -154,18 +149,7 @@ class Tracker:
 
 
 def unclear_steps(sampler: Sampler, tracked: Tracked) -> list[float]:
-    """Return the middles of steps over which the shape of a mode may continue two.
-
-    Parameters
-    ----------
-    sampler, tracked
-        The samples, and the modes at some of them.
-
-    Raises
-    ------
-    TableError
-        If such a step is too short to be halved.
-    """
+    """Return the middles of steps over which the shape of a mode may continue two."""
     middles = []
     for i in np.flatnonzero((tracked.mac <= UNCLEAR).any(axis=1)):
         here, there = tracked.variables[i : i + 2].tolist()

@@ -4,7 +4,6 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -13,41 +12,24 @@ from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray
 from linkage_vibration.mechanics.response import PoleResidue
 from linkage_vibration.table.interpolation import stroke_angle
 from linkage_vibration.table.table import CELLS, Table
-from linkage_vibration.table.tabulation.accuracy import MARGIN, ROUNDING, Accuracy
-from linkage_vibration.table.tabulation.near_terms import SILENT, term_change
+from linkage_vibration.table.tabulation.accuracy import (
+    MARGIN,
+    N_LINES,
+    ROUNDING,
+    SILENT_SHARE,
+    Bounds,
+)
+from linkage_vibration.table.tabulation.near_terms import term_change
 from linkage_vibration.table.tabulation.peaks import apart, heights
 from linkage_vibration.table.tabulation.refinement import Piece, dense
 from linkage_vibration.table.tabulation.sampling import Sample, Sampler
 from linkage_vibration.table.tabulation.tracking import Tracked
 
-_LINES = 201  # frequencies at which FRFs are compared, in addition to those near resonances
-_FRF_ANGLES = 2  # of a piece, at which FRFs are compared with those of finer polynomials
-
-
-@dataclass(frozen=True, slots=True)
-class Bounds:
-    """Bounds of the relative errors in a piece of a table."""
-
-    values: float  # natural frequencies and damping ratios
-    peak: float  # frequency and magnitude of the highest peak
-    frf: float  # FRFs between the places, L2 norm over the band; 0 without FRFs
-    slope: float  # slopes of natural frequencies, divided by these, 1/rad
-    far: float  # the part of `frf` that is due to far poles
-
-    def meet(self, accuracy: Accuracy) -> bool:
-        """Return whether the errors are small enough; slopes have no tolerance."""
-        own = self.values <= accuracy.frequency and self.peak <= accuracy.peak
-        return own and self.frf <= accuracy.frf
+_FRF_ANGLES = 2  # FRFs are compared at so many angles of a piece.
 
 
 def thin(finer: Table, pieces: Sequence[Piece]) -> Table:
-    """Return the table of pieces from that of their finer polynomials; its errors are unknown.
-
-    Parameters
-    ----------
-    finer, pieces
-        The table of the finer polynomials of each piece, and the pieces.
-    """
+    """Return the table of pieces from that of their finer polynomials; its errors are unknown."""
     variables = sorted({x for piece in pieces for x in piece.finer.fitted})
     fitted = {x for piece in pieces for x in piece.fitted}
     return finer.thinned(np.array([x in fitted for x in variables], dtype=np.bool_))
@@ -56,25 +38,15 @@ def thin(finer: Table, pieces: Sequence[Piece]) -> Table:
 def bound_errors(
     table: Table, finer: Table, index: int, piece: Piece, tracked: Tracked, sampler: Sampler
 ) -> Bounds:
-    """Bound the errors of a piece of a table by finer polynomials and by the model.
-
-    Parameters
-    ----------
-    table, finer : Table
-        The table, and that of the finer polynomials of each piece.
-    index, piece
-        The piece.
-    tracked, sampler
-        The modes and the samples at all points.
-    """
+    """Bound the errors of a piece of a table by finer polynomials and by the model."""
     variables = dense(*piece.ends)
     values, peak, slope = _between_points(table, finer, index, variables)
     values = max(values, piece.gap)
     for x in piece.held:
         row = int(np.searchsorted(tracked.variables, x))
         exact = np.exp(tracked.log_frequencies[row]), tracked.ratios[row]
-        known = np.concatenate([each[: table.n_modes] for each in exact])
-        values = max(values, _value_error(table, sampler.at(x), known))
+        exact_values = np.concatenate([each[: table.n_modes] for each in exact])
+        values = max(values, _value_error(table, sampler.at(x), exact_values))
         peak = _peak_error(table, sampler.at(x), peak)
     rounding, frf, far = sampler.rounding(piece.finer.fitted), 0.0, 0.0
     if table.places:
@@ -82,56 +54,32 @@ def bound_errors(
         frf += rounding.frf
     # The height of a resonance follows its frequency and its damping.
     values, peak = values + rounding.values, peak + 2.0 * rounding.values
-    found = np.maximum(MARGIN * np.array([values, peak, frf, slope, far]), ROUNDING)
-    return Bounds(*found.tolist())
-
-
-def with_bounds(table: Table, bounds: Sequence[Bounds]) -> Table:
-    """Return a table with the errors of its pieces.
-
-    Parameters
-    ----------
-    table, bounds
-        The table, and the bounds of its pieces.
-    """
-    return replace(
-        table,
-        interpolation_error=np.array([piece.values for piece in bounds]),
-        peak_error=max(piece.peak for piece in bounds),
-        frf_error=max(piece.frf for piece in bounds) if table.places else math.nan,
-        slope_error=max(piece.slope for piece in bounds),
-    )
+    bounds = np.maximum(MARGIN * np.array([values, peak, frf, slope, far]), ROUNDING)
+    return Bounds(*bounds.tolist())
 
 
 def frf_lines(exact: PoleResidue, band: tuple[float, float]) -> tuple[FloatArray, FloatArray]:
     """Return where FRFs are compared, Hz, (n_freq,), and weights, (n_freq, 1, 1).
 
-    The sum of the squares of weighted values is the integral of the squares over the band.
-
-    Parameters
-    ----------
-    exact, band
-        The exact FRFs, whose resonances have more lines; Hz.
+    The sum of the squares of weighted values is the integral of the squares over the band. The
+    resonances of the exact FRFs have more lines.
     """
-    lines = exact.lines(band, _LINES)
+    lines = exact.lines(band, N_LINES)
     return lines, np.sqrt(np.gradient(lines))[:, np.newaxis, np.newaxis]
 
 
-def worst_frf_error(found: ComplexArray, exact: ComplexArray) -> float:
-    """Return the largest relative L2 error of weighted FRFs.
+def worst_frf_error(frfs: ComplexArray, exact: ComplexArray) -> float:
+    """Return the largest relative L2 error of FRFs, (n_freq, n_places, n_places).
 
-    Parameters
-    ----------
-    found, exact : complex ndarray, (n_freq, n_places, n_places)
-        m/N, weighted as `frf_lines` says.
+    They are weighted as `frf_lines` says.
     """
-    return _worst_share(np.linalg.norm(found - exact, axis=0), np.linalg.norm(exact, axis=0))
+    return _worst_share(np.linalg.norm(frfs - exact, axis=0), np.linalg.norm(exact, axis=0))
 
 
 def _worst_share(off: FloatArray, size: FloatArray) -> float:
     """Return the largest ratio of norms of errors to those of FRFs, (n_places, n_places)."""
     # A response that is only rounding has no relative error.
-    size = np.maximum(size, SILENT * np.sqrt(np.outer(np.diag(size), np.diag(size))))
+    size = np.maximum(size, SILENT_SHARE * np.sqrt(np.outer(np.diag(size), np.diag(size))))
     return float((off[size > 0.0] / size[size > 0.0]).max(initial=0.0))
 
 
@@ -144,13 +92,13 @@ def _between_points(
     """
     angles = _angles(table, variables)
     n, k = 2 * table.n_modes, table.n_modes
-    found, exact = table.polynomials(piece, angles), finer.polynomials(piece, angles)
-    off = np.abs(found[:, :n] / exact[:, :n] - 1.0)
+    coarse, exact = table.polynomials(piece, angles), finer.polynomials(piece, angles)
+    off = np.abs(coarse[:, :n] / exact[:, :n] - 1.0)
     cells, cell_slope, peak_cells = _cell_errors(table, piece, variables)
-    slopes = CubicSpline(angles, found[:, :k] / exact[:, :k] - 1.0)(angles, 1)
+    slopes = CubicSpline(angles, coarse[:, :k] / exact[:, :k] - 1.0)(angles, 1)
     return (
         float(off.max()) + cells,
-        _highest_error(table, found[:, n:], exact[:, n:]) + peak_cells,
+        _highest_error(table, coarse[:, n:], exact[:, n:]) + peak_cells,
         float(np.abs(slopes).max()) + cell_slope,
     )
 
@@ -169,13 +117,17 @@ def _cell_errors(table: Table, piece: int, variables: FloatArray) -> tuple[float
     middles = stroke_angle((ends[1:] + ends[:-1]) / 2.0, table.toggles)
     size = np.diff(stroke_angle(ends, table.toggles))[:, np.newaxis]
     n = 2 * table.n_modes
-    found = table.evaluate(middles)
+    looked_up = table.evaluate(middles)
     exact = table.polynomials(piece, middles)
-    off = np.abs(found[:, :n] / exact[:, :n] - 1.0)
+    off = np.abs(looked_up[:, :n] / exact[:, :n] - 1.0)
     _, height = _highest(table, exact[:, n:])
     # A slope that is wrong by e at the end of a cell causes an error of e / 8 cells in its middle.
     slope = 8.0 * off[:, : table.n_modes] / size
-    return float(off.max()), float(slope.max()), float(np.abs(found[:, -1] / height - 1.0).max())
+    return (
+        float(off.max()),
+        float(slope.max()),
+        float(np.abs(looked_up[:, -1] / height - 1.0).max()),
+    )
 
 
 def _highest(table: Table, peaks: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -186,9 +138,9 @@ def _highest(table: Table, peaks: FloatArray) -> tuple[FloatArray, FloatArray]:
     return np.take_along_axis(at, best, 1)[:, 0], np.take_along_axis(size, best, 1)[:, 0]
 
 
-def _highest_error(table: Table, found: FloatArray, exact: FloatArray) -> float:
+def _highest_error(table: Table, peaks: FloatArray, exact: FloatArray) -> float:
     """Return the largest relative error of the highest of some peaks, (n, 2 n_peaks)."""
-    at, size = _highest(table, found)
+    at, size = _highest(table, peaks)
     places, sizes = np.hsplit(exact, 2)
     sizes = heights(places, sizes, table.band)
     height = sizes.max(axis=1)
@@ -205,16 +157,16 @@ def _value_error(table: Table, sample: Sample, exact: FloatArray) -> float:
     return float(np.abs(np.array(values[: len(exact)]) / exact - 1.0).max())
 
 
-def _peak_error(table: Table, sample: Sample, known: float) -> float:
+def _peak_error(table: Table, sample: Sample, least: float) -> float:
     """Return the relative error of the highest peak, or the known one of a piece if larger."""
     _, at, size, _ = table.interpolate(sample.alpha3)
     places, sizes = np.hstack([sample.peaks, sample.edges])
     sizes = heights(places, sizes, table.band)
-    # A maximum that is not near a mode shows on lines; a mechanism is endless towards 0 Hz.
+    # Lines show maxima that are not near a mode; a mechanism responds without limit towards 0 Hz.
     low = min(max(table.band[0], sample.frequencies[0] / 2.0), table.band[1])
-    lines = np.abs(sample.drive.frf(sample.drive.lines((low, table.band[1]), _LINES)))
+    lines = np.abs(sample.drive.frf(sample.drive.lines((low, table.band[1]), N_LINES)))
     height = float(max(sizes.max(), lines.max()))
-    error = max(known, abs(size / height - 1.0))
+    error = max(least, abs(size / height - 1.0))
     # Either of two peaks of one height, within the error, is the highest.
     rivals = places[sizes >= (1.0 - 2.0 * error - ROUNDING) * height]
     return max(error, float(apart(at, rivals).min(initial=math.inf)))
@@ -223,9 +175,9 @@ def _peak_error(table: Table, sample: Sample, known: float) -> float:
 def _frf_error(table: Table, finer: Table, sampler: Sampler, piece: Piece) -> tuple[float, float]:
     """Return the largest relative L2 error over the band of an FRF in a piece, and a part of it.
 
-    The error has two parts: finer polynomials differ from the model by the far poles, and from
-    the table by the interpolation of terms. The first, which is also returned, is measured at
-    points of the finer ones; their sum is evaluated where the second is largest.
+    Finer polynomials differ from the model by the far poles, and from the table by the
+    interpolation of terms. The first part, which is also returned, is measured at points of the
+    finer ones; the sum of both is evaluated where the second is largest.
     """
     size = len(table.places)
     far, worst, worst_far = np.zeros((size, size)), 0.0, 0.0
@@ -247,8 +199,8 @@ def _frf_error(table: Table, finer: Table, sampler: Sampler, piece: Piece) -> tu
 
 def _frf_norms(table: Table, alpha3: float, exact: PoleResidue) -> tuple[FloatArray, FloatArray]:
     """Return L2 norms over the band of errors of a table's FRFs, and of exact FRFs."""
-    found = table.frf(alpha3, table.places, table.places)
+    approximate = table.frf(alpha3, table.places, table.places)
     lines, weights = frf_lines(exact, table.band)
     right = exact.frf(lines)
-    off = np.linalg.norm(weights * (found.frf(lines) - right), axis=0)
+    off = np.linalg.norm(weights * (approximate.frf(lines) - right), axis=0)
     return off, np.linalg.norm(weights * right, axis=0)
