@@ -1,0 +1,108 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Poles that a table is built from also give FRFs with every mode, and standard deviations."""
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from linkage_vibration.mechanics.coupling import assembled_frf
+from linkage_vibration.mechanics.model import LinkageModel
+from linkage_vibration.mechanics.parsing import mechanism_from_mapping
+from linkage_vibration.mechanics.sensitivity import Sensitivity
+from linkage_vibration.table.tabulation.sampling import Sampler
+from linkage_vibration.table.tabulation.subspaces import _coupling, check_lines
+
+ANGLE = 2.6
+DAMPER = {"joint": "E1", "bodies": ["lower_link", "implement"], "stiffness": 1e3}
+BASE = {
+    "mass": 4500.0,
+    "inertia": 6000.0,
+    "centre_of_gravity": [1.6, 0.1],
+    "mounts": {
+        "rear": {"at": [0.6, -0.05], "stiffness": [7e5, 7e5], "damping": [4e3, 4e3]},
+        "front": {"at": [3.1, -0.05], "stiffness": [6e5, 6e5], "damping": [4e3, 4e3]},
+    },
+}
+STIFFER = {"rule": "rayleigh", "ratio": 0.05, "at_hz": [4.0, 180.0]}
+LOSSY = {"rule": "loss_factor", "factor": 0.1}
+LOSS = {"rule": "loss_factor", "factor": 0.02}
+
+
+def sampled(mapping: Any, changes: dict[str, Any]) -> tuple[LinkageModel, Sampler, float]:
+    """Return a coarse linkage with changes, its sampler, and a stroke variable."""
+    for link in mapping["links"].values():
+        link |= {"elements": 6, "modes": 4}
+    mapping["uncertainty"] = {
+        "relative": {"links.lower_link.section.height": 0.05, "rigid_bodies.implement.mass": 0.1},
+        "absolute": {"ground.P3.1": 0.002, "rigid_bodies.implement.centre_of_gravity.E1": 0.05},
+    }
+    mapping["input"]["range_deg"] = [math.degrees(ANGLE), math.degrees(ANGLE) + 10.0]
+    for path, value in changes.items():
+        *above, last = path.split(".")
+        parent = mapping
+        for key in above:
+            parent = parent.setdefault(key, {})
+        parent[last] = value
+    model = LinkageModel(mechanism_from_mapping(mapping))
+    sampler = Sampler(model, None, lambda finished: None)
+    return model, sampler, sampler.ends[0]
+
+
+CASES = {
+    "damper": {"springs.damper": DAMPER | {"damping": 300.0}},
+    "base": {"base": BASE},
+    "one link": {"links.lift_rod.damping": STIFFER},
+    "two links": {f"links.{link}.damping": STIFFER for link in ("lift_rod", "upper_link")},
+    "modal ratio": {
+        "damping": {"rule": "modal_ratio", "ratio": 0.03},
+        "springs.damper": DAMPER | {"damping": 300.0},
+    },
+    "gravity": {"gravity": 9.81, "springs.damper": DAMPER | {"damping": 300.0}},
+    "loss": {"damping": LOSS, "links.lift_rod.damping": LOSSY},
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_frfs_with_every_mode(mapping: Any, name: str) -> None:
+    """Few forces or all equations give the FRFs of the assembly, solved line by line.
+
+    Few forces suffice where up to a quarter of the coordinates differ from Rayleigh damping.
+    """
+    model, sampler, variable = sampled(mapping, CASES[name])
+    sample = sampler.poles_at(variable)
+    solution = sampler.solution(sample.alpha3)
+    assert (_coupling(solution) is None) == (name in ("two links", "modal ratio", "gravity"))
+    band, response = model.mechanism.response.band, model.mechanism.response
+    drive = (response.point, response.direction)
+    places = (drive, *(place for place in sampler.places if place != drive))
+    lines = check_lines(band, free=False) / (2.0 * math.pi)
+    rows = model.rows(places, solution.configuration)
+    exact = assembled_frf(solution.coupled, lines, rows, rows)
+    upper = np.triu_indices(len(places))
+    exact = exact[:, upper[0], upper[1]]
+    off = np.linalg.norm(sample.totals - exact, axis=0) / np.linalg.norm(exact, axis=0)
+    assert off.max() < 1e-9
+
+
+@pytest.mark.parametrize("changes", CASES.values(), ids=CASES.keys())
+def test_deviations_by_the_poles_of_a_table(mapping: Any, changes: Any) -> None:
+    """They are those by all damped modes, up to the frequency of which all poles are sampled."""
+    model, sampler, variable = sampled(mapping, changes)
+    alpha3 = sampler.poles_at(variable).alpha3
+    solution, sensitivity, highest = sampler.solution(alpha3), Sensitivity(model), 150.0
+    poles = sampler.pole_shapes(alpha3, highest)
+    assert poles is not None
+    changed, expected = (sensitivity.at(solution, highest, each) for each in (poles, None))
+    np.testing.assert_allclose(changed.stddev, expected.stddev, rtol=1e-8)
+    np.testing.assert_allclose(changed.approach, expected.approach, rtol=1e-6)
+    assert sampler.pole_shapes(alpha3, 1e6) is None
+    assert sampler.pole_shapes(alpha3 + 0.01, highest) is None
+
+
+def test_damper_that_holds_a_joint(mapping: Any) -> None:
+    """Where a damper couples fast modes too strongly, the table leaves the shapes to the model."""
+    _, sampler, variable = sampled(mapping, {"springs.damper": DAMPER | {"damping": 1e6}})
+    assert sampler.pole_shapes(sampler.poles_at(variable).alpha3, 150.0) is None
