@@ -19,7 +19,7 @@ import setuptools  # type: ignore[import-untyped]
 from linkage_vibration.support.version import OLDEST
 
 ROOT = Path(__file__).parents[1]
-OURS = {"linkage_vibration", "benchmark", "linkages", "test"}
+OURS = {"linkage_vibration", "benchmark", "linkages", "test", "tools"}
 
 # Imported name: distribution, and the key of package.xml where rosdep has one.
 DISTRIBUTIONS = {
@@ -134,12 +134,10 @@ def test_oldest_versions_are_tested(entries: dict[str, list[str]]) -> None:
     assert limits.items() >= {name.lower(): version for name, version in OLDEST.items()}.items()
     text = (ROOT / "tools" / "ubuntu-24.04.txt").read_text()
     pinned = dict(re.findall(r"^([\w-]+)==([\d.]+)(?:; python_version <.*)?$", text, re.MULTILINE))
-    assert {name.lower() for name in pinned} == {
-        *map(str.lower, OLDEST),
-        "hypothesis",
-        "pytest",
-    } - {"mcap"}
-    assert {name.lower(): version for name, version in pinned.items()}.items() <= limits.items()
+    tested = {name.lower(): version for name, version in pinned.items()}
+    assert tested.keys() == {*map(str.lower, OLDEST), "fmpy", "hypothesis", "pytest"} - {"mcap"}
+    del tested["fmpy"]  # its later releases need NumPy 2
+    assert tested.items() <= limits.items()
     keys = {key: name for name, key in DISTRIBUTIONS.values() if key and name != "mcap"}
     for element in ElementTree.parse(ROOT / "package.xml").iter("exec_depend"):
         limit = limits.get(keys.get(element.text, ""))

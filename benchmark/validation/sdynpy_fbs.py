@@ -86,7 +86,7 @@ def assembled(system: CoupledSystem, n_interface: int) -> ComplexArray:
     omega = 2.0 * math.pi * FREQUENCIES[:, np.newaxis, np.newaxis]
     dynamic = system.stiffness + 1j * (omega * system.damping + system.loss)
     dynamic = dynamic - omega**2 * system.mass
-    return np.asarray(rows @ np.linalg.solve(dynamic, rows.T))
+    return np.asarray(rows @ np.linalg.solve(dynamic, rows.T[np.newaxis]))
 
 
 def difference(first: ComplexArray, second: ComplexArray) -> str:

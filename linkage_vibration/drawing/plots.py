@@ -66,6 +66,20 @@ def require_matplotlib() -> None:
         ) from None
 
 
+def legend_below(
+    figure: "Figure", handles: "Sequence[Artist]", labels: Sequence[str], loc: str, **style: Any
+) -> None:
+    """Draw a legend at the bottom of a figure, and leave its height free of axes.
+
+    Matplotlib does so by itself since 3.7, with "outside" in `loc`.
+    """
+    legend = figure.legend(handles, labels, loc=loc, frameon=False, **style)
+    top = legend.get_window_extent().y1 / figure.bbox.height
+    layout: Any = figure.get_layout_engine()
+    left, bottom, width, height = layout.get()["rect"]
+    layout.set(rect=(left, top, width, bottom + height - top))
+
+
 def tidy(ax: "Axes") -> None:
     """Draw a grid behind the curves, and no frame at the top and on the right."""
     ax.grid(color="#dddddd", linewidth=0.6)
@@ -168,8 +182,8 @@ def _draw(
         ax.yaxis.label.set(rotation=0, horizontalalignment="right", verticalalignment="center")
         ax.yaxis.labelpad = 12
     figure.align_ylabels(axes)
-    style = {"ncols": len(keys), "frameon": False, "markerscale": 3.0}
-    figure.legend(keys.values(), keys.keys(), loc="outside lower right", **style)
+    style = {"ncols": len(keys), "markerscale": 3.0}
+    legend_below(figure, list(keys.values()), list(keys), "lower right", **style)
 
 
 def _spans(times: FloatArray, flags: NDArray[np.bool_]) -> list[tuple[float, float]]:

@@ -12,7 +12,7 @@ import numpy as np
 
 from linkage_vibration.drawing.geometry import curves, largest, mode_curves
 from linkage_vibration.drawing.palette import COLOURS, GREY, INK
-from linkage_vibration.drawing.plots import PlotError, tidy
+from linkage_vibration.drawing.plots import PlotError, legend_below, tidy
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.kinematics import Configuration
@@ -166,7 +166,7 @@ def _label(
 
 def _legend(figure: "Figure", ax: "Axes", columns: int) -> None:
     handles = ax.get_legend_handles_labels()
-    figure.legend(*handles, loc="outside lower center", ncols=columns, frameon=False)
+    legend_below(figure, *handles, "lower center", ncols=columns)
 
 
 def _configurations(solutions: Sequence[Solution], label: str) -> "Figure":

@@ -46,7 +46,7 @@ def write_log(path: Path, times: list[float], alpha3: list[float]) -> Path:
 
 def drawn(log: Path) -> Figure:
     """Return the figure of a log."""
-    figure = Figure()
+    figure = Figure(layout="constrained")
     _draw(figure, *_read(log))
     return figure
 
@@ -102,6 +102,16 @@ def test_what_is_missing_or_invalid_shows(tmp_path: Path) -> None:
         np.flatnonzero(np.isnan(frequencies)),
         [*range(40, 60), 100, 151],  # index 100 is the break between two predictions
     )
+
+
+def test_legend_is_below_the_rows(tmp_path: Path) -> None:
+    """The legend covers no row, no label of its axis, and nothing outside the picture."""
+    times, alpha3 = hitch_duty_cycle()
+    figure = drawn(write_log(tmp_path / "log.mcap", list(times[::10]), list(alpha3[::10])))
+    figure.draw_without_rendering()
+    legend = figure.legends[0].get_window_extent()
+    lowest = min(ax.get_tightbbox().y0 for ax in figure.axes)
+    assert 0.0 <= legend.y0 < legend.y1 <= lowest
 
 
 @pytest.mark.parametrize("count", [1, 2, 500])

@@ -69,7 +69,8 @@ def assembled(model: LinkageModel, solution: Solution, frequencies: FloatArray) 
     rows = system.restrict(model.rows(PLACES, solution.configuration))
     omega = 2.0 * math.pi * frequencies[:, np.newaxis, np.newaxis]
     dynamic = system.stiffness + 1j * (system.loss + omega * system.damping)
-    return np.asarray(rows @ np.linalg.solve(dynamic - omega**2 * system.mass, rows.T))
+    dynamic = dynamic - omega**2 * system.mass
+    return np.asarray(rows @ np.linalg.solve(dynamic, rows.T[np.newaxis]))
 
 
 def test_two_oscillators_in_closed_form() -> None:
