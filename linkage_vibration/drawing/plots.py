@@ -5,7 +5,7 @@
 import io
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,7 +67,11 @@ def require_matplotlib() -> None:
 
 
 def legend_below(
-    figure: "Figure", handles: "Sequence[Artist]", labels: Sequence[str], loc: str, **style: Any
+    figure: "Figure",
+    handles: "Sequence[Artist]",
+    labels: Sequence[str],
+    loc: Literal["lower center", "lower right"],
+    **style: Any,
 ) -> None:
     """Draw a legend at the bottom of a figure, and leave its height free of axes.
 

@@ -110,7 +110,8 @@ def test_legend_is_below_the_rows(tmp_path: Path) -> None:
     figure = drawn(write_log(tmp_path / "log.mcap", list(times[::10]), list(alpha3[::10])))
     figure.draw_without_rendering()
     legend = figure.legends[0].get_window_extent()
-    lowest = min(ax.get_tightbbox().y0 for ax in figure.axes)
+    boxes = [ax.get_tightbbox() for ax in figure.axes]
+    lowest = min(box.y0 for box in boxes if box is not None)
     assert 0.0 <= legend.y0 < legend.y1 <= lowest
 
 
