@@ -405,6 +405,28 @@ def test_start_reports_errors(
     assert not logs(tmp_path)
 
 
+@pytest.mark.parametrize(("split_size", "refused"), [(1_900_000, True), (2_100_000, False)])
+def test_split_size_has_room_for_messages(tmp_path: Path, split_size: int, refused: bool) -> None:
+    """A file may be twice as large as one without messages, here with a provenance of 1 MB."""
+    attachment = Attachment("large.bin", "application/octet-stream", os.urandom(1_000_000))
+    provenance = Provenance((attachment,), package_versions())
+    for name in ("empty", "split"):
+        (tmp_path / name).mkdir()
+    empty = Recorder(tmp_path / "empty", TOPICS, provenance, module.UNLIMITED, "none")
+    empty.start()
+    empty.stop()
+    [path] = logs(tmp_path / "empty")
+    assert path.stat().st_size == pytest.approx(1_000_000, rel=0.02)
+    log = Recorder(tmp_path / "split", TOPICS, provenance, Limits(split_size=split_size), "none")
+    if refused:
+        with pytest.raises(LogError, match=f"split_size is {split_size} bytes"):
+            log.start()
+    else:
+        log.start()
+        log.stop()
+        assert len(logs(tmp_path / "split")) == 1
+
+
 @pytest.mark.usefixtures("quick")
 def test_file_that_cannot_grow(tmp_path: Path) -> None:
     """The first error is kept, and a new file begins with the number of lost messages."""

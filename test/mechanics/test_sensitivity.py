@@ -2,16 +2,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """First-order changes of modes are the differences of models that are built as a whole."""
 
+import math
 from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 from numpy.typing import NDArray
 
 from linkage_vibration.mechanics.model import LinkageModel, ModelError
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
 from linkage_vibration.mechanics.paths import with_numbers
 from linkage_vibration.mechanics.sensitivity import Sensitivity
+from linkage_vibration.support.resources import config_file
 
 ALPHA3 = 2.6
 MODES = 3
@@ -108,3 +111,30 @@ def test_number_that_changes_a_mesh(mapping: Any) -> None:
     mapping["uncertainty"] = {"absolute": {"links.lower_link.points.V1": 1e-3}}
     with pytest.raises(ModelError, match=r"links\.lower_link.*another number of elements"):
         Sensitivity(LinkageModel(mechanism_from_mapping(mapping)))
+
+
+@pytest.mark.parametrize("correlation", [0.0, 0.8, -0.6])
+def test_deviation_of_a_toggle(correlation: float) -> None:
+    """It is that of the angle at which the coupler and the rocker of a four-bar are in line.
+
+    Then (b + c)^2 = a^2 + d^2 - 2 a d cos(alpha), so that a change of b or of c moves the angle by
+    (b + c) / (a d sin(alpha)) times itself.
+    """
+    a, b, c, d, deviation = 0.45, 0.30, 0.35, 0.50, (2e-4, 3e-4)
+    toggle = math.acos((a * a + d * d - (b + c) ** 2) / (2.0 * a * d))
+    mapping = yaml.safe_load(config_file("four_bar.yaml").read_text())
+    mapping["input"]["range_deg"] = [60.0, math.degrees(toggle) - 1e-6]
+    mapping["assembly"]["alpha3_deg"] = 60.0
+    mapping["assembly"]["angles_deg"] = {"coupler": -30.0, "rocker": 100.0}
+    paths = "links.coupler.points.C", "links.rocker.points.C"
+    for link, point, length in (("crank", "B", a), ("coupler", "C", b), ("rocker", "C", c)):
+        mapping["links"][link]["points"][point] = length
+    mapping["uncertainty"] = {
+        "absolute": dict(zip(paths, deviation, strict=True)),
+        "correlations": [{"between": list(paths), "value": correlation}],
+    }
+    model = LinkageModel(mechanism_from_mapping(mapping))
+    found = Sensitivity(model).at(model.solve(toggle - 2e-4), 300.0).toggle_stddev
+    one, other = (b + c) / (a * d * math.sin(toggle)) * np.array(deviation)
+    expected = math.sqrt(one**2 + other**2 + 2.0 * correlation * one * other)
+    assert found == pytest.approx(expected, rel=0.005)

@@ -260,3 +260,53 @@ def test_most_serious_first() -> None:
     faults = [Fault(Level.WARN, "B."), Fault(Level.ERROR, "A.")]
     assert summary(faults, "Sound.") == (Level.ERROR, "A. B.")
     assert summary([], "Sound.") == (Level.OK, "Sound.")
+
+
+def noise_then_still(
+    repeats: int,
+    *,
+    longest: int = 0,
+    changes: int = 400,
+    rate: float = 100.0,
+    last_rate: float = 100.0,
+) -> list[Fault]:
+    """Return the faults of a sensor that shakes by 1 mrad and then repeats its value.
+
+    Parameters
+    ----------
+    repeats, longest : int
+        How often the last value is repeated, and how often one was before.
+    changes, rate : int and float
+        How often the value changes, turning back each time, and readings in a second, Hz.
+    last_rate : float
+        Readings in a second while the last value is repeated, Hz.
+    """
+    angles = [2.0 + 1e-3 * (i % 2) for i in range(changes)]
+    angles = [*angles[:50], *angles[49:50] * longest, *angles[50:]]
+    times = (np.arange(len(angles)) / rate).tolist()
+    times += [times[-1] + (i + 1) / last_rate for i in range(repeats)]
+    watch = ReadingWatch()
+    for now, angle in zip(times, angles + angles[-1:] * repeats, strict=True):
+        watch.take(now, START, START, angle, math.nan, known=True)
+    return watch.judge(times[-1], times[-1], replace(EXPECTED, shaken=longest > 0))
+
+
+@pytest.mark.parametrize(
+    ("frozen", "sound"),
+    [
+        # A run is as long as ten times the longest one before.
+        ({"repeats": 250, "longest": 25}, {"repeats": 249, "longest": 25}),
+        # It lasts 2 s, with 20 readings.
+        ({"repeats": 201}, {"repeats": 199}),
+        ({"repeats": 20, "last_rate": 5.0}, {"repeats": 19, "last_rate": 5.0}),
+        # Before, there were 100 changes.
+        ({"repeats": 300, "changes": 100}, {"repeats": 300, "changes": 99}),
+        # They came with 20 Hz: between the first and the last of 401 changes there are 20 s.
+        ({"repeats": 300, "rate": 20.3}, {"repeats": 300, "rate": 19.7}),
+    ],
+)
+def test_limits_of_frozen_noise(frozen: dict[str, float], sound: dict[str, float]) -> None:
+    """On one side of each limit the sensor is frozen, and on the other it need not be."""
+    [fault] = noise_then_still(**frozen)  # type: ignore[arg-type]
+    assert "was never free of noise before; the sensor is frozen" in fault.sentence
+    assert noise_then_still(**sound) == []  # type: ignore[arg-type]

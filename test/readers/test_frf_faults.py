@@ -226,6 +226,27 @@ def test_undamped_frfs_that_are_computed() -> None:
         assert refusal(replace(link, frfs=part)) == ""
 
 
+@pytest.mark.parametrize(("share", "refused"), [(0.79, False), (0.81, True)])
+def test_limit_of_reciprocity(share: float, refused: bool) -> None:
+    """An FRF and its reverse are unrelated if their difference exceeds 0.8 of their sum.
+
+    Each is their mean with a part that changes its sign from line to line, so that the parts
+    average out and nothing but their size decides.
+    """
+    link = measured_link(np.random.default_rng(0))
+    omega = TAU * np.linspace(1.0, 100.0, 400)
+    frf = np.empty((400, 2, 2), dtype=complex)
+    for at, sign in ((np.eye(2, dtype=bool), 1.0), (~np.eye(2, dtype=bool), 0.4)):
+        frf[:, at] = (-sign / (2.0 * omega**2) * (1.0 - 1e-3j))[:, np.newaxis]
+    part = share * (-1.0) ** np.arange(400)
+    frf[:, 0, 1] *= 1.0 + part
+    frf[:, 1, 0] *= 1.0 - part
+    frfs = replace(link.frfs, dofs=link.frfs.dofs[:2], frequencies=omega / TAU, frf=frf)
+    error = refusal(replace(link, frfs=frfs, points={}))
+    assert ("and its reverse are unrelated but should be equal" in error) == refused
+    assert refused or error == ""
+
+
 @pytest.mark.parametrize("rate", [44_100, 48_000, 20_480, 25_600, 51_200, 65_536, 100_000, 1000])
 def test_lines_of_analysers_are_in_hertz(rate: int) -> None:
     """Sampling rates over numbers of samples give steps that are not taken for rad/s."""

@@ -14,11 +14,12 @@ import numpy as np
 import pytest
 
 from linkage_vibration.cli.main import main
+from linkage_vibration.prediction.excitation import Excitation, Source
 from linkage_vibration.prediction.resonance import ResonanceState
 from linkage_vibration.review import findings
 from linkage_vibration.review.findings import amplification, first_sentence, meetings
 from linkage_vibration.review.log import Log, problems, read_log
-from linkage_vibration.review.moments import angle_shares, moments
+from linkage_vibration.review.moments import Moment, angle_shares, moments
 from linkage_vibration.review.overview import drive_summary, overview_html
 from linkage_vibration.review.review_page import review_page
 from linkage_vibration.review.time_axis import time_axis
@@ -119,6 +120,54 @@ def test_what_to_avoid_holds(log: Log) -> None:
     speed = log.resonances.excitation_frequency[worst.strongest] / one.ratio
     assert float(low) <= speed <= float(high)
     assert float(high) / float(low) < 1.35  # 10 % on each side
+
+
+def made_up_moment(log: Log, excitation: str, hertz: float, degrees: tuple[float, float]) -> Any:
+    """Return a log in which one mode stays at a frequency over 50 predictions, and its moment."""
+    rows, mode = slice(100, 150), 1
+    frequencies, angles = log.natural_frequencies.copy(), log.crank_angle.copy()
+    frequencies[rows, mode] = hertz
+    angles[rows] = np.radians(np.linspace(*degrees, 50))
+    own = replace(log, natural_frequencies=frequencies, crank_angle=angles)
+    period = float(log.times[100]), float(log.times[149])
+    numbers = hertz, hertz, 0.0, True
+    return own, Moment(*period, 100, 149, 120, excitation, mode, *numbers)
+
+
+@pytest.mark.parametrize(
+    ("excitation", "hertz", "degrees", "avoid"),
+    [
+        # 0.9 and 1.1 times 10.03 Hz are 541.62 and 661.98 rpm.
+        ("own", 10.03, (101.2, 111.7), "engine 540 to 665 rpm between 101 and 112 deg"),
+        # 540 and 660 rpm, which are steps of 5 rpm but for rounding; the PTO turns half as fast.
+        ("shaft", 10.02, (101.7, 111.2), "PTO 270 to 335 rpm between 101 and 112 deg"),
+        # 9.018 and 11.022 Hz at 4 per metre are 2.2545 and 2.7555 m/s.
+        ("lugs", 10.02, (120.0001, 120.9), "ground 2.2 to 2.8 m/s between 120 and 121 deg"),
+        ("strange", 10.02, (150.5, 99.5), "9.0 to 11.0 Hz of strange between 99 and 151 deg"),
+        ("own", 10.03, (100.0, 460.5), "engine 540 to 665 rpm at all angles"),
+    ],
+)
+def test_ranges_to_avoid_are_rounded_outwards(
+    log: Log, excitation: str, hertz: float, degrees: tuple[float, float], avoid: str
+) -> None:
+    """The ranges hold every speed and angle that is too near, found on paper, and little more."""
+    made, moment = made_up_moment(log, excitation, hertz, degrees)
+    described = (
+        Excitation("own", Source.ENGINE, 1.0 / 60.0),
+        Excitation("shaft", Source.PTO, 1.0 / 30.0),
+        Excitation("lugs", Source.GROUND, 4.0),
+    )
+    made = replace(made, excitations=described, parameters={"warning_margin": 0.1})
+    [found] = meetings(made, [moment])
+    assert found.avoid == avoid
+
+
+def test_margin_of_the_ranges_to_avoid(log: Log) -> None:
+    """The margin is that of the log, and 10 % where the log does not hold it."""
+    made, moment = made_up_moment(log, "strange", 100.0, (100.0, 110.0))
+    for parameters, avoid in (({"warning_margin": 0.25}, "75.0 to 125.0"), ({}, "90.0 to 110.0")):
+        [found] = meetings(replace(made, excitations=(), parameters=parameters), [moment])
+        assert found.avoid.startswith(f"{avoid} Hz of strange between ")
 
 
 def test_only_invalid_angles(write_log: Any, tmp_path: Path) -> None:

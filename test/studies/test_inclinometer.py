@@ -185,3 +185,27 @@ def test_words_of_another_form() -> None:
     for word in ("12.5", "a=b", "1=2=3", "1=nan", "1e300=2"):
         with pytest.raises(InclinometerError, match="write T=DEG"):
             pairs_of([word], "T=DEG")
+
+
+@pytest.mark.parametrize("scatter", [0.5, 3.0])
+def test_scatter_widens_the_deviation(scatter: float) -> None:
+    """The deviation of a straight line is that of `numpy.polyfit`, at the farthest reading.
+
+    Residuals that are larger than the inclinometer explains scale it; smaller ones do not.
+    """
+    # No polynomial of second degree is nearer to these residuals than a straight line.
+    readings, away = np.arange(4.0), np.array([1.0, -3.0, 3.0, -1.0]) / 3.0
+    degrees = 180.0 - 20.0 * readings + scatter * math.degrees(ERROR) * away
+    found = fit([point(*pair) for pair in zip(readings, degrees, strict=True)], 0.0, 5.0, 0.0)
+    assert found.degree == 1
+    how = True if scatter > 1.0 else "unscaled"
+    _, covariance = np.polyfit(readings, np.radians(degrees), 1, w=np.full(4, 1.0 / ERROR), cov=how)
+    at = np.array([5.0, 1.0])
+    assert found.stddev == pytest.approx(math.sqrt(at @ covariance @ at), rel=1e-9)
+
+
+def test_noise_of_the_reading_adds_by_the_slope() -> None:
+    """A reading that deviates by 0.2 moves the angle of a line of -10 deg per unit by 2 deg."""
+    good = [point(float(r), 180.0 - 10.0 * r) for r in range(9)]
+    alone, noisy = (fit(good, 0.0, 8.0, noise).stddev for noise in (0.0, 0.2))
+    assert noisy == pytest.approx(math.hypot(alone, math.radians(2.0)), rel=1e-9)
