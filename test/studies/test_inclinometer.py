@@ -3,6 +3,7 @@
 """Calibrations from simulated inclinations, whose deviations independent readings confirm."""
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -198,7 +199,7 @@ def test_scatter_widens_the_deviation(scatter: float) -> None:
     degrees = 180.0 - 20.0 * readings + scatter * math.degrees(ERROR) * away
     found = fit([point(*pair) for pair in zip(readings, degrees, strict=True)], 0.0, 5.0, 0.0)
     assert found.degree == 1
-    how = True if scatter > 1.0 else "unscaled"
+    how: Any = True if scatter > 1.0 else "unscaled"
     _, covariance = np.polyfit(readings, np.radians(degrees), 1, w=np.full(4, 1.0 / ERROR), cov=how)
     at = np.array([5.0, 1.0])
     assert found.stddev == pytest.approx(math.sqrt(at @ covariance @ at), rel=1e-9)
