@@ -310,3 +310,146 @@ def test_limits_of_frozen_noise(frozen: dict[str, float], sound: dict[str, float
     [fault] = noise_then_still(**frozen)  # type: ignore[arg-type]
     assert "was never free of noise before; the sensor is frozen" in fault.sentence
     assert noise_then_still(**sound) == []  # type: ignore[arg-type]
+
+
+def speed_faults(source: Source, value: float, seconds_of_it: float = 4.0) -> list[Fault]:
+    """Return the faults of a speed that keeps a value for a time at 10 Hz."""
+    watch = SpeedWatch(source)
+    times = np.arange(0.0, seconds_of_it, 0.1).tolist()
+    for now in times:
+        watch.take(now, value)
+    return watch.judge(times[-1], "/speed", 1.0, list)
+
+
+@pytest.mark.parametrize(
+    ("source", "plausible", "implausible"),
+    [
+        (Source.ENGINE, (400.0, 5000.0, 0.0), (399.5, 5000.5)),
+        (Source.PTO, (0.5, 1500.0), (1500.5,)),
+        (Source.GROUND, (0.1, 25.0, -25.0), (25.1, -25.1)),
+    ],
+)
+def test_limits_of_plausible_speeds(
+    source: Source, plausible: tuple[float, ...], implausible: tuple[float, ...]
+) -> None:
+    """An engine has 400 to 5000 rpm, a PTO up to 1500 rpm, a tractor up to 25 m/s, or it rests."""
+    for value in plausible:
+        assert speed_faults(source, value) == []
+    for value in implausible:
+        [fault] = speed_faults(source, value)
+        assert "which is not plausible" in fault.sentence
+
+
+def test_a_starter_may_turn_an_engine_for_three_seconds() -> None:
+    """A slow engine is no fault for 3 s, which begin again after a pause of more than a second."""
+    assert speed_faults(Source.ENGINE, 200.0, 3.05) == []
+    assert speed_faults(Source.ENGINE, 200.0, 3.25) != []
+    for pause, faulty in ((0.95, True), (1.05, False)):
+        watch = SpeedWatch(Source.ENGINE)
+        for now in (0.0, 0.9, 1.8, 1.8 + pause, 2.7 + pause):
+            watch.take(now, 200.0)
+        assert bool(watch.judge(2.7 + pause, "/speed", 1.0, list)) == faulty
+
+
+def test_age_of_a_speed() -> None:
+    """A speed stops when it is older than the limit, and turns a shaft while it is fresh."""
+    watch = SpeedWatch(Source.PTO)
+    watch.take(0.0, 540.0)
+    assert watch.judge(1.9, "/speed", 2.0, list) == []
+    assert "stopped 2.1 s ago" in watch.judge(2.1, "/speed", 2.0, list)[0].sentence
+    assert (watch.turns(0.9), watch.turns(1.1)) == (True, False)
+    watch.take(5.0, 0.0)
+    assert not watch.turns(5.1)
+
+
+@pytest.mark.parametrize(
+    ("source", "value", "agrees", "differs"),
+    [
+        (Source.ENGINE, 1500.0, 49.0, 51.0),
+        (Source.PTO, 540.0, 19.0, 21.0),
+        (Source.GROUND, 2.0, 0.29, 0.31),
+    ],
+)
+def test_limits_of_speeds_that_agree(
+    source: Source, value: float, agrees: float, differs: float
+) -> None:
+    """Publishers agree up to 50 rpm of an engine, 20 rpm of a PTO, and 0.3 m/s."""
+    for apart, faulty in ((agrees, False), (differs, True)):
+        watch = SpeedWatch(source)
+        for i in range(10):
+            watch.take(0.1 * i, value, 1 + i)
+            watch.take(0.1 * i, value + apart, 500 + i)
+        assert bool(watch.judge(0.9, "/speed", 1.0, lambda: ["one", "two"])) == faulty
+
+
+def test_limits_of_readings_that_agree() -> None:
+    """Publishers disagree if three values differ by more than 0.03 rad and their own changes."""
+    times, numbers = seconds(100, 1), [i // 2 + 1 + 700 * (i % 2) for i in range(100)]
+    for apart, faulty in ((0.029, False), (0.031, True)):
+        angles = [2.0 + apart * (i % 2) for i in range(100)]
+        assert bool(judged(times, angles, sequences=numbers)[-1]) == faulty
+    # Both move by 0.01 rad from value to value, so 0.03 + 0.01 + 0.01 rad are no difference.
+    for apart, faulty in ((0.049, False), (0.051, True)):
+        angles = [2.0 + 0.01 * (i // 2) + apart * (i % 2) for i in range(100)]
+        assert bool(judged(times, angles, sequences=numbers)[-1]) == faulty
+    # Each value after the first one differs from the last one of the other publisher.
+    for count, faulty in ((3, False), (4, True)):
+        angles = [2.0 + 0.05 * (i % 2) for i in range(count)]
+        assert bool(judged(times[:count], angles, sequences=numbers[:count])[-1]) == faulty
+
+
+def test_publishers_that_started_together() -> None:
+    """Equal sequence numbers belong to two publishers, which disagree."""
+    angles = [2.0 + 0.05 * (i % 2) for i in range(100)]
+    faults = judged(seconds(100, 1), angles, sequences=[i // 2 + 1 for i in range(100)])[-1]
+    assert "disagree" in faults[0].sentence
+
+
+@pytest.mark.parametrize(
+    ("age", "words"),
+    [(-0.09, ""), (-0.11, "in the future"), (0.99, ""), (1.01, "1.0 s old")],
+)
+def test_limits_of_the_age_of_stamps(age: float, words: str) -> None:
+    """Stamps may be 0.1 s ahead, and as old as a reading may be."""
+    faults = judged(seconds(50, 1), [2.0] * 50, age=age)[-1]
+    assert [fault.level for fault in faults] == [Level.WARN] * bool(words)
+    assert all(words in fault.sentence for fault in faults)
+
+
+@pytest.mark.parametrize(("step", "jumps"), [(0.099, False), (0.101, True)])
+def test_limit_of_jumps(step: float, jumps: bool) -> None:
+    """In 10 ms a hitch moves by 0.04 rad at most, and noise adds 0.06 rad; a crank may be fast."""
+    angles = [2.0] * 50 + [2.0 + step] * 50
+    assert bool(judged(seconds(100, 1), angles)[-1]) == jumps
+    assert judged(seconds(100, 1), angles, watch=ReadingWatch(turns=True))[-1] == []
+
+
+@pytest.mark.parametrize(
+    ("moved", "velocity", "contradicts"),
+    [(0.0, 0.09, False), (0.0, 0.11, True), (0.4, 0.21, False), (0.4, 0.19, True)],
+)
+def test_limits_of_a_contradiction(moved: float, velocity: float, contradicts: bool) -> None:
+    """Position and velocity differ by 0.1 rad in a second, or by half of the larger of both."""
+    watch, angles = ReadingWatch(), [2.0 + moved * i / 100 for i in range(101)]
+    faults = judged(seconds(100, 1.01), angles, velocity=velocity, watch=watch)
+    assert any("turned the crank by" in f.sentence for second in faults for f in second) == (
+        contradicts
+    )
+
+
+@pytest.mark.parametrize(("rate", "fallen"), [(51.0, False), (49.0, True)])
+def test_limit_of_a_rate_that_falls(rate: float, fallen: bool) -> None:
+    """Less than half of the usual rate, which is the least of three seconds, is a fault."""
+    times = [*seconds(100, 3), *(3.0 + t for t in seconds(rate, 4))]
+    assert bool(judged(times, [2.0] * len(times))[-1]) == fallen
+    watch, once = ReadingWatch(), [*seconds(100, 2), *(2.0 + t for t in seconds(rate, 4))]
+    assert not any(judged(once, [2.0] * len(once), watch=watch))  # two seconds are not usual
+
+
+def test_one_angle_in_the_table_is_enough() -> None:
+    """Angles outside are a fault only if no angle of a second is inside."""
+    assert judged(seconds(50, 1), [4.0] * 50)[-1] != []
+    watch = ReadingWatch(turns=True)
+    assert judged(seconds(50, 1), [4.0] * 49 + [2.0], watch=watch)[-1] == []
+    assert judged(seconds(50, 1), [4.0] * 25 + [math.nan] * 25)[-1] != []
+    assert judged(seconds(50, 1), [2.0] * 49 + [math.nan])[-1] == []

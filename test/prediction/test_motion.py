@@ -3,6 +3,7 @@
 """Estimated velocities, and bounds of their errors, against known motions."""
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -11,7 +12,13 @@ from hypothesis import strategies as st
 
 from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.inputs.units import Calibration, HitchScale
-from linkage_vibration.prediction.motion import GAP, crank_filter, crank_resolution, speed_filter
+from linkage_vibration.prediction.motion import (
+    GAP,
+    RateFilter,
+    crank_filter,
+    crank_resolution,
+    speed_filter,
+)
 from test.support.motions import MOTIONS, SENSORS, Sensor, read
 
 SECOND = 10**9  # ns
@@ -156,3 +163,54 @@ def test_a_reading_whose_rate_is_not_needed() -> None:
             np.testing.assert_array_equal(sometimes.add(*reading), expected)
             known += expected.value == expected.value
     assert known > len(stamps) / 10
+
+
+@pytest.mark.parametrize(
+    ("new_filter", "bend", "step"),
+    [
+        (crank_filter, 1.0, 0.01),
+        (lambda: speed_filter(Source.ENGINE), 250.0, 1.0),
+        (lambda: speed_filter(Source.PTO), 250.0, 1.0),
+        (lambda: speed_filter(Source.GROUND), 2.0, 0.1),
+    ],
+    ids=["crank", "engine", "pto", "ground"],
+)
+def test_error_of_a_quantity_at_rest(
+    new_filter: Callable[[], RateFilter], bend: float, step: float
+) -> None:
+    """The bound is the least of the bounds of the pairs of readings, found on paper.
+
+    A pair that is k readings apart errs by half a step at each end over the time k h between them,
+    and by the bend times the time k h / 2 since their middle.
+    """
+    rest, h = new_filter(), 0.1
+    found = [rest.add(i * SECOND // 10, 5.0) for i in range(30)][-1]
+    expected = min(step / (k * h) + bend * k * h / 2.0 for k in range(1, 9))
+    assert (found.value, found.error) == (0.0, pytest.approx(expected))
+    stated = new_filter()
+    found = [stated.add(i * SECOND // 10, 5.0, 2.0 * step) for i in range(30)][-1]
+    expected = min(2.0 * step / (k * h) + bend * k * h / 2.0 for k in range(1, 9))
+    assert found.error == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+def test_a_value_that_is_not_known_changes_nothing(value: float) -> None:
+    """After it, the rates are those of the other readings alone."""
+    whole, without = crank_filter(), crank_filter()
+    for i in range(60):
+        if i % 10 == 5:
+            assert math.isnan(whole.add(i * SECOND // 25, value).value)
+            continue
+        reading = i * SECOND // 25, 2.0 + 0.01 * i
+        np.testing.assert_array_equal(whole.add(*reading), without.add(*reading))
+    assert math.isfinite(without.add(60 * SECOND // 25, 2.6).value)
+
+
+def test_a_move_in_a_gap_is_no_rate() -> None:
+    """What moved while nothing was read does not count for the rates after it."""
+    crank = crank_filter()
+    for i in range(30):
+        crank.add(i * SECOND // 25, 2.0 + 0.001 * i)
+    begin = 29 * SECOND // 25 + GAP + 1
+    found = [crank.add(begin + i * SECOND // 25, 2.5 - 0.02 * i) for i in range(6)]
+    assert [one.value for one in found[2:]] == pytest.approx([-0.5] * 4)

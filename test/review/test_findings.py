@@ -162,6 +162,17 @@ def test_ranges_to_avoid_are_rounded_outwards(
     assert found.avoid == avoid
 
 
+def test_angles_to_avoid_are_those_of_the_table(log: Log) -> None:
+    """A crank in its third turn has the angles of the first one, to which the table belongs."""
+    made, moment = made_up_moment(log, "strange", 100.0, (100.5, 110.5))
+    assert made.table is not None
+    turning = replace(made.table, alpha3=np.linspace(0.0, 2.0 * np.pi, len(made.table.alpha3)))
+    turned = replace(made, table=turning, crank_angle=made.crank_angle + 4.0 * np.pi)
+    for own in (made, turned):
+        [found] = meetings(own, [moment])
+        assert found.avoid.endswith(" between 100 and 111 deg")
+
+
 def test_margin_of_the_ranges_to_avoid(log: Log) -> None:
     """The margin is that of the log, and 10 % where the log does not hold it."""
     made, moment = made_up_moment(log, "strange", 100.0, (100.0, 110.0))
