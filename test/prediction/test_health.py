@@ -392,8 +392,8 @@ def test_limits_of_readings_that_agree() -> None:
     for apart, faulty in ((0.049, False), (0.051, True)):
         angles = [2.0 + 0.01 * (i // 2) + apart * (i % 2) for i in range(100)]
         assert bool(judged(times, angles, sequences=numbers)[-1]) == faulty
-    # Each value after the first one differs from the last one of the other publisher.
-    for count, faulty in ((3, False), (4, True)):
+    # The numbers of three messages tell that there are two publishers; the others differ.
+    for count, faulty in ((5, False), (6, True)):
         angles = [2.0 + 0.05 * (i % 2) for i in range(count)]
         assert bool(judged(times[:count], angles, sequences=numbers[:count])[-1]) == faulty
 
