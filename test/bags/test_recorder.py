@@ -417,7 +417,7 @@ def test_split_size_has_room_for_messages(tmp_path: Path, split_size: int, refus
     empty.stop()
     [path] = logs(tmp_path / "empty")
     assert path.stat().st_size == pytest.approx(1_000_000, rel=0.02)
-    log = Recorder(tmp_path / "split", TOPICS, provenance, Limits(split_size=split_size), "none")
+    log = Recorder(tmp_path / "split", TOPICS, provenance, LogLimits(split_size=split_size), "none")
     if refused:
         with pytest.raises(LogError, match=f"split_size is {split_size} bytes"):
             log.start()

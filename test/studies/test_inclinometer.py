@@ -3,6 +3,7 @@
 """Calibrations from simulated inclinations, whose deviations independent readings confirm."""
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from scipy.interpolate import PchipInterpolator
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.kinematics import Kinematics
 from linkage_vibration.studies.inclinometer import (
+    PERCENT,
     InclinometerError,
     Point,
     Scene,
@@ -210,3 +212,141 @@ def test_noise_of_the_reading_adds_by_the_slope() -> None:
     good = [point(float(r), 180.0 - 10.0 * r) for r in range(9)]
     alone, noisy = (fit(good, 0.0, 8.0, noise).stddev for noise in (0.0, 0.2))
     assert noisy == pytest.approx(math.hypot(alone, math.radians(2.0)), rel=1e-9)
+
+
+@pytest.fixture(scope="module")
+def scene(mechanism: Mechanism, kinematics: Kinematics) -> Scene:
+    """Return an inclinometer on the crank of a tractor that stands on a slope of 2 deg."""
+    return Scene(mechanism, kinematics, "input_crank", 2.0, 0.5)
+
+
+def test_readings_of_the_bag_belong_to_the_calibration(scene: Scene) -> None:
+    """It reaches from the least to the largest, and half of their step adds to the deviation."""
+    words = [f"{reading:g}={-12.0 - 20.0 * reading:g}" for reading in (0.0, 1.0, 2.0, 3.0)]
+    times = np.arange(6) * 10**8
+    values = np.array([0.5, -0.3, 3.4, math.nan, 1.7, 1.5])  # the least step is 0.2
+    found = calibrate(scene, [], words, (times, values), "V")
+    alone = calibrate(scene, [], words, None, "V")
+    assert found.extrapolated == (pytest.approx(0.3), pytest.approx(0.4))
+    assert alone.extrapolated == (0.0, 0.0)
+    assert [point.alpha3 for point in alone.points] == pytest.approx(
+        np.radians([166.0, 146.0, 126.0, 106.0])
+    )
+    assert found.pairs == pytest.approx(
+        [-0.3, math.radians(172.0), 3.4, math.radians(98.0)], abs=1e-9
+    )
+    # Equal deviations at 0, 1, 2, 3: s^2 (1/4 + (3.4 - 1.5)^2 / 5), and a step of 0.2.
+    line = math.radians(0.5) * math.sqrt(0.25 + (3.4 - 1.5) ** 2 / 5.0)
+    step = math.radians(20.0) * 0.2 / math.sqrt(12.0)
+    assert found.stddev == pytest.approx(math.hypot(line, step), rel=1e-6)
+    two = calibrate(scene, [], words, (times[:2], np.array([0.5, 0.7])), "V")
+    line = math.radians(0.5) * math.sqrt(0.25 + 1.5**2 / 5.0)
+    assert two.stddev == pytest.approx(math.hypot(line, step), rel=1e-6)
+
+
+def test_percent_reaches_from_0_to_100(scene: Scene) -> None:
+    """A position in percent has a calibration of the whole range, and the node adds its steps."""
+    words = [f"{reading:g}={-12.0 - 0.5 * reading:g}" for reading in (10.0, 40.0, 70.0, 90.0)]
+    times, values = np.arange(3) * 10**8, np.array([20.0, 40.0, 80.0])
+    found = calibrate(scene, [], words, (times, values), PERCENT)
+    assert (found.pairs[0], found.pairs[-2]) == (0.0, 100.0)
+    assert found.extrapolated == (10.0, 10.0)
+    mean, squares = 52.5, 42.5**2 + 12.5**2 + 17.5**2 + 37.5**2
+    line = math.radians(0.5) * math.sqrt(0.25 + mean**2 / squares)  # farthest at 0
+    assert found.stddev == pytest.approx(line, rel=1e-6)
+
+
+@pytest.mark.parametrize(("stddev", "tractor"), [(0.0, 0.0), (math.inf, 0.0), (0.5, math.inf)])
+def test_deviations_that_cannot_be_used(scene: Scene, stddev: float, tractor: float) -> None:
+    """A deviation of zero, and angles that are not finite, are refused."""
+    with pytest.raises(InclinometerError, match="have to be finite, and the first greater than 0"):
+        calibrate(replace(scene, stddev_deg=stddev, tractor_deg=tractor), [], [], None, "V")
+
+
+def test_bag_without_readings(scene: Scene) -> None:
+    """A bag whose sensor was never available is refused."""
+    series = np.arange(3) * 10**8, np.full(3, math.nan)
+    with pytest.raises(InclinometerError, match="The bag has no reading that is available"):
+        calibrate(scene, [], ["0=-12", "1=-32", "2=-52"], series, "V")
+
+
+def test_reading_at_a_moment() -> None:
+    """It is the mean of those within half a second, from the first to the last one."""
+    times = np.arange(31) * 10**8  # 0 to 3 s at 10 Hz
+    values = np.where(np.arange(31) < 16, 1.0, 2.0) + 0.0
+    for moment, expected in ((0.0, 1.0), (0.9, 1.0), (2.2, 2.0), (3.0, 2.0)):
+        assert still_reading(times, values, moment, "")[0] == pytest.approx(expected)
+    for moment in (-0.01, 3.01):
+        with pytest.raises(InclinometerError, match="is outside the bag, whose readings end after"):
+            still_reading(times, values, moment, "")
+    values[10:21] = math.nan
+    assert still_reading(times, values, 1.4, "")[0] == 1.0  # the last one is 0.5 s before
+    with pytest.raises(InclinometerError, match=r"no reading within 0\.5 s"):
+        still_reading(times, values, 1.45, "")
+
+
+def test_noise_of_a_reading_at_rest() -> None:
+    """It is the scatter around a line, whose two numbers the readings have given, too."""
+    times = np.arange(11) * 10**8
+    values = 5.0 + 0.01 * (-1.0) ** np.arange(11)
+    mean, noise = still_reading(times, values, 0.5, "")
+    away = values - np.polyval(np.polyfit(times, values, 1), times)
+    assert mean == pytest.approx(values.mean())
+    assert noise == pytest.approx(math.sqrt((away**2).sum() / 9.0), rel=1e-6)
+    assert still_reading(times[:3], values[:3], 0.1, "")[1] == 0.0  # three do not tell it
+
+
+@pytest.mark.parametrize(
+    ("steps", "moves"),
+    [([0, 0, 0, 1, 1, 1, 2, 2, 2, 2, 3], False), ([0, 0, 0, 0, 1, 1, 2, 2, 2, 3, 3], True)],
+)
+def test_hitch_that_moves(steps: list[int], moves: bool) -> None:
+    """A drift of more than three steps of the sensor within a second is a motion."""
+    times, values = np.arange(11) * 10**8, 5.0 + 0.01 * np.array(steps)
+    assert (np.polyfit(times / 1e9, steps, 1)[0] > 3.0) == moves  # it is 2.9 or 3.2
+    if moves:
+        with pytest.raises(InclinometerError, match="so the hitch moves; choose a moment"):
+            still_reading(times, values, 0.5, "")
+    else:
+        assert still_reading(times, values, 0.5, "")[0] == pytest.approx(values.mean())
+
+
+@pytest.mark.parametrize(("span", "refused"), [(4.2, True), (4.3, False)])
+def test_least_span_of_the_points(span: float, refused: bool) -> None:
+    """They span six deviations of a difference, 6 sqrt(2) 0.5 deg = 4.24 deg."""
+    points = [point(1.0, 90.0), point(2.0, 90.0 + span / 2.0), point(3.0, 90.0 + span)]
+    if refused:
+        with pytest.raises(InclinometerError, match=r"points span 4\.20 deg only"):
+            fit(points, math.inf, -math.inf, 0.0)
+    else:
+        assert fit(points, math.inf, -math.inf, 0.0).degree == 1
+
+
+@pytest.mark.parametrize(("squares", "degree"), [(1.9, 1), (2.1, 2)])
+def test_another_coefficient_has_to_explain_enough(squares: float, degree: int) -> None:
+    """A coefficient more is worth a sum of squares that is smaller by 2 (Akaike).
+
+    At four points, the bend (1, -1, -1, 1) / 2 is what a second degree explains beyond a line.
+    """
+    bend = 0.5 * math.sqrt(squares) * 0.5 * np.array([1.0, -1.0, -1.0, 1.0])  # deg
+    points = [point(float(i), 100.0 + 20.0 * i + bend[i]) for i in range(4)]
+    assert fit(points, 0.0, 3.0, 0.0).degree == degree
+
+
+def test_calibration_does_not_turn_back() -> None:
+    """A curve that turns back among the readings of the bag is not taken, however near it is."""
+    points = [point(float(i), 100.0 + 20.0 * i - 2.0 * i * i) for i in range(5)]
+    assert fit(points, 0.0, 4.0, 0.0).degree == 2  # it turns at 5
+    angles = np.array(fit(points, 0.0, 6.0, 0.0).pairs[1::2])
+    assert (np.diff(angles) > 0.0).all()
+
+
+@pytest.mark.parametrize(("back", "refused"), [(2.0, False), (2.2, True)])
+def test_how_far_an_angle_may_turn_back(back: float, refused: bool) -> None:
+    """Between two points it is three deviations of a difference, 3 sqrt(2) 0.5 deg = 2.12 deg."""
+    points = [point(0.0, 100.0), point(1.0, 130.0), point(2.0, 130.0 - back), point(3.0, 160.0)]
+    if refused:
+        with pytest.raises(InclinometerError, match="not monotone: 1=130 has"):
+            fit(points, 0.0, 3.0, 0.0)
+    else:
+        assert len(fit(points, 0.0, 3.0, 0.0).points) == 4

@@ -16,7 +16,7 @@ from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.resources import config_file
 from linkage_vibration.table.table import TableError
 from linkage_vibration.table.tabulation import build_table
-from linkage_vibration.table.tabulation.veering import crossing_gaps
+from linkage_vibration.table.tabulation.veering import crossing_gaps, mix_closely
 from test.support.crossing import STROKE, crossing_crank, exact_frequencies
 
 AT = 0.8137  # rad, where the crank's modes meet: on no even grid
@@ -101,3 +101,21 @@ def test_modes_that_coincide_do_not_cross() -> None:
         variables=points, log_frequencies=logarithms, at=lambda wanted: np.ones(9, bool)
     )
     assert crossing_gaps(SimpleNamespace(), points.tolist(), tracked) == {}  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("mac", "apart", "mix"),
+    [(0.89, 0.9e-4, True), (0.91, 0.9e-4, False), (0.89, 1.1e-4, False)],
+)
+def test_modes_that_mix_closely(mac: float, apart: float, mix: bool) -> None:
+    """Shapes that agree less than 0.9, of modes closer than a hundred tolerances, veer."""
+    macs = np.ones((4, 3))
+    macs[2, 1] = mac
+    logarithms = np.array([[3.0, 4.0, 5.0]] * 5)
+    for at in (2, 3):  # at either end of the step in which the shapes mix
+        near = logarithms.copy()
+        near[at, 2] = 4.0 + apart
+        tracked: Any = SimpleNamespace(mac=macs, log_frequencies=near)
+        assert mix_closely(tracked, 1e-6) == mix
+    elsewhere: Any = SimpleNamespace(mac=macs, log_frequencies=np.vstack([near[3:4], logarithms]))
+    assert not mix_closely(elsewhere, 1e-6)
