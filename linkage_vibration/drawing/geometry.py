@@ -31,13 +31,7 @@ class Scene:
 
 
 def scene(model: LinkageModel, configuration: Configuration) -> Scene:
-    """Return the curves and points that show a linkage in a configuration.
-
-    Parameters
-    ----------
-    model : LinkageModel
-    configuration : Configuration
-    """
+    """Return the curves and points that show a linkage in a configuration."""
     mechanism = model.mechanism
     ground = dict(mechanism.ground)
     pins = {point: body for point, _, body in mechanism.joints if point not in ground}
@@ -53,11 +47,6 @@ def curves(model: LinkageModel, configuration: Configuration) -> Curves:
 
     The curve of a link is its axis, with a detour to each point beside the axis. The curve of a
     rigid body is closed and connects its points and its centre of gravity.
-
-    Parameters
-    ----------
-    model : LinkageModel
-    configuration : Configuration
     """
     lines = {}
     for component in model.components:
@@ -78,13 +67,7 @@ def curves(model: LinkageModel, configuration: Configuration) -> Curves:
 
 
 def mode_curves(solution: Solution, mode: int) -> Curves:
-    """Return the displacements of the points of `curves` in a mass-normalised mode, 1/sqrt(kg).
-
-    Parameters
-    ----------
-    solution : Solution
-    mode : int, from 0
-    """
+    """Return the displacements of the points of `curves` in a mass-normalised mode, 1/sqrt(kg)."""
     model, shape = solution.model, solution.modes.shapes[:, mode]
     shapes = {name: moved[:, ::2] for name, (_, moved) in solution.link_shapes(mode).items()}
     for component in model.components:
@@ -118,14 +101,9 @@ def _beside(axis: FloatArray, points: Mapping[str, Point]) -> list[tuple[int, st
 
 
 def nearest_mode(solution: Solution, frequency: float) -> int:
-    """Return the index of the undamped mode whose frequency is nearest to a frequency.
+    """Return the index of the undamped mode whose frequency is nearest to a frequency, Hz.
 
     The frequency of a prediction gives the mode that the table tracks, even where modes crossed.
-
-    Parameters
-    ----------
-    solution : Solution
-    frequency : float, Hz
     """
     return int(np.abs(solution.modes.omega - 2.0 * math.pi * frequency).argmin())
 

@@ -13,14 +13,9 @@ _LEAST_GAP = 0.1  # s; a shorter step is not a gap
 
 
 def runs(flags: NDArray[np.bool_], *columns: NDArray[Any]) -> list[tuple[int, int]]:
-    """Return the start and the end (exclusive) of each run of true flags.
+    """Return the start and the end (exclusive) of each run of true flags, (n,).
 
-    Parameters
-    ----------
-    flags : ndarray of bool, (n,)
-        The samples that belong to a run.
-    *columns : ndarray, (n,)
-        A run ends where the value of a column changes.
+    A run also ends where the value of a column, (n,), changes.
     """
     changed = np.ones(len(flags) + 1, dtype=bool)
     changed[1:-1] = np.any([c[1:] != c[:-1] for c in (flags, *columns)], axis=0)
@@ -64,12 +59,7 @@ def one_after_the_other(
 ) -> NDArray[np.float64]:
     """Return times since the first stamp, s, (n,), at which each pass begins after the one before.
 
-    Parameters
-    ----------
-    stamps : ndarray of int, (n,)
-        ns, ascending within each pass.
-    starts : ndarray of int, (n_jumps,)
-        The first sample of each pass but the first.
+    The stamps (n,), ns, ascend within each pass; the starts are as `pass_starts` returns them.
     """
     steps = np.diff(stamps, prepend=stamps[:1])
     if len(starts):

@@ -99,19 +99,10 @@ def plain(text: str) -> str:
 def plot_predictions(log: Path, picture: Path, names: Sequence[str] = ()) -> None:
     """Draw crank angle, natural frequencies and FRF peak of a log over the time of its stamps.
 
-    Excitations are drawn where they are near a natural frequency. Where predictions are missing
-    or have no numbers, the lines break and the background is shaded. A `PlotError` is raised if
+    Excitations are drawn where they are near a natural frequency. Where predictions are missing or
+    have no numbers, the lines break and the background is shaded. A `PlotError` is raised if
     matplotlib is missing, if the log holds no prediction, or if the picture cannot be written, and
     a `BagError` if the log cannot be read.
-
-    Parameters
-    ----------
-    log : Path
-        An MCAP file, as the node or a replay writes it.
-    picture : Path
-        The PNG file to write. An existing file is replaced.
-    names : sequence of str
-        Names of the modes, where they are known.
     """
     require_matplotlib()
     from matplotlib.figure import Figure

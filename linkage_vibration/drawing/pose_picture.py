@@ -61,13 +61,7 @@ def draw_pose(
 
 
 def draw_linkage(ax: "Axes", model: LinkageModel, alpha3: float) -> None:
-    """Draw a linkage at an angle, with the names of its pins, into axes.
-
-    Parameters
-    ----------
-    ax, model, alpha3 : matplotlib Axes, LinkageModel and float
-        The axes, the linkage, and its crank angle, rad.
-    """
+    """Draw a linkage at an angle, rad, with the names of its pins, into axes."""
     mechanism, configuration = model.mechanism, model.kinematics.at(alpha3)
     drawn = scene(model, configuration)
     names = [body.name for body in mechanism.bodies]

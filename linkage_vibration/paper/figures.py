@@ -45,17 +45,9 @@ def draw_figures(
     fits: Sequence[FreedFit],
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> None:
-    """Write all figures into a folder; a `PlotError` is raised if one cannot be written.
+    """Write all figures of two geometries into a folder, and replace those that it has.
 
-    Parameters
-    ----------
-    output : Path
-        The folder; figures in it are replaced.
-    sweeps : Sweeps
-        Two geometries of the three-point linkage.
-    fits : sequence of FreedFit
-    progress : callable
-        Called with the number of figures done, and of all figures.
+    A `PlotError` is raised if one cannot be written.
     """
     label = next(iter(sweeps))
     model = sweeps[label][0].model

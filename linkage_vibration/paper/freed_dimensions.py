@@ -70,16 +70,8 @@ def scan_freed_dimensions(
     """Fit the sections and one dimension of Table 1 at a time to the nine printed frequencies.
 
     A misprinted dimension is one that, freed alone, lets the frequencies be met. The first fit that
-    is returned has no dimension freed.
-
-    Parameters
-    ----------
-    keys : sequence of str
-        Keys of the printed numbers to free.
-    progress : callable
-        Called with the number of fits done, and of all fits.
-    evaluations : int
-        Steps of least squares while the dimension is held; twice as many once it is free.
+    is returned has no dimension freed. While a dimension is held, least squares takes so many
+    evaluations; once it is free, twice as many.
     """
     described = load_yaml(config_file(PRINTED_FILE))[0]
     total = 1 + len(keys)

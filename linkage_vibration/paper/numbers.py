@@ -113,14 +113,7 @@ FITTED = (*SUBSTRUCTURING, *OVER_THE_SWEEP)
 
 
 def frequencies(over: FloatArray, at_140: FloatArray) -> dict[str, float]:
-    """Return natural frequencies in Hz under the keys of the printed ones.
-
-    Parameters
-    ----------
-    over : ndarray, (n, 3)
-        Modes 1 to 3 from 90 to 180 deg.
-    at_140 : ndarray, (>= 3,)
-    """
+    """Return natural frequencies in Hz, (n, 3) over the stroke and at 140 deg, by printed keys."""
     ends = [*over[[0, -1], 0], *over[[0, -1], 1], over[:, 2].min(), over[:, 2].max()]
     numbers = (*FULL_FE, *SUBSTRUCTURING, *OVER_THE_SWEEP)
     pairs = zip(numbers, [*at_140[:3], *at_140[:3], *ends], strict=True)

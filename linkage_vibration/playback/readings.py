@@ -21,19 +21,8 @@ def read_numbers(
 ) -> tuple[Integers, NDArray[np.float64]]:
     """Return the log times, (n,), ns, ascending, and the numbers of the hitch input, (n,).
 
-    A number is NaN where it is not available.
-
-    Parameters
-    ----------
-    bags, settings : sequence of Path and Parameters
-        The bags, and where the hitch input comes from.
-    remaps : mapping of str to str
-        The bags' names of the node's topics.
-
-    Raises
-    ------
-    ReplayError
-        If the bags have no such number; the text has the names that exist.
+    A number is NaN where it is not available. A `ReplayError` with the names that exist is raised
+    if the bags have no such number.
     """
     left_out, found = LeftOut(), []
     with open_bags(list(bags)) as opened:

@@ -45,20 +45,8 @@ def choose_topics(
 ) -> dict[str, BagTopic]:
     """Return the topics to read by the inputs, of which the hitch comes first.
 
-    Several inputs may read one topic.
-
-    Parameters
-    ----------
-    bags : Bags
-    settings : Parameters
-        They choose the inputs, and may fix speeds.
-    remaps : mapping of str to str
-        The bags' names of the node's topics.
-
-    Raises
-    ------
-    ReplayError
-        If a remapping is unknown, or a topic is missing or ambiguous.
+    Several inputs may read one topic. A `ReplayError` is raised if a remapping is unknown, or a
+    topic is missing or ambiguous.
     """
     speeds = settings.speed_sources()
     sources = {HITCH: settings.source(HITCH)}
@@ -102,18 +90,9 @@ def _only_topic(bags: Bags, source: SourceSettings) -> str | None:
 
 
 def topic_schema(bags: Bags, topic: BagTopic) -> Schema:
-    """Return the fields of the messages of a topic.
+    """Return the fields of a topic's messages, as the bags or an installed package define them.
 
-    The bags define them, or else an installed package does.
-
-    Parameters
-    ----------
-    bags, topic : Bags, BagTopic
-
-    Raises
-    ------
-    ReplayError
-        If neither defines the type.
+    A `ReplayError` is raised if neither defines the type.
     """
     defined = bags.defined(topic.name)
     if defined is not None:
@@ -127,12 +106,7 @@ def topic_schema(bags: Bags, topic: BagTopic) -> Schema:
 
 
 def logged_topic(bags: Bags, topic: BagTopic) -> Topic:
-    """Return what a log stores about a topic of bags.
-
-    Parameters
-    ----------
-    bags, topic : Bags, BagTopic
-    """
+    """Return what a log stores about a topic of bags."""
     defined = bags.defined(topic.name)
     try:
         known = log_topic(topic.name, topic.type)

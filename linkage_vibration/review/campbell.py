@@ -16,20 +16,11 @@ _NAMES = {Source.ENGINE: "engine", Source.PTO: "PTO", Source.GROUND: "ground"}
 
 
 def campbell(log: Log, all_moments: list[Moment]) -> list[dict[str, Any]]:
-    """Return a plot for each source of excitations whose speed is known.
+    """Return a plot for each source of excitations whose speed is known, with moments as dots.
 
-    Parameters
-    ----------
-    log : Log
-    all_moments : list of Moment
-        Its moments of resonance, which are drawn as dots.
-
-    Returns
-    -------
-    list of dict
-        ``title``; ``unit`` of the speed; ``speeds``, the lowest and the highest; ``orders``, names
-        with Hz per unit of speed; ``bands``, colours with the lowest and the highest frequency of
-        each mode in the drive; ``dots``, speed and Hz of each moment.
+    It has ``title``; ``unit`` of the speed; ``speeds``, the lowest and the highest; ``orders``,
+    names with Hz per unit of speed; ``bands``, colours with the lowest and the highest frequency of
+    each mode in the drive; ``dots``, speed and Hz of each moment.
     """
     bands = []
     for values, colour in zip(

@@ -102,19 +102,10 @@ class Difference:
 def compare(
     path_a: Path, path_b: Path, step: Callable[[int], object] = lambda count: None
 ) -> Difference:
-    """Compare two logs of the same drive; a `BagError` is raised if one cannot be read.
+    """Compare two logs of the same drive, calling ``step`` with 1 after each of three steps.
 
-    Parameters
-    ----------
-    path_a, path_b : Path
-        MCAP files, as the node or a replay writes them.
-    step : callable
-        It is called with 1 after each log that was read, and when they have been compared.
-
-    Raises
-    ------
-    ReviewError
-        If a log holds no prediction, or if the logs have no stamp in common.
+    A `BagError` is raised if one cannot be read, and a `ReviewError` if a log holds no prediction,
+    or if the logs have no stamp in common.
     """
     a = read_log(path_a)
     step(1)

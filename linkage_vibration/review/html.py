@@ -96,14 +96,7 @@ def _json(value: object) -> str:
 
 
 def write_page(page: Page, path: Path) -> None:
-    """Write a page to a file; a `ReviewError` is raised if it cannot be written.
-
-    Parameters
-    ----------
-    page : Page
-    path : Path
-        The file, which is replaced only when the page is complete.
-    """
+    """Write a page to a file; a `ReviewError` is raised if it cannot be written."""
     write_parts(path, _parts(page), ReviewError)
 
 
@@ -117,16 +110,10 @@ def packed(values: NDArray[Any]) -> dict[str, Any]:
 def thinned(
     quantities: Sequence[FloatArray], edges: IntArray, limit: int = MAX_SAMPLES
 ) -> IntArray:
-    """Return the indices of the samples that a page keeps, (n_kept,).
+    """Return the indices of the samples that a page keeps, (n_kept,); all up to a limit.
 
-    Parameters
-    ----------
-    quantities : sequence of ndarray, (n,)
-        The lowest and the highest value of each quantity in every stretch of samples are kept.
-    edges : ndarray of int, (m,)
-        Samples that are kept in any case.
-    limit : int
-        All samples are kept if there are no more than this.
+    The lowest and the highest value of each quantity, (n,), in every stretch of samples are kept,
+    and the samples at the edges, (m,).
     """
     n = len(quantities[0])
     if n <= limit:

@@ -126,7 +126,7 @@ class Log:
         return int(self.natural_frequencies.shape[1])
 
     def mode_label(self, mode: int) -> str:
-        """Return a mode, counted from 0, by its number, and its name if the log has its table."""
+        """Return how a mode, counted from 0, is called, as in "mode 4 (implement heave)"."""
         return f"mode {mode + 1}" if self.table is None else self.table.mode_label(mode)
 
     def mode_name(self, mode: int) -> str:
@@ -254,14 +254,8 @@ def problems(log: Log) -> list[str]:
 def write_csv(log: Log, path: Path) -> None:
     """Write a log as CSV: one line for each prediction, with the fields of the messages.
 
-    The numbers of an overdamped mode, and those that are not known, are "nan".
-    A `ReviewError` is raised if the file cannot be written.
-
-    Parameters
-    ----------
-    log : Log
-    path : Path
-        The file, which is replaced only when the table is complete.
+    The numbers of an overdamped mode, and those that are not known, are "nan". A `ReviewError` is
+    raised if the file cannot be written.
     """
     table: dict[str, NDArray[Any]] = {"stamp_ns": log.stamps}
     for field in message_fields(PREDICTION):
@@ -312,14 +306,8 @@ def _resonances(
 ) -> MessageColumns | None:
     """Return the latest resonance at each prediction; None if there are none.
 
-    Parameters
-    ----------
-    columns : columns
-        Of the resonances, which are taken out of it to save memory.
-    stamps, places : ndarray of int, (n,)
-        Those of the predictions.
-    passes : ndarray of int, (n_jumps,)
-        Where the stamps jump back; resonances belong to the pass within which they were written.
+    The columns of the resonances are taken out to save memory. Stamps and places (n,) are those of
+    the predictions; resonances belong to the pass within which they were written.
     """
     if not len(columns.get("state", ())):
         return None
@@ -376,13 +364,7 @@ def _read_provenance(path: Path) -> tuple[dict[str, bytes], dict[str, dict[str, 
 
 
 def mode_label(path: Path, table_id: str) -> Callable[[int], str]:
-    """Return how modes, counted from 0, are called: by number, and by name if a log has the table.
-
-    Parameters
-    ----------
-    path, table_id : Path, str
-        The log, and the table of its predictions.
-    """
+    """Return how modes, counted from 0, are called, with names if the log has the table."""
     files = _read_provenance(path)[0].items()
     own = {name: data for name, data in files if name == f"{table_id}.npz"}
     table, _, _ = _read_model(own, table_id)

@@ -21,23 +21,12 @@ FRF_ANGLES = 361  # of the receptance
 def linkage_grid(mechanism: Mechanism, table: Table) -> dict[str, Any] | None:
     """Return the linkage and its modes over the range of a table, as the page draws them.
 
-    It is None if the model has no shapes, as with links that are known by FRFs alone.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-    table : Table
-        Its natural frequencies say which mode of the model is which.
-
-    Returns
-    -------
-    dict or None
-        ``bodies``, ``rigid``, ``lengths``: the name of each body, whether it is rigid, and the
-        number of points of its curve. ``size``: m. ``angles``: (n_angles,), rad. ``places``:
-        (n_angles, n_points, 2), the points of all curves along x and z, m. ``shapes``: (n_modes,
-        n_angles, n_points, 2), their displacements, of which the largest is 1; all are 0 for an
-        overdamped mode. ``joints``, ``centres``: (n_angles, n, 2), and ``ground``: (n, 2), see
-        `Scene`.
+    It is None if the model has no shapes, as with links that are known by FRFs alone. ``bodies``,
+    ``rigid``, ``lengths``: the name of each body, whether it is rigid, and the number of points of
+    its curve. ``size``: m. ``angles``: (n_angles,), rad. ``places``: (n_angles, n_points, 2), the
+    points of all curves along x and z, m. ``shapes``: (n_modes, n_angles, n_points, 2), their
+    displacements, of which the largest is 1; all are 0 for an overdamped mode. ``joints``,
+    ``centres``: (n_angles, n, 2), and ``ground``: (n, 2), as in the scene.
     """
     angles = np.linspace(*table.alpha3_range, DRAWN_ANGLES)
     try:
@@ -79,21 +68,11 @@ def linkage_grid(mechanism: Mechanism, table: Table) -> dict[str, Any] | None:
 def receptance_grid(mechanism: Mechanism, table: Table) -> dict[str, Any] | None:
     """Return the receptance at the drive point over the range of a table, as the page sums it.
 
-    It is None if the table does not hold the receptance at the drive point.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-        It names the drive point and its direction.
-    table : Table
-
-    Returns
-    -------
-    dict or None
-        ``place``: point and direction, as in "E1 z". ``band``: Hz. ``n_terms``. ``angles``:
-        (n_angles,), rad. ``terms``: (n_angles, n_terms, 7), stiffness (real, imaginary), decay,
-        residue (real, imaginary) and rate (real, imaginary), see `PoleResidue`. ``residual``:
-        (n_angles, 2), real and imaginary part. ``frequencies``: (n_angles, n_modes), Hz.
+    It is None if the table does not hold this receptance. ``place``: point and direction, as in "E1
+    z". ``band``: Hz. ``n_terms``. ``angles``: (n_angles,), rad. ``terms``: (n_angles, n_terms, 7),
+    stiffness (real, imaginary), decay, residue (real, imaginary) and rate (real, imaginary), see
+    `PoleResidue`. ``residual``: (n_angles, 2), real and imaginary part. ``frequencies``: (n_angles,
+    n_modes), Hz.
     """
     place = (mechanism.response.point, mechanism.response.direction)
     if place not in table.places:
@@ -120,16 +99,11 @@ def receptance_grid(mechanism: Mechanism, table: Table) -> dict[str, Any] | None
 
 
 def _continued(terms: list[FloatArray]) -> list[FloatArray]:
-    """Order the terms of each angle so that each continues the one at the previous angle.
+    """Order the terms of each angle, (n_terms, 7), so that each continues the one before.
 
     Where damping couples the modes, the terms of a table have no order, and poles that become real
     may change their number. A term without a counterpart gets one with the same poles that does not
     respond.
-
-    Parameters
-    ----------
-    terms : list of ndarray, (n_terms, 7)
-        At each angle; the number of terms may differ.
     """
     paired = [terms[0]]
     for here in terms[1:]:

@@ -96,14 +96,9 @@ def drive_summary(log: Log) -> dict[str, Any]:
 
 
 def overview_html(drives: Sequence[tuple[dict[str, Any], str]], failures: Sequence[str]) -> str:
-    """Return a page with one row for each drive.
+    """Return a page with one row for each drive, and a sentence for each log that failed.
 
-    Parameters
-    ----------
-    drives : sequence of (dict, str)
-        As `drive_summary` returns them, each with the relative address of its page.
-    failures : sequence of str
-        A sentence for each log that could not be read.
+    Each drive is a dict of `drive_summary` with the relative address of its page.
     """
     n_modes = max((len(drive["in_resonance_s"] or ()) for drive, _ in drives), default=0)
     names = [list(drive["mode_names"]) for drive, _ in drives if drive["mode_names"]]

@@ -134,12 +134,9 @@ def provenance_rows(log: Log) -> list[list[str]]:
 
 
 def clock(time: float, whole: float) -> str:
-    """Return a time as the axes of the page show it: in s, or with minutes and hours.
+    """Return a time, s, as the axes of the page show it: in s, or with minutes and hours.
 
-    Parameters
-    ----------
-    time, whole : float, s
-        Time since the first stamp, and duration of the log, which decides on the form.
+    The duration of the log decides on the form.
     """
     if whole < 120.0:
         return f"{time:.2f}"
