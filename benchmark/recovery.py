@@ -25,10 +25,10 @@ from mcap.stream_reader import StreamReader
 from mcap.writer import Writer
 
 from benchmark.report import machine, publish, table
+from linkage_vibration.bags.log_writer import CHUNK_BYTES
 from linkage_vibration.bags.mcap_file import Integers, McapFile
 from linkage_vibration.bags.mcap_records import MESSAGE, MESSAGE_RECORD, RECORD
 from linkage_vibration.bags.recovery import recover
-from linkage_vibration.bags.writing import CHUNK_BYTES
 from linkage_vibration.playback.replay import replay
 from linkage_vibration.support.resources import config_file
 from test.support.drive import DURATION

@@ -22,7 +22,8 @@ from tqdm import tqdm
 
 from benchmark.paper_linkage import PARAMETERS
 from benchmark.report import machine, publish, table
-from linkage_vibration.bags.writing import LogWriter, Topic, offered_qos_profiles
+from linkage_vibration.bags.log_writer import LogWriter
+from linkage_vibration.bags.writing import Topic, offered_qos_profiles
 from linkage_vibration.demo.demo import ENGINE_SPEED
 from linkage_vibration.playback.replay import replay
 from linkage_vibration.review.html import write_page

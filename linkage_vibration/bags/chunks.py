@@ -2,9 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Writes logs by the chunk, thousands of messages at a time.
 
-Own code because the writer of mcap takes 4 times as long for a message, and a replay writes 800,000
-of them in a second (`python -m benchmark.libraries`). The node records with `LogWriter`, which
-writes smaller chunks, so that a crash loses little.
+A replay writes 800,000 messages in a second (`python -m benchmark.libraries`). The node records
+with `LogWriter`, which writes smaller chunks, so that a crash loses little.
 """
 
 from collections.abc import Mapping, Sequence
@@ -13,19 +12,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from mcap import records as mcap
 from mcap.opcode import Opcode
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from linkage_vibration.bags.mcap_file import McapFile
 from linkage_vibration.bags.mcap_records import MESSAGE, MESSAGE_RECORD
-from linkage_vibration.bags.writing import (
-    ROSBAG2_METADATA,
-    Attachment,
-    Topic,
-    rosbag2_metadata,
-)
+from linkage_vibration.bags.writing import Attachment, Topic
 
 Bytes = NDArray[np.uint8]
 Integers = NDArray[np.int64]
@@ -55,21 +48,7 @@ class Messages:
 class ChunkLog:
     """An MCAP log that is written by the chunk, with compression on another thread.
 
-    Parameters
-    ----------
-    path : Path
-        The file to create.
-    topics : sequence of Topic
-        Topics of the log.
-    attachments : sequence of Attachment
-        Files to store in the log.
-    metadata : mapping of str to (mapping of str to str)
-        Facts to store in it, by name.
-
-    Raises
-    ------
-    OSError
-        From any method, if the file cannot be written.
+    Any method raises an OSError if the file cannot be written.
     """
 
     def __init__(
@@ -80,17 +59,13 @@ class ChunkLog:
         metadata: Mapping[str, Mapping[str, str]],
     ) -> None:
         self._path = path
-        self._topics = tuple(topics)
-        self._channels = {topic.name: number for number, topic in enumerate(topics, 1)}
-        self._sequences = dict.fromkeys(self._channels, 0)
+        self._sequences = {topic.name: 0 for topic in topics}
         self._pool = ThreadPoolExecutor(1)
         self._under_way = self._pool.submit(lambda: None)
         self._file = McapFile(path.open("xb"), "ros2")
-        for definition in _definitions(self._topics):
-            self._file.define(definition)
-        for stored in attachments:
-            record = mcap.Attachment(0, 0, stored.name, stored.media_type, stored.data)
-            self._file.attach(record)
+        self._file.add_topics(topics)
+        for attachment in attachments:
+            self._file.attach(attachment.record())
         for name, facts in metadata.items():
             self._file.add_metadata(name, facts)
 
@@ -106,12 +81,9 @@ class ChunkLog:
     def close(self) -> None:
         """Write the summary, and close the file."""
         self._under_way.result()
-        file = self._file
-        counts = [file.counts[channel] for channel in self._channels.values()]
-        facts = rosbag2_metadata(self._path, self._topics, counts, file.first, file.last)
-        file.add_metadata(ROSBAG2_METADATA, facts)
-        file.close()
-        file.stream.close()
+        self._file.add_rosbag2_metadata(self._path)
+        self._file.close()
+        self._file.stream.close()
 
     def __enter__(self) -> "ChunkLog":
         """Return the log itself."""
@@ -141,7 +113,7 @@ class ChunkLog:
             header = np.empty(n, MESSAGE_RECORD)
             header["opcode"] = Opcode.MESSAGE
             header["length"] = MESSAGE.size + size
-            header["channel"] = self._channels[group.topic]
+            header["channel"] = self._file.channels[group.topic]
             header["sequence"] = self._sequences[group.topic] + np.arange(n)
             header["log_time"], header["publish_time"] = group.log_times, group.publish_times
             self._sequences[group.topic] += n
@@ -150,17 +122,3 @@ class ChunkLog:
             sliding_window_view(buffer, rows.shape[1], writeable=True)[begin] = rows
             done += n
         return buffer.tobytes(), begins[order]
-
-
-def _definitions(topics: Sequence[Topic]) -> list[mcap.Schema | mcap.Channel]:
-    """Return the schemas and the channels, both numbered from 1."""
-    types = dict.fromkeys((topic.type, topic.definition) for topic in topics)
-    numbers = {key: number for number, key in enumerate(types, 1)}
-    records: list[mcap.Schema | mcap.Channel] = [
-        mcap.Schema(number, text.encode(), "ros2msg", name)
-        for (name, text), number in numbers.items()
-    ]
-    for number, topic in enumerate(topics, 1):
-        schema = numbers[topic.type, topic.definition]
-        records.append(mcap.Channel(number, topic.name, "cdr", topic.metadata(), schema))
-    return records

@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Writes an MCAP file of whole chunks, with the indexes and the summary that find them.
 
-Own code because the writer of mcap takes messages one by one, and compresses each chunk itself.
+The log of the node, a replay and a recovery are all written by it. Own code because the writer of
+mcap takes messages one by one, 4 times as long for each, and compresses each chunk itself.
 """
 
 import itertools
@@ -10,8 +11,10 @@ import struct
 import zlib
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
+import lz4.frame
 import numpy as np
 import zstandard
 from mcap import records as mcap
@@ -26,21 +29,13 @@ from linkage_vibration.bags.mcap_records import (
     MESSAGE_RECORD,
     RECORD,
 )
-from linkage_vibration.bags.writing import LIBRARY
+from linkage_vibration.bags.writing import LIBRARY, ROSBAG2_METADATA, Topic, rosbag2_metadata
 
 Integers = NDArray[np.int64]
 
 
 def message_heads(content: bytes, begins: Integers) -> NDArray[np.void]:
-    """Return the heads of messages, (n,), whose fields are those of `MESSAGE_RECORD`.
-
-    Parameters
-    ----------
-    content : bytes
-        Records.
-    begins : ndarray, (n,)
-        The position of each message in them.
-    """
+    """Return the heads of messages, (n,), see `MESSAGE_RECORD`, that begin at these positions."""
     # One head begins at each byte; the view costs nothing.
     count = len(content) - MESSAGE_RECORD.itemsize + 1
     return np.ndarray((count,), MESSAGE_RECORD, content, strides=(1,))[begins]
@@ -57,31 +52,49 @@ class Compressed(NamedTuple):
 class McapFile:
     """An MCAP file that is being written; `close` completes it, and its stream remains open.
 
-    Parameters
-    ----------
-    stream : BinaryIO
-        The file, which is empty.
-    profile : str
-        Its profile, such as "ros2".
+    The stream is empty at the beginning; a profile is such as "ros2".
 
     Attributes
     ----------
+    channels : dict of str to int
+        The channels of the topics that `add_topics` added.
     counts : Counter of int
         Numbers of messages by the ids of their channels.
     first, last : int
         Least and greatest log time, ns; 0 if there are no messages.
     """
 
-    def __init__(self, stream: BinaryIO, profile: str) -> None:
+    def __init__(self, stream: BinaryIO, profile: str, compression: str = "zstd") -> None:
         self.stream = stream
+        self.channels: dict[str, int] = {}
         self.counts: Counter[int] = Counter()
         self.first = self.last = 0
+        self._compression = compression
+        self._types: dict[tuple[str, str], int] = {}
         self._definitions: list[mcap.Schema | mcap.Channel] = []
         self._chunks: list[mcap.ChunkIndex] = []
         self._attachments: list[mcap.AttachmentIndex] = []
         self._metadata: list[mcap.MetadataIndex] = []
         stream.write(MAGIC)
         self._write(mcap.Header(profile, LIBRARY))
+
+    @property
+    def chunk_count(self) -> int:
+        """Number of chunks in the file."""
+        return len(self._chunks)
+
+    def add_topics(self, topics: Sequence[Topic]) -> None:
+        """Define channels for new topics, with the schemas that are missing before them."""
+        for topic in topics:
+            key = topic.type, topic.definition
+            if key not in self._types:
+                self._types[key] = len(self._types) + 1
+                data = topic.definition.encode()
+                self.define(mcap.Schema(self._types[key], data, "ros2msg", topic.type))
+        for topic in topics:
+            self.channels[topic.name] = number = len(self.channels) + 1
+            schema = self._types[topic.type, topic.definition]
+            self.define(mcap.Channel(number, topic.name, "cdr", topic.metadata(), schema))
 
     def define(self, record: mcap.Schema | mcap.Channel) -> None:
         """Add a schema, or a channel whose schema was added before it."""
@@ -96,31 +109,31 @@ class McapFile:
         self._attachments.append(index)
 
     def add_metadata(self, name: str, facts: Mapping[str, str]) -> None:
-        """Add a metadata record.
-
-        Parameters
-        ----------
-        name : str
-            Name of the record.
-        facts : mapping of str to str
-            Its content.
-        """
+        """Add a metadata record."""
         position = self._write(mcap.Metadata(name, dict(facts)))
         self._metadata.append(mcap.MetadataIndex(*position, name))
+
+    def add_rosbag2_metadata(self, path: Path) -> None:
+        """Add the record that rosbag2 stores in its files; the path is that of this file."""
+        types = {each.id: each.name for each in self._definitions if isinstance(each, mcap.Schema)}
+        topics = []
+        for channel in self._definitions:
+            if isinstance(channel, mcap.Channel):
+                qos = channel.metadata.get("offered_qos_profiles", "")
+                type_hash = channel.metadata.get("topic_type_hash", "")
+                # This record has no definitions of types.
+                topic = Topic(channel.topic, types.get(channel.schema_id, ""), "", type_hash, qos)
+                topics.append((topic, self.counts[channel.id]))
+        facts = rosbag2_metadata(path, topics, self.first, self.last)
+        self.add_metadata(ROSBAG2_METADATA, facts)
 
     def add_chunk(
         self, content: bytes, begins: Integers, compressed: Compressed | None = None
     ) -> None:
         """Add a chunk and the indexes of its messages.
 
-        Parameters
-        ----------
-        content : bytes
-            Records of messages, and of schemas and channels that were defined before.
-        begins : ndarray, (n,)
-            Position of each message in it, ascending; at least one.
-        compressed : Compressed, optional
-            The content as it is stored; by default it is compressed here by zstd.
+        It contains messages, and schemas and channels that were defined before. The messages begin
+        at ``begins``, (n,), ascending, at least one. It is compressed here unless it is already.
         """
         heads = message_heads(content, begins)
         times, order = heads["log_time"], np.argsort(heads["channel"], kind="stable")
@@ -130,7 +143,7 @@ class McapFile:
         self.first = min(self.first, first) if self._chunks else first
         self.last = max(self.last, last)
         if compressed is None:
-            compressed = Compressed(b"zstd", zstandard.compress(content), zlib.crc32(content))
+            compressed = _compressed(self._compression, content)
         name, data, crc = compressed
         head = CHUNK.pack(first, last, len(content), crc, len(name))
         head += name + struct.pack("<Q", len(data))
@@ -166,7 +179,7 @@ class McapFile:
     def close(self) -> None:
         """Write the summary."""
         self._write(mcap.DataEnd(0))
-        channels = [one.id for one in self._definitions if isinstance(one, mcap.Channel)]
+        channels = [each.id for each in self._definitions if isinstance(each, mcap.Channel)]
         statistics = mcap.Statistics(
             attachment_count=len(self._attachments),
             channel_count=len(channels),
@@ -200,6 +213,16 @@ class McapFile:
         self.stream.write(summary)
         self._write(mcap.Footer(start, offsets, zlib.crc32(footer, zlib.crc32(summary))))
         self.stream.write(MAGIC)
+
+
+def _compressed(compression: str, content: bytes) -> Compressed:
+    data = content
+    if compression == "zstd":
+        data = zstandard.compress(content)
+    elif compression == "lz4":
+        data = lz4.frame.compress(content)
+    name = b"" if compression == "none" else compression.encode()
+    return Compressed(name, data, zlib.crc32(content))
 
 
 def _encoded(record: mcap.McapRecord) -> bytes:

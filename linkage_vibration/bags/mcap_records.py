@@ -9,9 +9,9 @@ import numpy as np
 MAGIC = b"\x89MCAP0\r\n"  # at the beginning and at the end of a file
 RECORD = struct.Struct("<BQ")  # opcode, length of the content
 MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time; then the data
-CHUNK = struct.Struct(
-    "<QQQII"
-)  # first and last log time, size, CRC, length of the name of the compression
+MESSAGE_HEAD = struct.Struct("<BQHIQQ")  # both of them
+# First and last log time, size, CRC, length of the name of the compression.
+CHUNK = struct.Struct("<QQQII")
 MESSAGE_INDEX = struct.Struct("<HI")  # channel, bytes of entries
 MESSAGE_RECORD = np.dtype(
     [
@@ -23,4 +23,4 @@ MESSAGE_RECORD = np.dtype(
         ("publish_time", "<u8"),
     ]
 )
-"""`RECORD`, then `MESSAGE`."""
+"""`MESSAGE_HEAD` for arrays."""

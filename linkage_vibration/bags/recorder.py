@@ -16,7 +16,8 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TypeAlias
 
-from linkage_vibration.bags.writing import Attachment, LogError, LogWriter, Topic
+from linkage_vibration.bags.log_writer import LogWriter
+from linkage_vibration.bags.writing import Attachment, LogError, Topic
 
 # When the queue is this full, messages are dropped. 50,000 messages are 10 s of five topics at
 # 1 kHz, which is longer than the pauses of a working disk. As many more may be on their way to it.

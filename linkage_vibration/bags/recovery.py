@@ -32,7 +32,7 @@ from mcap.opcode import Opcode
 
 from linkage_vibration.bags.mcap_file import Compressed, McapFile, message_heads
 from linkage_vibration.bags.mcap_records import CHUNK, MAGIC, MESSAGE, MESSAGE_INDEX, RECORD
-from linkage_vibration.bags.writing import ROSBAG2_METADATA, Topic, rosbag2_metadata
+from linkage_vibration.bags.writing import ROSBAG2_METADATA
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.support.atomic_files import replacement
 
@@ -485,7 +485,7 @@ class _Rescue:
         for number, count in self._lost.items():
             lost[topics.get(number, f"unknown channel {number}")] += count
         if self._profile == "ros2":
-            file.add_metadata(ROSBAG2_METADATA, self._rosbag2_metadata(file))
+            file.add_rosbag2_metadata(self._output)
         file.add_metadata(
             RECOVERY_METADATA,
             {
@@ -497,19 +497,6 @@ class _Rescue:
         )
         file.close()
         return Recovery(self._output, saved, dict(lost), tuple(self._damages))
-
-    def _rosbag2_metadata(self, file: McapFile) -> dict[str, str]:
-        topics, counts = [], []
-        for channel in self._defined.values():
-            if isinstance(channel, records.Channel):
-                schema = self._defined.get((records.Schema, channel.schema_id))
-                name = schema.name if isinstance(schema, records.Schema) else ""
-                type_hash = channel.metadata.get("topic_type_hash", "")
-                qos = channel.metadata.get("offered_qos_profiles", "")
-                # The metadata have no definitions.
-                topics.append(Topic(channel.topic, name, "", type_hash, qos))
-                counts.append(file.counts[channel.id])
-        return rosbag2_metadata(self._output, topics, counts, file.first, file.last)
 
 
 def _split(records: bytes) -> Iterator[tuple[int, bytes]]:

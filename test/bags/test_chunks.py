@@ -10,7 +10,8 @@ from mcap.reader import make_reader
 from rosbags.rosbag2 import Reader
 
 from linkage_vibration.bags.chunks import ChunkLog, Messages
-from linkage_vibration.bags.writing import Attachment, LogWriter, Topic, offered_qos_profiles
+from linkage_vibration.bags.log_writer import LogWriter
+from linkage_vibration.bags.writing import Attachment, Topic, offered_qos_profiles
 
 QOS = offered_qos_profiles(reliable=True, depth=1)
 TOPICS = [

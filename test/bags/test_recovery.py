@@ -20,14 +20,9 @@ from mcap.writer import CompressionType, IndexType, Writer
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 
+from linkage_vibration.bags.log_writer import LogWriter
 from linkage_vibration.bags.recovery import RECOVERY_METADATA, RecoveryError, recover, summary
-from linkage_vibration.bags.writing import (
-    COMPRESSIONS,
-    Attachment,
-    LogWriter,
-    Topic,
-    offered_qos_profiles,
-)
+from linkage_vibration.bags.writing import COMPRESSIONS, Attachment, Topic, offered_qos_profiles
 from linkage_vibration.cli.main import main
 from linkage_vibration.messages.definitions import message_definition, type_hash
 

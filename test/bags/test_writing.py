@@ -22,11 +22,11 @@ from rosbags.interfaces import QosDurability, QosHistory, QosLiveliness, QosReli
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from linkage_vibration.bags.log_writer import LogWriter
 from linkage_vibration.bags.writing import (
     COMPRESSIONS,
     Attachment,
     LogError,
-    LogWriter,
     Topic,
     offered_qos_profiles,
 )
@@ -234,7 +234,8 @@ def test_killed_process_loses_only_what_was_not_flushed(tmp_path: Path) -> None:
     script = (
         "import os, signal, sys\n"
         "from pathlib import Path\n"
-        "from linkage_vibration.bags.writing import LogWriter, Topic\n"
+        "from linkage_vibration.bags.log_writer import LogWriter\n"
+        "from linkage_vibration.bags.writing import Topic\n"
         "log = LogWriter(Path(sys.argv[1]), [Topic('/a', 'std_msgs/msg/Float64', 'float64 data', "
         "'', '')])\n"
         "for k in range(300):\n"

@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
+from linkage_vibration.bags.log_writer import LogWriter
 from linkage_vibration.bags.reading import BagError
-from linkage_vibration.bags.writing import LogWriter, Topic, offered_qos_profiles
+from linkage_vibration.bags.writing import Topic, offered_qos_profiles
 from linkage_vibration.drawing.plots import PlotError, _draw, _read, plot_predictions
 from linkage_vibration.messages.definitions import message_definition, type_hash
 from linkage_vibration.messages.encoding import encode_message

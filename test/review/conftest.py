@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from linkage_vibration.bags.writing import Attachment, LogWriter, Topic, offered_qos_profiles
+from linkage_vibration.bags.log_writer import LogWriter
+from linkage_vibration.bags.writing import Attachment, Topic, offered_qos_profiles
 from linkage_vibration.messages.definitions import message_definition, type_hash
 from linkage_vibration.messages.encoding import encode_message
 from linkage_vibration.messages.topics import PREDICTION, RESONANCE

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from rosbags.typesys import Stores, get_typestore
 
+from linkage_vibration.bags.log_writer import LogWriter
 from linkage_vibration.bags.message_types import JOINT_STATE
-from linkage_vibration.bags.writing import LogWriter
 from linkage_vibration.cli.main import main
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.messages.topics import log_topic

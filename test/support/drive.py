@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 from rosbags.typesys import Stores, get_typestore
 
+from linkage_vibration.bags.log_writer import LogWriter
 from linkage_vibration.bags.message_types import FLOAT64, JOINT_STATE
-from linkage_vibration.bags.writing import LogWriter
 from linkage_vibration.demo.demo import ENGINE_SPEED, HITCH_JOINT, PTO_SPEED
 from linkage_vibration.messages.topics import log_topic
 
