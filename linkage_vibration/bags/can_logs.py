@@ -153,13 +153,7 @@ class CanLogReader:
         self._frames = self._frames[:0]
 
     def open(self) -> None:
-        """Read the log; damage may raise any exception.
-
-        Raises
-        ------
-        CanLogError
-            If the file is not such a log, or its times are not those of its frames.
-        """
+        """Read the log; damage may raise any exception, such as a `CanLogError`."""
         with _opened(self._path) as file:
             suffix = can_log_suffix(self._path)
             names, frames = _table(_vector(file, suffix) if suffix in _VECTOR else _candump(file))

@@ -28,22 +28,10 @@ _LAST_ADDRESS = 253  # 254 is that of a sender without an address, and 255 stand
 
 
 def find_signal(field: str, database: str) -> CanSignal:
-    """Return the signal that a field names.
+    """Return the signal that a field names, or raise a `FieldError`.
 
-    Parameters
-    ----------
-    field : str
-        A built-in signal, or the message and the signal of a DBC file with a dot between them. An
-        ``@`` and a source address choose one sender, as in ``engine_speed@0``.
-    database : str
-        Path of the DBC file; empty if there is none.
-
-    Raises
-    ------
-    FieldError
-        If there is no such signal, or the address is not one of J1939.
-    DbcError
-        If the DBC file cannot be read, or has no such signal.
+    It is a built-in signal, or MESSAGE.SIGNAL of the DBC file whose path is ``database``. An ``@``
+    and a source address choose one sender, as in ``engine_speed@0``.
     """
     name, at, address = field.partition("@")
     if name in SIGNALS:
@@ -124,13 +112,7 @@ class CanReader(NumberReader):
         return [_name(self._frames.key(data))]
 
     def explain_missing(self, topic: str, names: Sequence[str]) -> str:
-        """Return that no frame contains the signal, which frames there are, and the remedy.
-
-        Parameters
-        ----------
-        topic, names : str and sequence of str
-            The topic that was read, and its frames, see `other_names`.
-        """
+        """Return that no frame contains the signal, which frames there are, and the remedy."""
         if not names:
             return f"{topic} has no frames at all; check its publisher, or choose another topic."
         listing = ", ".join(sorted(names)[:_MAX_NAMES])

@@ -102,13 +102,7 @@ class CanSignal:
     def present(
         self, key: NDArray[np.uint32], dlc: NDArray[np.uint8], payload: NDArray[np.uint8]
     ) -> NDArray[np.bool_]:
-        """Return which frames contain the signal, (n,).
-
-        Parameters
-        ----------
-        key, dlc, payload : ndarray, (n,), ndarray, (n,), and ndarray of uint8, (n, 8)
-            As those of `Frames`.
-        """
+        """Return which frames contain the signal, (n,); the arguments are those of `Frames`."""
         found = (key & np.uint32(self.mask)) == np.uint32(self.key)
         for bits, values in self.selectors:
             found &= (dlc >= bits.n_bytes) & np.isin(bits.raw(payload), values)
@@ -117,10 +111,7 @@ class CanSignal:
     def values(self, dlc: NDArray[np.uint8], payload: NDArray[np.uint8]) -> FloatArray:
         """Return the values in frames that contain the signal, (n,), with NaN for no value.
 
-        Parameters
-        ----------
-        dlc, payload : ndarray, (n,), and ndarray of uint8, (n, 8)
-            As those of `Frames`.
+        The arguments are those of `Frames`.
         """
         values = self.scale * self.bits.numbers(payload) + self.offset
         valid = dlc >= self.bits.n_bytes
@@ -130,13 +121,7 @@ class CanSignal:
         return np.where(valid, values, np.nan)
 
     def explain(self, dlc: int, payload: bytes) -> str:
-        """Return why a frame that contains the signal has no value, as a sentence.
-
-        Parameters
-        ----------
-        dlc, payload : int and bytes
-            As those of `Frame`.
-        """
+        """Return why a frame that contains the signal has no value, as a sentence."""
         if dlc < self.bits.n_bytes:
             return f"{self.name} is in a frame of {dlc} bytes, but needs {self.bits.n_bytes}."
         data = np.frombuffer(payload, np.uint8)[None]
@@ -159,24 +144,15 @@ class CanSignal:
         return not self.mask & _ADDRESS
 
     def from_address(self, address: int) -> "CanSignal":
-        """Return the signal as one sender sends it.
-
-        Parameters
-        ----------
-        address : int
-            The source address of J1939, 0 to 253.
-        """
+        """Return the signal as the sender with this source address, 0 to 253, sends it."""
         return replace(self, key=self.key & ~_ADDRESS | address, mask=self.mask | _ADDRESS)
 
 
 def j1939_key(identifier: int) -> tuple[int, int]:
-    """Return key and mask of the frames of a parameter group, from whoever and however urgent.
+    """Return key and mask of the frames of a parameter group, from any sender with any priority.
 
-    Parameters
-    ----------
-    identifier : int
-        Of one frame of the group, 29 bits. Below 0xF000 a group is sent to one destination, which
-        is not compared.
+    The identifier, 29 bits, is that of one frame of the group. Below 0xF000 a group is sent to one
+    destination, which is not compared.
     """
     mask = 0x1FFFFFFF & ~(_PRIORITY | _ADDRESS)
     if identifier >> 16 & 0xFF < 0xF0:

@@ -64,12 +64,8 @@ class FieldReader(NumberReader):
     """Reads a number of messages of any type, by a path; see `find_path`.
 
     The rate of an element that has a name is read from the list ``rates`` beside its own, which
-    contains float64. It is unknown unless there is one rate for each name.
-
-    Raises
-    ------
-    FieldError
-        If the path does not lead to a number, or to one behind a field whose size is not known.
+    contains float64. It is unknown unless there is one rate for each name. A `FieldError` is raised
+    for a path to no number, or behind a field whose size is not known.
     """
 
     def __init__(self, schema: Schema, type_name: str, path: str, rates: str = "") -> None:

@@ -58,8 +58,11 @@ class LogWriter:
         self.error: LogError | None = None
         self.written = self.dropped = 0
         self._sequences: dict[str, int] = {}
-        self._held: list[bytes] = []  # records of the next chunk
-        self._begins: list[int] = []  # where each of them begins in it
+        # Definitions are written outside of chunks, so that each chunk can be read without others,
+        # and again in the next chunk, whose CRC confirms them.
+        self._definitions = b""
+        self._held: list[bytes] = []  # messages of the next chunk
+        self._begins: list[int] = []  # where each of them begins behind the definitions
         self._held_bytes = self._definition_bytes = self._index_bytes = 0
         if compression not in COMPRESSIONS:
             raise LogError(
@@ -98,7 +101,7 @@ class LogWriter:
     def size(self) -> int:
         """Greatest number of bytes that the file would have if it were closed now."""
         closing = self._index_bytes + _PER_SUMMARY
-        # Definitions occur again in the summary, and in part in a rosbag2 record.
+        # Definitions occur again in a chunk, in the summary, and in part in a rosbag2 record.
         closing += 3 * self._definition_bytes
         chunk = _PER_CHUNK + _PER_CHUNK_CHANNEL * len(self._file.channels)
         held = self._held_bytes + len(self._held) * _PER_MESSAGE
@@ -147,7 +150,9 @@ class LogWriter:
         if self.error is None:
             with self._failures():
                 if self._held:
-                    self._file.add_chunk(b"".join(self._held), np.array(self._begins))
+                    content = b"".join([self._definitions, *self._held])
+                    self._file.add_chunk(content, np.array(self._begins) + len(self._definitions))
+                    self._definitions = b""
                 self._stream.flush()
                 if os.fstat(self._stream.fileno()).st_nlink == 0:
                     raise FileNotFoundError
@@ -181,9 +186,9 @@ class LogWriter:
         self.close()
 
     def _add_topics(self, topics: Sequence[Topic]) -> None:
-        begin = self._stream.tell()
-        self._file.add_topics(topics)
-        self._definition_bytes += self._stream.tell() - begin
+        definitions = self._file.add_topics(topics)
+        self._definitions += definitions
+        self._definition_bytes += len(definitions)
 
     def _forget(self) -> None:
         self._held, self._begins, self._held_bytes = [], [], 0

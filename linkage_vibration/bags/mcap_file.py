@@ -83,23 +83,29 @@ class McapFile:
         """Number of chunks in the file."""
         return len(self._chunks)
 
-    def add_topics(self, topics: Sequence[Topic]) -> None:
-        """Define channels for new topics, with the schemas that are missing before them."""
+    def add_topics(self, topics: Sequence[Topic]) -> bytes:
+        """Define channels for topics, after the schemas that are missing; return these records."""
+        definitions = b""
         for topic in topics:
             key = topic.type, topic.definition
             if key not in self._types:
                 self._types[key] = len(self._types) + 1
                 data = topic.definition.encode()
-                self.define(mcap.Schema(self._types[key], data, "ros2msg", topic.type))
+                schema = mcap.Schema(self._types[key], data, "ros2msg", topic.type)
+                definitions += self.define(schema)
         for topic in topics:
             self.channels[topic.name] = number = len(self.channels) + 1
-            schema = self._types[topic.type, topic.definition]
-            self.define(mcap.Channel(number, topic.name, "cdr", topic.metadata(), schema))
+            kind = self._types[topic.type, topic.definition]
+            channel = mcap.Channel(number, topic.name, "cdr", topic.metadata(), kind)
+            definitions += self.define(channel)
+        return definitions
 
-    def define(self, record: mcap.Schema | mcap.Channel) -> None:
-        """Add a schema, or a channel whose schema was added before it."""
+    def define(self, record: mcap.Schema | mcap.Channel) -> bytes:
+        """Add a schema, or a channel whose schema was added before it; return its bytes."""
         self._definitions.append(record)
-        self._write(record)
+        data = _encoded(record)
+        self.stream.write(data)
+        return data
 
     def attach(self, record: mcap.Attachment) -> None:
         """Add an attachment."""

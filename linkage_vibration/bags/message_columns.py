@@ -39,12 +39,8 @@ def read_columns(
     (n,), or (n, longest) of an array or a sequence, with NaN after a shorter one. Texts are
     objects, so that equal ones are in memory once. Two more columns are ``log_time``, ns, and
     ``place``, the place of each message among those of all topics. Messages are in the order of log
-    times or, if ``as_written``, as an MCAP file has them. Fields that are ``unused`` are left out.
-
-    Raises
-    ------
-    BagError
-        If the log cannot be read, or a message does not match its type.
+    times or, if ``as_written``, in the order of an MCAP file. Fields that are ``unused`` are left
+    out.
     """
     names, done = list(types), 0
     with open_bags([path]) as bags:

@@ -107,24 +107,15 @@ class NumberReader(ABC):
     def read_one(self, data: bytes) -> MessageNumber | None:
         """Return the number of a message in plain CDR; None if it does not contain it.
 
-        Raises
-        ------
-        CdrError
-            If the bytes are not such a message.
-        ReadingError
-            If its number is not reliable.
+        It raises a `CdrError` if the bytes are not such a message, and a `ReadingError` if its
+        number is not reliable.
         """
 
     @abstractmethod
     def read(self, block: Block, rows: Integers, left_out: LeftOut) -> Iterator[Numbers]:
-        """Read many messages of a bag, which gives the same numbers as `read_one` for each.
+        """Read messages of a bag, (n,), which gives the same numbers as `read_one` for each.
 
-        Parameters
-        ----------
-        block, rows : Block and ndarray, (n,)
-            Part of a bag, and which of its messages to read.
-        left_out : LeftOut
-            Counts the messages without a number.
+        Those without a number are counted in ``left_out``.
         """
 
     def other_names(self, data: bytes) -> Sequence[str]:
@@ -134,9 +125,6 @@ class NumberReader(ABC):
     def explain_missing(self, topic: str, names: Sequence[str]) -> str:
         """Return why no number may have come, and the remedy; empty if that is unknown.
 
-        Parameters
-        ----------
-        topic, names : str and sequence of str
-            The topic that was read, and what its messages contain, see `other_names`.
+        The names are those that `other_names` returns for messages on the topic.
         """
         return ""

@@ -75,18 +75,7 @@ class JointStateRecord:
 def read_joint_states(path: Path, topic: str | None = None) -> Iterator[JointStateRecord]:
     """Yield the joint states of a bag in the order of their log times.
 
-    Parameters
-    ----------
-    path : Path
-        A bag file or a ROS 2 bag folder.
-    topic : str, optional
-        The topic to read; by default the only one with joint states.
-
-    Raises
-    ------
-    BagError
-        If the bag cannot be read, if the topic has no joint states, or if several topics have
-        joint states and ``topic`` is not given.
+    They are those of a topic, by default of the only one that has joint states.
     """
     if topic is None:
         topic = _joint_state_topic(path)
@@ -102,20 +91,8 @@ def read_joint_states(path: Path, topic: str | None = None) -> Iterator[JointSta
 def read_messages(path: Path, topic: str) -> Iterator[tuple[int, Any]]:
     """Yield the log times, ns, and the messages of one topic of a bag, of any type.
 
-    The fields of a message are attributes; the definition in the bag decodes it.
-
-    Parameters
-    ----------
-    path : Path
-        A bag file or a ROS 2 bag folder.
-    topic : str
-        The topic to read.
-
-    Raises
-    ------
-    BagError
-        If the bag cannot be read or has no such topic, or if neither the bag nor ROS 2 defines its
-        type.
+    The fields of a message are attributes. The definition in the bag decodes it; a bag without one
+    needs a type that ROS 2 defines.
     """
     with open_bag(path) as bag:
         connections = [c for c in bag.connections if c.topic == topic]
@@ -186,13 +163,7 @@ def open_bag(path: Path) -> "Iterator[BagReader]":
 
 
 def check_topics(bag: "BagReader") -> None:
-    """Raise an error for an open bag whose messages have no topics, as rosbags would skip them.
-
-    Raises
-    ------
-    ValueError
-        If the summary of an MCAP file omits its channels.
-    """
+    """Raise an error for an open bag whose messages have no topics, as rosbags would skip them."""
     if bag.message_count and not bag.connections:
         raise ValueError("its summary has no channels")
 
@@ -200,17 +171,7 @@ def check_topics(bag: "BagReader") -> None:
 def bag_reader(path: Path, *, by_chunks: bool = False) -> "BagReader":
     """Return a reader of a bag, to be opened inside of `bag_errors`.
 
-    Parameters
-    ----------
-    path : Path
-        The bag.
-    by_chunks : bool
-        Whether the reader of a ROS 1 bag is a `ChunkReader`.
-
-    Raises
-    ------
-    BagError
-        If there is no such bag, or rosbags is missing.
+    That of a ROS 1 bag is a `ChunkReader` if it is read ``by_chunks``.
     """
     check_versions("rosbags")
     try:
@@ -256,13 +217,7 @@ def mcap_files(path: Path) -> list[Path]:
 
 @contextmanager
 def bag_errors(path: Path) -> Iterator[None]:
-    """Turn every failure of reading a bag into a `BagError`.
-
-    Raises
-    ------
-    BagError
-        If an exception other than a `LinkageVibrationError` occurs inside.
-    """
+    """Turn every failure of reading a bag into a `BagError`."""
     try:
         yield
     except CanLogError as error:

@@ -101,20 +101,8 @@ class Recorder:
     the file is closed as it is, and the thread tries every few seconds to begin a new one. Every
     file is complete in itself. Its metadata records `RECORDING_METADATA`, and the same with .2, .3
     and so on, give the number of messages dropped since `start`: at the beginning, after each
-    change, and at the end.
-
-    Parameters
-    ----------
-    folder : Path
-        Folder of the logs, which must exist.
-    topics : iterable of Topic
-        Topics of the logs; `add_topic` adds others.
-    provenance : Provenance
-        Origin of the messages; `change_provenance` replaces it.
-    limits : LogLimits
-        Limits of the size of logs.
-    compression : str
-        One of `writing.COMPRESSIONS`.
+    change, and at the end. `add_topic` adds topics, and `change_provenance` replaces the
+    provenance.
 
     Attributes
     ----------
@@ -173,13 +161,7 @@ class Recorder:
         self._topics = {**self._topics, topic.name: topic}
 
     def start(self) -> None:
-        """Begin a log.
-
-        Raises
-        ------
-        LogError
-            If a log is being recorded already, or cannot be created.
-        """
+        """Begin a log; raise a `LogError` if one is being recorded already or cannot be created."""
         if self._thread is not None and self._thread.is_alive():
             raise LogError(f"{self.path} is being recorded already; stop that first.")
         self._wake.clear()
@@ -195,16 +177,10 @@ class Recorder:
         self._thread.start()
 
     def write(self, topic: str, data: bytes, log_time: int, publish_time: int) -> None:
-        """Queue a message, or count it as dropped if the queue is full; ignore it if not active.
+        """Queue a message in CDR, or count it as dropped if the queue is full.
 
-        Parameters
-        ----------
-        topic : str
-            Name of a topic.
-        data : bytes
-            The message in CDR, with its encapsulation header.
-        log_time, publish_time : int
-            Times of receiving and of sending, ns; they need not ascend.
+        It is ignored if nothing is recorded. Its times of receiving and of sending, ns, need not
+        ascend.
         """
         self.write_together([(topic, data, log_time, publish_time)])
 
@@ -412,10 +388,7 @@ class Recorder:
     def _make_room(self) -> float:
         """Return the greatest size of the next file; delete old files if `delete_oldest` is set.
 
-        Raises
-        ------
-        LogError
-            If a limit leaves no room for a file, or an old file cannot be deleted.
+        A `LogError` is raised if a limit leaves no room for a file.
         """
         limits = self._limits
         least = 2 * self._empty_size()

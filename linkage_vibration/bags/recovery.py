@@ -90,24 +90,12 @@ class Recovery:
 def recover(
     source: Path, output: Path, progress: Callable[[int], object] = lambda count: None
 ) -> Recovery:
-    """Write the readable part of an MCAP file to a new and complete one.
+    """Write the readable part of an MCAP file to a new and complete one, which must not exist.
 
     Messages keep their times and their order; schemas, channels, attachments and metadata are kept
     too. A chunk with a wrong CRC is lost. Of a chunk that the end of the file cuts off, everything
-    that can be decompressed is kept. The input is not changed.
-
-    Parameters
-    ----------
-    source, output : Path
-        The file to read, and the file to write, which must not exist.
-    progress : callable
-        It is called with the number of bytes that were read since the last call.
-
-    Raises
-    ------
-    RecoveryError
-        If the input cannot be read or has nothing to save, or the output exists already or cannot
-        be written.
+    that can be decompressed is kept. ``progress`` is called with the number of bytes that were read
+    since its last call. A `RecoveryError` is raised if there is nothing to save or no place for it.
     """
     if os.path.lexists(output):
         raise RecoveryError(f"{output} exists already; choose another name.")

@@ -41,13 +41,7 @@ class ChunkReader(Reader):
         """Skip the index of the messages."""
 
     def uncompressed(self, position: int) -> bytes:
-        """Return the records of the chunk at this position of the file.
-
-        Raises
-        ------
-        ValueError
-            If the file ends too early; damage may also raise other exceptions.
-        """
+        """Return the records of the chunk at this position; damage may raise any exception."""
         assert self.bio is not None
         chunk = self.chunks[position]
         self.bio.seek(chunk.datapos)
@@ -58,17 +52,9 @@ class ChunkReader(Reader):
 
 
 def find_messages(data: bytes) -> tuple[Integers, Integers, Integers, Integers]:
-    """Return the messages among the records of a chunk.
+    """Return the messages among the records of a chunk; damage may raise any exception.
 
-    Returns
-    -------
-    connections, starts, sizes, times : ndarray, (n,)
-        Connection, position, number of bytes and log time in ns of each message.
-
-    Raises
-    ------
-    ValueError
-        If the records do not end with the chunk; damage may also raise other exceptions.
+    They are four columns, (n,): connection, position, number of bytes, and log time in ns.
     """
     found: list[tuple[int, int, int, int]] = []
     position, end = 0, len(data)
@@ -121,25 +107,11 @@ def _uint32(rows: Bytes, at: int) -> Integers:
 def many_to_cdr(
     messages: Bytes, type_name: str, to_cdr: Callable[[bytes, str], bytes]
 ) -> Iterator[tuple[Integers, Bytes]]:
-    """Convert messages of one type and size to CDR.
+    """Convert messages of one type, (n, size), to CDR; yield their indices and bytes by groups.
 
     Joint states of one publisher differ only in their stamps and numbers. So ``to_cdr`` converts
-    one of them, and only their numbers are copied for the others. The same goes for single
-    numbers; messages of another type are converted one by one.
-
-    Parameters
-    ----------
-    messages : ndarray of uint8, (n, size)
-        The messages of ROS 1.
-    type_name : str
-        Their type.
-    to_cdr : callable
-        Converts one message of a type.
-
-    Yields
-    ------
-    which, encoded : ndarray, (m,); ndarray of uint8, (m, n_bytes)
-        Indices of the messages in one group, and what ``to_cdr`` returns for each.
+    one of them, and only their numbers are copied for the others. The same goes for single numbers;
+    messages of another type are converted one by one.
     """
     if type_name not in _MOVES:
         yield from _one_by_one(messages, type_name, to_cdr)

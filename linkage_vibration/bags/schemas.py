@@ -75,12 +75,6 @@ def schema_of_store(store: Any, type_name: str) -> Schema:
     """Return the fields of a type that a type store of rosbags knows.
 
     Types that it does not know are left out.
-
-    Parameters
-    ----------
-    store : rosbags.typesys.store.Typestore
-    type_name : str
-        Such as "sensor_msgs/msg/JointState".
     """
     found: dict[str, tuple[SchemaField, ...]] = {}
     waiting = [type_name]
@@ -94,13 +88,7 @@ def schema_of_store(store: Any, type_name: str) -> Schema:
 
 
 def schema_of_text(text: str, type_name: str) -> Schema:
-    """Return the fields of a type from its definition, which needs rosbags.
-
-    Parameters
-    ----------
-    text, type_name : str
-        The definition as an MCAP schema, and the name of the type.
-    """
+    """Return the fields of a type from its definition as an MCAP schema, which needs rosbags."""
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
     store = get_typestore(Stores.EMPTY)
@@ -119,31 +107,16 @@ def _field(name: str, content: Any) -> SchemaField:
 
 
 def has_header(schema: Schema, type_name: str) -> bool:
-    """Return whether the messages of a type begin with a header.
-
-    Parameters
-    ----------
-    schema, type_name : Schema, str
-        Fields of the type, and its name.
-    """
+    """Return whether the messages of a type begin with a header."""
     return schema[type_name][0] == SchemaField("header", HEADER)
 
 
 def find_path(schema: Schema, type_name: str, path: str) -> tuple[Step, ...]:
     """Return the steps of a path to a number, such as "twist.linear.x" or "position[boom]".
 
-    Parameters
-    ----------
-    schema, type_name : Schema, str
-        Fields of the type, and its name.
-    path : str
-        Names of fields with dots between them. An element of a list has its place, from 0, or its
-        name in the only list of names beside it; a name that is a number is in double quotes.
-
-    Raises
-    ------
-    FieldError
-        If the type has no such number; the error lists those that it has.
+    An element of a list has its place, from 0, or its name in the only list of names beside it; a
+    name that is a number is in double quotes. If the type has no such number, a `FieldError` lists
+    those that it has.
     """
     steps: list[Step] = []
     at, inside = 0, type_name

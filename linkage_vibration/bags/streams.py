@@ -181,18 +181,11 @@ class Bags:
         self.topics = tuple(BagTopic(*key, count) for key, count in sorted(counts.items()))
 
     def defined(self, name: str) -> tuple[str, str, Schema] | None:
-        """Return how the bags define the type of a topic; None if they do not.
+        """Return the definition of a topic's type as an MCAP schema, its hash, and its fields.
 
-        Returns
-        -------
-        text, hash, schema : str, str, Schema
-            The definition as an MCAP schema, its RIHS01 hash (REP 2016), and its fields. Those of
-            ROS 1 are converted to ROS 2, as the messages are.
-
-        Raises
-        ------
-        BagError
-            If a definition cannot be read, or if the bags define the type in several ways.
+        The hash is that of RIHS01 (REP 2016). Types of ROS 1 are converted to ROS 2, as the
+        messages are. The result is None if the bags do not define the type. A `BagError` is raised
+        if they define it in several ways.
         """
         found: list[tuple[str, str, Schema]] = []
         for path, bag in zip(self.paths, self._bags, strict=True):
@@ -212,20 +205,8 @@ class Bags:
     def blocks(self, names: Sequence[str], as_written: bool = False) -> Iterator[Block]:
         """Yield the messages of topics with these names, in the order of log times.
 
-        Messages with the same time come in the order of the bags. Those of ROS 1 are converted to
-        ROS 2.
-
-        Parameters
-        ----------
-        names : sequence of str
-        as_written : bool
-            Yield the messages of an MCAP file in the order in which they were written, whatever
-            their times are.
-
-        Raises
-        ------
-        BagError
-            If a bag is damaged.
+        Messages with the same time come in the order of the bags. Those of an MCAP file come as
+        they were written if ``as_written``. Those of ROS 1 are converted to ROS 2.
         """
         parts = [
             _parts(path, bag, number, names, as_written)
@@ -238,13 +219,7 @@ class Bags:
 
 @contextmanager
 def open_bags(paths: Sequence[Path]) -> Iterator[Bags]:
-    """Open bags that are read as one, such as the parts of a recording.
-
-    Raises
-    ------
-    BagError
-        If one of them is missing, empty, incomplete, damaged or not a bag.
-    """
+    """Open bags that are read as one, such as the parts of a recording, or raise a `BagError`."""
     bags: list[BagReader] = []
     with ExitStack() as stack:
         for path in paths:

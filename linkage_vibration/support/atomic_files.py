@@ -38,19 +38,9 @@ class OutputError(LinkageVibrationError):
 def check_outputs(outputs: Sequence[Path], inputs: Sequence[Path]) -> None:
     """Refuse outputs that cannot be written, before the work begins whose result goes there.
 
-    Parameters
-    ----------
-    outputs : sequence of Path
-        The files to write.
-    inputs : sequence of Path
-        The files to read. Of a folder, its files are inputs, too, and of a YAML file those that it
-        names.
-
-    Raises
-    ------
-    OutputError
-        If an output is a folder or in none, if there is no permission to write it, or if it is, by
-        its name or by a link, an input or another output.
+    An output must be a file in a folder, with permission to write it. By its name or by a link it
+    must not be an input or another output. The files of a folder are inputs, too, and so are the
+    files that a YAML file names.
     """
     read: dict[Path, None] = {}
     for path in inputs:
@@ -77,17 +67,9 @@ def make_folder(folder: Path, error: type[LinkageVibrationError]) -> None:
 
 
 def check_suffix(path: Path, suffix: str) -> None:
-    """Refuse an output whose suffix is that of another format.
+    """Refuse an output whose suffix is that of another format than its own.
 
-    Parameters
-    ----------
-    path, suffix : Path, str
-        The file to write, and the suffix of its format.
-
-    Raises
-    ------
-    OutputError
-        The text names the option that writes the other format.
+    The error names the option that writes the other format.
     """
     other = path.suffix.lower()
     if other != suffix and other in _WRITERS:
@@ -109,12 +91,8 @@ def replacement(path: Path, error: type[LinkageVibrationError]) -> Iterator[Path
     """Give the path of a new file, whose content goes to another path when the context ends.
 
     A regular file is replaced at once, and links are followed. A device, a pipe or the standard
-    output is written through. If the context fails, nothing is left behind.
-
-    Parameters
-    ----------
-    path, error : Path, type
-        The file to write, and the exception to raise if it cannot be written.
+    output is written through. If the context fails, nothing is left behind; a failure to write
+    raises this kind of error.
     """
     target = Path(os.path.realpath(path))
     special = _is_special(path)
@@ -135,39 +113,19 @@ def replacement(path: Path, error: type[LinkageVibrationError]) -> Iterator[Path
 
 
 def write_bytes(path: Path, data: bytes, error: type[LinkageVibrationError]) -> None:
-    """Write a file at once, as `replacement` does.
-
-    Parameters
-    ----------
-    path, data : Path, bytes
-        The file to write, which is replaced if it exists, and its content.
-    error : type
-        The exception to raise if it cannot be written.
-    """
+    """Write a file at once, as `replacement` does."""
     with replacement(path, error) as new:
         new.write_bytes(data)
 
 
 def write_parts(path: Path, parts: Iterable[str], error: type[LinkageVibrationError]) -> None:
-    """Write the parts of a text file in UTF-8, as `write_bytes` does, without holding all of them.
-
-    Parameters
-    ----------
-    path, parts, error : Path, iterable of str, type
-        The file, its content, and the exception to raise if it cannot be written.
-    """
+    """Write the parts of a text file as `write_text` does, without holding all of them."""
     with replacement(path, error) as new, new.open("w", encoding="utf-8", newline="") as file:
         file.writelines(parts)
 
 
 def write_text(path: Path, text: str, error: type[LinkageVibrationError]) -> None:
-    """Write a text file in UTF-8, as `write_bytes` does.
-
-    Parameters
-    ----------
-    path, text, error : Path, str, type
-        The file, its content, and the exception to raise if it cannot be written.
-    """
+    """Write a text file in UTF-8, as `write_bytes` does."""
     write_bytes(path, text.encode(), error)
 
 

@@ -16,26 +16,15 @@ _SIGNALS = (signal.SIGTERM, signal.SIGHUP)
 
 
 def add_strict(parser: ArgumentParser, problems: str) -> None:
-    """Declare the option ``--strict``.
-
-    Parameters
-    ----------
-    parser, problems : ArgumentParser, str
-        The parser of the command, and the problems that are failures then.
-    """
+    """Declare the option ``--strict``, with which these problems of the command are failures."""
     text = f"end with exit code {INCOMPLETE} if {problems}"
     parser.add_argument("--strict", action="store_true", help=text)
 
 
 def exit_code(problems: Sequence[str], strict: bool) -> int:
-    """Print the problems of a finished command to the standard error, and return its exit code.
+    """Print the problems of a finished command, a sentence each, to the standard error.
 
-    Parameters
-    ----------
-    problems : sequence of str
-        A sentence for each.
-    strict : bool
-        Whether a problem is a failure.
+    Return its exit code, that of a failure if there are problems and it is ``strict``.
     """
     for problem in problems:
         print(f"linkage-vibration: {problem}", file=sys.stderr)

@@ -29,17 +29,8 @@ class LocalPool(Executor):
     """Processes on this machine, each with one BLAS thread; a process that dies is replaced.
 
     A `ProcessPoolExecutor` breaks as a whole when one of its processes dies, and does not say which
-    task it was. Here every process is a pool of its own, so a death affects one task only.
-
-    Parameters
-    ----------
-    workers : int, optional
-        Number of processes; by default one for each core that this process may use.
-
-    Raises
-    ------
-    ProcessError
-        If the number is less than 1.
+    task it was. Here every process is a pool of its own, so a death affects one task only. By
+    default there is one for each core that this process may use.
     """
 
     def __init__(self, workers: int | None = None) -> None:
@@ -54,28 +45,15 @@ class LocalPool(Executor):
         self._starting = threading.Lock()
 
     def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
-        """Call a function in one of the processes, and return the future of its result.
+        """Call a picklable function in one of the processes, and return the future of its result.
 
         The future raises `ProcessError` if the process died each time, and `BrokenExecutor` if no
         process can be started.
-
-        Parameters
-        ----------
-        fn : callable
-            The function, which must be picklable like its arguments and its result.
-        *args, **kwargs : object
-            Its arguments.
         """
         return self._threads.submit(self._call, fn, *args, **kwargs)
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """End the processes when their tasks are done.
-
-        Parameters
-        ----------
-        wait, cancel_futures : bool
-            Whether to return only after that, and to cancel the tasks that have not started.
-        """
+        """End the processes when their tasks are done; tasks that wait may be cancelled."""
         self._threads.shutdown(wait, cancel_futures=cancel_futures)
         while not self._idle.empty():
             pool = self._idle.get()

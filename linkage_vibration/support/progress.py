@@ -13,11 +13,6 @@ def table_bar(name: str) -> Iterator[Callable[[float], None]]:
     """Give a function that shows the finished fraction of the stroke, if building takes long.
 
     It is called after each solution of the model, as `build_table` calls its ``progress``.
-
-    Parameters
-    ----------
-    name : str
-        What the bar names.
     """
     from tqdm import tqdm
 

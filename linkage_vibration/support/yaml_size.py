@@ -12,10 +12,7 @@ _ALWAYS = 10_000  # values that any text may hold
 def refuse_unbounded(root: yaml.Node) -> None:
     """Refuse a text that holds more values, with its aliases expanded, than characters.
 
-    Raises
-    ------
-    MarkedYAMLError
-        If it does, or if a value contains itself.
+    A MarkedYAMLError is raised then, and if a value contains itself.
     """
     limit = max(_ALWAYS, root.end_mark.index)
     if _unfolded(root, {}) > limit:

@@ -14,15 +14,18 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import SimpleNamespace
 
-import mcap.writer
+import numpy as np
 import pytest
 import yaml
 from mcap.reader import make_reader
 from mcap.stream_reader import StreamReader
+from numpy.typing import NDArray
 from rosbags.highlevel import AnyReader
 
 from linkage_vibration.bags import recorder as module
+from linkage_vibration.bags.mcap_file import McapFile
 from linkage_vibration.bags.recorder import (
     PROVENANCE_METADATA,
     RECORDING_METADATA,
@@ -91,6 +94,33 @@ def wait(condition: Callable[[], object], seconds: float = 120.0) -> None:
     while not condition():
         assert time.monotonic() < end, "the condition does not become true"
         time.sleep(0.005)
+
+
+class Clock:
+    """A clock that the test sets; it counts how often the recorder looks at it."""
+
+    def __init__(self) -> None:
+        self.now, self.looks = 0.0, 0
+
+    def monotonic(self) -> float:
+        """Return the time, s."""
+        self.looks += 1
+        return self.now
+
+    def wait_for_looks(self, count: int = 3) -> None:
+        """Wait until the recorder has looked at the clock so often."""
+        end = self.looks + count
+        wait(lambda: self.looks >= end)
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
+    """Return the clock of the recorder."""
+    clock = Clock()
+    monkeypatch.setattr(
+        module, "time", SimpleNamespace(monotonic=clock.monotonic, strftime=time.strftime)
+    )
+    return clock
 
 
 @pytest.fixture
@@ -187,24 +217,24 @@ def test_stop_does_not_wait_for_ever(tmp_path: Path, monkeypatch: pytest.MonkeyP
 
 
 def test_slow_disk_has_limited_time_at_the_end(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, clock: Clock
 ) -> None:
-    """Messages that `stop` could not write are counted, and the file is complete."""
+    """Messages that `stop` could not write in 0.3 s, at 0.05 s for two, are counted as dropped."""
     monkeypatch.setattr(module, "DRAIN_TIME", 0.3)
-    monkeypatch.setattr(module, "FLUSH_PERIOD", 0.1)
-    monkeypatch.setattr("linkage_vibration.bags.writing.CHUNK_BYTES", 100)
-    flush = mcap.writer.Writer.flush
+    monkeypatch.setattr(module, "POLL_PERIOD", 120.0)  # so that only `stop` wakes the recorder
+    monkeypatch.setattr("linkage_vibration.bags.log_writer.CHUNK_BYTES", 100)
+    add_chunk = McapFile.add_chunk
 
-    def slow(writer: mcap.writer.Writer) -> None:
-        time.sleep(0.05)
-        flush(writer)
+    def slow(file: McapFile, content: bytes, begins: NDArray[np.int64]) -> None:
+        clock.now += 0.05
+        add_chunk(file, content, begins)
 
-    monkeypatch.setattr(mcap.writer.Writer, "flush", slow)
+    monkeypatch.setattr(McapFile, "add_chunk", slow)
     log = recorder(tmp_path)
     log.start()
     write(log, range(1000), size=50)
     log.stop()
-    assert 0 < log.written < 200
+    assert 2 * 6 <= log.written <= 2 * 8
     assert log.written + log.dropped == 1000
     [path] = logs(tmp_path)
     assert numbers(path) == list(range(log.written))
@@ -239,12 +269,19 @@ def test_splits_by_size_are_complete_in_themselves(tmp_path: Path) -> None:
         assert stored["relative_file_paths"] == [path.name]
 
 
-def test_split_by_duration(tmp_path: Path) -> None:
+def test_split_by_duration(tmp_path: Path, clock: Clock) -> None:
     """The first message after the time begins a new file; an idle recorder begins none."""
-    log = recorder(tmp_path, LogLimits(split_duration=0.2))
+
+    def written() -> bool:
+        clock.now += module.FLUSH_PERIOD
+        return log.written == 3
+
+    log = recorder(tmp_path, LogLimits(split_duration=1e6))
     log.start()
     write(log, range(3))
-    time.sleep(0.7)
+    wait(written)
+    clock.now += 1e6
+    clock.wait_for_looks()
     assert len(logs(tmp_path)) == 1
     write(log, range(3, 6))
     wait(lambda: len(logs(tmp_path)) == 2)
@@ -349,9 +386,10 @@ def test_changed_provenance_begins_a_file(tmp_path: Path) -> None:
 def test_messages_that_belong_together_stay_together(tmp_path: Path) -> None:
     """However often another thread stops and starts a log, it has both of two messages."""
     log, ended = recorder(tmp_path), threading.Event()
+    number = 0
 
     def write_pairs() -> None:
-        number = 0
+        nonlocal number
         while not ended.is_set():
             number += 1
             log.write_together([(topic.name, cdr(number), number, number) for topic in TOPICS])
@@ -360,7 +398,8 @@ def test_messages_that_belong_together_stay_together(tmp_path: Path) -> None:
     thread.start()
     for _ in range(5):
         log.start()
-        time.sleep(0.05)
+        later = number + 100
+        wait(lambda later=later: number > later)
         log.stop()
         assert log.path is not None
         found = numbers(log.path)
@@ -468,8 +507,15 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
 
 
 @pytest.mark.usefixtures("quick")
-def test_full_disk(small_disk: Path) -> None:
+def test_full_disk(small_disk: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A full disk is reported, and recording continues when it has room again."""
+    disk_usage, tries = shutil.disk_usage, []
+
+    def counted(folder: Path) -> object:
+        tries.append(folder)
+        return disk_usage(folder)
+
+    monkeypatch.setattr(shutil, "disk_usage", counted)
     filler = small_disk / "filler"
     filler.write_bytes(bytes(3 * 2**20))
     log = recorder(small_disk, compression="none")
@@ -480,7 +526,7 @@ def test_full_disk(small_disk: Path) -> None:
     assert (log.active, log.recording) == (True, False)
     first = log.path
     assert first is not None
-    time.sleep(0.5)
+    wait(lambda: len(tries) > 2)
     assert logs(small_disk) == [first]
     filler.unlink()
     wait(lambda: log.recording)
@@ -557,28 +603,38 @@ def test_permission_is_taken_and_given_back(ordinary_folder: Path) -> None:
 
 
 def test_killed_process_loses_a_second_at_most(tmp_path: Path) -> None:
-    """After SIGKILL, all messages except those of the last second are recovered."""
+    """After SIGKILL, all messages except those of the last second are recovered.
+
+    One message is written for each millisecond of a clock that waits for the recorder.
+    """
     script = (
         "import sys, time\n"
         "from pathlib import Path\n"
-        "from linkage_vibration.bags.recorder import Provenance, Recorder\n"
+        "from linkage_vibration.bags import recorder\n"
         "from linkage_vibration.bags.writing import Topic\n"
+        "from test.bags.test_recorder import Clock, cdr\n"
+        "clock = recorder.time = Clock()\n"
+        "clock.strftime = time.strftime\n"
+        "recorder.POLL_PERIOD = recorder.LONGEST_POLL = 0.001\n"
         "topic = Topic('/a', 'std_msgs/msg/Float64', 'float64 data', '', '')\n"
-        "log = Recorder(Path(sys.argv[1]), [topic], Provenance())\n"
+        "log = recorder.Recorder(Path(sys.argv[1]), [topic], recorder.Provenance())\n"
         "log.start()\n"
-        "while True:\n"
-        "    now = time.time_ns()\n"
-        "    log.write('/a', b'\\0\\1\\0\\0' + now.to_bytes(8, 'little'), now, now)\n"
-        "    time.sleep(0.001)\n"
+        "for k in range(1700):\n"
+        "    log.write('/a', cdr(k), k, k)\n"
+        "    clock.now = 1e-3 * k\n"
+        "    if k % 100 == 0:\n"
+        "        clock.wait_for_looks(300)\n"
+        "print('written', flush=True)\n"
+        "sys.stdin.read()\n"
     )
-    process = subprocess.Popen([sys.executable, "-c", script, str(tmp_path)])
-    wait(lambda: logs(tmp_path))
-    time.sleep(1.7)
-    killed = time.time_ns()
+    command = [sys.executable, "-c", script, str(tmp_path)]
+    process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+    assert process.stdout is not None
+    assert process.stdout.readline() == b"written\n"
     process.send_signal(signal.SIGKILL)
-    process.wait()
+    process.communicate()
     [path] = logs(tmp_path)
     recover(path, tmp_path / "whole.mcap")
-    times = numbers(tmp_path / "whole.mcap")
-    assert len(times) > 500
-    assert killed - times[-1] < 10**9
+    found = numbers(tmp_path / "whole.mcap")
+    assert found == list(range(len(found)))
+    assert len(found) >= 1700 - 1000
