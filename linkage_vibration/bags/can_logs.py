@@ -86,16 +86,11 @@ _CHANNELS = 64
 _HEADER = 20  # lines of an ASC log, in which its beginning is
 _ERROR = 1 << 29  # SocketCAN's flag of an error frame
 
-_TIME = rb"\s*\((\d{4}-\d\d-\d\d \d\d:\d\d:\d\d|\d{1,11})\.(\d{1,9})\)\s+"
-_ID = rb"([0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})"
-_LOG = re.compile(
-    _TIME + rb"(\S+)\s+" + _ID + rb"#(?:(R)([0-8]?)|(?:#[0-9A-Fa-f])?((?:[0-9A-Fa-f]{2}\.?)*))"
-    rb"(?:_[0-9A-Fa-f])?(?:\s+[RT])?\s*"
+_LINE = re.compile(
+    rb"\s*\((\d{1,11})\.(\d{1,9})\)\s+(\S+)\s+([0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})"
+    rb"#(?:(R)([0-8]?)|(?:#[0-9A-Fa-f])?((?:[0-9A-Fa-f]{2}\.?)*))(?:_[0-9A-Fa-f])?(?:\s+[RT])?\s*"
 )
-_CONSOLE = re.compile(
-    _TIME + rb"(\S+)\s+(?:[RT]X\s+\S\s+\S\s+)?" + _ID + rb"\s+\[(\d+)\]\s*"
-    rb"(?:(remote request)|((?:[0-9A-Fa-f]{2}\s*)*))(?:ERRORFRAME|'.*')?\s*"
-)
+_SHOWN = re.compile(rb"\s*(\(.*\)\s+)?\S+\s.*\b[0-9A-Fa-f]{3,8}\s+\[\d+\]")  # on a console
 
 
 class CanLogError(LinkageVibrationError):
@@ -230,10 +225,7 @@ def _check_times(times: NDArray[np.int64]) -> None:
     """Raise an error for times that are not those of the frames."""
     steps = np.diff(times)
     if times[0] < _ABSOLUTE and (steps < 0).sum() > _MIXED * len(steps):
-        raise CanLogError(
-            "has differences of times instead of times; record it with `candump -L` or "
-            "`candump -ta`."
-        )
+        raise CanLogError("has differences of times instead of times; record it with `candump -l`.")
     behind = np.maximum.accumulate(times) - times
     if behind.max() > _DISORDER:
         at = int(np.argmax(behind > _DISORDER))
@@ -244,35 +236,28 @@ def _check_times(times: NDArray[np.int64]) -> None:
 
 
 def _candump(file: BinaryIO) -> Iterator[_Row]:
-    """Yield the frames of a text of candump, as `candump -L` or `candump -ta` writes it."""
+    """Yield the frames of a text of candump, as `candump -l` or `candump -L` writes it."""
     for number in count(1):
         line = file.readline(_LONGEST)
         if number == 1:
             line = line.removeprefix(BOM_UTF8)
         if not line:
             return
-        match = _LOG.fullmatch(line)
-        if match is None and (match := _CONSOLE.fullmatch(line)) is None:
+        match = _LINE.fullmatch(line)
+        if match is None:
             cut_off = number > 1 and not line.endswith(b"\n") and len(line) < _LONGEST
             if cut_off or not line.strip():
                 continue
             raise _foreign(number, line)
-        whole, fraction, channel, identifier, *rest = match.groups()
-        if match.re is _LOG:
-            remote, length, text = rest
-        else:
-            length, remote, text = rest
+        seconds, fraction, channel, identifier, remote, length, text = match.groups()
+        if int(seconds) > _LATEST:
+            raise _foreign(number, line)
+        time = int(seconds) * 10**9 + int(fraction.ljust(9, b"0"))
         data = bytes.fromhex((text or b"").replace(b".", b"").decode())
         value = int(identifier, 16)
         error = len(identifier) == 8 and bool(value & _ERROR)
         dlc = len(data) if remote is None else int(length or 0)
-        if match.re is _CONSOLE and remote is None and int(length) != len(data):
-            raise _foreign(number, line)
         extended = len(identifier) == 8 and not error
-        try:
-            time = _nanoseconds(whole, fraction)
-        except ValueError:
-            raise _foreign(number, line) from None
         yield (
             time,
             channel.decode(errors="replace"),
@@ -287,27 +272,15 @@ def _candump(file: BinaryIO) -> Iterator[_Row]:
 
 def _foreign(number: int, line: bytes) -> CanLogError:
     text = line[:60].decode(errors="replace").rstrip()
-    if re.match(rb"\s*\S+\s+[0-9A-Fa-f]{3,8}\s+\[\d+\]", line):
+    if _SHOWN.match(line):
         return CanLogError(
-            f"has no times (line {number} is {text!r}); record it with `candump -L` or "
-            "`candump -ta`."
+            f"is what candump shows on a console (line {number} is {text!r}); record it with "
+            "`candump -l` or `candump -L`."
         )
     return CanLogError(
         f"is not a log of candump, as line {number} is {text!r}; correct or delete this line, or "
         "give another file."
     )
-
-
-def _nanoseconds(whole: bytes, fraction: bytes) -> int:
-    """Return a time of candump in ns; a date is read as UTC, because it does not name its zone."""
-    if b"-" in whole:
-        date = datetime.strptime(whole.decode(), "%Y-%m-%d %H:%M:%S")
-        seconds = int(date.replace(tzinfo=timezone.utc).timestamp())
-    else:
-        seconds = int(whole)
-    if seconds > _LATEST:
-        raise ValueError(f"{seconds} s is too late")
-    return seconds * 10**9 + int(fraction.ljust(9, b"0"))
 
 
 def _vector(file: BinaryIO, suffix: str) -> Iterator[_Row]:

@@ -158,17 +158,6 @@ def test_channels_and_bags_are_merged(tmp_path: Path) -> None:
     assert [(time, frame) for time, _, frame in found] == wanted
 
 
-CONSOLE = """\
- (1700000000.000100)  can0  0CFE45F0   [8]  7D FF FF FF FF FF FF FF
- (1700000000.000200)  can0  123   [3]  11 22 33
- (1700000000.000300)  can0  RX - -  0CFE45F0   [1]  7E
- (1700000000.000400)  can0  0CFE45F0   [0]  remote request
- (1700000000.000500)  can0  20000080   [8]  00 00 00 00 00 00 00 00   ERRORFRAME
- (1700000000.000600)  can0  0CFE45F0  [12]  01 02 03 04 05 06 07 08 09 0A 0B 0C
- (1700000000.000700)  can0  0CFE45F0   [4]  41 42 43 27   'ABC''
-
-(2023-11-14 22:13:20.000800)  can0  0CFE45F0   [0]
-"""
 LOG = """\
 (1700000000.000100) can0 0CFE45F0#7DFFFFFFFFFFFFFF
 (1700000000.000200) can0 123#112233
@@ -181,11 +170,10 @@ LOG = """\
 """
 
 
-@pytest.mark.parametrize("text", [CONSOLE, LOG], ids=["console", "log"])
-def test_text_of_candump(tmp_path: Path, text: str) -> None:
-    """Both texts of candump give the same: data, remote, error and CAN FD frames, and no data."""
+def test_text_of_candump(tmp_path: Path) -> None:
+    """A text of candump has data, remote, error and CAN FD frames, and frames without data."""
     path = tmp_path / "candump-2023-11-14.log"
-    path.write_text(text)
+    path.write_text(LOG)
     found = frames_of(path)
     assert [time - EPOCH for time, *_ in found] == [100_000 * k for k in range(1, 9)]
     extended = EXTENDED | 0x0CFE45F0
@@ -216,18 +204,20 @@ FAULTS = {
     "other text": ("[INFO] [1700000000.1] [node]: hello\n", r"not a log of candump, as line 1 is"),
     "one word": ("hello", r"not a log of candump, as line 1 is 'hello'"),
     "a damaged line": (LINE + "(1700000000.1) can0 0CFE#7\n" + LINE, r"as line 2 is .*correct or"),
-    "no such day": (LINE + LINE.replace("1700000000", "2026-02-30 10:00:00"), r"as line 2 is"),
     "too late": (LINE.replace("1700000000", "9999999999"), r"as line 1 is"),
-    "wrong length": (" (1700000000.000100)  can0  123   [3]  11 22\n", r"as line 1 is"),
-    "no times": ("  can0  0CFE45F0   [1]  7D\n", r"has no times \(line 1 .*candump -ta"),
+    "console": (
+        " (1700000000.000100)  can0  RX - -  0CFE45F0   [1]  7D\n",
+        r"is what candump shows on a console \(line 1 .*record it with `candump -l`",
+    ),
+    "console without times": ("  can0  123   [1]  7D\n", r"is what candump shows on a console"),
     "one long line": ("x" * 10**6, r"not a log of candump"),
     "clock set back": (
         LINE + LINE.replace("1700000000", "1699999998"),
         r"goes back in time by 2.000 s at frame 2.*split the log there",
     ),
     "differences": (
-        "".join(f" (000.0{10 + k * 7 % 5}000)  can0  123   [1]  11\n" for k in range(20)),
-        r"has differences of times instead of times; record it with `candump -L`",
+        "".join(f"(000.0{10 + k * 7 % 5}000) can0 123#11\n" for k in range(20)),
+        r"has differences of times instead of times; record it with `candump -l`",
     ),
     "many channels": (
         "".join(LINE.replace("can0", f"can{k}") for k in range(65)),
@@ -283,7 +273,7 @@ def test_slight_disorder_is_sorted(tmp_path: Path) -> None:
 def test_relative_times(tmp_path: Path) -> None:
     """A log whose times begin at 0 keeps them, unless they are differences."""
     path = tmp_path / "bus.log"
-    path.write_text(" (000.000000)  can0  123   [1]  11\n (001.250000)  can0  123   [1]  12\n")
+    path.write_text("(000.000000) can0 123#11\n(001.250000) can0 123#12\n")
     assert [time for time, *_ in frames_of(path)] == [0, 1_250_000_000]
     asc = tmp_path / "bus.asc"
     text = "date Tue Nov 14 10:13:20.500 pm 2023\nbase hex  timestamps absolute\n"
