@@ -331,6 +331,9 @@ def test_oldest_are_deleted_if_asked(tmp_path: Path) -> None:
     # The name of a deleted log may be used again within the same second.
     kept = sorted([number for path in logs(tmp_path) for number in numbers(path)])
     assert 2000 < len(kept) < 10_000
+    # A file has a quarter of the limit, but for the last one.
+    sizes = sorted(path.stat().st_size for path in logs(tmp_path))
+    assert 150_000 < sizes[1] <= sizes[-1] <= 200_000
     assert kept == list(range(20_000 - len(kept), 20_000))
 
 

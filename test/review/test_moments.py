@@ -83,3 +83,51 @@ def test_shares_of_a_known_drive(drive: Path) -> None:
     edges, shares = found
     np.testing.assert_allclose(shares[shares > 0.0], [0.5, 0.5], rtol=1e-9)
     assert edges[np.flatnonzero(shares)].tolist() == pytest.approx([0.0, 0.2])
+
+
+def test_first_and_last_prediction_of_a_moment(drive: Path) -> None:
+    """A moment holds its first and its last warning, and the numbers at the nearest of them."""
+    log = with_resonances(
+        read_log(drive), [0, 1, 1, 1, 0], ["a"] * 5, [1] * 5, [0.3, -0.08, -0.02, -0.05, 0.3]
+    )
+    [found] = moments(log)
+    assert (found.first, found.last, found.nearest) == (1, 3, 2)
+    assert (found.start, found.end) == (float(log.times[1]), float(log.times[3]))
+    assert found.natural_frequency == log.natural_frequencies[2, 1]
+    assert (found.relative_margin, found.crossed) == (-0.02, False)
+    assert moments(replace(log, resonances=None)) == []
+
+
+@pytest.mark.parametrize(("margin", "crossed"), [(0.0, True), (1e-9, False)])
+def test_a_margin_of_zero_is_a_crossing(drive: Path, margin: float, crossed: bool) -> None:
+    """The frequencies crossed if the margin reached zero, from either side."""
+    for sign in (1.0, -1.0):
+        margins = [sign * 0.05, sign * margin, sign * 0.04]
+        log = with_resonances(read_log(drive), [1] * 3, ["a"] * 3, [0] * 3, margins)
+        assert moments(log)[0].crossed == crossed
+
+
+def test_bins_of_shares(drive: Path) -> None:
+    """Angles have 45 bins over the table; margins have 25 of 2 % up to 50 %, the last one more."""
+    log = read_log(drive)
+    edges, shares = angle_shares(log)
+    assert log.table is not None
+    assert (len(edges), len(shares)) == (46, 45)
+    assert (edges[0], edges[-1]) == log.table.alpha3_range
+    alone = angle_shares(replace(log, table=None))[0]
+    known = log.crank_angle[np.isfinite(log.peak_magnitude)]
+    assert (alone[0], alone[-1]) == (known.min(), known.max())
+    made = with_resonances(log, [1] * 5, ["a"] * 5, [0] * 5, [0.019, -0.021, 0.499, 0.7, 3.0])
+    found = margin_shares(made)
+    assert found is not None
+    np.testing.assert_allclose(found[0], np.arange(26) * 0.02, atol=1e-12)
+    assert np.flatnonzero(found[1]).tolist() == [0, 1, 24]
+    assert found[1][24] == pytest.approx(2.0 * found[1][0])  # the last prediction has no duration
+
+
+def test_shares_of_a_single_moment(drive: Path) -> None:
+    """One prediction takes no time, so that no share of it is known."""
+    log = with_resonances(read_log(drive), [1], ["a"], [0], [0.01])
+    found = margin_shares(log)
+    assert found is not None
+    assert not found[1].any()
