@@ -63,6 +63,7 @@ TEST = [
 # The benchmarks need "ros" too; CalculiX comes with `apt-get install calculix-ccx`.
 BENCH = [
     *OPTIONAL,
+    "cosmic-ray>=8.4",
     "exudyn",
     "fmpy",
     "gmsh",

@@ -42,6 +42,7 @@ STEPS = (
     "replay",
     "long_bag",
     "review_page",
+    "mutants",
     "soak",
 )
 

@@ -34,7 +34,7 @@ from linkage_vibration.table.table import load_table
 
 ROOT = Path(__file__).resolve().parents[1]
 # Codes that the benchmarks compare this package with, and that its tests do without.
-PEERS = {"gmsh", "pyFBS", "rerun", "sdynpy"}
+PEERS = {"cosmic_ray", "gmsh", "parso", "pyFBS", "rerun", "sdynpy"}
 
 
 @pytest.fixture(scope="module")

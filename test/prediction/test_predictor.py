@@ -4,7 +4,7 @@
 
 import math
 import sys
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -12,7 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from linkage_vibration.mechanics.model import LinkageModel
-from linkage_vibration.prediction.predictor import Predictor, Status
+from linkage_vibration.prediction.batch import predict_many
+from linkage_vibration.prediction.predictor import Predictor, Status, fault, uncertain_modes
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.resources import config_file
 from linkage_vibration.table.table import load_table
@@ -181,3 +182,93 @@ def test_predictions_are_compared_by_identity(predictor: Predictor) -> None:
     first, second = predictor.predict(2.0), predictor.predict(2.0)
     assert first == first
     assert first != second
+
+
+def test_table_of_nearly_a_turn_does_not_turn(predictor: Predictor) -> None:
+    """A crank turns all the way only if its table has a whole turn, up to 1e6 rad."""
+    table = predictor.table
+    for turn, turns in ((2.0 * math.pi, True), (2.0 * math.pi * (1.0 - 1e-9), False)):
+        alpha3 = 1.0 + turn * (table.alpha3 - table.alpha3[0]) / np.ptp(table.alpha3)
+        around = Predictor(replace(table, alpha3=alpha3, toggles=None))
+        found = around.angle_in_table(3.0 + 2.0 * math.pi)
+        assert (found is None) != turns
+        assert not turns or found == pytest.approx(3.0)
+        assert around.angle_in_table(0.5) == (pytest.approx(0.5 + 2.0 * math.pi) if turns else None)
+        assert (around.angle_in_table(9.99e5) is None) != turns
+        assert around.angle_in_table(1.01e6) is None
+
+
+@pytest.mark.parametrize(
+    ("frequency", "ratio", "uncertain"),
+    [(0.0099, 0.199, False), (0.0101, 0.0, True), (0.0, 0.201, True)],
+)
+def test_modes_that_are_uncertain(frequency: float, ratio: float, uncertain: bool) -> None:
+    """A mode is uncertain above 1 % of its frequency or 20 % of its damping ratio, once or more."""
+    frequencies, ratios = np.array([[10.0, 20.0]] * 3), np.array([[0.02, 0.05]] * 3)
+    stddevs = np.zeros((2, 3, 2))
+    stddevs[0, 1, 1], stddevs[1, 2, 1] = 20.0 * frequency, 0.05 * ratio
+    stddevs[:, 0, :] = math.nan  # it is not known there
+    found = uncertain_modes(frequencies, stddevs[0], ratios, stddevs[1])
+    assert len(found) == uncertain
+    percent = f"{100.0 * frequency:.2g} % of its natural frequency and {100.0 * ratio:.2g} %"
+    assert all("Mode 2 is uncertain" in text and percent in text for text in found)
+
+
+@pytest.mark.parametrize(
+    ("degrees", "words"),
+    [
+        (400.0, "400 deg is not in the table's 90 to 180 deg"),
+        (480.0, "but 120 deg is: is the joint's zero a turn off?"),
+        (-240.0, "but 120 deg is: is the joint's zero a turn off?"),
+        (math.nan, "is not a finite number"),
+        (120.0, ""),
+    ],
+)
+def test_faults_of_angles(predictor: Predictor, degrees: float, words: str) -> None:
+    """A fault names the angle and the range, and a turn that would bring it into the table."""
+    found = fault(predictor.predict(math.radians(degrees)), predictor.table.alpha3_range)
+    assert words in found
+    assert bool(found) == bool(words)
+    assert ("a turn off" in words) == ("a turn off" in found)
+    far = predictor.predict(math.radians(120.0 + 360.0 * 2778))  # 1.00008e6 deg
+    assert "a turn off" not in fault(far, predictor.table.alpha3_range)
+    near = predictor.predict(math.radians(120.0 + 360.0 * 2777))
+    assert "a turn off" in fault(near, predictor.table.alpha3_range)
+
+
+def test_parts_of_a_deviation(predictor: Predictor) -> None:
+    """A deviation is the root of the sum of the squares of its parts, of which two are known here.
+
+    That by the angle is the slope times its deviation, that by the table its bound of the error.
+    """
+    alpha3, stddev = 2.3, 1e-3
+    one, shares = predictor.predict(alpha3, stddev), predictor.shares(alpha3, stddev)
+    step = 1e-5
+    ends = [predictor.predict(alpha3 + s) for s in (-step, step)]
+    for row, name in enumerate(("natural_frequencies", "damping_ratios")):
+        low, high = (getattr(each, name) for each in ends)
+        turned = np.abs(high - low) / (2.0 * step) * stddev
+        np.testing.assert_allclose(shares.angle[row], turned, rtol=1e-4)
+        missed = one.interpolation_error * getattr(one, name)
+        np.testing.assert_allclose(shares.table[row], missed, rtol=1e-12)
+        total = (one.frequency_stddev, one.damping_ratio_stddev)[row]
+        np.testing.assert_allclose(total, np.hypot(turned, missed), rtol=1e-4)
+    assert not shares.links.any()
+    assert not shares.parameters.any()
+    assert np.isnan(predictor.shares(0.0).total).all()
+
+
+def test_many_predictions_are_single_ones(predictor: Predictor) -> None:
+    """Predictions at many angles, in and out of the table, are those at each of them."""
+    angles = np.array([2.0, 0.0, math.nan, *predictor.table.alpha3_range, 9.0, 2.5, math.inf])
+    stddevs = np.linspace(0.0, 0.01, len(angles))
+    many = predict_many(predictor, angles, stddevs)
+    assert many.status.tolist() == [0, 1, 2, 0, 0, 1, 0, 2]
+    for i, (angle, stddev) in enumerate(zip(angles.tolist(), stddevs.tolist(), strict=True)):
+        one = predictor.predict(angle, stddev)
+        for column in fields(one):
+            expected = getattr(one, column.name)
+            if column.name == "table_id":
+                assert many.table_id == expected
+            else:
+                np.testing.assert_array_equal(getattr(many, column.name)[i], expected)
