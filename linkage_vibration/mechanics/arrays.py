@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Types of arrays, and equations in stacks."""
+"""Types of arrays, and what stacks of matrices need."""
 
 from typing import Any
 
@@ -11,6 +11,11 @@ BoolArray = NDArray[np.bool_]
 ComplexArray = NDArray[np.complex128]
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]
+
+
+def symmetric(matrices: NDArray[Any]) -> NDArray[Any]:
+    """Return the symmetric part of matrices, (..., n, n), symmetric to the last bit."""
+    return np.asarray((matrices + matrices.swapaxes(-1, -2)) / 2.0)
 
 
 def solve_stack(matrices: NDArray[Any], right: NDArray[Any]) -> NDArray[Any]:

@@ -90,7 +90,7 @@ def closed_angles(pins: Pins, guess: FloatArray, free: BoolArray) -> FloatArray:
     return guess + np.reshape(kept, (len(kept), len(guess)))
 
 
-def described(mechanism: Mechanism, poses: Sequence[FloatArray], chosen: int) -> str:
+def pose_notice(mechanism: Mechanism, poses: Sequence[FloatArray], chosen: int) -> str:
     """Return how the chosen pose differs from the angles given; empty if those are clear.
 
     Poses are angles of the bodies, (n_bodies,), rad, the nearest first. The chosen one is the

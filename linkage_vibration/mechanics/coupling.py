@@ -9,7 +9,13 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import block_diag
 
-from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray, IntArray, solve_stack
+from linkage_vibration.mechanics.arrays import (
+    ComplexArray,
+    FloatArray,
+    IntArray,
+    solve_stack,
+    symmetric,
+)
 from linkage_vibration.mechanics.compatibility import CouplingError, Joining, row_space
 from linkage_vibration.mechanics.components import Component
 
@@ -21,6 +27,7 @@ _ROUNDING_LIMIT = 1e-6  # A larger error by rounding, of the motion, is refused.
 class UncoupledSystem:
     """All components side by side, uncoupled and so the same in every configuration."""
 
+    components: tuple[Component, ...]
     n_interface: int  # interface DoFs of all components; they come first, then inner coordinates
     rows: dict[str, IntArray]  # indices of the coordinates of each component, (n_component,)
     mass: FloatArray  # (n, n), SI; ``loss`` is the imaginary part of the stiffness
@@ -66,6 +73,7 @@ def uncoupled_system(components: Sequence[Component]) -> UncoupledSystem:
     place = np.argsort(interface + inner)
     ends = np.cumsum([0] + [len(component.mass) for component in components])
     return UncoupledSystem(
+        components=tuple(components),
         n_interface=len(interface),
         rows={c.name: place[ends[i] : ends[i + 1]] for i, c in enumerate(components)},
         mass=block_diag(*(c.mass for c in components))[order],
@@ -160,7 +168,7 @@ def congruent(
     if stretch is not None and weights is not None:
         interface = interface + stretch.T @ (weights[:, np.newaxis] * stretch)
     product = np.empty((len(matrix) - n + free,) * 2)
-    product[:free, :free] = (interface + interface.T) / 2.0
+    product[:free, :free] = symmetric(interface)
     product[:free, free:] = basis.T @ matrix[:n, n:]
     product[free:, :free] = product[:free, free:].T
     product[free:, free:] = matrix[n:, n:]

@@ -18,7 +18,7 @@ import numpy as np
 from scipy.linalg import eigh
 
 from linkage_vibration.errors import LinkageVibrationError
-from linkage_vibration.mechanics.arrays import FloatArray
+from linkage_vibration.mechanics.arrays import FloatArray, symmetric
 from linkage_vibration.mechanics.components import CENTRE_OF_GRAVITY, Component, FrfComponent
 from linkage_vibration.mechanics.dofs import InterfaceDof
 
@@ -105,8 +105,7 @@ class ModalRatio(_ViscousDamping):
         momenta = mass @ shapes
         floor = values.max(initial=0.0) * 1e-13  # rigid motions, apart from rounding
         omega = np.sqrt(np.where(values > floor, values, 0.0))
-        damped = (momenta * (2.0 * self.ratio * omega)) @ momenta.T
-        return np.asarray((damped + damped.T) / 2.0)
+        return symmetric((momenta * (2.0 * self.ratio * omega)) @ momenta.T)
 
 
 @dataclass(frozen=True, slots=True)
@@ -350,14 +349,10 @@ class Mechanism:
     @cached_property
     def joints(self) -> tuple[tuple[str, str, str], ...]:
         """Every pin as (point, one body, other body); k bodies at a point make k - 1 pins."""
-        points: dict[str, None] = {}
-        for name in (GROUND, *(body.name for body in self.bodies)):
-            points.update(dict.fromkeys(self.local_points(name)))
-        pins = []
-        for point in points:
-            first, *others = self.owners(point)
-            pins += [(point, first, other) for other in others]
-        return tuple(pins)
+        owners = {point: self.owners(point) for places in self._points.values() for point in places}
+        return tuple(
+            (point, first, other) for point, (first, *others) in owners.items() for other in others
+        )
 
     def interface_dofs(self, link: Link, *, spatial: bool) -> tuple[InterfaceDof, ...]:
         """Return the DoFs at which a link is joined, point by point.

@@ -13,7 +13,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from linkage_vibration.errors import LinkageVibrationError
-from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray, IntArray, solve_stack
+from linkage_vibration.mechanics.arrays import (
+    ComplexArray,
+    FloatArray,
+    IntArray,
+    solve_stack,
+    symmetric,
+)
 from linkage_vibration.mechanics.compatibility import row_space
 
 Matrix = FloatArray | ComplexArray
@@ -62,7 +68,7 @@ def component_frf(
             "resonates there without damping, or has a coordinate without mass and stiffness; "
             "add damping, or change the frequencies."
         )
-    return np.asarray((frf + frf.swapaxes(1, 2)) / 2.0, dtype=complex)
+    return symmetric(frf)
 
 
 def component_receptance(

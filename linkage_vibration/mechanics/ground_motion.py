@@ -15,7 +15,6 @@ import numpy as np
 
 from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray
 from linkage_vibration.mechanics.base import mount_springs
-from linkage_vibration.mechanics.components import Component
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.model import ModelError, Place, Solution
 from linkage_vibration.mechanics.response import PoleResidue, pole_residue
@@ -78,9 +77,8 @@ def _with_the_ground(
     """
     model = solution.model
     moved = np.zeros(len(model.system.mass))
-    along = np.array([1.0, 0.0] if direction == "x" else [0.0, 1.0])
-    for component in model.components:
-        assert isinstance(component, Component)  # else it could not be solved
+    along = np.eye(2)["xz".index(direction)]
+    for component in model.system.components:
         local = component.own_axes(along, solution.configuration.angle(component.name))
         moved[model.system.rows[component.name]] = component.translation(local)
     into = (moved @ model.system.mass @ solution.modes.shapes)[np.newaxis]

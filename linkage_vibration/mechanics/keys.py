@@ -102,7 +102,7 @@ class Keys:
 
     def integer(self, key: str, *, default: int | None = None, least: int = 1) -> int:
         """Return a whole number from `least` to 10000."""
-        value = default if default is not None and key not in self else self._get(key)
+        value = self._get(key, default)
         if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= 10_000:
             raise self.error(key, f"{value!r} is not a whole number from {least} to 10000.")
         return value
@@ -123,7 +123,7 @@ class Keys:
 
     def choice(self, key: str, allowed: Collection[str], *, default: str | None = None) -> str:
         """Return one of the texts allowed."""
-        value = default if default is not None and key not in self else self._get(key)
+        value = self._get(key, default)
         if not isinstance(value, str) or value not in allowed:
             raise self.error(key, f"{value!r} is not one of: {', '.join(allowed)}.")
         return value
@@ -163,7 +163,10 @@ class Keys:
     def _at(self, key: str) -> str:
         return f"{self.path}.{key}" if self.path else key
 
-    def _get(self, key: str) -> Any:
+    def _get(self, key: str, default: Any = None) -> Any:
+        """Return the value of a key, or the default if there is one and the key is missing."""
+        if default is not None and key not in self._value:
+            return default
         self._read.add(key)
         if key not in self._value:
             near = difflib.get_close_matches(key, self._value, 1)

@@ -26,8 +26,8 @@ from linkage_vibration.mechanics.closure import (
     Pins,
     cannot_close,
     closed_angles,
-    described,
     open_loop,
+    pose_notice,
 )
 from linkage_vibration.mechanics.description import GROUND, Mechanism, MechanismError, Point
 
@@ -165,10 +165,16 @@ class Kinematics:
         self._pins = _pins(mechanism, self._length)
         self._input = np.zeros(3 * len(self._bodies))  # picks alpha3 out of a pose
         self._input[3 * self._bodies.index(mechanism.input_body) + 2] = 1.0
-        starts = self._assemble(mechanism)
-        chosen = self._choose(mechanism, starts)
-        poses = [start[0][2::3] for start in starts]
-        self.notice = described(mechanism, poses, chosen) if self._searched else ""
+        alpha3, angles = mechanism.assembly_alpha3, dict(mechanism.assembly_angles)
+        guess = np.array([angles.get(body, alpha3) for body in self._bodies])
+        closed = self._close(self._pins.placed(guess), self._input, alpha3)
+        if closed is not None and np.abs(closed[0][2::3] - guess).max() <= NEAR:
+            self._follow(mechanism, closed)
+            self.notice = ""
+        else:
+            starts = self._nearest(mechanism, guess)
+            chosen = self._choose(mechanism, starts)
+            self.notice = pose_notice(mechanism, [pose[2::3] for pose, _ in starts], chosen)
 
     @property
     def closable_range(self) -> tuple[float, float]:
@@ -252,22 +258,10 @@ class Kinematics:
         except np.linalg.LinAlgError:
             return None
 
-    def _assemble(self, mechanism: Mechanism) -> list[tuple[FloatArray, FloatArray]]:
-        """Return closed poses and their rates, the nearest to the description first.
-
-        If the nearest is within `NEAR` of it, no others are sought.
-        """
-        alpha3, angles = mechanism.assembly_alpha3, dict(mechanism.assembly_angles)
-        guess = np.array([angles.get(body, alpha3) for body in self._bodies])
-        closed = self._close(self._pins.placed(guess), self._input, alpha3)
-        near = closed is not None and np.abs(closed[0][2::3] - guess).max() <= NEAR
-        self._searched = not near
-        return [closed] if closed is not None and near else self._nearest(mechanism, guess)
-
     def _nearest(
         self, mechanism: Mechanism, guess: FloatArray
     ) -> list[tuple[FloatArray, FloatArray]]:
-        """Return the closed poses at the angle nearest to the description that has any."""
+        """Return the closed poses, and their rates, at the nearest angle that has any."""
         free = self._input[2::3] == 0.0
         given = mechanism.assembly_alpha3
         stroke = np.linspace(*mechanism.stroke, _ANGLES)

@@ -27,7 +27,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import null_space
 
-from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray
+from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray, symmetric
 from linkage_vibration.mechanics.identification import fit_poles, real_equations
 
 _MAX_ORDER = 60  # number of poles in the largest model of a link
@@ -132,34 +132,17 @@ class _Fit:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LinkFit:
-    """Receptances of a free link at any s, and their variances.
+    """Receptances of a free link at any s, and their variances."""
 
-    Attributes
-    ----------
-    omega : ndarray, (n_freq,)
-        Lines, rad/s.
-    unit : ndarray, (n,)
-        Unit of each DoF, which normalises receptances.
-    lines : complex ndarray, (n_freq, n, n)
-        Measured receptances, symmetric, normalised.
-    rigid : ndarray, (n, n)
-        Projection on the rigid motions, normalised.
-    shape : _Shape
-        The terms of the deformation.
-    elastic, moving, shifted : _Fit
-        Of the deformation, of the rigid block, and of this block with other real poles.
-    pulls : ndarray, (n_parameters, 2 n_freq, n, n)
-        Change of the parameters with real and imaginary parts of the lines.
-    """
-
-    omega: FloatArray
-    unit: FloatArray
-    lines: ComplexArray
-    rigid: FloatArray
-    shape: _Shape
-    elastic: _Fit
-    moving: _Fit
-    shifted: _Fit
+    omega: FloatArray  # (n_freq,), lines, rad/s
+    unit: FloatArray  # (n,), unit of each DoF, which normalises receptances
+    lines: ComplexArray  # (n_freq, n, n), measured receptances, symmetric, normalised
+    rigid: FloatArray  # (n, n), projection on the rigid motions, normalised
+    shape: _Shape  # the terms of the deformation
+    elastic: _Fit  # of the deformation
+    moving: _Fit  # of the rigid block
+    shifted: _Fit  # of the rigid block, with other real poles
+    # (n_parameters, 2 n_freq, n, n): change of the parameters per real and imaginary part of lines
     pulls: FloatArray
 
     def smooth(self) -> ComplexArray:
@@ -215,7 +198,7 @@ def fit_link(
     the normalised DoFs.
     """
     raw = frf / np.outer(unit, unit)
-    lines = (raw + raw.swapaxes(1, 2)) / 2.0
+    lines = symmetric(raw)
     weights = 1.0 / np.linalg.norm(lines, axis=(1, 2))[:, np.newaxis]
     rigid, elastic = motions @ motions.T, null_space(motions.T)
     across = lines @ elastic  # a difference of large numbers would lose its digits
@@ -231,8 +214,7 @@ def fit_link(
             -1, 2 * len(omega), *across.shape[1:]
         )
         double = np.concatenate([weights, weights])[:, :, np.newaxis]
-        pulls = double * pulls @ elastic.T
-        pulls = (pulls + pulls.swapaxes(2, 3)) / 2.0
+        pulls = symmetric(double * pulls @ elastic.T)
     side = rigid @ across @ elastic.T
     rest = side + side.swapaxes(1, 2) + elastic @ (elastic.T @ across) @ elastic.T
     terms = shape.terms(s)

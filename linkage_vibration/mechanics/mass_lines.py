@@ -17,7 +17,7 @@ from itertools import combinations
 import numpy as np
 from scipy.optimize import least_squares
 
-from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray
+from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray, symmetric
 
 _RATIO = 2.5  # least ratio of the last line to the first, so that no resonance hides below them
 _LEAST_LINES = 6
@@ -139,7 +139,7 @@ def fit_rigid_body(accelerance: FloatArray, motions: FloatArray) -> RigidFit:
     `motions`, (n, 3), are the rigid motions of its DoFs along x, z and about y.
     """
     unit = np.sqrt(np.diag(accelerance))
-    scaled = (accelerance + accelerance.T) / 2.0 / np.outer(unit, unit)
+    scaled = symmetric(accelerance) / np.outer(unit, unit)
     r = motions / unit[:, np.newaxis]
     length = float(np.abs(motions[:, 2]).max()) or 1.0
     upper = np.triu_indices(len(r))

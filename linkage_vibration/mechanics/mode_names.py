@@ -57,8 +57,7 @@ def kinetic_energy(solution: Solution) -> KineticEnergy:
     motions: list[tuple[str, str]] = []
     rows: list[FloatArray] = []
     rigid = tuple(body.name for body in solution.model.mechanism.rigid_bodies)
-    for component in solution.model.components:
-        assert isinstance(component, Component)  # else it could not be solved
+    for component in solution.model.system.components:
         shapes = solution.modes.shapes[solution.model.system.rows[component.name]]
         energy = shapes * (component.mass @ shapes)
         if component.name == GROUND or component.name in rigid:

@@ -124,21 +124,19 @@ class LinkageModel:
             If a point or a direction does not exist, or is y in a planar model.
         """
         directions = ("x", "y", "z") if self.interface.out_of_plane.any() else ("x", "z")
-        moved: dict[str, FloatArray] = {}
         rows = []
         for point, direction in places:
-            if point not in moved:
-                bodies = self.mechanism.owners(point)
-                if not bodies:
-                    raise ModelError(f"There is no point {point}; check the names of the points.")
-                moved[point] = self.interface.displacement(bodies[-1], point, configuration)
+            bodies = self.mechanism.owners(point)
+            if not bodies:
+                raise ModelError(f"There is no point {point}; check the names of the points.")
             if direction not in directions:
                 hint = "" if "y" in directions else " (y needs LinkageModel(..., spatial=True))"
                 raise ModelError(
                     f"Point {point} has no direction {direction}; use {' or '.join(directions)}"
                     f"{hint}."
                 )
-            rows.append(moved[point]["xyz".index(direction)])
+            moved = self.interface.displacement(bodies[-1], point, configuration)
+            rows.append(moved["xyz".index(direction)])
         return np.array(rows)
 
     def solve(self, alpha3: float) -> "Solution":
@@ -258,8 +256,8 @@ class LinkageModel:
         drive = self.rows([(response.point, response.direction)], configuration)
         every = np.vstack([drive, np.eye(len(self.interface))])
         joining = self.interface.join(configuration)
-        self._couple(configuration, frequencies, drive, drive)  # it refuses too much noise
         blocks, rows, compliance = self._blocks(joining, frequencies)
+        self._check_noise(blocks, rows, drive, compliance)
         blocks = [
             c.measured.fit.smooth() if isinstance(c, FrfComponent) else block
             for c, block in zip(self.components, blocks, strict=True)
@@ -498,11 +496,6 @@ class Solution:
         frequency = (added(coupled.stiffness) / squared + added(coupled.mass)) / 2.0
         return np.asarray(np.finfo(float).eps * np.maximum(frequency, damping))
 
-    @property
-    def redundant(self) -> tuple[str, ...]:
-        """Constraints that repeat others and were left out, by their labels."""
-        return self.coupled.redundant
-
     @cached_property
     def damped(self) -> DampedModes:
         """The damped modes."""
@@ -567,11 +560,11 @@ class Solution:
         """
         out = self.model.interface.out_of_plane
         energy = np.zeros(len(self.modes.omega))
-        for component in self.model.components:
-            if isinstance(component, Component) and component.drawing is not None:
+        for component in self.model.system.components:
+            if component.drawing is not None:
                 moved = component.drawing.displacement @ self._of(component)
                 energy += (moved[:, 1] ** 2).sum(axis=0) - (moved[:, [0, 2]] ** 2).sum(axis=(0, 1))
-            elif isinstance(component, Component):
+            else:
                 shapes = self._of(component)[: len(component.dofs)]
                 lateral = np.array([dof.direction == "y" for dof in component.dofs])
                 energy += (shapes[lateral] ** 2).sum(axis=0) - (shapes[~lateral] ** 2).sum(axis=0)
@@ -587,9 +580,9 @@ class Solution:
             point, other bodies by their named points in order.
         """
         shapes, interface = {}, self.model.interface
-        for component in self.model.components:
+        for component in self.model.system.components:
             body = component.name
-            if isinstance(component, Component) and component.drawing is not None:
+            if component.drawing is not None:
                 moved = (component.drawing.displacement @ self._of(component)[:, mode])[:, :3]
                 moved[:, ::2] = moved[:, ::2] @ rotation(self.configuration.angle(body)).T
             else:
@@ -603,10 +596,10 @@ class Solution:
     def _drawn_places(self) -> dict[str, FloatArray]:
         """Where each body is drawn, as `link_shapes` returns it."""
         drawn = {}
-        for component in self.model.components:
+        for component in self.model.system.components:
             body = component.name
             local = list(self.model.mechanism.local_points(body).values())
-            if isinstance(component, Component) and component.drawing is not None:
+            if component.drawing is not None:
                 local = [(float(x), float(z)) for x, z in component.drawing.places]
             places = np.array([self.configuration.place(body, place) for place in local])
             drawn[body] = np.insert(places, 1, 0.0, axis=1)

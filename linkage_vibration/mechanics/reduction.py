@@ -8,9 +8,10 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve, eigh
 
 from linkage_vibration.errors import LinkageVibrationError
-from linkage_vibration.mechanics.arrays import FloatArray
+from linkage_vibration.mechanics.arrays import FloatArray, symmetric
 
-_SINGULAR = 1e-12  # A smaller pivot, as a share of its diagonal entry, is rounding.
+SINGULAR = 1e-12
+"""A smaller pivot, as a share of its diagonal entry, is rounding."""
 
 
 class ReductionError(LinkageVibrationError):
@@ -41,16 +42,12 @@ def craig_bampton(
     transformation = np.zeros((len(mass), n_interface + n_modes))
     transformation[b, b] = np.eye(n_interface)
     if n_interior:
-        loose = ReductionError(
-            f"With its {n_interface} interface DoFs held the component can still move; hold more "
-            "of them, for example a rotation if it has only one pin."
-        )
         try:
             factor = cho_factor(stiffness[i, i])
         except np.linalg.LinAlgError:
-            raise loose from None
-        if (np.diag(factor[0]) ** 2 < _SINGULAR * np.diag(stiffness)[i]).any():
-            raise loose
+            raise not_held(n_interface) from None
+        if (np.diag(factor[0]) ** 2 < SINGULAR * np.diag(stiffness)[i]).any():
+            raise not_held(n_interface)
         transformation[i, b] = -cho_solve(factor, stiffness[i, b])
     reduced_mass, reduced_stiffness = np.zeros((2, n_interface + n_modes, n_interface + n_modes))
     if n_modes:
@@ -61,12 +58,14 @@ def craig_bampton(
         reduced_mass[i, b] = shapes.T @ (mass[i, b] + mass[i, i] @ transformation[i, b])
         reduced_mass[b, i] = reduced_mass[i, b].T
     statics = transformation[:, b]
-    reduced_mass[b, b] = _congruent(mass, statics)
-    reduced_stiffness[b, b] = _congruent(stiffness, statics)
+    reduced_mass[b, b] = symmetric(statics.T @ mass @ statics)
+    reduced_stiffness[b, b] = symmetric(statics.T @ stiffness @ statics)
     return Reduction(reduced_mass, reduced_stiffness, transformation)
 
 
-def _congruent(matrix: FloatArray, transformation: FloatArray) -> FloatArray:
-    """Return T^T A T, symmetric to the last bit."""
-    product = transformation.T @ matrix @ transformation
-    return np.asarray((product + product.T) / 2.0)
+def not_held(n_interface: int) -> ReductionError:
+    """Return the error that a component moves although its interface is held."""
+    return ReductionError(
+        f"With its {n_interface} interface DoFs held the component can still move; hold more "
+        "of them, for example a rotation if it has only one pin."
+    )

@@ -21,7 +21,7 @@ import numpy as np
 from scipy.linalg import block_diag, orth
 
 from linkage_vibration.errors import LinkageVibrationError
-from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray, solve_stack
+from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray, solve_stack, symmetric
 from linkage_vibration.mechanics.dofs import InterfaceDof
 from linkage_vibration.mechanics.link_fit import LinkFit, fit_link
 
@@ -199,5 +199,4 @@ def noise_gain(
 
 def _even(left: ComplexArray, right: ComplexArray) -> ComplexArray:
     """Return the symmetric part of the product of two vectors at each line, (n_freq, n, n)."""
-    product = left[:, :, np.newaxis] * right[:, np.newaxis, :]
-    return (product + product.swapaxes(1, 2)) / 2.0
+    return symmetric(left[:, :, np.newaxis] * right[:, np.newaxis, :])

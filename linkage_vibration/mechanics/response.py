@@ -91,8 +91,8 @@ class PoleResidue:
         --------
         At 0 Hz an oscillator of 1 kg and 100 N/m yields 1/100 m/N:
 
-        >>> one = oscillators([10.0], [0.02], [1.0])
-        >>> float(abs(one.frf(np.array([0.0]))[0, 0, 0]))
+        >>> oscillator = oscillators([10.0], [0.02], [1.0])
+        >>> float(abs(oscillator.frf(np.array([0.0]))[0, 0, 0]))
         0.01
         """
         omega = 2.0 * math.pi * np.asarray(frequencies, dtype=float)

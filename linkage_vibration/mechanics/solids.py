@@ -33,15 +33,14 @@ from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import LinearOperator, eigsh, splu
 from scipy.spatial import cKDTree
 
-from linkage_vibration.mechanics.arrays import FloatArray, IntArray
+from linkage_vibration.mechanics.arrays import FloatArray, IntArray, symmetric
 from linkage_vibration.mechanics.bodies.matrices import Matrices
 from linkage_vibration.mechanics.dofs import InterfaceDof
-from linkage_vibration.mechanics.reduction import Reduction, ReductionError
+from linkage_vibration.mechanics.reduction import SINGULAR, Reduction, ReductionError, not_held
 
 _DENSE = 400  # LAPACK finds all modes at once up to this number of coordinates.
 # A pin's six coordinates in the mirror y = 0: rotations turn over where displacements do not.
 _PIN_IMAGE = [1.0, -1.0, 1.0, -1.0, 1.0, -1.0]
-_SINGULAR = 1e-12  # A smaller pivot, as a share of its diagonal entry, is rounding.
 # Relative difference of squares within which modes come mixed: a square bar bends along the
 # diagonals of its mesh rather than in and out of the plane, and a little differently along each.
 _SAME_FREQUENCY = 0.02
@@ -143,11 +142,8 @@ def sparse_craig_bampton(
         pivots = factor.U.diagonal()[factor.perm_c] / k_ii.diagonal()
     except RuntimeError:
         pivots = np.zeros(1)
-    if not (pivots > _SINGULAR).all():
-        raise ReductionError(
-            f"With its {n_interface} interface DoFs held the component can still move; hold more "
-            "of them, for example a rotation if it has only one pin."
-        )
+    if not (pivots > SINGULAR).all():
+        raise not_held(n_interface)
     extension = -factor.solve(stiffness[i, b].toarray())
     reflect = None if mirror is None else mirror[i, i]
     squares, shapes = _fixed_interface_modes(k_ii, m_ii, factor.solve, n_modes, reflect)
@@ -160,11 +156,7 @@ def sparse_craig_bampton(
     # The product T^T K T has no other terms; leaving out those that cancel leaves out their noise.
     reduced_stiffness = np.diag(np.concatenate([np.zeros(n_interface), squares]))
     reduced_stiffness[b, b] = stiffness[b, b].toarray() + stiffness[b, i] @ extension
-    return Reduction(
-        (reduced_mass + reduced_mass.T) / 2.0,
-        (reduced_stiffness + reduced_stiffness.T) / 2.0,
-        transformation,
-    )
+    return Reduction(symmetric(reduced_mass), symmetric(reduced_stiffness), transformation)
 
 
 def _fixed_interface_modes(
@@ -210,8 +202,7 @@ def _symmetric(
     would spoil the low ones if the mesh is not quite symmetric, since the high ones are much
     stiffer.
     """
-    images = shapes.T @ (mass @ (mirror @ shapes))
-    images = (images + images.T) / 2.0
+    images = symmetric(shapes.T @ (mass @ (mirror @ shapes)))
     gaps = np.flatnonzero(np.diff(squares) > _SAME_FREQUENCY * squares[1:]) + 1
     values_kept, shapes_kept = [np.zeros(0)], [shapes[:, :0]]
     for group in np.split(np.arange(len(squares)), gaps):

@@ -16,7 +16,7 @@ out of it (v, chi) is one element with other numbers, and so are extension (u) a
 import numpy as np
 from scipy.linalg import hilbert
 
-from linkage_vibration.mechanics.arrays import FloatArray
+from linkage_vibration.mechanics.arrays import FloatArray, symmetric
 from linkage_vibration.mechanics.description import Material, Section
 
 U, W, THETA, V, CHI, PSI = range(6)
@@ -76,7 +76,7 @@ def _bending_element(
     even, odd, w, theta = _static_field(length, phi)
     mass = length * (line_mass * w.T @ hilbert(4) @ w + rotary * theta.T @ hilbert(3) @ theta)
     pure, sheared = np.outer(even, even), 3.0 / (1.0 + phi) * np.outer(odd, odd)
-    return (mass + mass.T) / 2.0, rigidity / length**3 * (pure + sheared)
+    return symmetric(mass), rigidity / length**3 * (pure + sheared)
 
 
 def _static_field(

@@ -115,7 +115,7 @@ def test_kinematics_are_those_on_a_fixed_ground(
 
 
 def test_heavy_base_on_hard_mounts_gives_the_clamped_linkage(clamped: LinkageModel) -> None:
-    """The difference falls in proportion to the base's inertia, towards nothing."""
+    """The difference falls towards zero in proportion to the base's inertia."""
     expected = clamped.solve(2.4).modes.omega[:3]
     apart = []
     for size in (1e6, 1e8):

@@ -269,7 +269,7 @@ def test_stepped_cantilever_vibrates_as_its_transfer_matrices_do(tip_mass: float
 
 
 def test_free_stepped_beam_vibrates_as_its_transfer_matrices_do() -> None:
-    """So it does free at both ends."""
+    """A stepped beam that is free at both ends has its exact frequencies."""
     found = beam_matrices(Beam(STEEL, STEPPED, 240), ENDS)
     values = omega(*part(found, "z"))
     assert values[1] < 1e-3 * values[2]

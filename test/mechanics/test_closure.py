@@ -114,7 +114,7 @@ def test_random_linkages_close_from_any_guess(linkage: Linkage, turned: list[flo
 
 
 def test_angles_that_are_nearly_right_need_no_notice(mechanism: Mechanism) -> None:
-    """The shipped angles, and others within a few degrees, are taken without a word."""
+    """The shipped angles, and others within a few degrees, lead to no notice."""
     assert Kinematics(mechanism).notice == ""
 
 

@@ -114,7 +114,7 @@ def test_equals_modal_superposition(model: LinkageModel, alpha3_deg: float) -> N
 @pytest.mark.parametrize("kind", ["rayleigh", "loss", "mixed"])
 @pytest.mark.parametrize("alpha3_deg", [90.0, 140.0, 180.0])
 def test_any_damping(mechanism: Mechanism, kind: str, alpha3_deg: float) -> None:
-    """Links damped each in its own way: as the assembled complex matrices, solved directly."""
+    """Links with different kinds of damping respond as the assembled complex matrices do."""
     kinds: dict[str, list[Damping]] = {
         "rayleigh": [Rayleigh(3.0, 1e-6), Rayleigh(0.1, 4e-5), Rayleigh(0.0, 2e-4)],
         "loss": [LossFactor(0.01), LossFactor(0.08), LossFactor(0.03)],
@@ -198,7 +198,7 @@ def refusal(blocks: Sequence[ComplexArray], compatibility: FloatArray) -> str:
 
 
 def test_misfits_are_refused() -> None:
-    """Unequal frequency axes, columns that are no DoFs, joints that say nothing."""
+    """Unequal frequency axes, columns that are no DoFs, and joints without FRFs are refused."""
     block, short = np.ones((5, 1, 1), dtype=complex), np.ones((4, 1, 1), dtype=complex)
     joint = np.array([[1.0, -1.0]])
     assert "have 5, 4 frequencies" in refusal([block, short], joint)
@@ -343,7 +343,7 @@ def test_two_identical_links(mechanism: Mechanism) -> None:
 
 
 def test_response_that_vanishes_is_no_loss(model: LinkageModel) -> None:
-    """A point on the ground does not move; its zero is not taken for digits that are lost."""
+    """A point on the ground does not move; its response of zero is no loss of digits."""
     solution = model.solve(2.0)
     rows = model.rows([("P1", "x")], solution.configuration)
     held = couple_frfs(frfs_of(model, FREQUENCIES), solution.joining.compatibility, rows, rows)

@@ -327,7 +327,7 @@ def _jacobian(function: Any, at: Any) -> Any:
 
 @pytest.mark.parametrize("name", list(SPRINGS))
 def test_gravity_changes_modes_as_the_energy_of_large_motions_does(name: str) -> None:
-    """Of a four-bar with beams, a rigid body, an arm, a base, and a spring of each kind."""
+    """The four-bar has beams, a rigid body, an arm, a base, and a spring of each kind."""
     changes: dict[str, Any] = {"springs": {"spring": SPRINGS[name]}}
     if name == "points":
         changes["ground"] = {**FOUR_BAR["ground"], "F": FIXED}
@@ -402,7 +402,7 @@ def test_deviations_hold_with_gravity(hitch: LinkageModel) -> None:
 
 
 def test_what_gravity_does_not_cover_is_refused(hitch: LinkageModel) -> None:
-    """A spatial model, and links whose shape is not known; it points downwards."""
+    """A spatial model, links of unknown shape, and a gravity that points upwards are refused."""
     with pytest.raises(MechanismError, match="spatial"):
         LinkageModel(hitch.mechanism, spatial=True)
     (rod,) = (link for link in hitch.mechanism.links if link.name == "lift_rod")

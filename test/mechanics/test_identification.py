@@ -304,7 +304,7 @@ def test_modes_below_ten_hertz(modes: list[int], share: float) -> None:
 
 
 def test_modes_that_noise_hides_are_reported() -> None:
-    """Noise of 5 % hides the modes at 0.8 and 3.5 Hz, which would go missing without a word."""
+    """Noise of 5 % hides the modes at 0.8 and 3.5 Hz; they are refused, not left out silently."""
     frf = noisy(receptances(LINES, LOW, np.full(5, 0.02), SHAPES), 0.05)
     with pytest.raises(IdentificationError, match=r"% of the FRFs unexplained near 2.3 Hz"):
         identify(LINES, frf, BAND)

@@ -58,13 +58,6 @@ def test_four_bar_positions_in_closed_form(four_bar: Mechanism, alpha3_deg: floa
     assert configuration.toggle_distance == math.inf
 
 
-def test_four_bar_returns_after_a_turn(four_bar: Mechanism) -> None:
-    """Natural frequencies at 360 deg are those at 0 deg."""
-    model = LinkageModel(four_bar)
-    once, again = (model.solve(a).natural_frequencies[:5] for a in (0.0, 2 * math.pi))
-    np.testing.assert_allclose(once, again, rtol=1e-9)
-
-
 def test_stephenson_closes_at_every_pin(stephenson: Mechanism) -> None:
     """Over the stroke the two sides of every pin lie together."""
     kinematics = Kinematics(stephenson)

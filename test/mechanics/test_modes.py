@@ -191,7 +191,7 @@ def test_mixed_damping_is_refused() -> None:
 @pytest.mark.parametrize("turn", [0.3, 2.0])
 @pytest.mark.parametrize("apart", [0.0, 1e-12])
 def test_coincident_modes_are_turned_to_their_neighbours(turn: float, apart: float) -> None:
-    """Of two modes of one frequency any mixture is found; the neighbour's shapes are taken."""
+    """Two modes of one frequency come in any mixture; they are turned to the neighbour's shapes."""
     before = np.eye(4)[:, :3]
     mixed = np.eye(4)
     mixed[:2, :2] = [[math.cos(turn), -math.sin(turn)], [math.sin(turn), math.cos(turn)]]

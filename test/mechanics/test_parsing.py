@@ -150,7 +150,7 @@ def test_wrong_descriptions_are_refused(
 
 
 def test_misspelt_key_is_suggested(mapping: Any) -> None:
-    """A key that is missing because it is misspelt is pointed at."""
+    """The error of a missing key names the misspelt one."""
     mapping["respons"] = mapping.pop("response")
     with pytest.raises(MechanismError, match=r"response: .*respons is there"):
         mechanism_from_mapping(mapping)

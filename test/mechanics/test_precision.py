@@ -54,7 +54,7 @@ def test_frfs_in_single_precision(model: LinkageModel) -> None:
 
 
 def test_matrices_in_single_precision_are_refused(mechanism: Mechanism, tmp_path: Path) -> None:
-    """Rounded so, they hold a free body; the same in double precision are read."""
+    """Rounded matrices hold a free body and are refused; those in double precision are read."""
     link = mechanism.links[0]
     assert isinstance(link.body, Beam)
     beam = beam_matrices(link.body, link.points)
@@ -69,7 +69,7 @@ def test_matrices_in_single_precision_are_refused(mechanism: Mechanism, tmp_path
 
 
 def test_matrices_in_single_precision_from_python(mechanism: Mechanism) -> None:
-    """Nor are they taken from a program: the error names the link and the fix."""
+    """Matrices from a program are refused, too: the error names the link and the fix."""
     link = mechanism.links[1]
     assert isinstance(link.body, Beam)
     beam = beam_matrices(link.body, link.points, rotations=frozenset())

@@ -222,7 +222,7 @@ def test_gain_of_regularised_frfs(model: LinkageModel) -> None:
 
 
 def test_lines_that_show_no_flexibility(model: LinkageModel) -> None:
-    """Up to 20 Hz noise of 1 % hides how the rod deforms: the gain foretells the error above 1."""
+    """Up to 20 Hz noise of 1 % hides how the rod deforms: the gain predicts the error above 1."""
     case = bench(model, "lift_rod", np.linspace(0.5, 20.0, 40))
     part = case.regularise(noisy(case.measured, 1e-2))
     coupled = case.couple(part.frf)

@@ -74,7 +74,7 @@ def test_oil_on_a_joint_has_the_stiffness_of_its_volume_and_lever() -> None:
 
 @pytest.mark.parametrize("spring", [OIL, CURVE, STAY])
 def test_derivatives_are_differences(spring: dict[str, Any]) -> None:
-    """Those of the stiffness and of natural frequencies."""
+    """Derivatives of stiffness and natural frequencies agree with central differences."""
     model, step = sprung(spring), 1e-5
     for alpha3 in np.radians([100.0, 130.0, 170.0]):
         before, after = (stiffness(model, alpha3 + h)[0] for h in (-step, step))
@@ -98,7 +98,7 @@ def test_rod_side_adds_its_own_column() -> None:
 
 
 def test_curve_passes_through_its_values() -> None:
-    """At the given angles it is what the file says."""
+    """At the given angles the stiffness has the values of the file."""
     model = sprung(CURVE)
     found = [stiffness(model, math.radians(angle))[0] for angle in (90.0, 120.0, 180.0)]
     np.testing.assert_allclose(found, [3e5, 5e5, 9e5], rtol=1e-12)

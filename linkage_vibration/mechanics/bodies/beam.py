@@ -9,7 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from linkage_vibration.mechanics.arrays import FloatArray
+from linkage_vibration.mechanics.arrays import FloatArray, IntArray, symmetric
 from linkage_vibration.mechanics.bodies.matrices import Matrices, component_of
 from linkage_vibration.mechanics.components import Component, Drawing
 from linkage_vibration.mechanics.description import (
@@ -95,11 +95,11 @@ class BeamPrestress:
     places: FloatArray  # (n_points, 2): x and z of the points, m
     masses: FloatArray  # (n_points,): point masses, kg
     turns: tuple[int, ...]  # (n_points,): rows of `motion` that are the points' rotations
-    loaded: tuple[tuple[int, int], ...]  # (n_points,): interface DoFs along x and z
+    loaded: IntArray  # (n_points, 2): interface DoFs along x and z
 
     def stiffness(self, forces: FloatArray, gravity: FloatArray) -> FloatArray:
         """Return the stiffness that forces at rest add, (n, n), as `components.Prestress` says."""
-        applied = forces[np.array(self.loaded)] + self.masses[:, np.newaxis] * gravity
+        applied = forces[self.loaded] + self.masses[:, np.newaxis] * gravity
         before = self.places[:, 0] < self.middles[:, np.newaxis]
         cut = -(before @ applied + self.carried[:, np.newaxis] * gravity)  # tension and shear
         elements = np.einsum("ec,ceij->eij", cut, self.unit)
@@ -107,8 +107,7 @@ class BeamPrestress:
         for i, element in enumerate(elements):
             nodal[3 * i : 3 * i + 6, 3 * i : 3 * i + 6] += element
         nodal[self.turns, self.turns] += applied[:, 1] * self.places[:, 1]
-        stiffness = self.motion.T @ nodal @ self.motion
-        return np.asarray((stiffness + stiffness.T) / 2.0)
+        return symmetric(self.motion.T @ nodal @ self.motion)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -258,29 +257,21 @@ def _prestress(beam: Beam, link: Link, component: Component) -> BeamPrestress:
     places = np.array([place for _, place in link.points])
     nodes, sections = _mesh(beam, places[:, 0].tolist())
     lengths = np.diff(nodes)
-    both = zip(lengths.tolist(), sections, strict=True)
-    unit = np.array(
-        [prestress_matrices(length, section, beam.material) for length, section in both]
-    )
+    elements = zip(lengths.tolist(), sections, strict=True)
+    unit = [prestress_matrices(length, section, beam.material) for length, section in elements]
     masses = link.count * beam.material.density * lengths * [section.area for section in sections]
-    motion = component.drawing.displacement[:, [0, 2, 3]].reshape(3 * len(nodes), -1)
     first = _first_coordinates(link.points, nodes, 3)
     extra = dict(link.masses)
+    ends = [[InterfaceDof(point, axis) for axis in ("x", "z")] for point, _ in link.points]
     return BeamPrestress(
-        motion=motion,
+        motion=component.drawing.displacement[:, [0, 2, 3]].reshape(3 * len(nodes), -1),
         middles=(nodes[1:] + nodes[:-1]) / 2.0,
-        unit=unit.swapaxes(0, 1),
+        unit=np.array(unit).swapaxes(0, 1),
         carried=np.cumsum(masses) - masses / 2.0,
         places=places,
         masses=np.array([link.count * extra.get(point, 0.0) for point, _ in link.points]),
         turns=tuple(first[point] + THETA for point, _ in link.points),
-        loaded=tuple(
-            (
-                component.dofs.index(InterfaceDof(point, "x")),
-                component.dofs.index(InterfaceDof(point, "z")),
-            )
-            for point, _ in link.points
-        ),
+        loaded=np.array([[component.dofs.index(dof) for dof in pair] for pair in ends]),
     )
 
 
