@@ -50,8 +50,13 @@ TESTS = {
     "prediction/resonance.py": (
         "prediction/test_fast_passes.py",
         "prediction/test_resonance.py",
+        "prediction/test_resonance_rate.py",
     ),
-    "prediction/levels.py": ("prediction/test_own_frequency.py", "prediction/test_levels.py"),
+    "prediction/levels.py": (
+        "prediction/test_level_deviations.py",
+        "prediction/test_own_frequency.py",
+        "prediction/test_levels.py",
+    ),
     "review/findings.py": ("review/test_findings.py",),
     "review/moments.py": ("review/test_moments.py",),
     "studies/calibration.py": ("studies/test_calibration.py",),

@@ -17,7 +17,12 @@ from linkage_vibration.prediction.batch import predict_many
 from linkage_vibration.prediction.excitation import Source, excitations_from_mapping
 from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.prediction.predictor import Predictor
-from linkage_vibration.prediction.resonance import ResonanceMonitor, ResonanceState, WarningLimits
+from linkage_vibration.prediction.resonance import (
+    ReportedSpeed,
+    ResonanceMonitor,
+    ResonanceState,
+    WarningLimits,
+)
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.resources import config_file
 from linkage_vibration.table.table import load_table
@@ -126,3 +131,92 @@ def test_dwell_counts_beside_the_rate() -> None:
     limits = WarningLimits(dwell=2.0)
     found = assess(NATURAL, 0.0, times=(0.0, 1.99, 2.0), limits=limits)
     assert found == [NOTE, NOTE, WARNING]
+
+
+def test_end_of_a_warning_by_a_level() -> None:
+    """It ends at margin / (margin + hysteresis) of its limit, 0.8 here, and begins above it."""
+    watch = new_monitor(True, LIMITS)
+    watch.set_fixed(Source.ENGINE, 60.0 * NATURAL)
+    level = float(watch.assess(PREDICTION, 0.0, 0).velocity)
+    watch = new_monitor(True, LIMITS)
+    watch.set_fixed(Source.ENGINE, 60.0 * NATURAL)
+    states = []
+    for share in (0.99, 1.01, 0.99, 0.81, 0.79, 0.81, 0.99, 1.01):
+        watch.limits = WarningLimits(level=level / share, margin=0.1, hysteresis=0.025)
+        states.append(watch.assess(PREDICTION, 0.0, 0).state)
+    clear = ResonanceState.CLEAR
+    assert states == [clear, WARNING, WARNING, WARNING, clear, clear, clear, WARNING]
+    assert WarningLimits(margin=0.0).release == 1.0
+
+
+def test_the_most_severe_of_the_highest_state_is_reported() -> None:
+    """A warning comes before a note, that before an order that never warns, whatever is nearest.
+
+    Among those in the same state, the one with the least margin is the most severe.
+    """
+    fast = 9.0 * 4.0 * math.pi * WIDTH**2 / SLOPE
+    orders = {"near": 1.001, "nearer": 0.9995, "silent": 1.0, "far": 1.2}
+
+    def reported(*names: str, crank_velocity: float) -> str:
+        mapping = {
+            name: {"speed": "engine", "orders": [orders[name]]}
+            | ({"no_warning": [orders[name]]} if name == "silent" else {})
+            for name in names
+        }
+        watch = ResonanceMonitor(excitations_from_mapping(mapping), LIMITS)
+        watch.set_fixed(Source.ENGINE, 60.0 * NATURAL)
+        return str(watch.assess(PREDICTION, crank_velocity, 0).excitation).split()[0]
+
+    for velocity in (0.0, fast):  # all that may warn are warnings, or all are notes
+        assert reported("near", "nearer", "silent", "far", crank_velocity=velocity) == "nearer"
+        assert reported("silent", "near", "far", crank_velocity=velocity) == "near"
+        assert reported("far", "silent", crank_velocity=velocity) == "silent"
+    watch = ResonanceMonitor(
+        excitations_from_mapping(
+            {
+                "passing": {"speed": "pto", "orders": [1]},
+                "staying": {"speed": "engine", "orders": [1]},
+            }
+        ),
+        LIMITS,
+    )
+    for i in range(40):  # 0.1 s apart; the PTO's order passes the mode fast
+        speed = NATURAL + 50.0 * WIDTH**2 * (i - 39) / 10.0
+        watch.set_speed(Source.PTO, 60.0 * speed, i * 10**8)
+    watch.set_fixed(Source.ENGINE, 60.0 * 1.01 * NATURAL)
+    found = watch.assess(PREDICTION, 0.0, 39 * 10**8)
+    assert found.states.tolist() == [NOTE, WARNING]
+    assert found.excitation == "staying 1"
+
+
+def test_a_speed_is_fresh_up_to_its_limit() -> None:
+    """It counts at an age of exactly one second, before or after, and no longer."""
+    for age, fresh in ((10**9, True), (-(10**9), True), (10**9 + 1, False), (-(10**9) - 1, False)):
+        watch = new_monitor(False, LIMITS)
+        watch.set_speed(Source.ENGINE, 60.0 * NATURAL, 10**12)
+        found = watch.assess(PREDICTION, 0.0, 10**12 + age)
+        assert (found.state != ResonanceState.STALE) == fresh
+
+
+def test_long_series_are_assessed_as_short_ones() -> None:
+    """Speeds that are reported among 1200 predictions count from where they were reported."""
+    n = 1200
+    angles = np.linspace(1.7, 2.9, n)
+    times = np.arange(n) * 10**7
+    speeds = [
+        ReportedSpeed(i, Source.ENGINE, 60.0 * (6.0 + math.sin(0.01 * i)), int(times[i]))
+        for i in range(0, n, 7)
+    ]
+    whole = new_monitor(True, WarningLimits(level=3e-3)).assess_many(
+        predict_many(PREDICTOR, angles, np.zeros(n)), np.full(n, 0.12), times, speeds, np.zeros(n)
+    )
+    watch, following = new_monitor(True, WarningLimits(level=3e-3)), iter(speeds)
+    report = next(following)
+    for i, angle in enumerate(angles.tolist()):
+        if report is not None and report.before == i:
+            watch.set_speed(report.source, report.value, report.time)
+            report = next(following, None)
+        one = watch.assess(PREDICTOR.predict(angle), 0.12, int(times[i]))
+        for name in ("state", "excitation_frequency", "approach_rate", "velocity"):
+            np.testing.assert_array_equal(getattr(whole, name)[i], getattr(one, name))
+    assert len(set(whole.state.tolist())) > 1
