@@ -3,6 +3,7 @@
 """First-order changes of modes are the differences of models that are built as a whole."""
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 from linkage_vibration.mechanics.model import LinkageModel, ModelError
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
 from linkage_vibration.mechanics.paths import with_numbers
-from linkage_vibration.mechanics.sensitivity import Sensitivity
+from linkage_vibration.mechanics.sensitivity import ModeChanges, Sensitivity
 from linkage_vibration.support.resources import config_file
 
 ALPHA3 = 2.6
@@ -138,3 +139,59 @@ def test_deviation_of_a_toggle(correlation: float) -> None:
     one, other = (b + c) / (a * d * math.sin(toggle)) * np.array(deviation)
     expected = math.sqrt(one**2 + other**2 + 2.0 * correlation * one * other)
     assert found == pytest.approx(expected, rel=0.005)
+
+
+def changes_of(log_frequencies: Any, mixing: Any) -> ModeChanges:
+    """Return changes of one mode with two numbers, whose correlation is 0.5."""
+    return ModeChanges(
+        frequencies=np.array([10.0]),
+        ratios=np.array([0.02]),
+        log_frequencies=np.array(log_frequencies)[:, np.newaxis],
+        ratio_changes=np.array([[1e-3], [2e-3]]),
+        correlation=np.array([[1.0, 0.5], [0.5, 1.0]]),
+        spreads=np.array([1.0, 1.5]),
+        mixing=np.array(mixing)[:, np.newaxis],
+        approach=np.zeros((1, 1)),
+        toggle_stddev=0.0,
+    )
+
+
+@pytest.mark.parametrize(("share", "left"), [(0.2, 1.2), (-0.89, 0.11), (-0.95, 0.1)])
+def test_mixing_takes_away_nine_tenths_at_most(share: float, left: float) -> None:
+    """Variances are a^2 + b^2 + a b at a correlation of 0.5, and what mixing adds or takes away."""
+    frequency, ratio = 7e-4, 1e-6 * (1.0 + 9.0 + 3.0)  # with the spread, 1e-3 and 3e-3
+    found = changes_of([0.01, 0.02], [share * frequency, share * ratio])
+    np.testing.assert_allclose(found.stddev[:, 0] ** 2, [left * frequency, left * ratio])
+    np.testing.assert_allclose(found.excess[:, 0], [share, share])
+    # The first number has a^2 + a b / 2 of the variance.
+    np.testing.assert_allclose(found.shares(0), [2.0 / 7.0, 5.0 / 7.0])
+
+
+def test_excess_of_small_deviations() -> None:
+    """It is a share of at least 1e-4 of a frequency and of 1e-3 of a damping ratio, squared."""
+    found = changes_of([0.5e-4, 0.0], [1e-9, 1e-9])
+    assert found.excess[0, 0] == pytest.approx(1e-9 / 1e-8)
+    found = changes_of([1.5e-4, 0.0], [1e-9, 1e-9])
+    assert found.excess[0, 0] == pytest.approx(1e-9 / 2.25e-8)
+    small = replace(found, ratio_changes=np.array([[1e-5], [0.0]]))
+    assert small.excess[1, 0] == pytest.approx(1e-9 / (1e-3 * 0.02) ** 2)
+    large = replace(found, ratio_changes=np.array([[3e-5], [0.0]]))
+    assert large.excess[1, 0] == pytest.approx(1e-9 / 9e-10)
+
+
+def test_spread_of_a_damping(mapping: Any) -> None:
+    """A damping that is lognormal deviates by more than its first order; other numbers do not.
+
+    Of 400,000 samples whose logarithm deviates by 0.5, the deviation is compared.
+    """
+    mapping["damping"] = {"rule": "modal_ratio", "ratio": 0.03}
+    paths = "damping.ratio", "rigid_bodies.implement.mass"
+    mapping["uncertainty"] = {"relative": dict.fromkeys(paths, 0.5)}
+    model = LinkageModel(mechanism_from_mapping(mapping))
+    spreads = Sensitivity(model).at(model.solve(ALPHA3), 300.0).spreads
+    sample = np.exp(0.5 * np.random.default_rng(0).standard_normal(400_000))
+    assert spreads.tolist() == [pytest.approx(sample.std() / 0.5, rel=0.01), 1.0]
+    mapping["damping"] = {"ratio": 0.03, "at_hz": [2.0, 20.0]}
+    mapping["uncertainty"] = {"relative": {"damping.at_hz.0": 0.5}, "absolute": {}}
+    model = LinkageModel(mechanism_from_mapping(mapping))
+    assert Sensitivity(model).at(model.solve(ALPHA3), 300.0).spreads.tolist() == [1.0]

@@ -210,12 +210,10 @@ def test_long_series_are_assessed_as_short_ones() -> None:
     whole = new_monitor(True, WarningLimits(level=3e-3)).assess_many(
         predict_many(PREDICTOR, angles, np.zeros(n)), np.full(n, 0.12), times, speeds, np.zeros(n)
     )
-    watch, following = new_monitor(True, WarningLimits(level=3e-3)), iter(speeds)
-    report = next(following)
+    watch, reports = new_monitor(True, WarningLimits(level=3e-3)), {s.before: s for s in speeds}
     for i, angle in enumerate(angles.tolist()):
-        if report is not None and report.before == i:
+        if (report := reports.get(i)) is not None:
             watch.set_speed(report.source, report.value, report.time)
-            report = next(following, None)
         one = watch.assess(PREDICTOR.predict(angle), 0.12, int(times[i]))
         for name in ("state", "excitation_frequency", "approach_rate", "velocity"):
             np.testing.assert_array_equal(getattr(whole, name)[i], getattr(one, name))

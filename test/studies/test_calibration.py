@@ -17,6 +17,7 @@ from linkage_vibration.mechanics.parsing import mechanism_from_mapping
 from linkage_vibration.mechanics.paths import with_numbers
 from linkage_vibration.mechanics.sensitivity import Sensitivity
 from linkage_vibration.readers.mechanism import read_mechanism
+from linkage_vibration.studies.calibrated_uncertainty import with_fitted
 from linkage_vibration.studies.calibration import (
     Calibration,
     CalibrationError,
@@ -25,7 +26,10 @@ from linkage_vibration.studies.calibration import (
     Target,
     _apply,
     _coarse,
+    _covariance,
+    _extreme,
     _natural_frequencies,
+    _undetermined,
     calibrate,
     read_calibration,
     summary,
@@ -321,3 +325,93 @@ def test_what_targets_leave_open_is_known_to_the_bounds(mapping: Any) -> None:
     assert (stddev > 0.5 * widths.min()).all()
     assert (stddev < widths).all()
     assert result.covariance.sum() < 0.1**2
+
+
+def test_extreme_of_a_parabola() -> None:
+    """Three points around it give the vertex of a parabola exactly; at an end it is the value."""
+    at = np.arange(7.0)
+    for sign, lowest in ((1.0, True), (-1.0, False)):
+        curve = sign * (3.0 + 0.5 * (at - 2.3) ** 2)
+        assert _extreme(curve, lowest) == pytest.approx(sign * 3.0)
+        assert _extreme(curve, not lowest) == curve[-1]
+        assert _extreme(curve[3:], lowest) == curve[3]
+    assert _extreme(np.full(5, 2.0), True) == 2.0
+
+
+@pytest.mark.parametrize(("factor", "contradicts"), [(0.99, False), (1.01, True)])
+def test_scatter_that_contradicts_the_deviations(factor: float, contradicts: bool) -> None:
+    """It does beyond the 95 % quantile: 5.991 for five targets and three parameters, of a table."""
+    jacobian = np.vstack([np.eye(3), np.zeros((2, 3))])
+    residuals = math.sqrt(factor * 5.991) * np.array([0.0, 0.0, 0.0, 0.6, 0.8])
+    none = np.zeros((5, 0)), np.zeros((0, 0))
+    covariance, scatter = _covariance(jacobian, residuals, none, np.full(3, 1e6))
+    expected = math.sqrt(factor * 5.991 / 2.0) if contradicts else 1.0
+    assert scatter == pytest.approx(expected)
+    np.testing.assert_allclose(covariance, expected**2 * np.eye(3), rtol=1e-6)
+
+
+def test_bounds_and_other_numbers_in_the_covariance() -> None:
+    """A bound of the width b gives the variance b^2 / 12; an error of another number adds its own.
+
+    With one parameter and one target of the slope 2, an error of the other number that changes the
+    residual by 1 shifts the parameter by -1 / 2.
+    """
+    free = np.zeros((1, 1))
+    none = np.zeros((1, 0)), np.zeros((0, 0))
+    covariance, _ = _covariance(free, np.zeros(1), none, np.array([0.6]))
+    assert covariance[0, 0] == pytest.approx(0.6**2 / 12.0)
+    other = np.array([[1.0]]), np.eye(1)
+    covariance, scatter = _covariance(np.array([[2.0]]), np.zeros(1), other, np.array([1e6]))
+    assert scatter == 1.0
+    np.testing.assert_allclose(covariance, [[0.25 + 0.25, -0.5], [-0.5, 1.0]], rtol=1e-6)
+
+
+@pytest.mark.parametrize(("slope", "count"), [(1.99, 1), (2.01, 0)])
+def test_directions_that_targets_do_not_determine(slope: float, count: int) -> None:
+    """The deviation of a logarithm is 1 / slope, which is too much above 0.5."""
+    assert len(_undetermined(np.diag([100.0, slope]))) == count
+    for share, names in ((0.29, [1]), (0.31, [0, 1])):
+        direction = np.array([share, math.sqrt(1.0 - share**2)])
+        across = np.array([-direction[1], direction[0]])
+        [own] = _undetermined(np.array([100.0 * across, 0.1 * direction]))
+        assert own.tolist() == names
+    assert _undetermined(np.zeros((3, 0))) == []
+    [one] = _undetermined(np.array([[100.0, 0.0]]))  # fewer targets than parameters
+    assert one.tolist() == [1]
+
+
+@pytest.mark.parametrize(("correlation", "named"), [(0.89, False), (-0.91, True)])
+def test_correlations_that_the_summary_names(correlation: float, named: bool) -> None:
+    """They are those above 0.9, of parameters that are known."""
+    fit = four_bar()
+    matrix = np.array([[1e-4, correlation * 2e-4], [correlation * 2e-4, 4e-4]])
+    frequencies = np.array([1.02] * len(fit.targets))
+    result = CalibrationResult(np.array([0.02, 0.03]), frequencies, matrix, (), 1.0, (), ())
+    text = summary(fit, result)
+    assert (f"correlation {correlation:+.2f} of {COUPLER} and {ROCKER}" in text) == named
+    assert text.splitlines()[1].split() == ["mode", "1", "at", "45", "deg", "1", "1.02", "2.0%"]
+    assert [line.split()[-1] for line in text.splitlines() if line.startswith("links.")] == [
+        "1.0%",
+        "2.0%",
+    ]
+    assert "times as large" not in text
+    assert "correlation" not in summary(fit, replace(result, on_bound=(COUPLER,)))
+    assert "on a bound" in summary(fit, replace(result, on_bound=(COUPLER,)))
+    assert "unknown" in summary(fit, replace(result, undetermined=((ROCKER,),)))
+    assert "are 1.5 times as large" in summary(fit, replace(result, scatter=1.5))
+
+
+def test_small_correlations_are_not_written() -> None:
+    """Those below a thousandth are left out, and rounding keeps the others positive definite."""
+    covariance = np.array([[1.0, 0.0009, 0.5], [0.0009, 1.0, 0.0011], [0.5, 0.0011, 1.0]]) * 1e-4
+    covariance[2] *= 100.0
+    covariance[:, 2] *= 100.0
+    found = with_fitted({"relative": {"c": 0.1}}, ["a", "b"], ["c"], covariance)
+    assert found["relative"] == {"c": 0.1, "a": 0.01, "b": 0.01}
+    assert found["correlations"] == [
+        {"between": ["a", "c"], "value": 0.5},
+        {"between": ["b", "c"], "value": 0.0011},
+    ]
+    exact = np.array([[1.0, 1.0], [1.0, 1.0]])
+    [pair] = with_fitted({}, ["a", "b"], [], exact)["correlations"]
+    assert 0.999998 < pair["value"] < 1.0
