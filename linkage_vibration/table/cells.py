@@ -8,22 +8,12 @@ Another method of interpolation is another function that returns `Cells`, as `sp
 from bisect import bisect_right
 from collections.abc import Iterable
 from functools import cached_property
-from typing import Protocol
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
 from linkage_vibration.mechanics.arrays import FloatArray, IntArray
-
-
-class Finder(Protocol):
-    """Finds values and slopes where a cell has no cubics."""
-
-    def values(self, cell: int, alpha3: float) -> list[float]:
-        """Return the k values at an angle (rad) in the cell of this index."""
-
-    def slopes(self, cell: int, alpha3: float) -> list[float]:
-        """Return the k slopes at an angle (rad) in the cell of this index, per rad."""
+from linkage_vibration.table.pole_cells import PoleFinder
 
 
 def spline_cells(pieces: Iterable[tuple[FloatArray, FloatArray]]) -> "Cells":
@@ -45,7 +35,7 @@ class Cells:
     """
 
     def __init__(
-        self, starts: FloatArray, cubics: FloatArray, finder: Finder | None = None
+        self, starts: FloatArray, cubics: FloatArray, finder: PoleFinder | None = None
     ) -> None:
         self._starts, self._cells = starts, np.ascontiguousarray(cubics)
         self._direct = np.asarray(np.isposinf(self._cells[:, 3]).any(axis=1))
@@ -70,7 +60,7 @@ class Cells:
         i = bisect_right(starts, alpha3, 1) - 1  # the first angle may round below its cell
         cell = cells[i]
         if cell is None:
-            return self._known.values(i, alpha3)
+            return self._poles.values(i, alpha3)
         t = alpha3 - starts[i]
         return [((c3 * t + c2) * t + c1) * t + c0 for c3, c2, c1, c0 in cell]
 
@@ -80,7 +70,7 @@ class Cells:
         i = bisect_right(starts, alpha3, 1) - 1  # the first angle may round below its cell
         cell = cells[i]
         if cell is None:
-            return self._known.slopes(i, alpha3)
+            return self._poles.slopes(i, alpha3)
         t = alpha3 - starts[i]
         return [(3.0 * c3 * t + 2.0 * c2) * t + c1 for c3, c2, c1, _ in cell]
 
@@ -89,7 +79,7 @@ class Cells:
         i, cell, t = self._at(alpha3)
         values = ((cell[:, 0] * t + cell[:, 1]) * t + cell[:, 2]) * t + cell[:, 3]
         for row in np.flatnonzero(self._direct[i]):
-            values[row] = self._known.values(int(i[row]), float(alpha3[row]))
+            values[row] = self._poles.values(int(i[row]), float(alpha3[row]))
         return np.asarray(values)
 
     def many_slopes(self, alpha3: FloatArray) -> FloatArray:
@@ -97,11 +87,11 @@ class Cells:
         i, cell, t = self._at(alpha3)
         slopes = (3.0 * cell[:, 0] * t + 2.0 * cell[:, 1]) * t + cell[:, 2]
         for row in np.flatnonzero(self._direct[i]):
-            slopes[row] = self._known.slopes(int(i[row]), float(alpha3[row]))
+            slopes[row] = self._poles.slopes(int(i[row]), float(alpha3[row]))
         return np.asarray(slopes)
 
     @property
-    def _known(self) -> Finder:
+    def _poles(self) -> PoleFinder:
         assert self._finder is not None
         return self._finder
 

@@ -224,11 +224,8 @@ def pole_residue_sum(modal: Modal, outputs: list[int], inputs: list[int]) -> Pol
         k, c, above, rates = _second_order(poles, residues)
     else:
         k, c, above, rates = -poles, np.zeros(len(poles)), residues, np.zeros_like(residues)
-    far, weights = modal.far, modal.far.weights[0].astype(complex)
-    n_far, full = len(far.stiffness), np.empty((len(weights), n, n), dtype=complex)
-    upper = np.triu_indices(n)
-    full[:, upper[0], upper[1]] = full[:, upper[1], upper[0]] = weights
-    full = full[:, outputs][:, :, inputs].transpose(1, 2, 0)
+    far, n_far = modal.far, len(modal.far.stiffness)
+    full = from_triangle(far.weights[0], n, outputs, inputs)
     return PoleResidue(
         np.concatenate([k, far.stiffness]),
         np.concatenate([c, far.decay]),
@@ -236,6 +233,15 @@ def pole_residue_sum(modal: Modal, outputs: list[int], inputs: list[int]) -> Pol
         np.concatenate([rates, full[:, :, 1 + n_far :]], axis=2),
         np.array(full[:, :, 0]),
     )
+
+
+def from_triangle(
+    rows: Numbers, n_places: int, outputs: list[int], inputs: list[int]
+) -> ComplexArray:
+    """Turn upper triangles, (n, n_triangle), into values between places, (n_out, n_in, n)."""
+    upper, full = np.triu_indices(n_places), np.empty((len(rows), n_places, n_places), complex)
+    full[:, upper[0], upper[1]] = full[:, upper[1], upper[0]] = rows
+    return np.asarray(full[:, outputs][:, :, inputs].transpose(1, 2, 0))
 
 
 def _second_order(
@@ -249,13 +255,13 @@ def _second_order(
     upper = np.flatnonzero(poles.imag > 0.0)
     real = np.flatnonzero(poles.imag == 0.0)
     real = real[np.argsort(np.abs(poles[real]), kind="stable")]
-    larger_root, smaller_root = real[::2], real[1::2]
-    if len(larger_root) > len(smaller_root):
-        smaller_root = np.append(smaller_root, larger_root[-1])
-    p = np.concatenate([poles[upper], poles[larger_root]])
-    q = np.concatenate([poles[upper].conj(), poles[smaller_root]])
-    first = np.concatenate([residues[..., upper], residues[..., larger_root]], axis=2)
-    second = np.concatenate([residues[..., upper].conj(), residues[..., smaller_root]], axis=2)
+    first_root, second_root = real[::2], real[1::2]
+    if len(first_root) > len(second_root):
+        second_root = np.append(second_root, first_root[-1])
+    p = np.concatenate([poles[upper], poles[first_root]])
+    q = np.concatenate([poles[upper].conj(), poles[second_root]])
+    first = np.concatenate([residues[..., upper], residues[..., first_root]], axis=2)
+    second = np.concatenate([residues[..., upper].conj(), residues[..., second_root]], axis=2)
     if len(real) % 2:
         second[..., -1] = 0.0
     above = -(first * q + second * p).real.astype(complex)

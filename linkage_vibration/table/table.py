@@ -34,7 +34,13 @@ from linkage_vibration.table.interpolation import (
     stroke_variable,
 )
 from linkage_vibration.table.pole_cells import PoleFinder, PolePiece, pole_piece
-from linkage_vibration.table.reduced import Far, Numbers, ReducedModels, pole_residue_sum
+from linkage_vibration.table.reduced import (
+    Far,
+    Numbers,
+    ReducedModels,
+    from_triangle,
+    pole_residue_sum,
+)
 
 IntArray = NDArray[np.int64]
 
@@ -153,7 +159,7 @@ class Table:
     frequency_stddev, damping_ratio_stddev : ndarray, (n, n_modes)
         Standard deviations by the noise of measured links, Hz and 1; (n, 0) without such links.
     mode_names : tuple of str, (n_modes,)
-        A name for each mode, which holds over the stroke; empty in a table of an earlier version.
+        A name for each mode, which holds over the stroke.
     mode_shares : ndarray, (n_modes, 3)
         Mean shares of its kinetic energy in the base, the rigid bodies and the links, 1; (0, 3) if
         they are not known, as of measured links.
@@ -423,12 +429,8 @@ class Table:
         weights = matrix[0]
         k, c, shapes = (each[0] for each in self.terms(np.array([alpha3])))
         residues = shapes[o][:, np.newaxis] * shapes[i][np.newaxis]
-        n = len(self.places)
         far = np.tensordot(weights, self.far_residues[points], axes=1)
-        full = np.empty((len(far), n, n), dtype=complex)
-        upper = np.triu_indices(n)
-        full[:, upper[0], upper[1]] = full[:, upper[1], upper[0]] = far
-        full = full[:, o][:, :, i].transpose(1, 2, 0)
+        full = from_triangle(far, len(self.places), o, i)
         return PoleResidue(
             np.concatenate([k, self.far_stiffness]),
             np.concatenate([c, self.far_decay]),

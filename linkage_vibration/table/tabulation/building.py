@@ -111,17 +111,14 @@ def _build(sampler: Sampler, tolerance: float) -> Table:
                 if (n_far, piece) not in measured:
                     bounds = bound_errors(table, finer, index, piece, tracked, sampler)
                     measured[n_far, piece] = bounds
-            bounds_of_pieces = [measured[n_far, piece] for piece in pieces]
-            if (
-                max(bounds.far for bounds in bounds_of_pieces) > accuracy.frf / 2.0
-                and n_far < _MOST_FAR
-            ):
+            all_bounds = [measured[n_far, piece] for piece in pieces]
+            if max(bounds.far for bounds in all_bounds) > accuracy.frf / 2.0 and n_far < _MOST_FAR:
                 n_far += _MORE_FAR
                 continue
-            both = zip(pieces, bounds_of_pieces, strict=True)
+            both = zip(pieces, all_bounds, strict=True)
             poor = [piece for piece, bounds in both if not bounds.meet(accuracy)]
             if not poor:
-                return with_bounds(table, bounds_of_pieces)
+                return with_bounds(table, all_bounds)
         sampler.reopen(sum(piece.ends[1] - piece.ends[0] for piece in poor))
         waiting: list[list[float]] = []
         for piece in poor:

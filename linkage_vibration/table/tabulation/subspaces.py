@@ -146,7 +146,7 @@ def sample_poles(solution: Solution, root: FloatArray, places: tuple[Place, ...]
     loss = solution.vectors.T @ coupled.loss @ solution.vectors
     if loss.any() and viscous.any():
         raise mixed_damping()
-    participations = solution.participation(places)
+    moved_places = solution.participation(places)
     turned = root @ solution.modes.shapes  # with orthonormal columns
     scale = reach(response.band)
     limit = _WIDER * max(reach(response.band), float(omega[min(response.modes, len(omega)) - 1]))
@@ -176,10 +176,10 @@ def sample_poles(solution: Solution, root: FloatArray, places: tuple[Place, ...]
     inertia, stiffness = back.T @ inertia @ back, back.T @ stiffness @ back
     left = np.asarray(np.linalg.solve(inertia, back.T @ above))
     shapes: Numbers = (
-        participations @ q @ back if viscous.any() else (participations @ q @ back).astype(complex)
+        moved_places @ q @ back if viscous.any() else (moved_places @ q @ back).astype(complex)
     )
     whole = Subspace(basis, left, inertia, stiffness, shapes)
-    totals = _totals(solution, omega, viscous, loss, participations)
+    totals = _totals(solution, omega, viscous, loss, moved_places)
     alpha3 = solution.configuration.alpha3
     free = bool(solution.modes.mechanism.any())
     return PoleSample(alpha3, not loss.any(), free, poles, others, turn @ t @ back, whole, totals)
@@ -223,20 +223,20 @@ def _totals(
     omega: FloatArray,
     viscous: FloatArray,
     loss: FloatArray,
-    participations: FloatArray,
+    moved_places: FloatArray,
 ) -> ComplexArray:
     """Return the FRFs with every mode, (n_lines, n_triangle), from the equations of motion."""
     free = bool(solution.modes.mechanism.any())
     lines = check_lines(solution.model.mechanism.response.band, free=free)
-    upper, w = np.triu_indices(len(participations)), lines[:, np.newaxis, np.newaxis]
+    upper, w = np.triu_indices(len(moved_places)), lines[:, np.newaxis, np.newaxis]
     coupling = None if loss.any() else _coupling(solution)
     if coupling is None:
         dynamic = np.diag(omega**2) + 1j * loss - w**2 * np.eye(len(omega)) + 1j * w * viscous
-        frf = participations @ solve_stack(dynamic, participations.T.astype(complex))
+        frf = moved_places @ solve_stack(dynamic, moved_places.T.astype(complex))
     else:  # few forces replace the equations of all modes
         decay, moved, damping = coupling
         terms = 1.0 / (omega**2 - w**2 + 1j * w * decay)
-        both, n = np.vstack([participations, moved]), len(participations)
+        both, n = np.vstack([moved_places, moved]), len(moved_places)
         every = (both * terms) @ both.T
         force = 1j * w * damping
         inner = np.eye(len(damping)) + force @ every[:, n:, n:]
