@@ -228,8 +228,7 @@ class Table:
 
     def mode_label(self, mode: int) -> str:
         """Return how a mode, counted from 0, is called: "mode 4 (implement heave)"."""
-        number = f"mode {mode + 1}"
-        name = self.mode_names[mode] if mode < len(self.mode_names) else number
+        number, name = f"mode {mode + 1}", self.mode_names[mode]
         return number if name == number else f"{number} ({name})"
 
     def find_mode(self, wanted: str) -> int | None:
