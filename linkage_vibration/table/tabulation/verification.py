@@ -153,13 +153,13 @@ def _highest_error(table: Table, peaks: FloatArray, exact: FloatArray) -> float:
 
 def _value_error(table: Table, sample: Sample, exact: FloatArray) -> float:
     """Return the largest relative error of a natural frequency or a damping ratio."""
-    values = table.interpolate(sample.alpha3)[0]
-    return float(np.abs(np.array(values[: len(exact)]) / exact - 1.0).max())
+    values = table.evaluate(np.array([sample.alpha3]))[0]
+    return float(np.abs(values[: len(exact)] / exact - 1.0).max())
 
 
 def _peak_error(table: Table, sample: Sample, least: float) -> float:
-    """Return the relative error of the highest peak, or the known one of a piece if larger."""
-    _, at, size, _ = table.interpolate(sample.alpha3)
+    """Return the relative error of the highest peak, at least that which its piece has."""
+    at, size = (float(value) for value in table.evaluate(np.array([sample.alpha3]))[0, -2:])
     places, sizes = np.hstack([sample.peaks, sample.edges])
     sizes = heights(places, sizes, table.band)
     # Lines show maxima that are not near a mode; a mechanism responds without limit towards 0 Hz.
