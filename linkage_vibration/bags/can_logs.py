@@ -359,6 +359,6 @@ def _asc_start(text: TextIO) -> int:
         date = " ".join(match[1].split()) if match else ""
         for clock in ("%I:%M:%S.%f %p", "%I:%M:%S %p", "%H:%M:%S.%f", "%H:%M:%S"):
             with suppress(ValueError):
-                found = datetime.strptime(date, f"%b %d {clock} %Y")
-                start = round(1e6 * found.replace(tzinfo=timezone.utc).timestamp()) * 1000
+                begun = datetime.strptime(date, f"%b %d {clock} %Y")
+                start = round(1e6 * begun.replace(tzinfo=timezone.utc).timestamp()) * 1000
     return start

@@ -125,8 +125,8 @@ class CanReader(NumberReader):
 
 def _names(keys: NDArray[np.uint32]) -> list[str]:
     """Return what frames with these keys are, at most 20."""
-    found = np.unique(np.where(keys & EXTENDED, keys & ~np.uint32(0xFF), keys))
-    return [_name(key) for key in found[:_MAX_NAMES].tolist()]
+    distinct = np.unique(np.where(keys & EXTENDED, keys & ~np.uint32(0xFF), keys))
+    return [_name(key) for key in distinct[:_MAX_NAMES].tolist()]
 
 
 def _name(key: int) -> str:

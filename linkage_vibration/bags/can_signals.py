@@ -103,10 +103,10 @@ class CanSignal:
         self, key: NDArray[np.uint32], dlc: NDArray[np.uint8], payload: NDArray[np.uint8]
     ) -> NDArray[np.bool_]:
         """Return which frames contain the signal, (n,); the arguments are those of `Frames`."""
-        found = (key & np.uint32(self.mask)) == np.uint32(self.key)
+        present = (key & np.uint32(self.mask)) == np.uint32(self.key)
         for bits, values in self.selectors:
-            found &= (dlc >= bits.n_bytes) & np.isin(bits.raw(payload), values)
-        return np.asarray(found)
+            present &= (dlc >= bits.n_bytes) & np.isin(bits.raw(payload), values)
+        return np.asarray(present)
 
     def values(self, dlc: NDArray[np.uint8], payload: NDArray[np.uint8]) -> FloatArray:
         """Return the values in frames that contain the signal, (n,), with NaN for no value.

@@ -37,8 +37,8 @@ def dbc_signal(path: Path, name: str) -> CanSignal:
     message_name, _, signal_name = name.partition(".")
     if not signal_name:
         raise DbcError(f"{name!r} is not the name of a signal; write MESSAGE.SIGNAL.")
-    found = _load(path, path.stat().st_mtime_ns if path.exists() else 0)
-    message = _choose(path, "message", message_name, found.messages)
+    database = _load(path, path.stat().st_mtime_ns if path.exists() else 0)
+    message = _choose(path, "message", message_name, database.messages)
     signal = _choose(path, f"signal of {message_name}", signal_name, message.signals)
     j1939, key, mask = _identifier(message)
     if message.length > PAYLOAD and j1939:
@@ -75,15 +75,15 @@ def _load(path: Path, changed: int) -> "Database":
         ) from None
     try:
         # Other messages than ours may overlap themselves; ours is checked by itself.
-        found = Database(strict=False)
-        found.add_dbc_string(_text(path.read_bytes()))
+        database = Database(strict=False)
+        database.add_dbc_string(_text(path.read_bytes()))
     except OSError as error:
         raise DbcError(f"{path} cannot be opened: {error.strerror}; check the path.") from None
     # cantools raises errors of its own, of its parser and of Python for a file that is not DBC.
     except Exception as error:
         text = " ".join(str(error).split())
         raise DbcError(f"{path} is not a valid DBC file ({text}); correct it.") from error
-    return found
+    return database
 
 
 def _text(content: bytes) -> str:
@@ -94,16 +94,16 @@ def _text(content: bytes) -> str:
         return content.decode("cp1252", errors="replace")
 
 
-def _choose(path: Path, what: str, name: str, known: Sequence[Named]) -> Named:
-    found = [each for each in known if each.name == name]
-    if len(found) > 1:
+def _choose(path: Path, what: str, name: str, among: Sequence[Named]) -> Named:
+    named = [each for each in among if each.name == name]
+    if len(named) > 1:
         raise DbcError(
-            f"{path} has {what} {name} {len(found)} times; give each a name of its own, or keep "
+            f"{path} has {what} {name} {len(named)} times; give each a name of its own, or keep "
             "one."
         )
-    if found:
-        return found[0]
-    similar = ", ".join(get_close_matches(name, [each.name for each in known], 5, 0.0))
+    if named:
+        return named[0]
+    similar = ", ".join(get_close_matches(name, [each.name for each in among], 5, 0.0))
     remedy = f"choose for example {similar}" if similar else "it has none at all"
     raise DbcError(f"{path} has no {what} {name}; {remedy}.")
 

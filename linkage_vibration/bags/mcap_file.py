@@ -6,6 +6,7 @@ The log of the node, a replay and a recovery are all written by it. Own code bec
 mcap takes messages one by one, 4 times as long for each, and compresses each chunk itself.
 """
 
+import contextlib
 import itertools
 import struct
 import zlib
@@ -32,6 +33,7 @@ from linkage_vibration.bags.mcap_records import (
 from linkage_vibration.bags.writing import LIBRARY, ROSBAG2_METADATA, Topic, rosbag2_metadata
 
 Integers = NDArray[np.int64]
+_PIECE = 2**20  # bytes that are decompressed at a time
 
 
 def message_heads(content: bytes, begins: Integers) -> NDArray[np.void]:
@@ -229,6 +231,29 @@ def _compressed(compression: str, content: bytes) -> Compressed:
         data = lz4.frame.compress(content)
     name = b"" if compression == "none" else compression.encode()
     return Compressed(name, data, zlib.crc32(content))
+
+
+def decompressed(compression: bytes, data: bytes, most: int) -> bytes:
+    """Return the records of a chunk, as far as they can be decompressed, up to so many bytes.
+
+    Several frames may follow one another, and need not state their sizes.
+    """
+    if compression not in (b"zstd", b"lz4"):
+        return b"" if compression else data
+    pieces, size = [], 0
+    with contextlib.suppress(zstandard.ZstdError, RuntimeError):
+        if compression == b"zstd":
+            reader = zstandard.ZstdDecompressor().stream_reader(data, read_across_frames=True)
+            while size < most and (piece := reader.read(min(most - size, _PIECE))):
+                pieces.append(piece)
+                size += len(piece)
+        else:
+            while data and size < most:
+                frame = lz4.frame.LZ4FrameDecompressor()
+                pieces.append(frame.decompress(data, most - size))
+                size += len(pieces[-1])
+                data = frame.unused_data or b""
+    return b"".join(pieces)
 
 
 def _encoded(record: mcap.McapRecord) -> bytes:

@@ -452,14 +452,14 @@ def _logs(folder: Path) -> list[tuple[Path, int]]:
 
     If the folder cannot be read, there are none, and writing to it gives the error.
     """
-    found = []
+    logs = []
     with contextlib.suppress(OSError):
         for path in folder.iterdir():
             if _NAME.fullmatch(path.name):
                 with contextlib.suppress(FileNotFoundError):
                     status = path.stat()
-                    found.append((status.st_mtime_ns, len(path.name), path, status.st_size))
-    return [(path, size) for _, _, path, size in sorted(found)]
+                    logs.append((status.st_mtime_ns, len(path.name), path, status.st_size))
+    return [(path, size) for _, _, path, size in sorted(logs)]
 
 
 def _delete(path: Path) -> None:

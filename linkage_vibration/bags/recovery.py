@@ -10,7 +10,6 @@ the next intact one. An intact chunk is copied as it is stored, and only its ind
 again.
 """
 
-import contextlib
 import io
 import os
 import re
@@ -30,7 +29,7 @@ from mcap.data_stream import ReadDataStream, RecordBuilder
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 
-from linkage_vibration.bags.mcap_file import Compressed, McapFile, message_heads
+from linkage_vibration.bags.mcap_file import Compressed, McapFile, decompressed, message_heads
 from linkage_vibration.bags.mcap_records import CHUNK, MAGIC, MESSAGE, MESSAGE_INDEX, RECORD
 from linkage_vibration.bags.writing import ROSBAG2_METADATA
 from linkage_vibration.errors import LinkageVibrationError
@@ -107,7 +106,7 @@ def recover(
         return _Rescue(_Source(source, file), output, stream, progress).run()
 
 
-def summary(recovery: Recovery) -> str:
+def recovery_text(recovery: Recovery) -> str:
     """Return a text with the saved and lost messages of each topic, and the damaged places."""
     topics = sorted(recovery.saved.keys() | recovery.lost.keys())
     lines = [f"{recovery.path}: {sum(recovery.saved.values())} messages saved."]
@@ -207,23 +206,23 @@ class _Rescue:
         footer = self._source.read(size - _FOOTER_BYTES, _FOOTER_BYTES)
         if not footer.endswith(MAGIC):
             return
-        record = _parse(Opcode.FOOTER, footer[RECORD.size : -len(MAGIC)])
+        closing = _parse(Opcode.FOOTER, footer[RECORD.size : -len(MAGIC)])
         end = size - _FOOTER_BYTES
-        if not isinstance(record, records.Footer) or not 0 < record.summary_start <= end:
+        if not isinstance(closing, records.Footer) or not 0 < closing.summary_start <= end:
             return
-        if end - record.summary_start > LONGEST_RECORD:
+        if end - closing.summary_start > LONGEST_RECORD:
             return
         # The CRC covers the footer as well, up to the CRC itself.
-        summary = self._source.read(record.summary_start, end - record.summary_start)
-        if zlib.crc32(footer[: RECORD.size + 16], zlib.crc32(summary)) != record.summary_crc:
+        summary = self._source.read(closing.summary_start, end - closing.summary_start)
+        if zlib.crc32(footer[: RECORD.size + 16], zlib.crc32(summary)) != closing.summary_crc:
             return
         for opcode, body in _split(summary):
             wanted = opcode in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.STATISTICS)
-            found = _parse(opcode, body) if wanted else None
-            if isinstance(found, records.Schema | records.Channel):
-                self._define(found, verified=True)
-            elif isinstance(found, records.Statistics):
-                self._statistics = found
+            record = _parse(opcode, body) if wanted else None
+            if isinstance(record, records.Schema | records.Channel):
+                self._define(record, verified=True)
+            elif isinstance(record, records.Statistics):
+                self._statistics = record
 
     def _records(self) -> Iterator[tuple[int, int, bytes, bool]]:
         """Yield offset, opcode, content and incompleteness of the readable records of data."""
@@ -341,9 +340,9 @@ class _Rescue:
         *_, size, crc, name_length = CHUNK.unpack_from(body)
         name, stored = body[CHUNK.size :][:name_length], body[CHUNK.size + name_length + 8 :]
         whole = None if cut else _whole(name, stored, size)
-        content = _decompressed(name, stored) if whole is None else whole
-        found = zlib.crc32(content)
-        if not cut and (len(content) != size if crc == 0 else found != crc):
+        content = decompressed(name, stored, LONGEST_RECORD) if whole is None else whole
+        checksum = zlib.crc32(content)
+        if not cut and (len(content) != size if crc == 0 else checksum != crc):
             self._damages.append(f"byte {offset}: a chunk of {len(body)} bytes")
             return
         if cut:
@@ -360,7 +359,7 @@ class _Rescue:
         readable = whole is not None and end == len(content)
         if readable and self._agrees(numbers, definitions):
             self._write_loose()
-            self._output_file().add_chunk(content, places, Compressed(name, stored, found))
+            self._output_file().add_chunk(content, places, Compressed(name, stored, checksum))
             self._chunk.update(numbers)
             return
         for begin in begins:
@@ -422,22 +421,22 @@ class _Rescue:
     def _define(self, record: records.Schema | records.Channel, verified: bool) -> None:
         """Keep a schema or channel; one that a CRC confirms replaces another one."""
         is_schema = isinstance(record, records.Schema)
-        known: dict[int, Any] = self._schemas if is_schema else self._channels
-        if record.id not in known or (verified and not known[record.id][1]):
-            known[record.id] = record, verified
+        definitions: dict[int, Any] = self._schemas if is_schema else self._channels
+        if record.id not in definitions or (verified and not definitions[record.id][1]):
+            definitions[record.id] = record, verified
 
     def _register(self, channel: int) -> None:
         """Define a channel and its schema in the output, unless it has them."""
         if (records.Channel, channel) in self._defined:
             return
-        found = self._channels[channel][0]
-        if found.schema_id and found.schema_id in self._schemas:
-            self._register_schema(found.schema_id)
-        elif found.schema_id:
-            self._damages.append(f"the type of {found.topic}: its definition is missing")
-            found = replace(found, schema_id=0)
-        self._defined[records.Channel, channel] = found
-        self._output_file().define(found)
+        record = self._channels[channel][0]
+        if record.schema_id and record.schema_id in self._schemas:
+            self._register_schema(record.schema_id)
+        elif record.schema_id:
+            self._damages.append(f"the type of {record.topic}: its definition is missing")
+            record = replace(record, schema_id=0)
+        self._defined[records.Channel, channel] = record
+        self._output_file().define(record)
 
     def _register_schema(self, number: int) -> None:
         if (records.Schema, number) not in self._defined:
@@ -546,40 +545,18 @@ def _whole(compression: bytes, data: bytes, size: int) -> bytes | None:
     """Return the records of a chunk that every reader decompresses to this size, or None."""
     if size > LONGEST_RECORD:
         return None
-    found, used = data, len(data)
+    content, used = data, len(data)
     try:
         if compression == b"zstd":
             if zstandard.frame_content_size(data) not in (-1, size):
                 return None
             reader = zstandard.ZstdDecompressor()
-            found = reader.decompress(data, max_output_size=size, allow_extra_data=False)
+            content = reader.decompress(data, max_output_size=size, allow_extra_data=False)
         elif compression == b"lz4":
             if lz4.frame.get_frame_info(data)["content_size"] not in (0, size):
                 return None
-            found, used = lz4.frame.decompress(data, return_bytes_read=True)
+            content, used = lz4.frame.decompress(data, return_bytes_read=True)
     except (zstandard.ZstdError, RuntimeError):
         return None
-    known = compression in (b"", b"lz4", b"zstd")
-    return found if known and len(found) == size and used == len(data) else None
-
-
-def _decompressed(compression: bytes, data: bytes) -> bytes:
-    """Return the records of a chunk, as far as they can be decompressed."""
-    if compression == b"zstd":
-        pieces: list[bytes] = []
-        with (
-            contextlib.suppress(zstandard.ZstdError),
-            zstandard.ZstdDecompressor().stream_reader(data, read_across_frames=True) as reader,
-        ):
-            while len(pieces) < LONGEST_RECORD // _BLOCK and (piece := reader.read(_BLOCK)):
-                pieces.append(piece)
-        return b"".join(pieces)
-    if compression == b"lz4":
-        found = b""
-        with contextlib.suppress(RuntimeError):
-            while data and len(found) < LONGEST_RECORD:
-                frame = lz4.frame.LZ4FrameDecompressor()
-                found += frame.decompress(data, LONGEST_RECORD - len(found))
-                data = frame.unused_data or b""
-        return found
-    return b"" if compression else data
+    supported = compression in (b"", b"lz4", b"zstd")
+    return content if supported and len(content) == size and used == len(data) else None

@@ -56,17 +56,17 @@ def find_messages(data: bytes) -> tuple[Integers, Integers, Integers, Integers]:
 
     They are four columns, (n,): connection, position, number of bytes, and log time in ns.
     """
-    found: list[tuple[int, int, int, int]] = []
+    places: list[tuple[int, int, int, int]] = []
     position, end = 0, len(data)
     while position < end:
         [head] = _UINT32.unpack_from(data, position)
         [size] = _UINT32.unpack_from(data, position + 4 + head)
-        found.append((position + 4, head, position + 8 + head, size))
+        places.append((position + 4, head, position + 8 + head, size))
         position += 8 + head + size
     if position > end:
         raise ValueError("a record is longer than the rest of its chunk")
-    heads, lengths, starts, sizes = np.array(found, np.int64).reshape(-1, 4).T
-    connections, times = np.full(len(found), -1), np.zeros(len(found), np.int64)
+    heads, lengths, starts, sizes = np.array(places, np.int64).reshape(-1, 4).T
+    connections, times = np.full(len(places), -1), np.zeros(len(places), np.int64)
     buffer = np.frombuffer(data, np.uint8)
     for length in np.unique(lengths):
         left = np.flatnonzero(lengths == length)
@@ -140,11 +140,11 @@ def _one_by_one(
     messages: Bytes, type_name: str, to_cdr: Callable[[bytes, str], bytes]
 ) -> Iterator[tuple[Integers, Bytes]]:
     """Convert messages of any type, and yield those that have the same size in CDR together."""
-    found: dict[int, list[tuple[int, bytes]]] = {}
+    groups: dict[int, list[tuple[int, bytes]]] = {}
     for i, message in enumerate(messages):
         data = to_cdr(message.tobytes(), type_name)
-        found.setdefault(len(data), []).append((i, data))
-    for size, group in found.items():
+        groups.setdefault(len(data), []).append((i, data))
+    for size, group in groups.items():
         rows, encoded = zip(*group, strict=True)
         joined = np.frombuffer(b"".join(encoded), np.uint8).reshape(len(rows), size)
         yield np.array(rows, np.int64), joined
@@ -157,9 +157,9 @@ def _joint_state_moves(data: bytes) -> list[tuple[int, int, int]]:
 
     def count() -> int:
         nonlocal source, target
-        [found] = _UINT32.unpack_from(data, source)
+        [length] = _UINT32.unpack_from(data, source)
         source, target = source + 4, target + -target % 4 + 4
-        return int(found)
+        return int(length)
 
     def string() -> None:
         nonlocal source, target

@@ -76,15 +76,15 @@ def schema_of_store(store: Any, type_name: str) -> Schema:
 
     Types that it does not know are left out.
     """
-    found: dict[str, tuple[SchemaField, ...]] = {}
+    schema: dict[str, tuple[SchemaField, ...]] = {}
     waiting = [type_name]
     while waiting:
         name = waiting.pop()
-        if name not in found and name in store.fielddefs:
+        if name not in schema and name in store.fielddefs:
             listed = [_field(each, content) for each, content in store.fielddefs[name][1]]
-            found[name] = tuple(listed) or EMPTY
+            schema[name] = tuple(listed) or EMPTY
             waiting += [field.type for field in listed if "/" in field.type]
-    return found
+    return schema
 
 
 def schema_of_text(text: str, type_name: str) -> Schema:
@@ -152,18 +152,18 @@ def _step(fields: tuple[SchemaField, ...], name: str, key: str | None) -> Step |
 
 def _names_beside(fields: tuple[SchemaField, ...], field: SchemaField) -> str:
     """Return the only list of texts beside a list of its kind; empty if there is none."""
-    found = [each.name for each in fields if each.type == "string" and each.length == field.length]
-    return found[0] if len(found) == 1 and found[0] != field.name else ""
+    names = [each.name for each in fields if each.type == "string" and each.length == field.length]
+    return names[0] if len(names) == 1 and names[0] != field.name else ""
 
 
 def _unknown(schema: Schema, type_name: str, path: str) -> FieldError:
     """Return the error that a type has no such number, with the numbers that it has."""
-    known = list(_paths(schema, type_name, _DEEPEST))
-    shown = ", ".join(known[:_LISTED]) + (", ..." if len(known) > _LISTED else "")
-    without = {_KEY.sub("", each): each for each in known}
+    paths = list(_paths(schema, type_name, _DEEPEST))
+    shown = ", ".join(paths[:_LISTED]) + (", ..." if len(paths) > _LISTED else "")
+    without = {_KEY.sub("", each): each for each in paths}
     similar = get_close_matches(_KEY.sub("", path), without, 1)
     asked = f"did you mean {without[similar[0]]}? " if similar else ""
-    listing = f"its numbers are {shown}" if known else "it has no numbers"
+    listing = f"its numbers are {shown}" if paths else "it has no numbers"
     return FieldError(f"{type_name} has no number {path!r}; {asked}{listing}.")
 
 

@@ -20,9 +20,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, TypeAlias
 
-import lz4.frame
 import numpy as np
-import zstandard
 from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from mcap.records import Channel, Chunk, ChunkIndex
@@ -32,6 +30,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from linkage_vibration.bags.can_logs import CanLogReader
+from linkage_vibration.bags.mcap_file import decompressed
 from linkage_vibration.bags.mcap_records import (
     CHUNK,
     MESSAGE,
@@ -64,29 +63,6 @@ _HEADER, _TIME = "std_msgs/msg/Header", "builtin_interfaces/msg/Time"
 _GATHERED = 1024  # messages in a part that rosbags reads one by one
 
 
-def _decompress_zstd(data: bytes, size: int) -> bytes:
-    """Return what frames of zstd hold, up to a size, which a frame need not state."""
-    found = zstandard.decompress(data, size)
-    if len(found) >= size:
-        return found
-    with zstandard.ZstdDecompressor().stream_reader(data, read_across_frames=True) as frames:
-        return frames.read(size)
-
-
-def _decompress_lz4(data: bytes) -> bytes:
-    """Return what one or several frames of lz4 hold."""
-    found, frames = b"", memoryview(data)
-    while frames:
-        piece, used = lz4.frame.decompress(frames, return_bytes_read=True)
-        found, frames = found + piece, frames[used:]
-    return found
-
-
-_DECOMPRESS: dict[str, Callable[[bytes, int], bytes]] = {
-    "": lambda data, size: data,
-    "lz4": lambda data, size: _decompress_lz4(data),
-    "zstd": _decompress_zstd,
-}
 _LATEST = 2**63 - 1  # ns, the year 2262; MCAP has unsigned times, whose upper half is meaningless
 
 
@@ -187,20 +163,20 @@ class Bags:
         messages are. The result is None if the bags do not define the type. A `BagError` is raised
         if they define it in several ways.
         """
-        found: list[tuple[str, str, Schema]] = []
+        definitions: list[tuple[str, str, Schema]] = []
         for path, bag in zip(self.paths, self._bags, strict=True):
             with bag_errors(path):
                 for connection in bag.connections:
                     if connection.topic == name and connection.msgdef.data:
                         store, kind = _store([connection]), connection.msgtype
                         text = _definition(store, connection)
-                        found.append((*text, schema_of_store(store, kind)))
-        if any(schema != found[0][2] for _, _, schema in found):
+                        definitions.append((*text, schema_of_store(store, kind)))
+        if any(schema != definitions[0][2] for _, _, schema in definitions):
             raise BagError(
                 f"{', '.join(map(str, self.paths))}: the type of topic {name} is defined in "
                 "several ways; read each recording by itself."
             )
-        return found[0] if found else None
+        return definitions[0] if definitions else None
 
     def blocks(self, names: Sequence[str], as_written: bool = False) -> Iterator[Block]:
         """Yield the messages of topics with these names, in the order of log times.
@@ -241,10 +217,10 @@ def _ordered(parts: Iterable[_Part]) -> Iterator[Block]:
         if part is not None and sum(len(block) for _, block in held) < BLOCK:
             continue
         # A later message waits, as a part that is not loaded yet may have earlier ones.
-        known = _LATEST if part is None else part.first
+        complete = _LATEST if part is None else part.first
         ready, waiting = [], []
         for rank, block in sorted(held, key=lambda entry: entry[0]):
-            early = block.log_times < known if part is not None else np.ones(len(block), bool)
+            early = block.log_times < complete if part is not None else np.ones(len(block), bool)
             ready.append(block.rows(np.flatnonzero(early)))
             if not early.all():
                 waiting.append((rank, _compact(block.rows(np.flatnonzero(~early)))))
@@ -337,8 +313,8 @@ def _mcap_parts(
 ) -> Iterator[_Part]:
     chunks: list[tuple[BinaryIO, ChunkIndex, dict[int, int]]] = []
     for file, summary in files:
-        found = summary.channels.values()
-        channels = {c.id: names.index(c.topic) for c in found if c.topic in names}
+        defined = summary.channels.values()
+        channels = {c.id: names.index(c.topic) for c in defined if c.topic in names}
         for chunk in summary.chunk_indexes:
             # A chunk without message indexes may hold any topic.
             if not chunk.message_index_offsets or channels.keys() & chunk.message_index_offsets:
@@ -363,7 +339,8 @@ def _uncompressed(file: BinaryIO, chunk: ChunkIndex) -> bytes:
     file.seek(chunk.chunk_start_offset + RECORD.size)
     *_, size, crc, name = CHUNK.unpack(file.read(CHUNK.size))
     file.seek(name + 8, io.SEEK_CUR)
-    data = _DECOMPRESS[chunk.compression](file.read(chunk.compressed_size), size)
+    stored = file.read(chunk.compressed_size)
+    data = decompressed(chunk.compression.encode(), stored, size)
     if len(data) != size or (crc and zlib.crc32(data) != crc):
         raise ValueError("the size or the checksum of a chunk is wrong")
     return data
@@ -374,7 +351,7 @@ def _indexed(file: BinaryIO, chunk: ChunkIndex, channels: dict[int, int]) -> Int
 
     They are in the order of the chunk. None means that only a scan of the chunk finds them.
     """
-    found = [np.zeros(0, np.int64)]
+    positions = [np.zeros(0, np.int64)]
     for channel, position in chunk.message_index_offsets.items():
         if channel in channels:
             file.seek(position)
@@ -383,8 +360,8 @@ def _indexed(file: BinaryIO, chunk: ChunkIndex, channels: dict[int, int]) -> Int
             entries = np.frombuffer(file.read(size), "<u8")
             if head[0] != Opcode.MESSAGE_INDEX or 8 * len(entries) != size or len(entries) % 2:
                 return None
-            found.append(entries[1::2].astype(np.int64))
-    return np.sort(np.concatenate(found)) if chunk.message_index_offsets else None
+            positions.append(entries[1::2].astype(np.int64))
+    return np.sort(np.concatenate(positions)) if chunk.message_index_offsets else None
 
 
 def _chunk_block(data: bytes, channels: dict[int, int], begins: Integers | None) -> Block:
@@ -478,13 +455,13 @@ def _ros1_block(
     """Return the messages of these connections in a chunk, converted to CDR."""
     from linkage_vibration.bags.ros1 import find_messages, many_to_cdr
 
-    found, starts, sizes, times = find_messages(data)
+    owners, starts, sizes, times = find_messages(data)
     buffer = np.frombuffer(data, np.uint8)
     blocks, order = [_block(buffer[:0], [])], [np.zeros(0, np.int64)]
     for connection in connections:
-        mine = found == connection.id
-        for size in np.unique(sizes[mine]):
-            rows = np.flatnonzero(mine & (sizes == size))
+        of_connection = owners == connection.id
+        for size in np.unique(sizes[of_connection]):
+            rows = np.flatnonzero(of_connection & (sizes == size))
             messages = sliding_window_view(buffer, size)[starts[rows]]
             for which, encoded in many_to_cdr(messages, connection.msgtype, to_cdr):
                 n, length = encoded.shape
@@ -545,13 +522,14 @@ def _store(connections: "Sequence[Connection]") -> Any:
     from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
     store = get_typestore(Stores.EMPTY)
-    for one in connections:
-        text, is_idl = one.msgdef.data, one.msgdef.format == MessageDefinitionFormat.IDL
+    for connection in connections:
+        text, msgtype = connection.msgdef.data, connection.msgtype
+        is_idl = connection.msgdef.format == MessageDefinitionFormat.IDL
         # Before 2011 the header of ROS 1 had the name of another package.
         text = text.replace("roslib/Header", "std_msgs/Header")
-        if isinstance(one.ext, ConnectionExtRosbag1):
+        if isinstance(connection.ext, ConnectionExtRosbag1):
             text = re.sub(r"^(\s*)byte\b", r"\1int8", text, flags=re.MULTILINE)  # as in ROS 1
-        types = get_types_from_idl(text) if is_idl else get_types_from_msg(text, one.msgtype)
+        types = get_types_from_idl(text) if is_idl else get_types_from_msg(text, msgtype)
         if _HEADER in types:  # that of ROS 2 has no sequence number
             latest = get_typestore(Stores.LATEST)
             types |= {name: latest.fielddefs[name] for name in (_TIME, _HEADER)}

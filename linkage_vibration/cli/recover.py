@@ -21,7 +21,7 @@ def run(options: argparse.Namespace) -> int:
     """Recover the log and print what was lost; return the exit code."""
     from tqdm import tqdm
 
-    from linkage_vibration.bags.recovery import recover, summary
+    from linkage_vibration.bags.recovery import recover, recovery_text
     from linkage_vibration.support.atomic_files import check_suffix
 
     log: Path = options.log
@@ -30,5 +30,5 @@ def run(options: argparse.Namespace) -> int:
     size = log.stat().st_size if log.exists() else 0
     with tqdm(disable=None, total=size, unit="B", unit_scale=True, delay=2.0) as bar:
         result = recover(log, output, bar.update)
-    print(summary(result))
+    print(recovery_text(result))
     return INCOMPLETE if options.strict and (result.damages or result.lost) else 0

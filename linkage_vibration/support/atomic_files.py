@@ -142,17 +142,17 @@ def _check_place(path: Path) -> None:
 def _is_special(path: Path) -> bool:
     """Return whether a path is a device, a pipe, or a standard stream of this process."""
     try:
-        found = path.stat()
+        status = path.stat()
     except OSError:
         return False
-    return not stat.S_ISREG(found.st_mode) or _stream(found) is not None
+    return not stat.S_ISREG(status.st_mode) or _stream(status) is not None
 
 
-def _stream(found: os.stat_result) -> int | None:
+def _stream(status: os.stat_result) -> int | None:
     """Return the descriptor of the standard output or error if it is this file, or None."""
     for descriptor in (1, 2):
         with suppress(OSError):
-            if os.path.samestat(found, os.fstat(descriptor)):
+            if os.path.samestat(status, os.fstat(descriptor)):
                 return descriptor
     return None
 
@@ -166,22 +166,22 @@ def _opened(path: Path) -> BinaryIO:
     return os.fdopen(os.dup(descriptor), "wb")
 
 
-def _is_same(one: Path, other: Path) -> bool:
+def _is_same(path: Path, other: Path) -> bool:
     with suppress(OSError):
-        return one.samefile(other)
-    return os.path.realpath(one) == os.path.realpath(other)
+        return path.samefile(other)
+    return os.path.realpath(path) == os.path.realpath(other)
 
 
-def _add_files(path: Path, found: dict[Path, None]) -> None:
+def _add_files(path: Path, files: dict[Path, None]) -> None:
     """Add a path, the files of a folder, and the files that YAML names, to those found."""
-    if path in found:
+    if path in files:
         return
-    found[path] = None
+    files[path] = None
     if path.is_dir():
-        found.update(dict.fromkeys(path.iterdir()))
+        files.update(dict.fromkeys(path.iterdir()))
     elif path.suffix in (".yaml", ".yml") and path.is_file():
         with suppress(yaml.YAMLError, OSError, UnicodeDecodeError), path.open("rb") as file:
             for token in yaml.scan(file, getattr(yaml, "CSafeLoader", yaml.SafeLoader)):
                 name = Path(getattr(token, "value", "") if hasattr(token, "plain") else "")
                 if name.suffix[1:2].isalpha() and (path.parent / name).is_file():
-                    _add_files(path.parent / name, found)
+                    _add_files(path.parent / name, files)

@@ -22,11 +22,11 @@ def refuse_unbounded(root: yaml.Node) -> None:
         )
 
 
-def _unfolded(node: yaml.Node, known: dict[yaml.Node, float]) -> float:
+def _unfolded(node: yaml.Node, counts: dict[yaml.Node, float]) -> float:
     """Count the values below a node with aliases expanded; infinite if it contains itself."""
-    if node not in known:
-        known[node] = math.inf
+    if node not in counts:
+        counts[node] = math.inf
         below = node.value if isinstance(node, yaml.CollectionNode) else []
         pairs = [pair if isinstance(pair, tuple) else (pair,) for pair in below]
-        known[node] = 1.0 + sum(_unfolded(value, known) for pair in pairs for value in pair)
-    return known[node]
+        counts[node] = 1.0 + sum(_unfolded(value, counts) for pair in pairs for value in pair)
+    return counts[node]

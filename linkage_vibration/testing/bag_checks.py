@@ -260,7 +260,7 @@ def _latencies(bag: Path, log: Path, types: Mapping[str, str]) -> FloatArray:
 
 def _failures(signals: _Signals, limits: Limits) -> list[Failure]:
     """Return the exceeded limits in the order of time."""
-    found: list[Failure] = []
+    failures: list[Failure] = []
 
     def add(limit: str, times: Integers, exceeded: NDArray[np.bool_], at: int, words: str) -> None:
         time = int(times[at])
@@ -268,7 +268,7 @@ def _failures(signals: _Signals, limits: Limits) -> list[Failure]:
         if limit != "margin" and then >= 0 and np.isfinite(signals.margin[then]):
             words += f" ({_nearest(signals, then)})"
         seconds = 1e-9 * (time - int(signals.time[0]))
-        found.append(Failure(limit, time, seconds, int(exceeded.sum()), words))
+        failures.append(Failure(limit, time, seconds, int(exceeded.sum()), words))
 
     if limits.statuses is not None:
         exceeded = ~np.isin(signals.status, [int(status) for status in limits.statuses])
@@ -299,7 +299,7 @@ def _failures(signals: _Signals, limits: Limits) -> list[Failure]:
                 f"{1e3 * limits.latency:g} ms,"
             )
             add("latency", signals.time, exceeded, at, words)
-    return sorted(found, key=lambda failure: failure.time)
+    return sorted(failures, key=lambda failure: failure.time)
 
 
 def _nearest(signals: _Signals, at: int) -> str:

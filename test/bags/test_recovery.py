@@ -21,7 +21,7 @@ from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 
 from linkage_vibration.bags.log_writer import LogWriter
-from linkage_vibration.bags.recovery import RECOVERY_METADATA, RecoveryError, recover, summary
+from linkage_vibration.bags.recovery import RECOVERY_METADATA, RecoveryError, recover, recovery_text
 from linkage_vibration.bags.writing import COMPRESSIONS, Attachment, Topic, offered_qos_profiles
 from linkage_vibration.cli.main import main
 from linkage_vibration.messages.definitions import message_definition, type_hash
@@ -246,7 +246,7 @@ def test_lost_messages_are_counted(tmp_path: Path) -> None:
         result = recover(tmp_path / "spoilt.mcap", tmp_path / f"whole_{closed}.mcap")
         assert result.saved == {"/a": (COUNT - 2 * PER_CHUNK) // 2, "/b": COUNT // 2 - PER_CHUNK}
         assert result.lost == {"/a": PER_CHUNK, "/b": PER_CHUNK}
-        assert f"/a: {COUNT // 2 - PER_CHUNK}, {PER_CHUNK} lost" in summary(result)
+        assert f"/a: {COUNT // 2 - PER_CHUNK}, {PER_CHUNK} lost" in recovery_text(result)
         with (tmp_path / f"whole_{closed}.mcap").open("rb") as file:
             [record] = [
                 m.metadata for m in make_reader(file).iter_metadata() if m.name == RECOVERY_METADATA
