@@ -42,24 +42,13 @@ class ServingError(LinkageVibrationError):
 
 @dataclass(frozen=True, eq=False)
 class Served:
-    """A mechanism and its table, which are always replaced together.
-
-    Attributes
-    ----------
-    predictor : Predictor
-    mechanism, mechanism_text : Mechanism and str
-        The mechanism of the table, and the same as YAML.
-    implement : Implement, optional
-        The implement in use, if it is not that of the mechanism file.
-    implements : Implements, optional
-        Those that can be chosen by name.
-    """
+    """A mechanism and its table, which are always replaced together."""
 
     predictor: Predictor
     mechanism: Mechanism
-    mechanism_text: str
-    implement: "Implement | None" = None
-    implements: "Implements | None" = None
+    mechanism_text: str  # the mechanism as YAML
+    implement: "Implement | None" = None  # in use, if it is not that of the mechanism file
+    implements: "Implements | None" = None  # can be chosen by name
 
     @property
     def table(self) -> Table:
@@ -90,88 +79,46 @@ class Described:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrfAnswer:
-    """Receptances at one angle.
-
-    Attributes
-    ----------
-    outputs, inputs : tuple of (point, direction)
-    frequencies, frf : ndarray, (n_freq,), and complex ndarray, (n_freq, n_out, n_in)
-        Hz and m/N.
-    """
+    """Receptances at one angle between places."""
 
     outputs: Places
     inputs: Places
-    frequencies: FloatArray
-    frf: ComplexArray
+    frequencies: FloatArray  # (n_freq,), Hz
+    frf: ComplexArray  # (n_freq, n_out, n_in), m/N
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ModeShapes:
-    """Modes at one angle: those in the band of the table, and at least as many as it tracks.
+    """Modes at one angle: those in the band of the table, and at least as many as it tracks."""
 
-    Attributes
-    ----------
-    natural_frequencies, damping_ratios : ndarray, (n_modes,)
-        Hz, ascending, and 1.
-    places, positions : tuple of (point, direction) and ndarray, (n_places,)
-        Every point that moves, along x and z, and its coordinate in that direction, m.
-    shapes : ndarray, (n_modes, n_places)
-        Mass-normalised displacements, 1/sqrt(kg); the real part where damping couples the modes.
-    """
-
-    natural_frequencies: FloatArray
-    damping_ratios: FloatArray
-    places: Places
-    positions: FloatArray
-    shapes: FloatArray
+    natural_frequencies: FloatArray  # (n_modes,), Hz, ascending
+    damping_ratios: FloatArray  # (n_modes,), 1
+    places: Places  # every point that moves, along x and z
+    positions: FloatArray  # (n_places,), the coordinate of each place in its direction, m
+    shapes: FloatArray  # (n_modes, n_places), mass-normalised, 1/sqrt(kg); real parts
 
 
 @dataclass(frozen=True, slots=True)
 class Implement:
-    """New properties of a rigid body.
+    """New properties of a rigid body."""
 
-    Attributes
-    ----------
-    rigid_body : str
-        Name of the body; empty if there is only one.
-    mass, inertia : float
-        kg, and kg m2 about the centre of gravity.
-    centre_of_gravity : tuple of float
-        [x, z] in the axes of the body, m; empty to keep the present one.
-    name : str
-        Its name in a file of implements; empty if it has none.
-    """
-
-    rigid_body: str
-    mass: float
-    inertia: float
-    centre_of_gravity: tuple[float, ...]
-    name: str = ""
+    rigid_body: str  # empty if there is only one
+    mass: float  # kg
+    inertia: float  # kg m2, about the centre of gravity
+    centre_of_gravity: tuple[float, ...]  # [x, z] in axes of the body, m; empty to keep it
+    name: str = ""  # in a file of implements; empty if it has none
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Implements:
-    """Implements that can be chosen by name.
+    """Implements by their names, and the mechanism in which they replace a rigid body."""
 
-    Attributes
-    ----------
-    mechanism, mechanism_text : Mechanism and str
-        That of the mechanism file, in which an implement replaces a rigid body.
-    by_name : dict of str to Implement
-    """
-
-    mechanism: Mechanism
+    mechanism: Mechanism  # of the mechanism file
     mechanism_text: str
     by_name: dict[str, Implement]
 
     def find(self, name: str) -> Implement:
-        """Return the implement of a name.
-
-        Raises
-        ------
-        ServingError
-            If there is none; the text has the names that exist.
-        """
+        """Return the implement of a name, or raise a `ServingError` that lists the names."""
         if name not in self.by_name:
             raise ServingError(
                 f"There is no implement {name!r}; name one of: {', '.join(self.by_name)}."
@@ -188,26 +135,10 @@ def answer_frf(
     *,
     exact: bool,
 ) -> FrfAnswer:
-    """Return receptances at an angle, from the table or from the model.
+    """Return receptances at an angle (rad) from the table, or from the model if ``exact`` is true.
 
-    Parameters
-    ----------
-    served : Served
-    alpha3 : float
-        rad.
-    outputs, inputs : sequence of str
-        Places such as "E1.z"; both empty for the drive point.
-    frequencies : ndarray, (n_freq,)
-        Hz; empty for 401 evenly spaced frequencies in the band of the table.
-    exact : bool
-        Solve the model instead of using the table.
-
-    Raises
-    ------
-    ServingError
-        If a place, a frequency or the angle is invalid, or the answer would be too large.
-    LinkageVibrationError
-        If the model cannot be solved at the angle.
+    Places are named as in "E1.z"; without any, the answer is about the drive point. Without
+    frequencies (Hz), there are 401 in the band of the table. Invalid requests raise `ServingError`.
     """
     table = served.table
     _check_angle(alpha3)
@@ -216,11 +147,11 @@ def answer_frf(
         raise ServingError(
             f"{given} has places but {empty} is empty; give both, or neither for the drive point."
         )
-    known = _moving_places(served.mechanism) if exact else table.places
-    soil = [p for p in soil_places(served.mechanism) if p not in known] if exact else []
+    valid = _moving_places(served.mechanism) if exact else table.places
+    soil = [p for p in soil_places(served.mechanism) if p not in valid] if exact else []
     places = (
-        _places("outputs", outputs, known, exact),
-        _places("inputs", inputs, (*known, *soil), exact),
+        _places("outputs", outputs, valid, exact),
+        _places("inputs", inputs, (*valid, *soil), exact),
     )
     if not outputs:
         drive = served.mechanism.response
@@ -266,19 +197,7 @@ def _solved_frf(
 
 
 def answer_mode_shapes(served: Served, alpha3: float) -> ModeShapes:
-    """Solve the model at an angle and return its modes.
-
-    Parameters
-    ----------
-    served : Served
-    alpha3 : float
-        rad.
-
-    Raises
-    ------
-    LinkageVibrationError
-        If the linkage cannot reach the angle, or has links that are described by FRFs.
-    """
+    """Solve the model at an angle (rad) and return its modes."""
     _check_angle(alpha3)
     solution = served.model.solve(alpha3)
     elastic = np.flatnonzero(solution.natural_frequencies >= MECHANISM / (2.0 * math.pi))
@@ -306,19 +225,6 @@ def with_implement(
 
     The properties are checked as those of a file. The comments of the YAML are dropped, as they may
     describe the old properties. Links from files are not read again.
-
-    Parameters
-    ----------
-    mechanism, mechanism_text : Mechanism and str
-        The present mechanism, and the same as YAML.
-    implement : Implement
-
-    Raises
-    ------
-    ServingError
-        If there is no such body.
-    MechanismError
-        If a property is invalid; the text names the key and the remedy.
     """
     name = rigid_body_name(mechanism, implement.rigid_body)
     centre = list(implement.centre_of_gravity)
@@ -343,22 +249,10 @@ def with_implement(
 
 
 def replaced(served: Served, wanted: Implement | str) -> Described:
-    """Return the mechanism of a node with another implement.
+    """Return the mechanism of a node with another implement, which is given itself or by its name.
 
-    Parameters
-    ----------
-    served : Served
-        What the node uses.
-    wanted : Implement or str
-        The implement, or its name. One with a name replaces that of the mechanism file, so that
-        nothing is left of others that were in use before.
-
-    Raises
-    ------
-    ServingError
-        If there is no such implement or rigid body.
-    MechanismError
-        If a property is invalid.
+    One with a name replaces that of the mechanism file, so that nothing is left of others that were
+    in use before.
     """
     source: Served | Implements = served
     if isinstance(wanted, str):
@@ -372,20 +266,20 @@ def replaced(served: Served, wanted: Implement | str) -> Described:
     mechanism, text = with_implement(source.mechanism, source.mechanism_text, wanted)
     name = rigid_body_name(mechanism, wanted.rigid_body)
     centre = next(b.centre_of_gravity for b in mechanism.rigid_bodies if b.name == name)
-    known = replace(wanted, rigid_body=name, centre_of_gravity=centre)
-    return Described(mechanism, text, known, served.implements)
+    implement = replace(wanted, rigid_body=name, centre_of_gravity=centre)
+    return Described(mechanism, text, implement, served.implements)
 
 
 def _uncertain_centre(claims: dict[str, Any], body: str) -> dict[str, Any]:
-    """Return what is uncertain with a centre of gravity as [x, z] in place of distances."""
+    """Return claims of uncertainty with a centre of gravity as [x, z] in place of distances."""
     above = f"rigid_bodies.{body}.centre_of_gravity."
     absolute = claims.get("absolute", {})
-    known = [value for path, value in absolute.items() if path.startswith(above)]
+    distances = [value for path, value in absolute.items() if path.startswith(above)]
     kinds = {
         kind: {path: v for path, v in claims.get(kind, {}).items() if not path.startswith(above)}
         for kind in ("relative", "absolute")
     }
-    kinds["absolute"] |= {f"{above}{i}": max(known) for i in (0, 1) if known}
+    kinds["absolute"] |= {f"{above}{i}": max(distances) for i in (0, 1) if distances}
     pairs = claims.get("correlations", [])
     kept = [p for p in pairs if not any(path.startswith(above) for path in p["between"])]
     return kinds | ({"correlations": kept} if kept else {})
@@ -396,21 +290,8 @@ def rebuilt(
 ) -> tuple[Predictor, LevelTable]:
     """Build the tables of a changed mechanism, with the places and the accuracy of the old table.
 
-    Parameters
-    ----------
-    mechanism : Mechanism
-    like : Table
-        The old table. Its measured error is the tolerance, if that exceeds the default.
-    excitations : sequence of Excitation
-        Those whose levels are wanted.
-    wanted : Path
-        A folder. When another process removes it, building stops.
-
-    Raises
-    ------
-    LinkageVibrationError
-        If the mechanism cannot be tabulated, a load acts where the table has no FRF, or the folder
-        was removed.
+    The measured error of the old table is the tolerance, if that exceeds the default. When another
+    process removes the folder ``wanted``, building stops with a `ServingError`.
     """
 
     def check(_: float) -> None:
@@ -435,18 +316,7 @@ def _check_angle(alpha3: float) -> None:
 
 
 def rigid_body_name(mechanism: Mechanism, asked: str) -> str:
-    """Return the name of the rigid body that a request means.
-
-    Parameters
-    ----------
-    mechanism, asked : Mechanism and str
-        The mechanism, and the name of one of its rigid bodies; empty if it has only one.
-
-    Raises
-    ------
-    ServingError
-        If there is no such body, or several where the name is empty.
-    """
+    """Return the name of the rigid body that a request means; an empty name means the only one."""
     names = [body.name for body in mechanism.rigid_bodies]
     if not names:
         raise ServingError(
@@ -468,9 +338,9 @@ def _moving_places(mechanism: Mechanism) -> Places:
     return tuple((p, direction) for p in points if p not in held for direction in ("x", "z"))
 
 
-def _places(where: str, names: Sequence[str], known: Sequence[Place], exact: bool) -> Places:
+def _places(where: str, names: Sequence[str], valid: Sequence[Place], exact: bool) -> Places:
     """Return places by their names."""
-    by_name = {place_name(place): place for place in known}
+    by_name = {place_name(place): place for place in valid}
     for i, name in enumerate(names):
         if name not in by_name:
             remedy = "" if exact else ", or set exact to use the model"

@@ -14,26 +14,26 @@ from dataclasses import dataclass, field
 
 from linkage_vibration.prediction.excitation import Source
 
-_FRESH = 1.0  # s; how long what a publisher sent counts
-_STAMP_AHEAD = 0.1  # s; no clock that is synchronised runs ahead by more
-_KEPT = 100  # angles outside the table
+_FRESH = 1.0  # s; a publisher is compared with others for this long after its last message
+_STAMP_AHEAD = 0.1  # s; the stamps of synchronised clocks are ahead by less
+_KEPT = 100  # at most so many angles outside the table are kept
 
-_FASTEST, _LEAST_JUMP = 4.0, 0.06  # rad/s and rad; a hitch is not faster, and noise not larger
+_FASTEST, _LEAST_JUMP = 4.0, 0.06  # rad/s and rad; a hitch is slower, and noise is smaller
 _LEAST = 0.03  # rad; publishers that agree differ by less
-_WAITING = 100_000  # readings, of which a judgement takes notice
-_DIFFERING = 3  # values, from which publishers disagree
-_PUBLISHERS = 8  # that are told apart
+_WAITING = 100_000  # at most so many readings wait for the next judgement
+_DIFFERING = 3  # publishers disagree if at least so many values differ
+_PUBLISHERS = 8  # at most so many publishers of a topic are distinguished
 
-_NOISY = 100  # changes that tell noise from motion
-_REMEMBERED = 1000  # changes
-_TURNING = 0.3  # share of them that turn back
-_FASTEST_VIBRATION = 20.0  # Hz; changes are noise if there are as many
-_FROZEN = 2.0  # s without a change; noise does not stop for so long
-_FROZEN_READINGS = 20
-_CONTRADICTION = 0.1  # rad in a second, between positions and velocities
+_NOISY = 100  # a sensor is noisy only if its value has changed at least this often,
+_TURNING = 0.3  # if this share of the changes reverses the direction,
+_FASTEST_VIBRATION = 20.0  # Hz; and if the value changes at least this often
+_REMEMBERED = 1000  # the counts of changes are halved when they reach this
+_FROZEN = 2.0  # s; a noisy sensor repeats its value for a shorter time
+_FROZEN_READINGS = 20  # a noisy sensor repeats its value fewer times
+_CONTRADICTION = 0.1  # rad in a second; positions and velocities that agree differ by less
 
-_STEADY = 3  # windows with a rate that counts as usual
-_FALLEN = 0.5  # of the usual rate
+_STEADY = 3  # the usual rate is that which so many windows in a row reach
+_FALLEN = 0.5  # a rate below this share of the usual one is a fault
 
 _IMPLAUSIBLE_AFTER = 3.0  # s; a starter turns an engine slowly for a shorter time
 _PLAUSIBLE = {
@@ -41,7 +41,7 @@ _PLAUSIBLE = {
     Source.PTO: (0.0, 1500.0),
     Source.GROUND: (0.0, 25.0),
 }
-"""What an engine, a PTO shaft or a tractor that is not at rest does, rpm or m/s."""
+"""The range of speeds of an engine, a PTO shaft or a tractor that is not at rest, rpm or m/s."""
 _LEAST_DIFFERENCES = {Source.ENGINE: 50.0, Source.PTO: 20.0, Source.GROUND: 0.3}
 """Differences between publishers up to these are noise, rpm or m/s."""
 _OTHER_UNITS = {
@@ -52,7 +52,7 @@ _OTHER_UNITS = {
 
 
 _Reading = tuple[float, int, int, float, float, bool, int]
-"""What `ReadingWatch.take` takes, in its order."""
+"""The arguments of `ReadingWatch.take`, in its order."""
 
 
 class Level(enum.IntEnum):
@@ -66,20 +66,16 @@ class Level(enum.IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """What is wrong, and what to do about it."""
+    """A sentence that says what is wrong, and what to do about it."""
 
     level: Level
     sentence: str
 
 
-def summary(faults: Sequence[Fault], sound: str) -> tuple[Level, str]:
-    """Return the highest level of faults and their sentences, the most serious first.
+def overall(faults: Sequence[Fault], sound: str) -> tuple[Level, str]:
+    """Return the highest level of faults, and their sentences with the most serious first.
 
-    Parameters
-    ----------
-    faults : sequence of Fault
-    sound : str
-        The sentence without a fault.
+    Without a fault, the sentence is ``sound``.
     """
     if not faults:
         return Level.OK, sound
@@ -89,25 +85,25 @@ def summary(faults: Sequence[Fault], sound: str) -> tuple[Level, str]:
 
 @dataclass(slots=True)
 class _Window:
-    """What was seen since the last judgement."""
+    """Counts and extremes since the last judgement."""
 
     received: int = 0  # values, and of these:
     invalid: int = 0
     unstamped: int = 0
-    differing: int = 0  # those that differ from another publisher's
-    jumps: int = 0  # changes that are too fast
-    largest: float = 0.0  # of the changes that are too fast
-    moved: float = 0.0  # rad, by the positions and by the velocities
+    differing: int = 0  # values that differ from that of another publisher
+    jumps: int = 0  # changes that are too fast, and the largest of them
+    largest: float = 0.0
+    moved: float = 0.0  # rad, by the positions, and by the velocities
     turned: float = 0.0
-    outside: list[float] = field(default_factory=list)  # angles, not more than `_KEPT`
+    outside: list[float] = field(default_factory=list)  # rad, at most `_KEPT` angles
     n_outside: int = 0
-    ages: tuple[float, float] = (math.inf, -math.inf)  # s, least and largest
+    ages: tuple[float, float] = (math.inf, -math.inf)  # s, the least and the largest
     refusal: str = ""
 
 
 @dataclass(slots=True)
 class _Publisher:
-    """What one publisher of a topic sent last."""
+    """The last message of one publisher of a topic."""
 
     sequence: int
     value: float
@@ -125,78 +121,52 @@ class _Publisher:
 
 
 class _Publishers:
-    """Tells the publishers of a topic apart by the sequence numbers of their messages.
+    """Distinguishes the publishers of a topic by the sequence numbers of their messages.
 
-    Parameters
-    ----------
-    least : float
-        Differences up to this one count as noise.
+    Differences up to ``least`` count as noise.
     """
 
     def __init__(self, least: float) -> None:
         self._least = least
-        self._known: list[_Publisher] = []
+        self._recent: list[_Publisher] = []
 
     def differs(self, sequence: int, value: float, now: float) -> bool:
         """Return whether a value differs from what another publisher sent just before.
 
-        Parameters
-        ----------
-        sequence : int
-            Number of the message by its publisher; 0 if it is not known.
-        value, now : float
-            The value, and when it arrived, s.
+        The sequence number is 0 if it is not known; ``now`` is when the value arrived, s.
         """
-        if len(self._known) == 1 and self._known[0].follows(sequence, now):
-            self._known[0].take(sequence, value, now)
+        if len(self._recent) == 1 and self._recent[0].follows(sequence, now):
+            self._recent[0].take(sequence, value, now)
             return False
-        known = [one for one in self._known if now - one.time < _FRESH][-_PUBLISHERS:]
-        self._known = known
-        own = min(
-            (one for one in known if sequence > one.sequence or sequence == 0),
-            key=lambda one: (sequence - one.sequence, abs(value - one.value)),
+        self._recent = [p for p in self._recent if now - p.time < _FRESH][-_PUBLISHERS:]
+        sender = min(
+            (p for p in self._recent if sequence > p.sequence or sequence == 0),
+            key=lambda p: (sequence - p.sequence, abs(value - p.value)),
             default=None,
         )
-        if own is None:
-            own = _Publisher(sequence, value, 0.0, now)
-            known.append(own)
-        own.take(sequence, value, now)
+        if sender is None:
+            sender = _Publisher(sequence, value, 0.0, now)
+            self._recent.append(sender)
+        sender.take(sequence, value, now)
         return any(
-            abs(value - one.value) > self._least + abs(own.change) + abs(one.change)
-            for one in known
-            if one is not own
+            abs(value - other.value) > self._least + abs(sender.change) + abs(other.change)
+            for other in self._recent
+            if other is not sender
         )
 
 
 @dataclass(frozen=True, slots=True)
 class Expected:
-    """What is expected of the readings.
+    """What is expected of the readings."""
 
-    Attributes
-    ----------
-    name, remedy : str
-        What is read, such as "joint hitch on /joint_states", and what to do if messages arrive
-        without it; empty if they cannot.
-    first, last : float
-        Crank angles of the table, rad.
-    offset : float
-        Crank angle where the position is zero, rad; NaN if it is not a position.
-    stale_after : float
-        Age from which a reading is too old, s.
-    publishers : callable
-        Returns the names of the nodes that publish the topic, one for each publisher.
-    shaken : bool
-        Whether a speed says that the tractor runs, so that a noisy sensor must show its noise.
-    """
-
-    name: str
-    remedy: str
-    first: float
-    last: float
-    offset: float
-    stale_after: float
-    publishers: Callable[[], Sequence[str]]
-    shaken: bool
+    name: str  # what is read, such as "joint hitch on /joint_states"
+    remedy: str  # what to do if messages arrive without it; empty if they cannot
+    first: float  # rad, the crank angle at which the table begins
+    last: float  # rad, the crank angle at which the table ends
+    offset: float  # rad, the crank angle at the position 0; NaN if the input is no angle
+    stale_after: float  # s, the age from which a reading is too old
+    publishers: Callable[[], Sequence[str]]  # returns the node of each publisher
+    shaken: bool  # whether the tractor runs, so that a sensor with noise must show it
 
     def contains(self, angle: float) -> bool:
         """Return whether the table has an angle, rad."""
@@ -204,13 +174,7 @@ class Expected:
 
 
 class ReadingWatch:
-    """Watches the readings of the crank angle.
-
-    Parameters
-    ----------
-    turns : bool
-        Whether the crank turns all the way, so that it may be fast.
-    """
+    """Watches the readings of the crank angle; a crank that turns all the way may be fast."""
 
     def __init__(self, turns: bool = False) -> None:
         self._fastest = math.inf if turns else _FASTEST
@@ -234,18 +198,9 @@ class ReadingWatch:
     ) -> None:
         """Take a reading, which is looked at when `judge` is called, so that this is quick.
 
-        Parameters
-        ----------
-        now : float
-            Steady clock at its arrival, s.
-        stamp, received : int
-            Its stamp, and when it arrived by the clock of the stamps, ns.
-        angle, velocity : float
-            rad and rad/s; NaN if unknown.
-        known : bool
-            Whether the table has the angle.
-        sequence : int
-            Number of the message by its publisher; 0 if it is not known.
+        It arrived at ``now`` (steady clock, s) and ``received`` (clock of the stamps, ns). It has a
+        stamp (ns), an angle and a velocity (rad and rad/s, NaN if unknown), and the number of its
+        message by the publisher (0 if unknown). ``known`` says whether the table has the angle.
         """
         self._waiting.append((now, stamp, received, angle, velocity, known, sequence))
 
@@ -286,14 +241,7 @@ class ReadingWatch:
         self._window.refusal = sentence
 
     def judge(self, now: float, elapsed: float, expected: Expected) -> list[Fault]:
-        """Return what was wrong since the last call.
-
-        Parameters
-        ----------
-        now, elapsed : float
-            Steady clock, and the time since the last call, s.
-        expected : Expected
-        """
+        """Return what was wrong since the last call, which was ``elapsed`` (s) before ``now``."""
         while self._waiting:
             self._look(self._waiting.popleft())
         window, self._window = self._window, _Window()
@@ -318,13 +266,13 @@ class ReadingWatch:
         return [Fault(Level.STALE, sentence)]
 
     def _values(self, window: _Window, expected: Expected) -> list[Fault]:
-        found = _disagreement(window, expected.publishers, expected.name)
-        if not found and window.jumps:
+        faults = _disagreement(window, expected.publishers, expected.name)
+        if not faults and window.jumps:
             sentence = (
                 f"{window.jumps} of {window.received} readings of {expected.name} jump by up to "
                 f"{window.largest:.3g} rad, which a crank cannot; check the sensor and its cable."
             )
-            found = [Fault(Level.WARN, sentence)]
+            faults = [Fault(Level.WARN, sentence)]
         apart = abs(window.turned - window.moved)
         if apart > max(_CONTRADICTION, 0.5 * max(abs(window.turned), abs(window.moved))):
             sentence = (
@@ -332,11 +280,11 @@ class ReadingWatch:
                 f"the position by {window.moved:.2g} rad; the sensor is frozen, or its velocity is "
                 "wrong. Publish no velocity if it is not known."
             )
-            found.append(Fault(Level.WARN, sentence))
+            faults.append(Fault(Level.WARN, sentence))
         frozen = self._noise.frozen(expected.shaken) if window.received else ""
         if frozen:
-            found.append(Fault(Level.WARN, f"{expected.name}: {frozen}"))
-        return found
+            faults.append(Fault(Level.WARN, f"{expected.name}: {frozen}"))
+        return faults
 
     def _rate(self, window: _Window, elapsed: float) -> list[Fault]:
         rate = window.received / elapsed
@@ -389,23 +337,23 @@ def _range(window: _Window, expected: Expected) -> list[Fault]:
 def _stamps(window: _Window, expected: Expected) -> list[Fault]:
     least, most = window.ages
     advice = "synchronise the clocks, or set use_sim_time if a bag is played with its clock."
-    found = []
+    sentences = []
     if window.unstamped:
-        found.append(
+        sentences.append(
             f"The stamps of {window.unstamped} of {window.received} readings are zero, so that "
             "motion and delays are not known; set header.stamp where the message is published."
         )
     if expected.stale_after < least < math.inf:
-        found.append(f"The stamps of the readings are {least:.1f} s old; {advice}")
+        sentences.append(f"The stamps of the readings are {least:.1f} s old; {advice}")
     if -math.inf < most < -_STAMP_AHEAD:
-        found.append(f"The stamps of the readings are {-most:.1f} s in the future; {advice}")
-    return [Fault(Level.WARN, sentence) for sentence in found]
+        sentences.append(f"The stamps of the readings are {-most:.1f} s in the future; {advice}")
+    return [Fault(Level.WARN, sentence) for sentence in sentences]
 
 
 def _disagreement(
     window: _Window, publishers: Callable[[], Sequence[str]], name: str
 ) -> list[Fault]:
-    """Return that publishers of one topic disagree, and their nodes.
+    """Return the fault that publishers of one topic disagree, which names their nodes.
 
     After a restart, a publisher is alone, although its messages are numbered from 1 again.
     """
@@ -418,11 +366,11 @@ def _disagreement(
 
 
 class _Noise:
-    """Finds out whether a sensor is noisy, and when its noise ends, as it does if it is frozen.
+    """Finds out whether a sensor is noisy, and whether its noise has ended because it is frozen.
 
-    A sensor with coarse steps repeats its value while the hitch stands still, for as long as it
-    does. So a value that does not change is a fault only if the sensor never repeated a value for
-    nearly as long before although something shakes it.
+    A sensor with coarse steps repeats its value for as long as the hitch stands still. So a value
+    that does not change is a fault only if the sensor has never repeated a value for nearly as
+    long before.
     """
 
     def __init__(self) -> None:
@@ -450,7 +398,7 @@ class _Noise:
         self._time = now
 
     def frozen(self, shaken: bool) -> str:
-        """Return why the sensor must be frozen; empty if it need not be."""
+        """Return a sentence that the sensor is frozen; empty if it may be sound."""
         still = self._time - self._since
         if not still >= _FROZEN or self._run < _FROZEN_READINGS:
             return ""
@@ -467,12 +415,7 @@ class _Noise:
 
 
 class SpeedWatch:
-    """Watches a speed of the tractor.
-
-    Parameters
-    ----------
-    source : Source
-    """
+    """Watches a speed of the tractor."""
 
     def __init__(self, source: Source) -> None:
         self._source = source
@@ -481,16 +424,9 @@ class SpeedWatch:
         self._value = math.nan
 
     def take(self, now: float, value: float, sequence: int = 0) -> None:
-        """Take a value.
+        """Take a value (rpm or m/s) that arrived at ``now`` by the steady clock, s.
 
-        Parameters
-        ----------
-        now : float
-            Steady clock at its arrival, s.
-        value : float
-            rpm or m/s.
-        sequence : int
-            Number of the message by its publisher; 0 if it is not known.
+        The sequence number of its message is 0 if it is not known.
         """
         low, high = _PLAUSIBLE[self._source]
         resumed = not now - self._time <= _FRESH
@@ -509,21 +445,13 @@ class SpeedWatch:
     ) -> list[Fault]:
         """Return what was wrong since the last call; nothing if the speed never arrived.
 
-        Parameters
-        ----------
-        now : float
-            Steady clock, s.
-        topic : str
-            Where the speed is published.
-        stale_after : float
-            Age from which it is too old, s.
-        publishers : callable
-            Returns the names of the nodes that publish it, one for each publisher.
+        The speed is too old after ``stale_after`` (s); ``publishers`` returns the node of each
+        publisher of its topic.
         """
         source, value = self._source, self._value
         window, self._window = self._window, _Window()
         name = f"{'PTO' if source is Source.PTO else source.value} speed on {topic}"
-        age, problem, found = now - self._time, "", []
+        age, problem = now - self._time, ""
         if age > stale_after:
             problem = f"The {name} stopped {age:.1f} s ago; check its publisher."
         elif not math.isfinite(value) and age >= 0.0:
@@ -535,6 +463,5 @@ class SpeedWatch:
                 f"The {name} has been {value:.4g} {source.unit}, which is not plausible, for "
                 f"{now - self._since:.0f} s; is it in {_OTHER_UNITS[source]}?"
             )
-        if problem:
-            found.append(Fault(Level.WARN, problem))
-        return found + _disagreement(window, publishers, f"the {name}")
+        faults = [Fault(Level.WARN, problem)] if problem else []
+        return faults + _disagreement(window, publishers, f"the {name}")

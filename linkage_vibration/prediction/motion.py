@@ -34,14 +34,14 @@ FloatArray = NDArray[np.float64]
 POOL = 40_000_000  # ns; readings within it are averaged
 GAP = 500_000_000  # ns; readings that are farther apart do not belong to one motion
 
-_LAGS = 8  # means with which each of the newest two is compared
-_BENDS = 1.0, 2.0, 4.0, 8.0, 16.0  # times the assumed bend
-_EXPLAINED = 0.5  # of the largest third difference that steps cause: the usual one
+_LAGS = 8  # each of the newest two means is compared with so many before
+_BENDS = 1.0, 2.0, 4.0, 8.0, 16.0  # multiples of the assumed bend that are tried
+_EXPLAINED = 0.5  # the usual third difference by steps is this share of the largest one
 _SPREAD = 2.0  # half-width of the noise over its largest recent residual
-_AGREEMENT = 0.65  # width of an intersection over that of the narrowest interval
-_FEW = 4.0  # residuals; as many more would be needed to know the largest
-_DECAY = 0.98  # of that residual with each new mean
-_RESIDUALS = 6  # before the noise is known, and in which a motion is smooth
+_AGREEMENT = 0.65  # least width of an intersection over that of the narrowest interval
+_FEW = 4.0  # the noise is taken as larger by this number over the number of residuals
+_DECAY = 0.98  # the largest residual counts less by this factor with each new mean
+_RESIDUALS = 6  # so many are needed to know the noise, or that a motion is smooth
 
 _CRANK = 1.0, 0.01  # rad/s^2, such as of a lift of 90 deg in 3 s, and rad
 _SPEEDS = {
@@ -65,9 +65,9 @@ _Mean = tuple[float, float, float, float]
 
 
 def _residuals(means: list[_Mean]) -> tuple[float, float]:
-    """Return by how much a reading errs, by the third difference of four means, and by noise alone.
+    """Return the error of a reading by the third difference of four means, and its noise.
 
-    The second is the part that the steps of the sensor do not explain.
+    The noise is the part that the steps of the sensor do not explain.
     """
     (a, *_), (b, *_), (c, *_), (d, *_) = means
     ab, ac, ad, bc, bd, cd = a - b, a - c, a - d, b - c, b - d, c - d
@@ -99,10 +99,7 @@ def speed_filter(source: Source) -> "RateFilter":
 def crank_resolution(stddev: float, angle_stddev: float) -> float:
     """Return the resolution of a crank angle, rad; 0 if it is not known.
 
-    Parameters
-    ----------
-    stddev, angle_stddev : float
-        Standard deviation of the crank angle with that of its steps, and without it, rad.
+    ``stddev`` is its standard deviation with that of its steps, ``angle_stddev`` without it, rad.
     """
     steps = stddev * stddev - angle_stddev * angle_stddev
     return math.sqrt(12.0 * steps) if steps > 0.0 else 0.0
@@ -111,12 +108,8 @@ def crank_resolution(stddev: float, angle_stddev: float) -> float:
 class RateFilter:
     """Estimates the rate of a quantity.
 
-    Parameters
-    ----------
-    bend : float
-        Largest usual second derivative of the quantity, per s^2.
-    coarsest : float
-        Resolution that is assumed until two readings differ.
+    The largest usual second derivative (``bend``) is per s^2; the coarsest resolution is assumed
+    until two readings differ.
     """
 
     def __init__(self, bend: float, coarsest: float) -> None:
@@ -131,16 +124,9 @@ class RateFilter:
         self._times, self._sum, self._count = 0, 0.0, 0  # of the readings since the last mean
 
     def add(self, stamp: int, value: float, resolution: float = 0.0) -> Rate:
-        """Return the rate at a reading.
+        """Return the rate at a reading with a stamp, ns; it is unknown if the value is not finite.
 
-        Parameters
-        ----------
-        stamp : int
-            When it was taken, ns.
-        value : float
-            The reading; without a finite one the rate is not known.
-        resolution : float
-            Smallest change that the sensor reports; 0 if it is not known.
+        The resolution is the smallest change that the sensor reports, or 0 if that is not known.
         """
         if not self._take(stamp, value, resolution) or self._residuals < _RESIDUALS:
             return UNKNOWN
@@ -169,13 +155,7 @@ class RateFilter:
         return UNKNOWN
 
     def note(self, stamp: int, value: float, resolution: float = 0.0) -> None:
-        """Take a reading whose rate is not needed, in a third of the time of `add`.
-
-        Parameters
-        ----------
-        stamp, value, resolution
-            As those of `add`.
-        """
+        """Take a reading whose rate is not needed, in a third of the time of `add`."""
         self._take(stamp, value, resolution)
         self._trim()
 
@@ -186,28 +166,22 @@ class RateFilter:
         resolutions: Iterable[float],
         wanted: Iterable[bool] = repeat(True),
     ) -> tuple[FloatArray, FloatArray]:
-        """Return what `add` returns for the readings whose rates are wanted, as two arrays.
-
-        Parameters
-        ----------
-        stamps, values, resolutions, wanted : iterable of int, of float, of float and of bool
-            As those of `add`, and whether the rate at each reading is wanted.
-        """
+        """Return the result of `add` for the wanted readings: rates and errors, (n,) each."""
         rows: list[float] = []
         for stamp, value, resolution, want in zip(
             stamps, values, resolutions, wanted, strict=False
         ):
-            known = self._take(stamp, value, resolution) and self._residuals >= _RESIDUALS
+            has_rate = self._take(stamp, value, resolution) and self._residuals >= _RESIDUALS
             if not want:
                 continue
             now, spread = 1e-9 * (stamp - self._origin), self._spread()
             time, mean, half_step, share = self._mean()
             error = half_step + spread * share
-            rows += known, now, spread, time, mean, error, len(self._means), self._start
+            rows += has_rate, now, spread, time, mean, error, len(self._means), self._start
         means = np.array(self._means).reshape(-1, 4)
-        found = _intersections(np.array(rows).reshape(-1, 8), means, self._bends)
+        estimates = _intersections(np.array(rows).reshape(-1, 8), means, self._bends)
         self._trim()
-        return found
+        return estimates
 
     def _take(self, stamp: int, value: float, resolution: float) -> bool:
         """Take a reading; return whether it has a value."""
@@ -272,18 +246,11 @@ def _intersections(
 ) -> tuple[FloatArray, FloatArray]:
     """Return rates and bounds of their errors, (n,) each, as `RateFilter.add` computes them.
 
-    Parameters
-    ----------
-    rows : ndarray, (n, 8)
-        Of each reading: whether its rate can be known, its time, the half-width of the noise of
-        one reading; time, value and error of the newest mean; and the numbers of means before it,
-        and before its motion.
-    means : ndarray, (n_means, 4)
-        `_Mean` of each.
-    bends : list of float
-        Those that are tried.
+    ``rows`` is (n, 8), for each reading: whether its rate can be known, its time, the half-width of
+    the noise of one reading; time, value and error of the newest mean; and the numbers of means
+    before it, and before its motion. ``means`` is (n_means, 4), a `_Mean` in each row.
     """
-    known, now, spread, time, mean, error, end, start = rows.T
+    has_rate, now, spread, time, mean, error, end, start = rows.T
     end, start = end.astype(np.int64), start.astype(np.int64)
     times, values, half_steps, shares = np.vstack([means, np.zeros((1, 4))]).T
     pairs = []
@@ -301,7 +268,7 @@ def _intersections(
                 age = now - 0.5 * (newest[0] + times[at])
                 pairs.append(((newest[1] - values[at]) / apart, width, age))
         rate, bound = np.full((2, len(rows)), math.nan)
-        left = np.flatnonzero(known)
+        left = np.flatnonzero(has_rate)
         for bend in bends:
             low, high, least = (np.full(len(left), sign * math.inf) for sign in (-1.0, 1.0, 1.0))
             for slope, width, age in pairs:

@@ -31,7 +31,7 @@ from linkage_vibration.prediction.inputs.units import (
     CALIBRATED,
     ROTATIONS,
     SPEEDS,
-    Calibration,
+    HitchCurve,
     HitchScale,
     InputError,
 )
@@ -237,7 +237,7 @@ class Parameters:
         "Pairs of a hitch position and the crank angle there (rad), one pair after the other, for "
         "positions in percent (from 0 to 100), in m (such as the stroke of a cylinder), or in any "
         "other unit. A monotone curve connects them.",
-        lambda pairs: Calibration(pairs) is not None,
+        lambda pairs: HitchCurve(pairs) is not None,
     )
     angle_stddev: float = _ranged(
         0.0,
@@ -418,13 +418,7 @@ class Parameters:
         return CrankInput(self.source(HITCH), schema, self._hitch_scale())
 
     def speed_input(self, source: Source, schema: Schema) -> SpeedInput:
-        """Return the input of a speed.
-
-        Parameters
-        ----------
-        source, schema : Source, Schema
-            The speed, and the fields of the type of its messages.
-        """
+        """Return the input of a speed from messages whose type has the fields of a schema."""
         name = source.value
         factor = {**ROTATIONS, **SPEEDS}[self._chosen(name, "unit")]
         gain = factor * self._input(name, "sign") * self._input(name, "scale")
@@ -432,13 +426,7 @@ class Parameters:
         return SpeedInput(self.source(name), schema, gain, offset)
 
     def check_inputs(self) -> None:
-        """Refuse parameters of inputs that do not fit each other.
-
-        Raises
-        ------
-        ParameterError
-            If the calibration does not belong to the unit, or a delay to the origin of the time.
-        """
+        """Raise a `ParameterError` if parameters of an input do not fit each other."""
         try:
             self._hitch_scale()
         except InputError as error:
@@ -461,7 +449,7 @@ class Parameters:
         return str(self._input(name, what) or getattr(preset, what))
 
     def _hitch_scale(self) -> HitchScale:
-        unit, calibration = self._chosen(HITCH, "unit"), Calibration(self.calibration)
+        unit, calibration = self._chosen(HITCH, "unit"), HitchCurve(self.calibration)
         return HitchScale(unit, self.sign, self.scale, self.offset, calibration, self.angle_stddev)
 
     def fixed_speed(self, source: Source) -> float | None:

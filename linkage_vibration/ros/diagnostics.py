@@ -12,7 +12,7 @@ from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from linkage_vibration.bags.recorder import Recorder
 from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.prediction.answers import Served
-from linkage_vibration.prediction.health import Fault, Level, summary
+from linkage_vibration.prediction.health import Fault, Level, overall
 from linkage_vibration.prediction.predictor import Prediction, uncertain_modes
 from linkage_vibration.prediction.resonance import ResonanceState
 
@@ -221,8 +221,8 @@ def statuses(name: str, health: Health, statistics: Statistics) -> list[Diagnost
     """
     inactive = Level.OK, f"The node is {health.state}."
     parts: Mapping[str, tuple[Level, str]] = {
-        "input": summary(health.readings, "The readings have no known fault."),
-        "speeds": summary(health.speeds, "The speeds have no known fault."),
+        "input": overall(health.readings, "The readings have no known fault."),
+        "speeds": overall(health.speeds, "The speeds have no known fault."),
         "resonance": _resonance(health),
         "log": _log(health),
     }

@@ -12,7 +12,7 @@ from linkage_vibration.bags.message_types import FLOAT64, JOINT_STATE
 from linkage_vibration.cli.main import main
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.kinematics import Kinematics
-from linkage_vibration.prediction.inputs.units import Calibration, HitchScale
+from linkage_vibration.prediction.inputs.units import HitchCurve, HitchScale
 from linkage_vibration.prediction.parameter_files import read_parameters
 from linkage_vibration.prediction.settings import Parameters
 from test.playback.test_replay import JOINT, START, Entry, float64, joint_state, write_mcap
@@ -83,7 +83,7 @@ def test_from_a_bag_to_parameters(
         printed = capsys.readouterr().out
         assert output.read_text() in printed
         found = read_parameters(output)
-        calibration = Calibration(found.calibration)
+        calibration = HitchCurve(found.calibration)
         scale = HitchScale(found.hitch_unit, 1, 1.0, 0.0, calibration, found.angle_stddev)
         assert found.hitch_unit == ("percent" if kind == "percent" else "any")
         rng = np.random.default_rng(100 + seed)

@@ -34,7 +34,7 @@ from linkage_vibration.messages.topics import (
 from linkage_vibration.playback.remapping import ReplayError, remappings
 from linkage_vibration.playback.replay import WhatIf, replay
 from linkage_vibration.prediction.excitation import Source
-from linkage_vibration.prediction.inputs.units import Calibration, HitchScale
+from linkage_vibration.prediction.inputs.units import HitchCurve, HitchScale
 from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.prediction.motion import crank_filter, crank_resolution
 from linkage_vibration.prediction.parameter_files import read_parameters
@@ -181,7 +181,7 @@ def test_motion_that_is_estimated(tmp_path: Path) -> None:
     excitations = read_excitations(config_file("excitations.yaml"))
     levels = LevelTable(predictor, read_mechanism(config_file(DEFAULT_MECHANISM)), excitations)
     monitor, crank = ResonanceMonitor(excitations, levels=levels), crank_filter()
-    scale = HitchScale("percent", calibration=Calibration(calibration), angle_stddev=1e-3)
+    scale = HitchScale("percent", calibration=HitchCurve(calibration), angle_stddev=1e-3)
     expected, directions, period = [], set(), -1
     for topic, _, time, message in entries:
         if topic == "/engine_speed":
@@ -264,7 +264,7 @@ def test_hitch_percent(tmp_path: Path) -> None:
     predictor = Predictor(load_table(config_file(DEFAULT_TABLE)))
     expected = []
     for k, value in enumerate(values):
-        reading = HitchScale("percent", calibration=Calibration(calibration)).reading(value)
+        reading = HitchScale("percent", calibration=HitchCurve(calibration)).reading(value)
         time = START + k * 10**8
         prediction = predictor.predict(reading.crank_angle, reading.stddev)
         expected.append((time, encode_message(PREDICTION, prediction, *divmod(time, 10**9), "")))

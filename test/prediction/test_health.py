@@ -18,7 +18,7 @@ from linkage_vibration.prediction.health import (
     Level,
     ReadingWatch,
     SpeedWatch,
-    summary,
+    overall,
 )
 from test.support.drive import engine_and_pto_speed, hitch_duty_cycle
 from test.support.motions import STROKE
@@ -258,8 +258,8 @@ def test_speeds_of_two_publishers() -> None:
 def test_most_serious_first() -> None:
     """The level is the highest, and every fault has its sentence."""
     faults = [Fault(Level.WARN, "B."), Fault(Level.ERROR, "A.")]
-    assert summary(faults, "Sound.") == (Level.ERROR, "A. B.")
-    assert summary([], "Sound.") == (Level.OK, "Sound.")
+    assert overall(faults, "Sound.") == (Level.ERROR, "A. B.")
+    assert overall([], "Sound.") == (Level.OK, "Sound.")
 
 
 def noise_then_still(

@@ -21,7 +21,7 @@ from linkage_vibration.prediction.inputs.joint_state import JointReader
 from linkage_vibration.prediction.inputs.presets import PRESETS
 from linkage_vibration.prediction.inputs.units import (
     PERCENT_STEP,
-    Calibration,
+    HitchCurve,
     HitchScale,
     InputError,
     Reading,
@@ -59,7 +59,7 @@ def float64(value: float) -> bytes:
 def percent_input(percents: Sequence[float], angles: Sequence[float]) -> HitchScale:
     """Return the scale with these points of its calibration (%, rad)."""
     pairs = tuple(v for pair in zip(percents, angles, strict=True) for v in pair)
-    return HitchScale("percent", calibration=Calibration(pairs))
+    return HitchScale("percent", calibration=HitchCurve(pairs))
 
 
 def test_position_is_found_by_name() -> None:
@@ -165,7 +165,7 @@ def test_positions_outside_the_range(percent: float) -> None:
 def test_calibrations_that_cannot_be_used(calibration: tuple[float, ...], words: str) -> None:
     """The error names the point at which a calibration is not strictly monotone."""
     with pytest.raises(InputError, match=words):
-        HitchScale("percent", calibration=Calibration(calibration))
+        HitchScale("percent", calibration=HitchCurve(calibration))
 
 
 def test_velocity_through_a_calibration() -> None:
@@ -187,7 +187,7 @@ def test_units_of_the_hitch() -> None:
     lengths = np.linspace(0.45, 0.75, 40)
     angles = np.arccos((0.6**2 + 0.25**2 - lengths**2) / (2.0 * 0.6 * 0.25))
     pairs = np.column_stack([lengths - lengths[0], angles]).ravel().tolist()
-    hitch = HitchScale("m", calibration=Calibration(tuple(pairs)))
+    hitch = HitchScale("m", calibration=HitchCurve(tuple(pairs)))
     true = math.acos((0.6**2 + 0.25**2 - 0.6**2) / (2.0 * 0.6 * 0.25))
     assert hitch.reading(0.15).crank_angle == pytest.approx(true, abs=1e-4)
     assert math.isnan(hitch.reading(0.31).crank_angle)

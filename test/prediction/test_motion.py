@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from linkage_vibration.prediction.excitation import Source
-from linkage_vibration.prediction.inputs.units import Calibration, HitchScale
+from linkage_vibration.prediction.inputs.units import HitchCurve, HitchScale
 from linkage_vibration.prediction.motion import (
     GAP,
     RateFilter,
@@ -100,9 +100,7 @@ def test_an_exact_ramp_of_a_speed() -> None:
 
 def test_resolution_of_percent() -> None:
     """The steps of the bus follow from the standard deviations, and are not known without steps."""
-    hitch = HitchScale(
-        "percent", calibration=Calibration((0.0, 3.0, 100.0, 1.5)), angle_stddev=0.01
-    )
+    hitch = HitchScale("percent", calibration=HitchCurve((0.0, 3.0, 100.0, 1.5)), angle_stddev=0.01)
     assert crank_resolution(hitch.reading(40.0).stddev, 0.01) == pytest.approx(0.004 * 1.5)
     assert crank_resolution(0.01, 0.01) == 0.0
 

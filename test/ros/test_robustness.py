@@ -28,7 +28,7 @@ from std_msgs.msg import Float64, String
 from std_srvs.srv import Trigger
 
 from linkage_vibration.bags.reading import read_messages
-from linkage_vibration.prediction.inputs.units import Calibration, HitchScale
+from linkage_vibration.prediction.inputs.units import HitchCurve, HitchScale
 from linkage_vibration.prediction.predictor import Predictor, Status
 from linkage_vibration.support.resources import config_file
 from linkage_vibration.table.table import load_table
@@ -221,7 +221,7 @@ def test_hitch_position_in_percent(
     calibration = (0.0, 3.1, 40.0, 2.6, 100.0, 1.6)
     process = start(name="percent", input="percent", calibration=list(calibration))
     process.wait_for("Predicting for field data on /hitch_position")
-    hitch = HitchScale("percent", calibration=Calibration(calibration))
+    hitch = HitchScale("percent", calibration=HitchCurve(calibration))
     received: list[Any] = []
     peer.node.create_subscription(VibrationPrediction, "percent/prediction", received.append, 100)
     publisher = peer.node.create_publisher(Float64, "hitch_position", SENSOR)

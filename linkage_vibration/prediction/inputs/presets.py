@@ -16,25 +16,14 @@ _HIGHEST_SPEED = 64.255  # m/s, the same in steps of 0.001 m/s
 
 @dataclass(frozen=True, slots=True)
 class Preset:
-    """What an input reads unless parameters say otherwise.
-
-    Attributes
-    ----------
-    topic, type, field, unit : str
-        As the parameters of the input with these names. In the field, ``{joint_name}`` is that
-        parameter.
-    meaning : str
-        A sentence for the manual.
-    low, high : float
-        A number outside of this range means that the value is not available.
-    """
+    """What an input reads unless parameters say otherwise."""
 
     topic: str
     type: str
-    field: str
+    field: str  # ``{joint_name}`` stands for the parameter joint_name
     unit: str
-    meaning: str
-    low: float = -math.inf
+    meaning: str  # a sentence for the manual
+    low: float = -math.inf  # a number outside of this range means that the value is not available
     high: float = math.inf
 
 

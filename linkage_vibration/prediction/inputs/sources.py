@@ -37,53 +37,25 @@ _FRAME_FIELDS = (
 
 @dataclass(frozen=True, slots=True)
 class SourceSettings:
-    """Where an input comes from, as the parameters say.
+    """Where an input comes from, as the parameters say."""
 
-    Attributes
-    ----------
-    name : str
-        The input: "hitch", "engine", "pto" or "ground".
-    topic, type, field : str
-        Name of the topic, type of its messages, and path to the number in them.
-    time : str
-        "header", "receipt", or empty for the default.
-    delay : float
-        Time from the moment of a value to its receipt, s.
-    low, high : float
-        A number outside of this range means that the value is not available.
-    chosen : bool
-        Whether a parameter names the topic.
-    database : str
-        Path of the DBC file of CAN signals, or empty.
-    unit : str
-        The unit in which the number has to be; empty if ``scale`` converts it.
-    """
-
-    name: str
+    name: str  # "hitch", "engine", "pto" or "ground"
     topic: str
     type: str
-    field: str
-    time: str
-    delay: float
-    low: float
+    field: str  # path to the number in the messages
+    time: str  # "header", "receipt", or empty for the default
+    delay: float  # s, from the moment of a value to its receipt
+    low: float  # a number outside of this range means that the value is not available
     high: float
-    chosen: bool
-    database: str = ""
-    unit: str = ""
+    chosen: bool  # whether a parameter names the topic
+    database: str = ""  # path of the DBC file of CAN signals, or empty
+    unit: str = ""  # in which the number has to be; empty if a scale converts it
 
     def reader(self, schema: Schema) -> NumberReader:
-        """Return the reader of the number.
+        """Return the reader of the number; the schema has the fields of the messages.
 
-        Parameters
-        ----------
-        schema : Schema
-            The fields of the type.
-
-        Raises
-        ------
-        InputError
-            If the type has no such number, or if its messages have no header, from which the time
-            is to come.
+        An `InputError` says that there is no such number, or no header although the time is to come
+        from it.
         """
         try:
             reader = READERS.get(self.type, _field_reader)(schema, self)
@@ -125,60 +97,29 @@ READERS: dict[str, Callable[[Schema, SourceSettings], NumberReader]] = {
     JOINT_STATE: _joint_reader,
     CAN_FRAME: _can_reader,
 }
-"""The readers of types for which there is another one than `FieldReader`."""
+"""The readers of types that `FieldReader` does not read, or reads more slowly."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Readings:
-    """The crank angles of messages that have the same frame, by columns.
+    """The crank angles of messages that have the same frame, by columns of shape (n,)."""
 
-    Attributes
-    ----------
-    rows : ndarray, (n,)
-        Which messages of the block they are.
-    crank_angle, velocity, stddev : ndarray, (n,)
-        As those of `Reading`.
-    sec, nanosec : ndarray, (n,)
-        Stamps, s and ns.
-    times : ndarray, (n,)
-        When they are assessed, ns.
-    frame_id : str
-        Frame of the headers; empty for messages without a header.
-    """
-
-    rows: Integers
-    crank_angle: FloatArray
-    velocity: FloatArray
-    stddev: FloatArray
-    sec: NDArray[np.int32]
-    nanosec: NDArray[np.uint32]
-    times: Integers
-    frame_id: str
+    rows: Integers  # which messages of the block they are
+    crank_angle: FloatArray  # rad
+    velocity: FloatArray  # rad/s
+    stddev: FloatArray  # rad
+    sec: NDArray[np.int32]  # of the stamps, s
+    nanosec: NDArray[np.uint32]  # of the stamps, ns
+    times: Integers  # when the readings are assessed, ns
+    frame_id: str  # of the headers; empty for messages without a header
 
 
 Stamped: TypeAlias = tuple[Reading, int, int, str, int]
 """A reading, its stamp (s and ns), its frame, and when it is assessed, ns."""
 
 
-class Input:
-    """A source with the reader of its numbers.
-
-    Parameters
-    ----------
-    settings : SourceSettings
-    schema : Schema
-        The fields of the type of its messages.
-
-    Attributes
-    ----------
-    settings : SourceSettings
-    reader : NumberReader
-
-    Raises
-    ------
-    LinkageVibrationError
-        If the type has no such number, or the settings cannot be used.
-    """
+class InputReader:
+    """A source with the reader of its numbers; the schema has the fields of its messages."""
 
     def __init__(self, settings: SourceSettings, schema: Schema) -> None:
         self.settings, self.reader = settings, settings.reader(schema)
@@ -194,26 +135,20 @@ class Input:
 
     def _numbers(self, block: Block, rows: Integers, left_out: LeftOut) -> Iterator[Numbers]:
         """Read many messages, with NaN for values that are not available."""
-        for found in self.reader.read(block, rows, left_out):
-            wrong = ~((self.settings.low <= found.value) & (found.value <= self.settings.high))
+        for numbers in self.reader.read(block, rows, left_out):
+            value = numbers.value
+            wrong = ~((self.settings.low <= value) & (value <= self.settings.high))
             if wrong.any():
-                found.value[wrong] = math.nan
+                value[wrong] = math.nan
                 note = self.reader.note or self.reader.describe()
                 left_out.unavailable[note] = left_out.unavailable.get(note, 0) + int(wrong.sum())
-            yield found
+            yield numbers
 
 
-class CrankInput(Input):
-    """The crank angle.
+class CrankInput(InputReader):
+    """The crank angle, with the scale by which numbers become crank angles.
 
     Its stamp is that of the header of its message, or else the time of receipt less the delay.
-
-    Parameters
-    ----------
-    settings, schema : SourceSettings, Schema
-        As those of `Input`.
-    scale : HitchScale
-        How numbers become crank angles.
     """
 
     def __init__(self, settings: SourceSettings, schema: Schema, scale: HitchScale) -> None:
@@ -222,22 +157,7 @@ class CrankInput(Input):
         self._stamped = self.reader.has_header and settings.time != RECEIPT_TIME
 
     def read_one(self, data: bytes, received: int) -> Stamped | None:
-        """Return what a message reports; None if it does not contain the number.
-
-        Parameters
-        ----------
-        data : bytes
-            The message in plain CDR.
-        received : int
-            When it was received, ns.
-
-        Raises
-        ------
-        CdrError
-            If the bytes are not such a message.
-        ReadingError
-            If its number is not reliable.
-        """
+        """Return the reading of a message, received at a time (ns); None without a number."""
         number = self.reader.read_one(data)
         if number is None:
             return None
@@ -250,34 +170,21 @@ class CrankInput(Input):
         return self.scale.reading(value, rate), sec, nanosec, frame_id, time
 
     def read_block(self, block: Block, rows: Integers, left_out: LeftOut) -> Iterator[Readings]:
-        """Read many messages of a bag, which gives the same values as `read_one` for each.
-
-        Parameters
-        ----------
-        block, rows, left_out : Block, ndarray and LeftOut
-            As in `NumberReader.read`.
-        """
-        for found in self._numbers(block, rows, left_out):
-            times = block.log_times[found.rows] - self._delay
-            sec, nanosec = found.sec, found.nanosec
+        """Read many messages of a bag, which gives the same values as `read_one` for each."""
+        for numbers in self._numbers(block, rows, left_out):
+            times = block.log_times[numbers.rows] - self._delay
+            sec, nanosec = numbers.sec, numbers.nanosec
             if not self._stamped:
                 whole, rest = np.divmod(times, 10**9)
                 sec, nanosec = whole.astype(np.int32), rest.astype(np.uint32)
-            angle, velocity, stddev = self.scale.columns(found.value, found.rate)
-            yield Readings(found.rows, angle, velocity, stddev, sec, nanosec, times, found.frame_id)
+            columns = self.scale.columns(numbers.value, numbers.rate)
+            yield Readings(numbers.rows, *columns, sec, nanosec, times, numbers.frame_id)
 
 
-class SpeedInput(Input):
-    """A speed: gain * number + offset.
+class SpeedInput(InputReader):
+    """A speed: gain * number + offset, rpm or m/s.
 
     Its time is that of its receipt less the delay, or that of the header of its message.
-
-    Parameters
-    ----------
-    settings, schema : SourceSettings, Schema
-        As those of `Input`.
-    gain, offset : float
-        The speed (rpm or m/s) per unit of the number, and the speed at the number 0.
     """
 
     def __init__(
@@ -290,17 +197,7 @@ class SpeedInput(Input):
     def read_one(self, data: bytes, received: int) -> tuple[float, int] | None:
         """Return a speed (rpm or m/s; NaN if it is not available) and its time, ns.
 
-        It is None if the message does not contain the number.
-
-        Parameters
-        ----------
-        data, received : bytes, int
-            As in `CrankInput.read_one`.
-
-        Raises
-        ------
-        CdrError, ReadingError
-            As in `CrankInput.read_one`.
+        It is None if the message, received at a time (ns), does not contain the number.
         """
         number = self.reader.read_one(data)
         if number is None:
@@ -314,15 +211,9 @@ class SpeedInput(Input):
     def read_block(
         self, block: Block, rows: Integers, left_out: LeftOut
     ) -> Iterator[tuple[Integers, FloatArray, Integers]]:
-        """Yield rows, speeds and times of many messages, each (n,); see `read_one`.
-
-        Parameters
-        ----------
-        block, rows, left_out : Block, ndarray and LeftOut
-            As in `NumberReader.read`.
-        """
-        for found in self._numbers(block, rows, left_out):
-            times = block.log_times[found.rows] - self._delay
+        """Yield rows, speeds and times of many messages, each (n,); see `read_one`."""
+        for numbers in self._numbers(block, rows, left_out):
+            times = block.log_times[numbers.rows] - self._delay
             if self._stamped:
-                times = 10**9 * found.sec.astype(np.int64) + found.nanosec
-            yield found.rows, self._gain * found.value + self._offset, times
+                times = 10**9 * numbers.sec.astype(np.int64) + numbers.nanosec
+            yield numbers.rows, self._gain * numbers.value + self._offset, times

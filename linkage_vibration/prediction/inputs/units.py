@@ -31,8 +31,7 @@ _NAMES |= {each.lower(): each for each in ("mm", "cm", "in", "mph", "kn", "knots
 PERCENT_STEP = 0.4
 """Resolution of a hitch position on the ISO 11783 bus, % per bit."""
 
-_LEAST_STEP = 1e-3  # %; below, the slope of a calibration is meaningless
-_LONGEST = 10.0  # m; no part of a hitch moves as far
+_LONGEST = 10.0  # m; no part of a hitch moves so far
 
 
 class InputError(LinkageVibrationError):
@@ -40,15 +39,9 @@ class InputError(LinkageVibrationError):
 
 
 def wrong_unit(stated: str, expected: str, name: str) -> str:
-    """Return that a number has another unit than is expected; empty if that cannot be said.
+    """Return that a number has another unit than the input expects; empty if that cannot be said.
 
-    Parameters
-    ----------
-    stated, expected : str
-        The unit that a description of the number states, as people write it, and that of the
-        input; each may be empty.
-    name : str
-        The input: "hitch", "engine", "pto" or "ground".
+    ``stated`` is the unit in a description of the number, as people write it, and may be empty.
     """
     unit = _NAMES.get(stated.strip().lower(), "")
     if not unit or expected in ("", "any", unit):
@@ -65,38 +58,19 @@ def wrong_unit(stated: str, expected: str, name: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """The crank angle that one message reports.
+    """The crank angle that one message reports."""
 
-    Attributes
-    ----------
-    crank_angle : float
-        alpha3, rad; it may be NaN.
-    velocity : float
-        Rate of the crank angle, rad/s; NaN if it is unknown.
-    stddev : float
-        Standard deviation of the crank angle, rad.
-    """
-
-    crank_angle: float
-    velocity: float
-    stddev: float
+    crank_angle: float  # alpha3, rad; NaN if it is not available
+    velocity: float  # rad/s; NaN if it is unknown
+    stddev: float  # standard deviation of the crank angle, rad
 
 
 @dataclass(frozen=True)
-class Calibration:
+class HitchCurve:
     """A monotone curve from a hitch position to the crank angle, through given points (PCHIP).
 
-    Attributes
-    ----------
-    pairs : tuple of float
-        A position and the crank angle there (rad), one pair after the other. The positions ascend,
-        and the angles all ascend or all descend.
-
-    Raises
-    ------
-    InputError
-        If there are fewer than two pairs, if they are not finite and strictly monotone, or if an
-        angle exceeds a full turn, as angles in degrees do.
+    The pairs are a position and the crank angle there (rad), one pair after the other. Positions
+    ascend, and angles, which are at most a full turn, all ascend or all descend.
     """
 
     pairs: tuple[float, ...]
@@ -157,33 +131,14 @@ class HitchScale:
     An angle is the crank angle. Other positions are looked up in the calibration; outside of it
     the crank angle is NaN, also for the values by which the ISO 11783 bus says "error" and "not
     available" (101.6 and 102 %).
-
-    Attributes
-    ----------
-    unit : str
-        "rad", "deg", "percent" (0 is down, 100 is up), "m" such as the stroke of a cylinder, or
-        "any" such as V.
-    sign : int
-        1 or -1.
-    scale, offset : float
-        Unit per unit of the number, and the position at the number 0.
-    calibration : Calibration
-    angle_stddev : float
-        Standard deviation of the crank angle, rad; with percent, the standard deviation that the
-        bus's steps of 0.4 % cause is added.
-
-    Raises
-    ------
-    InputError
-        If the calibration does not reach from 0 to 100 %, or is not one of lengths in m.
     """
 
-    unit: str
-    sign: int = 1
-    scale: float = 1.0
-    offset: float = 0.0
-    calibration: Calibration = Calibration((0.0, math.pi, 100.0, math.pi / 2.0))
-    angle_stddev: float = 0.0
+    unit: str  # "rad", "deg", "percent" (0 is down), "m" (of a cylinder), or "any" (such as V)
+    sign: int = 1  # 1 or -1
+    scale: float = 1.0  # unit per unit of the number
+    offset: float = 0.0  # position at the number 0
+    calibration: HitchCurve = HitchCurve((0.0, math.pi, 100.0, math.pi / 2.0))
+    angle_stddev: float = 0.0  # rad; with percent, that of the bus's steps of 0.4 % is added
 
     def __post_init__(self) -> None:
         """Check that the calibration is one of this unit."""
@@ -199,13 +154,7 @@ class HitchScale:
             )
 
     def reading(self, number: float, rate: float = math.nan) -> Reading:
-        """Return the crank angle of a number.
-
-        Parameters
-        ----------
-        number, rate : float
-            The number and its rate, 1/s, which is NaN if unknown.
-        """
+        """Return the crank angle of a number and its rate (1/s, NaN if unknown)."""
         gain = self._gain
         position, moved = gain * number + self._offset, gain * rate
         if self.unit in ANGLES:
@@ -222,19 +171,14 @@ class HitchScale:
     def columns(
         self, numbers: FloatArray, rates: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return crank angles, velocities and standard deviations, each (n,); see `reading`.
-
-        Parameters
-        ----------
-        numbers, rates : ndarray, (n,)
-        """
+        """Return crank angles, velocities and standard deviations, each (n,); see `reading`."""
         if self.unit in ANGLES:
             angles = self._gain * numbers + self._offset
             return angles, self._gain * rates, np.full(len(numbers), self.angle_stddev)
         pairs = zip(numbers.tolist(), rates.tolist(), strict=True)
         readings = [self.reading(*pair) for pair in pairs]
-        found = [(one.crank_angle, one.velocity, one.stddev) for one in readings]
-        angles, velocities, stddevs = np.array(found, float).reshape(-1, 3).T
+        rows = [(r.crank_angle, r.velocity, r.stddev) for r in readings]
+        angles, velocities, stddevs = np.array(rows, float).reshape(-1, 3).T
         return angles, velocities, stddevs
 
     @cached_property
