@@ -88,8 +88,12 @@ def _description(
         base, bodies, links = (f"{100.0 * share:.0f} %" for share in shares)
         yield f"{table.mode_label(mode)}: base {base}, rigid bodies {bodies}, links {links}"
     if table.free_modes:
-        one, ground = table.free_modes == 1, mechanism.base
-        left_out = "1 mode at 0 Hz is" if one else f"{table.free_modes} modes at 0 Hz are"
+        ground = mechanism.base
+        left_out = (
+            "1 mode at 0 Hz is"
+            if table.free_modes == 1
+            else f"{table.free_modes} modes at 0 Hz are"
+        )
         fix = "clamp the input link or put a spring on its joint"
         if ground is not None and not ground.mounts:
             fix = "give its base mounts"

@@ -16,13 +16,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Fit, print the fit, and write the fitted mechanism; return the exit code.
-
-    Raises
-    ------
-    CalibrationError
-        If the number of starting points is not positive.
-    """
+    """Fit, print the fit, and write the fitted mechanism; return the exit code."""
     from tqdm import tqdm
 
     from linkage_vibration.studies import calibration as study

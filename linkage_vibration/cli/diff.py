@@ -27,9 +27,9 @@ def run(options: argparse.Namespace) -> int:
     check_outputs([options.output], options.logs)
     check_suffix(options.output, ".html")
     with tqdm(disable=None, total=4, unit="step", delay=1.0) as bar:
-        found = compare(options.logs[0], options.logs[1], bar.update)
-        write_page(difference_page(found), options.output)
+        difference = compare(options.logs[0], options.logs[1], bar.update)
+        write_page(difference_page(difference), options.output)
         bar.update(1)
-    print(summary(found))
+    print(summary(difference))
     print(f"\nWritten: {options.output}")
-    return exit_code(problems(found) if options.strict else [], options.strict)
+    return exit_code(problems(difference) if options.strict else [], options.strict)

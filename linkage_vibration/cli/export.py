@@ -47,13 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Write the files and print the errors; return the exit code.
-
-    Raises
-    ------
-    ExportError
-        If no output is given, or the table cannot be exported.
-    """
+    """Write the files and print the errors; return the exit code."""
     from linkage_vibration.export.constants import ExportError, constants_of, fewer_cells
     from linkage_vibration.export.evaluation import exported
     from linkage_vibration.support.atomic_files import check_outputs, check_suffix, write_bytes

@@ -40,13 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Print the calibration and its residuals, and write the parameters; return the exit code.
-
-    Raises
-    ------
-    InclinometerError
-        If moments are given without a bag, or a deviation that is not positive.
-    """
+    """Print the calibration and its residuals, and write the parameters; return the exit code."""
     from linkage_vibration.mechanics.kinematics import Kinematics
     from linkage_vibration.playback.readings import read_numbers
     from linkage_vibration.playback.remapping import remappings
@@ -78,9 +72,9 @@ def run(options: argparse.Namespace) -> int:
     if options.bags:
         series = read_numbers(options.bags, settings, remappings(options.remap))
     unit = settings.hitch_unit or PRESETS[HITCH][settings.input].unit
-    found = study.calibrate(scene, options.times, options.readings, series, unit)
-    print(study.summary(found, body))
-    text = study.parameters(found, unit if unit in CALIBRATED else "any")
+    fit = study.calibrate(scene, options.times, options.readings, series, unit)
+    print(study.summary(fit, body))
+    text = study.parameters(fit, unit if unit in CALIBRATED else "any")
     print(f"\n{text}", end="")
     if options.output:
         write_text(options.output, text, study.InclinometerError)

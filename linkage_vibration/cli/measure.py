@@ -21,13 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Print the modes, and write the calibration; return the exit code.
-
-    Raises
-    ------
-    RingdownError
-        If a recording has no modes.
-    """
+    """Print the modes, and write the calibration; return the exit code."""
     from tqdm import tqdm
 
     from linkage_vibration.mechanics.model import LinkageModel

@@ -52,13 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Plan, print what was chosen and measured; return 1 if the model is too slow.
-
-    Raises
-    ------
-    PlanError
-        If a point has no direction.
-    """
+    """Plan, print what was chosen and measured; return 1 if the model is too slow."""
     from tqdm import tqdm
 
     from linkage_vibration.readers.mechanism import load_yaml, read_mechanism

@@ -21,13 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Write the page and what else was asked for; return the exit code.
-
-    Raises
-    ------
-    ReviewError
-        If a picture or a table of several logs is asked for.
-    """
+    """Write the page and what else was asked for; return the exit code."""
     from tqdm import tqdm
 
     from linkage_vibration.review.log import ReviewError
@@ -57,14 +51,14 @@ def run(options: argparse.Namespace) -> int:
 
 def _pages(logs: Sequence[Path], output: Path) -> list[Path]:
     """Return the page of each log, beside the overview; logs of one name get a number."""
-    found: list[Path] = []
+    pages: list[Path] = []
     for log in logs:
         name, number = log.stem, 1
-        while (page := output.with_name(f"{name}.html")) in (output, *found):
+        while (page := output.with_name(f"{name}.html")) in (output, *pages):
             number += 1
             name = f"{log.stem}_{number}"
-        found.append(page)
-    return found
+        pages.append(page)
+    return pages
 
 
 def _write_page(
@@ -100,7 +94,7 @@ def _write_pages(
     from linkage_vibration.review.review_page import review_page
     from linkage_vibration.support.atomic_files import write_text
 
-    drives, failures, found = [], [], []
+    drives, failures, faults = [], [], []
     for path, page in zip(logs, pages, strict=True):
         try:
             log = read_log(path)
@@ -112,8 +106,8 @@ def _write_pages(
         write_page(review_page(log), page)
         step(1)
         drives.append((drive_summary(log), page.name))
-        found += [f"{path}: {text}" for text in problems(log)]
+        faults += [f"{path}: {text}" for text in problems(log)]
     if not drives:
         raise ReviewError(failures[0])
     write_text(output, overview_html(drives, failures), ReviewError)
-    return failures + found
+    return failures + faults

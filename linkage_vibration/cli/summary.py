@@ -24,10 +24,10 @@ def run(options: argparse.Namespace) -> int:
     from linkage_vibration.review.log import problems, read_log
     from linkage_vibration.review.overview import drive_summary, logs_of
 
-    drives, found = [], []
+    drives, faults = [], []
     for path in tqdm(logs_of(options.logs), disable=None, unit="log", delay=1.0):
         log = read_log(path)
         drives.append(drive_summary(log))
-        found += [f"{path}: {text}" for text in problems(log)]
+        faults += [f"{path}: {text}" for text in problems(log)]
     print(json.dumps(drives, indent=2, allow_nan=False))
-    return exit_code(found, options.strict)
+    return exit_code(faults, options.strict)

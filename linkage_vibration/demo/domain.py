@@ -18,13 +18,7 @@ class DomainError(LinkageVibrationError):
 
 
 def reserve_domain() -> int:
-    """Return a free ROS domain, which no other caller on this machine gets while this process runs.
-
-    Raises
-    ------
-    DomainError
-        If every domain is in use.
-    """
+    """Return a free ROS domain, which no other caller gets while this process runs."""
     for offset in range(len(DOMAINS)):
         domain = DOMAINS[(os.getpid() + offset) % len(DOMAINS)]
         lock = Path(tempfile.gettempdir()) / f"linkage_vibration_domain_{domain}.lock"

@@ -31,23 +31,10 @@ LONG_WAIT = 2.0  # s between two messages
 
 
 def play_bag(path: Path, remaps: Mapping[str, str], report: Callable[[str], None]) -> int:
-    """Publish the crank angles and speeds of a bag at their recorded times.
+    """Publish the crank angles and speeds of a bag at their recorded times; return how many.
 
-    It begins when a subscriber of the crank angle is there. The stamps stay as recorded.
-
-    Parameters
-    ----------
-    path : Path
-        A bag of ROS 1 or ROS 2.
-    remaps : mapping of str to str
-        The bag's names of the node's topics.
-    report : callable
-        Called with sentences for the user.
-
-    Returns
-    -------
-    int
-        Number of messages published.
+    It begins when a subscriber of the crank angle is there. The stamps stay as recorded. ``remaps``
+    has the bag's names of the node's topics; ``report`` is called with sentences for the user.
     """
     with open_bags([path]) as bags, _node("linkage_vibration_play") as node:
         settings = _settings(bags, remaps)
@@ -84,29 +71,22 @@ def _settings(bags: Bags, remaps: Mapping[str, str]) -> Parameters:
     types = {kind for _, kind in topics if kind != FLOAT64}
     chosen: dict[str, object] = {}
     for name, presets in PRESETS.items():
-        there = [key for key, one in presets.items() if one.topic in remaps]
-        there += [
+        fitting = [key for key, preset in presets.items() if preset.topic in remaps]
+        fitting += [
             key
-            for key, one in presets.items()
-            if one.type in types or (f"/{one.topic}", one.type) in topics
+            for key, preset in presets.items()
+            if preset.type in types or (f"/{preset.topic}", preset.type) in topics
         ]
-        if there:
-            chosen["input" if name == HITCH else f"{name}_input"] = there[0]
+        if fitting:
+            chosen["input" if name == HITCH else f"{name}_input"] = fitting[0]
     return with_values(Parameters(), chosen)
 
 
 def watch(node_name: str, show: Callable[[Any], None], report: Callable[[str], None]) -> None:
-    """Receive the predictions of a node until an exception ends it.
+    """Receive the predictions of a node, named with its namespace, until an exception ends it.
 
-    Parameters
-    ----------
-    node_name : str
-        Name of the node, with its namespace.
-    show : callable
-        Called with each prediction.
-    report : callable
-        Called with the names of the modes, and with a sentence if no prediction arrives at the
-        beginning.
+    ``show`` is called with each prediction, and ``report`` with the names of the modes, and with a
+    sentence if no prediction arrives at the beginning.
     """
     with _node("linkage_vibration_watch") as node:
         topic, due = f"{node_name}/prediction", time.monotonic() + HINT_AFTER

@@ -59,14 +59,9 @@ def help_text() -> str:
 
 
 def check_arguments(arguments: Sequence[str]) -> None:
-    """Refuse the first argument that is not behind ``--ros-args``.
+    """Raise a `StartError` about the first argument that is not behind ``--ros-args``.
 
     rcl would take some of them for remappings, in the syntax of ROS 1.
-
-    Raises
-    ------
-    StartError
-        If there is such an argument.
     """
     of_ros = False
     for argument in arguments:
@@ -79,7 +74,7 @@ def check_arguments(arguments: Sequence[str]) -> None:
 
 
 def _unknown(argument: str) -> StartError:
-    """Return the error about an argument, which names the closest valid one."""
+    """Return the error that an argument is unknown, which names the closest valid one."""
     name = re.split(r":?=", argument.lstrip("-"))[0]
     similar = get_close_matches(name, _VALID, 1)
     hint = f"did you mean `{_VALID[similar[0]]}`?" if similar else "`--help` lists what is valid."
@@ -87,17 +82,9 @@ def _unknown(argument: str) -> StartError:
 
 
 def unused_files(arguments: Sequence[str], node_name: str) -> list[str]:
-    """Return a sentence about each file of parameters that has none for this node.
+    """Return a sentence about each file of parameters that has none for the node of this name.
 
-    Parameters
-    ----------
-    arguments, node_name : sequence of str, str
-        The arguments of the process, and the name of the node with its namespace.
-
-    Raises
-    ------
-    ParameterError
-        If there are such files only, so that the node would run on its defaults.
+    Files without any for it raise a `ParameterError`, as the node would run on its defaults.
     """
     files = [Path(file) for option, file in pairwise(arguments) if option == "--params-file"]
     unused = [
@@ -110,13 +97,7 @@ def unused_files(arguments: Sequence[str], node_name: str) -> list[str]:
 
 @contextmanager
 def start_errors() -> Iterator[None]:
-    """Turn the errors with which rcl and rclpy refuse to start into a sentence.
-
-    Raises
-    ------
-    StartError
-        If there is such an error.
-    """
+    """Turn the errors with which rcl and rclpy refuse to start into a `StartError`."""
     try:
         yield
     except NameValidationException as error:
@@ -133,7 +114,7 @@ def start_errors() -> Iterator[None]:
 
 
 def refusal(error: RuntimeError) -> StartError:
-    """Return an error of rcl as one sentence without its places in the source code."""
+    """Return an error of rcl as one sentence, without file names and line numbers."""
     text = re.sub(r",? at /\S+:\d+", "", str(error)).strip().rstrip(".")
     if text.startswith("["):  # arguments behind --ros-args that rcl does not know
         return _unknown(ast.literal_eval(text)[0])

@@ -22,67 +22,33 @@ CLOCK_STEP = 0.5  # s; the wall clock was set if it differs by more from the ste
 
 @dataclass(frozen=True, slots=True)
 class Second:
-    """What happened since the last status.
+    """Events since the last status."""
 
-    Attributes
-    ----------
-    rate, without_numbers : float
-        Predictions a second, Hz, and the share of them without numbers, 0 to 1.
-    clock_jumps, qos_mismatches : int
-        As in `Statistics`.
-    """
-
-    rate: float
-    without_numbers: float
+    rate: float  # Hz, predictions
+    without_numbers: float  # share of the predictions, 0 to 1
     clock_jumps: int
     qos_mismatches: int
 
 
 @dataclass
 class Statistics:
-    """What the node counts; the memory is bounded however long it runs.
+    """What the node counts; the memory is bounded however long it runs."""
 
-    Attributes
-    ----------
-    received, predicted, without_numbers : int
-        Messages received, predictions published, and predictions without numbers.
-    stamps_back : int
-        Readings with an earlier stamp than the reading before.
-    clock_jumps : int
-        How often the clock was set, or a looping bag jumped back.
-    qos_mismatches : Counter of str
-        Number of subscribers whose QoS does not match, for each topic.
-    latencies : deque of float
-        Times from the arrival of a message to the publication of its prediction, s.
-    last_reading : float
-        When the last reading arrived, by the steady clock, s; NaN before the first.
-    stamp_age : float
-        Age of the last reading's stamp at its arrival, s; negative for a stamp in the future.
-    """
-
-    received: int = 0
-    predicted: int = 0
+    received: int = 0  # messages
+    predicted: int = 0  # predictions that were published, and of these:
     without_numbers: int = 0
-    stamps_back: int = 0
-    clock_jumps: int = 0
-    qos_mismatches: Counter[str] = field(default_factory=Counter)
-    latencies: "deque[float]" = field(default_factory=lambda: deque(maxlen=LATENCIES))
-    last_reading: float = math.nan
-    stamp_age: float = math.nan
+    stamps_back: int = 0  # readings with an earlier stamp than the reading before
+    clock_jumps: int = 0  # how often the clock was set, or a looping bag jumped back
+    qos_mismatches: Counter[str] = field(default_factory=Counter)  # by topic
+    latencies: "deque[float]" = field(default_factory=lambda: deque(maxlen=LATENCIES))  # s
+    last_reading: float = math.nan  # steady clock at its arrival, s
+    stamp_age: float = math.nan  # s, of the last reading at its arrival; negative in the future
     _last_stamp: int = -(2**63)  # ns
     _before: tuple[float, int, int, int, int] | None = None  # time and counts at the last status
     _wall: float | None = None
 
     def take_reading(self, now: float, sec: int, nanosec: int, received: int) -> None:
-        """Take the times of a reading.
-
-        Parameters
-        ----------
-        now : float
-            Time by the steady clock, s.
-        sec, nanosec, received : int
-            Stamp of the reading, and its arrival by the node's clock, ns.
-        """
+        """Take the stamp of a reading, and its arrival by the steady (s) and the node's clock (ns)."""
         stamp = 1_000_000_000 * sec + nanosec
         if stamp < self._last_stamp:
             self.stamps_back += 1
@@ -91,13 +57,7 @@ class Statistics:
         self.last_reading = now
 
     def watch_wall_clock(self, wall: float, steady: float) -> None:
-        """Count a jump if the wall clock was set since the last call.
-
-        Parameters
-        ----------
-        wall, steady : float
-            Times by the two clocks, s.
-        """
+        """Count a jump if the wall clock was set since the last call; both times are in s."""
         ahead = wall - steady
         if self._wall is not None and abs(ahead - self._wall) > CLOCK_STEP:
             self.clock_jumps += 1
@@ -118,41 +78,21 @@ class Statistics:
 
 @dataclass(frozen=True, slots=True)
 class Health:
-    """What a status reports beside the statistics.
+    """What a status reports beside the statistics."""
 
-    Attributes
-    ----------
-    state, problem : str
-        State of the lifecycle, and why the node could not reach another one; empty if it could.
-    reading : str
-        Name of the input, such as "joint hitch on /joint_states".
-    age, stale_after : float
-        Age of the last reading, and the age from which it is too old, s.
-    second : Second
-        What happened since the last status.
-    prediction, resonance : Prediction, MessageColumns or None
-        The last ones.
-    recorder, served : Recorder, Served or None
-        None while the node is not configured.
-    readings, speeds : list of Fault
-        What is wrong with the inputs.
-    log_problem : str
-        Why no log could be started; empty if it could.
-    """
-
-    state: str
-    problem: str
-    reading: str
-    age: float
-    stale_after: float
+    state: str  # of the lifecycle
+    problem: str  # why the node could not reach another state; empty if it could
+    reading: str  # name of the input, such as "joint hitch on /joint_states"
+    age: float  # s, of the last reading
+    stale_after: float  # s
     second: Second
-    prediction: Prediction | None
-    resonance: MessageColumns | None
-    recorder: Recorder | None
-    served: Served | None
+    prediction: Prediction | None  # the last one
+    resonance: MessageColumns | None  # the last one
+    recorder: Recorder | None  # None while the node is not configured
+    served: Served | None  # None while the node is not configured
     readings: Sequence[Fault] = ()
     speeds: Sequence[Fault] = ()
-    log_problem: str = ""
+    log_problem: str = ""  # why no log could be started; empty if it could
 
 
 def _judge(health: Health, statistics: Statistics) -> tuple[bytes, str]:
@@ -210,15 +150,7 @@ def _log(health: Health) -> tuple[Level, str]:
 
 
 def statuses(name: str, health: Health, statistics: Statistics) -> list[DiagnosticStatus]:
-    """Return the statuses of predictions, inputs, resonance and log.
-
-    Parameters
-    ----------
-    name : str
-        Name of the node.
-    health, statistics : Health, Statistics
-        The state of the node, and its counts.
-    """
+    """Return the statuses of predictions, inputs, resonance and log of a node with this name."""
     inactive = Level.OK, f"The node is {health.state}."
     parts: Mapping[str, tuple[Level, str]] = {
         "input": overall(health.readings, "The readings have no known fault."),
@@ -226,21 +158,21 @@ def statuses(name: str, health: Health, statistics: Statistics) -> list[Diagnost
         "resonance": _resonance(health),
         "log": _log(health),
     }
-    own = status(f"{name}: predictions", health, statistics)
-    return [own] + [
+    predictions = status(f"{name}: predictions", health, statistics)
+    return [predictions] + [
         DiagnosticStatus(
             level=bytes([level]),
             name=f"{name}: {part}",
             message=sentence,
-            hardware_id=own.hardware_id,
+            hardware_id=predictions.hardware_id,
         )
-        for part, found in parts.items()
-        for level, sentence in [found if health.state == "active" else inactive]
+        for part, verdict in parts.items()
+        for level, sentence in [verdict if health.state == "active" else inactive]
     ]
 
 
 def _resonance_warning(near: MessageColumns, served: Served | None) -> str:
-    """Return a sentence about an excitation that warns, and how far what it says can be trusted."""
+    """Return a sentence about an excitation that warns, with its deviation or probability."""
     mode = f"mode {near.mode + 1}" if served is None else served.table.mode_label(near.mode)
     text = (
         f"{near.excitation} ({near.excitation_frequency:.1f} Hz) is within "
@@ -248,10 +180,10 @@ def _resonance_warning(near: MessageColumns, served: Served | None) -> str:
     )
     if near.velocity == near.velocity:  # it is not NaN
         spread = near.velocity_stddev
-        known = "not known" if math.isnan(spread) else f"{1e3 * spread:.2g} mm/s"
+        deviation = "not known" if math.isnan(spread) else f"{1e3 * spread:.2g} mm/s"
         return (
             f"{text}, and shakes the response point with {1e3 * near.velocity:.3g} mm/s rms "
-            f"(standard deviation {known}) if its amplitude is as described."
+            f"(standard deviation {deviation}) if its amplitude is as described."
         )
     if near.probability == near.probability:
         return f"{text}, in its half-power band with a probability of {near.probability:.2g}."
@@ -265,14 +197,14 @@ def _uncertain(health: Health) -> list[str]:
     """
     if health.prediction is None or (health.served and health.served.table.uncertain):
         return []
-    one = health.prediction
-    frequencies = one.natural_frequencies, one.frequency_stddev
+    last = health.prediction
+    frequencies = last.natural_frequencies, last.frequency_stddev
     labels = [] if health.served is None else [health.served.table.mode_label]
-    return uncertain_modes(*frequencies, one.damping_ratios, one.damping_ratio_stddev, *labels)
+    return uncertain_modes(*frequencies, last.damping_ratios, last.damping_ratio_stddev, *labels)
 
 
 def _percentile(latencies: Sequence[float], share: float) -> float:
-    """Return a percentile of ascending latencies, ms; NaN of none."""
+    """Return a percentile of ascending latencies, ms; NaN without any."""
     if not latencies:
         return math.nan
     rest, below = math.modf(share * (len(latencies) - 1))
@@ -281,15 +213,7 @@ def _percentile(latencies: Sequence[float], share: float) -> float:
 
 
 def status(name: str, health: Health, statistics: Statistics) -> DiagnosticStatus:
-    """Return the status with all its values.
-
-    Parameters
-    ----------
-    name : str
-        Name of the status.
-    health, statistics : Health, Statistics
-        The state of the node, and its counts.
-    """
+    """Return the status of the predictions with all its values."""
     level, message = _judge(health, statistics)
     table = None if health.served is None else health.served.table
     latencies, log = sorted(statistics.latencies), health.recorder

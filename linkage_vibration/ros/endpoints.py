@@ -34,19 +34,10 @@ WARN_PERIOD = 5.0  # s, between two warnings about the same subject
 def advertise(
     node: Node, kind: Any, name: str, statistics: Statistics, throttle: "Throttle"
 ) -> Any:
-    """Return a reliable publisher that reports subscribers whose QoS does not match.
+    """Return a reliable publisher that counts and reports subscribers whose QoS does not match.
 
     It exists as long as its node. No other publisher or subscription has QoS events, because the
     events executor of rclpy ends the process if an event comes as one of them is destroyed.
-
-    Parameters
-    ----------
-    node : Node
-        The node that publishes.
-    kind, name : type, str
-        Class of the messages and name of the topic.
-    statistics, throttle : Statistics, Throttle
-        Count these subscribers, and warn of them.
     """
     topic = node.resolve_topic_name(name)
 
@@ -67,14 +58,7 @@ def advertise(
 def publisher(node: Node, kind: Any, name: str, *, latched: bool = False) -> Any:
     """Return a reliable publisher of one message, which may be destroyed at any time.
 
-    Parameters
-    ----------
-    node : Node
-        The node that publishes.
-    kind, name : type, str
-        Class of the messages and name of the topic.
-    latched : bool
-        Whether later subscribers receive the last message.
+    If it is latched, later subscribers receive the last message.
     """
     qos = _qos(ReliabilityPolicy.RELIABLE, 1)
     if latched:
@@ -88,16 +72,8 @@ def subscribe(
 ) -> Any:
     """Return a subscription, which matches publishers of every QoS and waits for no lost message.
 
-    Parameters
-    ----------
-    node : Node
-        The node that subscribes.
-    kind, topic : type, str
-        Class of the messages and name of the topic.
-    on_message : callable
-        Called with the bytes of a message and its `MessageInfo`.
-    latched : bool
-        Whether all publishers are latched; then it receives what they have published before.
+    ``on_message`` is called with the bytes of a message and its `MessageInfo`. A latched
+    subscription, to latched publishers alone, receives what they have published before.
     """
 
     @wraps(on_message)
@@ -117,10 +93,7 @@ def subscribe(
 def message_class(type_name: str) -> Any:
     """Return the class of a message such as ``std_msgs/msg/String``, a service or its event.
 
-    Raises
-    ------
-    ImportError, AttributeError
-        If its package is not installed, or has no such type.
+    It raises an ImportError or an AttributeError if its package is not installed, or lacks it.
     """
     package, kind, name = type_name.split("/")
     module = import_module(f"{package}.{kind}")
@@ -151,26 +124,14 @@ class Throttle:
         self._lasting: set[str] = set()
 
     def warn(self, subject: str, text: str) -> None:
-        """Log a warning, unless there was one about the same subject just before.
-
-        Parameters
-        ----------
-        subject, text : str
-            What identifies warnings that replace each other, and the warning.
-        """
+        """Log a warning, unless there was one about the same subject just before."""
         now = time.monotonic()
         if now >= self._next.get(subject, 0.0):
             self._next[subject] = now + WARN_PERIOD
             self._logger.warning(text)
 
     def report(self, subject: str, problem: str) -> None:
-        """Log a problem once, until it has ended.
-
-        Parameters
-        ----------
-        subject, problem : str
-            What has the problem, and a sentence about it; empty if there is none.
-        """
+        """Log a problem once, until it has ended, which an empty sentence says."""
         if problem and subject not in self._lasting:
             self._lasting.add(subject)
             self._logger.warning(problem)

@@ -26,12 +26,7 @@ def check_interfaces() -> None:
     """Compare the installed classes of messages and services with our definitions of them.
 
     One message of each kind that the node publishes is also decoded with rclpy, and compared with
-    what was encoded.
-
-    Raises
-    ------
-    InterfaceError
-        If a message class has other fields, or reads other values.
+    what was encoded. A difference raises an `InterfaceError`.
     """
     _check_names(TABLE_INFO, message_class(TABLE_INFO))
     for name in own_services():
@@ -55,9 +50,9 @@ def _example(type_name: str) -> MessageColumns:
 def _check_names(type_name: str, kind: Any) -> None:
     """Refuse a message class whose fields have other names."""
     expected = list(dict.fromkeys(f.name.split(".")[0] for f in message_fields(type_name)))
-    found = list(kind.get_fields_and_field_types())
-    if found != expected:
-        differing = ", ".join(sorted({*found} ^ {*expected})) or "their order"
+    installed = list(kind.get_fields_and_field_types())
+    if installed != expected:
+        differing = ", ".join(sorted({*installed} ^ {*expected})) or "their order"
         raise _mismatch(type_name, f"has other fields ({differing})")
 
 

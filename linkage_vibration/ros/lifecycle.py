@@ -58,24 +58,8 @@ class LinkageVibrationNode(LifecycleNode):
     """Predicts how a linkage vibrates from each reading of its crank angle.
 
     While it is configured, it has its table and offers its services; while it is active, it
-    subscribes and predicts.
-
-    Parameters
-    ----------
-    stop_asked : callable
-        Returns whether a signal has arrived; long operations call it.
-
-    Attributes
-    ----------
-    problem : str
-        Why the node could not be configured or activated; empty if it could.
-    requests : int
-        Number of requests to all services.
-
-    Raises
-    ------
-    LinkageVibrationError
-        If the node starts by itself and a parameter is invalid.
+    subscribes and predicts. Long operations call ``stop_asked``, which returns whether a signal has
+    arrived. The attribute `problem` says why the last transition failed; it is empty if none did.
     """
 
     requests = 0
@@ -114,13 +98,7 @@ class LinkageVibrationNode(LifecycleNode):
         self._jumps = self.get_clock().create_jump_callback(back, post_callback=self._on_jump)
 
     def start(self) -> None:
-        """Configure and activate the node, as a lifecycle manager does.
-
-        Raises
-        ------
-        LinkageVibrationError, ExternalShutdownException
-            If it cannot be configured or activated, or if a signal has arrived.
-        """
+        """Configure and activate the node, as a lifecycle manager does; raise an error if it fails."""
         self._starting = True  # the caller reports a failure
         for step in (self.trigger_configure, self.trigger_activate):
             done = step()
@@ -219,13 +197,7 @@ class LinkageVibrationNode(LifecycleNode):
             rest(time.thread_time() - began)
 
     def create_service(self, kind: Any, name: str, callback: Any, **options: Any) -> Any:
-        """Offer a service, as rclpy does, and count its requests.
-
-        Parameters
-        ----------
-        kind, name, callback, **options : type, str, callable, object
-            As in `rclpy.node.Node.create_service`.
-        """
+        """Offer a service, as rclpy does, and count its requests."""
         return super().create_service(kind, name, self._counted(callback), **options)
 
     def _counted(self, callback: Callable[..., Any]) -> Callable[..., Any]:
@@ -325,17 +297,17 @@ class LinkageVibrationNode(LifecycleNode):
 
     def _extra_topics(self) -> set[str]:
         """Return the full names of the topics that are logged in addition."""
-        found = set()
+        names = set()
         for name in self._settings.extra_topics.split():
             try:
-                found.add(self.resolve_topic_name(name))
+                names.add(self.resolve_topic_name(name))
             except RuntimeError:  # of rcl; the names themselves were checked
                 problem = (
                     f"Parameter extra_topics has a name of {len(name)} characters, {name[:40]}..., "
                     "which is too long; ROS 2 allows 247 with the namespace."
                 )
                 raise ParameterError(problem) from None
-        return found
+        return names
 
     def _activate(self) -> None:
         assert self._predicting is not None
@@ -406,7 +378,7 @@ class LinkageVibrationNode(LifecycleNode):
         mechanism.publish(String(data=served.mechanism_text))
 
     def _provenance(self, served: Served) -> Provenance:
-        """Return what a log keeps of the model and the parameters behind its messages."""
+        """Return the model and the parameters that a log attaches."""
         name = self.get_fully_qualified_name()
         files = attachments(served, self._settings, name, self._excitations)
         facts = {"table_id": served.table.table_id, "mechanism": served.mechanism.name}
@@ -455,8 +427,7 @@ class LinkageVibrationNode(LifecycleNode):
             speeds=[] if predicting is None else predicting.speed_faults(now),
             log_problem="" if recording is None else recording.problem,
         )
-        found = statuses(self.get_fully_qualified_name(), health, counts)
-        message = DiagnosticArray(status=found)
+        message = DiagnosticArray(status=statuses(self.get_fully_qualified_name(), health, counts))
         message.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(message)
 
@@ -497,6 +468,6 @@ def _table_info(served: Served, excitations: Sequence[Excitation], stamp: Time) 
         mode_base_shares=table.mode_shares[:, 0],
         mode_body_shares=table.mode_shares[:, 1],
         mode_link_shares=table.mode_shares[:, 2],
-        excitations=[one.name for one in excitations],
+        excitations=[excitation.name for excitation in excitations],
         response_place=place_name((response.point, response.direction)),
     )

@@ -22,12 +22,8 @@ class Listener:
     """Subscriptions on a node of their own, which has no services and a thread of its own.
 
     Only this thread calls back. An executor of rclpy looks at all services for each message, or
-    takes requests and messages in the order of their arrival; both would delay the readings.
-
-    Parameters
-    ----------
-    owner : Node
-        The node whose name, with ``_readings`` added, and namespace the listener's node has.
+    takes requests and messages in the order of their arrival; both would delay the readings. The
+    node has the namespace of its owner, and its name with ``_readings`` added.
     """
 
     def __init__(self, owner: Node) -> None:
@@ -52,15 +48,7 @@ class Listener:
         return self._spinning is not None
 
     def subscribe(self, kind: Any, topic: str, on_message: Callable[..., None]) -> None:
-        """Subscribe to a topic, with best effort, which matches publishers of every QoS.
-
-        Parameters
-        ----------
-        kind, topic : type, str
-            Class of the messages and absolute name of the topic.
-        on_message : callable
-            Called with the bytes of a message and its `MessageInfo`.
-        """
+        """Subscribe to a topic; see `linkage_vibration.ros.endpoints.subscribe`."""
         subscribe(self._node, kind, topic, on_message)
 
     def unsubscribe(self) -> None:

@@ -23,17 +23,7 @@ _PLAIN = {"double": "float64", "float": "float32", "boolean": "bool"}
 
 @dataclass(slots=True, eq=False)
 class LiveTopic:
-    """A topic, and the inputs that read it.
-
-    Attributes
-    ----------
-    name, type : str
-        Its absolute name, and the type of its messages.
-    crank : CrankInput, optional
-        The input of the crank angle, if it reads this topic.
-    speeds : list of (Source, SpeedInput)
-        The speeds that read it.
-    """
+    """A topic by its absolute name, and the inputs that read it."""
 
     name: str
     type: str
@@ -44,16 +34,8 @@ class LiveTopic:
 def live_topics(settings: Parameters, resolve: Callable[[str], str]) -> dict[str, LiveTopic]:
     """Return the topics of the inputs by their absolute names; that of the hitch is the first.
 
-    Parameters
-    ----------
-    settings : Parameters
-    resolve : callable
-        Returns the absolute name of a topic after remapping.
-
-    Raises
-    ------
-    ParameterError
-        If a type is not installed or has no such number, or if inputs read one topic as two types.
+    ``resolve`` returns the absolute name of a topic after remapping. A `ParameterError` says that a
+    type is not installed or has no such number, or that inputs read one topic as two types.
     """
     topics: dict[str, LiveTopic] = {}
 
@@ -77,19 +59,9 @@ def live_topics(settings: Parameters, resolve: Callable[[str], str]) -> dict[str
 
 
 def check_outputs(inputs: Iterable[str], resolve: Callable[[str], str]) -> None:
-    """Refuse an output on the topic of an input or of another output.
+    """Raise a `ParameterError` if an output is on the topic of an input or of another output.
 
-    Parameters
-    ----------
-    inputs : iterable of str
-        The absolute names of the topics of the inputs.
-    resolve : callable
-        Returns the absolute name of a topic after remapping.
-
-    Raises
-    ------
-    ParameterError
-        If two of them have the same name, which remapping alone can cause.
+    ``inputs`` has absolute names. Remapping alone, which ``resolve`` applies, can cause that.
     """
     used = dict.fromkeys(inputs, "an input")
     for output in OUTPUT_TOPICS:
@@ -115,23 +87,20 @@ def _schema(source: SourceSettings) -> Schema:
 
 
 def installed_schema(type_name: str) -> Schema:
-    """Return the fields of an installed type.
+    """Return the fields of a type.
 
-    Raises
-    ------
-    ImportError, AttributeError
-        If its package is not installed, or has no such type.
+    It raises an ImportError or an AttributeError if its package is not installed, or lacks it.
     """
-    found: dict[str, tuple[SchemaField, ...]] = {}
+    schema: dict[str, tuple[SchemaField, ...]] = {}
     waiting = [type_name]
     while waiting:
         name = waiting.pop()
-        if name not in found:
+        if name not in schema:
             described: dict[str, Any] = message_class(name).get_fields_and_field_types()
             listed = [_field(each, text) for each, text in described.items()]
-            found[name] = tuple(listed) or EMPTY
+            schema[name] = tuple(listed) or EMPTY
             waiting += [each.type for each in listed if "/" in each.type]
-    return found
+    return schema
 
 
 def _field(name: str, text: str) -> SchemaField:

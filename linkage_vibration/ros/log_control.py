@@ -41,21 +41,9 @@ def log_limits(settings: Parameters) -> LogLimits:
 class Recording:
     """Offers ``~/start_recording`` and ``~/stop_recording``, and subscribes to extra topics.
 
-    Parameters
-    ----------
-    node : Node
-        The node that offers the services.
-    recorder : Recorder
-        A recorder that is not started yet, which is the attribute `recorder`.
-    extra_topics : set of str
-        Topics to record beside those for which `write` is called, once their types are known.
-    throttle : Throttle
-        Warns of topics that cannot be recorded.
-
-    Attributes
-    ----------
-    problem : str
-        Why the last request could not start a log; empty if it could.
+    The recorder is not started yet. The extra topics are recorded beside those for which `write` is
+    called, once their types are known; the throttle warns of those that cannot be recorded. The
+    attribute `problem` says why the last request could not start a log; it is empty if it could.
     """
 
     def __init__(
@@ -93,25 +81,13 @@ class Recording:
     def write(
         self, topic: str, data: bytes, received: int, info: MessageInfo, *answers: tuple[str, bytes]
     ) -> None:
-        """Record a message, and with it the messages of this node that answer it.
-
-        Parameters
-        ----------
-        topic, data : str, bytes
-            Its topic and its CDR.
-        received : int
-            When it was received, ns.
-        info : MessageInfo
-            Where it comes from.
-        *answers : (str, bytes)
-            Topics and CDR of the answers.
-        """
+        """Record a message that was received at a time (ns), and with it the node's answers."""
         # A simulated clock is at zero until it runs; such times would make the log useless.
         if self.recorder.active and received > 0:
             now = time.time_ns()
-            own = [(name, answer, received, now) for name, answer in answers]
+            replies = [(name, answer, received, now) for name, answer in answers]
             sent = info["source_timestamp"] or received
-            self.recorder.write_together([(topic, data, received, sent), *own])
+            self.recorder.write_together([(topic, data, received, sent), *replies])
 
     def watch(self) -> None:
         """Subscribe to topics whose type is known by now, and report a failure; once a second."""

@@ -30,23 +30,15 @@ FloatArray = NDArray[np.float64]
 SWING = 0.08  # largest drawn movement of a mode, as a fraction of the linkage's size
 SWINGS_PER_SECOND = 0.5  # slow enough for the eye
 _LINE, _PIN = 0.012, 0.03  # widths of lines and diameters of joints, as fractions of the size
-_PICTURES = 3.0  # a picture disappears if so many periods bring no new one
+_PICTURES = 3.0  # a picture disappears if none follows in so many periods
 
 
 class Markers:
     """Publishes ``~/markers`` while they have a subscriber.
 
     Links, rigid bodies, pins and the ground are true to scale; the mode is magnified and slowed
-    down. A thread draws, so that live predictions do not wait for it.
-
-    Parameters
-    ----------
-    node : Node
-        The node that publishes.
-    served : callable
-        Returns the current mechanism and table.
-    settings : Parameters
-        The node's parameters; the attribute `settings` may be replaced at any time.
+    down. A thread draws, so that live predictions do not wait for it. ``served`` returns the
+    current mechanism and table. The attribute `settings` may be replaced at any time.
     """
 
     def __init__(self, node: Node, served: Callable[[], Served], settings: Parameters) -> None:

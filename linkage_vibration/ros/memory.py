@@ -23,23 +23,10 @@ class _MemoryError(LinkageVibrationError):
 
 
 class Memory:
-    """The file in which a node keeps the implement in use.
+    """The file in which a node keeps the implement in use, below ``ROS_HOME`` or else ``~/.ros``.
 
     It is used while ``implement_file`` is given. Other values of ``mechanism_file``,
     ``implement_file`` or ``implement`` than when it was written replace what it says.
-
-    Parameters
-    ----------
-    node_name : str
-        Name of the node with its namespace.
-    settings : Parameters
-    logger : RcutilsLogger
-        Receives what the file says, and a warning if it cannot be used.
-
-    Attributes
-    ----------
-    path : Path
-        ``~/.ros/linkage_vibration/NODE.yaml``, or below ``ROS_HOME`` if that is set.
     """
 
     def __init__(self, node_name: str, settings: Parameters, logger: RcutilsLogger) -> None:
@@ -55,23 +42,23 @@ class Memory:
         if not self._used or not self.path.exists():
             return None
         try:
-            found = self._read(implements)
+            implement = self._read(implements)
         except LinkageVibrationError as error:
             self._logger.warning(
                 f"The remembered implement is not used, but that of the parameters. {error}"
             )
             return None
-        if found is None:
+        if implement is None:
             self._logger.info(
                 f"The parameters have changed since {self.path} was written, so they decide on the "
                 "implement."
             )
         else:
             self._logger.info(
-                f"The implement that was in use before is used again: {found.name or 'unnamed'} "
+                f"The implement that was in use before is used again: {implement.name or 'unnamed'} "
                 f"(delete {self.path} to use that of the parameters)."
             )
-        return found
+        return implement
 
     def keep(self, implement: Implement) -> None:
         """Write the implement in use: its name, or its properties if it has none."""
@@ -92,7 +79,7 @@ class Memory:
             self._logger.warning(f"The implement will not be remembered over a restart: {error}")
 
     def _read(self, implements: Implements) -> Implement | None:
-        """Return the implement of the file; None if the parameters are others."""
+        """Return the implement of the file; None if the parameters have changed since."""
         try:
             content = load_yaml(self.path)[0]
             top = Keys("", content)
@@ -103,11 +90,11 @@ class Memory:
                 return implements.find(keys.text("name"))
             centre = tuple(keys.pair("centre_of_gravity"))
             numbers = keys.number("mass", positive=True), keys.number("inertia", positive=True)
-            found = Implement(keys.text("rigid_body"), *numbers, centre)
-            with_implement(implements.mechanism, implements.mechanism_text, found)
+            implement = Implement(keys.text("rigid_body"), *numbers, centre)
+            with_implement(implements.mechanism, implements.mechanism_text, implement)
         except MechanismError as error:
             where = "" if str(self.path) in error.path else f"{self.path}: "
             raise _MemoryError(f"{where}{error}") from None
         except LinkageVibrationError as error:
             raise _MemoryError(f"{self.path}: {error}") from None
-        return found
+        return implement

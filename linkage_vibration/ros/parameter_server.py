@@ -26,19 +26,10 @@ from linkage_vibration.prediction.settings import (
 
 
 def declare_parameters(node: Node) -> tuple[Parameters, dict[str, ParameterError]]:
-    """Declare every parameter on a node, and return their values.
+    """Declare every parameter on a node, and return their values, and errors by parameter.
 
-    Invalid parameters get their defaults; their errors are also returned, by name.
-
-    Parameters
-    ----------
-    node : Node
-        A node that has declared the parameters which it was given at its start.
-
-    Raises
-    ------
-    ParameterError
-        If an unknown parameter was given, or use_sim_time is not true or false.
+    Invalid parameters get their defaults. An unknown parameter, or a ``use_sim_time`` that is not
+    true or false, raises a `ParameterError`.
     """
     at_start = node.get_parameters_by_prefix("")
     given = {name: p.value for name, p in at_start.items() if not is_ros_parameter(name)}
@@ -73,29 +64,24 @@ def _descriptor(parameter: Any) -> ParameterDescriptor:
     if not words["live"]:
         description += " Read at start." if fixed else " Read when the node is configured."
     valid = f"Must be {words['valid']}."
-    found = ParameterDescriptor(
+    descriptor = ParameterDescriptor(
         description=description, additional_constraints=valid, read_only=fixed
     )
     if between is not None:
         ends = {"from_value": between[0], "to_value": between[1]}
         if type(parameter.default) is int:
-            found.integer_range = [IntegerRange(**ends)]
+            descriptor.integer_range = [IntegerRange(**ends)]
         else:
-            found.floating_point_range = [FloatingPointRange(**ends)]
-    return found
+            descriptor.floating_point_range = [FloatingPointRange(**ends)]
+    return descriptor
 
 
 def new_values(node: Node, asked: "list[Parameter[Any]]") -> "list[Parameter[Any]]":
     """Return the parameters that differ from those set, with integers for doubles converted.
 
     A dump of the node's own parameters can therefore be loaded at any time.
-
-    Parameters
-    ----------
-    node : Node
-    asked : list of rclpy.parameter.Parameter
     """
-    found = []
+    differing = []
     for parameter in asked:
         name = parameter.name
         value = converted(name, parameter.value)
@@ -103,30 +89,25 @@ def new_values(node: Node, asked: "list[Parameter[Any]]") -> "list[Parameter[Any
             converted(name, node.get_parameter(name).value) if node.has_parameter(name) else None
         )
         if type(value) is not type(before) or value != before:
-            found.append(parameter if is_ros_parameter(name) else Parameter(name, value=value))
-    return found
+            differing.append(parameter if is_ros_parameter(name) else Parameter(name, value=value))
+    return differing
 
 
 def changed(
     settings: Parameters, asked: "list[Parameter[Any]]", *, configured: bool
 ) -> tuple[Parameters, SetParametersResult]:
-    """Return the parameters after a change, and whether the change is allowed.
+    """Return the parameters after a request, and whether the request is allowed.
 
-    Parameters
-    ----------
-    settings, asked : Parameters, list of rclpy.parameter.Parameter
-        The current parameters, and new values, also of parameters that every node has.
-    configured : bool
-        Whether the node is configured, so that only live parameters may be set.
+    While the node is configured, only live parameters may be set.
     """
-    own = [p for p in asked if not is_ros_parameter(p.name)]
+    requested = [p for p in asked if not is_ros_parameter(p.name)]
     live = {parameter.name: parameter.metadata["live"] for parameter in fields(Parameters)}
     try:
         _check_sim_time(asked)
-        found = with_values(settings, {p.name: p.value for p in own})
+        new = with_values(settings, {p.name: p.value for p in requested})
     except ParameterError as error:
         return settings, SetParametersResult(successful=False, reason=str(error))
-    for name in [p.name for p in own if not live[p.name]]:
+    for name in [p.name for p in requested if not live[p.name]]:
         if name == "autostart":
             reason = "Parameter autostart is read at the start; give it there."
         elif configured:
@@ -137,7 +118,7 @@ def changed(
         else:
             continue
         return settings, SetParametersResult(successful=False, reason=reason)
-    return found, SetParametersResult(successful=True)
+    return new, SetParametersResult(successful=True)
 
 
 def _check_sim_time(parameters: "Iterable[Parameter[Any]]") -> None:

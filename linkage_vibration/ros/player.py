@@ -42,22 +42,11 @@ class PlayerError(LinkageVibrationError):
 
 @dataclass(frozen=True, slots=True)
 class Playback:
-    """The result of playing a recording.
+    """The result of playing a recording."""
 
-    Attributes
-    ----------
-    received : int
-        Number of predictions received.
-    latencies : ndarray, (n_matched,), s
-        Times from publishing a joint state to receiving the prediction with its stamp, both in
-        this process and by the monotonic clock.
-    lateness : ndarray, (n_joint_states,), s
-        Times from when a joint state was due to when it was published.
-    """
-
-    received: int
-    latencies: NDArray[np.float64]
-    lateness: NDArray[np.float64]
+    received: int  # predictions
+    latencies: NDArray[np.float64]  # (n_matched,), s, from a joint state to its prediction
+    lateness: NDArray[np.float64]  # (n_joint_states,), s, by which they were published late
 
 
 def play(
@@ -69,21 +58,8 @@ def play(
     """Publish joint states and speeds at their recorded times, and wait until all are answered.
 
     The recorded stamps are kept. The node copies them into its predictions, so they show which
-    prediction answers which joint state.
-
-    Parameters
-    ----------
-    records : iterable of JointStateRecord
-        The joint states in the order of their log times.
-    speeds : sequence of (int, str, float)
-        Log time (ns), topic and value (rpm or m/s) of each speed in the same order.
-    on_prediction, check : callable
-        Called with every prediction that arrives, and repeatedly; `check` may raise to stop.
-
-    Raises
-    ------
-    PlayerError
-        If the node does not answer its service within 30 s.
+    prediction answers which joint state. ``check`` is called repeatedly, and may raise to stop. A
+    `PlayerError` says that the node does not answer.
     """
     # rclpy would turn Ctrl-C into a silent end of spinning, so the caller handles it.
     context = Context()

@@ -67,18 +67,9 @@ class Services:
     """Answers requests while the listener's thread predicts.
 
     Models are solved in a thread, which rests afterwards, and tables are built in a process.
-    Meanwhile the callback, a coroutine in a reentrant callback group, waits.
-
-    Parameters
-    ----------
-    node : Node
-        The node that offers the services.
-    served : callable
-        Returns the current mechanism and table.
-    excitations : sequence of Excitation
-        Those whose levels belong to a table.
-    swap : callable
-        Called in the executor's thread with a new mechanism and table, and its levels.
+    Meanwhile the callback, a coroutine in a reentrant callback group, waits. ``served`` returns the
+    current mechanism and table; ``swap`` is called in the executor's thread with a new one and its
+    levels.
     """
 
     def __init__(
@@ -115,8 +106,8 @@ class Services:
         """
         if len(self._subscriptions) == 1:
             topic = self._node.resolve_topic_name(HITCHED_TOPIC)
-            found = self._node.get_publishers_info_by_topic(topic)
-            if any(each.qos_profile.durability == LATCHED for each in found):
+            publishers = self._node.get_publishers_info_by_topic(topic)
+            if any(each.qos_profile.durability == LATCHED for each in publishers):
                 call = subscribe(self._node, String, topic, self._on_hitched, latched=True)
                 self._subscriptions.append(call)
 
@@ -259,7 +250,7 @@ class Services:
             self._node.executor.create_task(self._follow)
 
     async def _follow(self) -> None:
-        """Use the implement that the topic has named meanwhile, unless a table is being built."""
+        """Use the implement that the topic named last, unless a table is being built."""
         while self._pending and self._wanted is None:
             name, self._pending = self._pending, ""
             try:
@@ -293,10 +284,7 @@ class Services:
     async def _away(self, work: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
         """Call a function in a thread, and wait for it while the executor continues.
 
-        Raises
-        ------
-        LinkageVibrationError
-            Whatever the function raises, so that no request ends the node.
+        Whatever it raises becomes a LinkageVibrationError, so that no request ends the node.
         """
         if self._waiting >= MAX_WAITING:
             raise ServiceError(f"{self._waiting} requests are waiting already; ask again later.")

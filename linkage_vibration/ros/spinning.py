@@ -33,13 +33,9 @@ SWITCH_INTERVAL = 2e-4  # s
 def run(args: list[str] | None, stop_asked: Callable[[], bool]) -> int:
     """Run the node until a signal arrives, and return the exit code.
 
-    Parameters
-    ----------
-    args : list of str, optional
-        The command and its arguments; those of the process by default.
-    stop_asked : callable
-        Returns whether a signal has arrived. rclpy does not handle signals here, because it would
-        end the context while a callback is about to publish.
+    The arguments are those of the process by default. ``stop_asked`` returns whether a signal has
+    arrived: rclpy, which does not handle signals here, would end the context while a callback is
+    about to publish.
     """
     sys.setswitchinterval(SWITCH_INTERVAL)
     arguments = sys.argv if args is None else args
