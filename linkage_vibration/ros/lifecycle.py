@@ -98,7 +98,7 @@ class LinkageVibrationNode(LifecycleNode):
         self._jumps = self.get_clock().create_jump_callback(back, post_callback=self._on_jump)
 
     def start(self) -> None:
-        """Configure and activate the node, as a lifecycle manager does; raise an error if it fails."""
+        """Configure and activate the node as a lifecycle manager does, or raise an error."""
         self._starting = True  # the caller reports a failure
         for step in (self.trigger_configure, self.trigger_activate):
             done = step()

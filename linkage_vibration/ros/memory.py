@@ -55,8 +55,8 @@ class Memory:
             )
         else:
             self._logger.info(
-                f"The implement that was in use before is used again: {implement.name or 'unnamed'} "
-                f"(delete {self.path} to use that of the parameters)."
+                f"The implement that was in use before is used again: "
+                f"{implement.name or 'unnamed'} (delete {self.path} to use that of the parameters)."
             )
         return implement
 

@@ -5,7 +5,6 @@
 import math
 import os
 import threading
-import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -36,7 +35,7 @@ class Viewer:
     look: Callable[[], Any]
     look_away: Callable[[Any], None]
     spin: Callable[[float], None]
-    asked: list[float] = field(default_factory=list)
+    asked: list[Served] = field(default_factory=list)
     pictures: list[Any] = field(default_factory=list)
 
     def next(self, good: Callable[[Any], bool] = lambda _: True) -> Any:
@@ -58,10 +57,10 @@ def viewer(domain: int) -> Iterator[Viewer]:
             rclpy.create_node(name, context=context, start_parameter_services=False)
             for name in ("drawing", "looking")
         )
-        served, asked = shipped(), list[float]()
+        served, asked = shipped(), list[Served]()
 
         def ask() -> Served:
-            asked.append(time.monotonic())
+            asked.append(served)
             return served
 
         markers = Markers(
@@ -108,18 +107,20 @@ def places(marker: Any) -> Any:
 
 def test_nothing_is_drawn_without_a_subscriber(viewer: Viewer) -> None:
     """Without a subscriber or an angle nothing is drawn."""
+    timer = viewer.markers._timer
     viewer.markers.update(ANGLE)
-    time.sleep(0.5)
-    assert viewer.asked == []
+    viewer.markers.watch()
+    assert timer.is_canceled()
     viewer.markers.update(math.nan)
     looking = viewer.look()
-    viewer.spin(0.5)
+    until(lambda: not timer.is_canceled(), "the subscriber", viewer.markers.watch)
+    viewer.markers._on_timer()
     assert viewer.asked == []
     viewer.markers.update(ANGLE)
     viewer.next()
     assert viewer.asked
     viewer.look_away(looking)
-    until(lambda: time.monotonic() - viewer.asked[-1] > 1.0, "the end of drawing")
+    until(timer.is_canceled, "the end of drawing")
 
 
 def test_picture(viewer: Viewer) -> None:
@@ -180,9 +181,8 @@ def test_other_settings(viewer: Viewer) -> None:
     viewer.markers.update(5.0)  # the linkage does not close there
     received = -1
     while len(viewer.pictures) > received:  # those that were drawn before may still arrive
-        received = len(viewer.pictures)
-        end = time.monotonic() + 0.5
-        until(lambda end=end: time.monotonic() > end, "half a second", lambda: viewer.spin(0.1))
+        received, enough = len(viewer.pictures), len(viewer.asked) + 10
+        until(lambda n=enough: len(viewer.asked) > n, "attempts to draw", lambda: viewer.spin(0.1))
 
 
 def test_mode_keeps_its_sign(viewer: Viewer) -> None:

@@ -9,7 +9,6 @@ import resource
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -151,7 +150,7 @@ def test_missing_joint_is_reported(start: Callable[..., Any], peer: Any) -> None
 
     def publish() -> None:
         peer.publish([JOINT, "wheel"], [2.0, 1.0])
-        time.sleep(0.1)
+        peer.executor.spin_once(0.1)
 
     until(lambda: words in lonely.printed, words, publish)
     assert lonely.stop() == 0
@@ -245,7 +244,7 @@ def test_signals_end_it_cleanly(start: Callable[..., Any], by: signal.Signals) -
     ended.wait_for("Predicting for joint")
     for _ in range(5):
         ended.process.send_signal(by)
-        time.sleep(0.02)
+        until(lambda: not ended.has_waiting_signals(), "the handling of the signal")
     assert ended.stop(by) == 0
     assert [line.split()[0] for line in ended.printed.splitlines()] == ["[INFO]", "[INFO]"]
     assert "predictions published" in ended.printed
@@ -253,11 +252,11 @@ def test_signals_end_it_cleanly(start: Callable[..., Any], by: signal.Signals) -
 
 def test_signals_at_any_moment(start: Callable[..., Any]) -> None:
     """A signal also ends the node cleanly while it imports or loads the table."""
-    signals = signal.SIGINT, signal.SIGTERM, signal.SIGHUP
-    for i in range(4):
-        early, by = start(name=f"early_{i}"), signals[i % 3]
+    moments = ("", signal.SIGINT), ("numpy", signal.SIGTERM), ("rclpy", signal.SIGHUP)
+    for i, (library, by) in enumerate((*moments, ("scipy", signal.SIGINT))):
+        early = start(name=f"early_{i}")
         early.wait_for_signal_handlers()
-        time.sleep(0.3 * i)
+        until(lambda early=early, library=library: early.has_loaded(library), library)
         assert early.stop(by) == 0
         assert {line.split()[0] for line in early.printed.splitlines()} <= {"[INFO]"}
 
@@ -269,7 +268,7 @@ def test_signals_amid_traffic(start: Callable[..., Any], meet: Callable[[str], A
         peer = meet(f"busy_{i}")
         for count in range(1000):
             peer.publish()
-            time.sleep(0.0005)
+            peer.executor.spin_once(0.0005)
             if count == 700:
                 busy.process.send_signal(by)
         assert busy.stop(by) == 0

@@ -115,14 +115,12 @@ def test_stamps_in_any_order(peer: Any, predictor: Predictor) -> None:
         assert message.status == Status.OK
 
 
-def test_burst_at_5_khz(peer: Any, node: Any) -> None:
+def test_burst(peer: Any, node: Any) -> None:
     """A short burst is answered completely; a longer one may be answered in part, in order."""
     peer.predictions.clear()
-    begin = time.monotonic()
     for i in range(90):
         stamped(peer, 9, i, 2.0)
-        while time.monotonic() < begin + i / 5000.0:
-            pass
+        peer.executor.spin_once(0.0)
     peer.spin(lambda: len(peer.predictions) == 90)
     peer.predictions.clear()
     for i in range(5000):
@@ -136,15 +134,15 @@ def test_burst_at_5_khz(peer: Any, node: Any) -> None:
 def test_publisher_that_dies_and_returns(peer: Any, environment: dict[str, str]) -> None:
     """Killed publishers leave nothing behind, and the next publisher is received."""
     script = (
-        "import time, rclpy\n"
+        "import rclpy\n"
         "from array import array\n"
         "from sensor_msgs.msg import JointState\n"
         "rclpy.init()\n"
         "node = rclpy.create_node('short_lived')\n"
         "publisher = node.create_publisher(JointState, 'joint_states', 10)\n"
-        "while True:\n"
-        f"    publisher.publish(JointState(name=['{JOINT}'], position=array('d', [2.25])))\n"
-        "    time.sleep(0.01)\n"
+        f"message = JointState(name=['{JOINT}'], position=array('d', [2.25]))\n"
+        "node.create_timer(0.01, lambda: publisher.publish(message))\n"
+        "rclpy.spin(node)\n"
     )
     for _ in range(2):
         process = subprocess.Popen([sys.executable, "-c", script], env=environment)

@@ -9,7 +9,6 @@ import signal
 import subprocess
 import sys
 import threading
-import time
 from array import array
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -36,7 +35,7 @@ from linkage_vibration_interfaces.srv import (
     PredictVibration,
     SetImplement,
 )
-from test.support.ros_process import LIMIT, own_context, until
+from test.support.ros_process import LIMIT, has_loaded, own_context, until
 from test.support.served import shipped
 
 NODE = "serving"
@@ -331,7 +330,7 @@ def test_signal_while_building(
             client.call_async(SetImplement.Request(mass=1600.0, inertia=400.0))
             until(lambda: every_child(process.pid), "the building process")
             building = every_child(process.pid)
-            time.sleep(1.0)
+            until(lambda: any(has_loaded(p, "scipy") for p in building), "the work of the process")
             process.send_signal(by)
             printed = process.communicate(timeout=LIMIT)[0]
             assert (process.returncode, printed) == (0, "")

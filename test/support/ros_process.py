@@ -56,6 +56,11 @@ def until(
             wait()
 
 
+def has_loaded(pid: int, library: str) -> bool:
+    """Return whether a process has loaded a file with this name in its path."""
+    return library in Path(f"/proc/{pid}/maps").read_text()
+
+
 @dataclass
 class RunningNode:
     """A node in a process of its own.
@@ -90,6 +95,15 @@ class RunningNode:
             return int(mask.split()[1], 16) >> (signal.SIGTERM - 1) & 1
 
         until(handled, "the signal handlers")
+
+    def has_waiting_signals(self) -> bool:
+        """Return whether a signal was sent that the process has not handled yet."""
+        status = Path(f"/proc/{self.process.pid}/status").read_text()
+        return any(int(line.split()[1], 16) for line in status.splitlines() if "Pnd" in line)
+
+    def has_loaded(self, library: str) -> bool:
+        """Return whether the process has loaded a library of a Python package, or has ended."""
+        return self.process.poll() is not None or has_loaded(self.process.pid, library)
 
     def stop(self, by: signal.Signals = signal.SIGINT) -> int:
         """Send the node a signal, wait for its end, and return its exit code."""
