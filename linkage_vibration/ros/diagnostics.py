@@ -48,7 +48,7 @@ class Statistics:
     _wall: float | None = None
 
     def take_reading(self, now: float, sec: int, nanosec: int, received: int) -> None:
-        """Take the stamp of a reading, and its arrival by the steady (s) and the node's clock (ns)."""
+        """Take a stamp, and its arrival by the steady clock (s) and by that of the node (ns)."""
         stamp = 1_000_000_000 * sec + nanosec
         if stamp < self._last_stamp:
             self.stamps_back += 1
