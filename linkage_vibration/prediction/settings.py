@@ -418,7 +418,13 @@ class Parameters:
         return CrankInput(self.source(HITCH), schema, self._hitch_scale())
 
     def speed_input(self, source: Source, schema: Schema) -> SpeedInput:
-        """Return the input of a speed from messages whose type has the fields of a schema."""
+        """Return the input of a speed.
+
+        Parameters
+        ----------
+        source, schema : Source, Schema
+            The speed, and the fields of the type of its messages.
+        """
         name = source.value
         factor = {**ROTATIONS, **SPEEDS}[self._chosen(name, "unit")]
         gain = factor * self._input(name, "sign") * self._input(name, "scale")
@@ -426,7 +432,13 @@ class Parameters:
         return SpeedInput(self.source(name), schema, gain, offset)
 
     def check_inputs(self) -> None:
-        """Raise a `ParameterError` if parameters of an input do not fit each other."""
+        """Refuse parameters of inputs that do not fit each other.
+
+        Raises
+        ------
+        ParameterError
+            If the calibration does not belong to the unit, or a delay to the origin of the time.
+        """
         try:
             self._hitch_scale()
         except InputError as error:
