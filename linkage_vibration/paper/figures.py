@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Draws counterparts of the paper's figures 3 to 9, and the evidence on its Table 1."""
+"""Draws counterparts of the paper's figures 3 to 9, and what the printed length would mean."""
 
 import io
 import math
@@ -17,8 +17,7 @@ from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.kinematics import Configuration
 from linkage_vibration.mechanics.model import Solution
-from linkage_vibration.paper.freed_dimensions import FreedFit
-from linkage_vibration.paper.numbers import GEOMETRY, OVER_THE_SWEEP, SUBSTRUCTURING, Number
+from linkage_vibration.paper.numbers import OVER_THE_SWEEP, SUBSTRUCTURING
 from linkage_vibration.support.atomic_files import write_bytes
 
 if TYPE_CHECKING:
@@ -35,14 +34,12 @@ _LINES: FloatArray = np.linspace(0.5, 200.0, 1996)  # Hz
 _SWING = 0.16  # m, the largest displacement that is drawn
 _FRAMES = 24
 _CRANK = "crank angle $α_3$ [deg]"
-_UPRIGHT = math.radians(10.0)  # a well-built hitch keeps its mast this near to the vertical
 _MOVING = ("V1", "V2", "E1", "E2")
 
 
 def draw_figures(
     output: Path,
     sweeps: Sweeps,
-    fits: Sequence[FreedFit],
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> None:
     """Write all figures of two geometries into a folder, and replace those that it has.
@@ -61,7 +58,6 @@ def draw_figures(
         "fig8_mode_2.png": lambda: _mode_shapes(chosen, 1, label),
         "fig9_mode_3.png": lambda: _mode_shapes(chosen, 2, label),
         "mast_and_inertia.png": lambda: _mast_and_inertia(sweeps),
-        "freed_dimensions.png": lambda: _freed_dimensions(fits),
     }
     for done, (name, draw) in enumerate(drawings.items()):
         progress(done, len(drawings) + 1)
@@ -85,7 +81,8 @@ def _generalised_inertia(mechanism: Mechanism, configuration: Configuration) -> 
     )
 
 
-def _figure(title: str, note: str, size: tuple[float, float]) -> "Figure":
+def titled_figure(title: str, note: str, size: tuple[float, float]) -> "Figure":
+    """Return a figure with a title and a note above its axes; the size is in inches."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=size, dpi=110, layout="constrained")
@@ -149,7 +146,7 @@ def _frame(ax: "Axes", solution: Solution) -> None:
     tidy(ax)
 
 
-def _label(
+def label_place(
     ax: "Axes", text: str, at: tuple[float, float], offset: tuple[int, int], **style: Any
 ) -> None:
     """Write text beside a place, at an offset in points of text."""
@@ -163,7 +160,7 @@ def _legend(figure: "Figure", ax: "Axes", columns: int) -> None:
 
 def _configurations(solutions: Sequence[Solution], label: str) -> "Figure":
     note = f"{label}; the tractor is to the right, M is the implement's centre of gravity"
-    figure = _figure("Three configurations of the linkage (figure 3)", note, (10, 3.9))
+    figure = titled_figure("Three configurations of the linkage (figure 3)", note, (10, 3.9))
     axes = figure.subplots(1, 3, sharey=True)
     for ax, solution, angle in zip(axes, solutions, _ANGLES_DEG, strict=True):
         bodies = curves(solution.model, solution.configuration).items()
@@ -172,7 +169,9 @@ def _configurations(solutions: Sequence[Solution], label: str) -> "Figure":
             ax.plot(*places.T, color=colour, linewidth=width, label=body.replace("_", " "))
         points = _points(solution)
         for name, (x, z) in points.items():
-            _label(ax, name, (float(x), float(z)), _NAMES[name], fontsize=8, color=INK, zorder=7)
+            label_place(
+                ax, name, (float(x), float(z)), _NAMES[name], fontsize=8, color=INK, zorder=7
+            )
         _frame(ax, solution)
         at = np.array([points[name] for name in (*_MOVING, "M")])
         ax.plot(*at.T, "o", markersize=4.5, color=INK, zorder=5)
@@ -183,21 +182,21 @@ def _configurations(solutions: Sequence[Solution], label: str) -> "Figure":
 
 
 def _link_angles(solutions: Sequence[Solution], label: str) -> "Figure":
-    figure = _figure("Angles of the links over the stroke (figure 4)", label, (8, 4.6))
+    figure = titled_figure("Angles of the links over the stroke (figure 4)", label, (8, 4.6))
     ax = figure.subplots()
     alpha3 = _degrees(solutions)
     for body, name, colour in zip(_BODIES, ("α_1", "α_2", "α_4", "α_5"), _COLOURS, strict=True):
         angles = np.degrees([s.configuration.angle(body) for s in solutions])
         ax.plot(alpha3, angles, color=colour, linewidth=2)
         text, at = f"${name}$, {body.replace('_', ' ')}", (alpha3[-1], angles[-1])
-        _label(ax, text, at, (6, 0), va="center", color=colour, annotation_clip=False)
+        label_place(ax, text, at, (6, 0), va="center", color=colour, annotation_clip=False)
     _stroke_axis(ax, xlabel=_CRANK, ylabel="angle from x towards z [deg]")
     return figure
 
 
 def _drive_point_frf(solutions: Sequence[Solution], label: str) -> "Figure":
     note = f"{label}; damping is assumed, the paper prints none"
-    figure = _figure("Drive-point FRF of E1 along z (figure 5)", note, (8, 5.6))
+    figure = titled_figure("Drive-point FRF of E1 along z (figure 5)", note, (8, 5.6))
     magnitude, phase = figure.subplots(2, sharex=True, height_ratios=[2.4, 1])
     styles = zip((_COLOURS[0], _COLOURS[2], _COLOURS[1]), ("-", "--", "-"), strict=True)
     for solution, angle, (colour, style) in zip(solutions, _ANGLES_DEG, styles, strict=True):
@@ -216,7 +215,9 @@ def _drive_point_frf(solutions: Sequence[Solution], label: str) -> "Figure":
 
 def _natural_frequencies(sweeps: Sweeps) -> "Figure":
     note = "both geometries with the same sections; markers and band: what the paper prints"
-    figure = _figure("First three natural frequencies over the stroke (figure 6)", note, (8, 8))
+    figure = titled_figure(
+        "First three natural frequencies over the stroke (figure 6)", note, (8, 8)
+    )
     axes = figure.subplots(3, sharex=True)
     printed = {number.key.split("over_the_sweep.")[-1]: number.value for number in OVER_THE_SWEEP}
     for row, ax in enumerate(axes[::-1]):
@@ -241,7 +242,7 @@ def _natural_frequencies(sweeps: Sweeps) -> "Figure":
 def _mode_shapes(solutions: Sequence[Solution], mode: int, label: str) -> "Figure":
     title = f"Mode {mode + 1} in three configurations (figure {7 + mode})"
     note = f"{label}; dashed: at rest; colours: extremes, magnified; dots: V1, V2, E1, E2"
-    figure = _figure(title, note, (10, 3.7))
+    figure = titled_figure(title, note, (10, 3.7))
     axes = figure.subplots(1, 3, sharey=True)
     for ax, solution, angle in zip(axes, solutions, _ANGLES_DEG, strict=True):
         scale = _scale(solution, mode)
@@ -260,7 +261,8 @@ def _scale(solution: Solution, mode: int) -> float:
 
 def _mast_and_inertia(sweeps: Sweeps) -> "Figure":
     note = "without any section: kinematics and the implement's printed mass and inertia alone"
-    figure = _figure("What the length of the upper link does to the implement", note, (8, 6))
+    title = "What the length of the upper link does to the implement"
+    figure = titled_figure(title, note, (8, 6))
     mast, inertia = figure.subplots(2, sharex=True)
     alpha3 = np.linspace(90.0, 180.0, 181)
     for solutions, style in _styled(sweeps):
@@ -278,32 +280,6 @@ def _mast_and_inertia(sweeps: Sweeps) -> "Figure":
     return figure
 
 
-def _freed_dimensions(fits: Sequence[FreedFit]) -> "Figure":
-    title = "The printed frequencies with one dimension of Table 1 freed at a time"
-    note = "fitted with all sections; degrees: how far the mast leans, orange: up to 10 deg"
-    figure = _figure(title, note, (8, 5.6))
-    printed = {number.key: number for number in GEOMETRY}
-    ordered = sorted(fits, key=lambda fit: fit.cost, reverse=True)
-    names = ["none" if not fit.key else _change(printed[fit.key], fit.value) for fit in ordered]
-    ax = figure.subplots()
-    colours = [_COLOURS[1] if fit.lean < _UPRIGHT else GREY for fit in ordered]
-    ax.barh(names, [fit.cost for fit in ordered], color=colours, height=0.7)
-    for row, fit in enumerate(ordered):
-        lean = f"{math.degrees(fit.lean):.0f} deg"
-        text = f"{fit.cost:.3f}  within {100 * fit.worst:.0f} %, {lean}"
-        _label(ax, text, (fit.cost, row), (4, 0), va="center", fontsize=8)
-    tidy(ax)
-    ax.grid(visible=False, axis="y")
-    ax.tick_params(axis="y", labelsize=7.5, length=0)
-    label = "half the sum of squared ln(ours / the paper's)"
-    ax.set(xlim=(0.0, 1.35 * ordered[0].cost), xlabel=label)
-    return figure
-
-
-def _change(number: Number, fitted: float) -> str:
-    return f"{number.quantity}\n{number.value:g} to {fitted:.3g} {number.unit}".strip()
-
-
 def _animate(path: Path, solution: Solution, mode: int, label: str) -> None:
     """Write a GIF of one period of a mode."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -314,7 +290,7 @@ def _animate(path: Path, solution: Solution, mode: int, label: str) -> None:
     alpha3 = math.degrees(solution.configuration.alpha3)
     title = f"Mode {mode + 1} at {alpha3:g} deg, {solution.natural_frequencies[mode]:.1f} Hz"
     for share in np.sin(2.0 * np.pi * np.arange(_FRAMES) / _FRAMES):
-        figure = _figure(title, f"{label}; slowed down and magnified", (6, 4.8))
+        figure = titled_figure(title, f"{label}; slowed down and magnified", (6, 4.8))
         figure.set_dpi(80)
         ax = figure.subplots()
         _draw_mode(ax, solution, mode, {_COLOURS[0]: float(share) * scale}, 2)
