@@ -100,3 +100,41 @@ def test_amplitudes_that_are_refused(changes: dict[str, object], words: str) -> 
     given = {key: value for key, value in ({**LOAD, **changes}).items() if value is not None}
     with pytest.raises(ExcitationError, match=words):
         excitations_from_mapping({"rotor": given})
+
+
+SHAFT = {"speed": "pto", "orders": [1, 2]}
+WHEEL = {"speed": "ground", "orders": [1], "rolling_radius": 1.0}
+
+
+@pytest.mark.parametrize(
+    ("given", "key", "allowed", "refused"),
+    [
+        (SHAFT, "ratio", (1e-6, 1e6), (0.99e-6, 1.01e6)),
+        (LOAD, "at_speed", (1e-6, 1e6), (0.99e-6, 1.01e6)),
+        (WHEEL, "rolling_radius", (0.01, 10.0), (0.0099, 10.1)),
+        (LOAD, "exponent", (-4.0, 4.0), (-4.01, 4.01)),
+        (LOAD, "amplitude_stddev", (0.0, 1.0), (-0.001, 1.001)),
+        (SHAFT, "frequency_stddev", (0.0, 1.0), (-0.001, 1.001)),
+        (SHAFT, "orders", ([1e-6, 1e6],), ([1.0, 0.99e-6], [1.01e6])),
+        (LOAD, "force", ([0.0, 0.0],), ([0.0, -1e-9], [1.0], [1.0, 2.0, 3.0])),
+    ],
+    ids=lambda value: value if isinstance(value, str) else "",
+)
+def test_limits_of_descriptions(
+    given: dict[str, Any], key: str, allowed: tuple[Any, ...], refused: tuple[Any, ...]
+) -> None:
+    """The limits themselves are allowed, and what is beyond them is refused with the key."""
+    for value in allowed:
+        assert excitations_from_mapping({"rotor": {**given, key: value}})
+    for value in refused:
+        with pytest.raises(ExcitationError, match=rf"rotor\.{key}"):
+            excitations_from_mapping({"rotor": {**given, key: value}})
+
+
+def test_what_is_not_described() -> None:
+    """Without them, a ratio is 1, a load grows with no power, and nothing deviates or is silent."""
+    one, two = excitations_from_mapping({"rotor": SHAFT})
+    assert (one.ratio, two.ratio) == (pytest.approx(1.0 / 60.0), pytest.approx(2.0 / 60.0))
+    assert (one.load, one.relative_stddev, one.warns) == (None, 0.0, True)
+    first, _ = excitations_from_mapping({"rotor": LOAD})
+    assert first.load == Load(LoadKind.FORCE, "E1.z", 3.0, 540.0, 0.0, 0.0)

@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from linkage_vibration.messages.definitions import message_text
 from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.health import (
     Expected,
@@ -367,9 +368,9 @@ def test_age_of_a_speed() -> None:
 @pytest.mark.parametrize(
     ("source", "value", "agrees", "differs"),
     [
-        (Source.ENGINE, 1500.0, 49.0, 51.0),
-        (Source.PTO, 540.0, 19.0, 21.0),
-        (Source.GROUND, 2.0, 0.29, 0.31),
+        (Source.ENGINE, 1500.0, 49.9, 50.1),
+        (Source.PTO, 540.0, 19.9, 20.1),
+        (Source.GROUND, 2.0, 0.299, 0.301),
     ],
 )
 def test_limits_of_speeds_that_agree(
@@ -455,3 +456,23 @@ def test_one_angle_in_the_table_is_enough() -> None:
     assert judged(seconds(50, 1), [4.0] * 49 + [2.0], watch=watch)[-1] == []
     assert judged(seconds(50, 1), [4.0] * 25 + [math.nan] * 25)[-1] != []
     assert judged(seconds(50, 1), [2.0] * 49 + [math.nan])[-1] == []
+
+
+@pytest.mark.parametrize(("apart", "contradicts"), [(0.9, True), (1.1, False)])
+def test_motion_in_a_gap_contradicts_nothing(apart: float, contradicts: bool) -> None:
+    """What a velocity means over more than a second without a reading is not known."""
+    watch = ReadingWatch()
+    for i in range(3):
+        stamp = START + round(1e9 * apart * i)
+        watch.take(apart * i, stamp, stamp, 2.0, 0.2, known=True)
+    faults = watch.judge(2.0 * apart, 2.0 * apart, EXPECTED)
+    assert any("turned the crank by" in fault.sentence for fault in faults) == contradicts
+
+
+def test_levels_are_those_of_the_message() -> None:
+    """Their numbers are the constants of ``diagnostic_msgs/msg/DiagnosticStatus``."""
+    lines = message_text("diagnostic_msgs/msg/DiagnosticStatus").splitlines()
+    words = [line.split("#")[0].replace("byte ", "").split("=") for line in lines if "=" in line]
+    constants = {name.strip(): int(number) for name, number in words}
+    assert constants == {level.name: level.value for level in Level}
+    assert list(constants) == ["OK", "WARN", "ERROR", "STALE"]

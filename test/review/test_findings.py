@@ -87,6 +87,26 @@ def test_standard_deviation_by_an_independent_sample(log: Log) -> None:
     assert "standard deviation not known" not in findings.in_words(one)
 
 
+@pytest.mark.parametrize(("frequency", "ratio"), [(True, False), (False, True)])
+def test_deviations_that_reach_zero(log: Log, frequency: bool, ratio: bool) -> None:
+    """Where a frequency or a damping ratio may be zero, the deviation is not known.
+
+    The outermost of nine points of Gauss and Hermite is 4.5127 standard deviations away.
+    """
+    assert log.table is not None
+    table = replace(log.table, parameter_stddev=np.full((2, 257, log.n_modes), 0.1))
+    for share, known in ((0.99 / 4.5127, True), (1.01 / 4.5127, False)):
+        shares = [share if uncertain else 0.01 for uncertain in (frequency, ratio)]
+        made = replace(
+            log,
+            table=table,
+            frequency_stddev=shares[0] * log.natural_frequencies,
+            damping_ratio_stddev=shares[1] * log.damping_ratios,
+        )
+        one = meetings(made, moments(made))[0]
+        assert math.isfinite(one.amplification_stddev) == known
+
+
 def test_first_sentence(log: Log) -> None:
     """The sentence names the moment, the order, the mode, the strength, and what to avoid."""
     met = meetings(log, moments(log))
