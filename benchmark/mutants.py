@@ -73,7 +73,12 @@ TESTS = {
         "table/tabulation/test_deviations.py",
     ),
     "bags/recorder.py": ("bags/test_recorder.py",),
-    "export": ("export/test_c.py", "export/test_orders.py", "export/test_fmu.py"),
+    "export": (
+        "export/test_errors.py",
+        "export/test_c.py",
+        "export/test_orders.py",
+        "export/test_fmu.py",
+    ),
 }
 """Modules in the package, and their tests."""
 

@@ -71,7 +71,8 @@ class ExportErrors:
     @property
     def text(self) -> str:
         """A sentence for people."""
-        if not any((self.frequency, self.damping_ratio, self.slope, self.stddev, self.peak)):
+        errors = self.frequency, self.damping_ratio, self.slope, self.stddev, self.peak
+        if not any(errors) and not self.other_peaks:
             return f"The numbers at {self.samples} angles are those of the table, to the last bit."
         text = (
             f"The largest differences from the table at {self.samples} angles: natural frequencies "
