@@ -26,15 +26,17 @@ class MessageColumns(SimpleNamespace):
 
     def rows(self, which: Rows) -> "MessageColumns":
         """Return the messages with these indices."""
-        return MessageColumns(**{name: _rows(column, which) for name, column in vars(self).items()})
+        return MessageColumns(**self._at(which))
 
     def message(self, row: int) -> "MessageColumns":
         """Return one message, whose attributes have no axis of rows."""
-        return MessageColumns(**{name: _rows(column, row) for name, column in vars(self).items()})
+        return MessageColumns(**self._at(row))
 
-
-def _rows(column: Any, which: Rows | int) -> Any:
-    return column if isinstance(column, str) else column[which]
+    def _at(self, which: Rows | int) -> dict[str, Any]:
+        return {
+            name: column if isinstance(column, str) else column[which]
+            for name, column in vars(self).items()
+        }
 
 
 def joined(parts: Sequence[MessageColumns]) -> MessageColumns:

@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -196,18 +195,14 @@ class LevelTable:
         stddev : ndarray, (2, n, n_modes)
             Standard deviations of natural frequencies over these, and of damping ratios.
         """
-        m = len(self._inputs)
-        numbers = _unknown(m, len(alpha3))
+        m, n = len(self._inputs), len(alpha3)
+        numbers = _unknown(m, n)
         if self._cells is not None:
             angles = angles_in_table(alpha3, self._predictor.table.alpha3_range)
-            [rows] = np.nonzero(~np.isnan(angles))
-            for start in range(0, len(rows), _CHUNK):
-                at = rows[start : start + _CHUNK]
-                deviations = np.ascontiguousarray(stddev[:, at].swapaxes(1, 2))
-                forcing = self._forcing(speeds[:, at])
-                chunk = _unknown(m, len(at))
-                self._evaluate(_by_name(chunk, m), self._values(angles[at]), forcing, deviations)
-                numbers[:, at] = chunk
+            for start in range(0, n, _CHUNK):
+                rows = slice(start, start + _CHUNK)
+                values, forcing = self._values(angles[rows]), self._forcing(speeds[:, rows])
+                self._evaluate(numbers[:, rows], values, forcing, stddev[:, rows])
         return _level_columns(numbers, m)
 
     def _forcing(self, speeds: FloatArray) -> _Forcing:
@@ -241,28 +236,34 @@ class LevelTable:
 
     def _evaluate(
         self,
-        levels: dict[str, FloatArray],
+        numbers: FloatArray,
         values: FloatArray,
         forcing: _Forcing,
-        deviations: FloatArray,
+        stddev: FloatArray,
     ) -> None:
-        """Compute the levels at n angles, (n_excitations, n) of each and (n,) of all, in place."""
+        """Compute the rows of all levels at n angles in place.
+
+        The standard deviations, (2, n, n_modes), are those that `at` takes.
+        """
+        at = _rows(len(self._inputs))
         w, responses = forcing.omega, self._responses(values, forcing.omega)
         magnitude = np.sqrt(responses.squares)
-        np.divide(magnitude * forcing.known, responses.static, out=levels["amplifications"])
+        static = responses.static
+        np.divide(magnitude * forcing.known, static, out=numbers[at["amplifications"]])
         if not self._loaded:
             return
-        velocity = np.multiply(magnitude, forcing.velocity, out=levels["velocities"])
-        np.multiply(velocity, w, out=levels["accelerations"])
+        velocity = np.multiply(magnitude, forcing.velocity, out=numbers[at["velocities"]])
+        np.multiply(velocity, w, out=numbers[at["accelerations"]])
         unknown = 0.0 * np.fmax.reduce(velocity)  # NaN where no level is known
         heard = np.fmax(velocity, 0.0)
         total = np.sqrt(_sum(heard * heard))
-        levels["total_velocity"][:] = total + unknown
-        levels["total_acceleration"][:] = np.sqrt(_sum((heard * w) ** 2)) + unknown
+        numbers[at["total_velocity"]] = total + unknown
+        numbers[at["total_acceleration"]] = np.sqrt(_sum((heard * w) ** 2)) + unknown
         if self.states_uncertainty:
+            deviations = np.ascontiguousarray(stddev.swapaxes(1, 2))
             each, together = self._spreads(values, forcing, responses, heard, total, deviations)
-            levels["velocity_stddevs"][:] = each + 0.0 * velocity  # NaN where it is not known
-            levels["total_velocity_stddev"][:] = together + unknown
+            numbers[at["velocity_stddevs"]] = each + 0.0 * velocity  # NaN where it is not known
+            numbers[at["total_velocity_stddev"]] = together + unknown
 
     def _spreads(
         self,
@@ -317,31 +318,30 @@ def unknown_levels(n_excitations: int, n: int) -> MessageColumns:
 
 
 @cache
-def _level_fields() -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Return the names of the levels of each excitation and of all: the float32 fields."""
-    fields = [field for field in message_fields(RESONANCE) if field.type == "float32"]
-    each = tuple(field.name for field in fields if field.is_sequence)
-    return each, tuple(field.name for field in fields if not field.is_sequence)
+def _rows(m: int) -> dict[str, slice | int]:
+    """Return the rows of each level of m excitations, which are the float32 fields.
+
+    Those of each excitation have m rows, and those of all together one.
+    """
+    rows: dict[str, slice | int] = {}
+    end = 0
+    for field in message_fields(RESONANCE):
+        if field.type == "float32":
+            rows[field.name] = slice(end, end + m) if field.is_sequence else end
+            end += m if field.is_sequence else 1
+    return rows
 
 
 def _unknown(m: int, n: int) -> FloatArray:
     """Return the rows of all levels of m excitations at n angles, NaN."""
-    each, of_all = _level_fields()
-    return np.full((len(each) * m + len(of_all), n), math.nan)
-
-
-def _by_name(numbers: NDArray[Any], m: int) -> dict[str, NDArray[Any]]:
-    """Return the rows of each level by name, (m, n) of each excitation and (n,) of all."""
-    each, of_all = _level_fields()
-    first = len(each) * m
-    parts = numbers[:first].reshape(len(each), m, numbers.shape[1])
-    return dict(zip(each, parts, strict=True)) | dict(zip(of_all, numbers[first:], strict=True))
+    rows = _rows(m).values()
+    return np.full((sum(1 if isinstance(row, int) else m for row in rows), n), math.nan)
 
 
 def _level_columns(numbers: FloatArray, m: int) -> MessageColumns:
     with np.errstate(over="ignore"):
         single = numbers.astype(np.float32)
-    return MessageColumns(**{name: rows.T for name, rows in _by_name(single, m).items()})
+    return MessageColumns(**{name: single[rows].T for name, rows in _rows(m).items()})
 
 
 def _sum(terms: FloatArray) -> FloatArray:

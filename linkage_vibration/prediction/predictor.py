@@ -5,7 +5,7 @@
 import enum
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,9 +76,6 @@ class Prediction:
     interpolation_error: float
     table_id: str
     damping_ratio_stddev: FloatArray
-
-
-_NUMBERS = [each.name for each in fields(Prediction) if each.name != "table_id"]
 
 
 def uncertain_modes(
@@ -171,12 +168,14 @@ def fault(prediction: Prediction, alpha3_range: tuple[float, float]) -> str:
 
 
 def one_row(prediction: Prediction) -> MessageColumns:
-    """Return a prediction as columns of one row."""
+    """Return what resonances are assessed by, as columns of one row."""
     return MessageColumns(
-        **{
-            name: value[np.newaxis] if isinstance(value, np.ndarray) else np.array([value])
-            for name, value in ((name, getattr(prediction, name)) for name in _NUMBERS)
-        },
+        crank_angle=np.array([prediction.crank_angle]),
+        natural_frequencies=prediction.natural_frequencies[np.newaxis],
+        damping_ratios=prediction.damping_ratios[np.newaxis],
+        frequency_slopes=prediction.frequency_slopes[np.newaxis],
+        frequency_stddev=prediction.frequency_stddev[np.newaxis],
+        damping_ratio_stddev=prediction.damping_ratio_stddev[np.newaxis],
         table_id=prediction.table_id,
     )
 

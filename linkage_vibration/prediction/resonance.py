@@ -15,7 +15,7 @@ from linkage_vibration.messages.columns import MessageColumns, joined
 from linkage_vibration.prediction.batch import predict_many
 from linkage_vibration.prediction.excitation import Excitation, Source
 from linkage_vibration.prediction.levels import LevelTable, unknown_levels
-from linkage_vibration.prediction.motion import Rate, speed_filter
+from linkage_vibration.prediction.motion import UNKNOWN, Rate, speed_filter
 from linkage_vibration.prediction.predictor import Prediction, Predictor, one_row
 
 BoolArray = NDArray[np.bool_]
@@ -41,6 +41,8 @@ class ResonanceState(enum.IntEnum):
 
 
 _RANKS = np.array([0, 2, -1, 1])  # of the states by their numbers; the highest is reported
+_CLEAR, _WARNING, _STALE, _NOTE = np.arange(4, dtype=np.uint8)
+_PLACES = {source: place for place, source in enumerate(Source)}
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,29 +63,36 @@ class ReportedSpeed:
     time: int
 
 
-@dataclass(frozen=True, slots=True)
-class _Speed:
-    """The last reported value of a speed."""
+@dataclass(frozen=True, slots=True, eq=False)
+class _Pairs:
+    """Excitations and their nearest modes, (n_excitations, n) each."""
 
-    value: float  # NaN if it is not known
-    time: int | None  # ns; None where it is fixed
-    rate: Rate = _CONSTANT  # per second
+    frequency: FloatArray  # of the excitation, Hz; NaN if its speed is not known
+    mode: Integers
+    natural: FloatArray  # Hz
+    width: FloatArray  # half-power half-width of the mode, Hz
+    apart: FloatArray  # magnitude of the relative margin; infinite if there is no mode or speed
+    rate: FloatArray  # of the margin, Hz/s
+    error: FloatArray  # bound of its error
+    probability: FloatArray  # that the excitation is in the half-power band; NaN if not known
 
 
-_UNKNOWN_SPEED = _Speed(math.nan, None)
+@dataclass(frozen=True, slots=True, eq=False)
+class _Speeds:
+    """The last speeds of all sources: values, rates and bounds of their errors, (3, n_sources)."""
 
+    numbers: FloatArray  # NaN if not known, or zero
+    times: Integers  # (n_sources,), when they were reported, ns
+    fixed: BoolArray  # (n_sources,)
 
-@dataclass(frozen=True, slots=True)
-class _Moving:
-    """Quantities with their rates and the bounds of the errors of these, each (..., n)."""
+    @property
+    def parts(self) -> tuple[FloatArray, Integers, BoolArray]:
+        """All of them."""
+        return self.numbers, self.times, self.fixed
 
-    value: FloatArray
-    rate: FloatArray
-    error: FloatArray
-
-    def at(self, rows: slice) -> "_Moving":
-        """Return those with these indices."""
-        return _Moving(self.value[..., rows], self.rate[..., rows], self.error[..., rows])
+    def copy(self) -> "_Speeds":
+        """Return a copy, which later speeds do not change."""
+        return _Speeds(*(part.copy() for part in self.parts))
 
 
 @dataclass(frozen=True, slots=True)
@@ -216,11 +225,12 @@ class ResonanceMonitor:
         self._sources = np.array([list(Source).index(one.source) for one in self.excitations])
         self._warns = np.array([[one.warns] for one in self.excitations])
         self._names = np.array([*(one.name for one in self.excitations), ""])  # -1: none
-        self._speeds = dict.fromkeys(Source, _UNKNOWN_SPEED)
         self._filters = {source: speed_filter(source) for source in Source}
+        n = len(self._filters)
+        self._speeds = _Speeds(np.full((3, n), math.nan), np.zeros(n, np.int64), np.zeros(n, bool))
         # Of each excitation: whether it exceeds its limit, and since when, ns.
-        self._exceeds = np.zeros((len(self.excitations), 1), np.bool_)
-        self._since = np.zeros((len(self.excitations), 1), np.int64)
+        self._exceeds = np.zeros(len(self.excitations), np.bool_)
+        self._since = np.zeros(len(self.excitations), np.int64)
         self.any_speed_reported = False  # without a speed there is nothing to assess
 
     def set_speed(self, source: Source, value: float, time: int) -> None:
@@ -239,8 +249,7 @@ class ResonanceMonitor:
         rate = self._filters[source].add(time, value)
         if source is Source.GROUND and value < 0.0:
             value, rate = -value, Rate(-rate.value, rate.error)
-        fits = 0.0 <= value < math.inf
-        self._speeds[source] = _Speed(value, time, rate) if fits else _UNKNOWN_SPEED
+        self._set(source, value if value < math.inf else math.nan, rate, time, False)
 
     def set_fixed(self, source: Source, value: float | None) -> None:
         """Fix a speed (rpm or m/s); with None, a fixed speed becomes unknown.
@@ -252,9 +261,14 @@ class ResonanceMonitor:
         """
         if value is not None:
             self.any_speed_reported = True
-            self._speeds[source] = _Speed(value, None)
-        elif self._speeds[source].time is None:
-            self._speeds[source] = _UNKNOWN_SPEED
+            self._set(source, value, _CONSTANT, 0, True)
+        elif self._speeds.fixed[_PLACES[source]]:
+            self._set(source, math.nan, UNKNOWN, 0, False)
+
+    def _set(self, source: Source, value: float, rate: Rate, time: int, fixed: bool) -> None:
+        place, speeds = _PLACES[source], self._speeds
+        speeds.numbers[:, place] = value if value > 0.0 else math.nan, *rate
+        speeds.times[place], speeds.fixed[place] = time, fixed
 
     def due(self, stamps: Integers) -> BoolArray:
         """Return which readings are to be assessed, once a speed is reported: one in each period.
@@ -288,10 +302,9 @@ class ResonanceMonitor:
         velocity_error : float
             Bound of the error of the velocity, rad/s.
         """
-        times, velocities = np.array([time]), np.array([velocity])
-        errors = np.array([velocity_error], float)
-        resonances = self.assess_many(one_row(prediction), velocities, times, (), errors)
-        resonance = resonances.message(0)
+        velocities, errors = np.array([[velocity], [velocity_error]])
+        row = one_row(prediction)
+        resonance = self.assess_many(row, velocities, np.array([time]), (), errors).message(0)
         resonance.state = ResonanceState(resonance.state)
         return resonance
 
@@ -320,85 +333,118 @@ class ResonanceMonitor:
         speeds : sequence of ReportedSpeed
             In the order in which they were reported.
         """
-        reported = self._speeds_at(time, speeds)
-        crank = _Moving(predictions.crank_angle, velocity, velocity_error)
-        n = len(time)
+        reported, n = self._speeds_at(time, speeds), len(time)
+        crank = np.array([velocity, velocity_error])
         with np.errstate(all="ignore"):
             if n <= _CHUNK:
                 return self._assess(predictions, crank, time, reported)
             parts = []
             for start in range(0, n, _CHUNK):
                 rows = slice(start, start + _CHUNK)
-                chunks = predictions.rows(rows), crank.at(rows), time[rows], reported.at(rows)
-                parts.append(self._assess(*chunks))
+                numbers = crank[:, rows], time[rows], reported[..., rows]
+                parts.append(self._assess(predictions.rows(rows), *numbers))
             return joined(parts)
 
     def _assess(
-        self, predictions: MessageColumns, crank: _Moving, time: Integers, speeds: _Moving
+        self, predictions: MessageColumns, crank: FloatArray, time: Integers, speeds: FloatArray
     ) -> MessageColumns:
-        """Return the resonances of n predictions; axes are excitations and predictions."""
-        naturals, stddevs = predictions.natural_frequencies, predictions.frequency_stddev
-        levels = self._levels(predictions, speeds.value)
-        frequency = self._ratios * speeds.value[self._sources]
+        """Return the resonances of n predictions.
+
+        The crank's velocity and the bound of its error are (2, n), and speeds with their rates and
+        the bounds of the errors of these (3, n_sources, n).
+        """
+        levels = self._levels(predictions, speeds[0])
+        pairs = self._pairs(predictions, crank, speeds)
+        level = levels.velocities.T.astype(float)
+        with_level, known = level == level, pairs.apart < math.inf
+        severity = self._severities(level, with_level, pairs)
+        exceeds, held = self._follow(np.where(known, severity, -1.0), time)
+        off = (pairs.frequency - pairs.natural) * with_level
+        reach = pairs.width * pairs.width + off * off
+        exceeds &= self._warns
+        state = self._states(exceeds, held, reach, np.abs(pairs.rate) - pairs.error)
+        state = np.where(known, state, _STALE)
+        rank = _RANKS.take(state)
+        highest = np.maximum.reduce(rank)
+        worst = np.where(rank == highest, severity, -1.0).argmax(axis=0)
+        columns = self._columns(predictions, pairs, levels, worst, highest < 0)
+        columns.state = state.take(worst * len(time) + np.arange(len(time)))
+        columns.states = state.T
+        columns.crank_velocity, columns.crank_velocity_error = crank
+        return columns
+
+    def _pairs(self, predictions: MessageColumns, crank: FloatArray, speeds: FloatArray) -> _Pairs:
+        """Return each excitation with its nearest mode."""
+        naturals = predictions.natural_frequencies
+        frequency, rate, error = self._ratios * speeds.take(self._sources, axis=1)
         # A mode without a natural frequency is infinitely far away.
         apart = np.fmin(np.abs(frequency / naturals.T[:, np.newaxis] - 1.0), math.inf)
-        mode, nearest = apart.argmin(axis=0), apart.min(axis=0)
-        places = np.arange(len(time))
-        at = mode + places * naturals.shape[1]
+        mode = apart.argmin(axis=0)
+        at = mode + np.arange(len(naturals)) * naturals.shape[1]
         natural, zeta = naturals.take(at), predictions.damping_ratios.take(at)
         slope = predictions.frequency_slopes.take(at)
-        rate = self._ratios * speeds.rate[self._sources] - slope * crank.rate
-        error = self._ratios * speeds.error[self._sources] + np.abs(slope) * crank.error
-        probability = np.full(frequency.shape, math.nan)
         if self.levels is not None and self.levels.states_uncertainty:
-            spread = frequency * self._stddevs
-            stddev = stddevs.take(at)
-            probability = half_power_probability(frequency, spread, natural, stddev, zeta)
-        level = levels.velocities.T.astype(float)
-        severity = self._severities(level, probability, nearest)
-        known = nearest < math.inf
-        exceeds, held = self._follow(known, severity, time)
-        width, off = zeta * natural, np.where(np.isnan(level), 0.0, frequency - natural)
-        state = self._states(exceeds, held, width * width + off * off, np.abs(rate) - error)
-        state[~known] = ResonanceState.STALE
-        rank = _RANKS[state]
-        highest = rank.max(axis=0)
-        worst = np.where(rank == highest, severity, -math.inf).argmax(axis=0)
-        stale = highest < 0
-        at = worst * len(time) + places
-        spread = levels.velocity_stddevs.T
-        chosen = np.array([frequency, natural, rate, error, probability, level, spread])
+            stddevs = frequency * self._stddevs, predictions.frequency_stddev.take(at)
+            probability = half_power_probability(frequency, stddevs[0], natural, stddevs[1], zeta)
+        else:
+            probability = np.full(frequency.shape, math.nan)
+        return _Pairs(
+            frequency=frequency,
+            mode=mode,
+            natural=natural,
+            width=zeta * natural,
+            apart=np.minimum.reduce(apart),
+            rate=rate - slope * crank[0],
+            error=error + np.abs(slope) * crank[1],
+            probability=probability,
+        )
+
+    def _columns(
+        self,
+        predictions: MessageColumns,
+        pairs: _Pairs,
+        levels: MessageColumns,
+        worst: Integers,
+        stale: BoolArray,
+    ) -> MessageColumns:
+        """Return the columns that are about the most severe excitation, and all levels."""
+        at = worst * len(worst) + np.arange(len(worst))
+        velocities = levels.velocities.T, levels.velocity_stddevs.T
+        chosen = np.array(
+            [
+                pairs.frequency,
+                pairs.natural,
+                pairs.rate,
+                pairs.error,
+                pairs.probability,
+                *velocities,
+            ]
+        )
         chosen = chosen.reshape(len(chosen), -1).take(at, axis=1)
         chosen[:, stale] = math.nan
-        frequency, natural, rate, error, probability, level, spread = chosen
+        frequency, natural, rate, error, probability, velocity, stddev = chosen
         margin = frequency - natural
         closing = np.where(margin > 0.0, -rate, rate)
-        approach = (closing > error).astype(np.int8) - (closing < -error)
-        parts = (approach < 0) | ((closing == 0.0) & (error == 0.0))
-        crossing = np.where(parts, math.inf, math.nan)
-        np.copyto(crossing, np.abs(margin) / closing, where=approach > 0)
-        columns = MessageColumns(
-            state=np.where(stale, ResonanceState.STALE, state.take(at)).astype(np.uint8),
-            excitation=self._names[np.where(stale, -1, worst)],
+        nears, parts = closing > error, closing < -error
+        never = parts | ((closing == 0.0) & (error == 0.0))
+        crossing = np.where(nears, np.abs(margin) / closing, np.where(never, math.inf, math.nan))
+        return MessageColumns(
+            excitation=self._names.take(np.where(stale, len(self._names) - 1, worst)),
             excitation_frequency=frequency,
-            mode=np.where(stale, 0, mode.take(at)),
+            mode=np.where(stale, 0, pairs.mode.take(at)),
             natural_frequency=natural,
             margin=margin,
             relative_margin=margin / natural,
-            approach=approach,
+            approach=nears.astype(np.int8) - parts,
             time_to_crossing=crossing,
             table_id=predictions.table_id,
             probability=probability,
-            velocity=level,
-            velocity_stddev=spread,
-            states=state.T,
+            velocity=velocity,
+            velocity_stddev=stddev,
             approach_rate=closing,
             approach_rate_error=error,
-            crank_velocity=crank.rate,
-            crank_velocity_error=crank.error,
+            **vars(levels),
         )
-        vars(columns).update(vars(levels))
-        return columns
 
     def _levels(self, predictions: MessageColumns, speeds: FloatArray) -> MessageColumns:
         """Return the levels of all excitations; NaN without a level table."""
@@ -408,37 +454,33 @@ class ResonanceMonitor:
         stddev = np.array([relative, predictions.damping_ratio_stddev])
         return self.levels.at(predictions.crank_angle, speeds, stddev)
 
-    def _severities(
-        self, level: FloatArray, probability: FloatArray, apart: FloatArray
-    ) -> FloatArray:
+    def _severities(self, level: FloatArray, with_level: BoolArray, pairs: _Pairs) -> FloatArray:
         """Return by how much excitations exceed their limits, by the best that is known."""
-        limits = self.limits
-        margins = limits.margin / np.maximum(apart, _LEAST_MARGIN)
-        others = np.where(np.isnan(probability), margins, probability / limits.probability)
-        return np.where(np.isnan(level), others, level / limits.level)
+        limits, probability = self.limits, pairs.probability
+        severity = limits.margin / np.maximum(pairs.apart, _LEAST_MARGIN)
+        with_probability = probability == probability  # it is not NaN
+        np.copyto(severity, probability / limits.probability, where=with_probability)
+        np.copyto(severity, level / limits.level, where=with_level)
+        return severity
 
-    def _follow(
-        self, known: BoolArray, severity: FloatArray, time: Integers
-    ) -> tuple[BoolArray, FloatArray]:
-        """Return which excitations exceed their limits, (m, n), and for how long, s.
+    def _follow(self, severity: FloatArray, time: Integers) -> tuple[BoolArray, FloatArray]:
+        """Return which excitations exceed their limits, and for how long, s, (n_excitations, n).
 
-        Between both limits it stays as it was. What was before the first time is the first column.
+        Between both limits it stays as it was before.
         """
-        m, n = severity.shape
-        begins = np.concatenate([self._exceeds, known & (severity > 1.0)], axis=1)
-        stays = known & (severity > self.limits.release) & ~begins[:, 1:]
-        places = np.arange(n + 1)
-        decided = np.zeros((m, n + 1), np.int64)
-        np.copyto(decided[:, 1:], places[1:], where=~stays)
-        rows = (n + 1) * np.arange(m)[:, np.newaxis]
-        exceeds = begins.take(np.maximum.accumulate(decided, axis=1) + rows)
-        since = np.zeros((m, n + 1), np.int64)
-        np.copyto(since[:, 1:], places[1:], where=exceeds[:, 1:] & ~exceeds[:, :-1])
-        np.maximum.accumulate(since, axis=1, out=since)
-        times = np.concatenate([[0], time])
-        began = np.where(since == 0, self._since, times.take(since))
-        self._exceeds, self._since = exceeds[:, -1:], began[:, -1:]
-        return exceeds[:, 1:], 1e-9 * np.abs(time - began[:, 1:])
+        exceeds = severity > 1.0
+        between = exceeds ^ (severity > self.limits.release)
+        before = self._exceeds
+        for row in np.logical_or.reduce(between).nonzero()[0].tolist():
+            earlier = exceeds[:, row - 1] if row else before
+            exceeds[:, row] |= between[:, row] & earlier
+        since = np.repeat(self._since[:, np.newaxis], len(time), axis=1)
+        begins = exceeds > np.concatenate([before[:, np.newaxis], exceeds[:, :-1]], axis=1)
+        for row in np.logical_or.reduce(begins).nonzero()[0].tolist():
+            since[begins[:, row], row:] = time[row]
+        if len(time):
+            self._exceeds, self._since = exceeds[:, -1].copy(), since[:, -1].copy()
+        return exceeds, 1e-9 * np.abs(time - since)
 
     def _states(
         self, exceeds: BoolArray, held: FloatArray, reach: FloatArray, slowest: FloatArray
@@ -452,28 +494,27 @@ class ResonanceMonitor:
         """
         turned = _TURN * held
         built_up = turned * turned * reach >= 1.0
-        built_up |= 2.0 * _TURN * reach >= np.fmax(0.0, slowest)
-        warns = built_up & (held >= self.limits.dwell)
-        state = np.where(warns, np.uint8(ResonanceState.WARNING), np.uint8(ResonanceState.NOTE))
-        state[~(exceeds & self._warns)] = ResonanceState.CLEAR
-        return state
+        built_up |= ~(2.0 * _TURN * reach < slowest)
+        built_up &= held >= self.limits.dwell
+        return np.where(exceeds, np.where(built_up, _WARNING, _NOTE), _CLEAR)
 
-    def _speeds_at(self, time: Integers, speeds: Sequence[ReportedSpeed]) -> _Moving:
-        """Use reported speeds; return the speeds at n times, (n_sources, n), NaN if unknown."""
-        histories, begins = [list(self._speeds.values())], [0]
-        for report in speeds:
-            self.set_speed(report.source, report.value, report.time)
-            histories.append(list(self._speeds.values()))
-            begins.append(report.before)
+    def _speeds_at(self, time: Integers, speeds: Sequence[ReportedSpeed]) -> FloatArray:
+        """Use reported speeds; return the speeds at n times, (3, n_sources, n), NaN if unknown.
+
+        Their rates and the bounds of the errors of these follow.
+        """
+        numbers, times, fixed = (x[..., np.newaxis] for x in self._speeds.parts)
+        if speeds:
+            history = [self._speeds.copy()]
+            for report in speeds:
+                self.set_speed(report.source, report.value, report.time)
+                history.append(self._speeds.copy())
+            begins = [0, *(report.before for report in speeds), len(time)]
+            last = np.repeat(np.arange(len(history)), np.diff(begins))
+            numbers, times, fixed = (
+                np.stack(parts, axis=-1)[..., last]
+                for parts in zip(*(each.parts for each in history), strict=True)
+            )
         limit = math.floor(min(1e9 * self.stale_after, _LATEST))
-        numbers = [[(x.value or math.nan, *x.rate) for x in each] for each in histories]
-        reported = [
-            [(0, _LATEST) if x.time is None else (x.time, limit) for x in each]
-            for each in histories
-        ]
-        last = np.repeat(np.arange(len(begins)), np.diff([*begins, len(time)]))
-        value, rate, error = np.array(numbers)[last].T
-        since, longest = np.array(reported)[last].T
-        age = time - since
-        value[(age < -longest) | (age > longest)] = math.nan
-        return _Moving(value, rate, error)
+        fresh = fixed | (np.abs(time - times) <= limit)
+        return np.where(fresh, numbers, math.nan)

@@ -18,7 +18,7 @@ from linkage_vibration.prediction.excitation import (
     Source,
     excitations_from_mapping,
 )
-from linkage_vibration.prediction.levels import LevelTable, _by_name, _unknown
+from linkage_vibration.prediction.levels import LevelTable, _unknown
 from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.resources import PAPER_TABLE, config_file
@@ -169,8 +169,8 @@ def test_standard_deviations_by_an_independent_sample(name: str) -> None:
         drawn[2 * t : 2 * t + n] *= size * (1.0 + ratio * rng.standard_normal((n, count)))
         forcing = found._forcing(np.array([speeds(pto=pto)] * count).T)
         sampled = _unknown(8, count)
-        each = np.repeat(stddev[..., np.newaxis], count, 2)
-        found._evaluate(_by_name(sampled, 8), drawn, forcing, each)
+        each = np.repeat(stddev[:, np.newaxis], count, axis=1)
+        found._evaluate(sampled, drawn, forcing, each)
         amplitude = 0.3 * level.velocities[3:5].astype(float)
         expected = np.hypot(np.std(sampled[3:7], axis=1), [*amplitude, 0.0, 0.0])
         own = amplitude * level.velocities[3:5] / level.total_velocity
