@@ -85,14 +85,9 @@ class _Speeds:
     times: Integers  # (n_sources,), when they were reported, ns
     fixed: BoolArray  # (n_sources,)
 
-    @property
-    def parts(self) -> tuple[FloatArray, Integers, BoolArray]:
-        """All of them."""
-        return self.numbers, self.times, self.fixed
-
     def copy(self) -> "_Speeds":
         """Return a copy, which later speeds do not change."""
-        return _Speeds(*(part.copy() for part in self.parts))
+        return _Speeds(self.numbers.copy(), self.times.copy(), self.fixed.copy())
 
 
 @dataclass(frozen=True, slots=True)
@@ -503,18 +498,19 @@ class ResonanceMonitor:
 
         Their rates and the bounds of the errors of these follow.
         """
-        numbers, times, fixed = (x[..., np.newaxis] for x in self._speeds.parts)
+        last = self._speeds
+        numbers, times = last.numbers[..., np.newaxis], last.times[:, np.newaxis]
+        fixed = last.fixed[:, np.newaxis]
         if speeds:
-            history = [self._speeds.copy()]
+            history = [last.copy()]
             for report in speeds:
                 self.set_speed(report.source, report.value, report.time)
                 history.append(self._speeds.copy())
             begins = [0, *(report.before for report in speeds), len(time)]
-            last = np.repeat(np.arange(len(history)), np.diff(begins))
-            numbers, times, fixed = (
-                np.stack(parts, axis=-1)[..., last]
-                for parts in zip(*(each.parts for each in history), strict=True)
-            )
+            rows = np.repeat(np.arange(len(history)), np.diff(begins))
+            numbers = np.stack([each.numbers for each in history], axis=-1)[..., rows]
+            times = np.stack([each.times for each in history], axis=-1)[..., rows]
+            fixed = np.stack([each.fixed for each in history], axis=-1)[..., rows]
         limit = math.floor(min(1e9 * self.stale_after, _LATEST))
         fresh = fixed | (np.abs(time - times) <= limit)
         return np.where(fresh, numbers, math.nan)

@@ -1,0 +1,180 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""The columns of resonances against the rules of docs/excitation.md in plain Python."""
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from linkage_vibration.prediction.batch import predict_many
+from linkage_vibration.prediction.excitation import Excitation, Source
+from linkage_vibration.prediction.levels import LevelTable
+from linkage_vibration.prediction.predictor import Predictor
+from linkage_vibration.prediction.resonance import ReportedSpeed, ResonanceMonitor, WarningLimits
+from linkage_vibration.readers.mechanism import read_mechanism
+from linkage_vibration.support.resources import DEFAULT_MECHANISM, DEFAULT_TABLE, config_file
+from linkage_vibration.table.table import load_table
+
+SECOND, N = 10**9, 1500
+CLEAR, WARNING, STALE, NOTE = range(4)
+MARGIN, HYSTERESIS, PROBABILITY = 0.1, 0.02, 0.1
+ORDERS = [
+    Excitation("engine 1", Source.ENGINE, 1.0 / 60.0, relative_stddev=0.01),
+    Excitation("engine 3", Source.ENGINE, 3.0 / 60.0),
+    Excitation("shaft 1", Source.PTO, 1.0 / 60.0, warns=False),
+    Excitation("lugs 1", Source.GROUND, 4.0),
+]
+
+
+def below(value: float, mean: float, stddev: float) -> float:
+    """Return the probability that a normal number is below a value."""
+    return 0.5 * math.erfc((mean - value) / (stddev * math.sqrt(2.0)))
+
+
+class Rules:
+    """The rules for one excitation after the other."""
+
+    def __init__(self, with_probability: bool) -> None:
+        self.with_probability = with_probability
+        self.exceeds = [False] * len(ORDERS)
+        self.since = [0] * len(ORDERS)
+
+    def reported(self, row: dict[str, Any], speeds: dict[Source, float], time: int) -> Any:
+        """Return the states, and the most severe excitation with its numbers; None if stale."""
+        states, ranked = [], []
+        for k, one in enumerate(ORDERS):
+            frequency = one.ratio * speeds.get(one.source, 0.0)
+            modes = [i for i, natural in enumerate(row["f"]) if not math.isnan(natural)]
+            if frequency == 0.0 or not modes:
+                self.exceeds[k] = False
+                states.append(STALE)
+                continue
+            mode = min(modes, key=lambda i: abs(frequency - row["f"][i]) / row["f"][i])
+            natural, zeta = row["f"][mode], row["zeta"][mode]
+            width = zeta * natural
+            probability = self._probability(one, frequency, row, mode)
+            severity = MARGIN / (abs(frequency - natural) / natural)
+            if self.with_probability:
+                severity = probability / PROBABILITY
+            limit = MARGIN / (MARGIN + HYSTERESIS) if self.exceeds[k] else 1.0
+            if severity > limit and not self.exceeds[k]:
+                self.since[k] = time
+            self.exceeds[k] = severity > limit
+            rate = -row["slope"][mode] * row["velocity"]
+            needs, passes = 1.0 / (2.0 * math.pi * width), 2.0 * width / max(abs(rate), 1e-300)
+            held = (time - self.since[k]) / SECOND
+            state = WARNING if held >= needs or passes >= needs else NOTE
+            state = state if self.exceeds[k] and one.warns else CLEAR
+            states.append(state)
+            rank = {CLEAR: 0, NOTE: 1, WARNING: 2}[state]
+            ranked.append((rank, severity, -k, (mode, frequency, natural, probability, rate)))
+        best = max(ranked)[2:] if ranked else None
+        return states, best
+
+    def _probability(self, one: Excitation, f: float, row: dict[str, Any], mode: int) -> float:
+        if not self.with_probability:
+            return math.nan
+        stddev, zeta, natural = row["s"][mode], row["zeta"][mode], row["f"][mode]
+        low, high = (
+            below(edge * natural, f, math.hypot(edge * stddev, one.relative_stddev * f))
+            for edge in (1.0 - zeta, 1.0 + zeta)
+        )
+        return high - low
+
+
+def drive() -> tuple[list[float], list[int], dict[Source, list[float]]]:
+    """Return angles, times (ns) and speeds of readings, with times at which one is not known."""
+    angles = [2.35 + 0.9 * math.sin(0.013 * k) for k in range(N)]  # it leaves the table, too
+    times = [10 * SECOND + k * SECOND // 100 for k in range(N)]
+    engine = [1200.0 + 900.0 * math.sin(0.004 * k + 1.0) for k in range(N)]
+    pto = [0.45 * speed if k > 300 else math.nan for k, speed in enumerate(engine)]
+    ground = [3.0 + 2.5 * math.sin(0.011 * k) if k % 400 < 350 else 0.0 for k in range(N)]
+    return angles, times, dict(zip(Source, (engine, pto, ground), strict=True))
+
+
+@pytest.mark.parametrize("with_probability", [False, True])
+def test_every_number_follows_the_rules(with_probability: bool) -> None:
+    """State, order, margin, probability and time to crossing of 1500 readings are those on paper.
+
+    Each reading follows a speed of each source, whose rates are those of a hitch that moves alone:
+    the speeds are fixed, so that only the crank changes the margin.
+    """
+    predictor = Predictor(load_table(config_file(DEFAULT_TABLE)))
+    levels = LevelTable(predictor, read_mechanism(config_file(DEFAULT_MECHANISM)), ORDERS)
+    limits = WarningLimits(probability=PROBABILITY, margin=MARGIN, hysteresis=HYSTERESIS)
+    monitor = ResonanceMonitor(ORDERS, limits, levels=levels if with_probability else None)
+    angles, times, speeds = drive()
+    rules, seen = Rules(with_probability), set()
+    velocities = np.gradient(angles, 0.01)
+    predictions = predict_many(predictor, np.array(angles), np.zeros(N))
+    for k in range(N):
+        now = {s: column[k] for s, column in speeds.items() if not math.isnan(column[k])}
+        for source in Source:
+            monitor.set_fixed(source, now.get(source))
+        found = monitor.assess_many(
+            predictions.rows(slice(k, k + 1)),
+            velocities[k : k + 1],
+            np.array([times[k]]),
+            (),
+            np.zeros(1),
+        ).message(0)
+        row = {
+            "f": predictions.natural_frequencies[k].tolist(),
+            "zeta": predictions.damping_ratios[k].tolist(),
+            "slope": predictions.frequency_slopes[k].tolist(),
+            "s": predictions.frequency_stddev[k].tolist(),
+            "velocity": float(velocities[k]),
+        }
+        states, best = rules.reported(row, now, times[k])
+        assert found.states.tolist() == states, k
+        seen |= set(states)
+        if best is None:
+            assert (found.state, found.excitation, found.mode) == (STALE, "", 0)
+            assert math.isnan(found.margin)
+            continue
+        place, (mode, frequency, natural, probability, rate) = -best[0], best[1]
+        assert (found.excitation, found.mode) == (ORDERS[place].name, mode), k
+        margin = frequency - natural
+        closing = -rate if margin > 0.0 else rate
+        crossing = abs(margin) / closing if closing > 0.0 else math.inf
+        expected = [frequency, natural, margin, margin / natural, closing, crossing]
+        names = ["excitation_frequency", "natural_frequency", "margin", "relative_margin"]
+        names += ["approach_rate", "time_to_crossing"]
+        numbers = [getattr(found, name) for name in names]
+        assert numbers == pytest.approx(expected, rel=1e-9, abs=1e-12), k
+        assert found.probability == pytest.approx(probability, abs=1e-12, nan_ok=True), k
+        assert found.approach == (closing > 0.0) - (closing < 0.0)
+    assert seen == {CLEAR, WARNING, STALE, NOTE}
+
+
+def test_blocks_are_readings_one_after_the_other() -> None:
+    """Where a block ends, and where speeds are reported within it, changes no number."""
+    predictor = Predictor(load_table(config_file(DEFAULT_TABLE)))
+    angles, times, speeds = drive()
+    predictions = predict_many(predictor, np.array(angles), np.zeros(N))
+    velocities, now = np.gradient(angles, 0.01), np.array(times)
+    columns = []
+    for size in (1, 700, N):  # the largest is more than is assessed together
+        monitor, parts = ResonanceMonitor(ORDERS), []
+        for start in range(0, N, size):
+            rows = slice(start, start + size)
+            reports = [
+                ReportedSpeed(k - start, source, column[k], times[k])
+                for k in range(start, min(start + size, N))
+                for source, column in speeds.items()
+                if k % 5 == 0
+            ]
+            numbers = velocities[rows], now[rows], reports, np.zeros(len(now[rows]))
+            parts.append(monitor.assess_many(predictions.rows(rows), *numbers))
+        columns.append(
+            {
+                name: np.concatenate([getattr(p, name) for p in parts])
+                for name in vars(parts[0])
+                if name != "table_id"
+            }
+        )
+    for other in columns[1:]:
+        for name, column in columns[0].items():
+            np.testing.assert_array_equal(other[name], column, name)
