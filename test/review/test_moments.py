@@ -131,3 +131,15 @@ def test_shares_of_a_single_moment(drive: Path) -> None:
     found = margin_shares(log)
     assert found is not None
     assert not found[1].any()
+
+
+def test_bins_without_a_table(drive: Path) -> None:
+    """The bins reach over the known angles, also over a single one, and over 1 rad without any."""
+    log = replace(read_log(drive), table=None)
+    still = replace(log, crank_angle=np.full(len(log.stamps), 2.0))
+    edges, shares = angle_shares(still)
+    assert (edges[0], edges[-1]) == (2.0, pytest.approx(2.0 + 1e-6, abs=1e-12))
+    assert shares[0] == shares.sum() > 0.9
+    unknown = replace(log, peak_magnitude=np.full(len(log.stamps), np.nan))
+    edges, shares = angle_shares(unknown)
+    assert (edges[0], edges[-1], shares.sum()) == (0.0, 1.0, 0.0)
