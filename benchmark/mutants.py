@@ -121,6 +121,11 @@ class Mutant:
         """What is the same after other lines have changed."""
         return self.file, self.before, self.after
 
+    @property
+    def is_missed(self) -> bool:
+        """Whether a test should find it, and none does."""
+        return self.outcome == "not found" and not self.reason.startswith("Equivalent")
+
 
 def operators() -> Iterator[str]:
     """Return the names of the operators of cosmic-ray that are used."""
@@ -239,8 +244,10 @@ def passes(folder: Path, tests: Sequence[str], timeout: float) -> bool:
     return process.exitcode == 0
 
 
-def measure(module: str, seed: int, folder: Path) -> Iterator[Mutant]:
-    """Try a sample of the changes of a module in a copy of the checkout."""
+def measure(
+    module: str, seed: int, folder: Path, again: set[tuple[str, str, str]]
+) -> Iterator[Mutant]:
+    """Try a sample of the changes of a module in a copy of the checkout, or some of them again."""
     tests = [one for one in TESTS[module] if (ROOT / "test" / one).is_file()]
     before = time.monotonic()
     if not passes(folder, tests, 900.0):
@@ -248,6 +255,7 @@ def measure(module: str, seed: int, folder: Path) -> Iterator[Mutant]:
         raise SystemExit(f"The tests of {module} fail without a change:\n{output[-2000:]}")
     timeout = OVERHEAD + FACTOR * (time.monotonic() - before)
     chosen, total = sample(module, seed)
+    chosen = [(mutant, code) for mutant, code in chosen if not again or mutant.key in again]
     commit = _commit()
     for mutant, code in tqdm(chosen, f"{module}, {total} places", mininterval=10.0):
         path = folder / PACKAGE / mutant.file
@@ -355,6 +363,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmark.mutants", description=__doc__)
     parser.add_argument("modules", nargs="*", metavar="MODULE", help=", ".join(TESTS))
     parser.add_argument("--seed", type=int, default=2)
+    parser.add_argument("--missed", action="store_true", help="try again what was not found")
     parser.add_argument("--page", action="store_true", help="only write the page again")
     arguments = parser.parse_args()
     rows = read_list()
@@ -363,11 +372,16 @@ def main() -> None:
         importlib.import_module(name)
     with tempfile.TemporaryDirectory() as temporary:
         for module in [] if arguments.page else arguments.modules or TESTS:
+            again = {one.key for one in rows if one.module == module and one.is_missed}
+            if arguments.missed and not again:
+                continue
             folder = Path(temporary) / module.replace("/", "_")
             made = (".git", ".venv*", "build", "__pycache__", "*.egg-info", "reproduction")
             shutil.copytree(ROOT, folder, ignore=shutil.ignore_patterns(*made))
-            rows = [one for one in rows if one.module != module]
-            for mutant in measure(module, arguments.seed, folder):
+            if not arguments.missed:
+                rows, again = [one for one in rows if one.module != module], set()
+            for mutant in measure(module, arguments.seed, folder, again):
+                rows = [one for one in rows if one.key != mutant.key]
                 rows.append(_compared(mutant, earlier.get(mutant.key)))
                 write_list(rows)
             shutil.rmtree(folder)

@@ -8,11 +8,19 @@ import sys
 from pathlib import Path
 
 import pytest
+import yaml
 
 from linkage_vibration.cli.main import main
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.readers.mechanism import read_mechanism
-from linkage_vibration.studies.measurement import MeasurementError, angle_and_path, compare
+from linkage_vibration.studies.measurement import (
+    ComparedMode,
+    MeasurementError,
+    angle_and_path,
+    calibration_text,
+    compare,
+    comparison_table,
+)
 from linkage_vibration.studies.ringdown import MeasuredMode
 from linkage_vibration.support.resources import config_file
 
@@ -52,3 +60,68 @@ def test_what_is_refused(model: LinkageModel) -> None:
     for word in ("low.csv", "x:low.csv", "90:", "nan:low.csv"):
         with pytest.raises(MeasurementError, match=r"write ANGLE:FILE, such as 112.5:low\.csv"):
             angle_and_path(word)
+
+
+def test_deviations_of_compared_modes(model: LinkageModel) -> None:
+    """They are those of the frequency, 1 % if it is not known, and of half a degree of the angle.
+
+    Of both sides of the angle the larger change counts; at an end of the stroke only one is there.
+    """
+    half = math.radians(0.5)
+    for alpha3, steps in ((2.0, (-half, half)), (math.pi / 2.0, (half,)), (math.pi, (-half,))):
+        exact = model.solve(alpha3).natural_frequencies
+        measured = [
+            MeasuredMode(float(exact[0]), 0.01, math.nan, math.nan, 1),
+            MeasuredMode(float(exact[1]), 0.01, 0.03 * float(exact[1]), 0.001, 5),
+        ]
+        found = compare(model, alpha3, measured)
+        for i, own in enumerate((0.01, 0.03)):
+            beside = [model.solve(alpha3 + step).natural_frequencies[i] for step in steps]
+            turned = max(abs(math.log(hz / exact[i])) for hz in beside)
+            assert found[i].mode == i
+            assert found[i].deviation == pytest.approx(math.hypot(own, turned), rel=1e-6)
+
+
+def test_targets_and_bounds_of_a_calibration(tmp_path: Path) -> None:
+    """Modes count from 1 at angles in degrees; a third to three times a number are its bounds."""
+    mode = MeasuredMode(7.5, 0.02, 0.1, 0.001, 5)
+    modes = [
+        ComparedMode(math.radians(112.5), mode, 2, 7.4, 0.0123456),
+        ComparedMode(math.radians(112.5), mode, None, math.nan, math.nan),
+    ]
+    path = config_file("three_point_linkage.yaml")
+    content = yaml.safe_load(calibration_text(modes, path, tmp_path / "fit.yaml"))
+    target = {"mode": 3, "at_deg": 112.5, "hz": 7.5, "deviation": 0.0123}
+    assert content["targets"] == [target]
+    assert (tmp_path / content["mechanism"]).resolve() == path.resolve()
+    [implement] = read_mechanism(path).rigid_bodies
+    bounds = content["parameters"]
+    for key, value in (("mass", implement.mass), ("inertia", implement.inertia)):
+        assert bounds[f"rigid_bodies.implement.{key}"] == [
+            pytest.approx(value / 3.0),
+            pytest.approx(value * 3.0),
+        ]
+    with pytest.raises(MeasurementError, match=r"is within a factor of 1\.5 of a mode"):
+        calibration_text(modes[1:], path, tmp_path / "fit.yaml")
+
+
+def test_table_of_compared_modes() -> None:
+    """Each row has the angle, the numbers with their deviations, and the name of the mode."""
+    known = MeasuredMode(7.5, 0.02, 0.1, 0.001, 5)
+    unknown = MeasuredMode(19.0, 0.03, math.nan, math.nan, 1)
+    rows = [
+        ComparedMode(math.radians(112.5), known, 0, 7.4, 0.01),
+        ComparedMode(math.radians(112.5), known, 1, 8.0, 0.01),
+        ComparedMode(math.radians(112.5), unknown, None, math.nan, math.nan),
+    ]
+    lines = comparison_table(rows, ["lift"]).splitlines()[1:]
+    assert lines[0].split()[:5] == ["112.50", "7.500", "+-", "0.100", "0.0200"]
+    assert lines[0].endswith("5       7.400  mode 1 (lift)")
+    assert lines[1].endswith("8.000  mode 2")
+    assert lines[2].split()[1:8] == ["19.000", "+-", "unknown", "0.0300", "+-", "unknown", "1"]
+    assert lines[2].endswith("belongs to no mode of the model")
+
+
+def test_angle_and_path_of_a_word() -> None:
+    """The angle is in degrees, and a path may have colons."""
+    assert angle_and_path("180:a:b.csv") == (pytest.approx(math.pi), Path("a:b.csv"))
