@@ -372,16 +372,16 @@ def main() -> None:
         importlib.import_module(name)
     with tempfile.TemporaryDirectory() as temporary:
         for module in [] if arguments.page else arguments.modules or TESTS:
-            again = {one.key for one in rows if one.module == module and one.is_missed}
+            own = [one for one in rows if one.module == module]
+            again = {one.key for one in own if one.is_missed} if arguments.missed else set()
             if arguments.missed and not again:
                 continue
             folder = Path(temporary) / module.replace("/", "_")
             made = (".git", ".venv*", "build", "__pycache__", "*.egg-info", "reproduction")
             shutil.copytree(ROOT, folder, ignore=shutil.ignore_patterns(*made))
-            if not arguments.missed:
-                rows, again = [one for one in rows if one.module != module], set()
+            kept = [one for one in own if one.key not in again] if again else []
+            rows = [*(one for one in rows if one.module != module), *kept]
             for mutant in measure(module, arguments.seed, folder, again):
-                rows = [one for one in rows if one.key != mutant.key]
                 rows.append(_compared(mutant, earlier.get(mutant.key)))
                 write_list(rows)
             shutil.rmtree(folder)
