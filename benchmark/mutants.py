@@ -379,9 +379,10 @@ def main() -> None:
             folder = Path(temporary) / module.replace("/", "_")
             made = (".git", ".venv*", "build", "__pycache__", "*.egg-info", "reproduction")
             shutil.copytree(ROOT, folder, ignore=shutil.ignore_patterns(*made))
-            kept = [one for one in own if one.key not in again] if again else []
-            rows = [*(one for one in rows if one.module != module), *kept]
+            if not again:
+                rows = [one for one in rows if one.module != module]
             for mutant in measure(module, arguments.seed, folder, again):
+                rows = [one for one in rows if not again or one.key != mutant.key]
                 rows.append(_compared(mutant, earlier.get(mutant.key)))
                 write_list(rows)
             shutil.rmtree(folder)
