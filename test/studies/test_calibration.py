@@ -415,3 +415,33 @@ def test_small_correlations_are_not_written() -> None:
     exact = np.array([[1.0, 1.0], [1.0, 1.0]])
     [pair] = with_fitted({}, ["a", "b"], [], exact)["correlations"]
     assert 0.999998 < pair["value"] < 1.0
+
+
+def test_correlations_of_other_numbers_stay_as_they_are() -> None:
+    """The section keeps its own correlations of other numbers, and gets those of fitted ones."""
+    correlation = np.array([[1.0, 0.2, 0.3], [0.2, 1.0, 0.6], [0.3, 0.6, 1.0]])
+    pair = {"between": ["b", "c"], "value": 0.6}
+    claims = {"relative": {"b": 0.1, "c": 0.1}, "correlations": [pair]}
+    found = with_fitted(claims, ["a"], ["b", "c"], correlation)
+    assert found["correlations"] == [
+        pair,
+        {"between": ["a", "b"], "value": 0.2},
+        {"between": ["a", "c"], "value": 0.3},
+    ]
+
+
+def test_targets_of_a_file(tmp_path: Path) -> None:
+    """Angles are turned into radians, and a deviation that is not given is 1 %."""
+    path = config_file("three_point_linkage.yaml")
+    text = (
+        f"mechanism: {path}\nparameters: {{{HEIGHT}: [0.02, 0.1]}}\n"
+        "targets: [{mode: 2, at_deg: 90, hz: 3.5}, "
+        "{mode: 3, over_the_stroke: lowest, hz: 4, deviation: 0.2}]\n"
+    )
+    (tmp_path / "fit.yaml").write_text(text)
+    found = read_calibration(tmp_path / "fit.yaml")
+    assert found.targets == (
+        Target(2, math.pi / 2.0, 3.5, 0.01),
+        Target(3, "lowest", 4.0, 0.2),
+    )
+    assert found.parameters == (Parameter(HEIGHT, 0.02, 0.1),)
