@@ -44,7 +44,7 @@ TESTS = {
     "prediction/motion.py": ("prediction/test_motion.py",),
     "prediction/excitation.py": ("prediction/test_excitation.py", "readers/test_excitations.py"),
     "prediction/inputs": ("prediction/test_inputs.py",),
-    "prediction/loads.py": ("prediction/test_levels.py",),
+    "prediction/loads.py": ("prediction/test_loads.py", "prediction/test_levels.py"),
     "prediction/predictor.py": ("prediction/test_predictor.py",),
     "prediction/batch.py": ("prediction/test_predictor.py",),
     "prediction/resonance.py": (
