@@ -61,5 +61,5 @@ def test_live_and_offline(
     replay([log], again, SETTINGS)
     for topic in (PREDICTION, RESONANCE):
         recorded = messages(log, topic)
-        assert len(recorded) >= len(expected)
+        assert len(recorded) >= len(messages(offline, topic)) > 0
         assert messages(again, topic) == recorded
