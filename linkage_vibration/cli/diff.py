@@ -20,7 +20,12 @@ def run(options: argparse.Namespace) -> int:
     """Print a summary and write the page; return the exit code."""
     from tqdm import tqdm
 
-    from linkage_vibration.review.difference import compare, difference_page, problems, summary
+    from linkage_vibration.review.difference import (
+        compare,
+        difference_page,
+        difference_summary,
+        problems,
+    )
     from linkage_vibration.review.html import write_page
     from linkage_vibration.support.atomic_files import check_outputs, check_suffix
 
@@ -30,6 +35,6 @@ def run(options: argparse.Namespace) -> int:
         difference = compare(options.logs[0], options.logs[1], bar.update)
         write_page(difference_page(difference), options.output)
         bar.update(1)
-    print(summary(difference))
+    print(difference_summary(difference))
     print(f"\nWritten: {options.output}")
     return exit_code(problems(difference) if options.strict else [], options.strict)

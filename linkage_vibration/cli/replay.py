@@ -51,7 +51,7 @@ def run(options: argparse.Namespace) -> int:
     from tqdm import tqdm
 
     from linkage_vibration.playback.remapping import remappings
-    from linkage_vibration.playback.replay import WhatIf, problems, replay, summary
+    from linkage_vibration.playback.replay import WhatIf, problems, replay, replay_summary
     from linkage_vibration.prediction.parameter_files import read_parameters
     from linkage_vibration.prediction.settings import Parameters, with_values
     from linkage_vibration.support.atomic_files import check_outputs, check_suffix
@@ -82,6 +82,6 @@ def run(options: argparse.Namespace) -> int:
 
         remaps = remappings(options.remap)
         done = replay(options.bags, options.output, settings, remaps, what_if, show, building)
-    print(f"{options.output}: {summary(done)}")
+    print(f"{options.output}: {replay_summary(done)}")
     code = exit_code(problems(done), options.strict)
     return code if done.with_numbers else INCOMPLETE

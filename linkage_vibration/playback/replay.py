@@ -105,7 +105,7 @@ class Replayed(LeftOut):
         return sum(self.statuses[status] for status in Status if status.has_numbers)
 
 
-def summary(done: Replayed) -> str:
+def replay_summary(done: Replayed) -> str:
     """Return in words what a replay has done."""
     text = f"{done.predictions} predictions for {done.topic}"
     if done.resonances:

@@ -23,7 +23,7 @@ from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.messages.fields import message_fields
 from linkage_vibration.messages.topics import RESONANCE
 from linkage_vibration.prediction.excitation import Excitation, ExcitationError, LoadKind, Source
-from linkage_vibration.prediction.loads import Input, load_input
+from linkage_vibration.prediction.loads import UnitLoad, load_input
 from linkage_vibration.prediction.predictor import Predictor, angles_in_table
 from linkage_vibration.table.interpolation import stroke_angle, stroke_variable
 from linkage_vibration.table.table import Table
@@ -108,7 +108,7 @@ class LevelTable:
         self, predictor: Predictor, mechanism: Mechanism, excitations: Sequence[Excitation]
     ) -> None:
         self._predictor, table = predictor, predictor.table
-        inputs: dict[tuple[str, str], Input] = {}
+        inputs: dict[tuple[str, str], UnitLoad] = {}
         loads, which = [one.load for one in excitations], []
         for one, load in zip(excitations, loads, strict=True):
             if load is not None and not table.places:
@@ -462,7 +462,7 @@ def _variance(others: FloatArray, centre: FloatArray) -> FloatArray:
 
 
 def _sampled(
-    table: Table, inputs: list[Input], place: tuple[str, str]
+    table: Table, inputs: list[UnitLoad], place: tuple[str, str]
 ) -> tuple[tuple[FloatArray, FloatArray], _Layout]:
     """Return poles and residues of the responses to inputs over the stroke, as cubics.
 
@@ -518,7 +518,11 @@ class _Samples:
     """Poles and residues at the angles of one piece, with the modes of the table first."""
 
     def __init__(
-        self, table: Table, inputs: list[Input], place: tuple[str, str], ends: tuple[float, float]
+        self,
+        table: Table,
+        inputs: list[UnitLoad],
+        place: tuple[str, str],
+        ends: tuple[float, float],
     ) -> None:
         self._table, self._inputs, self._place, self._ends = table, inputs, place, ends
         self._variables = stroke_variable(np.array(ends), table.toggles)

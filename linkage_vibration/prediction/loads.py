@@ -22,7 +22,7 @@ Weights = Callable[[float], tuple[FloatArray, FloatArray]]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Input:
+class UnitLoad:
     """A load of unit size, as forces at places: the sum of (w + s v) over the places.
 
     The weights w and v, (n_places,), are those at an input angle, rad; s is i omega.
@@ -59,7 +59,7 @@ class Input:
         return parts, np.asarray(frf.residual @ v[:, np.newaxis])
 
 
-def load_input(excitation: Excitation, table: Table, mechanism: Mechanism) -> Input:
+def load_input(excitation: Excitation, table: Table, mechanism: Mechanism) -> UnitLoad:
     """Return the input of an excitation; without a load, a force at the response point.
 
     Parameters
@@ -89,7 +89,7 @@ def load_input(excitation: Excitation, table: Table, mechanism: Mechanism) -> In
     return found
 
 
-def _input(load: Load, mechanism: Mechanism, where: str) -> Input:
+def _input(load: Load, mechanism: Mechanism, where: str) -> UnitLoad:
     if load.kind is LoadKind.BASE_ACCELERATION:
         return _soil(load.place, mechanism, where)
     if load.kind is LoadKind.MOMENT:
@@ -103,12 +103,12 @@ def _input(load: Load, mechanism: Mechanism, where: str) -> Input:
     return _force((point, direction))
 
 
-def _force(place: Place) -> Input:
+def _force(place: Place) -> UnitLoad:
     weights = np.ones(1), np.zeros(1)
-    return Input((place,), lambda alpha3: weights)
+    return UnitLoad((place,), lambda alpha3: weights)
 
 
-def _soil(name: str, mechanism: Mechanism, where: str) -> Input:
+def _soil(name: str, mechanism: Mechanism, where: str) -> UnitLoad:
     """Return the forces of the mounts per displacement of the soil."""
     point, _, direction = name.rpartition(".")
     if mechanism.base is None:
@@ -129,10 +129,10 @@ def _soil(name: str, mechanism: Mechanism, where: str) -> Input:
         np.array([mount.stiffness[axis] for mount in mounts]),
         np.array([mount.damping[axis] for mount in mounts]),
     )
-    return Input(tuple((mount.name, direction) for mount in mounts), lambda alpha3: weights)
+    return UnitLoad(tuple((mount.name, direction) for mount in mounts), lambda alpha3: weights)
 
 
-def _moment(body: str, mechanism: Mechanism, where: str) -> Input:
+def _moment(body: str, mechanism: Mechanism, where: str) -> UnitLoad:
     """Return a pair of forces at two points of a rigid body, which is a moment of 1 N m on it."""
     rigid = {one.name: one for one in mechanism.rigid_bodies}
     if mechanism.base is not None:
@@ -163,4 +163,4 @@ def _moment(body: str, mechanism: Mechanism, where: str) -> Input:
         x, z = cos * across[0] - sin * across[1], sin * across[0] + cos * across[1]
         return np.array([-x, -z, x, z]), np.zeros(4)
 
-    return Input(tuple(places), weights)
+    return UnitLoad(tuple(places), weights)

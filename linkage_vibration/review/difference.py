@@ -128,7 +128,7 @@ def compare(
     return Difference(a, b, a.stamps[rows_a], rows_a, rows_b, quantities, changes)
 
 
-def summary(found: Difference) -> str:
+def difference_summary(found: Difference) -> str:
     """Return a difference as a text for a terminal."""
     lines = [
         f"A: {found.a.path}, table {found.a.table_id}",

@@ -12,7 +12,7 @@ from linkage_vibration.bags.message_columns import Columns, read_columns, topic_
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.messages.topics import PREDICTION_TOPIC, RESONANCE_TOPIC
 from linkage_vibration.playback.remapping import ReplayError
-from linkage_vibration.playback.replay import Replayed, problems, replay, summary
+from linkage_vibration.playback.replay import Replayed, problems, replay, replay_summary
 from linkage_vibration.prediction.settings import Parameters, with_values
 from linkage_vibration.testing.bag_checks import Limits, check_bag
 from test.playback.test_replay import float64, write_mcap
@@ -96,7 +96,7 @@ def test_frames_of_a_tractor_with_a_synthetic_hitch(tmp_path: Path) -> None:
     assert_same_answers(found, read_columns(tmp_path / "relayed.mcap", types))
     # The excitations of a PTO whose speed is not available are stale, not at rest.
     words = "6 messages have no value: rear_pto_speed is not available (0xFFFF)"
-    assert words in summary(done)
+    assert words in replay_summary(done)
 
 
 def test_replay_of_its_log_is_the_same(tmp_path: Path) -> None:
@@ -131,7 +131,9 @@ def test_hitch_that_is_not_available(tmp_path: Path) -> None:
     done, found = replayed(tmp_path, synthetic_hitch(times, raw))
     invalid = np.isnan(found[PREDICTION_TOPIC]["crank_angle"])
     np.testing.assert_array_equal(invalid, np.array(raw) > 0xFA)
-    assert "20 messages have no value: rear_hitch_position is an error (0xFE)" in summary(done)
+    assert "20 messages have no value: rear_hitch_position is an error (0xFE)" in replay_summary(
+        done
+    )
     assert problems(done)
 
 
@@ -189,7 +191,9 @@ def test_two_channels(tmp_path: Path) -> None:
     done, _ = replayed(tmp_path, frames, from_can_bus="/can0")
     assert done.predictions == 20
     assert not done.resonances
-    assert "no message contains CAN signal engine_speed; no message contains CAN" in summary(done)
+    assert "no message contains CAN signal engine_speed; no message contains CAN" in replay_summary(
+        done
+    )
     settings = with_values(ON_CAN, {"engine_topic": "/can1", "hitch_topic": "/can0"})
     done, _ = replayed(tmp_path, frames, settings, from_can_bus="/can0")
     assert done.resonances == 19  # the first reading comes before the first speed

@@ -9,7 +9,7 @@ import pytest
 
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.prediction.excitation import excitations_from_mapping
-from linkage_vibration.prediction.loads import Input, load_input
+from linkage_vibration.prediction.loads import UnitLoad, load_input
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.resources import config_file
 from linkage_vibration.table.table import load_table
@@ -19,7 +19,7 @@ MECHANISM = read_mechanism(config_file(f"{NAME}.yaml"))
 TABLE = load_table(config_file(f"tables/{NAME}.npz"))
 
 
-def unit_load(kind: str, at: str) -> Input:
+def unit_load(kind: str, at: str) -> UnitLoad:
     """Return the input of a load at a place or on a body."""
     keys: dict[str, Any] = {"speed": "pto", "orders": [1], kind: [5.0], "at": at, "at_speed": 540.0}
     [excitation] = excitations_from_mapping({"load": keys})

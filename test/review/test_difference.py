@@ -17,9 +17,9 @@ from linkage_vibration.prediction.settings import Parameters
 from linkage_vibration.review.difference import (
     compare,
     difference_page,
+    difference_summary,
     problems,
     sentence,
-    summary,
 )
 from linkage_vibration.review.log import ReviewError, read_log
 from linkage_vibration.support.resources import config_file
@@ -63,7 +63,7 @@ def test_known_difference(write_log: Any, tmp_path: Path) -> None:
     assert np.rad2deg(angle.rms) == pytest.approx(np.sqrt(1.0 / 89.0))
     assert angle.largest_relative == pytest.approx(np.deg2rad(1.0) / alpha3[40])
     assert (angle.compared, angle.one_sided, found.status_changes) == (89, 1, 1)
-    shown = summary(found)
+    shown = difference_summary(found)
     assert (
         "90 predictions have the same stamps, 10 are only in A, 0 are only in B; 1 differ" in shown
     )
@@ -71,7 +71,7 @@ def test_known_difference(write_log: Any, tmp_path: Path) -> None:
 
 def test_changed_values_are_reported(heavier: tuple[Path, Path]) -> None:
     """The summary lists the values that differ between two mechanisms, and no comments."""
-    shown = summary(compare(*heavier))
+    shown = difference_summary(compare(*heavier))
     changed = shown.split("mechanism, A -> B:\n")[1]
     assert changed.strip() == "rigid_bodies.implement.mass: 800.0 -> 1200.0"
 
