@@ -1,10 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Show how the loops of a linkage close, and compare its pins with a photograph.
-
-Without --at, it prints the angles of the bodies over the stroke. With pixels of three or more pins,
-it finds the crank angle in a photograph, and with five or more a pin that is wrong.
-"""
+"""Show how the loops of a linkage close: the angles of the bodies over the stroke."""
 
 import argparse
 import math
@@ -18,20 +14,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     text = "crank angles in degrees (default: seven over the stroke)"
     parser.add_argument("--at", nargs="+", type=float, metavar="DEG", help=text)
-    text = "pixels of pins in a photograph taken from the side, such as P1=412,633"
-    parser.add_argument("--photo", nargs="+", default=[], metavar="PIN=X,Y", help=text)
-    text = "PNG picture of the linkage to write, at the first angle or that of the photograph"
+    text = "PNG picture of the linkage to write, at the first angle"
     parser.add_argument("-o", "--output", type=Path, help=text)
 
 
 def run(options: argparse.Namespace) -> int:
-    """Print the angles and the photograph's, and draw the picture; return the exit code."""
+    """Print the angles, and draw the picture; return the exit code."""
     import numpy as np
 
     from linkage_vibration.mechanics.model import LinkageModel
     from linkage_vibration.prediction.settings import Parameters
     from linkage_vibration.readers.mechanism import read_mechanism
-    from linkage_vibration.studies import pose as study
+    from linkage_vibration.studies.pose import angle_rows
     from linkage_vibration.support.atomic_files import check_outputs, check_suffix
 
     source = Parameters(mechanism_file=str(options.mechanism or "")).mechanism_path()
@@ -43,20 +37,12 @@ def run(options: argparse.Namespace) -> int:
     if kinematics.notice:
         print(f"{source}: {kinematics.notice}\n")
     angles = np.radians(options.at or np.degrees(np.linspace(*mechanism.stroke, 7))).tolist()
-    print(study.angle_rows(mechanism, kinematics, angles))
+    print(angle_rows(mechanism, kinematics, angles))
     if kinematics.toggles is not None:
         print("Toggles: " + ", and ".join(map(str, kinematics.toggles)) + ".")
-    photo = None
-    if options.photo:
-        pixels = study.read_pins(options.photo, mechanism)
-        photo = study.fit_photo(mechanism, kinematics, pixels)
-        print()
-        print(study.described(photo, study.wrong_pin(mechanism, kinematics, pixels, photo)))
     if options.output:
         from linkage_vibration.drawing.pose_picture import draw_pose
 
-        alpha3 = angles[0] if photo is None else photo.alpha3
-        seen = {} if photo is None else dict(zip(photo.pins, photo.places, strict=True))
-        draw_pose(model, alpha3, options.output, seen)
-        print(f"\nWritten: {options.output} at alpha3 = {math.degrees(alpha3):.2f} deg")
+        draw_pose(model, angles[0], options.output)
+        print(f"\nWritten: {options.output} at alpha3 = {math.degrees(angles[0]):.2f} deg")
     return 0

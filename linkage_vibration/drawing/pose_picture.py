@@ -4,16 +4,12 @@
 
 import io
 import math
-from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
-
-import numpy as np
 
 from linkage_vibration.drawing import palette
 from linkage_vibration.drawing.geometry import scene
 from linkage_vibration.drawing.plots import PlotError, plain, require_matplotlib, tidy
-from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.description import GROUND
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.support.atomic_files import write_bytes
@@ -22,37 +18,14 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
-def draw_pose(
-    model: LinkageModel,
-    alpha3: float,
-    picture: Path,
-    seen: Mapping[str, FloatArray] = {},
-) -> None:
-    """Draw a linkage at an angle into a PNG file.
-
-    Parameters
-    ----------
-    model, alpha3 : LinkageModel and float
-        The linkage, and its crank angle, rad.
-    picture : Path
-        The file to write. An existing file is replaced.
-    seen : mapping of str to ndarray, (2,)
-        Places of pins in a photograph, m, which are drawn as crosses.
-
-    Raises
-    ------
-    PlotError
-        If matplotlib is missing, or the picture cannot be written.
-    """
+def draw_pose(model: LinkageModel, alpha3: float, picture: Path) -> None:
+    """Draw a linkage at a crank angle (rad) into a PNG file, which is replaced if it exists."""
     require_matplotlib()
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(8.0, 6.0), dpi=120, layout="constrained")
     ax = figure.subplots()
     draw_linkage(ax, model, alpha3)
-    if seen:
-        x, z = np.array(list(seen.values())).T
-        ax.plot(x, z, "x", color=palette.PEAK, markersize=10, mew=2, label="in the photograph")
     ax.legend(frameon=False, loc="best")
     ax.set_title(f"{plain(model.mechanism.name)} at α₃ = {math.degrees(alpha3):.2f}°", loc="left")
     png = io.BytesIO()
