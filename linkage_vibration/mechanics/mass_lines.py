@@ -12,7 +12,6 @@ directions of the forces: four numbers describe every FRF.
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import combinations
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -27,11 +26,7 @@ _BEND = 0.7  # largest departure from A within the lines, as a share of A
 _LAG = 0.5  # largest imaginary part, as a share of A
 _DOUBT = 0.1  # largest standard deviation of A, as a share of A
 _NEAR = 2.0  # The most precise window is chosen among those that begin up to this factor higher.
-_MISFIT = 0.19  # No rigid body leaves more; noise, gains and places within 5 % leave up to 0.16.
-_FLIPPED = 0.15  # largest misfit that remains when the sign of a wrong DoF is corrected
-_APART = 0.05  # largest apparent extension of a rigid body, as a share of A
 _LARGEST = 200.0  # largest logarithm of a number whose square is finite
-_SURE = 4.0  # number of standard deviations that are allowed for
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,8 +36,6 @@ class MassLines:
     first: float  # Hz, of these lines
     last: float  # Hz
     accelerance: FloatArray  # (n, n): A, 1/kg between displacements
-    flexibility: FloatArray  # (n, n): F, m/N
-    deviation: FloatArray  # (n, n): standard deviation of F
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,14 +46,12 @@ class RigidFit:
     mass: float  # kg
 
 
-def find_mass_lines(
-    frequencies: FloatArray, frf: ComplexArray, *, flexibility: bool = False
-) -> MassLines | None:
+def find_mass_lines(frequencies: FloatArray, frf: ComplexArray) -> MassLines | None:
     """Find the lines in which a body moves almost as a rigid one, or None.
 
     They end below its first resonance, and begin above those of its suspension, if it has any.
-    `flexibility` asks for the highest such lines, which show F best, instead of those that show A
-    best. Receptances are (n_freq, n, n) at ascending frequencies above 0 Hz.
+    Those are chosen that show A best. Receptances are (n_freq, n, n); frequencies ascend from above
+    0 Hz.
     """
     omega = 2.0 * math.pi * frequencies
     drive = -(omega[:, np.newaxis] ** 2) * np.einsum("kii->ki", frf)
@@ -73,16 +64,13 @@ def find_mass_lines(
             windows.append((doubt, lines))
     if not windows:
         return None
-    lines = min(windows, key=lambda window: -window[1].stop if flexibility else window[0])[1]
+    lines = min(windows, key=lambda window: window[0])[1]
     terms = -(omega[lines, np.newaxis, np.newaxis] ** 2) * frf[lines]
-    values, deviations, _ = _expand(omega[lines], terms.reshape(len(terms), -1))
-    n, scale = frf.shape[1], omega[lines.start] * omega[lines.stop - 1]
+    values = _expand(omega[lines], terms.reshape(len(terms), -1))[0]
     return MassLines(
         float(frequencies[lines.start]),
         float(frequencies[lines.stop - 1]),
-        values[0].real.reshape(n, n),
-        -values[1].real.reshape(n, n) / scale,
-        deviations[1].reshape(n, n) / scale,
+        values[0].real.reshape(frf.shape[1:]),
     )
 
 
@@ -170,40 +158,3 @@ def _starts(
         moved = (np.trace(free[:2, :2]) - free[:2, 2] @ free[:2, 2] / turn) / 2.0
         x, z = -free[1, 2] / turn / length, free[0, 2] / turn / length
         yield [math.log(max(moved, 1e-3 * compliance)), x, z, math.log(turn)]
-
-
-def reversed_dofs(
-    accelerance: FloatArray, motions: FloatArray, fit: RigidFit
-) -> list[tuple[int, ...]]:
-    """Return the DoFs whose opposite directions explain an accelerance that no rigid body has.
-
-    Each entry holds the one or two DoFs that would have to be reversed together; several are
-    returned if the data do not distinguish them. Without an entry, no sign is known to be wrong.
-    """
-    if fit.misfit <= _MISFIT:
-        return []
-    for size in (1, 2):
-        explanations = []
-        for dofs in combinations(range(len(motions)), size):
-            sign = np.ones(len(motions))
-            sign[list(dofs)] = -1.0
-            turned = fit_rigid_body(accelerance * np.outer(sign, sign), motions)
-            if turned.misfit < min(_FLIPPED, fit.misfit / 2.0):
-                explanations.append(dofs)
-        if explanations:
-            return explanations
-    return []
-
-
-def least_sound_speed(lines: MassLines, distance: float, mass: float) -> float:
-    """Return a lower bound of the speed of sound along a bar, m/s; 0 if it is not known.
-
-    The lines are of two points at a distance L (m) along the bar. Its stiffness k between them is
-    at most E m / (rho L^2), which only a uniform bar reaches, so sqrt(E / rho) >= L sqrt(k / m).
-    """
-    stretch = np.array([1.0, -1.0])
-    if stretch @ lines.accelerance @ stretch > _APART * np.trace(lines.accelerance):
-        return 0.0  # the points do not move together, so the lines are above a resonance
-    flexibility = float(stretch @ lines.flexibility @ stretch)
-    largest = flexibility + _SURE * float(np.linalg.norm(lines.deviation))
-    return distance / math.sqrt(mass * largest) if largest > 0.0 else 0.0

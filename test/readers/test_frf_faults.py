@@ -72,32 +72,23 @@ def beam_mass(model: LinkageModel, link: str) -> float:
     return body.material.density * segment.section.area * segment.end
 
 
-def turned(at: int, *, force: bool) -> Change:
-    """Reverse the sensor at a DoF, and the force there too."""
+def turned(at: int) -> Change:
+    """Reverse the sensor at a DoF."""
 
     def change(f: FloatArray, frf: ComplexArray) -> tuple[FloatArray, ComplexArray]:
         sign = np.ones(frf.shape[1])
         sign[at] = -1.0
-        return f, frf * sign[:, np.newaxis] * (sign if force else 1.0)
+        return f, frf * sign[:, np.newaxis]
 
     return change
 
 
 TAU = 2.0 * np.pi
-UNEVEN = (
-    1.00031234 * TAU
-)  # so that the frequencies in Hz are no round numbers, which is a hint, too
 UNWEIGHED: dict[str, tuple[Change, str]] = {
     "all signs": (lambda f, h: (f, -h), "all drive points have the wrong sign: .* by -1"),
     "magnitudes": (lambda f, h: (f, np.abs(h) + 0j), "magnitudes; export real and imag"),
-    "sensor": (turned(3, force=False), "the drive point {} moves .* change its sign"),
-    "axis": (turned(3, force=True), "sign of .*{}.* is reversed"),
-    "round rad/s": (lambda f, h: (TAU * f, h), "2 pi times 0.1 to 200, as if .* in rad/s"),
-    "accelerances over rad/s": (
-        lambda f, h: (UNEVEN * f, h / UNEVEN**2),
-        "sound would travel at [23].*e.04 m/s .* in rad/s",
-    ),
-    "exp(-i omega t)": (lambda f, h: (f, h.conj()), r"exp\(-i omega t\): take their complex conj"),
+    "sensor": (turned(3), "the drive point {} moves .* change its sign"),
+    "exp(-i omega t)": (lambda f, h: (f, h.conj()), r"exp\(-i omega t\) \(take the complex conj"),
 }
 
 
@@ -116,18 +107,11 @@ def test_faults_of_a_link_that_is_not_weighed(
 
 
 WEIGHED: dict[str, tuple[Change, str]] = {
-    "g": (
-        lambda f, h: (f, h / 9.80665),
-        r"9\.8\d? times .* in g \(9\.81 m/s2\); export them in SI",
-    ),
-    "lbf": (lambda f, h: (f, 4.4482 * h), r"0\.22\d? times .* forces were in lbf \(4\.45 N\)"),
-    "g and lbf": (lambda f, h: (f, 0.4536 * h), r"2\.2\d? times .* in g and forces in lbf"),
-    "rad/s": (
-        lambda f, h: (UNEVEN * f, h),
-        r"0\.025\d+ times .* in rad/s, or lengths in inches",
-    ),
-    "mm": (lambda f, h: (f, 1e3 * h), r"0\.001\d* times .* lengths were in mm"),
-    "gain": (lambda f, h: (f, 1.6 * h), r"0\.62\d* times .* `mass` gives; check their units, or"),
+    "g": (lambda f, h: (f, h / 9.80665), r"9\.8\d? times .* export receptances in m/N over Hz"),
+    "lbf": (lambda f, h: (f, 4.4482 * h), r"0\.22\d? times"),
+    "rad/s": (lambda f, h: (TAU * f, h), r"0\.025\d+ times"),
+    "mm": (lambda f, h: (f, 1e3 * h), r"0\.001\d* times"),
+    "gain": (lambda f, h: (f, 1.6 * h), r"0\.62\d* times .* `mass` gives; .* or correct `mass`"),
 }
 
 
@@ -136,7 +120,7 @@ WEIGHED: dict[str, tuple[Change, str]] = {
 def test_faults_of_a_link_that_is_weighed(
     fault: str, link: str, mapping: Any, model: LinkageModel, tmp_path: Path
 ) -> None:
-    """A scale reveals units: the error names the factor and the unit that has it."""
+    """A scale reveals units: the error names the factor."""
     change, words = WEIGHED[fault]
     path = save(tmp_path, mapping, model, link, change)
     weigh(path, link, beam_mass(model, link))
@@ -247,17 +231,6 @@ def test_limit_of_reciprocity(share: float, refused: bool) -> None:
     assert refused or error == ""
 
 
-@pytest.mark.parametrize("rate", [44_100, 48_000, 20_480, 25_600, 51_200, 65_536, 100_000, 1000])
-def test_lines_of_analysers_are_in_hertz(rate: int) -> None:
-    """Sampling rates over numbers of samples give steps that are not taken for rad/s."""
-    link = measured_link(np.random.default_rng(3))
-    inverse = link.frfs.frf[:40]
-    for step in [rate / 2.0**power for power in range(9, 19, 3)]:
-        for lines in (step * np.arange(1.0, 41.0), float(f"{step:.5e}") * np.arange(1.0, 41.0)):
-            receptances = replace(link.frfs, frequencies=lines, frf=inverse)
-            assert "2 pi times" not in refusal(replace(link, frfs=receptances))
-
-
 FEW, MANY = range(100, 102), range(1000)
 
 
@@ -265,10 +238,8 @@ FEW, MANY = range(100, 102), range(1000)
 def test_random_links(seeds: range) -> None:
     """No sound link is refused; most faults are, and nearly all below the first resonance.
 
-    There the rest is: an axis whose reversal gives another rigid body, and magnitudes below the
-    resonance that do; accelerances over rad/s of bars that are soft, or whose noise hides how
-    little they extend; exp(-i omega t) where no line is near a resonance, so that an error of phase
-    explains it.
+    There the rest is: magnitudes that look like another rigid body, and exp(-i omega t) where no
+    line is near a resonance, so that an error of phase explains it.
     """
     results = outcomes(seeds)
     sound = results["none"]
@@ -276,8 +247,6 @@ def test_random_links(seeds: range) -> None:
     assert sound.tried[True] >= 0.5 * len(seeds)
     least = {
         "magnitudes of accelerances": 0.99,
-        "one axis reversed (sensor and force)": 0.9,
-        "accelerances over rad/s": 0.5,
         "exp(-i omega t)": 0.8,
     }
     for fault in FAULTS:

@@ -175,19 +175,16 @@ def _changed(change: Callable[[ComplexArray], ComplexArray]) -> Fault:
     return lambda link, _: replace(link, frfs=replace(link.frfs, frf=change(link.frfs.frf)))
 
 
-def _reversed(link: MeasuredLink, rng: np.random.Generator, *, force: bool) -> MeasuredLink:
-    """Reverse one response, and the force there too."""
+def _reversed(link: MeasuredLink, rng: np.random.Generator) -> MeasuredLink:
+    """Reverse one response."""
     frf, at = link.frfs.frf.copy(), rng.integers(len(link.frfs.dofs))
     frf[:, at] *= -1.0
-    if force:
-        frf[:, :, at] *= -1.0
     return replace(link, frfs=replace(link.frfs, frf=frf))
 
 
-def _in_radians(link: MeasuredLink, power: int) -> MeasuredLink:
-    """Take rad/s for Hz; receptances from accelerances change by the square."""
-    frfs = link.frfs
-    wrong = replace(frfs, frequencies=_TURN * frfs.frequencies, frf=frfs.frf / _TURN**power)
+def _in_radians(link: MeasuredLink, _: np.random.Generator) -> MeasuredLink:
+    """Take rad/s for Hz."""
+    wrong = replace(link.frfs, frequencies=_TURN * link.frfs.frequencies)
     return replace(link, frfs=wrong)
 
 
@@ -195,12 +192,10 @@ FAULTS: dict[str, Fault] = {
     "all signs reversed": _changed(lambda frf: -frf),
     "magnitudes of receptances": _changed(lambda frf: np.abs(frf).astype(complex)),
     "magnitudes of accelerances": _changed(lambda frf: -np.abs(frf).astype(complex)),
-    "one sensor reversed": lambda link, rng: _reversed(link, rng, force=False),
-    "one axis reversed (sensor and force)": lambda link, rng: _reversed(link, rng, force=True),
+    "one sensor reversed": _reversed,
     "accelerations in g": _changed(lambda frf: frf / 9.80665),
     "responses per lbf": _changed(lambda frf: frf * 4.4482216),
-    "receptances over rad/s": lambda link, _: _in_radians(link, 0),
-    "accelerances over rad/s": lambda link, _: _in_radians(link, 2),
+    "receptances over rad/s": _in_radians,
     "exp(-i omega t)": _changed(np.conj),
 }
 """Faults of a measurement by their names."""
