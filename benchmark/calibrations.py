@@ -13,7 +13,7 @@ from tqdm import tqdm
 
 from benchmark.report import machine, publish, table
 from linkage_vibration.studies.calibration import (
-    Calibration,
+    CalibrationTask,
     Parameter,
     calibrate,
     read_calibration,
@@ -43,12 +43,12 @@ def together(link: str, *points: str) -> str:
     return ", ".join(f"links.{link}.points.{point}.1" for point in points)
 
 
-def variants(paper: Calibration) -> dict[str, Calibration]:
+def variants(paper: CalibrationTask) -> dict[str, CalibrationTask]:
     """Return the calibrations to compare; the keys say what each may change."""
 
-    def variant(mapping: Any, drop: str, *more: Parameter) -> Calibration:
+    def variant(mapping: Any, drop: str, *more: Parameter) -> CalibrationTask:
         kept = tuple(p for p in paper.parameters if not drop or not p.path.startswith(drop))
-        return Calibration(mapping, paper.text, kept + more, paper.targets)
+        return CalibrationTask(mapping, paper.text, kept + more, paper.targets)
 
     own = paper.mapping
     stepped = copy.deepcopy(own)

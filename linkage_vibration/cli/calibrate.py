@@ -36,7 +36,7 @@ def run(options: argparse.Namespace) -> int:
             bar.update(1)
 
         result = study.calibrate(calibration, starts, show)
-    print(study.summary(calibration, result))
+    print(study.fit_report(calibration, result))
     if options.output:
         study.write_mechanism(calibration, result, options.output)
         print(f"\nWritten: {options.output}")

@@ -67,13 +67,13 @@ def run(options: argparse.Namespace) -> int:
     if kinematics.notice:
         print(f"{source}: {kinematics.notice}\n")
     body = options.body or mechanism.input_body
-    scene = study.Scene(mechanism, kinematics, body, options.tractor_deg, options.stddev_deg)
+    scene = study.Inclinometer(mechanism, kinematics, body, options.tractor_deg, options.stddev_deg)
     series = None
     if options.bags:
         series = read_numbers(options.bags, settings, remappings(options.remap))
     unit = settings.hitch_unit or PRESETS[HITCH][settings.input].unit
     fit = study.calibrate(scene, options.times, options.readings, series, unit)
-    print(study.summary(fit, body))
+    print(study.curve_report(fit, body))
     text = study.parameters(fit, unit if unit in CALIBRATED else "any")
     print(f"\n{text}", end="")
     if options.output:

@@ -88,7 +88,7 @@ def run(options: argparse.Namespace) -> int:
     )
     with tqdm(disable=None, desc=mechanism.name, unit=" solves", delay=2.0) as bar:
         chosen, measured = plan.plan_and_measure(scene, lambda: bar.update(1))
-    print(plan.summary(chosen, measured))
+    print(plan.plan_report(chosen, measured))
     print(f"\n{plan.physics_table(plan.effects(chosen.mechanism, band, few), tolerance)}")
     if unknown is not None:
         print(f"\n{unknown}")

@@ -34,17 +34,7 @@ class FileError(LinkageVibrationError):
 def file_errors(path: Path, *damage: type[Exception]) -> Iterator[None]:
     """Turn each error of reading a file into a `ComponentFileError` that names the file.
 
-    Parameters
-    ----------
-    path : Path
-        The file.
-    *damage : type
-        What a damaged file makes its reader raise.
-
-    Raises
-    ------
-    ComponentFileError
-        If a `FileError`, a `ReductionError`, an `OSError` or such damage occurs inside.
+    `damage` are the errors that a damaged file makes its reader raise.
     """
     try:
         yield
@@ -62,26 +52,14 @@ def file_errors(path: Path, *damage: type[Exception]) -> Iterator[None]:
 
 
 def check_file(path: Path) -> None:
-    """Raise an error unless there is such a file, and it fits into memory.
-
-    Raises
-    ------
-    FileError
-        If the file is missing or larger than `MAX_BYTES`.
-    """
+    """Raise a FileError unless there is such a file, and it fits into memory."""
     if not path.is_file():
         raise FileError("does not exist; check the path.")
     check_size(path.stat().st_size)
 
 
 def check_size(size: int) -> None:
-    """Raise an error for a file that has more bytes than `MAX_BYTES` after unpacking.
-
-    Raises
-    ------
-    FileError
-        If it is too large.
-    """
+    """Raise a FileError for a file that has more bytes than `MAX_BYTES` after unpacking."""
     if size > MAX_BYTES:
         raise FileError(
             f"holds {size / 2**20:.0f} MiB, more than {MAX_BYTES / 2**20:.0f} MiB; reduce the "
@@ -92,17 +70,7 @@ def check_size(size: int) -> None:
 def load_npz(path: Path, known: Collection[str]) -> dict[str, NDArray[Any]]:
     """Read the arrays of an ``.npz`` file without unpickling anything.
 
-    Parameters
-    ----------
-    path : Path
-        The archive.
-    known : collection of str
-        Names that it may hold. Any other one is an error, as it may be misspelt.
-
-    Raises
-    ------
-    ComponentFileError, FileError
-        If it is missing, damaged, too large when unpacked, or holds a pickle or an unknown name.
+    Any name that is not known is an error, as it may be misspelt.
     """
     check_file(path)
     with file_errors(path, Exception):  # of zipfile, zlib, struct, tokenize and NumPy
@@ -139,21 +107,8 @@ def compressed_columns(
 ) -> sparse.csc_array:
     """Return a sparse matrix from its compressed columns after checking every index.
 
-    SciPy checks only some of them, and a wrong one makes it read beyond its arrays.
-
-    Parameters
-    ----------
-    data, indices : ndarray, (n,)
-        Values and rows of the entries.
-    starts : ndarray, (columns + 1,)
-        Position of each column's first entry, and n.
-    rows : int
-        Number of rows.
-
-    Raises
-    ------
-    ValueError
-        If the arrays do not fit together.
+    SciPy checks only some of them, and a wrong one makes it read beyond its arrays. The starts,
+    (columns + 1,), end with the number of entries. A ValueError says that the arrays do not fit.
     """
     if any(
         part.ndim != 1 or part.dtype.kind not in kinds
@@ -175,31 +130,14 @@ def compressed_columns(
 
 
 def check_known(names: Iterable[str], known: Collection[str]) -> None:
-    """Raise an error for a name that is not used.
-
-    Parameters
-    ----------
-    names, known : collection of str
-        Names that it holds, and names that it may hold.
-
-    Raises
-    ------
-    FileError
-        If a name is unknown.
-    """
+    """Raise a FileError for a name that is not known."""
     for name in names:
         if name not in known:
             raise FileError(f"holds {name!r}, which is unknown; use only {', '.join(known)}.")
 
 
 def parse_dofs(names: Sequence[object]) -> list[InterfaceDof | None]:
-    """Turn the text of each row, such as ``P1 x``, into a DoF, and ``-`` into None.
-
-    Raises
-    ------
-    FileError
-        If an entry is not a point and a direction, or occurs twice.
-    """
+    """Turn the text of each row, such as ``P1 x``, into a DoF, and ``-`` into None."""
     dofs: list[InterfaceDof | None] = []
     for i, name in enumerate(names):
         if not isinstance(name, str):
@@ -225,19 +163,9 @@ def parse_dofs(names: Sequence[object]) -> list[InterfaceDof | None]:
 def choose_rows(
     found: Sequence[InterfaceDof | None], wanted: Sequence[InterfaceDof] | None
 ) -> tuple[tuple[InterfaceDof, ...], list[int]]:
-    """Return the interface DoFs and the row of each.
+    """Return the interface DoFs and the row of each, in the order wanted (by default all).
 
-    Parameters
-    ----------
-    found : sequence of InterfaceDof or None
-        The DoF of each of its rows.
-    wanted : sequence of InterfaceDof, optional
-        The interface DoFs in order; by default all that are found.
-
-    Raises
-    ------
-    FileError
-        If a wanted DoF is missing, or there is none at all.
+    A FileError is raised if a wanted DoF is missing, or there is none at all.
     """
     named = [dof for dof in found if dof is not None]
     dofs = tuple(named if wanted is None else wanted)

@@ -11,16 +11,6 @@ from linkage_vibration.readers.mechanism import load_yaml
 def read_excitations(path: Path) -> tuple[Excitation, ...]:
     """Read and validate the excitations of a linkage.
 
-    Parameters
-    ----------
-    path : Path
-        YAML file; ``config/excitations.yaml`` shows every key.
-
-    Raises
-    ------
-    MechanismError
-        If the file cannot be read, or is not valid YAML.
-    ExcitationError
-        If an excitation is invalid; the text names the file, the key and how to fix it.
+    An ExcitationError names the file, the key and the fix.
     """
     return excitations_from_mapping(load_yaml(path)[0], f"{path}: excitations")

@@ -79,28 +79,11 @@ def read_frfs(
     points: Mapping[str, Point] | None = None,
     mass: float | None = None,
 ) -> Frfs:
-    """Read and check the receptances of a component.
+    """Read and check the receptances of a component from ``.npz``, ``.uff`` or ``.unv``.
 
-    Parameters
-    ----------
-    path : Path
-        ``.npz``, ``.uff`` or ``.unv``; the module describes the layouts.
-    dofs : sequence of InterfaceDof, optional
-        The interface DoFs in order; by default all of the file. Other DoFs of the file are
-        free.
-    nodes : mapping of int to str, optional
-        The point of each node of a UFF file; other nodes are ignored.
-    points : mapping of str to (x, z), optional
-        The points of the link, m, to check signs and frequencies against.
-    mass : float, optional
-        Of one of the equal links, kg, to check units against.
-
-    Raises
-    ------
-    ComponentFileError
-        If the file is missing, damaged or too large, or pyuff is missing; if a DoF or an FRF is
-        missing; if frequencies differ or do not ascend; if a value is not finite; if the units are
-        not SI; if the FRFs show a fault of the measurement (`frf_faults.check_faults`).
+    The interface DoFs are in the order given (by default all of the file); others are free.
+    ``nodes`` has the point of each node of a UFF file. The points (m) and the mass (kg) of one of
+    the equal links are compared with the FRFs. A ComponentFileError names the file and the fix.
     """
     kind = path.suffix.lower()
     if kind not in (".npz", ".uff", ".unv"):

@@ -15,18 +15,8 @@ from linkage_vibration.readers.mechanism import load_yaml
 def read_implements(path: str | Path, mechanism: Mechanism) -> dict[str, Implement]:
     """Read the implements that a rigid body of a mechanism can stand for, by their names.
 
-    Parameters
-    ----------
-    path : str or Path
-        A YAML file: ``implements: {NAME: {mass, inertia, centre_of_gravity, rigid_body}}``, in the
-        units and the axes of ``rigid_bodies``. The last key is needed if there are several.
-    mechanism : Mechanism
-        The mechanism to which they belong.
-
-    Raises
-    ------
-    MechanismError
-        If the file cannot be read, or one of its implements is invalid; the text names the place.
+    The YAML file has ``implements: {NAME: {mass, inertia, centre_of_gravity, rigid_body}}``, in the
+    units and axes of ``rigid_bodies``; the last key is needed if there are several of these.
     """
     path = Path(path)
     try:

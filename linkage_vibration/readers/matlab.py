@@ -48,19 +48,10 @@ class _Element:
 
 
 def read_matlab(path: Path) -> dict[str, Any]:
-    """Return the variables of a file.
+    """Return the variables of a file by name.
 
-    Returns
-    -------
-    dict
-        By name: an ndarray of numbers, a sparse array, the list of rows of a character matrix,
-        or the list of cells of a cell array.
-
-    Raises
-    ------
-    ComponentFileError
-        If the file is missing, damaged, of another version, or too large after unpacking, or if
-        it holds anything else.
+    They are arrays of numbers, sparse arrays, or lists: the rows of a character matrix, or the
+    cells of a cell array. Anything else is a ComponentFileError.
     """
     with file_errors(path, *_DAMAGE):
         check_file(path)

@@ -79,31 +79,11 @@ def read_matrices(
     *,
     spatial: bool = False,
 ) -> Matrices:
-    """Read and check the matrices of a component.
+    """Read and check the matrices of a component from ``.npz``, ``.mat`` or ``NAME_mass.mtx``.
 
-    Parameters
-    ----------
-    path : Path
-        ``.npz``, ``.mat`` or ``NAME_mass.mtx``; the module describes the layouts.
-    dofs : sequence of InterfaceDof, optional
-        The interface DoFs in order; by default all that the file names.
-    modes : int, optional
-        Number of fixed-interface modes to keep (Craig-Bampton) of a component with more than
-        `MAX_WHOLE` rows; smaller ones are not reduced here.
-    spatial : bool
-        Whether rows named y are kept instead of held.
-
-    Returns
-    -------
-    Matrices
-        Interface DoFs first; exactly symmetric.
-
-    Raises
-    ------
-    ComponentFileError
-        If a file is missing, damaged, too large or holds pickles; if a DoF is missing or named
-        twice; if a matrix is not square, real, finite, symmetric and positive (semi-)definite, or
-        has another size than the others; if mass and stiffness are implausible in kg and N/m.
+    The interface DoFs are in the order given (by default all of the file). A component with more
+    than `MAX_WHOLE` rows keeps some fixed-interface modes (Craig-Bampton). Rows named y are held
+    unless the model is spatial. A ComponentFileError names the file and the fix.
     """
     reader = _READERS.get(path.suffix.lower())
     if reader is None:

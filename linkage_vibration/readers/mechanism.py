@@ -45,13 +45,7 @@ def read_mechanism(path: str | Path | None = None, *, spatial: bool = False) -> 
 
 
 def load_yaml(path: Path) -> tuple[Any, str]:
-    """Return the data of a YAML file, and its text.
-
-    Raises
-    ------
-    MechanismError
-        If the file cannot be read, or is not valid YAML.
-    """
+    """Return the data of a YAML file, and its text; a MechanismError says why it cannot be read."""
     try:
         text = path.read_text(encoding="utf-8")
     except OSError as error:
@@ -78,19 +72,7 @@ def load_yaml(path: Path) -> tuple[Any, str]:
 def mechanism_of(mapping: Any, path: Path, *, spatial: bool = False) -> Mechanism:
     """Return the mechanism that the data of a YAML file describe.
 
-    Parameters
-    ----------
-    mapping : object
-        The data, as `load_yaml` returns them.
-    path : Path
-        The file that errors name; paths in the data are relative to its folder.
-    spatial : bool
-        Whether components from files keep their motion out of the plane.
-
-    Raises
-    ------
-    MechanismError
-        If the data, or a file that they name, are invalid.
+    The path is the file that errors name; paths in the data are relative to its folder.
     """
 
     def read(keys: Keys, points: dict[str, Point]) -> Body:

@@ -44,33 +44,9 @@ def mesh_matrices(
 ) -> Matrices:
     """Assemble the matrices of a meshed solid, connect it to its pins, and reduce them.
 
-    Parameters
-    ----------
-    path : Path
-        The ``.msh`` file.
-    material : Material
-        Material of all elements.
-    pins : mapping of str to str
-        Name of the physical surface of each point.
-    points : sequence of (str, (float, float))
-        Names and x, z in m, in the order of the interface DoFs.
-    modes : int
-        Number of fixed-interface modes to keep.
-    rotations : collection of str
-        Points whose rotation is an interface DoF.
-    spatial : bool
-        Whether the y DoFs and out-of-plane modes are kept too.
-
-    Returns
-    -------
-    Matrices
-        x, (y,) z and, for ``rotations``, theta of each point, then the modes; no damping.
-
-    Raises
-    ------
-    ComponentFileError
-        If scikit-fem or meshio is missing; if the file is damaged or not such a mesh; if a
-        surface is missing or not at its point; if the pins do not hold the solid.
+    `pins` has the physical surface of each point; the points (m) are in the order of the interface
+    DoFs: x, (y if spatial,) z and, for `rotations`, theta of each. The modes follow, without
+    damping.
     """
     with file_errors(path):
         nodes, elements, surfaces = _read_mesh(path)

@@ -25,18 +25,8 @@ class RecordingError(LinkageVibrationError):
 def read_recording(path: Path, topic: str | None = None) -> tuple[FloatArray, FloatArray]:
     """Return times (s), (n,), ascending, and signals, (n, n_channels).
 
-    Parameters
-    ----------
-    path : Path
-        A CSV file whose first column is the time in s, with any other numbers in the others, or a
-        bag with messages of the type ``sensor_msgs/msg/Imu``.
-    topic : str, optional
-        The topic of a bag that has several of them.
-
-    Raises
-    ------
-    RecordingError
-        If there is no such topic, or the file is no table of numbers.
+    The first column of a CSV file is the time in s. A bag has messages of ``sensor_msgs/msg/Imu``;
+    the topic chooses one of several.
     """
     if path.suffix.lower() == ".csv":
         return _csv(path)

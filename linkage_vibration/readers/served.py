@@ -28,23 +28,9 @@ def read_served(
 ) -> Served:
     """Return a mechanism with its table, which is built if the parameters name none for it.
 
-    Parameters
-    ----------
-    settings : Parameters
-        They name the files, and the implement.
-    report : callable
-        It is called with a sentence before a table is built, as that takes seconds, and with a
-        notice of the assembly.
-    progress : callable
-        While the table is built, it is called with the fraction of the stroke that is finished; it
-        may raise an error to stop that.
-    remembered : callable
-        Returns an implement that replaces that of the parameters, or None.
-
-    Raises
-    ------
-    LinkageVibrationError
-        If a file cannot be used, or the mechanism cannot be tabulated.
+    `report` is called with a sentence before a table is built and with a notice of the assembly,
+    `progress` with the finished fraction of the stroke (it may raise an error to stop), and
+    `remembered` returns an implement that replaces that of the parameters, or None.
     """
     described = read_described(settings, remembered)
     mechanism = described.mechanism
@@ -71,20 +57,7 @@ def read_described(
     settings: Parameters,
     remembered: Callable[[Implements], Implement | None] = lambda implements: None,
 ) -> Described:
-    """Return the mechanism that the parameters name, with its implement.
-
-    Parameters
-    ----------
-    settings, remembered
-        As `read_served` takes them.
-
-    Raises
-    ------
-    ParameterError
-        If an implement is given without a file.
-    LinkageVibrationError
-        If a file cannot be used, or there is no such implement.
-    """
+    """Return the mechanism that the parameters name, with its implement (as in `read_served`)."""
     path, file = settings.mechanism_path(), settings.implement_path()
     content, text = load_yaml(path)
     mechanism = mechanism_of(content, path)

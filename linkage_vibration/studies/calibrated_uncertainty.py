@@ -25,14 +25,9 @@ _NOTE = "# `linkage-vibration calibrate` wrote this section.\n"
 
 
 def other_claims(mapping: Mapping[str, Any], paths: Sequence[str]) -> dict[str, Any]:
-    """Return the section ``uncertainty`` of a description without some of its numbers.
+    """Return a description's section ``uncertainty`` without the numbers of some paths.
 
-    Parameters
-    ----------
-    mapping : mapping
-        The description, as read from YAML.
-    paths : sequence of str
-        The numbers to leave out, also where the section names them by an alias.
+    Numbers that the section names by an alias are left out, too.
     """
     claims = mapping.get("uncertainty", {})
     places = [place for path in paths for place in split_paths(path)]
@@ -61,17 +56,10 @@ def with_fitted(
     others: Sequence[str],
     covariance: FloatArray,
 ) -> dict[str, Any]:
-    """Return a section ``uncertainty`` with fitted numbers.
+    """Return a section ``uncertainty``, which lacks the fitted numbers, with them.
 
-    Parameters
-    ----------
-    claims : mapping
-        The section without the fitted numbers.
-    fitted, others : sequence of str
-        The paths of the fitted numbers, and of the other uncertain ones.
-    covariance : ndarray, (n, n)
-        Of the logarithms of the fitted numbers, then of the others, each divided by its own
-        standard deviation.
+    The covariance, (n, n), is that of the logarithms of the numbers of both lists of paths, each
+    divided by its own standard deviation.
     """
     deviations = np.sqrt(np.diag(covariance))
     correlation = covariance / np.outer(deviations, deviations)
@@ -98,14 +86,7 @@ def replace_section(
 ) -> str:
     """Return the text of a mechanism with another section ``uncertainty``.
 
-    Parameters
-    ----------
-    text : str
-        Of a YAML file.
-    claims : mapping
-        The section.
-    error : type
-        What to raise if the file is one mapping in braces.
+    The error is raised if the YAML file is one mapping in braces.
     """
     root: Any = yaml.compose(text, yaml.SafeLoader)
     if root.flow_style:

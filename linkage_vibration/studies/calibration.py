@@ -87,7 +87,7 @@ class Target:
 
 
 @dataclass(frozen=True, slots=True)
-class Calibration:
+class CalibrationTask:
     """The parameters to fit, and the targets to fit them to."""
 
     mapping: dict[str, Any]  # the mechanism's description, as read
@@ -111,13 +111,10 @@ class CalibrationResult:
     on_bound: tuple[str, ...]  # parameters that the fit pushed to a bound
 
 
-def read_calibration(path: Path) -> Calibration:
+def read_calibration(path: Path) -> CalibrationTask:
     """Read a calibration and the description that it starts from.
 
-    Raises
-    ------
-    CalibrationError
-        If the file or the description is invalid; the text names the file, the key and the fix.
+    A CalibrationError names the file, the key and the fix.
     """
     try:
         keys = Keys("", load_yaml(path)[0])
@@ -134,30 +131,18 @@ def read_calibration(path: Path) -> Calibration:
         raise CalibrationError(f"{where}{error}") from None
     if not parameters:
         raise CalibrationError(f"{path}: parameters: is empty; name at least one.")
-    return Calibration(mapping, text, tuple(parameters), targets)
+    return CalibrationTask(mapping, text, tuple(parameters), targets)
 
 
 def calibrate(
-    calibration: Calibration,
+    calibration: CalibrationTask,
     starts: int = 8,
     finished: Callable[[float], object] = lambda cost: None,
 ) -> CalibrationResult:
-    """Fit the parameters to the targets.
+    """Fit the parameters to the targets, from the description and random points within the bounds.
 
-    Parameters
-    ----------
-    calibration : Calibration
-    starts : int
-        Number of starting points. The first is the description itself; the others are random
-        points within the bounds, from a fixed seed.
-    finished : callable
-        Called after each start with the lowest cost so far: half the sum of squares of the
-        logarithms of the frequency ratios, each divided by its deviation.
-
-    Raises
-    ------
-    CalibrationError
-        If the mechanism can be solved from none of the starting points.
+    The random points are the same each time. `finished` is called after each start with the lowest
+    cost so far: half the sum of squares of log frequency ratios, each divided by its deviation.
     """
     low, high = np.log([(p.low, p.high) for p in calibration.parameters]).T
     own = [_positive_number(calibration.mapping, p.paths[0]) for p in calibration.parameters]
@@ -184,14 +169,8 @@ def calibrate(
     return _result(calibration, logs, (logs - low < 1e-6) | (high - logs < 1e-6), closed)
 
 
-def summary(calibration: Calibration, result: CalibrationResult) -> str:
-    """Return tables of the targets and of the parameters, and what the targets leave open.
-
-    Parameters
-    ----------
-    calibration : Calibration
-    result : CalibrationResult
-    """
+def fit_report(calibration: CalibrationTask, result: CalibrationResult) -> str:
+    """Return tables of the targets and of the parameters, and what the targets leave open."""
     lines = [f"{'target':24}{'wanted [Hz]':>12}{'found [Hz]':>12}{'difference':>12}"]
     for target, found in zip(calibration.targets, result.frequencies, strict=True):
         share = found / target.frequency - 1.0
@@ -218,24 +197,17 @@ def summary(calibration: Calibration, result: CalibrationResult) -> str:
     return "\n".join(lines)
 
 
-def _apply(calibration: Calibration, values: Sequence[float]) -> dict[str, Any]:
+def _apply(calibration: CalibrationTask, values: Sequence[float]) -> dict[str, Any]:
     """Return the description with other values of the parameters, SI, without uncertainty."""
     exact = {key: value for key, value in calibration.mapping.items() if key != "uncertainty"}
     return with_numbers(exact, _numbers(calibration, values))
 
 
-def write_mechanism(calibration: Calibration, result: CalibrationResult, path: Path) -> None:
-    """Write the description with the fitted parameters and their uncertainty.
+def write_mechanism(calibration: CalibrationTask, result: CalibrationResult, path: Path) -> None:
+    """Write the description with the fitted parameters; its comments and order stay.
 
-    Its comments and order stay, except for the section ``uncertainty``, which comes last. A
-    `CalibrationError` is raised if the file cannot be written, or if an alias in it makes one
-    number of two parameters.
-
-    Parameters
-    ----------
-    calibration : Calibration
-    result : CalibrationResult
-    path : Path
+    The section ``uncertainty`` is new, and comes last. A `CalibrationError` is raised if an alias
+    in the file makes one number of two parameters.
     """
     pairs = _numbers(calibration, result.values.tolist())
     numbers = [(at.split("."), [f"{value:.6g}"]) for at, value in pairs]
@@ -276,7 +248,7 @@ def _coarse(mechanism: Mechanism) -> Mechanism:
     return replace(mechanism, links=tuple(links))
 
 
-def _numbers(calibration: Calibration, values: Sequence[float]) -> list[tuple[str, float]]:
+def _numbers(calibration: CalibrationTask, values: Sequence[float]) -> list[tuple[str, float]]:
     """List the path of every place that holds a parameter, with its value."""
     pairs = zip(calibration.parameters, values, strict=True)
     return [(path, float(value)) for parameter, value in pairs for path in parameter.paths]
@@ -302,7 +274,7 @@ def _positive_number(mapping: Any, path: str) -> float:
 
 
 def _residuals(
-    calibration: Calibration, logs: FloatArray, closed: dict[object, Kinematics]
+    calibration: CalibrationTask, logs: FloatArray, closed: dict[object, Kinematics]
 ) -> FloatArray:
     """Return ln(found / wanted) / deviation, (n_targets,), as `_misfits` does."""
     mechanism = mechanism_from_mapping(_apply(calibration, np.exp(logs).tolist()))
@@ -328,7 +300,10 @@ def _misfits(
 
 
 def _result(
-    calibration: Calibration, logs: FloatArray, bound: BoolArray, closed: dict[object, Kinematics]
+    calibration: CalibrationTask,
+    logs: FloatArray,
+    bound: BoolArray,
+    closed: dict[object, Kinematics],
 ) -> CalibrationResult:
     columns = []
     for step in _STEP * np.eye(len(logs)):
@@ -350,12 +325,12 @@ def _result(
 
 
 def _others(
-    calibration: Calibration, values: FloatArray, closed: dict[object, Kinematics]
+    calibration: CalibrationTask, values: FloatArray, closed: dict[object, Kinematics]
 ) -> tuple[tuple[str, ...], FloatArray, FloatArray]:
-    """Return the uncertain numbers that are not fitted.
+    """Return the paths of the uncertain numbers that are not fitted, and their effects.
 
-    These are their paths, the changes of the residuals by one standard deviation of each,
-    (n_targets, n), and their correlations, (n, n).
+    These are the changes of the residuals by one standard deviation of each, (n_targets, n), and
+    the correlations of the numbers, (n, n).
     """
     claims = other_claims(calibration.mapping, [p.path for p in calibration.parameters])
     mapping = _apply(calibration, values.tolist()) | ({"uncertainty": claims} if claims else {})
@@ -389,14 +364,8 @@ def _covariance(
 ) -> tuple[FloatArray, float]:
     """Return `covariance` and `scatter` of a `CalibrationResult`.
 
-    Parameters
-    ----------
-    jacobian, residuals
-        (n_targets, n_parameters) and (n_targets,), at the optimum.
-    others
-        As `_others` returns them, without the paths.
-    widths
-        Of the bounds, as logarithms, (n_parameters,).
+    They follow from the Jacobian, (n_targets, n_parameters), and the residuals at the optimum, from
+    what `_others` returns without paths, and from the logarithmic widths of the bounds.
     """
     changes, correlation = others
     explained = np.eye(len(residuals)) + changes @ correlation @ changes.T

@@ -34,126 +34,62 @@ class InclinometerError(LinkageVibrationError):
 
 
 @dataclass(frozen=True, slots=True)
-class Point:
-    """A reading of the hitch sensor, and the crank angle that was measured with it.
+class AngleReading:
+    """A reading of the hitch sensor, and the crank angle that was measured with it."""
 
-    Attributes
-    ----------
-    label : str
-        The moment or the reading, as it was given.
-    reading : float
-        In the unit of the sensor.
-    inclination, alpha3, stddev : float
-        Inclination of the body against the tractor, crank angle, and its standard deviation, rad.
-    """
-
-    label: str
-    reading: float
-    inclination: float
-    alpha3: float
-    stddev: float
+    label: str  # the moment or the reading, as it was given
+    reading: float  # in the unit of the sensor
+    inclination: float  # of the body against the tractor, rad
+    alpha3: float  # rad
+    stddev: float  # of alpha3, rad
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Fit:
-    """A monotone calibration.
+class ReadingCurve:
+    """A monotone curve from readings to crank angles."""
 
-    Attributes
-    ----------
-    points : tuple of Point
-        Their readings ascend.
-    residuals : ndarray, (n_points,)
-        Measured less fitted crank angles, rad.
-    degree : int
-        Of the polynomial.
-    pairs : tuple of float
-        The parameter ``calibration``: readings and crank angles (rad) in turn.
-    stddev : float
-        Largest standard deviation of a crank angle between the ends of the calibration, rad.
-    excess : float
-        Root mean square of the residuals over their deviations, 1, where that is too large to be
-        chance; NaN otherwise.
-    extrapolated : tuple of float
-        How far the calibration reaches below and above the points, in the unit of the sensor.
-    """
-
-    points: tuple[Point, ...]
-    residuals: FloatArray
-    degree: int
-    pairs: tuple[float, ...]
-    stddev: float
-    excess: float
-    extrapolated: tuple[float, float]
+    points: tuple[AngleReading, ...]  # their readings ascend
+    residuals: FloatArray  # (n_points,): measured less fitted crank angles, rad
+    degree: int  # of the polynomial
+    pairs: tuple[float, ...]  # the parameter ``calibration``: readings and angles (rad) in turn
+    stddev: float  # the largest of a crank angle between the ends of the curve, rad
+    excess: float  # RMS of residuals over their deviations if it is too large for chance, or NaN
+    extrapolated: tuple[float, float]  # how far it reaches below and above the points, unit of them
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Scene:
-    """Where the inclinometer lies, and how far its angles can be trusted.
-
-    Attributes
-    ----------
-    mechanism, kinematics : Mechanism and Kinematics
-    body : str
-        The body along whose x axis the inclinometer lies.
-    tractor_deg, stddev_deg : float
-        Inclination of the tractor, and the standard deviation of an angle, deg.
-    """
+class Inclinometer:
+    """Where the inclinometer lies, and how far its angles can be trusted."""
 
     mechanism: Mechanism
     kinematics: Kinematics
-    body: str
-    tractor_deg: float
-    stddev_deg: float
+    body: str  # along whose x axis it lies
+    tractor_deg: float  # inclination of the tractor
+    stddev_deg: float  # standard deviation of an angle
 
-    def point(self, label: str, reading: float, degrees: float) -> Point:
-        """Return the point of a reading and an inclination.
-
-        Parameters
-        ----------
-        label : str
-            As it was given.
-        reading, degrees : float
-            What the sensor and the inclinometer showed.
-
-        Raises
-        ------
-        InclinometerError
-            If the inclination leads to no crank angle.
-        """
+    def point(self, label: str, reading: float, degrees: float) -> AngleReading:
+        """Return the point of a reading and an inclination in degrees; errors name the label."""
         inclination = math.radians(degrees - self.tractor_deg)
         try:
             alpha3, slope = crank_angle(self.mechanism, self.kinematics, self.body, inclination)
         except InclinometerError as error:
             raise InclinometerError(f"{label}: {error}") from None
         stddev = math.radians(self.stddev_deg) * abs(slope)
-        return Point(label, reading, inclination, alpha3, stddev)
+        return AngleReading(label, reading, inclination, alpha3, stddev)
 
 
 def calibrate(
-    scene: Scene,
+    scene: Inclinometer,
     times: Sequence[str],
     readings: Sequence[str],
     series: tuple[IntArray, FloatArray] | None,
     unit: str,
-) -> Fit:
-    """Fit the calibration to angles at moments of a bag and at readings.
+) -> ReadingCurve:
+    """Fit the calibration to angles (deg) at moments of a bag and at readings.
 
-    Parameters
-    ----------
-    scene : Scene
-    times, readings : sequence of str
-        Words such as ``12.5=-38.2``: seconds after the first reading of the bag, or readings, and
-        the angle that the inclinometer showed, deg.
-    series : (ndarray, ndarray), (n,), optional
-        Times (ns) and readings of the bag. The calibration contains all of these readings.
-    unit : str
-        Unit of the readings. The calibration of percent reaches from 0 to 100; the node adds the
-        deviation that their steps cause.
-
-    Raises
-    ------
-    InclinometerError
-        If no calibration follows from the points.
+    The words are such as ``12.5=-38.2``: seconds after the first reading of the bag, or readings,
+    and the angle that the inclinometer showed. The series holds times (ns) and readings of the bag,
+    which the calibration contains; that of percent reaches from 0 to 100.
     """
     if not 0.0 < scene.stddev_deg < math.inf or not math.isfinite(scene.tractor_deg):
         raise InclinometerError(
@@ -187,18 +123,7 @@ def calibrate(
 
 
 def pairs_of(words: Sequence[str], form: str) -> list[tuple[str, float, float]]:
-    """Return the words, the numbers before and those after an equals sign.
-
-    Parameters
-    ----------
-    words, form : sequence of str, and str
-        Words such as ``12.5=128.3``, and what they have to look like, for the error.
-
-    Raises
-    ------
-    InclinometerError
-        If a word has another form.
-    """
+    """Return the words (of the form that an error shows) and the numbers on both sides of ``=``."""
     found = []
     for word in words:
         try:
@@ -214,24 +139,10 @@ def pairs_of(words: Sequence[str], form: str) -> list[tuple[str, float, float]]:
 def crank_angle(
     mechanism: Mechanism, kinematics: Kinematics, body: str, inclination: float
 ) -> tuple[float, float]:
-    """Return alpha3 where a body has an inclination, rad, and d(alpha3)/d(inclination), 1.
+    """Return alpha3 (rad) at which a body has an inclination (rad), and d(alpha3)/d(inclination).
 
-    An inclinometer does not distinguish the two ends of a body, so the inclination is compared
-    without half turns.
-
-    Parameters
-    ----------
-    mechanism, kinematics, body
-        The linkage, and the body on which the inclinometer lies, along its x axis.
-    inclination : float
-        Angle of the body against the x axis of the ground, positive where the end ahead is higher,
-        rad.
-
-    Raises
-    ------
-    InclinometerError
-        If there is no such body, if it never has this inclination within the stroke, or more than
-        once.
+    The inclination is the angle of the body's x axis against the ground's, positive where the end
+    ahead is higher. Half turns do not count, as an inclinometer does not distinguish the two ends.
     """
     names = [each.name for each in mechanism.bodies]
     if body not in names:
@@ -276,19 +187,9 @@ def _slope(angle: float) -> float:
 def still_reading(
     times: IntArray, values: FloatArray, moment: float, label: str
 ) -> tuple[float, float]:
-    """Return the mean reading around a moment and the standard deviation of one reading.
+    """Return the mean reading around a moment (s), and the standard deviation of one reading.
 
-    Parameters
-    ----------
-    times, values : ndarray, (n,)
-        ns, ascending, and readings; NaN where they are not available.
-    moment, label : float and str
-        s after the first reading; as it was given, for errors.
-
-    Raises
-    ------
-    InclinometerError
-        If the bag has no reading then, or if the hitch moves.
+    Times are in ns, ascending; readings that are not available are NaN. The label is for errors.
     """
     since = (times - times[0]) / 1e9
     if not 0.0 <= moment <= since[-1]:
@@ -317,24 +218,12 @@ def still_reading(
     return float(own.mean()), noise
 
 
-def fit(points: Sequence[Point], low: float, high: float, reading_stddev: float) -> Fit:
-    """Fit a monotone polynomial to points, with the degree that explains them best.
+def fit(
+    points: Sequence[AngleReading], low: float, high: float, reading_stddev: float
+) -> ReadingCurve:
+    """Fit a monotone polynomial to points so that it contains the readings low and high.
 
-    The degree has the smallest sum of squares plus twice the number of coefficients (Akaike).
-
-    Parameters
-    ----------
-    points : sequence of Point
-        At least three.
-    low, high : float
-        Readings that the calibration has to contain, in addition to those of the points.
-    reading_stddev : float
-        Standard deviation of a reading, in its unit.
-
-    Raises
-    ------
-    InclinometerError
-        If there are too few points, or the angle does not rise or fall with the reading.
+    Its degree has the smallest sum of squares plus twice the number of coefficients (Akaike).
     """
     known = tuple(sorted(points, key=lambda point: point.reading))
     x, y, sigma = (
@@ -368,7 +257,7 @@ def fit(points: Sequence[Point], low: float, high: float, reading_stddev: float)
     stddev = math.sqrt(float((variance + (slopes * reading_stddev) ** 2).max()))
     knots = np.linspace(low, high, 2 if degree == 1 else _KNOTS)
     angles = np.polyval(coefficients, (knots - middle) / half)
-    return Fit(
+    return ReadingCurve(
         known,
         y - np.polyval(coefficients, (x - middle) / half),
         degree,
@@ -379,7 +268,9 @@ def fit(points: Sequence[Point], low: float, high: float, reading_stddev: float)
     )
 
 
-def _check_points(points: Sequence[Point], x: FloatArray, y: FloatArray, sigma: FloatArray) -> None:
+def _check_points(
+    points: Sequence[AngleReading], x: FloatArray, y: FloatArray, sigma: FloatArray
+) -> None:
     """Refuse points from which no monotone calibration follows."""
     if len(points) < 3:
         raise InclinometerError(
@@ -409,14 +300,8 @@ def _check_points(points: Sequence[Point], x: FloatArray, y: FloatArray, sigma: 
         )
 
 
-def summary(found: Fit, body: str) -> str:
-    """Return the points with their residuals, and what is to be known about the fit.
-
-    Parameters
-    ----------
-    found, body : Fit and str
-        The fit, and the body on which the inclinometer lay.
-    """
+def curve_report(found: ReadingCurve, body: str) -> str:
+    """Return the points with their residuals, the deviation of the fit, and its warnings."""
     lines = [
         f"{'point':>16}{'reading':>12}{body + ' [deg]':>22}{'alpha3 [deg]':>14}{'residual':>10}"
     ]
@@ -446,14 +331,10 @@ def summary(found: Fit, body: str) -> str:
     return "\n".join(lines)
 
 
-def parameters(found: Fit, unit: str) -> str:
+def parameters(found: ReadingCurve, unit: str) -> str:
     """Return the YAML of the parameters that use a calibration.
 
-    Parameters
-    ----------
-    found, unit : Fit and str
-        The fit, and the unit of the readings; "any" if it is rad or deg, whose positions are not
-        looked up in a calibration.
+    The unit is "any" if it is rad or deg, whose positions are not looked up in a calibration.
     """
     # A small range of readings needs more decimals than an angle.
     finer = max(0, -math.floor(math.log10(found.pairs[-2] - found.pairs[0])))

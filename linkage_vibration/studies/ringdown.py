@@ -63,17 +63,8 @@ class MeasuredMode:
 def measure_modes(times: FloatArray, signals: FloatArray) -> list[MeasuredMode]:
     """Find the modes in a recording of blows at one height of the hitch, ascending.
 
-    Parameters
-    ----------
-    times : ndarray, (n,)
-        s, ascending.
-    signals : ndarray, (n, n_channels)
-        Accelerations, velocities or rates along fixed axes of a body, in any unit.
-
-    Raises
-    ------
-    RingdownError
-        If there is no blow, or no decay after it is long enough.
+    Times ascend, (n,), s. Signals, (n, n_channels), are accelerations, velocities or rates along
+    fixed axes of a body, in any unit. A RingdownError is raised if no decay is long enough.
     """
     _refuse_overload(signals)
     rate, signals = _resampled(times, signals)
@@ -140,12 +131,7 @@ def _without_mean(signals: FloatArray, rate: float) -> FloatArray:
 def find_decays(signals: FloatArray, rate: float) -> list[slice]:
     """Return the parts of a recording in which a blow decays.
 
-    Parameters
-    ----------
-    signals : ndarray, (n, n_channels)
-        Without their means, in multiples of the noise of each channel.
-    rate : float
-        Samples a second, Hz.
+    The signals, (n, n_channels), have no means, and the noise of each channel is their unit.
     """
     level = np.linalg.norm(signals, axis=1)
     quiet = float(np.median(level))
@@ -169,14 +155,9 @@ def find_decays(signals: FloatArray, rate: float) -> list[slice]:
 
 
 def fit_decay(signals: FloatArray, rate: float) -> ComplexArray:
-    """Return the poles of the oscillations in a decay, rad/s, of each pair the upper, ascending.
+    """Return the upper pole of each oscillation in a decay, rad/s, ascending.
 
-    Parameters
-    ----------
-    signals : ndarray, (n, n_channels)
-        In multiples of the noise of each channel.
-    rate : float
-        Samples a second, Hz.
+    The unit of the signals, (n, n_channels), is the noise of each channel.
     """
     signals = signals - signals.mean(axis=0)  # what remains of a constant is a pole at zero
     n = len(signals)
@@ -212,13 +193,7 @@ def _energies(signals: FloatArray, poles: ComplexArray, rate: float) -> FloatArr
 
 
 def common_modes(decays: Sequence[ComplexArray]) -> list[MeasuredMode]:
-    """Return the modes that more than half of the decays show, ascending.
-
-    Parameters
-    ----------
-    decays : sequence of complex ndarray
-        The poles of each decay, rad/s.
-    """
+    """Return the modes that more than half of the decays show by their poles, rad/s, ascending."""
     left = [list(poles) for poles in decays]
     found = []
     while any(left):

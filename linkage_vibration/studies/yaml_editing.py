@@ -19,15 +19,9 @@ def edit_text(
 ) -> str:
     """Replace numbers in the text of a YAML file, and keep its comments and its layout.
 
-    Parameters
-    ----------
-    text : str
-        The text of the file.
-    numbers : iterable of (keys, words)
-        The keys that lead to a number or to a list of numbers, and the new numbers as text. If the
-        file lacks the last key, it is added before the first key beside it.
-    error : type
-        What to raise if an alias in the file ties together two numbers that are to differ.
+    Each entry has the keys that lead to a number or to a list of numbers, and the new words. If the
+    file lacks the last key, it is added before the first key beside it. The error is raised if an
+    alias ties together two numbers that are to differ.
     """
     root = yaml.compose(text, yaml.SafeLoader)
     edits = {  # an alias leads to the place of its anchor, so two paths may yield the same edit

@@ -19,9 +19,9 @@ from linkage_vibration.mechanics.sensitivity import Sensitivity
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.studies.calibrated_uncertainty import with_fitted
 from linkage_vibration.studies.calibration import (
-    Calibration,
     CalibrationError,
     CalibrationResult,
+    CalibrationTask,
     Parameter,
     Target,
     _apply,
@@ -31,8 +31,8 @@ from linkage_vibration.studies.calibration import (
     _natural_frequencies,
     _undetermined,
     calibrate,
+    fit_report,
     read_calibration,
-    summary,
     write_mechanism,
 )
 from linkage_vibration.support.resources import config_file
@@ -43,10 +43,10 @@ MASS = "rigid_bodies.implement.mass"
 MODULUS = "links.input_crank.material.youngs_modulus"
 
 
-def calibration(mapping: Any, targets: list[Target], *parameters: Parameter) -> Calibration:
+def calibration(mapping: Any, targets: list[Target], *parameters: Parameter) -> CalibrationTask:
     """Return a calibration of the paper's linkage."""
     text = config_file("three_point_linkage.yaml").read_text()
-    return Calibration(mapping, text, parameters, tuple(targets))
+    return CalibrationTask(mapping, text, parameters, tuple(targets))
 
 
 def measured(mechanism: Mechanism) -> list[Target]:
@@ -72,7 +72,7 @@ def test_known_parameters_are_recovered(mapping: Any, mechanism: Mechanism) -> N
     assert result.undetermined == ()
     assert result.on_bound == ()
     assert (np.sqrt(np.diag(result.covariance)) < 0.1).all()
-    text = summary(wrong, result)
+    text = fit_report(wrong, result)
     assert "mode 3 lowest" in text
     assert f"{HEIGHT:44}{0.032:12.5g}" in text
 
@@ -88,7 +88,7 @@ def test_parameters_with_the_same_effect_are_reported(mapping: Any) -> None:
     )
     result = calibrate(both, starts=1)
     assert result.undetermined == ((width, MODULUS),)
-    assert "do not separate: " + width in summary(both, result)
+    assert "do not separate: " + width in fit_report(both, result)
 
 
 def test_bounds_hold_and_are_reported(mapping: Any, mechanism: Mechanism) -> None:
@@ -97,7 +97,7 @@ def test_bounds_hold_and_are_reported(mapping: Any, mechanism: Mechanism) -> Non
     result = calibrate(bounded, starts=2)
     assert result.values == pytest.approx([0.04], rel=1e-6)
     assert result.on_bound == (HEIGHT,)
-    assert "on a bound" in summary(bounded, result)
+    assert "on a bound" in fit_report(bounded, result)
 
 
 def test_paper_gives_the_default_sections(mechanism: Mechanism) -> None:
@@ -196,12 +196,12 @@ def test_numbers_with_anchors_and_aliases(mapping: Any, tmp_path: Path) -> None:
     text = text.replace("width: 0.050, height: 0.032", "width: &w 0.050, height: 0.032")
     text = text.replace("width: 0.020, height: 0.036", "width: *w, height: 0.036")
     width = "links.lower_link.section.width"
-    one = Calibration(yaml.safe_load(text), text, (Parameter(width, 0.01, 0.1),), ())
+    one = CalibrationTask(yaml.safe_load(text), text, (Parameter(width, 0.01, 0.1),), ())
     write_mechanism(one, fitted([0.043]), tmp_path / "mine.yaml")
     assert "width: &w 0.043, height" in (tmp_path / "mine.yaml").read_text()
     assert read_mechanism(tmp_path / "mine.yaml").name == "three_point_linkage"
     crank = Parameter("links.input_crank.section.width", 0.01, 0.1)
-    two = Calibration(one.mapping, text, (*one.parameters, crank), ())
+    two = CalibrationTask(one.mapping, text, (*one.parameters, crank), ())
     with pytest.raises(CalibrationError, match="one number"):
         write_mechanism(two, fitted([0.043, 0.044]), tmp_path / "other.yaml")
 
@@ -218,17 +218,17 @@ NOISE = 0.01  # of measured natural frequencies
 CRANK_STDDEV = 0.03  # of the logarithm of the crank's height, which is not fitted
 
 
-def four_bar() -> Calibration:
+def four_bar() -> CalibrationTask:
     """Return the calibration of two heights of a coarse four-bar, and its uncertain crank."""
     text = config_file("four_bar.yaml").read_text().replace("[0.0, 360.0]", "[40.0, 80.0]")
     text = text.replace("material:", "elements: 3\n    modes: 2\n    material:")
     text += f"uncertainty: {{relative: {{{CRANK}: {CRANK_STDDEV}}}}}\n"
     targets = [Target(m, math.radians(a), 1.0, NOISE) for m in (1, 2) for a in (45.0, 60.0, 75.0)]
     parameters = Parameter(COUPLER, 0.01, 0.04), Parameter(ROCKER, 0.01, 0.05)
-    return Calibration(yaml.safe_load(text), text, parameters, tuple(targets))
+    return CalibrationTask(yaml.safe_load(text), text, parameters, tuple(targets))
 
 
-def recalibrated(seed: int) -> tuple[Calibration, CalibrationResult, Any]:
+def recalibrated(seed: int) -> tuple[CalibrationTask, CalibrationResult, Any]:
     """Measure a random four-bar with noise, and fit it; return its own description as well."""
     random, fit = np.random.default_rng(seed), four_bar()
     heights = np.array([0.02, 0.025, 0.03]) * np.exp(
@@ -277,7 +277,9 @@ def test_other_uncertain_numbers_stay(tmp_path: Path) -> None:
         "rigid_bodies.implement.centre_of_gravity.E1",
         "base.mounts.rear_axle.stiffness.0",
     )
-    fit = Calibration(yaml.safe_load(text), text, tuple(Parameter(n, 0.1, 1e12) for n in names), ())
+    fit = CalibrationTask(
+        yaml.safe_load(text), text, tuple(Parameter(n, 0.1, 1e12) for n in names), ()
+    )
     mass, correlation = "rigid_bodies.implement.mass", np.eye(4)
     correlation[1, 3] = correlation[3, 1] = 0.4
     steps = np.array([0.01, 0.02, 0.03, 1.0])
@@ -308,7 +310,7 @@ def test_residuals_that_are_too_large_count() -> None:
     assert 4.0 < bold.scatter < 20.0
     shares = np.diag(bold.covariance)[:2] / np.diag(result.covariance)[:2]
     assert (np.abs(np.log(shares)) < math.log(4.0)).all()
-    assert "times as large as the deviations" in summary(claimed, bold)
+    assert "times as large as the deviations" in fit_report(claimed, bold)
 
 
 def test_what_targets_leave_open_is_known_to_the_bounds(mapping: Any) -> None:
@@ -387,7 +389,7 @@ def test_correlations_that_the_summary_names(correlation: float, named: bool) ->
     matrix = np.array([[1e-4, correlation * 2e-4], [correlation * 2e-4, 4e-4]])
     frequencies = np.array([1.02] * len(fit.targets))
     result = CalibrationResult(np.array([0.02, 0.03]), frequencies, matrix, (), 1.0, (), ())
-    text = summary(fit, result)
+    text = fit_report(fit, result)
     assert (f"correlation {correlation:+.2f} of {COUPLER} and {ROCKER}" in text) == named
     assert text.splitlines()[1].split() == ["mode", "1", "at", "45", "deg", "1", "1.02", "2.0%"]
     assert [line.split()[-1] for line in text.splitlines() if line.startswith("links.")] == [
@@ -395,10 +397,10 @@ def test_correlations_that_the_summary_names(correlation: float, named: bool) ->
         "2.0%",
     ]
     assert "times as large" not in text
-    assert "correlation" not in summary(fit, replace(result, on_bound=(COUPLER,)))
-    assert "on a bound" in summary(fit, replace(result, on_bound=(COUPLER,)))
-    assert "unknown" in summary(fit, replace(result, undetermined=((ROCKER,),)))
-    assert "are 1.5 times as large" in summary(fit, replace(result, scatter=1.5))
+    assert "correlation" not in fit_report(fit, replace(result, on_bound=(COUPLER,)))
+    assert "on a bound" in fit_report(fit, replace(result, on_bound=(COUPLER,)))
+    assert "unknown" in fit_report(fit, replace(result, undetermined=((ROCKER,),)))
+    assert "are 1.5 times as large" in fit_report(fit, replace(result, scatter=1.5))
 
 
 def test_small_correlations_are_not_written() -> None:

@@ -15,16 +15,16 @@ from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.kinematics import Kinematics
 from linkage_vibration.studies.inclinometer import (
     PERCENT,
+    AngleReading,
+    Inclinometer,
     InclinometerError,
-    Point,
-    Scene,
     calibrate,
     crank_angle,
+    curve_report,
     fit,
     pairs_of,
     parameters,
     still_reading,
-    summary,
 )
 
 ERROR = math.radians(0.5)  # standard deviation of the inclinometer
@@ -42,13 +42,15 @@ def volts(alpha3: np.ndarray, bend: float) -> np.ndarray:
     return 2.5 - 2.0 * np.arcsin(bend * share) / math.asin(bend)
 
 
-def simulated(rng: np.random.Generator, count: int, bend: float, noise: float) -> list[Point]:
+def simulated(
+    rng: np.random.Generator, count: int, bend: float, noise: float
+) -> list[AngleReading]:
     """Return points over the stroke with errors of the inclinometer and of the sensor."""
     alpha3 = np.radians(np.linspace(90.0, 180.0, count))
     readings = volts(alpha3, bend) + noise * rng.normal(size=count) / 10.0  # a mean of a hundred
     shown = alpha3 + ERROR * rng.normal(size=count)
     pairs = zip(readings.tolist(), shown.tolist(), strict=True)
-    return [Point(str(i), reading, y, y, ERROR) for i, (reading, y) in enumerate(pairs)]
+    return [AngleReading(str(i), reading, y, y, ERROR) for i, (reading, y) in enumerate(pairs)]
 
 
 @pytest.mark.parametrize("bend", [0.01, 0.6, 0.95])
@@ -103,9 +105,9 @@ def test_inclinations_that_show_no_angle(
     assert words in str(raised.value)
 
 
-def point(reading: float, degrees: float) -> Point:
+def point(reading: float, degrees: float) -> AngleReading:
     """Return a point with an error of half a degree."""
-    return Point(f"{reading:g}={degrees:g}", reading, 0.0, math.radians(degrees), ERROR)
+    return AngleReading(f"{reading:g}={degrees:g}", reading, 0.0, math.radians(degrees), ERROR)
 
 
 @pytest.mark.parametrize(
@@ -134,11 +136,11 @@ def test_a_wrong_point_is_named() -> None:
     found = fit(good, 0.0, 10.0, 0.0)
     assert found.degree == 1
     assert found.extrapolated == (0.0, 2.0)
-    assert "extrapolated by 0 below and 2 above" in summary(found, "input_crank")
-    assert "times as large" not in summary(found, "input_crank")
+    assert "extrapolated by 0 below and 2 above" in curve_report(found, "input_crank")
+    assert "times as large" not in curve_report(found, "input_crank")
     wrong = [*good[:4], point(4.0, 145.0), *good[5:]]
     bad = fit(wrong, 0.0, 10.0, 0.0)
-    assert "most at 4=145: measure it again" in summary(bad, "input_crank")
+    assert "most at 4=145: measure it again" in curve_report(bad, "input_crank")
     assert bad.stddev > 2.0 * found.stddev
 
 
@@ -176,7 +178,7 @@ def test_a_moment_at_rest() -> None:
 
 def test_a_bag_without_readings(mechanism: Mechanism, kinematics: Kinematics) -> None:
     """A bag in which no reading is available is refused, also beside readings."""
-    scene = Scene(mechanism, kinematics, "input_crank", 0.0, 0.5)
+    scene = Inclinometer(mechanism, kinematics, "input_crank", 0.0, 0.5)
     series = np.arange(3), np.full(3, math.nan)
     with pytest.raises(InclinometerError, match=r"The bag has no reading that is available"):
         calibrate(scene, [], ["1=-20", "2=-40", "3=-60"], series, "any")
@@ -215,12 +217,12 @@ def test_noise_of_the_reading_adds_by_the_slope() -> None:
 
 
 @pytest.fixture(scope="module")
-def scene(mechanism: Mechanism, kinematics: Kinematics) -> Scene:
+def scene(mechanism: Mechanism, kinematics: Kinematics) -> Inclinometer:
     """Return an inclinometer on the crank of a tractor that stands on a slope of 2 deg."""
-    return Scene(mechanism, kinematics, "input_crank", 2.0, 0.5)
+    return Inclinometer(mechanism, kinematics, "input_crank", 2.0, 0.5)
 
 
-def test_readings_of_the_bag_belong_to_the_calibration(scene: Scene) -> None:
+def test_readings_of_the_bag_belong_to_the_calibration(scene: Inclinometer) -> None:
     """It reaches from the least to the largest, and half of their step adds to the deviation."""
     words = [f"{reading:g}={-12.0 - 20.0 * reading:g}" for reading in (0.0, 1.0, 2.0, 3.0)]
     times = np.arange(6) * 10**8
@@ -244,7 +246,7 @@ def test_readings_of_the_bag_belong_to_the_calibration(scene: Scene) -> None:
     assert two.stddev == pytest.approx(math.hypot(line, step), rel=1e-6)
 
 
-def test_percent_reaches_from_0_to_100(scene: Scene) -> None:
+def test_percent_reaches_from_0_to_100(scene: Inclinometer) -> None:
     """A position in percent has a calibration of the whole range, and the node adds its steps."""
     words = [f"{reading:g}={-12.0 - 0.5 * reading:g}" for reading in (10.0, 40.0, 70.0, 90.0)]
     times, values = np.arange(3) * 10**8, np.array([20.0, 40.0, 80.0])
@@ -257,13 +259,13 @@ def test_percent_reaches_from_0_to_100(scene: Scene) -> None:
 
 
 @pytest.mark.parametrize(("stddev", "tractor"), [(0.0, 0.0), (math.inf, 0.0), (0.5, math.inf)])
-def test_deviations_that_cannot_be_used(scene: Scene, stddev: float, tractor: float) -> None:
+def test_deviations_that_cannot_be_used(scene: Inclinometer, stddev: float, tractor: float) -> None:
     """A deviation of zero, and angles that are not finite, are refused."""
     with pytest.raises(InclinometerError, match="have to be finite, and the first greater than 0"):
         calibrate(replace(scene, stddev_deg=stddev, tractor_deg=tractor), [], [], None, "V")
 
 
-def test_bag_without_readings(scene: Scene) -> None:
+def test_bag_without_readings(scene: Inclinometer) -> None:
     """A bag whose sensor was never available is refused."""
     series = np.arange(3) * 10**8, np.full(3, math.nan)
     with pytest.raises(InclinometerError, match="The bag has no reading that is available"):

@@ -16,10 +16,17 @@ from linkage_vibration.studies.plan.measurement import (
     solve_reference,
 )
 from linkage_vibration.studies.plan.physics import Effect, effects, physics_table
-from linkage_vibration.studies.plan.report import summary, write_planned
+from linkage_vibration.studies.plan.report import plan_report, write_planned
 from linkage_vibration.studies.plan.scene import PlanError, Scene
 from linkage_vibration.studies.plan.unknowns import Unknowns, unknowns
 
 __all__ = ["Effect", "Measured", "Plan", "PlanError", "Scene", "Unknowns", "effects", "measure"]
-__all__ += ["physics_table", "plan", "plan_and_measure", "solve_reference", "summary", "unknowns"]
+__all__ += [
+    "physics_table",
+    "plan",
+    "plan_and_measure",
+    "plan_report",
+    "solve_reference",
+    "unknowns",
+]
 __all__ += ["write_planned"]

@@ -86,16 +86,10 @@ class Plan:
 
 
 def plan(scene: Scene, solved: Callable[[], object] = lambda: None) -> Plan:
-    """Choose the cheapest settings that meet a scene's tolerance.
+    """Choose the cheapest settings that meet a tolerance; `solved` is called after each solve.
 
     A `PlanError` is raised if the scene is invalid or no setting meets its tolerance, and a
     `KinematicsError` or a `ModelError` if the linkage cannot be solved there.
-
-    Parameters
-    ----------
-    scene : Scene
-    solved : callable
-        Called after each solve, for a progress bar.
     """
     check_scene(scene)
     trials = _Trials(scene, solved)

@@ -42,18 +42,7 @@ def plan_and_measure(
 ) -> tuple[Plan, Measured]:
     """Choose the cheapest settings whose measured errors meet a scene's tolerance.
 
-    Where the measured errors of a plan are too large, it is made again for a smaller tolerance.
-
-    Parameters
-    ----------
-    scene : Scene
-    solved : callable
-        Called after each solve, for a progress bar.
-
-    Raises
-    ------
-    PlanError
-        As `plan` raises it, and if no plan meets the tolerance when it is measured.
+    While the measured errors of a plan are too large, another one is made for a smaller tolerance.
     """
     share, why = 1.0, ""
     for _ in range(_TRIES):
@@ -72,17 +61,11 @@ def plan_and_measure(
 
 
 def solve_reference(plan: Plan, solved: Callable[[], object] = lambda: None) -> list[Result]:
-    """Solve an unreduced, finer model at angles that the plan was not chosen at.
+    """Solve an unreduced, finer model at angles other than those at which the plan was chosen.
 
     Its mesh is six times as fine, so its own error is at most a 36th of the plan's; above 96
-    elements a link it is four times or twice as fine. It is solved with dense matrices, which takes
-    0.25 s an angle with 48 elements a link on four links, 2 s with 96, and about 10 s with 192.
-
-    Parameters
-    ----------
-    plan : Plan
-    solved : callable
-        Called after each angle, for a progress bar.
+    elements a link it is four times or twice as fine. Its matrices are dense: an angle of four
+    links takes 0.25 s with 48 elements a link, 2 s with 96, and about 10 s with 192.
     """
     scene = plan.scene
     elements = max(2 * plan.elements, min(_FINER * plan.elements, _FINEST))
@@ -96,16 +79,7 @@ def solve_reference(plan: Plan, solved: Callable[[], object] = lambda: None) -> 
 
 
 def measure(plan: Plan, against: Sequence[Result]) -> Measured:
-    """Carry a plan out, and measure its errors and its costs.
-
-    A `TableError` is raised if the table cannot be built.
-
-    Parameters
-    ----------
-    plan : Plan
-    against : sequence of Result
-        The reference, from `solve_reference`.
-    """
+    """Carry a plan out, and measure its errors against a reference, and its costs."""
     scene, setups, table = plan.scene, [], None
     for _ in range(3):
         start = time.perf_counter()

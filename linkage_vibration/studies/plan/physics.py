@@ -22,25 +22,13 @@ CRANK, TRACTOR = "springs that hold the crank", "motion of the tractor"
 
 @dataclass(frozen=True, slots=True)
 class Effect:
-    """What one part of the physics changes.
+    """What one part of the physics changes."""
 
-    Attributes
-    ----------
-    name : str
-        Of the part of the physics.
-    described : bool
-        Whether the mechanism contains it.
-    change : float
-        Largest relative change of a natural frequency in the band at the angles, if it is left out
-        or added, 1; NaN if it is not known.
-    advice : str
-        What to do if it is needed but not described, or why the change is not known.
-    """
-
-    name: str
-    described: bool
+    name: str  # of the part of the physics
+    described: bool  # whether the mechanism contains it
+    # Largest relative change of a natural frequency in the band if it is left out or added; or NaN.
     change: float
-    advice: str
+    advice: str  # what to do if it is needed and not described, or why the change is not known
 
     def verdict(self, tolerance: float) -> str:
         """Return in words whether a scene with this tolerance needs it."""
@@ -73,18 +61,9 @@ def rigid_crank(mechanism: Mechanism) -> Mechanism | None:
 def effects(
     mechanism: Mechanism, band: tuple[float, float], angles: Sequence[float]
 ) -> list[Effect]:
-    """Return the parts of the physics in order of what they change.
+    """Return the parts of the physics in order of what they change in a band (Hz) at angles (rad).
 
     Modes are compared in ascending order, without those of the tractor.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-        What is planned.
-    band : tuple of float
-        Frequency band of interest, Hz.
-    angles : sequence of float
-        Where natural frequencies are compared, rad.
     """
     plain = replace(mechanism, uncertainty=None)
     kinematics = Kinematics(plain)
@@ -134,14 +113,7 @@ def _of_linkage(solution: Solution) -> FloatArray:
 
 
 def physics_table(found: Sequence[Effect], tolerance: float) -> str:
-    """Return the effects as lines: what they change, and whether a scene needs them.
-
-    Parameters
-    ----------
-    found : sequence of Effect
-    tolerance : float
-        Relative error allowed for natural frequencies, 1.
-    """
+    """Return lines with what the effects change, and whether a relative tolerance needs them."""
     lines = [f"{'physics':30}{'changes up to':>14}  verdict"]
     for one in found:
         percent = "" if math.isnan(one.change) else f"{100.0 * one.change:.2g} %"

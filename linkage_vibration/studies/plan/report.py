@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Presents a plan: a summary in words, and the mechanism's file with the plan's settings."""
+"""Presents a plan: in words, and as the mechanism's file with the plan's settings."""
 
 import math
 from collections.abc import Sequence
@@ -15,14 +15,8 @@ from linkage_vibration.studies.yaml_editing import edit_text
 from linkage_vibration.support.atomic_files import write_text
 
 
-def summary(plan: Plan, measured: Measured) -> str:
-    """Return what was chosen and why, and what was predicted, measured and allowed.
-
-    Parameters
-    ----------
-    plan : Plan
-    measured : Measured
-    """
+def plan_report(plan: Plan, measured: Measured) -> str:
+    """Return what was chosen and why, and what was predicted, measured and allowed."""
     scene = plan.scene
     low, high = (math.degrees(angle) for angle in scene.angles)
     where = f"{low:g} deg" if scene.one_angle else f"{low:g} to {high:g} deg"
@@ -52,18 +46,9 @@ def summary(plan: Plan, measured: Measured) -> str:
 
 
 def write_planned(plan: Plan, text: str, path: Path) -> None:
-    """Write a mechanism's file with a plan's settings; its comments and its order stay.
+    """Write the text of a mechanism's file with a plan's settings; its comments and its order stay.
 
-    A `PlanError` is raised if the file cannot be written, or if an alias in it makes one number of
-    two that differ in the plan.
-
-    Parameters
-    ----------
-    plan : Plan
-    text : str
-        The text of the file that the mechanism was read from.
-    path : Path
-        The file to write.
+    A `PlanError` is raised if an alias in it makes one number of two that differ in the plan.
     """
     mechanism = plan.mechanism
     numbers: dict[tuple[str, ...], Sequence[float]] = {

@@ -78,15 +78,7 @@ class Result:
 
 
 def result_at(scene: Scene, source: LinkageModel | Table, alpha3: float) -> Result:
-    """Return the results that a scene asks for, at one angle.
-
-    Parameters
-    ----------
-    scene : Scene
-    source : LinkageModel or Table
-        The model to solve, or the table to interpolate.
-    alpha3 : float, rad
-    """
+    """Return what a scene asks for at an angle (rad), from a model or interpolated by a table."""
     places = scene.places
     if isinstance(source, Table):
         values, _, peak, _ = source.interpolate(alpha3)
@@ -100,23 +92,14 @@ def result_at(scene: Scene, source: LinkageModel | Table, alpha3: float) -> Resu
 
 
 def worst_errors(results: Sequence[Result], exact: Sequence[Result]) -> FloatArray:
-    """Return the largest errors over all angles, (3,), in the order of `Errors`.
-
-    Parameters
-    ----------
-    results, exact : sequence of Result, (n_angles,)
-    """
+    """Return the largest errors over all angles, (3,), in the order of `Errors`."""
     return np.asarray(np.max(list(map(Result.errors, results, exact)), axis=0))
 
 
 def table_errors(table: Table, exact: Sequence[Result]) -> FloatArray:
-    """Return the errors of a table, (3,), in the order of `Errors`; its own estimate counts too.
+    """Return the errors of a table against results of its model, (3,), in the order of `Errors`.
 
-    Parameters
-    ----------
-    table : Table
-    exact : sequence of Result, (n_angles,)
-        Results of its model.
+    The table's own estimate counts, too.
     """
     errors = worst_errors([result_at(e.scene, table, e.alpha3) for e in exact], exact)
     own = table.frf_error if exact[0].scene.places else 0.0
@@ -149,16 +132,9 @@ class Costs:
 def measure_costs(
     scene: Scene, source: LinkageModel | Table, residual: Residual, setup: float
 ) -> Costs:
-    """Measure the median times of a prediction and of the FRFs; FRFs take 0 s without places.
+    """Measure the median times of a prediction and of the FRFs (0 s without places).
 
-    Parameters
-    ----------
-    scene : Scene
-    source : LinkageModel or Table
-    residual : Residual
-        Of the FRFs of a model.
-    setup : float, s
-        The time of the set-up, which is passed on.
+    The time of the set-up, s, is passed on.
     """
     places, band, lines = scene.places, scene.band, np.linspace(*scene.band, FRF_LINES)
     if isinstance(source, Table):

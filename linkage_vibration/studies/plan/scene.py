@@ -82,11 +82,8 @@ class Scene:
     def with_settings(self, elements: int, modes: int, n_modes: int) -> Mechanism:
         """Return the mechanism with other settings, and with the band and range of the scene.
 
-        Parameters
-        ----------
-        elements, modes, n_modes : int
-            Elements of each beam, fixed-interface modes of each link, and natural frequencies that
-            a prediction reports.
+        These are the elements of each beam, the fixed-interface modes of each link, and the number
+        of natural frequencies that a prediction reports.
         """
         own = self.mechanism
         links = [

@@ -17,20 +17,11 @@ NUMERICAL = 0.1
 
 @dataclass(frozen=True, slots=True)
 class Unknowns:
-    """What the uncertain numbers of a mechanism leave open.
+    """What the uncertain numbers of a mechanism leave open."""
 
-    Attributes
-    ----------
-    stddev : float
-        The smallest standard deviation of a natural frequency in the band, relative.
-    path, share : str and float
-        The number with the largest share of the variances of these frequencies, and that share,
-        the mean over modes and angles.
-    """
-
-    stddev: float
-    path: str
-    share: float
+    stddev: float  # the smallest relative standard deviation of a natural frequency in the band
+    path: str  # the number with the largest share of the variances of these frequencies
+    share: float  # its share, the mean over modes and angles
 
     @property
     def tolerance(self) -> float:
@@ -49,13 +40,7 @@ class Unknowns:
 def unknowns(
     mechanism: Mechanism, band: tuple[float, float], angles: Sequence[float]
 ) -> Unknowns | None:
-    """Return what the uncertain numbers leave open; None without such numbers or modes.
-
-    Parameters
-    ----------
-    mechanism, band, angles
-        What is planned; Hz; rad.
-    """
+    """Return what uncertain numbers leave open in a band (Hz) at angles (rad); None without any."""
     if mechanism.uncertainty is None or not mechanism.uncertainty.numbers:
         return None
     model = LinkageModel(mechanism)

@@ -58,19 +58,9 @@ def sweep(
     """Build every design's table and write them, at common angles, to one netCDF file.
 
     Finished designs are kept in the folder ``OUTPUT.parts`` until the file is written; after an
-    interruption, the next run builds only what is missing there. A `SweepError` is raised if a file
-    cannot be written, if another run uses this output, or if the executor ends.
-
-    Parameters
-    ----------
-    designs : Designs
-    output : Path
-        The file to write, as ``docs/sweep.md`` describes it; a file of another sweep is replaced.
-    executor : Executor, optional
-        Where to build, such as a Dask client's ``get_executor()``; it stays open. By default, a
-        `LocalPool`.
-    progress : callable
-        Called with the number of designs that have been finished since the last call.
+    interruption, the next run builds only what is missing there. The executor may be a Dask
+    client's, and stays open. `progress` is called with the number of designs finished since the
+    last call.
     """
     hashes, outcomes = _model_hashes(designs)
     parts = output.with_name(f"{output.name}.parts")
@@ -105,14 +95,9 @@ def sweep(
 
 @contextmanager
 def dask_executor(address: str) -> Iterator[Executor]:
-    """Connect to a Dask cluster, for the duration of the context.
+    """Connect to the Dask scheduler at an address such as ``tcp://host:8786`` within the context.
 
-    The address is the scheduler's, such as ``tcp://host:8786``. The workers need this package.
-
-    Raises
-    ------
-    SweepError
-        If Dask is not installed, or no scheduler answers.
+    Its workers need this package.
     """
     try:
         from distributed import Client

@@ -83,10 +83,7 @@ class Designs:
 def read_designs(path: Path) -> Designs:
     """Read a sweep and the description that it starts from.
 
-    Raises
-    ------
-    SweepError
-        If the file or the description is invalid; the text names the file, the key and the fix.
+    A SweepError names the file, the key and the fix.
     """
     try:
         return _read(path)

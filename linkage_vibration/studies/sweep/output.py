@@ -36,15 +36,9 @@ class Outcome:
 
 
 def earlier_messages(output: Path, digest: str) -> dict[int, str] | None:
-    """Return why designs have no result, by their index, if a file holds the same sweep complete.
+    """Return why designs have no result, by their index, if a file holds the complete sweep.
 
     It is None if the file is missing or damaged, or holds another sweep or designs given up.
-
-    Parameters
-    ----------
-    output : Path
-    digest : str
-        Of the sweep.
     """
     try:
         with netcdf_file(output, mmap=False) as file:
@@ -61,12 +55,7 @@ def earlier_messages(output: Path, digest: str) -> dict[int, str] | None:
 def netcdf(designs: Designs, hashes: Sequence[str], outcomes: Sequence[Outcome]) -> bytes:
     """Return the content of a sweep's file; the same designs give the same bytes.
 
-    Parameters
-    ----------
-    designs : Designs
-    hashes : sequence of str, (n_designs,)
-        Of the designs' models; empty for a design that describes no mechanism.
-    outcomes : sequence of Outcome, (n_designs,)
+    The hashes of models are empty for designs that describe no mechanism.
     """
     content = io.BytesIO()
     file = netcdf_file(content, "w", version=2)
