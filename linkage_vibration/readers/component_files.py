@@ -79,16 +79,16 @@ def load_npz(path: Path, known: Collection[str]) -> dict[str, NDArray[Any]]:
         try:
             with np.load(path, allow_pickle=False) as arrays:
                 check_known(arrays.files, known)
-                found = {name: np.asarray(arrays[name]) for name in arrays.files}
+                contents = {name: np.asarray(arrays[name]) for name in arrays.files}
         except ValueError as error:
             if "allow_pickle" not in str(error):
                 raise
             raise FileError(
                 "holds pickled objects, which can run code; save plain numbers and text."
             ) from None
-        if not all(map(_is_text, found.values())):
+        if not all(map(_is_text, contents.values())):
             raise FileError("holds text that is not Unicode; write it again.")
-        return found
+        return contents
 
 
 def _is_text(array: NDArray[Any]) -> bool:
@@ -161,13 +161,13 @@ def parse_dofs(names: Sequence[object]) -> list[InterfaceDof | None]:
 
 
 def choose_rows(
-    found: Sequence[InterfaceDof | None], wanted: Sequence[InterfaceDof] | None
+    labels: Sequence[InterfaceDof | None], wanted: Sequence[InterfaceDof] | None
 ) -> tuple[tuple[InterfaceDof, ...], list[int]]:
     """Return the interface DoFs and the row of each, in the order wanted (by default all).
 
     A FileError is raised if a wanted DoF is missing, or there is none at all.
     """
-    named = [dof for dof in found if dof is not None]
+    named = [dof for dof in labels if dof is not None]
     dofs = tuple(named if wanted is None else wanted)
     for dof in dofs:
         if dof not in named:
@@ -177,4 +177,4 @@ def choose_rows(
             )
     if not dofs:
         raise FileError("has no interface DoF in dofs; write them as 'P1 x'.")
-    return dofs, [found.index(dof) for dof in dofs]
+    return dofs, [labels.index(dof) for dof in dofs]

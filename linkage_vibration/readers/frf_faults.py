@@ -121,7 +121,7 @@ def _check_power(
 
 def _points(dofs: Sequence[InterfaceDof], chosen: BoolArray) -> str:
     """Return some drive points as the subject of a sentence, with its verb."""
-    names = [str(dof) for dof, one in zip(dofs, chosen, strict=True) if one]
+    names = [str(dof) for dof, named in zip(dofs, chosen, strict=True) if named]
     return f"point {names[0]} moves" if len(names) == 1 else f"points {', '.join(names)} move"
 
 
@@ -142,20 +142,21 @@ def _check_plausible_mass(
 
 def _check_reciprocity(dofs: Sequence[InterfaceDof], accelerance: ComplexArray) -> None:
     sizes = np.linalg.norm(np.diagonal(accelerance, axis1=1, axis2=2), axis=0)
-    for i, one in enumerate(dofs):
-        for j, other in enumerate(dofs[:i]):
+    for i, response in enumerate(dofs):
+        for j, reference in enumerate(dofs[:i]):
             there, back = accelerance[:, i, j], accelerance[:, j, i]
             odd, even = (float(np.linalg.norm(v)) for v in (there - back, there + back))
             noise = _COUPLED * math.sqrt(sizes[i] * sizes[j])
             if odd > max(_RECIPROCITY * even, noise):
                 raise FileError(
-                    f"the FRF of {name_frf(one, other)} and its reverse are unrelated but should "
-                    "be equal; look for a wrong direction, sign or unit in one of them."
+                    f"the FRF of {name_frf(response, reference)} and its reverse are "
+                    "unrelated but should be equal; look for a wrong direction, sign or unit in one of "
+                    "them."
                 )
             unequal = 2.0 * abs(np.vdot(there + back, there - back)) / max(even**2, 1e-300)
             if even > noise and unequal > _UNEQUAL:
                 raise FileError(
-                    f"the FRF of {name_frf(one, other)} and its reverse differ by "
+                    f"the FRF of {name_frf(response, reference)} and its reverse differ by "
                     f"{100.0 * unequal:.0f} % on average but should be equal; look for a wrong "
                     "gain of a sensor, or measure them again."
                 )

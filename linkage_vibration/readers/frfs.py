@@ -96,9 +96,9 @@ def read_frfs(
 
 
 def _read_npz(path: Path, wanted: Sequence[InterfaceDof] | None) -> Frfs:
-    known = ("frequencies", "frf", "dofs")
-    arrays = load_npz(path, known)
-    for name in known:
+    names = ("frequencies", "frf", "dofs")
+    arrays = load_npz(path, names)
+    for name in names:
         if name not in arrays:
             raise FileError(f"has no {name}; add it.")
     frequencies, frf = arrays["frequencies"], arrays["frf"]
@@ -106,14 +106,14 @@ def _read_npz(path: Path, wanted: Sequence[InterfaceDof] | None) -> Frfs:
         raise FileError("has frequencies that are not a list of real numbers; give them in Hz.")
     if frf.dtype.kind != "c":
         raise FileError("has a real frf; give complex receptances in m/N.")
-    found = parse_dofs(np.ravel(arrays["dofs"]).tolist())
-    if frf.shape != (len(frequencies), len(found), len(found)):
+    labels = parse_dofs(np.ravel(arrays["dofs"]).tolist())
+    if frf.shape != (len(frequencies), len(labels), len(labels)):
         raise FileError(
             f"has an frf of {' by '.join(map(str, frf.shape))}; write one of {len(frequencies)} "
-            f"by {len(found)} by {len(found)}, as there are {len(frequencies)} frequencies and "
-            f"{len(found)} dofs."
+            f"by {len(labels)} by {len(labels)}, as there are {len(frequencies)} frequencies and "
+            f"{len(labels)} dofs."
         )
-    dofs, rows = choose_rows(found, wanted)
+    dofs, rows = choose_rows(labels, wanted)
     chosen = frf[:, rows][:, :, rows].astype(np.complex128)
     return Frfs(dofs, frequencies.astype(np.float64), chosen)
 
@@ -131,13 +131,13 @@ def _read_uff(path: Path, wanted: Sequence[InterfaceDof] | None, nodes: Mapping[
         if pair in functions:
             raise FileError(f"has the FRF of {name_frf(*pair)} twice; remove one.")
         functions[pair] = function
-    found = list(dict.fromkeys(dof for pair in functions for dof in pair))
-    if not found:
+    measured = list(dict.fromkeys(dof for pair in functions for dof in pair))
+    if not measured:
         raise FileError(
             "holds no FRF (function type 4) between nodes that are mapped to points "
             f"({', '.join(f'{node}: {point}' for node, point in nodes.items()) or 'none'})."
         )
-    dofs, _ = choose_rows(found, wanted)
+    dofs, _ = choose_rows(measured, wanted)
     first = next(iter(functions.values()))
     for pair, function in functions.items():
         if len(function.frequencies) != len(first.frequencies) or not np.allclose(

@@ -21,17 +21,19 @@ def read_implements(path: str | Path, mechanism: Mechanism) -> dict[str, Impleme
     path = Path(path)
     try:
         top = Keys("", load_yaml(path)[0])
-        found = {name: _implement(top["implements"][name], mechanism) for name in top["implements"]}
-        for name in found:
+        implements = {
+            name: _implement(top["implements"][name], mechanism) for name in top["implements"]
+        }
+        for name in implements:
             if not name.strip() or name != name.strip():
                 raise top["implements"].error(name, f"{name!r} has spaces around it or no letters.")
         top.refuse_unknown()
     except MechanismError as error:
         where = error.path if str(path) in error.path else f"{path}: {error.path}"
         raise MechanismError(where, error.problem) from None
-    if not found:
+    if not implements:
         raise MechanismError(f"{path}: implements", "names no implement; add one.")
-    return found
+    return implements
 
 
 def _implement(keys: Keys, mechanism: Mechanism) -> Implement:
@@ -42,8 +44,8 @@ def _implement(keys: Keys, mechanism: Mechanism) -> Implement:
     except ServingError as error:
         raise keys.error("rigid_body", str(error)) from None
     body = next(body for body in mechanism.rigid_bodies if body.name == name)
-    known = read_rigid(keys, name, dict(body.points))
-    far = max((math.dist(known.centre_of_gravity, place) for _, place in body.points), default=0.0)
+    rigid = read_rigid(keys, name, dict(body.points))
+    far = max((math.dist(rigid.centre_of_gravity, place) for _, place in body.points), default=0.0)
     if far > FARTHEST:
         raise keys.error(
             "centre_of_gravity",
@@ -51,4 +53,4 @@ def _implement(keys: Keys, mechanism: Mechanism) -> Implement:
             "by 1000.",
         )
     label = keys.path.partition(".")[2]
-    return Implement(name, known.mass, known.inertia, known.centre_of_gravity, label)
+    return Implement(name, rigid.mass, rigid.inertia, rigid.centre_of_gravity, label)

@@ -123,15 +123,15 @@ def _order(
     """Return the interface DoFs, and the row and the name of each row to keep, theirs first."""
     if len(names) > n:
         raise FileError(f"has {len(names)} entries in dofs for {n} rows; remove some.")
-    found = parse_dofs(names)
-    out_of_plane = [row for row, dof in enumerate(found) if dof and dof.direction == "y"]
+    named = parse_dofs(names)
+    out_of_plane = [row for row, dof in enumerate(named) if dof and dof.direction == "y"]
     held = set() if spatial else set(out_of_plane)
-    there = [None if row in held else dof for row, dof in enumerate(found)]
+    there = [None if row in held else dof for row, dof in enumerate(named)]
     dofs, rows = choose_rows(there, wanted)
     order = np.array(rows + sorted(set(range(n)) - held.union(rows)))
     labels = [
-        str(found[row])
-        if row < len(found) and found[row] is not None
+        str(named[row])
+        if row < len(named) and named[row] is not None
         else f"row {row + 1} (counted from 1, an inner coordinate)"
         for row in order
     ]

@@ -30,14 +30,14 @@ def read_recording(path: Path, topic: str | None = None) -> tuple[FloatArray, Fl
     """
     if path.suffix.lower() == ".csv":
         return _csv(path)
-    found = [name for name, kind in topic_types(path).items() if kind == IMU]
-    if topic is not None and topic not in found:
-        names = f"topics: {', '.join(found)}" if found else "no such topic"
+    topics = [name for name, kind in topic_types(path).items() if kind == IMU]
+    if topic is not None and topic not in topics:
+        names = f"topics: {', '.join(topics)}" if topics else "no such topic"
         raise RecordingError(f"{path} has no {topic} of type {IMU}; it has {names}.")
-    if topic is None and len(found) != 1:
-        fix = f"choose one with --topic: {', '.join(found)}" if found else "record an IMU"
-        raise RecordingError(f"{path} has {len(found)} topics of type {IMU}; {fix}.")
-    name = topic or found[0]
+    if topic is None and len(topics) != 1:
+        fix = f"choose one with --topic: {', '.join(topics)}" if topics else "record an IMU"
+        raise RecordingError(f"{path} has {len(topics)} topics of type {IMU}; {fix}.")
+    name = topic or topics[0]
     columns = read_columns(path, {name: IMU})[name]
     signals = np.column_stack([columns[channel] for channel in _CHANNELS])
     return _ordered(path, _seconds(columns), signals)

@@ -76,9 +76,9 @@ def with_fitted(
         for i, j in zip(*np.triu_indices(len(names), 1), strict=True)
         if correlation[i, j] != 0.0 and i < n
     ]
-    found = {**claims, "relative": relative}
+    section = {**claims, "relative": relative}
     pairs = [*claims.get("correlations", []), *pairs]
-    return found | ({"correlations": pairs} if pairs else {})
+    return section | ({"correlations": pairs} if pairs else {})
 
 
 def replace_section(

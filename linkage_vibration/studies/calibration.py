@@ -145,12 +145,12 @@ def calibrate(
     cost so far: half the sum of squares of log frequency ratios, each divided by its deviation.
     """
     low, high = np.log([(p.low, p.high) for p in calibration.parameters]).T
-    own = [_positive_number(calibration.mapping, p.paths[0]) for p in calibration.parameters]
+    described = [_positive_number(calibration.mapping, p.paths[0]) for p in calibration.parameters]
     random = np.random.default_rng(0)
     best, problem = None, ""
     closed: dict[object, Kinematics] = {}
     for start in range(starts):
-        guess = np.clip(np.log(own), low, high) if start == 0 else random.uniform(low, high)
+        guess = np.clip(np.log(described), low, high) if start == 0 else random.uniform(low, high)
         try:
             wider = (low - 1e-12, high + 1e-12)
             options = {"bounds": wider, "x_scale": "jac", "max_nfev": 60}
@@ -172,9 +172,9 @@ def calibrate(
 def fit_report(calibration: CalibrationTask, result: CalibrationResult) -> str:
     """Return tables of the targets and of the parameters, and what the targets leave open."""
     lines = [f"{'target':24}{'wanted [Hz]':>12}{'found [Hz]':>12}{'difference':>12}"]
-    for target, found in zip(calibration.targets, result.frequencies, strict=True):
-        share = found / target.frequency - 1.0
-        lines.append(f"{target!s:24}{target.frequency:12.4g}{found:12.4g}{share:12.1%}")
+    for target, frequency in zip(calibration.targets, result.frequencies, strict=True):
+        share = frequency / target.frequency - 1.0
+        lines.append(f"{target!s:24}{target.frequency:12.4g}{frequency:12.4g}{share:12.1%}")
     lines += ["", f"{'parameter':44}{'value':>12}{'deviation':>12}"]
     names = [parameter.path for parameter in calibration.parameters]
     deviations = np.sqrt(np.diag(result.covariance))
@@ -231,11 +231,11 @@ def _natural_frequencies(model: LinkageModel, targets: Sequence[Target]) -> Floa
             f"targets: mode {highest} is not among the {fewest} modes of the model that is fitted; "
             "give a lower mode."
         )
-    found = []
+    frequencies = []
     for target, at in zip(targets, asked, strict=True):
         curve = np.array([solved[alpha3][target.mode - 1] for alpha3 in at])
-        found.append(_extreme(curve, target.at == "lowest"))
-    return np.array(found)
+        frequencies.append(_extreme(curve, target.at == "lowest"))
+    return np.array(frequencies)
 
 
 def _coarse(mechanism: Mechanism) -> Mechanism:
@@ -294,9 +294,9 @@ def _misfits(
         closed.clear()
         closed[geometry] = Kinematics(mechanism)
     model = LinkageModel(mechanism, kinematics=closed[geometry])
-    found = _natural_frequencies(model, targets)
+    frequencies = _natural_frequencies(model, targets)
     wanted, deviations = np.array([(t.frequency, t.deviation) for t in targets]).T
-    return np.asarray(np.log(found / wanted) / deviations)
+    return np.asarray(np.log(frequencies / wanted) / deviations)
 
 
 def _result(
@@ -311,7 +311,8 @@ def _result(
         columns.append((after - before) / (2.0 * _STEP))
     jacobian = np.array(columns).T
     free, names = np.flatnonzero(~bound), [parameter.path for parameter in calibration.parameters]
-    undetermined = [tuple(names[i] for i in free[own]) for own in _undetermined(jacobian[:, free])]
+    groups = _undetermined(jacobian[:, free])
+    undetermined = [tuple(names[i] for i in free[group]) for group in groups]
     mechanism = mechanism_from_mapping(_apply(calibration, np.exp(logs).tolist()))
     frequencies = _natural_frequencies(LinkageModel(mechanism), calibration.targets)
     others = _others(calibration, np.exp(logs), closed)
@@ -377,8 +378,8 @@ def _covariance(
     # An error e of the others shifts the optimum by -into e.
     into = inverse @ jacobian.T @ changes / scatter**2
     mixed = -into @ correlation
-    own = inverse + into @ correlation @ into.T
-    return np.block([[own, mixed], [mixed.T, correlation]]), scatter
+    fitted = inverse + into @ correlation @ into.T
+    return np.block([[fitted, mixed], [mixed.T, correlation]]), scatter
 
 
 def _extreme(curve: FloatArray, lowest: bool) -> float:

@@ -79,7 +79,7 @@ class Inclinometer:
 
 
 def calibrate(
-    scene: Inclinometer,
+    inclinometer: Inclinometer,
     times: Sequence[str],
     readings: Sequence[str],
     series: tuple[IntArray, FloatArray] | None,
@@ -91,29 +91,29 @@ def calibrate(
     and the angle that the inclinometer showed. The series holds times (ns) and readings of the bag,
     which the calibration contains; that of percent reaches from 0 to 100.
     """
-    if not 0.0 < scene.stddev_deg < math.inf or not math.isfinite(scene.tractor_deg):
+    if not 0.0 < inclinometer.stddev_deg < math.inf or not math.isfinite(inclinometer.tractor_deg):
         raise InclinometerError(
-            f"The deviation of {scene.stddev_deg:g} deg and the inclination of "
-            f"{scene.tractor_deg:g} deg have to be finite, and the first greater than 0."
+            f"The deviation of {inclinometer.stddev_deg:g} deg and the inclination of "
+            f"{inclinometer.tractor_deg:g} deg have to be finite, and the first greater than 0."
         )
     points, noises = [], []
     for label, moment, degrees in pairs_of(times, "S=DEG, such as 12.5=-38.2"):
         assert series is not None
         reading, noise = still_reading(*series, moment, label)
-        points.append(scene.point(label, reading, degrees))
+        points.append(inclinometer.point(label, reading, degrees))
         noises.append(noise)
     for label, reading, degrees in pairs_of(readings, "READING=DEG, such as 43.2=-38.2"):
-        points.append(scene.point(label, reading, degrees))
+        points.append(inclinometer.point(label, reading, degrees))
     low, high, noise = math.inf, -math.inf, 0.0
     if series is not None:
-        known = np.unique(series[1][np.isfinite(series[1])])
-        if not len(known):
+        available = np.unique(series[1][np.isfinite(series[1])])
+        if not len(available):
             raise InclinometerError(
                 "The bag has no reading that is available; record it while the sensor works, or "
                 "give --readings without a bag."
             )
-        low, high = float(known[0]), float(known[-1])
-        step = float(np.diff(known).min()) if len(known) > 1 else 0.0
+        low, high = float(available[0]), float(available[-1])
+        step = float(np.diff(available).min()) if len(available) > 1 else 0.0
         # A hitch at rest does not show how coarse its sensor is.
         noise = math.sqrt(np.mean(np.square(noises)) if noises else 0.0)
         noise = max(noise, step / math.sqrt(12.0)) if unit != PERCENT else noise
@@ -124,7 +124,7 @@ def calibrate(
 
 def pairs_of(words: Sequence[str], form: str) -> list[tuple[str, float, float]]:
     """Return the words (of the form that an error shows) and the numbers on both sides of ``=``."""
-    found = []
+    entries = []
     for word in words:
         try:
             first, second = map(float, word.split("="))
@@ -132,8 +132,8 @@ def pairs_of(words: Sequence[str], form: str) -> list[tuple[str, float, float]]:
             first = second = math.nan
         if not abs(first) + abs(second) < _LARGEST:
             raise InclinometerError(f"{word}: write {form}.")
-        found.append((word, first, second))
-    return found
+        entries.append((word, first, second))
+    return entries
 
 
 def crank_angle(
@@ -202,20 +202,21 @@ def still_reading(
         raise InclinometerError(
             f"{label}: there is no reading within {_WINDOW:g} s; choose another moment."
         )
-    own, at = values[near], since[near]
-    if len(own) < 4:
-        return float(own.mean()), 0.0
-    line = np.polyfit(at - at.mean(), own, 1)
-    noise = float(np.std(own - np.polyval(line, at - at.mean()), ddof=2))
+    window, at = values[near], since[near]
+    if len(window) < 4:
+        return float(window.mean()), 0.0
+    line = np.polyfit(at - at.mean(), window, 1)
+    noise = float(np.std(window - np.polyval(line, at - at.mean()), ddof=2))
     drift = abs(float(line[0])) * float(np.ptp(at))
-    step = np.diff(np.unique(own))
+    step = np.diff(np.unique(window))
     resolution = float(step.min()) if len(step) else 0.0
-    if drift > _STILL * max(noise, resolution) and drift > 1e-9 * max(1.0, abs(float(own.mean()))):
+    rounding = 1e-9 * max(1.0, abs(float(window.mean())))
+    if drift > max(_STILL * noise, _STILL * resolution, rounding):
         raise InclinometerError(
             f"{label}: the reading changes by {drift:.4g} within {np.ptp(at):.2f} s, so the hitch "
             "moves; choose a moment at which it is at rest."
         )
-    return float(own.mean()), noise
+    return float(window.mean()), noise
 
 
 def fit(
@@ -225,16 +226,16 @@ def fit(
 
     Its degree has the smallest sum of squares plus twice the number of coefficients (Akaike).
     """
-    known = tuple(sorted(points, key=lambda point: point.reading))
+    ordered = tuple(sorted(points, key=lambda point: point.reading))
     x, y, sigma = (
-        np.array([getattr(p, k) for p in known]) for k in ("reading", "alpha3", "stddev")
+        np.array([getattr(p, k) for p in ordered]) for k in ("reading", "alpha3", "stddev")
     )
-    _check_points(known, x, y, sigma)
+    _check_points(ordered, x, y, sigma)
     low, high = min(low, x[0]), max(high, x[-1])
     middle, half = (x[0] + x[-1]) / 2.0, (x[-1] - x[0]) / 2.0
     grid = np.linspace(low, high, 201)
     candidates = []
-    highest = min(_HIGHEST_DEGREE, len(known) - 2, len(np.unique(x)) - 1)
+    highest = min(_HIGHEST_DEGREE, len(ordered) - 2, len(np.unique(x)) - 1)
     for degree in range(1, highest + 1):
         powers = np.vander((x - middle) / half, degree + 1)
         weighted = powers / sigma[:, np.newaxis]
@@ -249,8 +250,8 @@ def fit(
         raise InclinometerError(
             "No monotone curve passes near the points; check their order and the angles."
         )
-    _, degree, coefficients, inverse, squares, slopes = min(candidates, key=lambda one: one[0])
-    freedom = len(known) - degree - 1
+    _, degree, coefficients, inverse, squares, slopes = min(candidates, key=lambda fit: fit[0])
+    freedom = len(ordered) - degree - 1
     excess = math.sqrt(squares / freedom)
     powers = np.vander((grid - middle) / half, degree + 1)
     variance = np.einsum("ij,jk,ik->i", powers, inverse, powers) * max(excess, 1.0) ** 2
@@ -258,7 +259,7 @@ def fit(
     knots = np.linspace(low, high, 2 if degree == 1 else _KNOTS)
     angles = np.polyval(coefficients, (knots - middle) / half)
     return ReadingCurve(
-        known,
+        ordered,
         y - np.polyval(coefficients, (x - middle) / half),
         degree,
         tuple(np.stack([knots, angles], axis=1).ravel().tolist()),
@@ -300,29 +301,29 @@ def _check_points(
         )
 
 
-def curve_report(found: ReadingCurve, body: str) -> str:
+def curve_report(curve: ReadingCurve, body: str) -> str:
     """Return the points with their residuals, the deviation of the fit, and its warnings."""
     lines = [
         f"{'point':>16}{'reading':>12}{body + ' [deg]':>22}{'alpha3 [deg]':>14}{'residual':>10}"
     ]
-    for point, residual in zip(found.points, found.residuals.tolist(), strict=True):
+    for point, residual in zip(curve.points, curve.residuals.tolist(), strict=True):
         lines.append(
             f"{point.label:>16}{point.reading:12.6g}{math.degrees(point.inclination):22.2f}"
             f"{math.degrees(point.alpha3):14.2f}{math.degrees(residual):+10.2f}"
         )
-    kind = "straight line" if found.degree == 1 else f"polynomial of degree {found.degree}"
+    kind = "straight line" if curve.degree == 1 else f"polynomial of degree {curve.degree}"
     lines.append(
         f"The calibration is a {kind}; its standard deviation is at most "
-        f"{math.degrees(found.stddev):.2f} deg. The node has no angle for readings below "
-        f"{found.pairs[0]:.6g} or above {found.pairs[-2]:.6g}."
+        f"{math.degrees(curve.stddev):.2f} deg. The node has no angle for readings below "
+        f"{curve.pairs[0]:.6g} or above {curve.pairs[-2]:.6g}."
     )
-    if not math.isnan(found.excess):
-        worst = max(zip(found.points, np.abs(found.residuals), strict=True), key=lambda p: p[1])[0]
+    if not math.isnan(curve.excess):
+        worst = max(zip(curve.points, np.abs(curve.residuals), strict=True), key=lambda p: p[1])[0]
         lines.append(
-            f"The residuals are {found.excess:.1f} times as large as the inclinometer explains, "
+            f"The residuals are {curve.excess:.1f} times as large as the inclinometer explains, "
             f"most at {worst.label}: measure it again, or check the lengths of the mechanism."
         )
-    below, above = found.extrapolated
+    below, above = curve.extrapolated
     if max(below, above) > 0.0:
         lines.append(
             f"The calibration is extrapolated by {below:.4g} below and {above:.4g} above the "
@@ -331,15 +332,15 @@ def curve_report(found: ReadingCurve, body: str) -> str:
     return "\n".join(lines)
 
 
-def parameters(found: ReadingCurve, unit: str) -> str:
+def parameters(curve: ReadingCurve, unit: str) -> str:
     """Return the YAML of the parameters that use a calibration.
 
     The unit is "any" if it is rad or deg, whose positions are not looked up in a calibration.
     """
     # A small range of readings needs more decimals than an angle.
-    finer = max(0, -math.floor(math.log10(found.pairs[-2] - found.pairs[0])))
-    digits = [9 + finer * (k % 2 == 0) for k in range(len(found.pairs))]
-    words = [f"{v:.{n}f}".rstrip("0") for v, n in zip(found.pairs, digits, strict=True)]
+    finer = max(0, -math.floor(math.log10(curve.pairs[-2] - curve.pairs[0])))
+    digits = [9 + finer * (k % 2 == 0) for k in range(len(curve.pairs))]
+    words = [f"{v:.{n}f}".rstrip("0") for v, n in zip(curve.pairs, digits, strict=True)]
     numbers = ", ".join(word + "0" * word.endswith(".") for word in words)
     values = {
         "sign": "1",
@@ -347,6 +348,6 @@ def parameters(found: ReadingCurve, unit: str) -> str:
         "offset": "0.0",
         "hitch_unit": unit,
         "calibration": f"[{numbers}]",
-        "angle_stddev": f"{max(found.stddev, 1e-6):.6f}",
+        "angle_stddev": f"{max(curve.stddev, 1e-6):.6f}",
     }
     return "/**:\n  ros__parameters:\n" + "".join(f"    {k}: {v}\n" for k, v in values.items())

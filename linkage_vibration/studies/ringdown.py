@@ -143,15 +143,15 @@ def find_decays(signals: FloatArray, rate: float) -> list[slice]:
     for i in np.flatnonzero(level > np.maximum(_BLOW * quiet, _JUMP * before)).tolist():
         if not starts or i - starts[-1] > gap:
             starts.append(i)
-    found = []
+    decays = []
     for start, following in pairwise([*starts, len(level)]):
         top = start + int(level[start : min(start + gap, following)].argmax()) + 2
         end = min(top + longest, following - 2)
         ended = np.flatnonzero(level[top:end] > 2.0 * quiet)
         end = top + int(ended[-1]) + 1 if len(ended) else top
         if end - top >= _FEWEST:
-            found.append(slice(top, end))
-    return found
+            decays.append(slice(top, end))
+    return decays
 
 
 def fit_decay(signals: FloatArray, rate: float) -> ComplexArray:
@@ -195,7 +195,7 @@ def _energies(signals: FloatArray, poles: ComplexArray, rate: float) -> FloatArr
 def common_modes(decays: Sequence[ComplexArray]) -> list[MeasuredMode]:
     """Return the modes that more than half of the decays show by their poles, rad/s, ascending."""
     left = [list(poles) for poles in decays]
-    found = []
+    modes = []
     while any(left):
         every = sorted(abs(pole) for poles in left for pole in poles)
         near = [sum(abs(math.log(a / b)) < _SAME for b in every) for a in every]
@@ -209,8 +209,8 @@ def common_modes(decays: Sequence[ComplexArray]) -> list[MeasuredMode]:
                 group.append(best)
                 poles.remove(best)
         if 2 * len(group) > len(decays):
-            found.append(_mean(np.array(group)))
-    return sorted(found, key=lambda mode: mode.frequency)
+            modes.append(_mean(np.array(group)))
+    return sorted(modes, key=lambda mode: mode.frequency)
 
 
 def _mean(poles: ComplexArray) -> MeasuredMode:

@@ -28,11 +28,12 @@ def edit_text(
         edit: ".".join(keys) for keys, words in numbers for edit in _edits(root, keys, words)
     }
     replaced = sorted(edit for edit in edits if edit[0] < edit[1])
-    for one, other in itertools.pairwise(replaced):
-        if one[0] == other[0]:
+    for first, second in itertools.pairwise(replaced):
+        if first[0] == second[0]:
             raise error(
-                f"{edits[one]} and {edits[other]} are one number in the file, through an alias, so "
-                f"they cannot become {one[2]} and {other[2]}; write a number of its own for each."
+                f"{edits[first]} and {edits[second]} are one number in the file, through an alias, "
+                f"so they cannot become {first[2]} and {second[2]}; write a number of its own for "
+                "each."
             )
     for start, end, word in sorted(edits, reverse=True):
         text = text[:start] + word + text[end:]
@@ -69,5 +70,5 @@ def _node_below(node: Any, key: str, *, merged: bool = True) -> Any:
             sources += value.value if isinstance(value, yaml.SequenceNode) else [value]
         elif name.value == key:
             return value
-    found = (_node_below(source, key) for source in sources if merged)
-    return next((value for value in found if value is not None), None)
+    nodes = (_node_below(source, key) for source in sources if merged)
+    return next((value for value in nodes if value is not None), None)

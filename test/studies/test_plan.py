@@ -28,8 +28,8 @@ from linkage_vibration.studies.plan import (
     measure,
     plan,
     plan_and_measure,
+    plan_report,
     solve_reference,
-    summary,
     unknowns,
     write_planned,
 )
@@ -133,7 +133,7 @@ def test_what_each_scene_gets(mechanism: Mechanism, job: Job) -> None:
     for link in job.plan.mechanism.links:
         assert isinstance(link.body, Beam)
         assert (link.body.elements, link.modes) == (job.plan.elements, job.plan.modes)
-    text = summary(job.plan, job.measured)
+    text = plan_report(job.plan, job.measured)
     assert f"elements a link: {job.plan.elements}" in text
     assert f"{job.measured.errors.frequency:.1e}" in text
 

@@ -324,7 +324,7 @@ def _fewest_terms(best: _Reference, pair: Pair) -> tuple[Residual, float, list[t
     every = [result.frf.stiffness for result in results if result.frf is not None]
     near = max(int(in_reach(stiffness, scene.band).sum()) for stiffness in every)
     total = len(every[0])
-    own = float(best.errors(pair)[2])
+    reduction = float(best.errors(pair)[2])
     steps: list[tuple[int, Residual, str]] = [
         (near, "none", "near modes alone"),
         (near + 1, "static", "near modes, static residual"),
@@ -335,9 +335,9 @@ def _fewest_terms(best: _Reference, pair: Pair) -> tuple[Residual, float, list[t
     for _, residual, choice in sorted(steps):
         short = [result.shortened(residual) for result in results]
         error = float(worst_errors(short, results)[2])
-        if own + error <= scene.allowed.frf or residual == "every mode":
+        if reduction + error <= scene.allowed.frf or residual == "every mode":
             break
-        why = f"{choice}: {(own + error) / scene.allowed.frf:.2g} x the tolerance"
+        why = f"{choice}: {(reduction + error) / scene.allowed.frf:.2g} x the tolerance"
     return residual, error, [(f"FRFs: {choice}", why)]
 
 

@@ -71,11 +71,11 @@ def solve_reference(plan: Plan, solved: Callable[[], object] = lambda: None) -> 
     elements = max(2 * plan.elements, min(_FINER * plan.elements, _FINEST))
     mechanism = scene.with_settings(elements, 0, plan.n_modes)
     model = LinkageModel(mechanism, spatial=scene.spatial, reduced=False)
-    found = []
+    results = []
     for alpha3 in scene.angles_at(_ANGLES):
-        found.append(result_at(scene, model, alpha3))
+        results.append(result_at(scene, model, alpha3))
         solved()
-    return found
+    return results
 
 
 def measure(plan: Plan, against: Sequence[Result]) -> Measured:
@@ -88,12 +88,12 @@ def measure(plan: Plan, against: Sequence[Result]) -> Measured:
             table = build_table(model, plan.table_tolerance, scene.points)
             table.interpolate(scene.angles[0])  # the first lookup also prepares the table
         setups.append(time.perf_counter() - start)
-    found = [result_at(scene, model, exact.alpha3) for exact in against]
+    results = [result_at(scene, model, exact.alpha3) for exact in against]
     full = [result_at(scene, model, alpha3) for alpha3 in scene.spread(_CHECKED)]
     if table is not None:
-        own = table_errors(table, full)
+        added = table_errors(table, full)
     else:
-        own = worst_errors([result.shortened(plan.residual) for result in full], full)
-    errors = Errors(*(worst_errors(found, against) + own).tolist())
+        added = worst_errors([result.shortened(plan.residual) for result in full], full)
+    errors = Errors(*(worst_errors(results, against) + added).tolist())
     costs = measure_costs(scene, table or model, plan.residual, float(np.median(setups)))
     return Measured(errors, costs, 0 if table is None else len(table.alpha3))

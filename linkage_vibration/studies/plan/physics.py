@@ -71,51 +71,51 @@ def effects(
     def effect(name: str, described: bool, other: Mechanism) -> Effect:
         """Return what changes from the mechanism to another one."""
         try:
-            one, two = (LinkageModel(each, kinematics=kinematics) for each in (plain, other))
-            found = [_change(one.solve(at), two.solve(at), band[1]) for at in angles]
+            before, after = (LinkageModel(each, kinematics=kinematics) for each in (plain, other))
+            changes = [_change(before.solve(at), after.solve(at), band[1]) for at in angles]
         except LinkageVibrationError as error:
             return Effect(name, described, math.nan, str(error))
-        changes = [one for one in found if not math.isnan(one)]
+        changes = [change for change in changes if not math.isnan(change)]
         if not changes:
             return Effect(name, described, math.nan, "the linkage has no mode in the band")
         return Effect(name, described, max(changes), f"add `gravity: {GRAVITY}`")
 
     other = replace(plain, gravity=0.0 if plain.gravity else GRAVITY)
-    found = [effect("gravity", plain.gravity != 0.0, other)]
+    parts = [effect("gravity", plain.gravity != 0.0, other)]
     rigid = rigid_crank(plain)
     if rigid is None:
         advice = "describe what holds the crank under `springs:`, such as locked oil"
-        found.append(Effect(CRANK, False, math.nan, advice))
+        parts.append(Effect(CRANK, False, math.nan, advice))
     else:
-        found.append(effect(CRANK, True, rigid))
+        parts.append(effect(CRANK, True, rigid))
     if plain.base is None:
         advice = "describe the tractor under `base:`"
-        found.append(Effect(TRACTOR, False, math.nan, advice))
+        parts.append(Effect(TRACTOR, False, math.nan, advice))
     else:
-        found.append(effect(TRACTOR, True, replace(plain, base=None)))
-    return sorted(found, key=lambda one: math.inf if math.isnan(one.change) else -one.change)
+        parts.append(effect(TRACTOR, True, replace(plain, base=None)))
+    return sorted(parts, key=lambda part: math.inf if math.isnan(part.change) else -part.change)
 
 
 def _change(one: Solution, other: Solution, top: float) -> float:
     """Return the largest relative change of the natural frequencies up to a frequency, Hz."""
-    own, others = _of_linkage(one), _of_linkage(other)
-    own = own[own <= top][: len(others)]
-    if not len(own):
+    frequencies, others = _of_linkage(one), _of_linkage(other)
+    frequencies = frequencies[frequencies <= top][: len(others)]
+    if not len(frequencies):
         return math.nan
-    return float(np.abs(others[: len(own)] / own - 1.0).max())
+    return float(np.abs(others[: len(frequencies)] / frequencies - 1.0).max())
 
 
 def _of_linkage(solution: Solution) -> FloatArray:
     """Return the undamped natural frequencies without those of the tractor's modes, Hz."""
     omega = solution.modes.omega
-    own = (omega > MECHANISM) & (kinetic_energy(solution).mounts <= 0.5)
-    return np.asarray(omega[own] / (2.0 * math.pi))
+    kept = (omega > MECHANISM) & (kinetic_energy(solution).mounts <= 0.5)
+    return np.asarray(omega[kept] / (2.0 * math.pi))
 
 
-def physics_table(found: Sequence[Effect], tolerance: float) -> str:
+def physics_table(parts: Sequence[Effect], tolerance: float) -> str:
     """Return lines with what the effects change, and whether a relative tolerance needs them."""
     lines = [f"{'physics':30}{'changes up to':>14}  verdict"]
-    for one in found:
-        percent = "" if math.isnan(one.change) else f"{100.0 * one.change:.2g} %"
-        lines.append(f"{one.name:30}{percent:>14}  {one.verdict(tolerance)}")
+    for part in parts:
+        percent = "" if math.isnan(part.change) else f"{100.0 * part.change:.2g} %"
+        lines.append(f"{part.name:30}{percent:>14}  {part.verdict(tolerance)}")
     return "\n".join(lines)

@@ -56,13 +56,14 @@ class Result:
         """Return the relative errors from an exact result, (3,), in the order of `Errors`."""
         low, high = self.scene.band
         within = exact.frequencies[exact.frequencies <= high]
-        known = self.frequencies[np.isfinite(self.frequencies)]
+        oscillating = self.frequencies[np.isfinite(self.frequencies)]
         if len(self.frequencies) < len(within):
             return np.full(3, math.inf)
-        if len(known) < len(self.frequencies):  # the others are overdamped
-            nearest = np.abs(np.subtract.outer(known, exact.frequencies)).argmin(axis=1)
-            known, within = known[known <= high], exact.frequencies[nearest][known <= high]
-        apart = np.abs(known[: len(within)] / within - 1.0)[within >= low]
+        if len(oscillating) < len(self.frequencies):  # the others are overdamped
+            nearest = np.abs(np.subtract.outer(oscillating, exact.frequencies)).argmin(axis=1)
+            low_enough = oscillating <= high
+            oscillating, within = oscillating[low_enough], exact.frequencies[nearest][low_enough]
+        apart = np.abs(oscillating[: len(within)] / within - 1.0)[within >= low]
         peak = abs(self.peak / exact.peak - 1.0) if 0.0 < exact.peak < math.inf else 0.0
         frf = 0.0
         if self.frf is not None:
@@ -102,8 +103,8 @@ def table_errors(table: Table, exact: Sequence[Result]) -> FloatArray:
     The table's own estimate counts, too.
     """
     errors = worst_errors([result_at(e.scene, table, e.alpha3) for e in exact], exact)
-    own = table.frf_error if exact[0].scene.places else 0.0
-    return np.maximum(errors, [table.interpolation_error.max(), table.peak_error, own])
+    frf_error = table.frf_error if exact[0].scene.places else 0.0
+    return np.maximum(errors, [table.interpolation_error.max(), table.peak_error, frf_error])
 
 
 def _shorten(whole: PoleResidue, residual: Residual, band: tuple[float, float]) -> PoleResidue:

@@ -85,13 +85,14 @@ class Scene:
         These are the elements of each beam, the fixed-interface modes of each link, and the number
         of natural frequencies that a prediction reports.
         """
-        own = self.mechanism
+        mechanism = self.mechanism
         links = [
-            replace(link, modes=modes, body=link.body.with_elements(elements)) for link in own.links
+            replace(link, modes=modes, body=link.body.with_elements(elements))
+            for link in mechanism.links
         ]
-        stroke = own.stroke if self.one_angle else self.angles
-        response = replace(own.response, band=self.band, modes=n_modes)
-        return replace(own, links=tuple(links), stroke=stroke, response=response)
+        stroke = mechanism.stroke if self.one_angle else self.angles
+        response = replace(mechanism.response, band=self.band, modes=n_modes)
+        return replace(mechanism, links=tuple(links), stroke=stroke, response=response)
 
 
 def check_scene(scene: Scene) -> None:

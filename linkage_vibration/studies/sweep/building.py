@@ -187,8 +187,10 @@ def _outcome(future: Future[Outcome]) -> Outcome:
     except (BrokenExecutor, CancelledError):
         raise
     except Exception as problem:
-        own = isinstance(problem, LinkageVibrationError)
-        return Outcome(GIVEN_UP, str(problem) if own else f"{type(problem).__name__}: {problem}")
+        expected = isinstance(problem, LinkageVibrationError)
+        return Outcome(
+            GIVEN_UP, str(problem) if expected else f"{type(problem).__name__}: {problem}"
+        )
 
 
 @contextmanager

@@ -80,9 +80,9 @@ def netcdf(designs: Designs, hashes: Sequence[str], outcomes: Sequence[Outcome])
 
 def _add_results(file: Any, designs: Designs, outcomes: Sequence[Outcome], n_modes: int) -> None:
     values = np.full((len(outcomes), len(designs.alpha3), 2 * n_modes + 2), np.nan)
-    for own, outcome in zip(values, outcomes, strict=True):
+    for rows, outcome in zip(values, outcomes, strict=True):
         if outcome.values is not None:
-            own[:] = outcome.values
+            rows[:] = outcome.values
     errors = np.array([outcome.interpolation_error for outcome in outcomes])
     status = np.array([outcome.status for outcome in outcomes], dtype=np.int8)
     curves, angle = ("alpha3", "mode"), ("alpha3",)
