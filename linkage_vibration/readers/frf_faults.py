@@ -150,8 +150,8 @@ def _check_reciprocity(dofs: Sequence[InterfaceDof], accelerance: ComplexArray) 
             if odd > max(_RECIPROCITY * even, noise):
                 raise FileError(
                     f"the FRF of {name_frf(response, reference)} and its reverse are "
-                    "unrelated but should be equal; look for a wrong direction, sign or unit in one "
-                    "of them."
+                    "unrelated but should be equal; look for a wrong direction, sign or unit in "
+                    "one of them."
                 )
             unequal = 2.0 * abs(np.vdot(there + back, there - back)) / max(even**2, 1e-300)
             if even > noise and unequal > _UNEQUAL:
