@@ -361,7 +361,7 @@ def test_deviation_of_a_point_on_another_body(
     """An inclination of a body that turns more slowly than the crank says less of its angle."""
     alpha3, step = math.radians(130.0), 1e-6
     low, high = (kinematics.at(alpha3 + s).angle(body) for s in (-step, step))
-    scene = Scene(mechanism, kinematics, body, 0.0, 0.5)
+    scene = Inclinometer(mechanism, kinematics, body, 0.0, 0.5)
     found = scene.point("", 1.0, math.degrees(kinematics.at(alpha3).angle(body)))
     assert found.alpha3 == pytest.approx(alpha3, abs=1e-9)
     assert found.stddev == pytest.approx(math.radians(0.5) * 2.0 * step / abs(high - low), rel=1e-6)
