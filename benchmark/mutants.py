@@ -35,7 +35,7 @@ from benchmark.report import RESULTS, machine, publish, table
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = "linkage_vibration"
 LIST = RESULTS / "mutants.csv"
-SHARE, LEAST = 0.04, 8  # of the places of a module, and the least number, that are sampled
+SHARE, LEAST = 0.02, 8  # of the places of a module, and the least number, that are sampled
 OVERHEAD, FACTOR = 10.0, 3.0  # s, and times the time of the tests without a change: a timeout
 Z = 1.96  # of a 95 % interval
 
@@ -325,7 +325,7 @@ def report(rows: Sequence[Mutant]) -> list[str]:
     columns = *counts, "share found", "95 %", "now"
     parts = [
         "The table shows how many changes of single rules the tests notice. For each place that "
-        "cosmic-ray can change, one change is drawn, and 4 % of the places of each "
+        "cosmic-ray can change, one change is drawn, and 2 % of the places of each "
         "module is tried, at least eight. Texts of messages, annotations of types, decorators and "
         "`assert` are not changed. "
         "The share is that of the changes that are not equivalent, with its Wilson interval. The "
