@@ -218,3 +218,18 @@ def test_long_series_are_assessed_as_short_ones() -> None:
         for name in ("state", "excitation_frequency", "approach_rate", "velocity"):
             np.testing.assert_array_equal(getattr(whole, name)[i], getattr(one, name))
     assert len(set(whole.state.tolist())) > 1
+
+
+def test_slow_speeds_excite() -> None:
+    """A tractor that creeps at 0.5 m/s excites; one that rests does not, and names nothing."""
+    mapping = {
+        name: {"speed": "ground", "orders": [order], "rolling_radius": 0.8}
+        for name, order in (("lugs", 20), ("cleats", 30))
+    }
+    watch = ResonanceMonitor(excitations_from_mapping(mapping), LIMITS)
+    for speed, frequency in ((0.5, 30 * 0.5 / (2.0 * math.pi * 0.8)), (0.0, math.nan)):
+        watch.set_speed(Source.GROUND, speed, 0)
+        found = watch.assess(PREDICTION, 0.0, 0)
+        assert (found.state == ResonanceState.STALE) == (speed == 0.0)
+        assert found.excitation == ("cleats 30" if speed else "")
+        assert found.excitation_frequency == pytest.approx(frequency, nan_ok=True)
