@@ -1,13 +1,25 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Where variances of levels are known: limits of the rules, with values found on paper."""
+"""Where variances of levels are known, and their terms, with values found on paper."""
 
 import math
 
 import numpy as np
 import pytest
 
-from linkage_vibration.prediction.levels import _hides_a_peak, _variance
+from linkage_vibration.mechanics.model import LinkageModel
+from linkage_vibration.prediction.excitation import excitations_from_mapping
+from linkage_vibration.prediction.levels import (
+    LevelTable,
+    _hides_a_peak,
+    _Layout,
+    _padded,
+    _variance,
+)
+from linkage_vibration.prediction.predictor import Predictor
+from linkage_vibration.readers.mechanism import read_mechanism
+from linkage_vibration.support.resources import config_file
+from linkage_vibration.table.table import load_table
 
 
 def variance(constant: float, slope: float, bend: float) -> float:
@@ -79,3 +91,43 @@ def test_limits_of_a_hidden_peak() -> None:
     assert (hides(distance=-2.99), hides(distance=-3.01)) == (True, False)
     assert (hides(width=1.99), hides(width=2.01)) == (True, False)
     assert (hides(share=0.51), hides(share=0.49)) == (True, False)
+
+
+def test_terms_have_the_poles_and_the_response_of_the_model() -> None:
+    """With s = i omega they add up to the FRF of the model, but for what is above the band."""
+    name = "three_point_linkage_on_tractor"
+    mechanism = read_mechanism(config_file(f"{name}.yaml"))
+    predictor = Predictor(load_table(config_file(f"tables/{name}.npz")))
+    order = {"speed": "pto", "orders": [1], "force": [1.0], "at": "E1.z", "at_speed": 540.0}
+    table = LevelTable(predictor, mechanism, excitations_from_mapping({"rotor": order}))
+    angles = np.array([1.7, 2.2, 2.9])
+    (k_real, k_imaginary, c), (a_real, a_imaginary, b), inputs = table.terms(angles)
+    assert inputs.tolist() == [0]
+    for i, angle in enumerate(angles.tolist()):
+        solution = LinkageModel(mechanism).solve(angle)
+        n = predictor.table.n_modes
+        natural = np.sqrt(k_real[:n, i]) / (2.0 * math.pi)
+        np.testing.assert_allclose(natural, solution.natural_frequencies[:n], rtol=1e-5)
+        zeta = c[:n, i] / (2.0 * np.sqrt(k_real[:n, i]))
+        np.testing.assert_allclose(zeta, solution.damping_ratios[:n], rtol=1e-4)
+        hertz = solution.natural_frequencies[:n]
+        s = 2j * math.pi * hertz[:, np.newaxis]
+        k, a = k_real[:, i] + 1j * k_imaginary[:, i], a_real[:, 0, i] + 1j * a_imaginary[:, 0, i]
+        found = ((a + s * b[:, 0, i]) / (k + c[:, i] * s + s**2)).sum(axis=1)
+        exact = solution.frf([("E1", "z")], [("E1", "z")]).frf(hertz)[:, 0, 0]
+        np.testing.assert_allclose(found, exact, atol=0.02 * np.abs(exact).max())
+
+
+def test_missing_terms_have_no_effect() -> None:
+    """A piece with two terms gets a third one, whose numerators are 0, for each of two inputs."""
+    layout = _Layout(n_terms=3, n_inputs=2, n_modes=1)
+    poles = np.array([[1.0, 2.0], [3.0, 4.0], [5.0, 6.0]])  # k (both parts) and c of two terms
+    above = np.arange(10.0, 22.0).reshape(3, 2, 2)  # of each term and input
+    rest = np.arange(30.0, 38.0)
+    rows = np.array([[*poles.ravel(), *above.ravel(), *rest]])
+    wide_poles = np.pad(poles, ((0, 0), (0, 1)), constant_values=1.0)
+    wide_above = np.pad(above, ((0, 0), (0, 1), (0, 0)))
+    expected = [*wide_poles.ravel(), *wide_above.ravel(), *rest]
+    assert _padded(rows, layout).tolist() == [expected]
+    same = _Layout(n_terms=2, n_inputs=2, n_modes=1)
+    assert _padded(rows, same).tolist() == rows.tolist()
