@@ -310,3 +310,51 @@ def test_stated_unit(stated: str, expected: str, name: str, words: str) -> None:
     assert not any(wrong_unit(stated, own, name) for own in ("", "any"))
     assert not wrong_unit(f" {expected.upper()} ", expected, name)
     assert not wrong_unit("furlong", expected, name)
+
+
+@pytest.mark.parametrize(
+    ("pairs", "words"),
+    [
+        ((0.0, 1.0, 1.0, 6.283), ""),
+        ((0.0, 1.0, 1.0, 6.284), "exceeds a full turn"),
+        ((0.0, 1.0, 1.0, -6.284), "exceeds a full turn"),
+        ((0.0, 1.0, 0.99e-5, 1.1, 1.0, 2.0), "must ascend, but position 2"),
+        ((0.0, 1.0, 1.01e-5, 1.1, 1.0, 2.0), ""),
+        ((0.0, 1.0, 1.0, 2.0, 2.0, 2.0), "angle 3 .* does not continue"),
+        ((0.0, 1.0), "has 2 numbers"),
+        ((0.0, 1.0, 1.0), "has 3 numbers"),
+        ((0.0, 1.0, 1.0, 2.0, 3.0), "has 5 numbers"),
+        ((0.0, 1.0, math.inf, 2.0), "must be finite"),
+    ],
+)
+def test_limits_of_calibrations(pairs: tuple[float, ...], words: str) -> None:
+    """Angles up to a turn, and positions a hundred-thousandth of the range apart, are allowed."""
+    if not words:
+        assert HitchCurve(pairs).pairs == pairs
+        return
+    with pytest.raises(InputError, match=words):
+        HitchCurve(pairs)
+
+
+def test_longest_calibration_in_metres() -> None:
+    """No part of a hitch moves by more than 10 m."""
+    assert HitchScale("m", calibration=HitchCurve((-10.0, 1.0, 10.0, 2.0)))
+    for ends in ((-10.1, 9.0), (-9.0, 10.1)):
+        with pytest.raises(InputError, match="which no hitch does"):
+            HitchScale("m", calibration=HitchCurve((ends[0], 1.0, ends[1], 2.0)))
+
+
+def test_ends_of_a_calibration_belong_to_it() -> None:
+    """At the ends there is an angle, and beyond them none; a sign and an offset move the ends."""
+    line = HitchCurve((0.0, 3.0, 100.0, 1.0))
+    plain = HitchScale("any", calibration=line)
+    assert [plain.reading(x).crank_angle for x in (0.0, 25.0, 100.0)] == [3.0, 2.5, 1.0]
+    assert all(math.isnan(plain.reading(x).crank_angle) for x in (-1e-9, 100.0 + 1e-9))
+    moved = HitchScale("any", sign=-1, scale=20.0, offset=110.0, calibration=line)
+    reading = moved.reading(0.5, 0.25)  # a position of 100, which falls by 5 in a second
+    assert reading.crank_angle == pytest.approx(1.0)
+    assert reading.velocity == pytest.approx(0.1)
+    found = moved.columns(np.array([0.5, 5.5]), np.array([0.25, math.nan]))
+    np.testing.assert_allclose(found[0], [1.0, 3.0], atol=1e-12)
+    np.testing.assert_allclose(found[1], [0.1, math.nan])
+    assert found[2].tolist() == [0.0, 0.0]
