@@ -277,7 +277,7 @@ def test_whole_run_may_be_killed(tmp_path: Path, space: Callable[..., Path]) -> 
     assert_same_file(output, in_one_go(designs, tmp_path / "whole.nc"))
 
 
-def wait_for(what: Callable[[], bool], seconds: float = 20.0) -> None:
+def wait_for(what: Callable[[], bool], seconds: float = 120.0) -> None:
     """Wait until something holds, and fail if it does not."""
     end = time.monotonic() + seconds
     while not what():

@@ -3,7 +3,6 @@
 """Tables of linkages whose damping couples the modes: poles that meet, vanish and come back."""
 
 import math
-import time
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +14,7 @@ from numpy.typing import NDArray
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
 from linkage_vibration.support.resources import config_file
+from linkage_vibration.table.reduced import ReducedModels
 from linkage_vibration.table.table import Table, TableError, load_table, save_table
 from linkage_vibration.table.tabulation import build_table
 from test.support.crossing import (
@@ -151,14 +151,16 @@ def test_hitch_with_a_damper(hitch: tuple[LinkageModel, Table]) -> None:
     assert apart.max() <= 2.0 * table.frf_error
 
 
-def test_file_has_the_cells(hitch: tuple[LinkageModel, Table], tmp_path: Path) -> None:
-    """A table that is read gives the same bits, and its first lookup finds no poles."""
+def test_file_has_the_cells(
+    hitch: tuple[LinkageModel, Table], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A table that is read gives the same bits, and its lookups between meetings find no poles."""
     table = hitch[1]
     save_table(table, tmp_path / "hitch.npz")
     loaded = load_table(tmp_path / "hitch.npz")
-    start = time.process_time()
-    first = loaded.interpolate(2.0)
-    assert time.process_time() - start < 0.05  # a tenth of what it takes to make the cells
+    with monkeypatch.context() as without:
+        without.delattr(ReducedModels, "modal")  # what finds poles
+        first = loaded.interpolate(2.0)
     assert first == table.interpolate(2.0)
     np.testing.assert_array_equal(loaded.cell_cubics, table.cell_cubics)
 
