@@ -319,6 +319,7 @@ def report(rows: Sequence[Mutant]) -> list[str]:
         if any(one.module == module for one in rows)
     ]
     body.append(_row("all", rows))
+    left = [name for name in TESTS if not any(one.module == name for one in rows)]
     counts = "module", "tried", "equivalent", "found", "found since", "not found"
     columns = *counts, "share found", "95 %", "now"
     parts = [
@@ -331,6 +332,7 @@ def report(rows: Sequence[Mutant]) -> list[str]:
         "added; the columns `found since` and `now` count these, too.",
         table(columns, body),
         f"The changes were tried at the commits {', '.join(sorted({one.commit for one in rows}))}.",
+        *([f"Not tried: {', '.join(left)}."] if left else []),
         "## What was not found",
     ]
     missed = [one for one in rows if one.outcome == "not found"]
