@@ -326,9 +326,9 @@ def report(rows: Sequence[Mutant]) -> list[str]:
         "The table shows how many changes of single rules the tests notice. For each place that "
         "cosmic-ray can change, one change is drawn. At least eight of them, and 2 % or more, are "
         "tried in each module. Texts of messages, annotations of types, decorators and `assert` "
-        "are not changed. The share is that of the changes that are not equivalent, with its Wilson interval. The "
-        "tests were written without this sample. For changes that they did not find, tests were "
-        "added; the columns `found since` and `now` count these, too.",
+        "are not changed. The share is that of the changes that are not equivalent, with its "
+        "Wilson interval. The tests were written without this sample. For changes that they did "
+        "not find, tests were added; the columns `found since` and `now` count these, too.",
         table(columns, body),
         f"The changes were tried at the commits {', '.join(sorted({one.commit for one in rows}))}.",
         *([f"Not tried: {', '.join(left)}."] if left else []),
