@@ -168,6 +168,7 @@ class Place:
     path: Path
     operator: str
     occurrence: int  # of what the operator can change
+    line: str
 
 
 def places(path: Path, seed: int) -> list[Place]:
@@ -181,11 +182,12 @@ def places(path: Path, seed: int) -> list[Place]:
             for index, _ in enumerate(operator.mutation_positions(node)):
                 occurrence += 1
                 row, column = node.start_pos
-                text = f"{seed} {path.name} {lines[row - 1].strip()} {name} {column} {index}"
+                line = lines[row - 1].strip()
+                text = f"{seed} {path.name} {line} {name} {column} {index}"
                 rank = hashlib.sha256(text.encode()).hexdigest()
                 key = name.split("_")[0], node.start_pos
                 if is_rule(node) and (key not in drawn or rank < drawn[key].rank):
-                    drawn[key] = Place(rank, path, name, occurrence)
+                    drawn[key] = Place(rank, path, name, occurrence, line)
     return list(drawn.values())
 
 
@@ -200,15 +202,24 @@ def changed(module: str, place: Place) -> tuple[Mutant, str]:
     return Mutant(module, file, row, old.strip(), new.strip()), code
 
 
-def sample(module: str, seed: int) -> tuple[list[tuple[Mutant, str]], int]:
-    """Return random changes of a module, as many of each file as its share, and of how many."""
+def sample(
+    module: str, seed: int, again: set[tuple[str, str, str]]
+) -> tuple[list[tuple[Mutant, str]], int]:
+    """Return random changes of a module, as many of each file as its share, and of how many.
+
+    If some are to be tried again, these are returned.
+    """
     root = ROOT / PACKAGE / module
     files = [root] if root.is_file() else sorted(root.rglob("*.py"))
     known = [sorted(places(path, seed)) for path in files]
     total = sum(map(len, known))
     share = max(LEAST, SHARE * total) / max(total, 1)
-    chosen = [place for own in known for place in own[: math.ceil(share * len(own))]]
-    return [changed(module, place) for place in chosen], total
+    if not again:
+        chosen = [place for own in known for place in own[: math.ceil(share * len(own))]]
+        return [changed(module, place) for place in chosen], total
+    lines = {before for _, before, _ in again}
+    pairs = [changed(module, place) for own in known for place in own if place.line in lines]
+    return [pair for pair in pairs if pair[0].key in again], total
 
 
 def _test(folder: Path, tests: Sequence[str]) -> None:
@@ -252,8 +263,7 @@ def measure(
         output = (folder / "output.txt").read_text(encoding="utf-8")
         raise SystemExit(f"The tests of {module} fail without a change:\n{output[-2000:]}")
     timeout = OVERHEAD + FACTOR * (time.monotonic() - before)
-    chosen, total = sample(module, seed)
-    chosen = [(mutant, code) for mutant, code in chosen if not again or mutant.key in again]
+    chosen, total = sample(module, seed, again)
     commit = _commit()
     for mutant, code in tqdm(chosen, f"{module}, {total} places", mininterval=10.0):
         path = folder / PACKAGE / mutant.file
