@@ -51,6 +51,7 @@ TESTS = {
         "prediction/test_fast_passes.py",
         "prediction/test_resonance.py",
         "prediction/test_resonance_rate.py",
+        "prediction/test_resonance_rules.py",
     ),
     "prediction/levels.py": (
         "prediction/test_level_deviations.py",
