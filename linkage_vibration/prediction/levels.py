@@ -134,8 +134,10 @@ class LevelTable:
         self._exponent = column([load.exponent if load else 0.0 for load in loads])
         self._deviation = column([load.relative_stddev if load else 0.0 for load in loads])
         self._moved = column([one.relative_stddev for one in excitations])
+        self._any_moved = bool(self._moved.any())
         self._soil = column([x is not None and x.kind is LoadKind.BASE_ACCELERATION for x in loads])
         self._loaded = any(loads)
+        self._last: tuple[bytes, _Forcing] | None = None  # speeds, and what excitations do at them
         self._cells: tuple[FloatArray, FloatArray] | None = None
         if table.places:
             place = mechanism.response.point, mechanism.response.direction
@@ -179,7 +181,8 @@ class LevelTable:
         assert self._cells is not None
         starts, cubics = self._cells
         i = np.maximum(starts.searchsorted(angles, side="right") - 1, 0)
-        found = _cubic(cubics[i].swapaxes(0, 1), (angles - starts[i])[:, np.newaxis])
+        apart = (angles - starts.take(i))[:, np.newaxis]
+        found = _cubic(cubics.take(i, axis=0).swapaxes(0, 1), apart)
         return np.ascontiguousarray(found.T)
 
     def at(self, alpha3: FloatArray, speeds: FloatArray, stddev: FloatArray) -> MessageColumns:
@@ -206,7 +209,13 @@ class LevelTable:
         return _level_columns(numbers, m)
 
     def _forcing(self, speeds: FloatArray) -> _Forcing:
-        """Return what excitations do at speeds, (n_sources, n)."""
+        """Return what excitations do at speeds, (n_sources, n), which often are the last ones."""
+        key, last = speeds.tobytes(), self._last
+        if last is None or last[0] != key:
+            last = self._last = key, self._forcing_at(speeds)
+        return last[1]
+
+    def _forcing_at(self, speeds: FloatArray) -> _Forcing:
         with np.errstate(all="ignore"):
             speed = speeds[self._sources]
             omega = self._omega * speed
@@ -280,19 +289,21 @@ class LevelTable:
         """
         magnitude = np.sqrt(responses.squares)
         factor, share = velocity / magnitude, velocity / np.maximum(total, _TINY)
-        moved = _deviated(responses, forcing.omega, deviations, self._moved) * factor
+        own = self._moved if self._any_moved else None
+        moved = _deviated(responses, forcing.omega, deviations, own) * factor
         variance = _variances(moved, velocity, total)
         by_load = velocity * self._deviation
         by_load *= by_load
-        if self._moved.any():
+        if self._any_moved:
             by_load += self._by_own_frequencies(values, forcing, velocity)
         each = np.sqrt(variance[:-1] + by_load)
         together = np.sqrt(variance[-1] + _sum(by_load * share * share))
         # Where modes cancel, their shapes decide, whose deviations are not known.
         sizes = _sum(np.hypot(responses.terms[0], responses.terms[1]))
         cancelled = magnitude < _CANCELLED * sizes
-        each[cancelled] = math.nan
-        together[(cancelled & (share > _NOTABLE)).any(axis=0)] = math.nan
+        if np.count_nonzero(cancelled):
+            each[cancelled] = math.nan
+            together[(cancelled & (share > _NOTABLE)).any(axis=0)] = math.nan
         return each, together
 
     def _by_own_frequencies(
@@ -332,10 +343,14 @@ def _rows(m: int) -> dict[str, slice | int]:
     return rows
 
 
+@cache
+def _n_rows(m: int) -> int:
+    return sum(1 if isinstance(row, int) else m for row in _rows(m).values())
+
+
 def _unknown(m: int, n: int) -> FloatArray:
     """Return the rows of all levels of m excitations at n angles, NaN."""
-    rows = _rows(m).values()
-    return np.full((sum(1 if isinstance(row, int) else m for row in rows), n), math.nan)
+    return np.full((_n_rows(m), n), math.nan)
 
 
 def _level_columns(numbers: FloatArray, m: int) -> MessageColumns:
@@ -367,7 +382,7 @@ def _quotient(above: FloatArray, real: FloatArray, imaginary: FloatArray) -> Flo
 
 
 def _deviated(
-    responses: _Responses, w: FloatArray, deviations: FloatArray, own: FloatArray
+    responses: _Responses, w: FloatArray, deviations: FloatArray, own: FloatArray | None
 ) -> FloatArray:
     """Return responses when one frequency or damping ratio deviates, (4 m, n_excitations, n).
 
@@ -382,8 +397,8 @@ def _deviated(
         Those without deviations, and the angular frequencies, rad/s.
     deviations : ndarray, (2, m, n)
         Standard deviations of the logarithms of frequencies, and of damping ratios.
-    own : ndarray, (n_excitations, 1)
-        Relative standard deviations of the frequencies of the excitations.
+    own : ndarray, (n_excitations, 1), optional
+        Relative standard deviations of the frequencies of the excitations; None if all are 0.
     """
     m, n = deviations.shape[1:]
     above, poles = responses.above[:, :m], responses.poles[:, :m]
@@ -400,8 +415,10 @@ def _deviated(
     changed += rest[:, np.newaxis, np.newaxis]
     changed *= changed
     stddev = deviations[0, :, np.newaxis]
-    stddev = np.hypot(stddev, own) if own.any() else stddev
-    changed[0, :, 0][:, _hides_a_peak(above, responses.squares, poles, w, stddev)] = math.nan
+    stddev = stddev if own is None else np.hypot(stddev, own)
+    hidden = _hides_a_peak(above, responses.squares, poles, w, stddev)
+    if np.count_nonzero(hidden):
+        changed[0, :, 0][:, hidden] = math.nan
     return np.asarray(np.sqrt(changed[0] + changed[1]).reshape(4 * m, *w.shape))
 
 
@@ -416,7 +433,7 @@ def _hides_a_peak(
     twice = 2.0 * poles[0]
     found = np.abs(poles[0] - w * w) < 3.0 * stddev * twice
     found &= poles[2] * poles[2] < 8.0 * stddev * stddev * twice
-    if found.any():
+    if np.count_nonzero(found):
         width, square = poles[2] * w, above * above
         found &= 4.0 * (square[0] + square[1]) > width * width * size
     return np.asarray(found)
@@ -476,7 +493,7 @@ def _sampled(
     layout = _Layout(n_terms, len(inputs), table.n_modes)
     starts = np.concatenate([at[:-1] for at, _, _ in pieces])
     parts = [_cubics(at, _padded(values, layout), lost) for at, values, lost in pieces]
-    return (starts, np.concatenate(parts)), layout
+    return (starts, np.ascontiguousarray(np.concatenate(parts))), layout
 
 
 def _spline(at: FloatArray, values: FloatArray) -> CubicSpline:

@@ -145,12 +145,10 @@ def half_power_probability(
     natural, natural_stddev, zeta : ndarray
         Natural frequencies, their standard deviations, Hz, and damping ratios, 1.
     """
-    low, high = 1.0 - zeta, 1.0 + zeta
-    variance = frequency_stddev * frequency_stddev
-    below = np.sqrt(variance + (low * natural_stddev) ** 2)
-    above = np.sqrt(variance + (high * natural_stddev) ** 2)
-    upper = ndtr((high * natural - frequency) / above)
-    return np.asarray(upper - ndtr((low * natural - frequency) / below))
+    ends = np.array([1.0 - zeta, 1.0 + zeta])
+    stddev = np.sqrt(frequency_stddev * frequency_stddev + (ends * natural_stddev) ** 2)
+    below, above = ndtr((ends * natural - frequency) / stddev)
+    return np.asarray(above - below)
 
 
 def never_warned(predictor: Predictor, limit: float) -> str:
@@ -466,12 +464,14 @@ class ResonanceMonitor:
         exceeds = severity > 1.0
         between = exceeds ^ (severity > self.limits.release)
         before = self._exceeds
-        for row in np.logical_or.reduce(between).nonzero()[0].tolist():
+        for row in _rows_with_any(between):
             earlier = exceeds[:, row - 1] if row else before
             exceeds[:, row] |= between[:, row] & earlier
         since = np.repeat(self._since[:, np.newaxis], len(time), axis=1)
-        begins = exceeds > np.concatenate([before[:, np.newaxis], exceeds[:, :-1]], axis=1)
-        for row in np.logical_or.reduce(begins).nonzero()[0].tolist():
+        begins = exceeds.copy()
+        begins[:, 1:] &= ~exceeds[:, :-1]
+        begins[:, :1] &= ~before[:, np.newaxis]
+        for row in _rows_with_any(begins):
             since[begins[:, row], row:] = time[row]
         if len(time):
             self._exceeds, self._since = exceeds[:, -1].copy(), since[:, -1].copy()
@@ -514,3 +514,11 @@ class ResonanceMonitor:
         limit = math.floor(min(1e9 * self.stale_after, _LATEST))
         fresh = fixed | (np.abs(time - times) <= limit)
         return np.where(fresh, numbers, math.nan)
+
+
+def _rows_with_any(true: BoolArray) -> list[int]:
+    """Return the rows in which something is true, (n_excitations, n); mostly there are none."""
+    if not np.count_nonzero(true):
+        return []
+    rows: list[int] = np.logical_or.reduce(true).nonzero()[0].tolist()
+    return rows
