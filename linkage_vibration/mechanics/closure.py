@@ -28,7 +28,7 @@ _ITERATIONS = 60
 _CLOSED = 1e-9  # A pose is closed if its gap, over the largest length, is smaller.
 _DONE, _STUCK = 1e-28, 1e4  # square of a gap, and damping, at which a search ends
 _SAME = 1e-4  # rad; two poses are the same if all their angles differ by less
-_EQUAL = 1e-6  # rad; only rounding may distinguish distances that differ by less
+_EQUAL = 1e-6  # rad; only rounding may distinguish distances or turns that differ by less
 _OPEN = 1e-3  # weight of a pin that is opened
 _REST = 0.02  # largest ratio of the gaps of the other pins to that of the opened one
 
@@ -111,12 +111,13 @@ def pose_notice(mechanism: Mechanism, poses: Sequence[FloatArray], chosen: int) 
         return ""
 
     def written(pose: FloatArray) -> str:
-        degrees = (np.degrees(pose) % 360.0).tolist()
+        degrees = (np.degrees(pose).round(2) % 360.0).tolist()
         pairs = zip(names, degrees, free.tolist(), strict=True)
         angles = [f"{name}: {angle:.2f}" for name, angle, is_free in pairs if is_free]
         return f"{{{', '.join(angles)}}}"
 
-    body = int(np.abs(moves).argmax())
+    sizes = np.abs(moves)
+    body = int((sizes > sizes.max() - _EQUAL).argmax())
     what = (
         f"the closed pose that is used has {names[body]} turned by "
         f"{math.degrees(moves[body]):+.1f} deg from the angle given"

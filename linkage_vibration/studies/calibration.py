@@ -51,6 +51,7 @@ CORRELATED = 0.9  # correlation above which the summary names two parameters
 SHARE = 0.3  # component of a direction above which a parameter belongs to it
 _LIKELY = 0.95  # share of sums of squared residuals that do not contradict the deviations
 _STEP = 1e-4  # of the logarithms, in the central differences of the covariance
+_EQUAL = 1e-6, 1e-9  # of a cost, and costs; only the end of a search may distinguish such costs
 
 
 class CalibrationError(LinkageVibrationError):
@@ -141,7 +142,8 @@ def calibrate(
 ) -> CalibrationResult:
     """Fit the parameters to the targets, from the description and random points within the bounds.
 
-    The random points are the same each time. `finished` is called after each start with the lowest
+    The random points are the same each time. Of equally good fits, that from the first point is
+    taken. `finished` is called after each start with the lowest
     cost so far: half the sum of squares of log frequency ratios, each divided by its deviation.
     """
     low, high = np.log([(p.low, p.high) for p in calibration.parameters]).T
@@ -158,7 +160,8 @@ def calibrate(
         except LinkageVibrationError as error:
             problem = str(error)
         else:
-            best = fit if best is None or fit.cost < best.cost else best
+            better = best is None or fit.cost < (1.0 - _EQUAL[0]) * best.cost - _EQUAL[1]
+            best = fit if better else best
         finished(math.inf if best is None else float(best.cost))
     if best is None:
         raise CalibrationError(

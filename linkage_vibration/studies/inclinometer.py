@@ -27,6 +27,9 @@ _KNOTS = 13  # of a calibration that is not a straight line
 _WINDOW = 0.5  # s, before and after a moment
 _STILL = 3.0  # deviations by which the hitch may drift in a window
 _TURNED_BACK = 3.0  # deviations by which an angle may turn back between two points
+_FLAT = 1e-6  # of the largest slope; a curve with a smaller one is not monotone
+_EQUAL = 1e-9  # rad; only rounding may distinguish angles that differ by less
+_EQUAL_SCORE = 1e-6  # by which a higher degree has to be better
 
 
 class InclinometerError(LinkageVibrationError):
@@ -224,7 +227,8 @@ def fit(
 ) -> ReadingCurve:
     """Fit a monotone polynomial to points so that it contains the readings low and high.
 
-    Its degree has the smallest sum of squares plus twice the number of coefficients (Akaike).
+    Its degree has the smallest sum of squares plus twice the number of coefficients (Akaike), and
+    is the lowest of equal ones.
     """
     ordered = tuple(sorted(points, key=lambda point: point.reading))
     x, y, sigma = (
@@ -243,8 +247,8 @@ def fit(
         coefficients = inverse @ (weighted.T @ (y / sigma))
         squares = float((((y - powers @ coefficients) / sigma) ** 2).sum())
         slopes = np.polyval(np.polyder(coefficients), (grid - middle) / half) / half
-        if slopes.min() * slopes.max() > 0.0:
-            score = squares + 2.0 * (degree + 1)
+        if _monotone(coefficients, (grid - middle) / half):
+            score = squares + (2.0 + _EQUAL_SCORE) * (degree + 1)
             candidates.append((score, degree, coefficients, inverse, squares, slopes))
     if not candidates:
         raise InclinometerError(
@@ -269,6 +273,15 @@ def fit(
     )
 
 
+def _monotone(coefficients: FloatArray, grid: FloatArray) -> bool:
+    """Return whether a polynomial rises, or falls, everywhere between the ends of a grid."""
+    bends = np.roots(np.polyder(coefficients, 2)).real
+    places = np.append(grid, np.clip(bends, grid[0], grid[-1]))
+    slopes = np.polyval(np.polyder(coefficients), places)
+    sizes = np.abs(slopes)
+    return bool(slopes.min() * slopes.max() > 0.0 and sizes.min() > _FLAT * sizes.max())
+
+
 def _check_points(
     points: Sequence[AngleReading], x: FloatArray, y: FloatArray, sigma: FloatArray
 ) -> None:
@@ -282,7 +295,10 @@ def _check_points(
         raise InclinometerError(
             "The body hardly turns with the crank at one of the points; measure on another body."
         )
-    way = math.copysign(1.0, float(np.polyfit(x - x.mean(), y, 1)[0])) if np.ptp(x) > 0.0 else 0.0
+    way = 0.0
+    if np.ptp(x) > 0.0:
+        rise = float(np.polyfit(x - x.mean(), y, 1)[0] * np.ptp(x))
+        way = 1.0 if rise > -_EQUAL else -1.0
     for i in range(len(points)):
         for j in range(i + 1, len(points)):
             back = -way * (y[j] - y[i])
@@ -308,8 +324,8 @@ def curve_report(curve: ReadingCurve, body: str) -> str:
     ]
     for point, residual in zip(curve.points, curve.residuals.tolist(), strict=True):
         lines.append(
-            f"{point.label:>16}{point.reading:12.6g}{math.degrees(point.inclination):22.2f}"
-            f"{math.degrees(point.alpha3):14.2f}{math.degrees(residual):+10.2f}"
+            f"{point.label:>16}{point.reading:12.6g}{_degrees(point.inclination):22.2f}"
+            f"{_degrees(point.alpha3):14.2f}{_degrees(residual):+10.2f}"
         )
     kind = "straight line" if curve.degree == 1 else f"polynomial of degree {curve.degree}"
     lines.append(
@@ -318,7 +334,8 @@ def curve_report(curve: ReadingCurve, body: str) -> str:
         f"{curve.pairs[0]:.6g} or above {curve.pairs[-2]:.6g}."
     )
     if not math.isnan(curve.excess):
-        worst = max(zip(curve.points, np.abs(curve.residuals), strict=True), key=lambda p: p[1])[0]
+        sizes = np.abs(curve.residuals)
+        worst = curve.points[int((sizes > sizes.max() - _EQUAL).argmax())]
         lines.append(
             f"The residuals are {curve.excess:.1f} times as large as the inclinometer explains, "
             f"most at {worst.label}: measure it again, or check the lengths of the mechanism."
@@ -330,6 +347,11 @@ def curve_report(curve: ReadingCurve, body: str) -> str:
             "points, to reach all readings; measure nearer to the ends."
         )
     return "\n".join(lines)
+
+
+def _degrees(angle: float) -> float:
+    """Return an angle in degrees with two decimals, whose zero has no sign."""
+    return round(math.degrees(angle), 2) + 0.0
 
 
 def parameters(curve: ReadingCurve, unit: str) -> str:

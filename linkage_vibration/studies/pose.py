@@ -30,10 +30,10 @@ def angle_rows(mechanism: Mechanism, kinematics: Kinematics, angles: Sequence[fl
     rows = [heads]
     for alpha3 in angles:
         configuration = kinematics.at(alpha3)
-        degrees = [math.degrees(configuration.angle(name)) % 360.0 for name in names]
+        degrees = [round(math.degrees(configuration.angle(name)), 2) % 360.0 for name in names]
         x, z = pin_places(mechanism, configuration)[point]
-        numbers = [f"{angle:.2f}" for angle in (math.degrees(alpha3), *degrees)]
-        rows.append([*numbers, f"{x:.3f}", f"{z:.3f}"])
+        numbers = [f"{angle:.2f}" for angle in (round(math.degrees(alpha3), 2) + 0.0, *degrees)]
+        rows.append([*numbers, *(f"{round(float(place), 3) + 0.0:.3f}" for place in (x, z))])
     return "\n".join(
         "".join(f"{cell:>{width}}" for cell, width in zip(row, widths, strict=True)) for row in rows
     )

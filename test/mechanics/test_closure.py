@@ -13,7 +13,7 @@ from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from linkage_vibration.mechanics.closure import distance, turns
+from linkage_vibration.mechanics.closure import distance, pose_notice, turns
 from linkage_vibration.mechanics.description import Mechanism, MechanismError
 from linkage_vibration.mechanics.kinematics import Configuration, Kinematics
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
@@ -261,6 +261,36 @@ def test_a_guess_between_mirrored_poses(off: float) -> None:
     expected = line + apart if off == 1e-3 else line - apart
     angle = kinematics.at(math.radians(90.0)).angle("coupler")
     assert float(turns(np.array(angle - expected))) == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("turned", "words"),
+    [
+        ((-1.5, 1.5 + 1e-14), "coupler turned by -85.9 deg"),
+        ((1.5 + 1e-14, -1.5), "coupler turned by +85.9 deg"),
+        ((-1.5, 1.5 + 9e-7), "coupler turned by -85.9 deg"),
+        ((-1.5, 1.5 + 2e-6), "rocker turned by +85.9 deg"),
+    ],
+)
+def test_the_first_of_bodies_that_turn_alike_is_named(
+    turned: tuple[float, float], words: str
+) -> None:
+    """Turns that differ by 1e-6 rad or less are equal: the body that the file has first counts."""
+    bar = four_bar(1.0, 0.3, 0.9, 0.8)
+    guess = np.array([bar.assembly_alpha3, *(angle for _, angle in bar.assembly_angles)])
+    assert words in pose_notice(bar, [guess + np.array([0.0, *turned])], 0)
+
+
+@pytest.mark.parametrize(
+    ("angle_deg", "written"),
+    [(-1e-14, "0.00"), (1e-14, "0.00"), (359.996, "0.00"), (-0.006, "359.99")],
+)
+def test_an_angle_of_zero_in_the_notice(angle_deg: float, written: str) -> None:
+    """It is written as 0.00, on whichever side of a full turn rounding leaves it."""
+    bar = four_bar(1.0, 0.3, 0.9, 0.8)
+    guess = np.array([bar.assembly_alpha3, *(angle for _, angle in bar.assembly_angles)])
+    guess[1:] = math.radians(angle_deg), guess[2] + 1.5
+    assert f"{{coupler: {written}, rocker: " in pose_notice(bar, [guess], 0)
 
 
 def vars_of(mechanism: Mechanism) -> dict[str, Any]:

@@ -5,6 +5,7 @@
 import math
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from linkage_vibration.mechanics.parsing import mechanism_from_mapping
 from linkage_vibration.mechanics.paths import with_numbers
 from linkage_vibration.mechanics.sensitivity import Sensitivity
 from linkage_vibration.readers.mechanism import read_mechanism
+from linkage_vibration.studies import calibration as study
 from linkage_vibration.studies.calibrated_uncertainty import with_fitted
 from linkage_vibration.studies.calibration import (
     CalibrationError,
@@ -226,6 +228,28 @@ def four_bar() -> CalibrationTask:
     targets = [Target(m, math.radians(a), 1.0, NOISE) for m in (1, 2) for a in (45.0, 60.0, 75.0)]
     parameters = Parameter(COUPLER, 0.01, 0.04), Parameter(ROCKER, 0.01, 0.05)
     return CalibrationTask(yaml.safe_load(text), text, parameters, tuple(targets))
+
+
+@pytest.mark.parametrize(
+    ("costs", "chosen"),
+    [
+        ((1e-20, 0.0), 0),
+        ((1.0, 1.0 - 1e-14), 0),
+        ((1.0, 1.0 - 0.9e-6), 0),
+        ((1.0, 1.0 - 1.1e-6), 1),
+        ((0.9e-9, 0.0), 0),
+        ((1.1e-9, 0.0), 1),
+    ],
+)
+def test_the_first_of_equally_good_fits(
+    monkeypatch: pytest.MonkeyPatch, costs: tuple[float, float], chosen: int
+) -> None:
+    """The fit from the file's values stays unless a cost is lower by 1e-6 of it and 1e-9."""
+    ends = [np.log([0.02, 0.025]), np.log([0.03, 0.04])]
+    fits = iter([SimpleNamespace(cost=c, x=x) for c, x in zip(costs, ends, strict=True)])
+    monkeypatch.setattr(study, "least_squares", lambda *_, **__: next(fits))
+    found = calibrate(four_bar(), starts=2)
+    assert found.values == pytest.approx(np.exp(ends[chosen]))
 
 
 def recalibrated(seed: int) -> tuple[CalibrationTask, CalibrationResult, Any]:

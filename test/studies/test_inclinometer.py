@@ -118,8 +118,11 @@ def point(reading: float, degrees: float) -> AngleReading:
             [(1.0, 90.0), (2.0, 120.0), (3.0, 105.0), (4.0, 150.0)],
             "not monotone: 2=120 has the reading 2 and 120.00 deg, 3=105 has 3 and 105.00 deg",
         ),
+        ([(0.0, 120.0), (1.0, 140.0), (2.0, 120.0 - 1e-12)], "not monotone: 1=140 has"),
+        ([(0.0, 120.0), (1.0, 140.0), (2.0, 120.0 - 1e-5)], "not monotone: 0=120 has"),
         ([(1.0, 90.0), (1.0, 120.0), (3.0, 150.0)], "1=120 has 1 and 120.00 deg"),
         ([(2.0, 90.0), (2.0, 90.0), (2.0, 90.0)], "not monotone"),
+        ([(1.0, 90.0), (2.0, 90.0), (3.0, 90.0)], "span 0.00 deg only"),
         ([(1.0, 90.0), (2.0, 90.5), (3.0, 91.0)], "span 1.00 deg only; measure over the whole"),
     ],
 )
@@ -324,9 +327,11 @@ def test_least_span_of_the_points(span: float, refused: bool) -> None:
         assert fit(points, math.inf, -math.inf, 0.0).degree == 1
 
 
-@pytest.mark.parametrize(("squares", "degree"), [(1.9, 1), (2.1, 2)])
+@pytest.mark.parametrize(
+    ("squares", "degree"), [(1.9, 1), (2.0 + 1e-9, 1), (2.0 + 1e-5, 2), (2.1, 2)]
+)
 def test_another_coefficient_has_to_explain_enough(squares: float, degree: int) -> None:
-    """A coefficient more is worth a sum of squares that is smaller by 2 (Akaike).
+    """A coefficient more is worth a sum of squares that is smaller by 2 (Akaike), and by 1e-6.
 
     At four points, the bend (1, -1, -1, 1) / 2 is what a second degree explains beyond a line.
     """
@@ -341,6 +346,58 @@ def test_calibration_does_not_turn_back() -> None:
     assert fit(points, 0.0, 4.0, 0.0).degree == 2  # it turns at 5
     angles = np.array(fit(points, 0.0, 6.0, 0.0).pairs[1::2])
     assert (np.diff(angles) > 0.0).all()
+
+
+@pytest.mark.parametrize(("share", "degree"), [(0.0, 1), (0.9e-6, 1), (1.1e-6, 3)])
+@pytest.mark.parametrize("low", [0.0, -0.32])
+def test_curve_with_a_flat_point(low: float, share: float, degree: int) -> None:
+    """A cubic whose smallest slope is a millionth of its largest one, or less, is not taken.
+
+    That of 140 - 3 (x - 2)^3 - s (x - 2) is s at 2, and 9 (2 - low)^2 + s at the end.
+    """
+    slope = share * 9.0 * (2.0 - low) ** 2
+    angles = [140.0 - 3.0 * (x - 2.0) ** 3 - slope * (x - 2.0) for x in range(5)]
+    points = [point(float(x), angle) for x, angle in enumerate(angles)]
+    assert fit(points, low, 4.0, 0.0).degree == degree
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "0=-16 1=-37 2=-40 3=-43 4=-64",
+        "0=-34 1=-48 2=-50 3=-52 4=-66",
+        "0=-18 .25=-37 .5=-44 .75=-45 1=-46 1.25=-53 1.5=-72",
+    ],
+)
+def test_readings_of_a_cubic_that_is_flat(scene: Inclinometer, words: str) -> None:
+    """Measured points on -a (x - b)^3 + c, whose slope at b is exactly 0, get a straight line."""
+    assert calibrate(replace(scene, tractor_deg=0.0), [], words.split(), None, "V").degree == 1
+
+
+@pytest.mark.parametrize("far", range(4))
+@pytest.mark.parametrize(("off", "equal"), [(-1e-8, True), (1e-8, True), (1e-6, False)])
+def test_the_first_of_equal_residuals_is_named(far: int, off: float, equal: bool) -> None:
+    """Four residuals of 2 deg are equal unless they differ by more than 1e-9 rad = 6e-8 deg.
+
+    The line passes through the two means, so a point that is farther from the line by `off` makes
+    two residuals larger by half of that: its own, and that of the other point at its reading.
+    """
+    pairs = [(0.0, 120.0), (0.0, 124.0), (1.0, 140.0), (1.0, 144.0)]
+    points = [replace(point(*pair), stddev=math.radians(1.0)) for pair in pairs]
+    away = math.radians(off) * (1.0 if far % 2 else -1.0)
+    points[far] = replace(points[far], alpha3=points[far].alpha3 + away)
+    first = "0=120" if equal or far < 2 else "1=140"
+    text = curve_report(fit(points, 0.0, 1.0, 0.0), "input_crank")
+    assert f"most at {first}: measure it again" in text
+
+
+@pytest.mark.parametrize("zero", [1e-17, -1e-17, -0.0])
+def test_a_residual_of_zero_has_no_sign_of_its_own(zero: float) -> None:
+    """Zeros are printed alike, whatever sign rounding gives them; -0.006 deg is -0.01."""
+    found = fit([point(float(r), 180.0 - 10.0 * r) for r in range(9)], 0.0, 8.0, 0.0)
+    residuals = np.array([math.radians(-0.006), *[zero] * 8])
+    rows = curve_report(replace(found, residuals=residuals), "input_crank").splitlines()[1:10]
+    assert [row.split()[-1] for row in rows] == ["-0.01", *["+0.00"] * 8]
 
 
 @pytest.mark.parametrize(("back", "refused"), [(2.0, False), (2.2, True)])

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 from scipy.optimize import minimize_scalar
 
 from linkage_vibration.mechanics.bodies.beam import Beam
@@ -318,3 +319,26 @@ def test_numbers_that_are_not_known_limit_the_accuracy(mapping: Any) -> None:
     assert f"Measure next: {modulus}, which causes 100 % of the variance" in str(found)
     del mapping["uncertainty"]
     assert unknowns(mechanism_from_mapping(mapping), (0.0, 200.0), [2.0]) is None
+
+
+@pytest.mark.parametrize(
+    ("deviation", "path"), [(0.2, "first"), (0.2 + 1.8e-7, "first"), (0.2 + 2.2e-7, "second")]
+)
+@pytest.mark.parametrize("names", [("first", "second"), ("second", "first")])
+def test_the_first_of_equal_unknowns_is_named(
+    names: tuple[str, str], deviation: float, path: str
+) -> None:
+    """Of two identical springs, that is named which the file has first, unless it matters less.
+
+    The shares of deviations s and s (1 + d) differ by d; less than 1e-6 does not count.
+    """
+    text = config_file("stephenson_six_bar.yaml").read_text()
+    mapping = yaml.safe_load(text)
+    stay = mapping["springs"].pop("stay")
+    mapping["springs"] |= {names[0]: stay, names[1]: dict(stay)}
+    claims = {f"springs.{names[0]}.stiffness": 0.2, f"springs.{names[1]}.stiffness": deviation}
+    mapping["uncertainty"] = {"relative": claims}
+    found = unknowns(mechanism_from_mapping(mapping), (0.0, 400.0), [1.0, 1.5])
+    assert found is not None
+    assert found.path == f"springs.{names[path == 'second']}.stiffness"
+    assert found.share == pytest.approx(0.5, abs=1e-6)

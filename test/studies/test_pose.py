@@ -4,12 +4,39 @@
 
 import math
 
+import pytest
+
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.kinematics import Kinematics
+from linkage_vibration.mechanics.parsing import mechanism_from_mapping
 from linkage_vibration.studies.pose import angle_rows
+from test.mechanics.test_closure import four_bar_mapping
 
 
 def test_the_table_of_angles(mechanism: Mechanism) -> None:
     """Its numbers are those of the kinematics."""
     lines = angle_rows(mechanism, Kinematics(mechanism), [math.radians(90.0)]).splitlines()
     assert lines[1].split()[:5] == ["90.00", "158.90", "141.14", "238.69", "87.80"]
+
+
+def test_a_coupler_that_stays_horizontal() -> None:
+    """In a parallelogram its angle is 0.00 in every row, and that of the rocker is alpha3."""
+    mapping = four_bar_mapping(0.3, 1.0, 0.3)
+    mapping["input"]["range_deg"] = [40.0, 140.0]
+    mapping["assembly"]["angles_deg"] = {"coupler": 0.0, "rocker": 90.0}
+    mechanism = mechanism_from_mapping(mapping)
+    angles = [math.radians(degrees) for degrees in range(40, 141, 5)]
+    rows = angle_rows(mechanism, Kinematics(mechanism), angles).splitlines()[1:]
+    cells = [row.split()[:3] for row in rows]
+    assert cells == [[f"{d}.00", "0.00", f"{d}.00"] for d in range(40, 141, 5)]
+
+
+@pytest.mark.parametrize("off", [-1e-14, 0.0, 1e-14])
+def test_zeros_have_no_sign(off: float) -> None:
+    """A horizontal crank has 0.00 deg, and its end the height 0.000, on either side of zero."""
+    mapping = four_bar_mapping(0.3, 0.9, 0.8)
+    mapping["input"]["range_deg"] = [-10.0, 100.0]
+    mapping["response"]["drive_point"] = "B"
+    mechanism = mechanism_from_mapping(mapping)
+    row = angle_rows(mechanism, Kinematics(mechanism), [off]).splitlines()[1].split()
+    assert (row[0], *row[3:]) == ("0.00", "0.300", "0.000")

@@ -14,13 +14,15 @@ from linkage_vibration.mechanics.sensitivity import Sensitivity
 NUMERICAL = 0.1
 """Numerical error that is small enough, of the standard deviation by the uncertain numbers."""
 
+_EQUAL = 1e-6  # of the variance; only rounding may distinguish shares that differ by less
+
 
 @dataclass(frozen=True, slots=True)
 class Unknowns:
     """What the uncertain numbers of a mechanism leave open."""
 
     stddev: float  # the smallest relative standard deviation of a natural frequency in the band
-    path: str  # the number with the largest share of the variances of these frequencies
+    path: str  # the first number with the largest share of these frequencies' variances
     share: float  # its share, the mean over modes and angles
 
     @property
@@ -54,5 +56,5 @@ def unknowns(
     if not shares:
         return None
     mean = np.mean(shares, axis=0)
-    most = int(mean.argmax())
+    most = int((mean > mean.max() - _EQUAL).argmax())
     return Unknowns(min(deviations), sensitivity.numbers[most].path, float(mean[most]))
