@@ -337,7 +337,7 @@ CASES: dict[str, tuple[list[Entry], Parameters, str]] = {
     "nothing usable": (
         [("/joint_states", JOINT_STATE, START, joint_state(START, [JOINT], []))],
         Parameters(),
-        "no reading of the hitch .* 1 names but 0 positions",
+        "no reading of the hitch .* 1 names but 0 elements in position",
     ),
 }
 

@@ -115,7 +115,7 @@ def test_messages_without_a_reading_are_ignored(peer: Any, node: Any) -> None:
     ]
     assert peer.ask().status == Status.OK
     assert not {p.header.stamp.nanosec for p in peer.predictions} & set(silent)
-    node.wait_for("1 names but 0 positions")
+    node.wait_for("1 names but 0 elements in position")
 
 
 def test_bytes_that_are_not_a_joint_state(peer: Any, node: Any) -> None:
