@@ -69,6 +69,7 @@ BENCH = [
     "gmsh",
     "hypothesis",
     "mcap-ros2-support",
+    "parso",
     "pyFBS>=1.0.7",
     "pytest",
     "rerun-sdk>=0.41",

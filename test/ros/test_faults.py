@@ -122,7 +122,7 @@ CASES: dict[str, tuple[bytes, str, Callable[[Tractor, int], object]]] = {
     ),
     "arrays of different sizes": (
         ERROR,
-        "2 names but 1 positions",
+        "2 names but 1 elements in position",
         lambda tractor, i: tractor.say(2.0, names=[JOINT, "boom"], positions=[2.0]),
     ),
     "degrees": (ERROR, "are in degrees (120)", lambda tractor, i: tractor.say(120.0)),

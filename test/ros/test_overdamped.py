@@ -35,6 +35,9 @@ BEGIN = math.radians(162.75)  # mode 1 is overdamped beyond; its damping ratio i
 OVERDAMPED = np.greater(ANGLES, BEGIN)
 
 
+RATE = {"resonance_rate": 0.0}  # the stamps of the peer lie in one period
+
+
 @pytest.fixture(scope="module")
 def hitch(tmp_path_factory: pytest.TempPathFactory) -> Parameters:
     """Return the parameters for the shipped hitch with a damper from P2 to E1, coarsely meshed."""
@@ -47,7 +50,7 @@ def hitch(tmp_path_factory: pytest.TempPathFactory) -> Parameters:
     path.write_text(yaml.safe_dump(mapping, sort_keys=False))
     table = path.with_suffix(".npz")
     save_table(build_table(LinkageModel(read_mechanism(path)), 1e-3), table)
-    return Parameters(mechanism_file=str(path), table_file=str(table), engine_speed=150.0)
+    return Parameters(mechanism_file=str(path), table_file=str(table), engine_speed=150.0, **RATE)
 
 
 @pytest.fixture(scope="module")
@@ -61,7 +64,9 @@ def recorded(
     folder = tmp_path_factory.mktemp("log")
     files = {"mechanism_file": hitch.mechanism_file, "table_file": hitch.table_file}
     speed = hitch.engine_speed
-    node = start(name="heavy", record=True, log_directory=folder, engine_speed=speed, **files)
+    node = start(
+        name="heavy", record=True, log_directory=folder, engine_speed=speed, **files, **RATE
+    )
     peer = meet("heavy")
     found = [peer.ask(positions=(angle,)) for angle in ANGLES.tolist()]
     answer = peer.call(ANGLES.tolist())

@@ -178,7 +178,12 @@ def test_resonance_follows_the_engine(start: Callable[..., Any], peer: Any) -> N
     The paper's linkage has no uncertain numbers, so that the margin decides.
     """
     files = config_file("three_point_linkage.yaml"), config_file("tables/three_point_linkage.npz")
-    node = start(name="orders", mechanism_file=str(files[0]), table_file=str(files[1]))
+    node = start(
+        name="orders",
+        mechanism_file=str(files[0]),
+        table_file=str(files[1]),
+        resonance_rate=0.0,  # the stamps of the peer lie in one period
+    )
     node.wait_for("Predicting for")
     received: list[Any] = []
     peer.node.create_subscription(Resonance, "orders/resonance", received.append, 100)

@@ -89,7 +89,9 @@ def bench(domain: int) -> Iterator[Bench]:
         excitations = read_excitations(config_file("excitations.yaml"))
 
         def swap(new: Served, levels: LevelTable) -> None:
-            assert levels.at(2.3, (2000.0, 500.0, 1.0), np.zeros((2, 6))).total_velocity.shape == ()
+            speeds = np.array([[2000.0], [500.0], [1.0]])
+            columns = levels.at(np.array([2.3]), speeds, np.zeros((2, 1, 6)))
+            assert columns.total_velocity.shape == (1,)
             served.append(new)
 
         services = Services(node, lambda: served[-1], excitations, swap)
