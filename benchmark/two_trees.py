@@ -38,8 +38,10 @@ MECHANISMS = (
     "stephenson_six_bar",
 )
 LIMIT = 1e-12  # relative difference of numbers in tables
-# What may differ in printed text: durations, versions of files, and folders.
-VARIABLE = re.compile(r"\d+(\.\d+)? ?(s|ms|us|MB|kB|it/s)\b|/[\w./-]*/|\x1b\[[0-9;]*m")
+# What may differ in printed text: durations, sizes, names of tables, and folders.
+VARIABLE = re.compile(
+    r"\b[0-9a-f]{16}\b|\d+(\.\d+)? ?(s|ms|us|MB|kB|it/s)\b|/[\w./-]*/|\x1b\[[0-9;]*m"
+)
 RATE = "resonance_rate"  # a parameter that only newer trees have
 
 
@@ -241,7 +243,7 @@ def contents(path: Path) -> dict[str, object]:
     """Return what a file holds, by names."""
     if path.suffix == ".npz":
         with np.load(path) as arrays:
-            return {name: arrays[name] for name in arrays.files}
+            return {name: arrays[name] for name in arrays.files if name != "table_id"}
     if path.suffix == ".mcap":
         with path.open("rb") as file:
             messages = make_reader(file).iter_messages()
