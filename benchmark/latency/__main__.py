@@ -262,18 +262,19 @@ def draw(runs: Runs, picture: Path) -> None:
     """Draw the distribution of latencies of each node on each machine at each rate."""
     from matplotlib.figure import Figure
 
-    from linkage_vibration.drawing.palette import COLOURS, INK
+    from linkage_vibration.drawing.palette import COLOURS, GREY, INK
 
     figure = Figure(figsize=(9.6, 6.4), layout="constrained")
     axes = figure.subplots(len(MACHINES), len(SECONDS), sharey=True)
     for kind, line in zip(MACHINES, axes, strict=True):
         for ax, rate in zip(line, SECONDS, strict=True):
-            for name, colour in zip(NODES, (INK, *COLOURS), strict=False):
+            for name, colour in zip(NODES, (INK, *COLOURS, GREY), strict=True):
                 values = np.sort(
                     np.concatenate([1e3 * r.latencies for r in runs[name, kind, rate]])
                 )
                 above = 1.0 - np.arange(len(values)) / len(values)
                 ax.loglog(values, above, color=colour, lw=1.5, label=name)
+            ax.xaxis.set_minor_formatter("")
             ax.set(xlabel="latency [ms]", title=f"{rate:g} Hz, {kind} machine")
             ax.grid(color="#dddddd", linewidth=0.6)
         line[0].set(ylabel="share of messages that take longer")
