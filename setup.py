@@ -33,15 +33,14 @@ EXTRAS = {
         "ros-visualization-msgs",
     ],
     "bags": ["rosbags>=0.11.0"],
-    # Logs of Vector's tools, and DBC files; text of candump needs neither.
+    # DBC files, and logs of a CAN bus.
     "can": ["cantools>=39.4.13", "python-can>=4.3.0"],
     "fe": ["meshio", "scikit-fem"],
     "uff": ["pyuff"],
-    "plots": ["matplotlib>=3.6.3", "pillow>=10.2.0"],
-    "dask": ["dask", "distributed"],
+    "plots": ["matplotlib>=3.6.3"],
     "docs": ["furo", "myst-parser", "numpydoc", "sphinx"],
 }
-_USED = ("bags", "can", "fe", "uff", "plots", "dask")
+_USED = ("bags", "can", "fe", "uff", "plots")
 OPTIONAL = [name for extra in _USED for name in EXTRAS[extra]]
 # colcon runs the tests with pytest because the extra "test" names it.
 TEST = [
@@ -64,6 +63,8 @@ TEST = [
 BENCH = [
     *OPTIONAL,
     "cosmic-ray>=8.4",
+    "dask",
+    "distributed",
     "exudyn",
     "fmpy",
     "gmsh",

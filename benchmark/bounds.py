@@ -15,17 +15,19 @@ from matplotlib.figure import Figure
 from scipy.optimize import linear_sum_assignment
 from tqdm import tqdm
 
+from benchmark.rates import joining_rates, undamped_slopes
 from benchmark.report import machine, publish, table
 from linkage_vibration.drawing.palette import COLOURS, GREY, INK
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray
 from linkage_vibration.mechanics.description import Spring
 from linkage_vibration.mechanics.model import LinkageModel, Solution
+from linkage_vibration.mechanics.modes import oscillating_indices
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.resources import config_file
 from linkage_vibration.table.table import Table
 from linkage_vibration.table.tabulation import build_table
-from linkage_vibration.table.tabulation.verification import frf_lines, worst_frf_error
+from linkage_vibration.table.tabulation.frf_errors import frf_lines, worst_frf_error
 
 PICTURE = Path(__file__).parents[1] / "docs" / "pictures" / "bounds.png"
 QUANTITIES = ("frequency", "damping ratio", "peak frequency", "peak height", "slope", "FRF")
@@ -106,7 +108,7 @@ def true_errors(model: LinkageModel, tables: Sequence[Table], angles: FloatArray
         solution = model.solve(angle)
         poles, rates = _poles(solution), slopes_of_poles(solution)
         overdamped = len(solution.modes.omega) - len(solution.natural_frequencies)
-        peak, frfs = solution.peak(tables[0].band), _Frfs(solution, tables[0])
+        peak, frfs = solution.peak(tables[0].peak_band), _Frfs(solution, tables[0])
         for k, built in enumerate(tables):
             value, slope = values[k][i], slopes[k][i]
             if np.isnan(slope).sum() > overdamped:
@@ -130,7 +132,7 @@ def _poles(solution: Solution) -> ComplexArray:
 def slopes_of_poles(solution: Solution) -> FloatArray:
     """Return d(natural frequency)/d(alpha3) of elastic modes that oscillate, (n,), Hz/rad.
 
-    As `Solution.frequency_derivatives`, but of damped poles s where damping couples the modes: with
+    As `undamped_slopes`, but of damped poles s where damping couples the modes: with
     L = psi^T (K + s C + s^2 M) psi + 2 mu^T B psi stationary in psi and mu,
     ds/d(alpha3) = -(psi^T (K' + s C') psi + 2 mu^T B' psi) / (psi^T (C + 2 s M) psi). The
     denominator is 1 for viscous damping, and 2 s for structural damping, with K complex.
@@ -141,11 +143,12 @@ def slopes_of_poles(solution: Solution) -> FloatArray:
         The model at one angle.
     """
     if solution.damped.shapes is None:
-        return solution.frequency_derivatives[~solution.modes.mechanism]
-    terms = solution.damped._oscillating_terms
+        return undamped_slopes(solution)[~solution.modes.mechanism]
+    terms = oscillating_indices(solution.damped._upper_poles)
     poles, joining, system = solution.damped.oscillating, solution.joining, solution.model.system
     psi = solution.modes.shapes @ solution.damped.shapes[0][:, terms]
-    rate, stretch_rate, stiffness_rate = solution.model.interface.join_rate(solution.configuration)
+    alpha3 = solution.configuration.alpha3
+    rate, stretch_rate, stiffness_rate = joining_rates(solution.model, alpha3)
     n = solution.model.system.n_interface
     u, stretch = psi[:n], joining.elongation @ psi[:n]
     force = joining.stiffness[:, np.newaxis] + poles * joining.damping[:, np.newaxis]

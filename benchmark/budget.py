@@ -11,6 +11,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from benchmark.planes import in_plane
 from benchmark.report import RESULTS, machine, publish, table
 from linkage_vibration.drawing.palette import COLOURS, GREY, PEAK
 from linkage_vibration.mechanics.description import Mechanism
@@ -61,8 +62,8 @@ def logarithms(
     """
     frequencies = solution.natural_frequencies
     if undamped:
-        frequencies = solution.modes.omega[solution.in_plane] / (2.0 * math.pi)
-    peak = solution.peak(mechanism.response.band)
+        frequencies = solution.modes.omega[in_plane(solution)] / (2.0 * math.pi)
+    peak = solution.peak(mechanism.response.peak_band)
     return np.log([*frequencies[skipped : skipped + N_HITCH], peak.magnitude])
 
 

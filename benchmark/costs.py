@@ -100,11 +100,8 @@ def _level_costs() -> tuple[float, float]:
     orders = {"shaft": {**shaft, "at": "E2.x", "at_speed": 600.0, "amplitude_stddev": 0.5}}
     levels = LevelTable(predictor, mechanism, excitations_from_mapping(orders))
     alpha3, speeds = np.linspace(1.6, 3.1, BLOCK), np.full((3, BLOCK), 600.0)
-    found = predict_many(predictor, alpha3, np.zeros(BLOCK))
-    relative = found.frequency_stddev / found.natural_frequencies
-    stddev = np.array([relative, found.damping_ratio_stddev])
-    many = _lowest(lambda: levels.at(alpha3, speeds, stddev), 1) / BLOCK
-    one = alpha3[:1], speeds[:, :1], stddev[:, :1]
+    many = _lowest(lambda: levels.at(alpha3, speeds), 1) / BLOCK
+    one = alpha3[:1], speeds[:, :1]
     return _lowest(lambda: levels.at(*one), 200), many
 
 

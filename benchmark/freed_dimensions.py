@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Fits the printed frequencies with one dimension of Table 1 freed, to find a misprint.
 
-``python -m benchmark.freed_dimensions`` draws docs/reproduction/freed_dimensions.png.
+``python -m benchmark.freed_dimensions`` draws docs/reproduction/freed_dimensions.png, and beside it
+mast_and_inertia.png, which shows what the two lengths of the upper link do to the implement.
 
 Each fit also chooses the area and the radius of gyration of each link, of the lower link in two
 sections, and the rotational spring at P3 that holds the crank. Their bounds are wide, so that a
@@ -30,15 +31,32 @@ from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.modes import solve_modes
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
 from linkage_vibration.mechanics.paths import number_at, with_numbers
-from linkage_vibration.paper.figures import label_place, titled_figure
-from linkage_vibration.paper.numbers import FITTED, GEOMETRY, PLACES, Number, frequencies
-from linkage_vibration.paper.reproduction import PRINTED_FILE
+from linkage_vibration.paper.figures import (
+    CRANK,
+    Sweeps,
+    add_legend,
+    label_place,
+    stroke_axis,
+    styled,
+    titled_figure,
+)
+from linkage_vibration.paper.numbers import (
+    GEOMETRY,
+    OVER_THE_SWEEP,
+    PLACES,
+    SUBSTRUCTURING,
+    Number,
+    frequencies,
+)
+from linkage_vibration.paper.reproduction import FILES, PRINTED_FILE
 from linkage_vibration.readers.mechanism import load_yaml
 from linkage_vibration.support.resources import config_file
 
 Closed = dict[float, tuple[Kinematics, list[Configuration]]]
 """Kinematics and configurations by the value of the freed dimension, because they take longest."""
 
+FITTED = (*SUBSTRUCTURING, *OVER_THE_SWEEP)
+"""The nine natural frequencies that a choice of sections has to meet."""
 FREED = tuple(number.key for number in GEOMETRY[2:16])
 PICTURE = Path(__file__).parents[1] / "docs/reproduction/freed_dimensions.png"
 _UPRIGHT = math.radians(10.0)  # a well-built hitch keeps its mast this near to the vertical
@@ -222,6 +240,40 @@ def draw(fits: Sequence[FreedFit]) -> Figure:
     return figure
 
 
+def generalised_inertia(mechanism: Mechanism, configuration: Configuration) -> float:
+    """Return J = sum of m v^2 + I theta'^2 of the rigid bodies, kg m2, rates per rad of alpha3.
+
+    It is the inertia at the input: the lower it is, the higher the first natural frequency.
+    """
+    return sum(
+        body.mass * float(np.sum(configuration.place_rate(body.name, body.centre_of_gravity) ** 2))
+        + body.inertia * configuration.velocity_ratio(body.name) ** 2
+        for body in mechanism.rigid_bodies
+    )
+
+
+def draw_mast_and_inertia(sweeps: Sweeps) -> Figure:
+    """Draw the angle of the mast and the inertia at the input, for both upper links."""
+    note = "without any section: kinematics and the implement's printed mass and inertia alone"
+    title = "What the length of the upper link does to the implement"
+    figure = titled_figure(title, note, (8, 6))
+    mast, inertia = figure.subplots(2, sharex=True)
+    alpha3 = np.linspace(90.0, 180.0, 181)
+    for solutions, style in styled(sweeps):
+        model = solutions[0].model
+        places = [model.kinematics.at(math.radians(alpha)) for alpha in alpha3]
+        mast.plot(alpha3, np.degrees([place.angle("implement") for place in places]), **style)
+        inertias = [generalised_inertia(model.mechanism, place) for place in places]
+        inertia.plot(alpha3, inertias, **style)
+    mast.axhline(90.0, color=GREY, linewidth=1, linestyle=":")
+    mast.annotate("upright", (91, 90.4), fontsize=8, color=GREY)
+    inertia.set_ylim(bottom=0.0)
+    stroke_axis(mast, ylabel="mast, E1 to E2 [deg]")
+    stroke_axis(inertia, xlabel=CRANK, ylabel="implement's inertia\nabout $α_3$ [kg m²]")
+    add_legend(figure, mast, 2)
+    return figure
+
+
 def _change(number: Number, fitted: float) -> str:
     return f"{number.quantity}\n{number.value:g} to {fitted:.3g} {number.unit}".strip()
 
@@ -235,6 +287,11 @@ def main() -> None:
 
         fits = scan_freed_dimensions(progress=show)
     draw(fits).savefig(PICTURE)
+    sweeps = {
+        label: [LinkageModel(mechanism_from_mapping(load_yaml(config_file(name))[0])).solve(2.0)]
+        for label, name in FILES.items()
+    }
+    draw_mast_and_inertia(sweeps).savefig(PICTURE.with_name("mast_and_inertia.png"))
 
 
 if __name__ == "__main__":

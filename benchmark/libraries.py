@@ -11,30 +11,23 @@ increase of the peak of a process that calls the function once.
 import contextlib
 import multiprocessing
 import re
-import resource
 import tempfile
 import time
-from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import scipy.io
 from mcap.reader import make_reader
 from mcap.records import Message
 from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, Writer
 from mcap_ros2.decoder import DecoderFactory
-from rosbags.rosbag1 import Reader as Reader1
 from rosbags.rosbag2 import Reader as Reader2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-from scipy import sparse
-from tqdm import tqdm
 
-from benchmark.replay import write_mcap, write_ros1
+from benchmark.replay import write_mcap
 from benchmark.report import machine, publish, table
 from linkage_vibration.bags.chunks import ChunkLog, Messages
 from linkage_vibration.bags.field_reader import FieldReader
@@ -50,14 +43,9 @@ from linkage_vibration.messages.definitions import message_definition
 from linkage_vibration.messages.encoding import encode_columns
 from linkage_vibration.messages.fields import message_fields
 from linkage_vibration.messages.topics import PREDICTION
-from linkage_vibration.readers.matlab import read_matlab
-from test.support.damage import damaged, write_files
-from test.support.file_readers import all_readers
 
 SECONDS = 30  # of joint states at 1 kHz
 ROUNDS = 5
-DAMAGED = 500  # MATLAB files
-MEMORY = 4 * 2**30  # bytes of address space of a process that reads damaged files
 TOPIC = "/joint_states"
 
 Measured = Callable[[Path], int]
@@ -102,12 +90,6 @@ def _decode_by_mcap(path: Path) -> int:
     with path.open("rb") as file:
         reader = make_reader(file, validate_crcs=True, decoder_factories=[DecoderFactory()])
         return sum(len(found[3].position) > 0 for found in reader.iter_decoded_messages())
-
-
-def _ros1_by_rosbags(path: Path) -> int:
-    store = get_typestore(Stores.LATEST)
-    with Reader1(path) as bag:
-        return sum(len(store.ros1_to_cdr(data, c.msgtype)) > 0 for c, _, data in bag.messages())
 
 
 def _write_ours(path: Path) -> int:
@@ -164,14 +146,6 @@ def _recover_by_mcap(path: Path) -> int:
                     count += 1
         writer.finish()  # type: ignore[no-untyped-call]
     return count
-
-
-def _matlab_ours(path: Path) -> int:
-    return int(read_matlab(path)["stiffness"].nnz)
-
-
-def _matlab_by_scipy(path: Path) -> int:
-    return int(scipy.io.loadmat(path)["stiffness"].nnz)
 
 
 def _turns(functions: Sequence[Measured], path: Path) -> list[list[float]]:
@@ -242,38 +216,6 @@ def recovered(folder: Path, path: Path) -> str:
     return table(["damage", "recovered by ours", "recovered by mcap"], rows)
 
 
-def _outcome(read: Callable[[Path], Any], path: Path) -> str:
-    resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
-    try:
-        for part in read(path).values():
-            np.sum(part.toarray() if sparse.issparse(part) else np.size(part))
-    except MemoryError:
-        return "out of memory"
-    except Exception:
-        return "refused"
-    return "read"
-
-
-def damaged_matlab(folder: Path) -> str:
-    """Return a table of the outcomes of reading damaged MATLAB files."""
-    [reader] = [reader for reader in all_readers() if "MATLAB" in reader.name]
-    tallies: dict[str, Counter[str]] = {"ours": Counter(), "scipy.io.loadmat": Counter()}
-    for (name, tally), read in zip(tallies.items(), (read_matlab, scipy.io.loadmat), strict=True):
-        pool = ProcessPoolExecutor(1, multiprocessing.get_context("spawn"))
-        for number in tqdm(range(DAMAGED), desc=name):
-            main, files = damaged(reader, number)
-            write_files(folder, files)
-            try:
-                tally[pool.submit(_outcome, read, folder / main).result()] += 1
-            except BrokenProcessPool:
-                tally["crashed"] += 1
-                pool = ProcessPoolExecutor(1, multiprocessing.get_context("spawn"))
-        pool.shutdown()
-    kinds = ["read", "refused", "out of memory", "crashed"]
-    rows = [[name, *(f"{tally[kind]}" for kind in kinds)] for name, tally in tallies.items()]
-    return table(["", *kinds], rows)
-
-
 def _parts(folder: Path) -> Iterator[str]:
     bag = write_mcap(folder / "bag.mcap", SECONDS)
     yield f"{SECONDS * 1000:,} joint states of three joints at 1 kHz in MCAP with zstd, read:"
@@ -281,9 +223,6 @@ def _parts(folder: Path) -> Iterator[str]:
     yield "The same, read and decoded:"
     decoders = {"ours": _decode_ours, "rosbags": _decode_by_rosbags}
     yield compared(bag, {**decoders, "mcap, mcap-ros2-support": _decode_by_mcap})
-    yield "The same in a ROS 1 bag, read and converted to CDR:"
-    ros1 = write_ros1(folder / "bag.bag", SECONDS)
-    yield compared(ros1, {"ours": _read_ours, "rosbags": _ros1_by_rosbags})
     n = 20_000
     slow = 1.0 + np.sin(0.5e-3 * np.arange(n))[:, np.newaxis] * np.arange(1, 7)
     values = {f.name: slow if f.is_sequence else slow[:, 0] for f in message_fields(PREDICTION)}
@@ -299,15 +238,6 @@ def _parts(folder: Path) -> Iterator[str]:
     yield compared(bag, {"ours": _recover_ours, "mcap": _recover_by_mcap})
     yield "The number of messages recovered from that file after damage:"
     yield recovered(folder, bag)
-    upper = sparse.spdiags(np.random.default_rng(0).random((41, n)), range(0, 287, 7), n, n)
-    stiffness = sparse.csc_matrix(upper + upper.T)
-    scipy.io.savemat(folder / "large.mat", {"stiffness": stiffness}, do_compression=True)
-    yield f"A sparse matrix of {n:,} rows and {stiffness.nnz:,} entries in a MATLAB file, read:"
-    yield compared(
-        folder / "large.mat", {"ours": _matlab_ours, "scipy.io.loadmat": _matlab_by_scipy}
-    )
-    yield f"{DAMAGED} small damaged MATLAB files, read in a process that may use 4 GiB:"
-    yield damaged_matlab(folder)
 
 
 if __name__ == "__main__":

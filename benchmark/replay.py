@@ -29,7 +29,6 @@ from benchmark.report import machine, publish, table
 from linkage_vibration.bags.message_types import JOINT_STATE
 from linkage_vibration.playback.replay import replay
 from linkage_vibration.prediction.settings import Parameters
-from linkage_vibration.support.resources import config_file
 
 RATE = 1000  # Hz
 SECONDS = 600
@@ -38,13 +37,10 @@ START = 1_767_225_600 * 10**9  # ns
 SPEEDS_EVERY = 50  # joint states
 SPEEDS = {"/engine_speed": 1800.0, "/pto_speed": 540.0, "/ground_speed": 3.0}  # rpm, rpm, m/s
 TRACTOR = Parameters()
-AMPLITUDES = Parameters(excitation_file=str(config_file("excitations_on_tractor.yaml")))
 COLUMNS = ["linkage", "bag", "joint states", "messages/s", "times real time", "CPU [us/message]"]
 STAGES = {
     "_uncompressed": "reading and decompressing chunks",
     "_chunk_block": "finding messages in chunks",
-    "find_messages": "finding messages in chunks",
-    "many_to_cdr": "turning ROS 1 into CDR",
     "_joined": "ordering messages by time",
     "rows": "ordering messages by time",
     "_read": "decoding joint states",
@@ -68,7 +64,6 @@ def main() -> None:
         cases = {
             ("tractor", "MCAP"): (plain, TRACTOR),
             ("tractor", "MCAP, speeds"): (speeds, TRACTOR),
-            ("tractor", "MCAP, speeds, amplitudes"): (speeds, AMPLITUDES),
             ("tractor", "SQLite"): (sqlite, TRACTOR),
             ("tractor", "ROS 1"): (ros1, TRACTOR),
             ("paper", "MCAP"): (plain, PAPER),
@@ -90,8 +85,7 @@ def main() -> None:
             "This page shows how fast bags are replayed and which steps take the time. The bags "
             "hold three joints with velocities at 1 kHz; one also has the speeds of engine, PTO "
             "and ground at 20 Hz each. The replay writes the joint states, the predictions and, if "
-            "a speed is known, the resonances, as MCAP with zstd. The amplitudes are those of "
-            "`config/excitations_on_tractor.yaml`. The best of three runs is shown.",
+            "a speed is known, the resonances, as MCAP with zstd. The best of three runs is shown.",
             table(COLUMNS, rows),
             f"Peak memory of the process, which also wrote the bags: {peak:.0f} MiB.",
             "The next tables show the time of each step in the main thread, under a profiler. "

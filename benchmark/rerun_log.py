@@ -19,17 +19,16 @@ from rerun.blueprint.encodings import ComponentSourceKind, VisualizerComponentMa
 from rerun.chunk import RrdReader
 
 from benchmark.report import machine, publish, table
-from linkage_vibration.bags.reading import read_messages
 from linkage_vibration.messages.fields import message_fields
 from linkage_vibration.messages.topics import PREDICTION, RESONANCE
 from linkage_vibration.playback.replay import replay
 from linkage_vibration.support.resources import config_file
-from test.support.messages import plain
+from test.support.messages import plain, read_messages
 
 NODE = "/linkage_vibration"
 TOPICS = {f"{NODE}/prediction": PREDICTION, f"{NODE}/resonance": RESONANCE}
 BLUEPRINT = config_file("rerun_blueprint.rbl")
-_MODES = 6
+_MODES = range(2, 6)  # indices; those below are the tractor's own, which hardly change
 
 
 def component(topic: str) -> str:
@@ -56,24 +55,26 @@ def line(topic: str, name: str, field: str) -> rrb.Visualizer:
 
 
 def blueprint() -> rrb.Blueprint:
-    """Return a view of the natural frequencies beside the excitation, and one of the margin."""
+    """Return views of the natural frequencies beside the excitation, of the load and the angle."""
     prediction, resonance = TOPICS
-    modes = [
-        line(prediction, f"mode {i + 1} [Hz]", f"natural_frequencies[{i}]") for i in range(_MODES)
+    modes = [line(prediction, f"mode {i + 1} [Hz]", f"natural_frequencies[{i}]") for i in _MODES]
+    severe = line(resonance, "most severe excitation [Hz]", "excitation_frequency")
+    loads = [
+        line(resonance, "all excitations", "total_load_ratio"),
+        line(resonance, "the most severe one", "load_ratio"),
     ]
-    nearest = line(resonance, "nearest excitation [Hz]", "excitation_frequency")
     views = [
         rrb.TimeSeriesView(
-            name="Natural frequencies and the nearest excitation [Hz]",
+            name="Natural frequencies and the most severe excitation [Hz]",
             origin="/",
             contents=[prediction, resonance],
-            overrides={prediction: modes, resonance: [nearest]},
+            overrides={prediction: modes, resonance: [severe]},
         ),
         rrb.TimeSeriesView(
-            name="Relative margin of the nearest excitation",
+            name="Load ratio",
             origin="/",
             contents=[resonance],
-            overrides={resonance: [line(resonance, "relative margin", "relative_margin")]},
+            overrides={resonance: loads},
         ),
         rrb.TimeSeriesView(
             name="Crank angle [rad]",

@@ -24,14 +24,13 @@ from benchmark.paper_linkage import PARAMETERS
 from benchmark.report import machine, publish, table
 from linkage_vibration.bags.log_writer import LogWriter
 from linkage_vibration.bags.writing import Topic, offered_qos_profiles
-from linkage_vibration.demo.demo import ENGINE_SPEED
 from linkage_vibration.playback.replay import replay
 from linkage_vibration.review.html import write_page
 from linkage_vibration.review.log import read_log
 from linkage_vibration.review.review_page import review_page
 from linkage_vibration.support.resources import config_file
 from test.support.browser import Browser
-from test.support.drive import DURATION, JOINTS, RATE
+from test.support.drive import DURATION, ENGINE_SPEED, JOINTS, RATE
 
 MINUTES = 60.0
 FRAME = 1000.0 / 60.0  # ms

@@ -30,10 +30,9 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 from tqdm import tqdm
 
-from linkage_vibration.bags.reading import read_messages
 from linkage_vibration.drawing.palette import COLOURS
-from linkage_vibration.support.resources import config_file
 from linkage_vibration_interfaces.msg import VibrationPrediction
+from test.support.messages import read_messages
 
 RATE, SPEED_EVERY = 1000, 50  # Hz, and joint states for each value of each speed
 JOINT = "hitch_rockshaft_joint"
@@ -68,7 +67,6 @@ def main() -> None:
     minutes = float(sys.argv[1]) if len(sys.argv) > 1 else 60.0
     with tempfile.TemporaryDirectory() as folder:
         command = [sys.executable, "-m", "linkage_vibration.ros.node", "--ros-args"]
-        command += ["-p", f"excitation_file:={config_file('excitations_on_tractor.yaml')}"]
         command += ["-p", "record:=true", "-p", "split_duration:=600.0"]
         node = subprocess.Popen(command, cwd=folder, stdout=subprocess.DEVNULL)
         try:
@@ -106,8 +104,8 @@ def main() -> None:
     text = (
         "This page shows whether the node loses messages or gains memory over a long time. One "
         f"node with its default linkage ran for {minutes:g} minutes with joint states at 1 kHz, "
-        "the speeds of engine, PTO and ground at 20 Hz, and the amplitudes of "
-        "`config/excitations_on_tractor.yaml`, and recorded a new log every 10 minutes."
+        "and the speeds of engine, PTO and ground at 20 Hz, and recorded a new log every 10 "
+        "minutes."
     )
     publish(
         "soak",

@@ -140,7 +140,7 @@ def prepare(folder: Path) -> None:
     for name in MECHANISMS:
         shutil.copy(NEW / "config" / f"{name}.yaml", folder)
     shutil.copy(NEW / "config/drives/hitch_duty_cycle.mcap", folder / "drive.mcap")
-    shutil.copy(NEW / "config/excitations_on_tractor.yaml", folder / "on_tractor.yaml")
+    shutil.copy(NEW / "config/excitations.yaml", folder / "on_tractor.yaml")
     for name, source in {"sweep": "sweeps/implement", "calibration": "calibrations/paper"}.items():
         mapping = yaml.safe_load((NEW / "config" / f"{source}.yaml").read_text())
         mapping["mechanism"] = Path(mapping["mechanism"]).name

@@ -15,22 +15,17 @@ import pytest
 
 pytest.importorskip("matplotlib")
 
+
 from benchmark.__main__ import STEPS
 from benchmark.speed import assembled, coupled, paper_job
-from benchmark.speed.__main__ import Settings, as_csv, run, tables
+from benchmark.speed.__main__ import Settings, as_csv, read_csv, run, tables
 from benchmark.speed.chart import CONFIGURATION, FRFS, INTERPOLATED, LIVE, PACKAGE, Point
 from benchmark.speed.live_picture import draw_live
 from benchmark.speed.picture import draw
 from benchmark.speed.scene import MECHANISM, Scene, changed, frf_error, off_grid
 from benchmark.speed.timing import Spread
 from benchmark.stability import damping
-from benchmark.warnings import STEP, Run, integrated
-from linkage_vibration.prediction.levels import LevelTable
-from linkage_vibration.prediction.predictor import Predictor
-from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.readers.mechanism import read_mechanism
-from linkage_vibration.support.resources import config_file
-from linkage_vibration.table.table import load_table
 
 ROOT = Path(__file__).resolve().parents[1]
 # Codes that the benchmarks compare this package with, and that its tests do without.
@@ -83,10 +78,12 @@ def test_a_missing_answer_says_why(points: list[Point]) -> None:
 
 def test_results_are_written(points: list[Point], tmp_path: Path) -> None:
     """Every point is a row of the CSV; the page has a table a part; the picture is a PNG."""
-    rows = list(csv.reader(io.StringIO(as_csv(points))))
+    text = as_csv(points)
+    rows = list(csv.reader(io.StringIO(text)))
     assert len(rows) == len(points) + 1
+    assert as_csv(read_csv(text)) == text
     assert any(PACKAGE in part for part in tables(points))
-    draw(points, tmp_path / "chart.png")
+    draw(points, 1.5e-6, tmp_path / "chart.png")
     draw_live(points, Spread(1.5e-6, 1.4e-6, 1.6e-6), tmp_path / "live.png")
     for name in ("chart.png", "live.png"):
         assert (tmp_path / name).read_bytes().startswith(b"\x89PNG")
@@ -169,24 +166,3 @@ def test_damper_from_zero_to_rigid() -> None:
     np.testing.assert_allclose(found, rigid, rtol=1e-4)
     slow = np.abs(poles[poles.imag == 0.0]).min()
     assert slow < 1.0
-
-
-def test_integration_reaches_the_steady_level() -> None:
-    """In steady work the integrated velocity is the level, but for what is left of the start."""
-    name = "three_point_linkage_on_tractor"
-    mechanism = read_mechanism(config_file(f"{name}.yaml"))
-    predictor = Predictor(load_table(config_file(f"tables/{name}.npz")))
-    excitations = [
-        one
-        for one in read_excitations(config_file("excitations_on_tractor.yaml"))
-        if one.name in ("engine 1", "engine 3")
-    ]
-    levels = LevelTable(predictor, mechanism, excitations)
-    steps = np.ones((1, round(4.0 / STEP)))
-    run = Run(2.2 * steps, 1500.0 * steps, 0.0 * steps)
-    velocity = integrated(levels, excitations, run, np.ones((1, predictor.table.n_modes)))
-    found = math.sqrt(float((velocity[0, -round(1.0 / STEP) :] ** 2).mean()))
-    speeds = np.array([[1500.0], [math.nan], [math.nan]])
-    exact = np.zeros((2, 1, predictor.table.n_modes))
-    level = levels.at(np.array([2.2]), speeds, exact).message(0)
-    assert found == pytest.approx(float(level.total_velocity), rel=0.04)

@@ -13,10 +13,10 @@ from typing import Any
 import pytest
 
 from linkage_vibration.bags.message_columns import topic_types
-from linkage_vibration.bags.reading import read_messages
 from linkage_vibration.messages.topics import PREDICTION_TOPIC, RESONANCE_TOPIC
 from linkage_vibration.playback.replay import replay
 from linkage_vibration.prediction.settings import Parameters
+from test.support.messages import read_messages
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 

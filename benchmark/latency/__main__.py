@@ -35,7 +35,6 @@ TARGETS = np.array([1.1, math.nan, 1.5])  # of the ratios: median, none, process
 
 ECHO = ["-m", "benchmark.latency.echo"]
 OURS = ["-m", "linkage_vibration.ros.node"]
-AMPLITUDES = ["-p", f"excitation_file:={config_file('excitations_on_tractor.yaml')}"]
 # Those whose names contain "speeds" receive the speeds of engine, PTO and ground.
 COMMANDS = {
     "echo": [*ECHO, "events"],
@@ -43,15 +42,13 @@ COMMANDS = {
     "echo, single-threaded": [*ECHO, "single-threaded"],
     "ours, no speed": OURS,
     "ours, speeds": OURS,
-    "ours, speeds, amplitudes": OURS,
-    "ours, speeds, amplitudes, recording": OURS,
+    "ours, speeds, recording": OURS,
 }
 
 
 def parameters(name: str) -> list[str]:
     """Return the parameters of a node, for its command line."""
-    recording = ["-p", "record:=true"] if "recording" in name else []
-    return [*(AMPLITUDES if "amplitudes" in name else []), *recording]
+    return ["-p", "record:=true"] if "recording" in name else []
 
 
 def ros_name(name: str) -> str:
@@ -97,8 +94,7 @@ def main() -> None:
             "This page compares the latency of our node with that of a plain rclpy node that "
             "echoes each joint state. Our node has its default linkage, on a tractor. It runs "
             f"without a speed; with the speeds of engine, PTO and ground at {SPEED_RATE:g} Hz each "
-            "(10 Hz beside joint states at 10 Hz); with the amplitudes of "
-            "`config/excitations_on_tractor.yaml` as well; and with recording as well.",
+            "(10 Hz beside joint states at 10 Hz); and with recording as well.",
             "Joint states and predictions pass over DDS between processes, in "
             f"{turns // 2} turns of each node at each rate on a quiet machine (see its load "
             "average below), and in as many while two other processes keep two cores busy. The "
@@ -220,7 +216,7 @@ def parts() -> str:
     from linkage_vibration.prediction.health import ReadingWatch
     from linkage_vibration.prediction.motion import crank_filter
     from linkage_vibration.prediction.predictor import Predictor
-    from linkage_vibration.support.resources import PAPER_TABLE, config_file
+    from linkage_vibration.support.resources import PAPER_TABLE
     from linkage_vibration.table.table import load_table
 
     predictor = Predictor(load_table(config_file(PAPER_TABLE)))
@@ -233,7 +229,7 @@ def parts() -> str:
 
     def keep() -> None:
         stamp = next(stamps)
-        watch.take(1e-9 * stamp, stamp, stamp, 2.0, math.nan, known=True, sequence=stamp)
+        watch.take(1e-9 * stamp, stamp, stamp, 2.0, math.nan, known=True)
 
     steps: dict[str, Callable[[], object]] = {
         "table lookup": lambda: predictor.table.interpolate(2.0),
@@ -262,13 +258,13 @@ def draw(runs: Runs, picture: Path) -> None:
     """Draw the distribution of latencies of each node on each machine at each rate."""
     from matplotlib.figure import Figure
 
-    from linkage_vibration.drawing.palette import COLOURS, GREY, INK
+    from linkage_vibration.drawing.palette import COLOURS, INK
 
     figure = Figure(figsize=(9.6, 6.4), layout="constrained")
     axes = figure.subplots(len(MACHINES), len(SECONDS), sharey=True)
     for kind, line in zip(MACHINES, axes, strict=True):
         for ax, rate in zip(line, SECONDS, strict=True):
-            for name, colour in zip(NODES, (INK, *COLOURS, GREY), strict=True):
+            for name, colour in zip(NODES, (INK, *COLOURS), strict=True):
                 values = np.sort(
                     np.concatenate([1e3 * r.latencies for r in runs[name, kind, rate]])
                 )

@@ -1,10 +1,14 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Measures the chart of error against time, and writes its CSV, pictures and tables."""
+"""Measures the chart of error against time, and writes its CSV, pictures and tables.
+
+``python -m benchmark.speed --draw`` only draws the pictures again, from the CSV.
+"""
 
 import csv
 import io
 import math
+import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -37,6 +41,7 @@ from linkage_vibration.table.tabulation import build_table
 
 PICTURES = Path(__file__).parents[2] / "docs" / "pictures"
 CSV = RESULTS / "speed.csv"
+LOOKUP = "a lookup, s"  # the unit of all costs
 _SHOWN = "46 points"  # size of the tables that the page lists for predictions
 
 
@@ -135,6 +140,25 @@ def as_csv(points: Sequence[Point]) -> str:
     return text.getvalue()
 
 
+def read_csv(text: str) -> list[Point]:
+    """Return the points in a CSV that `as_csv` wrote."""
+
+    def number(word: str) -> float:
+        return float(word) if word else math.nan
+
+    return [
+        Point(part, family, setting, number(error), Spread(*map(number, cost)), missing)
+        for part, family, setting, error, *cost, missing in list(csv.reader(io.StringIO(text)))[1:]
+    ]
+
+
+def draw_pictures(points: Sequence[Point]) -> None:
+    """Draw both pictures; the last of the points has the time of a lookup."""
+    lookup = next(p.cost for p in points if p.part == LOOKUP)
+    draw(points, lookup.median, PICTURES / "speed_accuracy.png")
+    draw_live(points, lookup, PICTURES / "live_prediction.png")
+
+
 def tables(points: Sequence[Point]) -> list[str]:
     """Return the points as Markdown tables, one for each part."""
     parts = []
@@ -202,14 +226,17 @@ def _figures(value: float) -> str:
 
 def main() -> None:
     """Measure everything, and write the CSV, the pictures and the tables."""
+    if sys.argv[1:] == ["--draw"]:
+        draw_pictures(read_csv(CSV.read_text()))
+        return
     pin_threads("benchmark.speed")
     scene, settings = standard_scene(), Settings()
     with tqdm(total=1.0, bar_format="{percentage:3.0f}% |{bar}| {elapsed}") as bar:
         points = run(scene, settings, progress=bar.update)
-    write_text(CSV, as_csv(points), LinkageVibrationError)
     lookup = seconds_of_a_lookup(scene, settings.rounds)
-    draw(points, PICTURES / "speed_accuracy.png")
-    draw_live(points, lookup, PICTURES / "live_prediction.png")
+    points.append(Point(LOOKUP, PACKAGE, "", math.nan, lookup))
+    write_text(CSV, as_csv(points), LinkageVibrationError)
+    draw_pictures(points)
     publish(
         "speed",
         "Error against time",

@@ -170,7 +170,7 @@ def measure_package(
     exact = np.array([sparse_frequencies(fine, float(a)) for a in scene.live_angles])
     solutions = [model.solve(float(alpha3)) for alpha3 in scene.live_angles]
     own = np.array([solution.natural_frequencies[:MODES] for solution in solutions])
-    peaks = [solution.peak(model.mechanism.response.band) for solution in solutions]
+    peaks = [solution.peak(model.mechanism.response.peak_band) for solution in solutions]
     points, jobs = [], {}
     for table, solves in built:
         found = table.evaluate(scene.live_angles)
@@ -205,7 +205,7 @@ def measure_package(
 def solved(model: LinkageModel, alpha3: float) -> FloatArray:
     """Return the values of a prediction from the model, (8,), as in `samples.Sample.live`."""
     solution = model.solve(alpha3)
-    peak = solution.peak(model.mechanism.response.band)
+    peak = solution.peak(model.mechanism.response.peak_band)
     return np.array(
         [
             *solution.natural_frequencies[:MODES],

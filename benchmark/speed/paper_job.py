@@ -2,12 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Compares methods on the paper's job, and measures how the cost of the job grows.
 
+``python -m benchmark.speed.paper_job --draw`` only draws the picture again, from the results.
+
 The job is 11 FRFs in 46 configurations on the lines from 0 to 200 Hz in steps of 0.1 Hz. It begins
 with the mechanism file, so it includes kinematics, reduction and component FRFs.
 """
 
-import io
-import math
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Mapping
@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag
 from tqdm import tqdm
 
-from benchmark.report import machine, publish, table
+from benchmark.report import RESULTS, machine, publish, table
 from benchmark.speed import coupled, peers
 from benchmark.speed.assembled import sparse_frf
 from benchmark.speed.scene import (
@@ -36,7 +36,7 @@ from benchmark.speed.scene import (
 )
 from benchmark.speed.timing import Spread, pin_threads, seconds, spread, turns
 from benchmark.speed.train import train
-from linkage_vibration.drawing.palette import COLOURS, GREY, INK
+from linkage_vibration.drawing.palette import COLOURS, INK
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.kinematics import Configuration
 from linkage_vibration.mechanics.model import LinkageModel
@@ -48,6 +48,7 @@ ComplexArray = NDArray[np.complex128]
 
 PICTURE = Path(__file__).parents[2] / "docs" / "pictures" / "paper_job.png"
 ROUNDS = 5
+_SIZE = 13  # of text in the picture, in points
 MODES = 5  # per link, with which all FRFs together are within 1e-4
 MORE = 10  # per link, with which each FRF is within 1e-4
 _BLOCK = 64  # configurations that share far poles
@@ -367,60 +368,58 @@ def _rows_of_train(
     return model.rows(places, configuration), model.rows([("B1", "x")], configuration)
 
 
-def draw(outcomes: Mapping[str, Outcome], grown: Mapping[tuple[str, str], Growth]) -> None:
-    """Draw the cost of the job by method, and its growth."""
-    figure = Figure(figsize=(15.0, 4.9), layout="constrained")
-    panels = figure.subplots(1, 4, width_ratios=[1.5, 1.0, 1.0, 1.0])
-    unit = spread(outcomes[FAST].seconds).median
-    axes = panels[0]
-    costs = {name: _ratio(outcome, outcomes[FAST]) for name, outcome in outcomes.items()}
-    names = sorted(costs, key=lambda name: -costs[name].median)
+def draw(page: str) -> None:
+    """Draw the cost of the job by method, and how it grows with the links, from the page."""
+    rows = [[cell.strip() for cell in row.split("|")[1:-1]] for row in page.splitlines()]
+    costs = {
+        row[0]: (float(row[1].split()[0]), row[2]) for row in rows if row[:1] and row[0] in METHODS
+    }
+    figure = Figure(figsize=(8.0, 11.5), layout="constrained")
+    upper, lower = figure.subplots(2, 1, height_ratios=[1.5, 1.0])
+    names = sorted(costs, key=lambda name: -costs[name][0])
     for row, name in enumerate(names):
-        cost = costs[name]
+        cost = costs[name][0]
         ours = name.startswith(("null", "LM-FBS, b"))
-        axes.barh(row, cost.median, left=0.5, color=COLOURS[0] if ours else "#bbbbbb", height=0.6)
-        axes.text(0.6, row + 0.42, name, fontsize=8, va="center", color=INK)
-        text = f"x {cost.median:.3g}, error {outcomes[name].error:.0e}"
-        axes.text(1.15 * (cost.median + 0.5), row, text, fontsize=8, va="center", color=INK)
-    axes.set_xscale("log")
-    axes.set_xlim(0.5, 40.0 * max(cost.median for cost in costs.values()))
-    axes.set_yticks([])
-    axes.set_ylim(-0.5, len(names) - 0.2)
-    axes.set_title("The paper's job: 46 x 2001 x 11", loc="left", fontsize=10, color=INK)
-    axes.set_xlabel(f"time, in that of '{FAST}'", fontsize=9)
+        upper.barh(row, cost - 0.5, left=0.5, color=COLOURS[0] if ours else "#bbbbbb", height=0.7)
+        upper.text(1.1 * cost, row, f"{cost:.3g}", fontsize=_SIZE, va="center")
+    upper.set_xscale("log")
+    upper.set_xlim(0.5, 3.0 * max(cost for cost, _ in costs.values()))
+    labels = [f"{name}\nerror {costs[name][1]}" for name in names]
+    upper.set_yticks(range(len(names)), labels)
+    upper.set_title("The paper's task: time by method", loc="left", fontsize=15, color=INK)
+    upper.set_xlabel("time, in that of the first row (blue: this package)", fontsize=_SIZE)
     styles = {FAST: (COLOURS[0], "o"), BATCHED: (COLOURS[4], "s"), SDYNPY: (COLOURS[1], "^")}
-    for axes, way in zip(panels[1:], (LINES_GROW, ANGLES_GROW, LINKS_GROW), strict=True):
-        for (name, own), growth in grown.items():
-            if own == way:
-                colour, marker = styles[name]
-                axes.plot(
-                    growth.sizes,
-                    [taken / unit for taken in growth.seconds],
-                    color=colour,
-                    marker=marker,
-                    label=f"{name}: {growth.slope:.2f}, {growth.last_slope:.2f}",
-                )
-        axes.set_xscale("log")
-        axes.set_yscale("log")
-        ticks = sorted({size for (_, own), g in grown.items() if own == way for size in g.sizes})
-        axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
-        axes.minorticks_off()
-        axes.set_xlabel(way, fontsize=9)
-        axes.set_ylabel("time, in the same unit", fontsize=9)
-        axes.set_title(f"More {way}", loc="left", fontsize=10, color=INK)
-        axes.grid(True, color="#dddddd", linewidth=0.5)
-        low, high = axes.get_ylim()
-        axes.set_ylim(low, high * 10.0 ** (0.34 * math.log10(high / low)))
-        title = "slope of all, of the last two points"
-        axes.legend(fontsize=7.2, title=title, title_fontsize=7.2, frameon=False, loc="upper left")
-    for axes in panels:
-        axes.tick_params(labelsize=8, colors=GREY)
-        for side in ("top", "right"):
-            axes.spines[side].set_visible(False)
-    image = io.BytesIO()
-    figure.savefig(image, format="png", dpi=110)
+    ticks: set[float] = set()
+    for way, name, *columns in (row for row in rows if len(row) == 6):
+        if way == LINKS_GROW and name in styles:
+            sizes, times = (list(map(float, words.split())) for words in columns[:2])
+            colour, marker = styles[name]
+            lower.plot(sizes, times, color=colour, marker=marker, markersize=7)
+            place = (sizes[-1], times[-1])
+            lower.annotate(
+                name,
+                place,
+                (0, -40 if name == FAST else 9),
+                textcoords="offset points",
+                fontsize=_SIZE,
+                color=colour,
+                ha="right",
+            )
+            ticks |= set(sizes)
+    lower.set_xscale("log")
+    lower.set_yscale("log")
+    lower.set_xticks(sorted(ticks), [f"{tick:g}" for tick in sorted(ticks)])
+    lower.minorticks_off()
+    lower.margins(y=0.15)
+    lower.set_xlabel("links", fontsize=_SIZE)
+    lower.set_ylabel("time, in the same unit", fontsize=_SIZE)
+    lower.set_title("The same task with more links", loc="left", fontsize=15, color=INK)
+    lower.grid(True, color="#dddddd", linewidth=0.5)
+    for axes in (upper, lower):
+        axes.tick_params(labelsize=_SIZE)
+        axes.spines[["top", "right"]].set_visible(False)
     draft = PICTURE.with_suffix(".part")
-    draft.write_bytes(image.getvalue())
+    figure.savefig(draft, format="png", dpi=100)
     draft.replace(PICTURE)
 
 
@@ -507,19 +506,22 @@ def main() -> None:
     if sys.argv[1:2] == ["--memory"]:
         _print_memory(sys.argv[2])
         return
+    if sys.argv[1:] == ["--draw"]:
+        draw((RESULTS / "paper_job.md").read_text())
+        return
     lacking = {name for name, package in _NEEDS.items() if peers.lacks(package)}
     names = [name for name in METHODS if name not in lacking]
     growing = [name for name in _FACTORS if name in names]
     with tqdm(total=1 + (ROUNDS + 2) * len(names) + steps_of_growth(growing)) as bar:
         outcomes = side_by_side(names, bar.update)
         grown = growth(growing, bar.update)
-    draw(outcomes, grown)
     publish(
         "speed.paper_job",
         "The paper's job",
         report(outcomes, grown, sorted(lacking)),
         f"{machine(*peers.installed())}; one BLAS thread",
     )
+    draw((RESULTS / "paper_job.md").read_text())
 
 
 if __name__ == "__main__":

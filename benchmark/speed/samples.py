@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmark.rates import joining_rates, row_rates, undamped_slopes
 from benchmark.speed.coupled import eleven_functions
 from benchmark.speed.scene import FORCE, MODES, RESPONSES, eleven
 from linkage_vibration.mechanics.description import Rayleigh
@@ -58,7 +59,7 @@ class Sampler:
         """Return the values at an angle."""
         if alpha3 not in self._values:
             solution = self.model.solve(alpha3)
-            peak = solution.peak(self.model.mechanism.response.band)
+            peak = solution.peak(self.model.mechanism.response.peak_band)
             live = [
                 *solution.natural_frequencies[:MODES],
                 *solution.damping_ratios[:MODES],
@@ -98,7 +99,7 @@ def _rates(solution: Solution) -> Sample:
     assert isinstance(law, Rayleigh)  # as the linkage has it
     a, b = law.mass_coefficient, law.stiffness_coefficient
     omega = solution.modes.omega[:POLES]
-    omega_rate = 2.0 * math.pi * solution.frequency_derivatives[:POLES]
+    omega_rate = 2.0 * math.pi * undamped_slopes(solution)[:POLES]
     ratio_rate = (b - a / omega**2) * omega_rate / 2.0
     live = [*omega_rate[:MODES] / (2.0 * math.pi), *ratio_rate[:MODES], *_peak_rate(solution)]
 
@@ -122,7 +123,7 @@ def _shape_rate(solution: Solution, mode: int) -> FloatArray:
     """Return d(shape)/d(alpha3) of one mode, (n,), by Nelson's bordered system, without springs."""
     system, n_interface = solution.model.system, len(solution.model.interface)
     phi, squared = solution.modes.shapes[:, mode], solution.modes.omega[mode] ** 2
-    rate = solution.model.interface.join_rate(solution.configuration)[0]
+    rate = joining_rates(solution.model, solution.configuration.alpha3)[0]
     n, n_rows, b = len(phi), len(rate), slice(0, n_interface)
     compatibility = solution.joining.compatibility
     residual = (system.stiffness[b] - squared * system.mass[b]) @ phi
@@ -146,7 +147,7 @@ def _peak_rate(solution: Solution) -> tuple[float, float]:
     At the peak g = d(abs(H)^2)/dw / 2 is zero at every angle, so dw/d(alpha3) = -g_alpha / g_w. The
     rate of the magnitude is that at a fixed frequency.
     """
-    peak = solution.peak(solution.model.mechanism.response.band)
+    peak = solution.peak(solution.model.mechanism.response.peak_band)
     w = 2.0 * math.pi * peak.frequency
     step = _STEP * w
     drive = RESPONSES.index(FORCE)
@@ -168,7 +169,8 @@ def _receptance_rate(solution: Solution, omega: float) -> tuple[ComplexArray, Co
     """
     model, system = solution.model, solution.model.system
     n, n_interface = len(system.mass), len(model.interface)
-    b, b_rate = solution.joining.compatibility, model.interface.join_rate(solution.configuration)[0]
+    b = solution.joining.compatibility
+    b_rate = joining_rates(model, solution.configuration.alpha3)[0]
     dynamic = system.stiffness + 1j * omega * system.damping - omega**2 * system.mass
     scale = float(np.abs(np.diag(system.stiffness)).max())
     matrix = np.zeros((n + len(b),) * 2, dtype=complex)
@@ -190,11 +192,7 @@ def _receptance_rate(solution: Solution, omega: float) -> tuple[ComplexArray, Co
 
 def _row_rates(model: LinkageModel, solution: Solution) -> tuple[FloatArray, FloatArray]:
     """Return d/d(alpha3) of the rows of `eleven`."""
-
-    def rate(point: str, direction: str) -> FloatArray:
-        body = model.mechanism.owners(point)[-1]
-        moved = model.interface.displacement(body, point, solution.configuration, rate=True)
-        return np.asarray(moved["xyz".index(direction)])
-
+    alpha3 = solution.configuration.alpha3
     held = np.zeros((3, len(model.interface)))  # the centre of gravity has global axes of its own
-    return np.vstack([*(rate(*place) for place in RESPONSES), held]), np.array([rate(*FORCE)])
+    responses = row_rates(model, RESPONSES, alpha3)
+    return np.vstack([responses, held]), row_rates(model, [FORCE], alpha3)

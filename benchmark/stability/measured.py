@@ -138,7 +138,7 @@ belong to the stiff directions of the joints, which then come apart. Ours separa
 can be identified: under self-equilibrated forces H N (N^T R = 0, R the rigid motions), a free link
 responds only with its flexibility. This flexibility is fitted over all lines, with as many poles
 and residual terms as the noise justifies (Bayesian information criterion). Without noise, the fit
-adds an error of {_own(rod, lower):.0e}. The noise gain (`LinkageModel.noise_gain`) is known in
+adds an error of {_own(rod, lower):.0e}. The noise gain (`regularisation.noise_gain`) is known in
 advance: to first order, it is the relative error of the coupled FRF divided by that of the measured
 ones. Where noise times gain exceeds one half, coupling is rejected.
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from benchmark.planes import in_plane
 from benchmark.report import table
 from benchmark.stability.static_limit import PLACES, linkage, picture_of
 from linkage_vibration.drawing.palette import COLOURS, INK
@@ -117,12 +118,12 @@ def _planes() -> str:
     for count in (361, 46, 10, 5, 2):
         solutions = [model.solve(float(angle)) for angle in np.linspace(*stroke, count)]
         elastic = np.flatnonzero(~solutions[0].modes.mechanism)[:6]
-        shapes, plane = solutions[0].modes.shapes[:, elastic], solutions[0].in_plane[elastic]
+        shapes, plane = solutions[0].modes.shapes[:, elastic], in_plane(solutions[0])[elastic]
         wrong = 0
         for solution in solutions[1:]:
             order, signs, _ = track(shapes, solution.modes, model.system.mass)
             shapes = solution.modes.select(order, signs).shapes
-            wrong += int((solution.in_plane[order] != plane).sum())
+            wrong += int((in_plane(solution)[order] != plane).sum())
         swapped.append(wrong)
     built = build_table(model)
     first, last = built.natural_frequencies[0], built.natural_frequencies[-1]

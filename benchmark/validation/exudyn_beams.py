@@ -147,7 +147,7 @@ class ExudynModel:
             self._mark(body.name, point, number, (x - x0, z - z0), node, 2)
 
     def _add_spring(self, spring: Spring, mechanism: Mechanism) -> None:
-        stiffness = spring_stiffness(spring, mechanism, self._configuration)[0]
+        stiffness = spring_stiffness(spring, mechanism, self._configuration)
         if len(spring.points) == 1:
             ends = [self._turns[body, spring.points[0]] for body in spring.bodies]
             self._system.AddObject(

@@ -10,9 +10,17 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from linkage_vibration.bags.can_frames import EXTENDED, FrameReader, Frames
+from linkage_vibration.bags.can_frames import (
+    EXTENDED,
+    FramePlaces,
+    frame_columns,
+    frame_key,
+    frame_places,
+)
 from linkage_vibration.bags.can_signals import SIGNALS, CanSignal
+from linkage_vibration.bags.cdr import Layout, Layouts
 from linkage_vibration.bags.dbc import dbc_signal
+from linkage_vibration.bags.message_types import CAN_FRAME
 from linkage_vibration.bags.numbers import (
     Integers,
     LeftOut,
@@ -21,8 +29,9 @@ from linkage_vibration.bags.numbers import (
     Numbers,
 )
 from linkage_vibration.bags.schemas import FieldError
-from linkage_vibration.bags.streams import Block
+from linkage_vibration.bags.streams import Block, Bytes
 
+_FIRST = np.zeros(1, np.int64)
 _MAX_NAMES = 20
 _LAST_ADDRESS = 253  # 254 is that of a sender without an address, and 255 stands for all
 
@@ -66,7 +75,7 @@ class CanReader(NumberReader):
 
     def __init__(self, signal: CanSignal) -> None:
         self._signal = signal
-        self._frames = FrameReader()
+        self._layouts = Layouts(CAN_FRAME, frame_places)
 
     def describe(self) -> str:
         """Return the name of the signal."""
@@ -74,8 +83,11 @@ class CanReader(NumberReader):
 
     def read_one(self, data: bytes) -> MessageNumber | None:
         """Return the value of the signal in a frame, NaN for none; see `NumberReader.read_one`."""
-        frames = self._frames.read_one(data, self._signal.matches)
-        numbers = None if frames is None else self._numbers(frames, LeftOut())
+        layout = self._layouts.find(data)
+        if not self._signal.matches(frame_key(layout, data)):
+            return None
+        message = np.frombuffer(data, np.uint8)[np.newaxis]
+        numbers = self._numbers(layout, _FIRST, message, LeftOut())
         if numbers is None:
             return None
         value, sec, nanosec = numbers.value.item(), numbers.sec.item(), numbers.nanosec.item()
@@ -83,33 +95,37 @@ class CanReader(NumberReader):
 
     def read(self, block: Block, rows: Integers, left_out: LeftOut) -> Iterator[Numbers]:
         """Read many frames; see `NumberReader.read`."""
-        for frames in self._frames.read(block, rows, left_out):
-            numbers = self._numbers(frames, left_out)
+        for layout, alike, messages in self._layouts.groups(block, rows, left_out):
+            numbers = self._numbers(layout, alike, messages, left_out)
             if numbers is not None:
                 yield numbers
 
-    def _numbers(self, frames: Frames, left_out: LeftOut) -> Numbers | None:
+    def _numbers(
+        self, layout: Layout[FramePlaces], rows: Integers, messages: Bytes, left_out: LeftOut
+    ) -> Numbers | None:
         """Return the values of the signal in the frames that contain it, and explain a NaN."""
         signal = self._signal
-        present = signal.present(frames.key, frames.dlc, frames.payload)
+        key, dlc, payload = frame_columns(layout, messages)
+        present = signal.present(key, dlc, payload)
         if not present.all():
             left_out.others += int((~present).sum())
-            left_out.names.update(_names(frames.key[~present]))
+            left_out.names.update(_names(key[~present]))
             if not present.any():
                 return None
-            frames = frames.of(present)
-        values = signal.values(frames.dlc, frames.payload)
+            rows, messages = rows[present], messages[present]
+            dlc, payload = dlc[present], payload[present]
+        values = signal.values(dlc, payload)
         invalid = np.flatnonzero(np.isnan(values))
         self.note = ""
         if len(invalid):
             row = invalid[0]
-            self.note = signal.explain(int(frames.dlc[row]), frames.payload[row].tobytes())
+            self.note = signal.explain(int(dlc[row]), payload[row].tobytes())
         rates = np.full(len(values), math.nan)
-        return Numbers(frames.rows, values, rates, frames.sec, frames.nanosec, frames.frame_id)
+        return Numbers(rows, values, rates, *layout.stamps(messages), layout.places[0])
 
     def other_names(self, data: bytes) -> Sequence[str]:
         """Return which frame a message is."""
-        return [_name(self._frames.key(data))]
+        return [_name(frame_key(self._layouts.find(data), data))]
 
     def explain_missing(self, topic: str, names: Sequence[str]) -> str:
         """Return that no frame contains the signal, which frames there are, and the remedy."""

@@ -117,10 +117,6 @@ class Layouts(Generic[Places]):
         self._type, self._parse = type_name, parse
         self._kept: list[Layout[Places]] = []
 
-    def __len__(self) -> int:
-        """Return how many layouts are kept."""
-        return len(self._kept)
-
     def find(self, data: bytes) -> Layout[Places]:
         """Return the layout of a message, or raise a `CdrError`."""
         for layout in self._kept:

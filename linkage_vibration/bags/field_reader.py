@@ -24,7 +24,6 @@ from linkage_vibration.bags.numbers import (
 )
 from linkage_vibration.bags.schemas import (
     NUMBERS,
-    FieldError,
     Schema,
     SchemaField,
     Step,
@@ -50,29 +49,19 @@ class _Places:
     names: Sequence[str] = ()
 
 
-def _unknown_size(schema: Schema, type_name: str) -> str:
-    """Return the first type in a type whose size is not known; empty if there is none."""
-    if type_name in _SIZES or type_name == "string":
-        return ""
-    if type_name not in schema:
-        return type_name
-    unknown = (_unknown_size(schema, field.type) for field in schema[type_name])
-    return next(filter(None, unknown), "")
-
-
 class FieldReader(NumberReader):
     """Reads a number of messages of any type, by a path; see `find_path`.
 
     The rate of an element that has a name is read from the list ``rates`` beside its own, which
     contains float64. It is unknown unless there is one rate for each name. A `FieldError` is raised
-    for a path to no number, or behind a field whose size is not known.
+    for a path to no number. Messages in which the size of a field before it is not known, such as
+    that of a ``wstring``, are unreadable.
     """
 
     def __init__(self, schema: Schema, type_name: str, path: str, rates: str = "") -> None:
         self.has_header = has_header(schema, type_name)
         self._schema, self._type, self._path = schema, type_name, path
         self._steps = find_path(schema, type_name, path)
-        self._check_sizes()
         self._code = NUMBERS[self._steps[-1].field.type]
         self._rate_steps: tuple[Step, ...] = ()
         if rates:
@@ -132,21 +121,6 @@ class FieldReader(NumberReader):
             return ""
         listing = ", ".join(sorted(names)[:_MAX_NAMES])
         return f"{topic} has no {self._path}; it has {listing}. Choose one of them."
-
-    def _check_sizes(self) -> None:
-        """Refuse a path behind a field whose size is not known, such as a ``wstring``."""
-        inside = self._type
-        for step in self._steps:
-            for field in self._schema[inside]:
-                if field == step.field:
-                    break
-                if unknown := _unknown_size(self._schema, field.type):
-                    raise FieldError(
-                        f"{self._type}: {self._path} lies behind {field.name}, and the size of a "
-                        f"{unknown.rpartition('/')[2]} is not known; choose a field before it, or "
-                        "another message."
-                    )
-            inside = step.field.type
 
     def _places(self, message: CdrMessage) -> _Places:
         """Return where the numbers of a message are."""
@@ -221,7 +195,10 @@ class FieldReader(NumberReader):
                 for field in self._schema[type_name]:
                     self._skip_field(message, field)
             else:
-                raise CdrError(f"the size of a {type_name} is not known")
+                raise CdrError(
+                    f"{self._path} lies behind a {type_name.rpartition('/')[2]}, whose size is not "
+                    "known; choose a field before it"
+                )
 
 
 def _name_fault(step: Step, names: Sequence[str], count: int) -> str:

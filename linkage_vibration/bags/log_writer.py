@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Writes messages one by one to an MCAP log, and keeps the first failure instead of raising it."""
+"""Writes messages one by one to an MCAP log."""
 
 import contextlib
 import os
@@ -12,7 +12,7 @@ from mcap.opcode import Opcode
 
 from linkage_vibration.bags.mcap_file import McapFile
 from linkage_vibration.bags.mcap_records import MESSAGE, MESSAGE_HEAD
-from linkage_vibration.bags.writing import COMPRESSIONS, Attachment, LogError, Topic
+from linkage_vibration.bags.writing import Attachment, LogError, Topic
 
 # A chunk is compressed and written at once, so its size limits how long `write` can take.
 CHUNK_BYTES = 64 * 1024
@@ -27,24 +27,23 @@ _PER_SUMMARY = 1024
 
 
 class LogWriter:
-    """An MCAP log that is being written; only opening it raises, so that predictions continue.
+    """An MCAP log that is being written.
 
     Messages are gathered in chunks of 64 KiB. zstd compresses joint states and predictions to a
     third, in 0.4 ms for each chunk, and every reader of MCAP supports it. The owner of the log
-    calls `flush` once a second, so that a killed process loses one second of messages or less. Not
+    calls `flush` once a second, so that a killed process loses one second of messages or less. Any
+    method raises a `LogError` if the file cannot be written; then only `abandon` may follow. Not
     thread-safe.
 
     Attributes
     ----------
-    error : LogError or None
-        The first failure, after which nothing is written.
-    written, dropped : int
-        Numbers of messages that the operating system has received, and that the failure lost.
+    written : int
+        Number of messages that the operating system has received.
 
     Raises
     ------
     LogError
-        If the compression is unknown, or the file exists or cannot be created.
+        If the file exists or cannot be created.
     """
 
     def __init__(
@@ -55,8 +54,7 @@ class LogWriter:
         compression: str = "zstd",
     ) -> None:
         self.path = path
-        self.error: LogError | None = None
-        self.written = self.dropped = 0
+        self.written = 0
         self._sequences: dict[str, int] = {}
         # Definitions are written outside of chunks, so that each chunk can be read without others,
         # and again in the next chunk, whose CRC confirms them.
@@ -64,10 +62,6 @@ class LogWriter:
         self._held: list[bytes] = []  # messages of the next chunk
         self._begins: list[int] = []  # where each of them begins behind the definitions
         self._held_bytes = self._definition_bytes = self._index_bytes = 0
-        if compression not in COMPRESSIONS:
-            raise LogError(
-                f"Logs have no compression {compression!r}; use one of {', '.join(COMPRESSIONS)}."
-            )
         try:
             self._stream = path.open("xb")
         except FileExistsError:
@@ -79,23 +73,29 @@ class LogWriter:
                 f"{path} cannot be created: {error.strerror}; choose a writable folder."
             ) from None
         self._file = McapFile(self._stream, "ros2", compression)
-        with self._failures():
-            self._add_topics(topics)
-            for attachment in attachments:
-                self._file.attach(attachment.record())
-                names = attachment.name + attachment.media_type
-                self._index_bytes += _PER_INDEX + len(names.encode())
-            self._stream.flush()
-        if self.error is not None:
-            self.close()
+        try:
+            with self._failures():
+                self._add_topics(topics)
+                for attachment in attachments:
+                    self._file.attach(attachment.record())
+                    names = attachment.name + attachment.media_type
+                    self._index_bytes += _PER_INDEX + len(names.encode())
+                self._stream.flush()
+        except LogError:
+            self.abandon()
             with contextlib.suppress(OSError):
                 path.unlink()
-            raise self.error
+            raise
+
+    @property
+    def held(self) -> int:
+        """Number of messages of the next chunk."""
+        return len(self._held)
 
     @property
     def messages(self) -> int:
         """Number of messages that are in the file or in its next chunk."""
-        return self.written + len(self._held)
+        return self.written + self.held
 
     @property
     def size(self) -> int:
@@ -111,22 +111,18 @@ class LogWriter:
 
     def add_topic(self, topic: Topic) -> None:
         """Add a topic, unless the log has it already."""
-        if topic.name not in self._file.channels and self.error is None:
+        if topic.name not in self._file.channels:
             with self._failures():
                 self._add_topics([topic])
 
     def add_metadata(self, name: str, data: Mapping[str, str]) -> None:
         """Add a metadata record; it does not replace an earlier one of the same name."""
-        if self.error is None:
-            with self._failures():
-                self._file.add_metadata(name, data)
-                self._index_bytes += _PER_INDEX + len(name.encode())
+        with self._failures():
+            self._file.add_metadata(name, data)
+            self._index_bytes += _PER_INDEX + len(name.encode())
 
     def write(self, topic: str, data: bytes, log_time: int, publish_time: int) -> None:
-        """Add a message in CDR, or count it as dropped after a failure; times are in ns."""
-        if self.error is not None:
-            self.dropped += 1
-            return
+        """Add a message in CDR; times are in ns."""
         channel = self._file.channels[topic]
         sequence = self._sequences.get(topic, 0)
         self._sequences[topic] = sequence + 1
@@ -147,72 +143,63 @@ class LogWriter:
 
     def flush(self) -> None:
         """Hand all messages to the operating system; a killed process then loses none of them."""
-        if self.error is None:
-            with self._failures():
-                if self._held:
-                    content = b"".join([self._definitions, *self._held])
-                    self._file.add_chunk(content, np.array(self._begins) + len(self._definitions))
-                    self._definitions = b""
-                self._stream.flush()
-                if os.fstat(self._stream.fileno()).st_nlink == 0:
-                    raise FileNotFoundError
-                self.written += len(self._held)
-                self._forget()
+        with self._failures():
+            if self._held:
+                content = b"".join([self._definitions, *self._held])
+                self._file.add_chunk(content, np.array(self._begins) + len(self._definitions))
+                self._definitions = b""
+            self._stream.flush()
+            if os.fstat(self._stream.fileno()).st_nlink == 0:
+                raise FileNotFoundError
+            self.written += self.held
+            self._held, self._begins, self._held_bytes = [], [], 0
 
     def sync(self) -> None:
         """Wait until the disk has all flushed messages; a power failure then loses none of them."""
-        if self.error is None:
-            with self._failures():
-                os.fsync(self._stream.fileno())
+        with self._failures():
+            os.fsync(self._stream.fileno())
 
     def close(self) -> None:
-        """Write the indexes and close the file; a failure is stored in `error`, not raised."""
-        if self._stream.closed:
-            return
+        """Write the messages and the indexes, and close the file."""
         self.flush()
         with self._failures():
-            # After a failure the file ends in an incomplete chunk, to which no index may point.
-            if self.error is None:
-                self._file.add_rosbag2_metadata(self.path)
-                self._file.close()
+            self._file.add_rosbag2_metadata(self.path)
+            self._file.close()
+            self._stream.close()
+
+    def abandon(self) -> None:
+        """Close the file as it is; no index may point to the incomplete chunk at its end."""
+        with contextlib.suppress(OSError):
             self._stream.close()
 
     def __enter__(self) -> "LogWriter":
         """Return the log itself."""
         return self
 
-    def __exit__(self, *_: object) -> None:
-        """Close the log."""
-        self.close()
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        """Complete the log, unless an error occurred."""
+        if kind is None:
+            self.close()
+        else:
+            self.abandon()
 
     def _add_topics(self, topics: Sequence[Topic]) -> None:
         definitions = self._file.add_topics(topics)
         self._definitions += definitions
         self._definition_bytes += len(definitions)
 
-    def _forget(self) -> None:
-        self._held, self._begins, self._held_bytes = [], [], 0
-
     @contextlib.contextmanager
     def _failures(self) -> Iterator[None]:
-        """Store a failure inside of this context as the log's error."""
+        """Turn a failure of the disk into a `LogError`."""
         try:
             yield
-        except OSError as error:
-            self._fail(error)
-
-    def _fail(self, error: OSError) -> None:
-        self.dropped += len(self._held)
-        self._forget()
-        if self.error is not None:
-            return
-        if isinstance(error, FileNotFoundError):
-            self.error = LogError(
+        except FileNotFoundError:
+            raise LogError(
                 f"{self.path} was removed during the recording; keep the log until it is complete."
-            )
-        else:
+            ) from None
+        except OSError as error:
             repair = f", and complete this log with `linkage-vibration recover {self.path}`"
-            self.error = LogError(
+            raise LogError(
                 f"{self.path} could not be written any further: {error.strerror}; make room on its "
                 f"disk{repair if self.written else ''}."
-            )
+            ) from None

@@ -13,7 +13,7 @@ import zlib
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import BinaryIO, NamedTuple
+from typing import BinaryIO
 
 import lz4.frame
 import numpy as np
@@ -41,14 +41,6 @@ def message_heads(content: bytes, begins: Integers) -> NDArray[np.void]:
     # One head begins at each byte; the view costs nothing.
     count = len(content) - MESSAGE_RECORD.itemsize + 1
     return np.ndarray((count,), MESSAGE_RECORD, content, strides=(1,))[begins]
-
-
-class Compressed(NamedTuple):
-    """The content of a chunk as it is stored."""
-
-    name: bytes  # of the compression, empty if there is none
-    data: bytes
-    crc: int  # of the content before compression
 
 
 class McapFile:
@@ -135,13 +127,11 @@ class McapFile:
         facts = rosbag2_metadata(path, topics, self.first, self.last)
         self.add_metadata(ROSBAG2_METADATA, facts)
 
-    def add_chunk(
-        self, content: bytes, begins: Integers, compressed: Compressed | None = None
-    ) -> None:
+    def add_chunk(self, content: bytes, begins: Integers) -> None:
         """Add a chunk and the indexes of its messages.
 
         It contains messages, and schemas and channels that were defined before. The messages begin
-        at ``begins``, (n,), ascending, at least one. It is compressed here unless it is already.
+        at ``begins``, (n,), ascending, at least one.
         """
         heads = message_heads(content, begins)
         times, order = heads["log_time"], np.argsort(heads["channel"], kind="stable")
@@ -150,10 +140,8 @@ class McapFile:
         first, last = int(times.min()), int(times.max())
         self.first = min(self.first, first) if self._chunks else first
         self.last = max(self.last, last)
-        if compressed is None:
-            compressed = _compressed(self._compression, content)
-        name, data, crc = compressed
-        head = CHUNK.pack(first, last, len(content), crc, len(name))
+        name, data = _compressed(self._compression, content)
+        head = CHUNK.pack(first, last, len(content), zlib.crc32(content), len(name))
         head += name + struct.pack("<Q", len(data))
         begin = self.stream.tell()
         self.stream.write(RECORD.pack(Opcode.CHUNK, len(head) + len(data)) + head)
@@ -223,14 +211,13 @@ class McapFile:
         self.stream.write(MAGIC)
 
 
-def _compressed(compression: str, content: bytes) -> Compressed:
-    data = content
+def _compressed(compression: str, content: bytes) -> tuple[bytes, bytes]:
+    """Return the name of a compression as a chunk stores it, and the compressed content."""
     if compression == "zstd":
-        data = zstandard.compress(content)
-    elif compression == "lz4":
-        data = lz4.frame.compress(content)
-    name = b"" if compression == "none" else compression.encode()
-    return Compressed(name, data, zlib.crc32(content))
+        return b"zstd", zstandard.compress(content)
+    if compression == "lz4":
+        return b"lz4", lz4.frame.compress(content)
+    return b"", content
 
 
 def decompressed(compression: bytes, data: bytes, most: int) -> bytes:

@@ -1,8 +1,9 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Layouts of the MCAP records that are read and written as arrays, which mcap does not offer."""
+"""MCAP records that are read and written as arrays, which mcap does not offer."""
 
 import struct
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -24,3 +25,15 @@ MESSAGE_RECORD = np.dtype(
     ]
 )
 """`MESSAGE_HEAD` for arrays."""
+
+
+def split_records(content: bytes) -> Iterator[tuple[int, int, int]]:
+    """Yield opcode, begin and end of the content of each record, up to an incomplete one."""
+    offset, size, head, unpack = 0, len(content), RECORD.size, RECORD.unpack_from
+    while offset + head <= size:
+        opcode, length = unpack(content, offset)
+        start = offset + head
+        offset = start + length
+        if offset > size:
+            return
+        yield opcode, start, offset

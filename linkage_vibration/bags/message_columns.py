@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linkage_vibration.bags.cdr import CdrMessage, Layouts
-from linkage_vibration.bags.reading import BagError, open_bag
+from linkage_vibration.bags.reading import BagError
 from linkage_vibration.bags.schemas import NUMBERS, Schema, SchemaField
 from linkage_vibration.bags.streams import Block, Bytes, Integers, open_bags
 
@@ -68,8 +68,8 @@ def read_columns(
 
 def topic_types(path: Path) -> dict[str, str]:
     """Return the topics of a log with their types, in alphabetical order."""
-    with open_bag(path) as bag:
-        return dict(sorted((c.topic, c.msgtype) for c in bag.connections))
+    with open_bags([path]) as bags:
+        return {topic.name: topic.type for topic in bags.topics}
 
 
 def first_topic(types: Mapping[str, str], type_name: str) -> str:

@@ -24,8 +24,6 @@ from linkage_vibration.bags.writing import Attachment, LogError, Topic
 QUEUE_MESSAGES = 50_000
 QUEUE_BYTES = 32 * 2**20
 POLL_PERIOD = 0.02  # s; short, so that a batch does not hold Python's lock for long
-LONGEST_POLL = 0.2  # s, if there are few messages, as each wake-up costs time
-BATCH = 16  # messages that a poll should find
 FLUSH_PERIOD = (
     0.5  # s; a killed process loses the messages of this time, and of the write in progress
 )
@@ -149,7 +147,6 @@ class Recorder:
         self._begun = self._flushed = self._split_at = self._deadline = 0.0
         self._failed = False
         self._next_try = 0.0
-        self._pause, self._taken = POLL_PERIOD, 0
 
     @property
     def dropped(self) -> int:
@@ -170,7 +167,6 @@ class Recorder:
         self._queued = self._queued_bytes = self._overflowed = self._lost = 0
         self._deadline = math.inf
         self._failed = False
-        self._pause, self._taken = POLL_PERIOD, 0
         self._begin_file()
         self.active = True
         self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
@@ -227,11 +223,8 @@ class Recorder:
         """Write messages until recording ends."""
         try:
             while self.active:
-                self._wake.wait(self._pause)
+                self._wake.wait(POLL_PERIOD)
                 self._work()
-                wanted = self._pause * BATCH / max(self._taken, 1)
-                self._pause = max(POLL_PERIOD, min(wanted, LONGEST_POLL))
-                self._taken = 0
             self._work()
         except Exception as defect:
             self._keep(
@@ -255,19 +248,21 @@ class Recorder:
         """Write the queued messages, as far as the disk accepts them."""
         while self._log is not None or self._resume():
             now = time.monotonic()
-            if now >= self._flushed + FLUSH_PERIOD:
-                self._flush()
-            elif now > self._deadline or not (self._batch or self._take()):
-                break
-            else:
-                self._handle(self._batch[0])
+            try:
+                if now >= self._flushed + FLUSH_PERIOD:
+                    self._flush()
+                elif now > self._deadline or not (self._batch or self._take()):
+                    break
+                else:
+                    self._handle(self._batch[0])
+            except LogError as error:
+                self._end_file(error)
 
     def _take(self) -> bool:
         """Make the queue the next batch; return whether it has an entry."""
         with self._lock:
             self._batch, self._queue = self._queue, self._batch
             self._queued = self._queued_bytes = 0
-        self._taken += len(self._batch)
         return bool(self._batch)
 
     def _handle(self, entry: _Entry) -> None:
@@ -296,8 +291,6 @@ class Recorder:
             )
             return
         log.write(topic.name, data, log_time, publish_time)
-        if log.error is not None:
-            self._end_file()
 
     def _flush(self) -> None:
         """Hand all messages to the operating system, and wait until the disk has them."""
@@ -309,8 +302,6 @@ class Recorder:
         self.written = self._written_before + log.written
         log.sync()
         self._flushed = time.monotonic()
-        if log.error is not None:
-            self._end_file()
 
     def _report_dropped(self, log: LogWriter) -> None:
         """Store in the file how many messages were dropped so far."""
@@ -337,18 +328,23 @@ class Recorder:
         self._begun = self._flushed = time.monotonic()
         self._split_at = self._begun + (self._limits.split_duration or math.inf)
 
-    def _end_file(self) -> None:
+    def _end_file(self, error: LogError | None = None) -> None:
         """Complete the current file, if there is one; after a failure, only close it."""
         log, self._log = self._log, None
         if log is None:
             return
-        self._report_dropped(log)
-        log.close()
+        if error is None:
+            try:
+                self._report_dropped(log)
+                log.close()
+            except LogError as failure:
+                error = failure
         self._written_before += log.written
         self.written = self._written_before
-        self._lost += log.dropped
-        if log.error is not None:
-            self._keep(log.error)
+        if error is not None:
+            log.abandon()
+            self._lost += log.held
+            self._keep(error)
             self.recording = False
             self._failed = True
             self._next_try = self._begun + RETRY_PERIOD

@@ -6,8 +6,7 @@ Own code because the reader of mcap stops at the first damaged record, and so lo
 of which this saves 87 % (`python -m benchmark.libraries`). An MCAP file is a magic number and
 records, each with an opcode, a length and a content. Most messages are in chunk records, which have
 a CRC. Every record is checked before its length is used; after a damaged one, reading continues at
-the next intact one. An intact chunk is copied as it is stored, and only its indexes are written
-again.
+the next intact one.
 """
 
 import io
@@ -16,21 +15,26 @@ import re
 import struct
 import zlib
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import lz4.frame
 import numpy as np
-import zstandard
 from mcap import records
 from mcap.data_stream import ReadDataStream, RecordBuilder
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 
-from linkage_vibration.bags.mcap_file import Compressed, McapFile, decompressed, message_heads
-from linkage_vibration.bags.mcap_records import CHUNK, MAGIC, MESSAGE, MESSAGE_INDEX, RECORD
+from linkage_vibration.bags.mcap_file import McapFile, decompressed
+from linkage_vibration.bags.mcap_records import (
+    CHUNK,
+    MAGIC,
+    MESSAGE,
+    MESSAGE_INDEX,
+    RECORD,
+    split_records,
+)
 from linkage_vibration.bags.writing import ROSBAG2_METADATA
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.support.atomic_files import replacement
@@ -41,8 +45,9 @@ LONGEST_RECORD = 2**28
 
 _DAMAGES_SHOWN = 20
 _BLOCK = 2**20  # bytes read at a time
-_INDEX_ENTRY_BYTES = 16
-_FOOTER_BYTES = RECORD.size + 20 + len(MAGIC)
+_Definition = records.Schema | records.Channel
+_FOOTER = struct.Struct("<QQI")  # begins of the summary and of its offsets, CRC
+_FOOTER_BYTES = RECORD.size + _FOOTER.size + len(MAGIC)
 # An opcode and a length below 4 GiB; a lookahead, as a false match may overlap a record.
 _LIKELY_RECORD = re.compile(rb"(?=[\x01-\x0f].{4}\0{4})", re.DOTALL)
 _RECORDS: dict[int, Any] = {
@@ -140,18 +145,15 @@ class _Source:
         start = offset - self._offset
         if start < 0 or start + count > len(self._block):
             self._offset, start = offset, 0
-            self._block = self._pread(offset, max(count, _BLOCK))
+            try:
+                self._file.seek(offset)
+                self._block = self._file.read(max(count, _BLOCK))
+            except OSError as error:
+                raise RecoveryError(
+                    f"{self.path} cannot be read at byte {offset}: {error.strerror}; copy it with "
+                    "`ddrescue` first if its disk fails."
+                ) from None
         return self._block[start : start + count]
-
-    def _pread(self, offset: int, count: int) -> bytes:
-        try:
-            self._file.seek(offset)
-            return self._file.read(count)
-        except OSError as error:
-            raise RecoveryError(
-                f"{self.path} cannot be read at byte {offset}: {error.strerror}; copy it with "
-                "`ddrescue` first if its disk fails."
-            ) from None
 
 
 class _Rescue:
@@ -170,11 +172,10 @@ class _Rescue:
         self._progress = progress
         self._file: McapFile | None = None
         self._profile: str | None = None
-        # By their ids: the definition, and whether a CRC confirms it.
-        self._schemas: dict[int, tuple[records.Schema, bool]] = {}
-        self._channels: dict[int, tuple[records.Channel, bool]] = {}
-        # The definitions in the output, by kind and id.
-        self._defined: dict[tuple[type, int], records.Schema | records.Channel] = {}
+        # The definitions that were read, those of the intact summary, and those in the output.
+        self._definitions: dict[tuple[type, int], _Definition] = {}
+        self._summarized: set[tuple[type, int]] = set()
+        self._written: dict[tuple[type, int], _Definition] = {}
         # Records of messages that are not yet in a chunk of the output.
         self._loose: list[bytes] = []
         self._loose_bytes = 0
@@ -194,35 +195,31 @@ class _Rescue:
         self._read_summary()
         for offset, opcode, body, cut in self._records():
             self._take(offset, opcode, body, cut)
-        if self._file is None and not self._channels:
+        if self._file is None and not self._definitions:
             raise RecoveryError(f"{self._source.path} has no readable record; give an MCAP file.")
         return self._finish()
 
     def _read_summary(self) -> None:
         """Read definitions and statistics from the end of the file, if it is intact."""
-        size = self._source.size
-        if size < _FOOTER_BYTES:
+        source, end = self._source, self._source.size - _FOOTER_BYTES
+        footer = source.read(max(end, 0), _FOOTER_BYTES)
+        if end < 0 or not footer.endswith(MAGIC):
             return
-        footer = self._source.read(size - _FOOTER_BYTES, _FOOTER_BYTES)
-        if not footer.endswith(MAGIC):
-            return
-        closing = _parse(Opcode.FOOTER, footer[RECORD.size : -len(MAGIC)])
-        end = size - _FOOTER_BYTES
-        if not isinstance(closing, records.Footer) or not 0 < closing.summary_start <= end:
-            return
-        if end - closing.summary_start > LONGEST_RECORD:
+        start, _, checksum = _FOOTER.unpack(footer[RECORD.size : -len(MAGIC)])
+        if not max(end - LONGEST_RECORD, 1) <= start <= end:
             return
         # The CRC covers the footer as well, up to the CRC itself.
-        summary = self._source.read(closing.summary_start, end - closing.summary_start)
-        if zlib.crc32(footer[: RECORD.size + 16], zlib.crc32(summary)) != closing.summary_crc:
+        summary = source.read(start, end - start)
+        if zlib.crc32(footer[: RECORD.size + 16], zlib.crc32(summary)) != checksum:
             return
-        for opcode, body in _split(summary):
+        for opcode, start, end in split_records(summary):
             wanted = opcode in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.STATISTICS)
-            record = _parse(opcode, body) if wanted else None
-            if isinstance(record, records.Schema | records.Channel):
-                self._define(record, verified=True)
-            elif isinstance(record, records.Statistics):
+            record = _parse(opcode, summary[start:end]) if wanted else None
+            if isinstance(record, records.Statistics):
                 self._statistics = record
+            elif isinstance(record, _Definition):
+                self._define(record)
+        self._summarized = set(self._definitions)
 
     def _records(self) -> Iterator[tuple[int, int, bytes, bool]]:
         """Yield offset, opcode, content and incompleteness of the readable records of data."""
@@ -231,21 +228,20 @@ class _Rescue:
             self._damages.append("byte 0: the magic number")
             offset = self._resume_at(0)
         while offset < source.size:
-            start = offset + RECORD.size
-            if (end := self._end_of_sound(offset)) is not None:
-                opcode, _ = RECORD.unpack(source.read(offset, RECORD.size))
+            end = self._end_of_sound(offset)
+            if end is None:
+                end = self._resume_at(offset + 1)
+                what = "the rest of the file" if end == source.size else f"{end - offset} bytes"
+                self._damages.append(f"byte {offset}: {what}")
+            else:
+                opcode, _ = self._head(offset)
                 if opcode in _AFTER_DATA:
                     if source.read(source.size - len(MAGIC), len(MAGIC)) != MAGIC:
                         self._damages.append(f"byte {source.size}: the end is missing")
                     break
-                yield offset, opcode, source.read(start, end - start), False
-            elif self._is_cut_chunk(offset):
-                end = source.size
-                yield offset, Opcode.CHUNK, source.read(start, end - start), True
-            else:
-                end = self._resume_at(offset + 1)
-                what = "the rest of the file" if end == source.size else f"{end - offset} bytes"
-                self._damages.append(f"byte {offset}: {what}")
+                start, cut = offset + RECORD.size, end > source.size
+                end = min(end, source.size)
+                yield offset, opcode, source.read(start, end - start), cut
             self._progress(end - offset)
             offset = end
         else:
@@ -266,15 +262,20 @@ class _Rescue:
         return source.size
 
     def _end_of_sound(self, offset: int) -> int | None:
-        """Return the end of a record if its content agrees with its length."""
+        """Return the end of a record if its content agrees with its length.
+
+        Only a chunk may end behind the end of the file.
+        """
         source = self._source
         opcode, length = self._head(offset)
         start = offset + RECORD.size
         end = start + length
-        if length > LONGEST_RECORD or end > source.size:
+        if length > LONGEST_RECORD:
             return None
         if opcode == Opcode.CHUNK:
             sound = self._chunk_length(start) == length
+        elif end > source.size:
+            sound = False
         elif opcode == Opcode.MESSAGE:
             # Only the record after it confirms its length. If there are chunks, all messages are
             # in them, and what looks like another one is a damaged index.
@@ -302,12 +303,6 @@ class _Rescue:
             _LIKELY_RECORD.match(self._source.read(offset, RECORD.size)) is not None
         )
 
-    def _is_cut_chunk(self, offset: int) -> bool:
-        opcode, length = self._head(offset)
-        start = offset + RECORD.size
-        cut = start + length > self._source.size
-        return opcode == Opcode.CHUNK and cut and self._chunk_length(start) == length
-
     def _chunk_length(self, start: int) -> int | None:
         """Return the length of a chunk's content that its own fields give."""
         head = self._source.read(start, CHUNK.size + 16)
@@ -327,70 +322,37 @@ class _Rescue:
             self._take_message(RECORD.pack(opcode, len(body)) + body)
         elif opcode == Opcode.MESSAGE_INDEX:
             channel, size = MESSAGE_INDEX.unpack_from(body)
-            count = size // _INDEX_ENTRY_BYTES
             # An index without its chunk still counts the messages of the chunk.
-            if self._chunk.pop(channel, None) != count:
-                self._lost[channel] += count
+            if self._chunk.pop(channel, None) != size // 16:
+                self._lost[channel] += size // 16
         else:
-            self._take_other(offset, _parse(opcode, body, longer=True))
+            self._take_other(_parse(opcode, body, longer=True))
 
     def _take_chunk(self, offset: int, body: bytes, cut: bool) -> None:
         self._chunked = True
         self._chunk.clear()
         *_, size, crc, name_length = CHUNK.unpack_from(body)
         name, stored = body[CHUNK.size :][:name_length], body[CHUNK.size + name_length + 8 :]
-        whole = None if cut else _whole(name, stored, size)
-        content = decompressed(name, stored, LONGEST_RECORD) if whole is None else whole
-        checksum = zlib.crc32(content)
-        if not cut and (len(content) != size if crc == 0 else checksum != crc):
-            self._damages.append(f"byte {offset}: a chunk of {len(body)} bytes")
-            return
+        content = decompressed(name, stored, min(size, LONGEST_RECORD))
         if cut:
             self._damages.append(f"byte {offset}: a chunk that the end of the file cuts off")
-        begins, others, end = _messages_and_others(content)
-        definitions = [_parse(opcode, other, longer=True) for opcode, other in others]
-        for record in definitions:
-            if isinstance(record, records.Schema | records.Channel):
-                self._define(record, verified=not cut and crc != 0)
-        if not begins:
+        elif len(content) != size or crc not in (0, zlib.crc32(content)):
+            self._damages.append(f"byte {offset}: a chunk of {len(body)} bytes")
             return
-        places = np.array(begins)
-        numbers = Counter(message_heads(content, places)["channel"].tolist())
-        readable = whole is not None and end == len(content)
-        if readable and self._agrees(numbers, definitions):
-            self._write_loose()
-            self._output_file().add_chunk(content, places, Compressed(name, stored, checksum))
-            self._chunk.update(numbers)
-            return
-        for begin in begins:
-            _, length = RECORD.unpack_from(content, begin)
-            self._take_message(content[begin : begin + RECORD.size + length])
-
-    def _agrees(
-        self, channels: Iterable[int], definitions: Iterable[records.McapRecord | None]
-    ) -> bool:
-        """Return whether the output can define what a chunk with these channels needs."""
-        if not self._channels.keys() >= set(channels):
-            return False
-        for channel in channels:
-            self._register(channel)
-        return all(self._is_defined(record) for record in definitions)
-
-    def _is_defined(self, record: records.McapRecord | None) -> bool:
-        """Return whether a record is a definition that the output has; it gets a new one."""
-        if isinstance(record, records.Channel):
-            self._register(record.id)
-        elif isinstance(record, records.Schema) and record.id:
-            self._register_schema(record.id)
-        else:
-            return False
-        return self._defined[type(record), record.id] == record
+        messages = []
+        for opcode, start, end in split_records(content):
+            if opcode == Opcode.MESSAGE and end - start >= MESSAGE.size:
+                messages.append(content[start - RECORD.size : end])
+            elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+                self._take_other(_parse(opcode, content[start:end], longer=True))
+        for message in messages:
+            self._take_message(message)
 
     def _take_message(self, record: bytes) -> None:
         """Keep a message for the next chunk of the output."""
         channel = int.from_bytes(record[RECORD.size : RECORD.size + 2], "little")
         self._chunk[channel] += 1
-        if channel not in self._channels:
+        if (records.Channel, channel) not in self._definitions:
             self._lost[channel] += 1
             return
         self._register(channel)
@@ -407,55 +369,62 @@ class _Rescue:
             self._output_file().add_chunk(b"".join(self._loose), begins)
             self._loose, self._loose_bytes = [], 0
 
-    def _take_other(self, offset: int, record: records.McapRecord | None) -> None:
+    def _take_other(self, record: records.McapRecord | None) -> None:
         if isinstance(record, records.Header):
             self._profile = record.profile
-        elif isinstance(record, records.Schema | records.Channel):
-            self._define(record, verified=False)
+        elif isinstance(record, _Definition):
+            self._define(record)
         elif isinstance(record, records.Attachment):
             self._output_file().attach(record)
         # The metadata of rosbag2 are written again, as their counts change.
         elif isinstance(record, records.Metadata) and record.name != ROSBAG2_METADATA:
             self._output_file().add_metadata(record.name, record.metadata)
 
-    def _define(self, record: records.Schema | records.Channel, verified: bool) -> None:
-        """Keep a schema or channel; one that a CRC confirms replaces another one."""
-        is_schema = isinstance(record, records.Schema)
-        definitions: dict[int, Any] = self._schemas if is_schema else self._channels
-        if record.id not in definitions or (verified and not definitions[record.id][1]):
-            definitions[record.id] = record, verified
+    def _define(self, record: _Definition) -> None:
+        """Keep a schema or channel; the last one before its first use counts.
+
+        It is mostly in a chunk, whose CRC confirms it, as that of the summary does.
+        """
+        key = type(record), record.id
+        if key not in self._written and key not in self._summarized:
+            self._definitions[key] = record
 
     def _register(self, channel: int) -> None:
         """Define a channel and its schema in the output, unless it has them."""
-        if (records.Channel, channel) in self._defined:
+        if (records.Channel, channel) in self._written:
             return
-        record = self._channels[channel][0]
-        if record.schema_id and record.schema_id in self._schemas:
-            self._register_schema(record.schema_id)
+        record = self._definitions[records.Channel, channel]
+        assert isinstance(record, records.Channel)
+        schema = self._definitions.get((records.Schema, record.schema_id))
+        if schema is not None:
+            self._write(schema)
         elif record.schema_id:
             self._damages.append(f"the type of {record.topic}: its definition is missing")
             record = replace(record, schema_id=0)
-        self._defined[records.Channel, channel] = record
-        self._output_file().define(record)
+        self._write(record)
 
-    def _register_schema(self, number: int) -> None:
-        if (records.Schema, number) not in self._defined:
-            schema = self._schemas[number][0]
-            self._defined[records.Schema, number] = schema
-            self._output_file().define(schema)
+    def _write(self, record: _Definition) -> None:
+        """Write a definition to the output, unless it has it."""
+        if (type(record), record.id) not in self._written:
+            self._written[type(record), record.id] = record
+            self._output_file().define(record)
 
     def _output_file(self) -> McapFile:
         """Return the output, which begins with the profile."""
         if self._file is None:
             if not self._profile:
-                ros = any(schema.encoding == "ros2msg" for schema, _ in self._schemas.values())
+                schemas = [
+                    each for each in self._definitions.values() if type(each) is records.Schema
+                ]
+                ros = any(schema.encoding == "ros2msg" for schema in schemas)
                 self._profile = "ros2" if ros else ""
             self._file = McapFile(self._stream, self._profile)
         return self._file
 
     def _finish(self) -> Recovery:
-        for channel in self._channels:
-            self._register(channel)
+        for kind, number in list(self._definitions):
+            if kind is records.Channel:
+                self._register(number)
         self._write_loose()
         file = self._output_file()
         if self._statistics is not None:
@@ -463,7 +432,7 @@ class _Rescue:
             self._lost = counts - file.counts
         topics = {
             number: record.topic
-            for (_, number), record in self._defined.items()
+            for (_, number), record in self._written.items()
             if isinstance(record, records.Channel)
         }
         saved, lost = dict.fromkeys(topics.values(), 0), Counter[str]()
@@ -486,18 +455,6 @@ class _Rescue:
         return Recovery(self._output, saved, dict(lost), tuple(self._damages))
 
 
-def _split(records: bytes) -> Iterator[tuple[int, bytes]]:
-    """Yield the opcode and content of each record up to the first incomplete one."""
-    offset = 0
-    while offset + RECORD.size <= len(records):
-        opcode, length = RECORD.unpack_from(records, offset)
-        start = offset + RECORD.size
-        offset = start + length
-        if offset > len(records):
-            return
-        yield opcode, records[start:offset]
-
-
 def _parse(opcode: int, body: bytes, longer: bool = False) -> records.McapRecord | None:
     """Return a record, or None unless it gives the same bytes when it is written again.
 
@@ -517,46 +474,3 @@ def _parse(opcode: int, body: bytes, longer: bool = False) -> records.McapRecord
     unknown = len(body) - len(written)
     same = body.startswith(written) and unknown <= (_MOST_UNKNOWN if longer else 0)
     return record if same else None
-
-
-def _messages_and_others(content: bytes) -> tuple[list[int], list[tuple[int, bytes]], int]:
-    """Return the positions of the messages of a chunk, its other records, and the end of all.
-
-    The end is that of the last complete record.
-    """
-    begins, others, position = [], [], 0
-    # Names within the function are faster, and a chunk may have thousands of messages.
-    size, head, message, shortest = len(content), RECORD.size, int(Opcode.MESSAGE), MESSAGE.size
-    unpack = RECORD.unpack_from
-    while position + head <= size:
-        opcode, length = unpack(content, position)
-        after = position + head + length
-        if after > size:
-            break
-        if opcode == message and length >= shortest:
-            begins.append(position)
-        else:
-            others.append((opcode, content[position + head : after]))
-        position = after
-    return begins, others, position
-
-
-def _whole(compression: bytes, data: bytes, size: int) -> bytes | None:
-    """Return the records of a chunk that every reader decompresses to this size, or None."""
-    if size > LONGEST_RECORD:
-        return None
-    content, used = data, len(data)
-    try:
-        if compression == b"zstd":
-            if zstandard.frame_content_size(data) not in (-1, size):
-                return None
-            reader = zstandard.ZstdDecompressor()
-            content = reader.decompress(data, max_output_size=size, allow_extra_data=False)
-        elif compression == b"lz4":
-            if lz4.frame.get_frame_info(data)["content_size"] not in (0, size):
-                return None
-            content, used = lz4.frame.decompress(data, return_bytes_read=True)
-    except (zstandard.ZstdError, RuntimeError):
-        return None
-    supported = compression in (b"", b"lz4", b"zstd")
-    return content if supported and len(content) == size and used == len(data) else None

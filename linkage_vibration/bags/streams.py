@@ -4,54 +4,53 @@
 
 Own code because rosbags takes 3 times and mcap 13 times as long for a message, and 12 and 25 times
 for a decoded joint state, and a replay reads hours (`python -m benchmark.libraries`). Chunks of
-MCAP and ROS 1 are parsed as a whole; other bags are read by rosbags. One chunk of each bag, and
-the chunks that overlap it, are in memory at a time.
+MCAP are parsed as a whole; other bags are read by rosbags. One chunk of each bag, and the chunks
+that overlap it, are in memory at a time.
 """
 
 import heapq
-import io
 import itertools
 import re
 import zlib
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, TypeAlias
 
 import numpy as np
+from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
-from mcap.reader import make_reader
-from mcap.records import Channel, Chunk, ChunkIndex
-from mcap.stream_reader import StreamReader
+from mcap.reader import NonSeekingReader, make_reader
+from mcap.records import Chunk, ChunkIndex
 from mcap.summary import Summary
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from linkage_vibration.bags.can_logs import CanLogReader
-from linkage_vibration.bags.mcap_file import decompressed
+from linkage_vibration.bags.can_logs import CanLog
+from linkage_vibration.bags.mcap_file import decompressed, message_heads
 from linkage_vibration.bags.mcap_records import (
-    CHUNK,
     MESSAGE,
     MESSAGE_INDEX,
     MESSAGE_RECORD,
     RECORD,
+    split_records,
 )
 from linkage_vibration.bags.reading import (
     BagError,
     bag_errors,
     bag_reader,
-    check_topics,
     mcap_files,
 )
 from linkage_vibration.bags.schemas import Schema, schema_of_store
 
 if TYPE_CHECKING:
     from rosbags.interfaces import Connection
+    from rosbags.rosbag1 import Reader as Reader1
+    from rosbags.rosbag2 import Reader as Reader2
 
     from linkage_vibration.bags.reading import BagReader
-    from linkage_vibration.bags.ros1 import ChunkReader
 
 Bytes = NDArray[np.uint8]
 Integers = NDArray[np.int64]
@@ -98,7 +97,7 @@ class Block:
         start = int(self.starts[row])
         return self.buffer[start : start + int(self.sizes[row])].tobytes()
 
-    def rows(self, which: Integers) -> "Block":
+    def rows(self, which: Integers | slice) -> "Block":
         """Return the messages with these indices, in their order."""
         return Block(self.buffer, *(column[which] for column in self.columns()))
 
@@ -107,6 +106,8 @@ class Block:
         return self.starts, self.sizes, self.topics, self.log_times, self.publish_times
 
 
+_Message: TypeAlias = tuple[str, int, int, bytes]
+"""Topic, log time and publish time, ns, and data in CDR."""
 # Order of messages with the same time: number of the bag, place in it.
 _Rank: TypeAlias = tuple[int, int]
 
@@ -200,9 +201,13 @@ def open_bags(paths: Sequence[Path]) -> Iterator[Bags]:
     with ExitStack() as stack:
         for path in paths:
             with bag_errors(path):
-                bags.append(bag_reader(path, by_chunks=True))
-                stack.enter_context(bags[-1])
-                check_topics(bags[-1])
+                bag = bag_reader(path)
+                bags.append(bag)
+                if not isinstance(bag, CanLog):
+                    stack.enter_context(bag)
+                    # rosbags would skip messages whose topics are not known.
+                    if bag.message_count and not bag.connections:
+                        raise ValueError("its summary has no channels")
         yield Bags(paths, bags)
 
 
@@ -254,54 +259,43 @@ def _parts(
     path: Path, bag: "BagReader", number: int, names: Sequence[str], as_written: bool
 ) -> Iterator[_Part]:
     """Yield the parts of a bag in the order of their first times, or as MCAP has them."""
-    from linkage_vibration.bags.ros1 import ChunkReader
-
     with bag_errors(path), ExitStack() as stack:
-        if isinstance(bag, ChunkReader):
-            yield from _ros1_parts(path, bag, number, names)
-            return
-        if isinstance(bag, CanLogReader):
+        if isinstance(bag, CanLog):
             yield from _can_parts(bag, number, names)
             return
         files = [stack.enter_context(file.open("rb")) for file in mcap_files(path)]
-        summaries = [_summary(file) for file in files]
-        if files and all(summary.chunk_indexes and summary.channels for summary in summaries):
+        if not files:
+            yield from _gathered_parts(_by_rosbags(bag, names), number, names)
+            return
+        summaries = [make_reader(file).get_summary() or Summary() for file in files]
+        if all(summary.chunk_indexes and summary.channels for summary in summaries):
             pairs = list(zip(files, summaries, strict=True))
             yield from _mcap_parts(path, pairs, number, names, as_written)
         else:
-            yield from _other_parts(bag, number, names)
+            yield from _gathered_parts(_by_mcap(files, names, as_written), number, names)
 
 
-def _summary(file: BinaryIO) -> Summary:
-    """Return the chunks and the channels of an MCAP file, found by a scan if it has no index."""
-    summary = make_reader(file).get_summary() or Summary()
-    if not summary.chunk_indexes:
+def _by_rosbags(bag: "Reader1 | Reader2", names: Sequence[str]) -> Iterator[_Message]:
+    """Yield the messages of ROS 2, and those of ROS 1 converted to CDR."""
+    from rosbags.rosbag1 import Reader as Reader1
+
+    connections = [connection for connection in bag.connections if connection.topic in names]
+    store = _store(connections) if isinstance(bag, Reader1) else None
+    for connection, time, data in bag.messages(connections) if connections else ():
+        if store is not None:
+            data = bytes(store.ros1_to_cdr(data, connection.msgtype))
+        yield connection.topic, time, time, data
+
+
+def _by_mcap(
+    files: Sequence[BinaryIO], names: Sequence[str], as_written: bool
+) -> Iterator[_Message]:
+    """Yield the messages of MCAP files that have no index; mcap keeps a whole file in memory."""
+    for file in files:
         file.seek(0)
-        for record in StreamReader(file, emit_chunks=True).records:
-            if isinstance(record, Chunk):
-                summary.chunk_indexes.append(_chunk_index(record, file.tell()))
-    if summary.chunk_indexes and not summary.channels:
-        file.seek(0)
-        for record in StreamReader(file).records:
-            if isinstance(record, Channel):
-                summary.channels[record.id] = record
-    return summary
-
-
-def _chunk_index(chunk: Chunk, end: int) -> ChunkIndex:
-    """Return the index of a chunk that ends at an offset of its file."""
-    length = RECORD.size + CHUNK.size + len(chunk.compression) + 8 + len(chunk.data)
-    return ChunkIndex(
-        chunk_length=length,
-        chunk_start_offset=end - length,
-        compression=chunk.compression,
-        compressed_size=len(chunk.data),
-        message_end_time=chunk.message_end_time,
-        message_index_length=0,
-        message_index_offsets={},
-        message_start_time=chunk.message_start_time,
-        uncompressed_size=chunk.uncompressed_size,
-    )
+        reader = NonSeekingReader(file, validate_crcs=True)
+        for _, channel, each in reader.iter_messages(names, log_time_order=not as_written):
+            yield channel.topic, each.log_time, each.publish_time, each.data
 
 
 def _mcap_parts(
@@ -323,197 +317,122 @@ def _mcap_parts(
     if not as_written:
         ordered.sort(key=lambda entry: entry[1][1].message_start_time)
     for place, (file, chunk, channels) in ordered:
-
-        def load(
-            file: BinaryIO = file, chunk: ChunkIndex = chunk, channels: dict[int, int] = channels
-        ) -> Block:
-            with bag_errors(path):
-                begins = _indexed(file, chunk, channels)
-                return _chunk_block(_uncompressed(file, chunk), channels, begins)
-
+        load = partial(_mcap_block, path, file, chunk, channels)
         yield _Part(min(chunk.message_start_time, _LATEST), (number, place), load)
+
+
+def _mcap_block(path: Path, file: BinaryIO, chunk: ChunkIndex, channels: dict[int, int]) -> Block:
+    with bag_errors(path):
+        begins = _indexed(file, chunk, channels)
+        return _chunk_block(_uncompressed(file, chunk), channels, begins)
 
 
 def _uncompressed(file: BinaryIO, chunk: ChunkIndex) -> bytes:
     """Return the records of a chunk after checking their size and checksum."""
     file.seek(chunk.chunk_start_offset + RECORD.size)
-    *_, size, crc, name = CHUNK.unpack(file.read(CHUNK.size))
-    file.seek(name + 8, io.SEEK_CUR)
-    stored = file.read(chunk.compressed_size)
-    data = decompressed(chunk.compression.encode(), stored, size)
+    record = Chunk.read(ReadDataStream(file))
+    size, crc = record.uncompressed_size, record.uncompressed_crc
+    data = decompressed(record.compression.encode(), record.data, size)
     if len(data) != size or (crc and zlib.crc32(data) != crc):
         raise ValueError("the size or the checksum of a chunk is wrong")
     return data
 
 
 def _indexed(file: BinaryIO, chunk: ChunkIndex, channels: dict[int, int]) -> Integers | None:
-    """Return the positions in a chunk of the messages of these channels, as far as it has indexes.
+    """Return the positions of the messages of these channels in a chunk, in its order.
 
-    They are in the order of the chunk. None means that only a scan of the chunk finds them.
+    None means that the chunk has no index, so that only a scan finds them.
     """
     positions = [np.zeros(0, np.int64)]
     for channel, position in chunk.message_index_offsets.items():
         if channel in channels:
             file.seek(position)
             head = file.read(RECORD.size + MESSAGE_INDEX.size)
+            if head[0] != Opcode.MESSAGE_INDEX:
+                raise ValueError("an index is wrong")
             size = MESSAGE_INDEX.unpack_from(head, RECORD.size)[1]
-            entries = np.frombuffer(file.read(size), "<u8")
-            if head[0] != Opcode.MESSAGE_INDEX or 8 * len(entries) != size or len(entries) % 2:
-                return None
-            positions.append(entries[1::2].astype(np.int64))
+            pairs = np.frombuffer(file.read(size), "<u8").reshape(-1, 2)
+            positions.append(pairs[:, 1].astype(np.int64))
     return np.sort(np.concatenate(positions)) if chunk.message_index_offsets else None
 
 
 def _chunk_block(data: bytes, channels: dict[int, int], begins: Integers | None) -> Block:
-    """Return the messages of these channels (with their topics) among the records of a chunk.
+    """Return the messages of these channels (with their topics) that begin there in a chunk.
 
-    Where indexed positions are wrong or missing, all records are scanned.
+    All records are scanned if it is not known where they begin.
     """
     buffer = np.frombuffer(data, np.uint8)
-    heads = _heads(buffer, begins, channels)
-    if begins is None or heads is None:
-        begins = _scanned(data)
-        heads = _heads(buffer, begins, None)
-    if heads is None:
-        return _block(buffer, [])
+    begins = _scanned(data) if begins is None else begins
+    if not len(begins):
+        return Block(buffer, *np.zeros((5, 0), np.int64))
+    if begins[0] < 0 or begins[-1] + MESSAGE_RECORD.itemsize > len(data):
+        raise ValueError("an index is wrong")
+    heads = message_heads(data, begins)
+    sizes = heads["length"].astype(np.int64) - MESSAGE.size
+    starts = begins + MESSAGE_RECORD.itemsize
+    sound = (heads["opcode"] == Opcode.MESSAGE) & (sizes >= 0) & (sizes <= len(data) - starts)
+    if not sound.all():
+        raise ValueError("the record of a message is wrong")
     topics = np.full(2**16, -1)
     topics[list(channels)] = list(channels.values())
-    starts = begins
-    if (heads["length"] < MESSAGE.size).any():
-        raise ValueError("a message is shorter than its header")
-    wanted = topics[heads["channel"]] >= 0
-    heads, starts = heads[wanted], starts[wanted] + MESSAGE_RECORD.itemsize
-    sizes = heads["length"].astype(np.int64) - MESSAGE.size
     topic = topics[heads["channel"]]
-    return Block(
-        buffer, starts, sizes, topic, _time(heads["log_time"]), _time(heads["publish_time"])
-    )
+    times = _time(heads["log_time"]), _time(heads["publish_time"])
+    block = Block(buffer, starts, sizes, topic, *times)
+    return block if (topic >= 0).all() else block.rows(np.flatnonzero(topic >= 0))
 
 
 def _scanned(data: bytes) -> Integers:
     """Return the positions of the messages among the records of a chunk."""
-    begins: list[int] = []
-    position, end = 0, len(data)
-    while position < end:
-        kind, length = RECORD.unpack_from(data, position)
-        if kind == Opcode.MESSAGE:
-            begins.append(position)
-        position += RECORD.size + length
-    if position > end:
+    records = list(split_records(data))
+    if data and (not records or records[-1][2] != len(data)):
         raise ValueError("a record is longer than the rest of its chunk")
+    begins = [start - RECORD.size for kind, start, _ in records if kind == Opcode.MESSAGE]
     return np.array(begins, np.int64)
-
-
-def _heads(
-    buffer: Bytes, begins: Integers | None, channels: dict[int, int] | None
-) -> NDArray[Any] | None:
-    """Return the heads of messages at these positions; None if there is none at one of them."""
-    last = len(buffer) - MESSAGE_RECORD.itemsize
-    if begins is None or not len(begins) or begins[0] < 0 or begins[-1] > last:
-        return None
-    rows = sliding_window_view(buffer, MESSAGE_RECORD.itemsize)[begins]
-    heads: NDArray[Any] = rows.view(MESSAGE_RECORD)[:, 0]
-    if channels is not None:
-        ends = begins.astype(np.uint64) + np.uint64(RECORD.size) + heads["length"]
-        sound = (heads["opcode"] == Opcode.MESSAGE) & (ends <= len(buffer))
-        sound &= np.isin(heads["channel"], list(channels)) & (heads["length"] < len(buffer))
-        if not sound.all():
-            return None
-    return heads
 
 
 def _time(column: NDArray[np.uint64]) -> Integers:
     return np.minimum(column, _LATEST).astype(np.int64)
 
 
-def _block(buffer: Bytes, columns: Sequence[tuple[int, ...]]) -> Block:
-    return Block(buffer, *np.array(columns, np.int64).reshape(-1, 5).T.copy())
-
-
-def _ros1_parts(
-    path: Path, bag: "ChunkReader", number: int, names: Sequence[str]
-) -> Iterator[_Part]:
-    connections = [connection for connection in bag.connections if connection.topic in names]
-    wanted = {connection.id for connection in connections}
-    to_cdr = _to_cdr(connections)
-    chunks = [chunk for chunk in bag.chunk_infos if wanted & chunk.connection_counts.keys()]
-    for place, chunk in enumerate(sorted(chunks, key=lambda chunk: chunk.start_time)):
-
-        def load(position: int = chunk.pos) -> Block:
-            with bag_errors(path):
-                return _ros1_block(bag.uncompressed(position), connections, names, to_cdr)
-
-        yield _Part(chunk.start_time, (number, place), load)
-
-
-def _ros1_block(
-    data: bytes,
-    connections: "Sequence[Connection]",
-    names: Sequence[str],
-    to_cdr: Callable[[bytes, str], bytes],
-) -> Block:
-    """Return the messages of these connections in a chunk, converted to CDR."""
-    from linkage_vibration.bags.ros1 import find_messages, many_to_cdr
-
-    owners, starts, sizes, times = find_messages(data)
-    buffer = np.frombuffer(data, np.uint8)
-    blocks, order = [_block(buffer[:0], [])], [np.zeros(0, np.int64)]
-    for connection in connections:
-        of_connection = owners == connection.id
-        for size in np.unique(sizes[of_connection]):
-            rows = np.flatnonzero(of_connection & (sizes == size))
-            messages = sliding_window_view(buffer, size)[starts[rows]]
-            for which, encoded in many_to_cdr(messages, connection.msgtype, to_cdr):
-                n, length = encoded.shape
-                topics = np.full(n, names.index(connection.topic))
-                at = times[rows[which]]
-                each = np.full(n, length)
-                blocks.append(Block(encoded.ravel(), length * np.arange(n), each, topics, at, at))
-                order.append(rows[which])
-    return _joined(blocks).rows(np.argsort(np.concatenate(order)))
-
-
-def _can_parts(bag: CanLogReader, number: int, names: Sequence[str]) -> Iterator[_Part]:
+def _can_parts(bag: CanLog, number: int, names: Sequence[str]) -> Iterator[_Part]:
     topic = np.full(1 + max(c.id for c in bag.connections), -1)
     for connection in bag.connections:
         if connection.topic in names:
             topic[connection.id] = names.index(connection.topic)
-    wanted = np.flatnonzero(topic[bag.channels] >= 0)
+    topics, times = topic[bag.frames["channel"]], bag.frames["time"]
+    wanted = np.flatnonzero(topics >= 0)
     for place, rows in enumerate(np.split(wanted, range(BLOCK, len(wanted), BLOCK))):
 
         def load(rows: Integers = rows) -> Block:
-            messages, times = bag.encoded(rows), bag.times[rows]
+            messages = bag.encoded(rows)
             starts = messages.shape[1] * np.arange(len(rows))
             sizes = np.full(len(rows), messages.shape[1])
-            topics = topic[bag.channels[rows]]
-            return Block(messages.ravel(), starts, sizes, topics, times, times)
+            at = times[rows]
+            return Block(messages.ravel(), starts, sizes, topics[rows], at, at)
 
         if len(rows):
-            yield _Part(int(bag.times[rows[0]]), (number, place), load)
+            yield _Part(int(times[rows[0]]), (number, place), load)
 
 
-def _other_parts(bag: "BagReader", number: int, names: Sequence[str]) -> Iterator[_Part]:
-    connections = [connection for connection in bag.connections if connection.topic in names]
-    if not connections:
-        return
-    data, columns, position, place = [], [], 0, 0
-    for connection, time, raw in bag.messages(connections):
-        topic = names.index(connection.topic)
-        at = min(max(time, 0), _LATEST)
-        columns.append((position, len(raw), topic, at, at))
-        data.append(raw)
-        position += len(raw)
-        if len(columns) == _GATHERED:
-            yield _gathered(data, columns, (number, place))
-            data, columns, position = [], [], 0
-            place += 1
-    if columns:
-        yield _gathered(data, columns, (number, place))
-
-
-def _gathered(data: Collection[bytes], columns: Sequence[tuple[int, ...]], rank: _Rank) -> _Part:
-    block = _block(np.frombuffer(b"".join(data), np.uint8), columns)
-    return _Part(columns[0][3], rank, lambda: block)
+def _gathered_parts(
+    messages: Iterator[_Message], number: int, names: Sequence[str]
+) -> Iterator[_Part]:
+    """Yield the parts of a bag whose messages are read one by one."""
+    for place in itertools.count():
+        gathered = list(itertools.islice(messages, _GATHERED))
+        if not gathered:
+            return
+        topics, log_times, publish_times, data = zip(*gathered, strict=True)
+        sizes = np.array([len(each) for each in data])
+        block = Block(
+            np.frombuffer(b"".join(data), np.uint8),
+            np.cumsum(sizes) - sizes,
+            sizes,
+            np.array([names.index(topic) for topic in topics]),
+            np.array([min(max(time, 0), _LATEST) for time in log_times]),
+            np.array([min(max(time, 0), _LATEST) for time in publish_times]),
+        )
+        yield _Part(int(block.log_times.min()), (number, place), partial(block.rows, slice(None)))
 
 
 def _store(connections: "Sequence[Connection]") -> Any:
@@ -546,9 +465,3 @@ def _definition(store: Any, connection: "Connection") -> tuple[str, str]:
         return text, store.hash_rihs01(connection.msgtype)
     except (TypesysError, KeyError):
         return connection.msgdef.data, ""
-
-
-def _to_cdr(connections: "Sequence[Connection]") -> Callable[[bytes, str], bytes]:
-    """Return a function that converts a message of ROS 1 to CDR."""
-    store = _store(connections)
-    return lambda raw, type_name: bytes(store.ros1_to_cdr(raw, type_name))

@@ -8,6 +8,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from linkage_vibration.cli.arguments import SHIPPED, mechanism_file, read_model
+
 if TYPE_CHECKING:
     from linkage_vibration.mechanics.description import Mechanism
     from linkage_vibration.table.table import Table
@@ -15,55 +17,32 @@ if TYPE_CHECKING:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument(
-        "mechanism", nargs="?", type=Path, help="YAML file (default: the shipped linkage)"
-    )
-    parser.add_argument(
-        "-o", "--output", type=Path, help="table to write (default: MECHANISM with .npz)"
-    )
-    parser.add_argument(
-        "--tolerance",
-        type=float,
-        default=1e-6,
-        help="largest relative error of a natural frequency; for FRFs and their peak it is a "
-        "hundred times as large (default: %(default)s)",
-    )
-    parser.add_argument(
-        "--frf-points",
-        nargs="+",
-        metavar="POINT",
-        help="points between which the table holds FRFs (default: all moving points and mounts, if "
-        "there are at most 8)",
-    )
+    add = parser.add_argument
+    add("mechanism", nargs="?", type=Path, help=SHIPPED)
+    add("-o", "--output", type=Path, help="table to write (default: MECHANISM with .npz)")
+    text = "largest relative error of a natural frequency; for FRFs and their peak it is a "
+    text += "hundred times as large (default: %(default)s)"
+    add("--tolerance", type=float, default=1e-6, help=text)
+    text = "points between which the table holds FRFs (default: all moving points and mounts, if "
+    text += "there are at most 8)"
+    add("--frf-points", nargs="+", metavar="POINT", help=text)
 
 
 def run(options: argparse.Namespace) -> int:
     """Build the table and print its errors; return the exit code."""
-    from linkage_vibration.mechanics.model import LinkageModel
-    from linkage_vibration.readers.mechanism import read_mechanism
-    from linkage_vibration.support.atomic_files import check_outputs, check_suffix
+    from linkage_vibration.support.atomic_files import check_output
     from linkage_vibration.support.progress import table_bar
-    from linkage_vibration.support.resources import DEFAULT_MECHANISM, config_file
     from linkage_vibration.table.table import save_table
     from linkage_vibration.table.tabulation import build_table
 
-    source = options.mechanism or config_file(DEFAULT_MECHANISM)
+    source = mechanism_file(options)
     output = options.output or Path(source.name).with_suffix(".npz")
-    check_outputs([output], [source])
-    check_suffix(output, ".npz")
-    model, solutions = LinkageModel(read_mechanism(source)), 0
-    if model.kinematics.notice:
-        print(f"{source}: {model.kinematics.notice}")
-    with table_bar(model.mechanism.name) as show:
-
-        def count(finished: float) -> None:
-            nonlocal solutions
-            solutions += 1
-            show(finished)
-
-        table = build_table(model, options.tolerance, options.frf_points, count)
+    check_output(output, ".npz", [source])
+    model = read_model(source)
+    with table_bar(model.mechanism.name) as progress:
+        table = build_table(model, options.tolerance, options.frf_points, progress)
     save_table(table, output)
-    for line in _description(table, solutions, output, model.mechanism):
+    for line in _description(table, progress.solutions, output, model.mechanism):
         print(line)
     return 0
 
@@ -89,11 +68,8 @@ def _description(
         yield f"{table.mode_label(mode)}: base {base}, rigid bodies {bodies}, links {links}"
     if table.free_modes:
         ground = mechanism.base
-        left_out = (
-            "1 mode at 0 Hz is"
-            if table.free_modes == 1
-            else f"{table.free_modes} modes at 0 Hz are"
-        )
+        one = table.free_modes == 1
+        left_out = "1 mode at 0 Hz is" if one else f"{table.free_modes} modes at 0 Hz are"
         fix = "clamp the input link or put a spring on its joint"
         if ground is not None and not ground.mounts:
             fix = "give its base mounts"

@@ -20,14 +20,12 @@ def run(options: argparse.Namespace) -> int:
     from tqdm import tqdm
 
     from linkage_vibration.studies import calibration as study
-    from linkage_vibration.support.atomic_files import check_outputs, check_suffix
+    from linkage_vibration.support.atomic_files import check_output
 
     starts = options.starts
     if starts < 1:
         raise study.CalibrationError(f"--starts is {starts}; give 1 or more starting points.")
-    if options.output:
-        check_outputs([options.output], [options.calibration])
-        check_suffix(options.output, ".yaml")
+    check_output(options.output, ".yaml", [options.calibration])
     calibration = study.read_calibration(options.calibration)
     with tqdm(disable=None, total=starts, unit="start") as bar:
 

@@ -27,10 +27,9 @@ def run(options: argparse.Namespace) -> int:
         problems,
     )
     from linkage_vibration.review.html import write_page
-    from linkage_vibration.support.atomic_files import check_outputs, check_suffix
+    from linkage_vibration.support.atomic_files import check_output
 
-    check_outputs([options.output], options.logs)
-    check_suffix(options.output, ".html")
+    check_output(options.output, ".html", options.logs)
     with tqdm(disable=None, total=4, unit="step", delay=1.0) as bar:
         difference = compare(options.logs[0], options.logs[1], bar.update)
         write_page(difference_page(difference), options.output)

@@ -11,6 +11,8 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from linkage_vibration.cli.arguments import SHIPPED, mechanism_file
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
@@ -22,44 +24,37 @@ if TYPE_CHECKING:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument(
-        "table", nargs="?", type=Path, help="table to export (default: the shipped one)"
-    )
+    add = parser.add_argument
+    add("table", nargs="?", type=Path, help="table to export (default: the shipped one)")
     text = "folder for a header, a source file in C99 and a test; it is created if it is missing"
-    parser.add_argument("--c", type=Path, metavar="DIR", help=text)
+    add("--c", type=Path, metavar="DIR", help=text)
     text = "FMU to write, for co-simulation and model exchange by FMI 2.0"
-    parser.add_argument("--fmu", type=Path, metavar="FILE", help=text)
+    add("--fmu", type=Path, metavar="FILE", help=text)
     text = "leave out the compiled library of the FMU; an importer compiles its sources"
-    parser.add_argument("--source-only", action="store_true", help=text)
+    add("--source-only", action="store_true", help=text)
     text = "single instead of double precision; the files say how large the errors are"
-    parser.add_argument("--single", action="store_true", help=text)
-    parser.add_argument(
-        "--tolerance",
-        type=float,
-        help="use as few cells as give natural frequencies and damping ratios of the table within "
-        "this relative error, and its peak within a hundred times as much (default: all cells, "
-        "which give the same bits as Python)",
-    )
+    add("--single", action="store_true", help=text)
+    text = "use as few cells as give natural frequencies and damping ratios of the table within "
+    text += "this relative error, and its peak within a hundred times as much (default: all cells, "
+    text += "which give the same bits as Python)"
+    add("--tolerance", type=float, help=text)
     text = "YAML file of excitations, for margins and responses by order"
-    parser.add_argument("--excitations", type=Path, metavar="FILE", help=text)
-    text = "YAML file of the table's mechanism, for responses (default: the shipped linkage)"
-    parser.add_argument("--mechanism", type=Path, help=text)
+    add("--excitations", type=Path, metavar="FILE", help=text)
+    add("--mechanism", type=Path, help=f"for responses, the table's mechanism; {SHIPPED}")
 
 
 def run(options: argparse.Namespace) -> int:
     """Write the files and print the errors; return the exit code."""
     from linkage_vibration.export.constants import ExportError, constants_of, fewer_cells
     from linkage_vibration.export.evaluation import exported
-    from linkage_vibration.support.atomic_files import check_outputs, check_suffix, write_bytes
+    from linkage_vibration.support.atomic_files import check_output, check_outputs, write_bytes
     from linkage_vibration.support.resources import DEFAULT_TABLE, config_file
 
     if options.c is None and options.fmu is None:
         raise ExportError("Nothing is written; give --c DIR for C, or --fmu FILE for an FMU.")
     path = options.table or config_file(DEFAULT_TABLE)
     inputs = [path, *filter(None, [options.excitations, options.mechanism])]
-    if options.fmu is not None:
-        check_outputs([options.fmu], inputs)
-        check_suffix(options.fmu, ".fmu")
+    check_output(options.fmu, ".fmu", inputs)
     table, orders = _read(options, path)
     constants = fewer = constants_of(table, orders)
     if options.tolerance is not None:
@@ -101,17 +96,19 @@ def _files(
 
 def _read(options: argparse.Namespace, path: Path) -> "tuple[Table, Orders | None]":
     """Return the table, and the excitations of the options with their responses."""
-    from linkage_vibration.prediction.settings import Parameters
     from linkage_vibration.readers.excitations import read_excitations
     from linkage_vibration.readers.mechanism import read_mechanism
     from linkage_vibration.table.table import load_table
 
     if options.excitations is None:
         return load_table(path), None
-    settings = Parameters(mechanism_file=str(options.mechanism or ""))
-    mechanism = read_mechanism(settings.mechanism_path())
+    mechanism = read_mechanism(mechanism_file(options))
     table = load_table(path, mechanism)
-    return table, orders_of(table, mechanism, read_excitations(options.excitations))
+    excitations = read_excitations(options.excitations)
+    orders = [excitation for excitation in excitations if excitation.terrain is None]
+    if len(orders) < len(excitations):
+        print("The ground is left out, as an export computes the responses to orders alone.")
+    return table, orders_of(table, mechanism, orders) if orders else None
 
 
 def orders_of(
@@ -124,7 +121,7 @@ def orders_of(
     from linkage_vibration.prediction.levels import LevelTable
     from linkage_vibration.prediction.predictor import Predictor
 
-    levels = LevelTable(Predictor(table), mechanism, excitations)
+    levels = LevelTable(Predictor(table), mechanism, excitations, with_forces=False)
     starts, cubics, n_terms, inputs = levels.arrays
     return Orders(
         names=tuple(excitation.name for excitation in excitations),

@@ -10,69 +10,52 @@ showed. Angles are in degrees, positive where the end ahead, towards the front, 
 import argparse
 from pathlib import Path
 
+from linkage_vibration.cli.arguments import add_inputs, read_model, read_settings
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
+    add = parser.add_argument
     text = "bag with readings of the sensor, needed for --times"
-    parser.add_argument("bags", nargs="*", type=Path, metavar="BAG", help=text)
+    add("bags", nargs="*", type=Path, metavar="BAG", help=text)
     text = "moments in the bag and angles, such as 12.5=-38.2"
-    parser.add_argument(
-        "--times", nargs="+", action="extend", default=[], metavar="S=DEG", help=text
-    )
+    add("--times", nargs="+", action="extend", default=[], metavar="S=DEG", help=text)
     text = "readings and angles, such as 43.2=-38.2"
-    parser.add_argument(
-        "--readings", nargs="+", action="extend", default=[], metavar="READING=DEG", help=text
-    )
+    add("--readings", nargs="+", action="extend", default=[], metavar="READING=DEG", help=text)
     text = "body along which the inclinometer lies (default: the input crank, the lift arm)"
-    parser.add_argument("--body", help=text)
+    add("--body", help=text)
     text = "inclination of the tractor itself in degrees, positive where its front is higher"
-    parser.add_argument("--tractor-deg", type=float, default=0.0, help=f"{text} (%(default)s)")
+    add("--tractor-deg", type=float, default=0.0, help=f"{text} (%(default)s)")
     text = "standard deviation of an angle that the inclinometer shows, in degrees"
-    parser.add_argument("--stddev-deg", type=float, default=0.5, help=f"{text} (%(default)s)")
-    parser.add_argument("--mechanism", type=Path, help="YAML file (default: the shipped linkage)")
-    text = "YAML file of the node's parameters, which say where the readings come from"
-    parser.add_argument("--params-file", type=Path, help=text)
-    parser.add_argument("--joint", help="joint (default: the parameter joint_name)")
-    text = "topic in the bags for one of the node, such as joint_states:=/arm/joint_states"
-    parser.add_argument("--remap", nargs="+", default=[], metavar="NAME:=TOPIC", help=text)
+    add("--stddev-deg", type=float, default=0.5, help=f"{text} (%(default)s)")
+    add_inputs(parser)
     text = "YAML file of parameters to write (default: only print them)"
-    parser.add_argument("-o", "--output", type=Path, help=text)
+    add("-o", "--output", type=Path, help=text)
 
 
 def run(options: argparse.Namespace) -> int:
     """Print the calibration and its residuals, and write the parameters; return the exit code."""
-    from linkage_vibration.mechanics.kinematics import Kinematics
     from linkage_vibration.playback.readings import read_numbers
     from linkage_vibration.playback.remapping import remappings
     from linkage_vibration.prediction.inputs.presets import HITCH, PRESETS
     from linkage_vibration.prediction.inputs.units import CALIBRATED
-    from linkage_vibration.prediction.parameter_files import read_parameters
-    from linkage_vibration.prediction.settings import Parameters, with_values
-    from linkage_vibration.readers.mechanism import read_mechanism
     from linkage_vibration.studies import inclinometer as study
-    from linkage_vibration.support.atomic_files import check_outputs, check_suffix, write_text
+    from linkage_vibration.support.atomic_files import check_output, write_text
 
     if options.times and not options.bags:
         raise study.InclinometerError("--times needs the bag in which the moments are; give it.")
-    settings = read_parameters(options.params_file) if options.params_file else Parameters()
-    given = {"joint_name": options.joint, "mechanism_file": options.mechanism}
-    settings = with_values(settings, {name: str(v) for name, v in given.items() if v is not None})
+    settings = read_settings(options)
     source = settings.mechanism_path()
-    if options.output:
-        inputs = [source, *options.bags, *filter(None, [options.params_file])]
-        check_outputs([options.output], inputs)
-        check_suffix(options.output, ".yaml")
-    mechanism = read_mechanism(source)
-    kinematics = Kinematics(mechanism)
-    if kinematics.notice:
-        print(f"{source}: {kinematics.notice}\n")
-    body = options.body or mechanism.input_body
-    scene = study.Inclinometer(mechanism, kinematics, body, options.tractor_deg, options.stddev_deg)
+    inputs = [source, *options.bags, *filter(None, [options.params_file])]
+    check_output(options.output, ".yaml", inputs)
+    model = read_model(source)
+    body = options.body or model.mechanism.input_body
+    where = model.mechanism, model.kinematics, body, options.tractor_deg, options.stddev_deg
     series = None
     if options.bags:
         series = read_numbers(options.bags, settings, remappings(options.remap))
     unit = settings.hitch_unit or PRESETS[HITCH][settings.input].unit
-    fit = study.calibrate(scene, options.times, options.readings, series, unit)
+    fit = study.calibrate(study.Inclinometer(*where), options.times, options.readings, series, unit)
     print(study.curve_report(fit, body))
     text = study.parameters(fit, unit if unit in CALIBRATED else "any")
     print(f"\n{text}", end="")

@@ -6,12 +6,9 @@ import argparse
 import os
 import sys
 from collections.abc import Sequence
-from contextlib import redirect_stdout
 from importlib import import_module
-from pathlib import Path
 
 from linkage_vibration.errors import LinkageVibrationError
-from linkage_vibration.support.atomic_files import messages_beside
 from linkage_vibration.support.exit_codes import FAILED, ended_by_signals
 from linkage_vibration.support.missing_library import missing_library
 from linkage_vibration.support.version import VERSION, check_versions
@@ -23,6 +20,7 @@ SUBCOMMANDS = (
     "build",
     "pose",
     "predict",
+    "advise",
     "inclinometer",
     "measure",
     "calibrate",
@@ -49,7 +47,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
         check_versions()
-        with ended_by_signals(), redirect_stdout(messages_beside(_outputs(options))):
+        with ended_by_signals():
             return int(options.run(options))
     except LinkageVibrationError as error:
         print(f"linkage-vibration: {error}", file=sys.stderr)
@@ -59,12 +57,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return FAILED
     except KeyboardInterrupt:
         return 130
-
-
-def _outputs(options: argparse.Namespace) -> list[Path]:
-    """Return the files that are to be written, as far as they were named."""
-    named = (getattr(options, name, None) for name in ("output", "csv", "png", "fmu"))
-    return [path for path in named if isinstance(path, Path)]
 
 
 def argument_parser() -> argparse.ArgumentParser:

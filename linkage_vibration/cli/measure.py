@@ -9,37 +9,33 @@ phone. `calibrate` fits the mechanism to what this command writes.
 import argparse
 from pathlib import Path
 
+from linkage_vibration.cli.arguments import SHIPPED, mechanism_file, read_model
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
+    add = parser.add_argument
     text = "crank angle in degrees and recording, such as 112.5:low.mcap"
-    parser.add_argument("recordings", nargs="+", metavar="ANGLE:FILE", help=text)
-    parser.add_argument("--topic", help="IMU in the bags (default: the only one)")
-    parser.add_argument("--mechanism", type=Path, help="YAML file (default: the shipped linkage)")
+    add("recordings", nargs="+", metavar="ANGLE:FILE", help=text)
+    add("--topic", help="IMU in the bags (default: the only one)")
+    add("--mechanism", type=Path, help=SHIPPED)
     text = "calibration to write (default: only print the modes)"
-    parser.add_argument("-o", "--output", type=Path, help=text)
+    add("-o", "--output", type=Path, help=text)
 
 
 def run(options: argparse.Namespace) -> int:
     """Print the modes, and write the calibration; return the exit code."""
     from tqdm import tqdm
 
-    from linkage_vibration.mechanics.model import LinkageModel
-    from linkage_vibration.prediction.settings import Parameters
-    from linkage_vibration.readers.mechanism import read_mechanism
     from linkage_vibration.readers.recordings import read_recording
     from linkage_vibration.studies import measurement as study
     from linkage_vibration.studies.ringdown import RingdownError, measure_modes
-    from linkage_vibration.support.atomic_files import check_outputs, check_suffix, write_text
+    from linkage_vibration.support.atomic_files import check_output, write_text
 
     words = [study.angle_and_path(word) for word in options.recordings]
-    mechanism = Parameters(mechanism_file=str(options.mechanism or "")).mechanism_path()
-    if options.output:
-        check_outputs([options.output], [mechanism, *(path for _, path in words)])
-        check_suffix(options.output, ".yaml")
-    model = LinkageModel(read_mechanism(mechanism))
-    if model.kinematics.notice:
-        print(f"{mechanism}: {model.kinematics.notice}\n")
+    mechanism = mechanism_file(options)
+    check_output(options.output, ".yaml", [mechanism, *(path for _, path in words)])
+    model = read_model(mechanism)
     compared: list[study.ComparedMode] = []
     for alpha3, path in tqdm(words, disable=None, unit="recording", delay=1.0):
         try:

@@ -5,19 +5,14 @@
 import argparse
 from pathlib import Path
 
+from linkage_vibration.cli.arguments import add_remap
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     text = ".mcap, .db3 or .bag file, folder of a bag, or log of a CAN bus (default: the drive)"
     parser.add_argument("bag", nargs="?", type=Path, metavar="BAG", help=text)
-    parser.add_argument(
-        "--remap",
-        nargs="+",
-        default=[],
-        metavar="NAME:=TOPIC",
-        help="topic in the bag for a topic of the node, such as joint_states, hitch_position, "
-        "engine_speed, pto_speed or ground_speed",
-    )
+    add_remap(parser)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -27,6 +22,6 @@ def run(options: argparse.Namespace) -> int:
     from linkage_vibration.support.resources import config_file
 
     bag = options.bag or config_file("drives/hitch_duty_cycle.mcap")
-    count = play_bag(bag, remappings(options.remap), lambda text: print(text, flush=True))
+    count = play_bag(bag, None, remappings(options.remap), lambda text: print(text, flush=True))
     print(f"{count} messages were published.")
     return 0

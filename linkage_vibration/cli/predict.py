@@ -8,19 +8,22 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from linkage_vibration.cli.arguments import SHIPPED
+
 if TYPE_CHECKING:
     from linkage_vibration.prediction.predictor import Shares
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument("angle_deg", nargs="+", type=float, help="crank angle alpha3 in degrees")
-    parser.add_argument("--mechanism", type=Path, help="YAML file (default: the shipped linkage)")
-    parser.add_argument("--table", type=Path, help="table to use (default: the shipped one)")
+    add = parser.add_argument
+    add("angle_deg", nargs="+", type=float, help="crank angle alpha3 in degrees")
+    add("--mechanism", type=Path, help=SHIPPED)
+    add("--table", type=Path, help="table to use (default: the shipped one)")
     text = "also print the standard deviations, and the share of each of their causes"
-    parser.add_argument("--shares", action="store_true", help=text)
+    add("--shares", action="store_true", help=text)
     text = "standard deviation of the angle in degrees, for --shares (default: %(default)s)"
-    parser.add_argument("--angle-stddev-deg", type=float, default=0.0, help=text)
+    add("--angle-stddev-deg", type=float, default=0.0, help=text)
 
 
 def run(options: argparse.Namespace) -> int:

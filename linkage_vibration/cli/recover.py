@@ -11,9 +11,8 @@ from linkage_vibration.support.exit_codes import INCOMPLETE, add_strict
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("log", type=Path, metavar="LOG", help="MCAP file, which is only read")
-    parser.add_argument(
-        "-o", "--output", type=Path, help="MCAP file to write (default: LOG with _recovered)"
-    )
+    text = "MCAP file to write (default: LOG with _recovered)"
+    parser.add_argument("-o", "--output", type=Path, help=text)
     add_strict(parser, "the log was damaged or cut off")
 
 

@@ -65,9 +65,9 @@ def _write_page(
     path: Path, output: Path, options: argparse.Namespace, step: Callable[[int], object]
 ) -> list[str]:
     """Write the page, the table and the picture of one log; return its problems."""
-    from linkage_vibration.drawing.plots import plot_predictions
     from linkage_vibration.review.html import write_page
     from linkage_vibration.review.log import problems, read_log, write_csv
+    from linkage_vibration.review.picture import plot_log
     from linkage_vibration.review.review_page import review_page
 
     log = read_log(path)
@@ -78,7 +78,7 @@ def _write_page(
         write_csv(log, options.csv)
         step(1)
     if options.png:
-        plot_predictions(path, options.png, () if log.table is None else log.table.mode_names)
+        plot_log(log, options.png)
         step(1)
     return problems(log)
 

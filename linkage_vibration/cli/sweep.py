@@ -5,35 +5,32 @@
 import argparse
 import sys
 from pathlib import Path
-from typing import Any
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("designs", type=Path, help="YAML file of a mechanism and parameters")
-    parser.add_argument(
-        "-o", "--output", type=Path, help="netCDF file to write (default: DESIGNS with .nc)"
-    )
-    where = parser.add_mutually_exclusive_group()
-    where.add_argument("--workers", type=int, help="processes (default: one for each core)")
-    where.add_argument("--dask", metavar="ADDRESS", help="scheduler of a Dask cluster to use")
+    text = "netCDF file to write (default: DESIGNS with .nc)"
+    parser.add_argument("-o", "--output", type=Path, help=text)
+    parser.add_argument("--workers", type=int, help="processes (default: one for each core)")
 
 
 def run(options: argparse.Namespace) -> int:
     """Build what is missing in the file; return 1 if another run should try some designs again."""
     from tqdm import tqdm
 
-    from linkage_vibration.studies.sweep import dask_executor, read_designs, sweep
-    from linkage_vibration.support.atomic_files import check_outputs, check_suffix
+    from linkage_vibration.studies.sweep import read_designs, sweep
+    from linkage_vibration.support.atomic_files import check_output
     from linkage_vibration.support.process_pool import LocalPool
 
     output = options.output or Path(options.designs.name).with_suffix(".nc")
-    check_outputs([output], [options.designs])
-    check_suffix(output, ".nc")
+    check_output(output, ".nc", [options.designs])
     designs = read_designs(options.designs)
-    pool: Any = dask_executor(options.dask) if options.dask else LocalPool(options.workers)
-    with pool as executor, tqdm(disable=None, total=designs.size, unit="design") as bar:
-        result = sweep(designs, output, executor, bar.update)
+    with (
+        LocalPool(options.workers) as pool,
+        tqdm(disable=None, total=designs.size, unit="design") as bar,
+    ):
+        result = sweep(designs, output, pool, bar.update)
     print(
         f"{output}: {designs.size} designs at {len(designs.alpha3)} angles; {result.built} were "
         f"computed now, {result.kept} were in the file already."

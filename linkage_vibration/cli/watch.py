@@ -20,5 +20,5 @@ def run(options: argparse.Namespace) -> int:
     from linkage_vibration.ros.bag_player import watch
 
     with closing(LiveLine(sys.stdout)) as live, suppress(KeyboardInterrupt):
-        watch(options.node, live.show, lambda text: print(text, file=sys.stderr))
+        watch(options.node, live.show, live.take, lambda text: print(text, file=sys.stderr))
     return 0

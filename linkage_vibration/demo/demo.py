@@ -12,26 +12,23 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import yaml
-from numpy.typing import NDArray
 
-from linkage_vibration.bags.reading import JointStateRecord, read_joint_states, read_messages
 from linkage_vibration.demo.domain import reserve_domain
 from linkage_vibration.drawing.live_line import LiveLine
-from linkage_vibration.drawing.plots import plot_predictions
 from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.playback.readings import read_numbers
+from linkage_vibration.prediction.settings import Parameters, with_values
+from linkage_vibration.review.log import read_log
+from linkage_vibration.review.picture import plot_log
 from linkage_vibration.support.atomic_files import make_folder
 from linkage_vibration.support.resources import DEFAULT_TABLE, config_file
 from linkage_vibration.table.table import load_table
-
-if TYPE_CHECKING:
-    from linkage_vibration.ros.player import Playback
+from linkage_vibration.testing.bag_checks import latencies
 
 DRIVE = "drives/hitch_duty_cycle.mcap"
-HITCH_JOINT, ENGINE_SPEED, PTO_SPEED = "hitch_rockshaft_joint", "/engine_speed", "/pto_speed"
 # The table's range is shortened by this at each end, so that rounding does not leave it.
 MARGIN = 1e-9  # rad
 STOP_TIMEOUT = 10.0  # s
@@ -53,11 +50,11 @@ def run_demo(bag: Path | None, joint: str | None, output: Path) -> int:
     ``ROS_DOMAIN_ID`` are set for this process and the node, so that they find only each other. A
     `DemoError` is raised if ROS 2, the joint or the folder cannot be used, or if the node fails.
     """
-    drive, followed = bag or config_file(DRIVE), joint or HITCH_JOINT
+    drive, followed = bag or config_file(DRIVE), joint or Parameters().joint_name
     parameters: dict[str, object] = {"joint_name": followed, "record": True}
     table = load_table(config_file(DEFAULT_TABLE))
     if bag is not None or joint is not None:
-        low, high = _swing(drive, joint)
+        low, high = _swing(drive, followed)
         first, last = table.alpha3_range
         scale = (last - first - 2 * MARGIN) / (high - low)
         parameters |= {"scale": scale, "offset": first + MARGIN - scale * low}
@@ -65,22 +62,22 @@ def run_demo(bag: Path | None, joint: str | None, output: Path) -> int:
     parameters["log_directory"] = str(output.resolve())
     _set_environment(output)
     try:
-        from linkage_vibration.ros.player import play
+        from linkage_vibration.ros.bag_player import play_bag
     except ImportError as error:
         raise DemoError(
             f"ROS 2 cannot be imported ({error}); source an installation, or "
             "`pip install linkage_vibration[ros] ./linkage_vibration_interfaces`."
         ) from None
-    records = (record for record in read_joint_states(drive) if _has_position(record, followed))
+    settings = with_values(Parameters(), parameters)
     logs_before = set(output.glob("*.mcap"))
     print(f"Playing {followed} of {drive} to the node on ROS domain {os.environ['ROS_DOMAIN_ID']}.")
     print("The modes are, from the lowest:", ", ".join(table.mode_names), end=".\n")
     live = LiveLine(sys.stdout)
     with _node(parameters, output) as check, closing(live):
-        playback = play(records, [] if bag else _speeds(drive), live.show, check)
+        play_bag(drive, settings, {}, print, live.show, check)
     log = max(set(output.glob("*.mcap")) - logs_before, key=lambda path: path.stat().st_mtime)
-    plot_predictions(log, log.with_suffix(".png"), table.mode_names)
-    return _report(playback, log)
+    plot_log(read_log(log), log.with_suffix(".png"))
+    return _report(len(read_numbers([drive], settings)[1]), log)
 
 
 def _set_environment(output: Path) -> None:
@@ -93,67 +90,38 @@ def _set_environment(output: Path) -> None:
         os.environ.setdefault("ROS_LOG_DIR", str(output.resolve()))
 
 
-def _report(playback: "Playback", log: Path) -> int:
+def _report(sent: int, log: Path) -> int:
     """Print what was played and predicted; return 1 if a joint state was not answered."""
-    sent, answered = playback.lateness.size, playback.latencies.size
-    late = _percentiles(playback.lateness)
+    waits = latencies(log, log)
+    median, late = 1e3 * np.percentile(waits, (50, 99))
     print(
-        f"joint states in    {sent}, published {late} after their recorded times\n"
-        f"predictions out    {playback.received}\n"
-        f"latency            {_percentiles(playback.latencies)}, from joint state to prediction\n"
+        f"joint states in    {sent}\n"
+        f"predictions out    {waits.size}\n"
+        f"latency            median {median:.2f} ms, 99th percentile {late:.2f} ms\n"
         f"log                {log}\n"
         f"picture            {log.with_suffix('.png')}"
     )
-    if sent == playback.received == answered:
+    if sent == waits.size:
         return 0
     print(
-        f"Of {sent} joint states {answered} were answered, by {playback.received} predictions. The "
-        "machine is too busy, or another node is on this ROS domain; see "
-        f"{log.with_name(NODE_OUTPUT)}, and run the demo again.",
+        f"Of {sent} joint states {waits.size} were answered. The machine is too busy, or another "
+        f"node is on this ROS domain; see {log.with_name(NODE_OUTPUT)}, and run the demo again.",
         file=sys.stderr,
     )
     return 1
 
 
-def _speeds(drive: Path) -> list[tuple[int, str, float]]:
-    """Return log time (ns), topic and value of each speed in the shipped drive, in time order."""
-    return sorted(
-        (log_time, topic, message.data)
-        for topic in (ENGINE_SPEED, PTO_SPEED)
-        for log_time, message in read_messages(drive, topic)
-    )
-
-
-def _percentiles(seconds: NDArray[np.float64]) -> str:
-    median, late = np.percentile(seconds, (50, 99)) * 1e3 if seconds.size else (np.nan, np.nan)
-    return f"median {median:.2f} ms, 99th percentile {late:.2f} ms"
-
-
-def _has_position(record: JointStateRecord, joint: str) -> bool:
-    return joint in record.name and len(record.position) == len(record.name)
-
-
-def _swing(bag: Path, joint: str | None) -> tuple[float, float]:
+def _swing(bag: Path, joint: str) -> tuple[float, float]:
     """Return the smallest and the largest position of a joint in a bag."""
-    joints: set[str] = set()
-    low, high = np.inf, -np.inf
-    for record in read_joint_states(bag):
-        joints.update(record.name)
-        if joint is not None and _has_position(record, joint):
-            position = record.position[record.name.index(joint)]
-            # fmin and fmax ignore NaN, which broadcasters send for unknown positions.
-            low, high = np.fmin(low, position), np.fmax(high, position)
-    listing = ", ".join(sorted(joints)) or "no joint at all"
-    if joint is None:
-        raise DemoError(f"Name the joint of {bag} to follow with --joint; it has {listing}.")
-    if joint not in joints:
-        raise DemoError(f"{bag} has no joint {joint}; it has {listing}.")
-    if not (np.isfinite(low) and np.isfinite(high) and low < high):
+    _, positions = read_numbers([bag], Parameters(joint_name=joint))
+    # fmin and fmax ignore NaN, which broadcasters send for unknown positions.
+    low, high = float(np.fmin.reduce(positions)), float(np.fmax.reduce(positions))
+    if not low < high < np.inf:
         raise DemoError(
             f"Joint {joint} of {bag} does not move between two finite positions; choose another "
-            f"joint of {listing}."
+            "one with --joint."
         )
-    return float(low), float(high)
+    return low, high
 
 
 @contextmanager

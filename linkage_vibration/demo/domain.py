@@ -2,11 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Chooses a ROS domain that nothing else on this machine uses."""
 
-import fcntl
 import os
 import socket
-import tempfile
-from pathlib import Path
+from contextlib import suppress
 
 from linkage_vibration.errors import LinkageVibrationError
 
@@ -21,20 +19,15 @@ def reserve_domain() -> int:
     """Return a free ROS domain, which no other caller gets while this process runs."""
     for offset in range(len(DOMAINS)):
         domain = DOMAINS[(os.getpid() + offset) % len(DOMAINS)]
-        lock = Path(tempfile.gettempdir()) / f"linkage_vibration_domain_{domain}.lock"
-        try:
-            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-                # DDS-RTPS 9.6.2.3: the participants of a domain listen on this port.
-                probe.bind(("", 7400 + 250 * domain))
-            descriptor = os.open(lock, os.O_CREAT | os.O_RDWR, 0o666)
-            try:
-                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except OSError:
-                os.close(descriptor)
-                raise
-        except OSError:
-            continue
-        # The file stays open, and so locked, until the process ends.
-        return domain
+        with (
+            suppress(OSError),
+            socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe,
+            socket.socket(socket.AF_UNIX) as lock,
+        ):
+            # DDS-RTPS 9.6.2.3: the participants of a domain listen on this port.
+            probe.bind(("", 7400 + 250 * domain))
+            lock.bind(f"\0linkage_vibration_domain_{domain}")  # a name that is not a file
+            lock.detach()  # It stays open, and so keeps the name, until the process ends.
+            return domain
     first, last = DOMAINS[0], DOMAINS[-1]
     raise DomainError(f"ROS domains {first} to {last} are all in use; set ROS_DOMAIN_ID yourself.")

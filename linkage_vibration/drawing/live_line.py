@@ -10,6 +10,7 @@ from typing import Any, TextIO
 import numpy as np
 
 from linkage_vibration.prediction.predictor import Status
+from linkage_vibration.prediction.severity import ResonanceState
 
 
 class LiveLine:
@@ -17,6 +18,14 @@ class LiveLine:
 
     def __init__(self, stream: TextIO) -> None:
         self._stream, self._in_place, self._due = stream, stream.isatty(), 0.0
+        self._load = ""
+
+    def take(self, resonance: Any) -> None:
+        """Show the load ratio and the state of a resonance with the next predictions."""
+        state = ResonanceState(resonance.state).name.lower()
+        ratio = resonance.total_load_ratio
+        known = "unknown" if math.isnan(ratio) else f"{ratio:.2f}"
+        self._load = f"load {known:>7} {state:<7} | "
 
     def show(self, prediction: Any) -> None:
         """Write the line, if its time has come."""
@@ -24,7 +33,7 @@ class LiveLine:
         if now < self._due:
             return
         self._due = now + (0.1 if self._in_place else 1.0)
-        line = _line(prediction)
+        line = self._load + _line(prediction)
         # A line that wraps could not be overwritten.
         width = shutil.get_terminal_size().columns - 1
         self._stream.write(f"\r{line[:width]}" if self._in_place else f"{line}\n")

@@ -109,11 +109,14 @@ def _suffix(constants: Constants) -> str:
 
 def _values(description: Description, constants: Constants) -> dict[str, str]:
     """Return what stands for each name in the templates of header and source."""
-    prefix, f = description.prefix, _suffix(constants)
+    prefix, f, orders = description.prefix, _suffix(constants), constants.orders
     low, high = (math.degrees(angle) for angle in constants.alpha3_range)
     turns = ", of any turn" if constants.turns else ""
-    common = {
-        **{field.name: comment(field.comment) for field in message_fields(PREDICTION)},
+    fields = (*message_fields(RESONANCE), *message_fields(PREDICTION))
+    statuses = message_constants(PREDICTION).items()
+    values = {
+        **{field.name: comment(field.comment) for field in fields},
+        **_numbers(constants, f),
         "prefix": prefix,
         "PREFIX": prefix.upper(),
         "f": f,
@@ -126,18 +129,33 @@ def _values(description: Description, constants: Constants) -> dict[str, str]:
         "real": "float" if f else "double",
         "in_double": ", whose numbers were rounded to single precision" if f else "",
         "range": f"{low:.6g} to {high:.6g} deg{turns}",
-        "statuses": _statuses(prefix.upper()),
-        "modes": str(constants.n_modes),
-        "peaks": str(constants.n_peaks),
-        "values": str(constants.cubics.shape[2]),
-        **_arrays(constants, f),
+        "statuses": "\n".join(f"#define {prefix.upper()}_{name} {v}" for name, v in statuses),
+        "turn": literal(float(constants.starts.dtype.type(2.0 * math.pi)), f),
+        "orders_header": "",
+        "orders_source": "",
     }
-    orders = constants.orders
-    header = source = ""
     if orders is not None:
-        values = common | _order_values(orders, constants, f)
-        header, source = filled("orders.h.in", values), filled("orders.c.in", values)
-    return common | {"orders_header": header, "orders_source": source}
+        values |= _numbers(orders, f, "response_") | _order_values(orders, f)
+        values["orders_header"] = filled("orders.h.in", values)
+        values["orders_source"] = filled("orders.c.in", values)
+    return values
+
+
+def _numbers(holder: Constants | Orders, f: str, prefix: str = "") -> dict[str, str]:
+    """Return the numbers of a dataclass, and the lengths of its arrays, by the names of fields."""
+    texts = {}
+    for field, value in vars(holder).items():
+        name = f"{prefix}{field}"
+        if isinstance(value, np.ndarray):
+            texts[f"n_{name}"], texts[f"width_of_{name}"] = str(len(value)), str(value.shape[-1])
+            texts[name] = _rows(value.swapaxes(1, 2) if value.ndim == 3 else value, f)
+        elif isinstance(value, float):
+            texts[name] = literal(value, f)
+        elif isinstance(value, int):
+            texts[name] = str(int(value))
+        elif field.endswith(("range", "band")):
+            texts[f"{name}_low"], texts[f"{name}_high"] = (literal(end, f) for end in value)
+    return texts
 
 
 def _facts(description: Description, constants: Constants) -> str:
@@ -151,52 +169,14 @@ def _facts(description: Description, constants: Constants) -> str:
     return "\n".join(f" * {line}".rstrip() for line in wrapped)
 
 
-def _statuses(prefix: str) -> str:
-    """Return the constants of the status as macros."""
-    statuses = message_constants(PREDICTION).items()
-    return "\n".join(f"#define {prefix}_{name} {value}" for name, value in statuses)
-
-
-def _arrays(constants: Constants, f: str) -> dict[str, str]:
-    """Return the scalars and the arrays of constants."""
-    pairs = {"range": constants.alpha3_range, "sound": constants.sound_range}
-    ends = {
-        f"{name}_{end}": literal(value, f)
-        for name, pair in (*pairs.items(), ("band", constants.band))
-        for end, value in zip(("low", "high"), pair, strict=True)
-    }
-    return {
-        **ends,
-        "turns": str(int(constants.turns)),
-        "turn": literal(2.0 * math.pi if not f else float(np.float32(2.0 * math.pi)), f),
-        "farthest": literal(constants.farthest, f),
-        "cells": str(len(constants.starts)),
-        "pieces": str(len(constants.piece_starts)),
-        "parameter_rows": str(len(constants.parameters)),
-        "parameter_step": literal(constants.parameter_step, f),
-        "noise_rows": str(len(constants.noise)),
-        "cell_starts": _rows(constants.starts, f),
-        "cell_cubics": _rows(constants.cubics.swapaxes(1, 2), f),
-        "piece_starts": _rows(constants.piece_starts, f),
-        "piece_errors": _rows(constants.piece_errors, f),
-        "parameters": _rows(constants.parameters, f),
-        "noise_angles": _rows(constants.noise_angles, f),
-        "noise": _rows(constants.noise, f),
-    }
-
-
-def _rows(values: Reals, f: str) -> str:
+def _rows(values: Reals, f: str, indent: str = "    ") -> str:
     """Return the inside of an array's braces."""
     if values.ndim == 1:
-        return "\n".join(_lines((literal(value, f) for value in values.tolist()), "    "))
-    return ",\n".join(_braced(row, f, "    ") for row in values)
-
-
-def _braced(values: Reals, f: str, indent: str) -> str:
-    if values.ndim == 1:
-        inside = _lines((literal(value, f) for value in values.tolist()), f"{indent} ")
-        return f"{indent}{{{chr(10).join(inside).lstrip()}}}"
-    return f"{indent}{{\n" + ",\n".join(_braced(v, f, f"{indent} ") for v in values) + "}"
+        return "\n".join(_lines((literal(value, f) for value in values.tolist()), indent))
+    inside = (_rows(row, f, f"{indent} ") for row in values)
+    if values.ndim == 2:
+        return ",\n".join(f"{indent}{{{row.lstrip()}}}" for row in inside)
+    return ",\n".join(f"{indent}{{\n{rows}}}" for rows in inside)
 
 
 def _lines(words: Iterable[str], indent: str) -> list[str]:
@@ -210,32 +190,21 @@ def _lines(words: Iterable[str], indent: str) -> list[str]:
     return [*lines, line.removesuffix(", ")]
 
 
-def _order_values(orders: Orders, constants: Constants, f: str) -> dict[str, str]:
-    """Return what stands for each name in the templates of excitations."""
-    names = [f" * {i}: {comment(name)}" for i, name in enumerate(orders.names)]
-    rows = []
-    columns = zip(
+def _order_values(orders: Orders, f: str) -> dict[str, str]:
+    """Return what stands for the excitations in their templates."""
+    real, rows = orders.ratios.dtype.type, []
+    for source, ratio, force, which in zip(
         orders.sources, orders.ratios.tolist(), orders.forces.tolist(), orders.inputs, strict=True
-    )
-    for source, ratio, (amplitude, speed, exponent, soil), which in columns:
-        omega = float(orders.ratios.dtype.type(2.0 * math.pi * ratio))
-        numbers = [literal(v, f) for v in (ratio, omega, amplitude, speed, exponent)]
+    ):
+        *load, soil = force
+        numbers = [literal(v, f) for v in (ratio, float(real(2.0 * math.pi * ratio)), *load)]
         row = ", ".join([f"{SOURCES.index(source)}u", *numbers, str(int(soil)), f"{which}u"])
         rows.append(f"    {{{row}}}")
-    top = 2.0 * math.pi * orders.highest_frequency
     return {
-        "order_names": "\n".join(names),
+        "order_names": "\n".join(f" * {i}: {comment(name)}" for i, name in enumerate(orders.names)),
         "n_orders": str(len(orders.names)),
-        "terms": str(orders.n_terms),
-        "inputs": str(orders.n_inputs),
-        "term_values": str(3 * orders.n_terms * (1 + orders.n_inputs)),
-        "response_values": str(orders.cubics.shape[2]),
-        "response_cells": str(len(orders.starts)),
         "excitations": ",\n".join(rows),
-        "highest_omega": literal(float(constants.starts.dtype.type(top)), f),
-        "response_starts": _rows(orders.starts, f),
-        "response_cubics": _rows(orders.cubics.swapaxes(1, 2), f),
-        **{field.name: comment(field.comment) for field in message_fields(RESONANCE)},
+        "highest_omega": literal(float(real(2.0 * math.pi * orders.highest_frequency)), f),
     }
 
 

@@ -4,7 +4,7 @@
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,9 @@ from linkage_vibration.table.table import Table, widened
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
-Reals = NDArray[np.floating[Any]]
+Reals = NDArray[Any]
+"""Numbers in single or double precision."""
+Holder = TypeVar("Holder", "Constants", "Orders")
 
 PEAK_TOLERANCE = 100.0
 """Tolerance of the peak over that of natural frequencies, as `linkage-vibration build` has it."""
@@ -78,7 +80,7 @@ class Constants:
     n_modes, n_peaks : int
     alpha3_range, sound_range : tuple of float
         rad; the second is at least one degree away from the toggles.
-    band : tuple of float
+    peak_band : tuple of float
         Where the peak is sought, Hz.
     turns : bool
         Whether the crank turns all the way, so that whole turns are removed.
@@ -105,7 +107,7 @@ class Constants:
     n_peaks: int
     alpha3_range: tuple[float, float]
     sound_range: tuple[float, float]
-    band: tuple[float, float]
+    peak_band: tuple[float, float]
     turns: bool
     farthest: float
     starts: Reals
@@ -136,16 +138,8 @@ class Constants:
     @property
     def size(self) -> int:
         """Bytes of all arrays."""
-        return sum(array.nbytes for array in arrays(self))
-
-
-def arrays(constants: Constants) -> list[Reals]:
-    """Return all arrays of constants."""
-    values = [
-        *vars(constants).values(),
-        *(vars(constants.orders) if constants.orders else {}).values(),
-    ]
-    return [value for value in values if isinstance(value, np.ndarray)]
+        values = [*vars(self).values(), *(vars(self.orders).values() if self.orders else ())]
+        return sum(value.nbytes for value in values if isinstance(value, np.ndarray))
 
 
 def constants_of(table: Table, orders: Orders | None = None) -> Constants:
@@ -181,7 +175,7 @@ def constants_of(table: Table, orders: Orders | None = None) -> Constants:
         n_peaks=cubics.shape[2] // 2 - table.n_modes,
         alpha3_range=(low, high),
         sound_range=(max(table.sound_range[0], low), min(table.sound_range[1], high)),
-        band=widened(table.band),
+        peak_band=widened(table.peak_band),
         turns=high - low >= _TURN * (1.0 - 1e-12),
         farthest=_FARTHEST,
         starts=starts,
@@ -210,46 +204,32 @@ def _gaps(ends: list[float], without: BoolArray) -> tuple[tuple[float, float], .
 
 def single(constants: Constants) -> Constants:
     """Return constants in single precision; cubics are expanded about the rounded starts."""
-
-    def rounded(values: Reals) -> Reals:
-        return values.astype(np.float32)
-
-    def cells(starts: Reals, cubics: Reals) -> tuple[Reals, Reals]:
-        shift = (rounded(starts).astype(float) - starts)[:, np.newaxis]
-        c3, c2, c1, c0 = cubics.swapaxes(0, 1)
-        moved = [
-            c3,
-            c2 + 3.0 * c3 * shift,
-            c1 + (2.0 * c2 + 3.0 * c3 * shift) * shift,
-            c0 + (c1 + (c2 + c3 * shift) * shift) * shift,
-        ]
-        return rounded(starts), rounded(np.stack(moved, axis=1))
-
-    def ends(pair: tuple[float, float]) -> tuple[float, float]:
-        return float(np.float32(pair[0])), float(np.float32(pair[1]))
-
     orders = constants.orders
     if orders is not None:
-        starts, cubics = cells(orders.starts, orders.cubics)
-        ratios, forces = rounded(orders.ratios), rounded(orders.forces)
-        orders = replace(orders, ratios=ratios, forces=forces, starts=starts, cubics=cubics)
-    starts, cubics = cells(constants.starts, constants.cubics)
-    return replace(
-        constants,
-        alpha3_range=ends(constants.alpha3_range),
-        sound_range=ends(constants.sound_range),
-        band=ends(constants.band),
-        farthest=_FARTHEST_SINGLE,
-        starts=starts,
-        cubics=cubics,
-        piece_starts=rounded(constants.piece_starts),
-        piece_errors=rounded(constants.piece_errors),
-        parameters=rounded(constants.parameters),
-        parameter_step=float(np.float32(constants.parameter_step)),
-        noise_angles=rounded(constants.noise_angles),
-        noise=rounded(constants.noise),
-        orders=orders,
-    )
+        orders = replace(_rounded(orders), highest_frequency=orders.highest_frequency)
+    return replace(_rounded(constants), farthest=_FARTHEST_SINGLE, orders=orders)
+
+
+def _rounded(holder: Holder) -> Holder:
+    """Return constants or orders whose numbers are those of single precision."""
+    starts = holder.starts.astype(np.float32)
+    shift = (starts.astype(float) - holder.starts)[:, np.newaxis]
+    c3, c2, c1, c0 = holder.cubics.swapaxes(0, 1)
+    moved = [
+        c3,
+        c2 + 3.0 * c3 * shift,
+        c1 + (2.0 * c2 + 3.0 * c3 * shift) * shift,
+        c0 + (c1 + (c2 + c3 * shift) * shift) * shift,
+    ]
+    changes: dict[str, Any] = {}
+    for name, value in vars(replace(holder, cubics=np.stack(moved, axis=1))).items():
+        if isinstance(value, np.ndarray):
+            changes[name] = value.astype(np.float32)
+        elif isinstance(value, float):
+            changes[name] = float(np.float32(value))
+        elif name.endswith(("range", "band")):
+            changes[name] = float(np.float32(value[0])), float(np.float32(value[1]))
+    return replace(holder, **changes)
 
 
 def fewer_cells(constants: Constants, tolerance: float) -> Constants:

@@ -5,41 +5,31 @@
 The expected values of the generated test come from here, and so do the measured errors.
 """
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from linkage_vibration.export.constants import Constants, Reals, single
+from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.messages.fields import message_constants
 from linkage_vibration.messages.topics import PREDICTION
+from linkage_vibration.table.cells import Cells
+
+PER_MODE = (
+    "natural_frequencies",
+    "frequency_stddev",
+    "damping_ratios",
+    "damping_ratio_stddev",
+    "frequency_slopes",
+)
+NUMBERS = (*PER_MODE, "frf_peak_frequency", "frf_peak_magnitude", "interpolation_error")
+"""The outputs beside the status, in their order in C; `frequency_slopes` are in Hz/rad."""
 
 _SAMPLES = 20_001  # angles at which errors are measured
 _SEED = 1
 _OTHER = 1e-3  # relative: frequencies that differ by more are those of two different peaks
 _ROOM = 1.25  # errors at other angles may be so much larger than those measured
-
-
-@dataclass(frozen=True, eq=False)
-class Outputs:
-    """What the exported function gives at n angles; (n,) or (n, n_modes).
-
-    The names are those of the message; `frequency_slopes` are in Hz/rad.
-    """
-
-    status: NDArray[np.int32]
-    natural_frequencies: Reals
-    frequency_stddev: Reals
-    damping_ratios: Reals
-    damping_ratio_stddev: Reals
-    frequency_slopes: Reals
-    frf_peak_frequency: Reals
-    frf_peak_magnitude: Reals
-    interpolation_error: Reals
-
-
-NUMBERS = tuple(field.name for field in fields(Outputs))[1:]
-"""The outputs beside the status, in their order in C."""
 
 
 @dataclass(frozen=True)
@@ -143,22 +133,30 @@ def compare(constants: Constants, approximate: Constants) -> ExportErrors:
     )
 
 
-def evaluate(constants: Constants, crank_angle: Reals, stddev: Reals) -> Outputs:
+def evaluate(constants: Constants, crank_angle: Reals, stddev: Reals) -> MessageColumns:
     """Return what the exported function gives at angles with standard deviations, (n,), rad.
 
     Both are in the precision of the constants.
     """
-    real = constants.starts.dtype.type
+    n, cells = constants.n_modes, Cells(constants.starts, constants.cubics)
     with np.errstate(all="ignore"):
         status, angle, has_numbers = _positions(constants, crank_angle)
-        rows = [*_modes(constants, angle, stddev), *_peaks(constants, angle)]
-    piece = np.searchsorted(constants.piece_starts, angle, side="right") - 1
-    rows.append(constants.piece_errors[np.maximum(piece, 0)])
-    numbers = []
-    for row in rows:
-        empty = ~has_numbers if row.ndim == 1 else ~has_numbers[:, np.newaxis]
-        numbers.append(np.where(empty, real(np.nan), row))
-    return Outputs(status, *numbers)
+        values, slopes = cells.many_values(angle), cells.many_slopes(angle)[:, : 2 * n]
+        piece = np.searchsorted(constants.piece_starts, angle, side="right") - 1
+        error = constants.piece_errors[np.maximum(piece, 0)]
+        modal = values[:, : 2 * n]
+        parameters, noise = _deviations(constants, angle)
+        parameters[:, :n] *= modal[:, :n]
+        turned = np.abs(slopes) * stddev[:, np.newaxis]
+        missed = error[:, np.newaxis] * modal
+        squares = parameters * parameters + turned * turned + noise * noise + missed * missed
+        total = np.sqrt(squares)
+        frequency, magnitude = _peaks(constants, values[:, 2 * n :])
+    per_mode = modal[:, :n], total[:, :n], modal[:, n:], total[:, n:], slopes[:, :n]
+    numbers = dict(zip(NUMBERS, (*per_mode, frequency, magnitude, error), strict=True))
+    for column in numbers.values():
+        column[~has_numbers] = np.nan
+    return MessageColumns(status=status, **numbers)
 
 
 def _positions(
@@ -182,29 +180,19 @@ def _positions(
     return status.astype(np.int32), np.where(inside, angle, low), inside
 
 
-def _modes(constants: Constants, angle: Reals, stddev: Reals) -> list[Reals]:
-    """Return natural frequencies, damping ratios, their deviations, and slopes."""
-    real, n = constants.starts.dtype.type, constants.n_modes
-    cubics, t = _cell(constants, angle)
-    c3, c2, c1, c0 = (cubics[:, i, : 2 * n] for i in range(4))
-    values = ((c3 * t + c2) * t + c1) * t + c0
-    slopes = (real(3.0) * c3 * t + real(2.0) * c2) * t + c1
-    parameters: Reals = np.zeros_like(values)
-    noise: Reals = np.zeros_like(values)
+def _deviations(constants: Constants, angle: Reals) -> tuple[Reals, Reals]:
+    """Return standard deviations by uncertain numbers and by noise, (n, 2 n_modes) each."""
+    real = constants.starts.dtype.type
+    parameters: Reals = np.zeros((len(angle), 2 * constants.n_modes), real)
+    noise: Reals = np.zeros_like(parameters)
     if len(constants.parameters):
         place = (angle - real(constants.alpha3_range[0])) / real(constants.parameter_step)
         i = np.minimum(place.astype(np.int64), len(constants.parameters) - 2)
         before, after = constants.parameters[i], constants.parameters[i + 1]
         parameters = before + (after - before) * (place - i.astype(real))[:, np.newaxis]
-        parameters[:, :n] *= values[:, :n]
     if len(constants.noise):
         noise = _between(constants.noise_angles, constants.noise, angle)
-    piece = np.searchsorted(constants.piece_starts, angle, side="right") - 1
-    missed = constants.piece_errors[np.maximum(piece, 0)][:, np.newaxis] * values
-    turned = np.abs(slopes) * stddev[:, np.newaxis]
-    squares = parameters * parameters + turned * turned + noise * noise + missed * missed
-    total = np.sqrt(squares)
-    return [values[:, :n], total[:, :n], values[:, n:], total[:, n:], slopes[:, :n]]
+    return parameters, noise
 
 
 def _between(points: Reals, values: Reals, angle: Reals) -> Reals:
@@ -216,20 +204,12 @@ def _between(points: Reals, values: Reals, angle: Reals) -> Reals:
     return np.where(((i == j) | (points[i] == angle))[:, np.newaxis], values[i], between)
 
 
-def _peaks(constants: Constants, angle: Reals) -> list[Reals]:
-    """Return frequency and magnitude of the highest peak."""
-    real, n, peaks = constants.starts.dtype.type, 2 * constants.n_modes, constants.n_peaks
-    cubics, t = _cell(constants, angle)
-    c3, c2, c1, c0 = (cubics[:, i, n:] for i in range(4))
-    values = ((c3 * t + c2) * t + c1) * t + c0
-    frequency, magnitude = np.full(len(angle), real(np.nan)), np.full(len(angle), real(-1.0))
-    low, high = map(real, constants.band)
-    for at, size in zip(values[:, :peaks].T, values[:, peaks:].T, strict=True):
+def _peaks(constants: Constants, values: Reals) -> tuple[Reals, Reals]:
+    """Return frequency and magnitude of the highest of the candidates, (n, 2 n_peaks)."""
+    real = constants.starts.dtype.type
+    frequency, magnitude = np.full(len(values), real(np.nan)), np.full(len(values), real(-1.0))
+    low, high = map(real, constants.peak_band)
+    for at, size in zip(*np.split(values.T, 2), strict=True):
         higher = (size > magnitude) & (at >= low) & (at <= high)
         frequency, magnitude = np.where(higher, at, frequency), np.where(higher, size, magnitude)
-    return [frequency, np.where(magnitude < 0.0, real(np.nan), magnitude)]
-
-
-def _cell(constants: Constants, angle: Reals) -> tuple[Reals, Reals]:
-    i = np.maximum(np.searchsorted(constants.starts, angle, side="right") - 1, 0)
-    return constants.cubics[i], (angle - constants.starts[i])[:, np.newaxis]
+    return frequency, np.where(magnitude < 0.0, real(np.nan), magnitude)

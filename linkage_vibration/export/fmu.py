@@ -6,6 +6,7 @@ import hashlib
 import io
 import os
 import platform
+import re
 import shutil
 import subprocess
 import tempfile
@@ -13,16 +14,11 @@ import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from xml.etree import ElementTree
+from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
-from linkage_vibration.export.c_source import (
-    SOURCES,
-    Description,
-    c_files,
-    filled,
-    literal,
-)
+from linkage_vibration.export.c_source import SOURCES, Description, c_files, filled, literal
 from linkage_vibration.export.constants import Constants, ExportError
+from linkage_vibration.export.evaluation import NUMBERS, PER_MODE
 from linkage_vibration.messages.fields import message_constants, message_fields
 from linkage_vibration.messages.topics import PREDICTION, RESONANCE
 from linkage_vibration.support.version import VERSION
@@ -30,7 +26,6 @@ from linkage_vibration.support.version import VERSION
 FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-fPIC", "-shared")
 """How the library of an FMU is compiled."""
 
-_SPEED_UNITS = {"engine": "rpm", "pto": "rpm", "ground": "m/s"}
 # The base units of each unit that the fields of the messages have.
 _UNITS: dict[str, dict[str, str]] = {
     "1": {},
@@ -43,47 +38,58 @@ _UNITS: dict[str, dict[str, str]] = {
     "m/s^2": {"m": "1", "s": "-2"},
     "rpm": {"rad": "1", "s": "-1", "factor": "0.10471975511965977"},
 }
+_SPEEDS = {
+    "engine": "rpm, speed of the engine; 0 if it is not known",
+    "pto": "rpm, speed of the PTO; 0 if it is not known",
+    "ground": "m/s, speed over ground; 0 if it is not known",
+}
+_PER_ORDER = (
+    "excitation_frequency",
+    "margin",
+    "relative_margin",
+    "velocities",
+    "accelerations",
+    "amplifications",
+)
+_TOTALS = "total_velocity", "total_acceleration"
 _SIGNED = {"frequency_slopes", "margin", "relative_margin", "damping_ratios"}
 _DATE = (1980, 1, 1, 0, 0, 0)  # of every file in an FMU, so that equal exports have equal bytes
-_SYSTEMS = {
-    "Linux": ("linux", ".so"),
-    "Darwin": ("darwin", ".dylib"),
-    "Windows": ("windows", ".dll"),
-}
-_MACHINES = {"amd64": "x86_64", "arm64": "aarch64"}
+# The folder of a library and its suffix. FMI 2.0 names only those of x86; the others are as in 3.0.
 _PLATFORMS = {
-    "x86_64-linux": "linux64",
-    "x86_64-darwin": "darwin64",
-    "x86_64-windows": "win64",
+    ("Linux", "x86_64"): ("linux64", ".so"),
+    ("Darwin", "x86_64"): ("darwin64", ".dylib"),
+    ("Darwin", "arm64"): ("aarch64-darwin", ".dylib"),
 }
 
 
 @dataclass(frozen=True)
 class _Variable:
-    """A variable of the FMU; its value reference is its place in the list."""
+    """A variable of the FMU; its value reference is its place in the list.
+
+    The description begins with the unit, as comments in messages do.
+    """
 
     name: str
     causality: str
-    unit: str
     description: str
     start: float | None = None
     limits: tuple[float | None, float | None] = (None, None)
     is_integer: bool = False
 
     @property
-    def variability(self) -> str:
-        if self.causality == "parameter":
-            return "tunable"
-        return "discrete" if self.is_integer else "continuous"
+    def attributes(self) -> dict[str, str]:
+        """Unit, limits and start; integers have no unit."""
+        attributes = {} if self.is_integer else {"unit": re.split("[,;]", self.description)[0]}
+        for name, value in zip(("min", "max", "start"), (*self.limits, self.start), strict=True):
+            if value is not None:
+                attributes[name] = str(int(value)) if self.is_integer else repr(float(value))
+        return attributes
 
 
 def fmu_bytes(description: Description, constants: Constants, *, compiled: bool) -> bytes:
     """Return an FMU, with a library for this machine beside its sources if it is compiled.
 
-    Raises
-    ------
-    ExportError
-        If a library is wanted and there is no C compiler, or if it fails.
+    An ExportError is raised if a library is wanted and there is no C compiler, or if it fails.
     """
     prefix = description.prefix
     reals, integers = _variables(description, constants)
@@ -100,11 +106,12 @@ def fmu_bytes(description: Description, constants: Constants, *, compiled: bool)
     }
     sources["fmi2.c"] = filled("fmu.c.in", values)
     names = [name for name in sources if name.endswith(".c")]
-    tree = _model_description(description, token, reals + integers, names)
-    files = {"modelDescription.xml": _text(tree)}
+    about = _model_description(description, token, reals + integers, names)
+    files = {"modelDescription.xml": about}
     files |= {f"sources/{name}": text.encode() for name, text in sources.items()}
     if compiled:
-        folder, suffix = _platform()
+        machine = platform.system(), platform.machine()
+        folder, suffix = _PLATFORMS.get(machine, (f"{machine[1]}-{machine[0].lower()}", ".so"))
         files[f"binaries/{folder}/{prefix}{suffix}"] = _library(sources)
     return _packed(files)
 
@@ -115,192 +122,110 @@ def _variables(
     """Return the real variables and the integer ones, in the order of the template."""
     low, high = constants.alpha3_range
     limits = (None, None) if constants.turns else (low, high)
-    comments = {field.name: field for field in message_fields(PREDICTION)}
-    angle = comments["crank_angle"]
+    angle = next(field for field in message_fields(PREDICTION) if field.name == "crank_angle")
+    spread = "rad, standard deviation of crank_angle; 0 if it is exact"
     reals = [
-        _Variable("time", "independent", "s", "s, time of the simulation"),
-        _Variable("crank_angle", "input", angle.unit, angle.comment, low, limits),
-        _Variable(
-            "crank_angle_stddev",
-            "parameter",
-            "rad",
-            "rad, standard deviation of crank_angle; 0 if it is exact",
-            0.0,
-            (0.0, None),
-        ),
+        _Variable("time", "independent", "s, time of the simulation"),
+        _Variable("crank_angle", "input", angle.comment, low, limits),
+        _Variable("crank_angle_stddev", "parameter", spread, 0.0, (0.0, None)),
     ]
-    orders = constants.orders
+    orders, labels = constants.orders, description.mode_labels
     if orders is not None:
-        reals += [
-            _Variable(f"{source}_speed", "input", _SPEED_UNITS[source], _speed_text(source), 0.0)
-            for source in SOURCES
-        ]
-    labels = description.mode_labels
-    reals += _outputs(PREDICTION, _PER_MODE, labels) + _outputs(PREDICTION, _SINGLE)
+        reals += [_Variable(f"{s}_speed", "input", _SPEEDS[s], 0.0) for s in SOURCES]
+    reals += _outputs(PREDICTION, PER_MODE, labels)
+    reals += _outputs(PREDICTION, NUMBERS[len(PER_MODE) :])
     statuses = message_constants(PREDICTION)
-    text = ", ".join(f"{value} {name}" for name, value in statuses.items())
+    text = "1, " + ", ".join(f"{value} {name}" for name, value in statuses.items())
     ends = float(min(statuses.values())), float(max(statuses.values()))
-    integers = [_Variable("status", "output", "1", f"1, {text}", None, ends, True)]
+    integers = [_Variable("status", "output", text, None, ends, is_integer=True)]
     if orders is not None:
         reals += _outputs(RESONANCE, _PER_ORDER, orders.names) + _outputs(RESONANCE, _TOTALS)
         text = "1, mode that is nearest to the excitation, from 1; 0 if it is not known"
-        integers += [
-            _Variable(
-                f"nearest_mode[{i}]",
-                "output",
-                "1",
-                f"{text}; {name}",
-                None,
-                (0.0, float(constants.n_modes)),
-                True,
-            )
-            for i, name in enumerate(orders.names, 1)
-        ]
+        ends = 0.0, float(constants.n_modes)
+        for i, name in enumerate(orders.names, 1):
+            about = f"nearest_mode[{i}]", "output", f"{text}; {name}"
+            integers.append(_Variable(*about, None, ends, is_integer=True))
     return reals, integers
 
 
-_PER_MODE = (
-    "natural_frequencies",
-    "frequency_stddev",
-    "damping_ratios",
-    "damping_ratio_stddev",
-    "frequency_slopes",
-)
-_SINGLE = "frf_peak_frequency", "frf_peak_magnitude", "interpolation_error"
-_PER_ORDER = (
-    "excitation_frequency",
-    "margin",
-    "relative_margin",
-    "velocities",
-    "accelerations",
-    "amplifications",
-)
-_TOTALS = "total_velocity", "total_acceleration"
-
-
-def _speed_text(source: str) -> str:
-    what = {"engine": "of the engine", "pto": "of the PTO", "ground": "over ground"}[source]
-    return f"{_SPEED_UNITS[source]}, speed {what}; 0 if it is not known"
-
-
 def _outputs(kind: str, names: Sequence[str], labels: Sequence[str] = ()) -> list[_Variable]:
-    """Return outputs with the units and descriptions of the fields of a message.
+    """Return outputs with the descriptions of the fields of a message.
 
     The labels name what the elements of each field belong to.
     """
-    fields = {field.name: field for field in message_fields(kind)}
+    comments = {field.name: field.comment for field in message_fields(kind)}
+    comments["frequency_slopes"] = "Hz/rad, change of the natural frequencies with crank_angle"
     variables = []
     for name in names:
-        unit, text = "Hz/rad", "Hz/rad, change of the natural frequencies with crank_angle"
-        if name in fields:
-            unit, text = fields[name].unit, fields[name].comment
-        limits = (None, None) if name in _SIGNED else (0.0, None)
-        for i, label in enumerate(labels or [""], 1):
-            full_name, what = (f"{name}[{i}]", f"{text}; {label}") if labels else (name, text)
-            variables.append(_Variable(full_name, "output", unit, what, None, limits))
+        text, limits = comments[name], (None, None) if name in _SIGNED else (0.0, None)
+        if not labels:
+            variables.append(_Variable(name, "output", text, None, limits))
+        for i, label in enumerate(labels, 1):
+            variables.append(_Variable(f"{name}[{i}]", "output", f"{text}; {label}", None, limits))
     return variables
 
 
 def _model_description(
     description: Description, token: str, variables: Sequence[_Variable], sources: Sequence[str]
-) -> ElementTree.Element:
-    root = ElementTree.Element(
+) -> bytes:
+    name, errors = _printable(description.mechanism_name), _printable(description.errors)
+    root = Element(
         "fmiModelDescription",
-        {
-            "fmiVersion": "2.0",
-            "guid": token,
-            "numberOfEventIndicators": "0",
-            **_common(description),
-        },
+        fmiVersion="2.0",
+        guid=token,
+        numberOfEventIndicators="0",
+        modelName=name,
+        description=f"Predicted vibration, by table {description.table_id}. {errors}",
+        version=VERSION,
+        generationTool=f"linkage_vibration {VERSION}",
+        variableNamingConvention="structured",
     )
-    for interface, more in _INTERFACES.items():
+    steps = {"canHandleVariableCommunicationStepSize": "true"}
+    for interface, more in (("ModelExchange", {}), ("CoSimulation", steps)):
         attributes = {"modelIdentifier": description.prefix, **more}
         attributes["canNotUseMemoryManagementFunctions"] = "true"
-        element = ElementTree.SubElement(root, interface, attributes)
-        files = ElementTree.SubElement(element, "SourceFiles")
-        for name in sources:
-            ElementTree.SubElement(files, "File", name=name)
-    _add_units(root)
-    listed = ElementTree.SubElement(root, "ModelVariables")
-    outputs = []
+        files = SubElement(SubElement(root, interface, attributes), "SourceFiles")
+        for source in sources:
+            SubElement(files, "File", name=source)
+    units = SubElement(root, "UnitDefinitions")
+    for unit, base in _UNITS.items():
+        SubElement(SubElement(units, "Unit", name=unit), "BaseUnit", base)
+    # What an importer simulates unless it is asked for something else.
+    SubElement(root, "DefaultExperiment", startTime="0", stopTime="1", stepSize="0.01")
+    listed, outputs = SubElement(root, "ModelVariables"), []
     for reference, variable in enumerate(variables):
         if variable.causality == "independent":
             continue
-        scalar = ElementTree.SubElement(listed, "ScalarVariable", _attributes(variable, reference))
-        kind = "Integer" if variable.is_integer else "Real"
-        ElementTree.SubElement(scalar, kind, _type_attributes(variable))
+        scalar = SubElement(
+            listed,
+            "ScalarVariable",
+            name=variable.name,
+            valueReference=str(reference),
+            description=_printable(variable.description),
+            causality=variable.causality,
+            variability=_variability(variable),
+        )
+        SubElement(scalar, "Integer" if variable.is_integer else "Real", variable.attributes)
         if variable.causality == "output":
             outputs.append(len(listed))
-    structure = ElementTree.SubElement(root, "ModelStructure")
+    structure = SubElement(root, "ModelStructure")
     for part in ("Outputs", "InitialUnknowns"):
-        unknowns = ElementTree.SubElement(structure, part)
+        unknowns = SubElement(structure, part)
         for index in outputs:
-            ElementTree.SubElement(unknowns, "Unknown", index=str(index))
-    return root
+            SubElement(unknowns, "Unknown", index=str(index))
+    indent(root)
+    return bytes(tostring(root, encoding="utf-8", xml_declaration=True)) + b"\n"
 
 
-_INTERFACES = {
-    "ModelExchange": {},
-    "CoSimulation": {"canHandleVariableCommunicationStepSize": "true"},
-}
-
-
-def _common(description: Description) -> dict[str, str]:
-    return {
-        "modelName": _printable(description.mechanism_name),
-        "description": f"Predicted vibration, by table {description.table_id}. "
-        + _printable(description.errors),
-        "version": VERSION,
-        "generationTool": f"linkage_vibration {VERSION}",
-        "variableNamingConvention": "structured",
-    }
-
-
-def _attributes(variable: _Variable, reference: int) -> dict[str, str]:
-    return {
-        "name": variable.name,
-        "valueReference": str(reference),
-        "description": _printable(variable.description),
-        "causality": variable.causality,
-        "variability": variable.variability,
-    }
-
-
-def _type_attributes(variable: _Variable) -> dict[str, str]:
-    """Return unit, limits and start of a variable; integers have no unit."""
-    attributes = {} if variable.is_integer else {"unit": variable.unit}
-    pairs = zip(("min", "max", "start"), (*variable.limits, variable.start), strict=True)
-    for name, value in pairs:
-        if value is not None:
-            attributes[name] = str(int(value)) if variable.is_integer else repr(float(value))
-    return attributes
-
-
-def _add_units(root: ElementTree.Element) -> None:
-    """Add the units, and what an importer simulates unless it is asked for something else."""
-    units = ElementTree.SubElement(root, "UnitDefinitions")
-    for name, base in _UNITS.items():
-        unit = ElementTree.SubElement(units, "Unit", name=name)
-        ElementTree.SubElement(unit, "BaseUnit", base)
-    ElementTree.SubElement(root, "DefaultExperiment", startTime="0", stopTime="1", stepSize="0.01")
+def _variability(variable: _Variable) -> str:
+    if variable.causality == "parameter":
+        return "tunable"
+    return "discrete" if variable.is_integer else "continuous"
 
 
 def _printable(text: str) -> str:
     """Return a text without characters that XML does not allow."""
     return "".join(c if c.isprintable() else "?" for c in text)
-
-
-def _text(root: ElementTree.Element) -> bytes:
-    ElementTree.indent(root)
-    return bytes(ElementTree.tostring(root, encoding="utf-8", xml_declaration=True)) + b"\n"
-
-
-def _platform() -> tuple[str, str]:
-    """Return the folder of a library for this machine, and its suffix."""
-    machine = platform.machine().lower()
-    system, suffix = _SYSTEMS.get(platform.system(), (platform.system().lower(), ".so"))
-    name = f"{_MACHINES.get(machine, machine)}-{system}"
-    return _PLATFORMS.get(name, name), suffix
 
 
 def _library(sources: Mapping[str, str]) -> bytes:

@@ -18,6 +18,11 @@ def symmetric(matrices: NDArray[Any]) -> NDArray[Any]:
     return np.asarray((matrices + matrices.swapaxes(-1, -2)) / 2.0)
 
 
+def real_equations(matrix: ComplexArray) -> FloatArray:
+    """Return real parts above imaginary parts: complex equations with real unknowns."""
+    return np.concatenate([matrix.real, matrix.imag])
+
+
 def solve_stack(matrices: NDArray[Any], right: NDArray[Any]) -> NDArray[Any]:
     """Solve equations, (n, m, m), whose right side is the same for all, (m, k), or not, (n, m, k).
 

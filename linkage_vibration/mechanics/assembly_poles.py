@@ -16,10 +16,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from linkage_vibration.mechanics.arrays import BoolArray, ComplexArray, FloatArray
+from linkage_vibration.mechanics.arrays import BoolArray, ComplexArray
 from linkage_vibration.mechanics.compatibility import Joining
 from linkage_vibration.mechanics.components import Component, FrfComponent
-from linkage_vibration.mechanics.fbs import component_receptance, independent_rows
+from linkage_vibration.mechanics.fbs import held_frf, independent_rows
 
 _STEP = 1e-5  # step for the derivative, as a share of a pole
 _STEPS = 20  # largest number of Newton steps
@@ -47,19 +47,11 @@ class AssemblyPole:
         return np.array([frequency / (2.0 * math.pi), ratio]) / -self.slope
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Mode:
-    """A mode of the assembly, and its standard deviations."""
-
-    pole: AssemblyPole
-    frequency_stddev: float  # Hz
-    damping_ratio_stddev: float  # 1
-
-
 class Assembly:
     """Components, (n,) interface DoFs in all, some of them measured, joined in one configuration.
 
-    `held` marks the DoFs that the ground holds. `modes` are those that `confirm` found last.
+    `held` marks the DoFs that the ground holds. `modes` are those that `confirm` kept last: poles,
+    rad/s, and standard deviations of their natural frequencies, Hz, and damping ratios.
     """
 
     def __init__(
@@ -71,14 +63,12 @@ class Assembly:
         kept = joining.compatibility[:, ~held].any(axis=1)
         rigid, _ = independent_rows(joining.compatibility[kept], 0.0)
         self._rows = np.vstack([rigid, joining.elongation])
-        self.modes: list[Mode] = []
+        self.modes: list[tuple[complex, float, float]] = []
         self._rigid = np.zeros(len(rigid))
         self._joining = joining
-        ends = np.cumsum([len(component.dofs) for component in components]).tolist()
-        blocks = [slice(first, last) for first, last in zip([0, *ends], ends, strict=False)]
-        self._parts = [
-            (c, held[dofs], self._rows[:, dofs]) for c, dofs in zip(components, blocks, strict=True)
-        ]
+        ends = np.cumsum([len(component.dofs) for component in components])[:-1]
+        rows = np.split(self._rows, ends, axis=1)
+        self._parts = list(zip(components, np.split(held, ends), rows, strict=True))
 
     def confirm(self, poles: ComplexArray) -> BoolArray:
         """Return which of some identified poles, (n,), rad/s, are modes of the assembly.
@@ -89,25 +79,27 @@ class Assembly:
         self.modes.clear()
         kept = np.zeros(len(poles), dtype=np.bool_)
         for i, start in enumerate(poles):
-            pole = self._refined(complex(start))
-            if pole is None or any(_same(pole, mode.pole) for mode in self.modes):
+            mode = self._refined(complex(start))
+            if mode is None:
                 continue
-            mode = Mode(pole, *self._deviations(pole).tolist())
-            certain = mode.frequency_stddev <= _UNCERTAIN * abs(pole.pole) / (2.0 * math.pi)
-            if certain and self._stays(pole):
+            pole, size = mode.pole, abs(mode.pole)
+            if any(abs(pole - other) <= _SAME * size for other, _, _ in self.modes):
+                continue
+            frequency_stddev, ratio_stddev = self._deviations(mode)
+            if frequency_stddev <= _UNCERTAIN * size / (2.0 * math.pi) and self._stays(mode):
                 kept[i] = True
-                self.modes.append(mode)
+                self.modes.append((pole, frequency_stddev, ratio_stddev))
         return kept
 
-    def _deviations(self, mode: AssemblyPole) -> FloatArray:
-        """Return standard deviations of the natural frequency (Hz) and the damping ratio, (2,)."""
+    def _deviations(self, mode: AssemblyPole) -> tuple[float, float]:
+        """Return standard deviations of the natural frequency (Hz) and the damping ratio."""
         power = np.zeros(2)
         for component, _, rows in self._parts:
             if isinstance(component, FrfComponent):
                 forces = rows.T @ mode.forces
                 variances = component.measured.fit.variances(mode.pole, forces, mode.turns())
                 power += component.noise**2 * variances
-        return np.asarray(np.sqrt(power))
+        return math.sqrt(power[0]), math.sqrt(power[1])
 
     def _stays(self, mode: AssemblyPole) -> bool:
         """Return whether a pole is there as well with other real poles in the measured links."""
@@ -139,16 +131,7 @@ class Assembly:
         for component, held, rows in self._parts:
             if isinstance(component, FrfComponent):
                 receptance = component.measured.fit.at(np.array([s]), shifted=shifted)[0]
-                flexibility += rows @ receptance @ rows.T
-                continue
-            free = np.flatnonzero(~held)
-            left = np.ix_(*[[*free, *range(len(held), len(component.mass))]] * 2)
-            matrices = component.mass[left], component.stiffness[left], component.damping[left]
-            receptance = component_receptance(*matrices, len(free), s, component.loss_factor)
-            flexibility += rows[:, free] @ receptance @ rows[:, free].T
+            else:
+                receptance = held_frf(component, np.array([s / (2j * math.pi)]), held)[0]
+            flexibility += rows @ receptance @ rows.T
         return flexibility
-
-
-def _same(first: AssemblyPole, second: AssemblyPole) -> bool:
-    """Return whether two poles are one."""
-    return abs(first.pole - second.pole) <= _SAME * abs(first.pole)

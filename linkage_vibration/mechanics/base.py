@@ -8,7 +8,7 @@ freedom in the plane. In a spatial model it is held out of the plane, as rigid b
 """
 
 from linkage_vibration.mechanics.description import GROUND, Base, Mount
-from linkage_vibration.mechanics.keys import DAMPEST, STIFFEST, Keys
+from linkage_vibration.mechanics.keys import DAMPEST, RIGID, STIFFEST, Keys
 
 
 def mount_springs(base: Base | None) -> tuple[tuple[Mount, int], ...]:
@@ -30,11 +30,31 @@ def read_mounts(keys: Keys, taken: set[str]) -> tuple[Mount, ...]:
                 name, "a point has this name already; give the mount another one."
             )
         mount = keys["mounts"][name]
+        if "tyre" in mount:
+            stiffness = mount.number("stiffness_x"), tyre_stiffness(mount["tyre"])
+        else:
+            stiffness = mount.pair("stiffness")
         damping = mount.pair("damping") if "damping" in mount else (0.0, 0.0)
-        pairs = {"stiffness": mount.pair("stiffness"), "damping": damping}
-        for key, values in pairs.items():
-            if min(values) < 0.0:
-                raise mount.error(key, f"{min(values):g} is below zero; give [along x, along z].")
-            mount.refuse_rigid(key, max(values), STIFFEST if key == "stiffness" else DAMPEST)
-        mounts.append(Mount(name, mount.point("at"), pairs["stiffness"], pairs["damping"]))
+        for along in (0, 1):
+            key = "stiffness_x" if "tyre" in mount else "stiffness"
+            mount.refuse_outside(key, stiffness[along], 0.0, STIFFEST, RIGID)
+            mount.refuse_outside("damping", damping[along], 0.0, DAMPEST, RIGID)
+        mounts.append(Mount(name, mount.point("at"), stiffness, damping))
     return tuple(mounts)
+
+
+def tyre_stiffness(keys: Keys) -> float:
+    """Return the vertical stiffness of rolling tyres, N/m, by their size, age and pressure.
+
+    It is k = 172 - 1.77 D + 5.6 A + 0.34 W D p for one tyre, in kN/m, with the diameter D of the
+    rim and the width W in inches, the age A in years and the pressure p in bar (Lines and Murphy,
+    Journal of Terramechanics 28, 1991; quoted from memory). `factor` corrects it for a tyre.
+    """
+    inches = "give inches, as on the tyre: 16.9R38 has a width of 16.9 and a rim of 38"
+    width = keys.number("width_in", least=4.0, most=50.0, hint=inches)
+    rim = keys.number("rim_in", least=8.0, most=60.0, hint=inches)
+    age = keys.number("age_years", default=0.0, least=0.0, most=30.0, hint="give years")
+    pressure = keys.number("pressure", least=2e4, most=5e5, hint="give Pa; 1 bar is 1.0e+5")
+    factor = keys.number("factor", default=1.0, least=0.2, most=5.0, hint="1 is the formula")
+    one = 172.0 - 1.77 * rim + 5.6 * age + 0.34 * width * rim * pressure / 1e5
+    return keys.integer("count", default=1) * factor * 1e3 * one

@@ -9,7 +9,7 @@ angles. They are solved by Levenberg and Marquardt's method from many starting a
 
 import math
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -56,7 +56,7 @@ class Pins:
         jacobian[:, 2::3] = self.sines * c - self.cosines * s
         return gaps, jacobian
 
-    def placed(self, angles: FloatArray, weights: FloatArray | None = None) -> FloatArray:
+    def placed(self, angles: FloatArray, weights: FloatArray | float = 1.0) -> FloatArray:
         """Return the pose, (3 n_bodies,), with given angles (rad) and the smallest gaps.
 
         `weights`, (n_pins,), say how much the gap of each pin counts.
@@ -65,7 +65,7 @@ class Pins:
         pose[2::3] = angles
         gaps, jacobian = self.at(pose)
         places = np.arange(len(pose)) % 3 != 2
-        rows = np.ones(len(gaps) - 1) if weights is None else np.repeat(weights, 2)
+        rows = np.repeat(np.broadcast_to(weights, len(gaps) // 2), 2)
         matrix, gaps = rows[:, np.newaxis] * jacobian[:-1, places], rows * gaps[:-1]
         pose[places] = -np.linalg.lstsq(matrix, gaps, rcond=None)[0]
         return pose
@@ -78,7 +78,7 @@ def closed_angles(pins: Pins, guess: FloatArray, free: BoolArray) -> FloatArray:
     nearest: that with the smallest root mean square of turns, each of less than half a turn. Of two
     equally near ones, such as mirrored poses, that with the lower angle of the first body is first.
     """
-    angles, gaps = _descend(_Loops.of(pins), guess, free)
+    angles, gaps = _descend(pins, np.ones(len(pins.ground) // 2), guess, free)
     angles = angles[gaps < _CLOSED]
     turned = turns(angles - guess)
     keys = np.column_stack([distance(turned, free), turned]) / _EQUAL
@@ -103,11 +103,10 @@ def pose_notice(mechanism: Mechanism, poses: Sequence[FloatArray], chosen: int) 
     free = np.arange(len(names)) != held
     turned = turns(np.array(poses) - guess) * free
     away = distance(turned, free)
-    alpha3, moves = float(poses[chosen][held]), turned[chosen]
+    moves = turned[chosen]
     others = [i for i in range(len(poses)) if i != chosen]
     rival = others[0] if others and away[others[0]] < _AMBIGUOUS * away[chosen] else None
-    moved = abs(alpha3 - given) > 1e-9
-    if not moved and rival is None and np.abs(moves).max() <= _ROUGH:
+    if rival is None and np.abs(moves).max() <= _ROUGH:
         return ""
 
     def written(pose: FloatArray) -> str:
@@ -118,17 +117,11 @@ def pose_notice(mechanism: Mechanism, poses: Sequence[FloatArray], chosen: int) 
 
     sizes = np.abs(moves)
     body = int((sizes > sizes.max() - _EQUAL).argmax())
-    what = (
-        f"the closed pose that is used has {names[body]} turned by "
-        f"{math.degrees(moves[body]):+.1f} deg from the angle given"
+    text = (
+        f"assembly: the closed pose that is used has {names[body]} turned by "
+        f"{math.degrees(moves[body]):+.1f} deg from the angle given; write `assembly: "
+        f"{{alpha3_deg: {math.degrees(given):.6g}, angles_deg: {written(poses[chosen])}}}`."
     )
-    if moved:
-        what = (
-            f"the loops do not close at {math.degrees(given):.6g} deg, so that a pose at "
-            f"{math.degrees(alpha3):.2f} deg is used"
-        )
-    block = f"{{alpha3_deg: {math.degrees(alpha3):.6g}, angles_deg: {written(poses[chosen])}}}"
-    text = f"assembly: {what}; write `assembly: {block}`."
     if rival is not None:
         nearer = ", which is nearer, but whose branch ends within the stroke" * (rival < chosen)
         text += (
@@ -138,22 +131,6 @@ def pose_notice(mechanism: Mechanism, poses: Sequence[FloatArray], chosen: int) 
             "deg; write the angles that your linkage has."
         )
     return text
-
-
-def cannot_close(mechanism: Mechanism, loop: "OpenLoop | None", length: float) -> MechanismError:
-    """Return the error that lengths, which were divided by `length` (m), cannot close."""
-    given = math.degrees(mechanism.assembly_alpha3)
-    text, bodies = f"the loops do not close at alpha3 = {given:.6g} deg", "the bodies"
-    if loop is not None:
-        measured = not math.isnan(loop.missing)
-        gap = f" (gap {loop.missing * length:.4g} m)" if measured else ""
-        text += (
-            f", nor elsewhere in the stroke: the ends of the loop {', '.join(loop.points)} do not "
-            f"meet{gap}"
-        )
-        bodies = ", ".join(loop.bodies)
-    text += f"; correct the lengths of {bodies}, or the points of the ground."
-    return MechanismError("assembly", text)
 
 
 def turns(angles: FloatArray) -> FloatArray:
@@ -166,46 +143,46 @@ def distance(turned: FloatArray, free: BoolArray) -> FloatArray:
     return np.asarray(np.sqrt((turned[..., free] ** 2).mean(axis=-1)))
 
 
-@dataclass(frozen=True, slots=True)
-class OpenLoop:
-    """A loop whose ends no pose brings together, while the loops before it are closed."""
+def cannot_close(
+    pins: Pins, mechanism: Mechanism, guess: FloatArray, free: BoolArray, length: float
+) -> MechanismError:
+    """Return the error that loops, whose lengths were divided by `length` (m), cannot close.
 
-    points: tuple[str, ...]  # its pins, from one to the next
-    bodies: tuple[str, ...]  # those that these pins join, without the ground
-    missing: float  # scaled: distance between the two ends of a pin at its smallest
-
-
-def open_loop(
-    pins: Pins, mechanism: Mechanism, guess: FloatArray, free: BoolArray
-) -> OpenLoop | None:
-    """Return the first loop that cannot close, or None; arguments are as for `closed_angles`."""
-    joints = mechanism.joints
-    used = np.zeros(len(joints))
+    It names the first loop that stays open while the loops before it are closed. The search is that
+    of `closed_angles`.
+    """
+    joints, used = mechanism.joints, np.zeros(len(mechanism.joints))
+    given = math.degrees(mechanism.assembly_alpha3)
+    text, bodies = f"the loops do not close at alpha3 = {given:.6g} deg", "the bodies"
     for loop in _loops_of(joints, mechanism.input_body):
         new = [pin for pin in loop if not used[pin]]
         used[loop] = 1.0
-        if _descend(_Loops.of(pins, used), guess, free)[1].min() < _CLOSED:
+        if _descend(pins, used, guess, free)[1].min() < _CLOSED:
             continue
+        gap = min(_opened(pins, used, pin, guess, free) for pin in new)
+        measured = f" (gap {gap * length:.4g} m)" if gap < math.inf else ""
+        points = ", ".join(joints[pin][0] for pin in loop)
+        text += f": the ends of the loop {points} do not meet{measured}"
         names = [name for pin in loop for name in joints[pin][1:] if name != GROUND]
-        points, bodies = (joints[pin][0] for pin in loop), dict.fromkeys(names)
-        gaps = [gap for pin in new for gap in _opened(pins, used, pin, guess, free)]
-        return OpenLoop(tuple(points), tuple(bodies), min(gaps, default=math.nan))
-    return None
+        bodies = ", ".join(dict.fromkeys(names))
+        break
+    text += f"; correct this angle, the lengths of {bodies}, or the points of the ground."
+    return MechanismError("assembly", text)
 
 
-def _opened(
-    pins: Pins, used: FloatArray, pin: int, guess: FloatArray, free: BoolArray
-) -> Iterator[float]:
-    """Yield the distance between the ends of a pin where all other pins used are closed."""
+def _opened(pins: Pins, used: FloatArray, pin: int, guess: FloatArray, free: BoolArray) -> float:
+    """Return the distance between the ends of a pin where all other pins used are closed.
+
+    It is infinite if they are not.
+    """
     weights = used.copy()
     weights[pin] = _OPEN
-    angles, norms = _descend(_Loops.of(pins, weights), guess, free)
+    angles, norms = _descend(pins, weights, guess, free)
     best = angles[norms.argmin()]
     gaps = pins.at(pins.placed(best, weights))[0][:-1].reshape(-1, 2)
     sizes = np.hypot(*gaps.T)
     others = (used > 0.0) & (np.arange(len(used)) != pin)
-    if sizes[others].max() < _REST * sizes[pin]:
-        yield float(sizes[pin])
+    return float(sizes[pin]) if sizes[others].max() < _REST * sizes[pin] else math.inf
 
 
 def _loops_of(joints: Sequence[tuple[str, str, str]], crank: str) -> list[list[int]]:
@@ -236,42 +213,27 @@ def _loops_of(joints: Sequence[tuple[str, str, str]], crank: str) -> list[list[i
     return [loops[i] for i in order]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Loops:
-    """Gaps of the pins without those that positions of the bodies remove, each (n_gaps, ...)."""
+def _descend(
+    pins: Pins, weights: FloatArray, guess: FloatArray, free: BoolArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return angles where gaps are smallest, (n, n_bodies), and the norms of the gaps, (n,).
 
-    cosines: FloatArray
-    sines: FloatArray
-    ground: FloatArray
+    The gaps are those of weighted pins, without what positions of the bodies remove.
+    """
+    weight, columns = np.repeat(weights, 2), np.arange(pins.positions.shape[1]) % 3 != 2
+    left, sizes, _ = np.linalg.svd(weight[:, np.newaxis] * pins.positions[:-1, columns])
+    kept = left[:, int((sizes > 1e-12).sum()) :].T * weight
+    parts = pins.cosines, pins.sines, pins.ground
+    cosines, sines, ground = (kept @ part[:-1] for part in parts)
 
-    @classmethod
-    def of(cls, pins: Pins, weights: FloatArray | None = None) -> "_Loops":
-        rows = len(pins.ground) - 1
-        weight = np.ones(rows) if weights is None else np.repeat(weights, 2)
-        columns = np.arange(pins.positions.shape[1]) % 3 != 2
-        left, sizes, _ = np.linalg.svd(weight[:, np.newaxis] * pins.positions[:-1, columns])
-        rank = int((sizes > 1e-12).sum())
-        kept = left[:, rank:].T * weight
-        return cls(kept @ pins.cosines[:-1], kept @ pins.sines[:-1], kept @ pins.ground[:-1])
+    def gaps_at(angles: FloatArray) -> FloatArray:
+        return np.asarray(np.cos(angles) @ cosines.T + np.sin(angles) @ sines.T + ground)
 
-    def gaps(self, angles: FloatArray) -> FloatArray:
-        """Return the gaps at many angles, (n, n_gaps), of angles (n, n_bodies)."""
-        turned = np.cos(angles) @ self.cosines.T + np.sin(angles) @ self.sines.T
-        return np.asarray(turned + self.ground)
-
-    def slopes(self, angles: FloatArray) -> FloatArray:
-        """Return d(gaps)/d(angles), (n, n_gaps, n_bodies)."""
-        cosines, sines = np.cos(angles)[:, np.newaxis], np.sin(angles)[:, np.newaxis]
-        return np.asarray(self.sines * cosines - self.cosines * sines)
-
-
-def _descend(loops: _Loops, guess: FloatArray, free: BoolArray) -> tuple[FloatArray, FloatArray]:
-    """Return angles where gaps are smallest, (n, n_bodies), and the norms of the gaps, (n,)."""
     n_free = int(free.sum())
     angles = np.tile(guess, (_STARTS + 1, 1))
     # A generator with a fixed seed: the same description always has the same result.
     angles[1:, free] += np.random.default_rng(0).uniform(-math.pi, math.pi, (_STARTS, n_free))
-    gaps, damping = loops.gaps(angles), np.full(len(angles), 1e-2)
+    gaps, damping = gaps_at(angles), np.full(len(angles), 1e-2)
     active = np.arange(len(angles))
     for _ in range(_ITERATIONS):
         sizes = (gaps[active] ** 2).sum(axis=1)
@@ -279,11 +241,12 @@ def _descend(loops: _Loops, guess: FloatArray, free: BoolArray) -> tuple[FloatAr
         if not len(active):
             break
         old, trial = gaps[active], angles[active]
-        slopes = loops.slopes(trial)[:, :, free]
+        c, s = np.cos(trial)[:, np.newaxis], np.sin(trial)[:, np.newaxis]
+        slopes = (sines * c - cosines * s)[:, :, free]
         across = slopes.swapaxes(1, 2)
         matrix = across @ slopes + damping[active, np.newaxis, np.newaxis] * np.eye(n_free)
         trial[:, free] -= np.linalg.solve(matrix, across @ old[:, :, np.newaxis])[:, :, 0]
-        new = loops.gaps(trial)
+        new = gaps_at(trial)
         better = (new**2).sum(axis=1) < (old**2).sum(axis=1)
         angles[active[better]], gaps[active[better]] = trial[better], new[better]
         damping[active] *= np.where(better, 0.1, 4.0)

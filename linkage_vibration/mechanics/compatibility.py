@@ -14,29 +14,19 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import null_space
 
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import BoolArray, FloatArray
 from linkage_vibration.mechanics.base import mount_springs
 from linkage_vibration.mechanics.components import CENTRE_OF_GRAVITY, Component, FrfComponent
-from linkage_vibration.mechanics.description import (
-    GROUND,
-    Mechanism,
-    Spring,
-)
+from linkage_vibration.mechanics.description import GROUND, Mechanism, Spring
 from linkage_vibration.mechanics.dofs import InterfaceDof
-from linkage_vibration.mechanics.kinematics import Configuration, rotation, rotation_derivative
-from linkage_vibration.mechanics.springs import (
-    spring_drift,
-    spring_line,
-    spring_prestress,
-    spring_stiffness,
-)
+from linkage_vibration.mechanics.kinematics import Configuration, rotation
+from linkage_vibration.mechanics.springs import spring_line, spring_prestress, spring_stiffness
 
 _ZERO = 1e-12  # Directions with a smaller share of the largest singular value of B are repetitions.
 _CLEAR = 1e-6  # Directions with a larger share are constraints; between both limits it is unclear.
-_INVOLVED = 1e-6  # A row is part of a dependency if its share is larger.
+_INVOLVED = 1e-6  # A row takes part in an unclear direction if its share is larger.
 
 
 class CouplingError(LinkageVibrationError):
@@ -61,8 +51,6 @@ class RowSpace:
 
     rows: FloatArray  # (rank, n): an orthonormal basis of what the rows of B span
     null_space: FloatArray  # (n, n - rank): an orthonormal basis of the motions that open no joint
-    redundant: tuple[int, ...]  # the rows of B that follow from the rows before them
-    cutoff: float  # the singular value of B up to which a direction counts as a repetition
 
 
 def row_space(compatibility: FloatArray, labels: Sequence[str]) -> RowSpace:
@@ -72,38 +60,18 @@ def row_space(compatibility: FloatArray, labels: Sequence[str]) -> RowSpace:
     rows of zeros. Rows that nearly repeat others are refused: keeping them would magnify rounding,
     and leaving them out would free a joint.
     """
-    if not np.isfinite(compatibility).all():
-        raise CouplingError(
-            "B has values that are not finite; check the angles and the points of the bodies."
-        )
     left, values, right = np.linalg.svd(compatibility)
-    cutoff = _ZERO * float(values.max(initial=0.0))
-    rank = int((values > cutoff).sum())
+    rank = int((values > _ZERO * values.max(initial=0.0)).sum())
     if rank and values[rank - 1] < _CLEAR * values[0]:
         unclear = values[:rank] < _CLEAR * values[0]
         shares = np.abs(left[:, :rank][:, unclear]).max(axis=1)
-        names = dict.fromkeys(
-            label for label, share in zip(labels, shares, strict=True) if share > _INVOLVED
-        )
+        names = dict.fromkeys(np.array(labels)[shares > _INVOLVED].tolist())
         raise CouplingError(
-            f"Some constraints nearly repeat others, with a singular value of "
-            f"{values[rank - 1] / values[0]:.1e} of the largest, too large to be rounding and too "
-            f"small to be a joint: {'; '.join(names)}. Close each joint once, and let the two "
+            f"Some constraints nearly repeat others ({values[rank - 1] / values[0]:.1e} of the "
+            f"largest singular value): {'; '.join(names)}. Close each joint once, and let the two "
             "sides of a repeated one agree to the last digit."
         )
-    redundant = _redundant(left[:, rank:]) if rank < len(left) else ()
-    return RowSpace(right[:rank], right[rank:].T, redundant, cutoff)
-
-
-def _redundant(dependencies: FloatArray) -> tuple[int, ...]:
-    """Return the last rows that can go, given orthonormal combinations of rows that vanish."""
-    redundant: list[int] = []
-    for row in reversed(range(len(dependencies))):
-        if dependencies.shape[1] and np.linalg.norm(dependencies[row]) > _INVOLVED:
-            redundant.append(row)
-            # The remaining combinations do not involve this row.
-            dependencies = dependencies @ null_space(dependencies[row : row + 1])
-    return tuple(reversed(redundant))
+    return RowSpace(right[:rank], right[rank:].T)
 
 
 class InterfaceMap:
@@ -161,44 +129,48 @@ class InterfaceMap:
                 held[self._at(link.name, link.clamped, "theta")] = True
         return held
 
-    def displacement(
-        self, body: str, point: str, configuration: Configuration, *, rate: bool = False
-    ) -> FloatArray:
-        """Return the (3, n) matrix that turns u into a point's global x, y and z displacement.
-
-        With `rate` it is the derivative with respect to alpha3.
-        """
+    def displacement(self, body: str, point: str, configuration: Configuration) -> FloatArray:
+        """Return the (3, n) matrix that turns u into a point's global x, y and z displacement."""
         rows = np.zeros((3, len(self)))
         if body in self._centres:
-            local = self._mechanism.local_points(body)[point]
-            place = configuration.place_rate if rate else configuration.place
-            arm = place(body, local) - place(body, self._centres[body])
+            arm = self._arm(body, point, configuration)
             x, z, theta = self._places[body, CENTRE_OF_GRAVITY]
-            rows[0, x] = rows[2, z] = 0.0 if rate else 1.0
+            rows[0, x] = rows[2, z] = 1.0
             rows[0, theta], rows[2, theta] = -arm[1], arm[0]
             return rows
         if body == GROUND:
             return rows
         x, z = self._places[body, point][:2]
         turn = rotation(configuration.angle(body))
-        if rate:
-            slope = rotation_derivative(configuration.angle(body))
-            turn = configuration.velocity_ratio(body) * slope
         (rows[0, x], rows[0, z]), (rows[2, x], rows[2, z]) = turn.tolist()
-        if self._spatial and not rate:
+        if self._spatial:
             rows[1, self._at(body, point, "y")] = 1.0
         return rows
 
     def join(self, configuration: Configuration) -> Joining:
         """Return what joins the components in a configuration."""
-        rows = [self._pins(configuration)]
+        rows = []
+        for (point, first, second), kept in self._joints:
+            apart = self.displacement(first, point, configuration)
+            apart -= self.displacement(second, point, configuration)
+            rows += [apart[i] for i in kept]
         for link in self._mechanism.links:
             if link.clamped is not None:
-                turn = self._turn(link.name, link.clamped) - self._turn(GROUND, link.clamped)
-                rows.append(turn[np.newaxis])
-        stiffness, damping = self.spring_constants(configuration)
+                rows.append(self._turn(link.name, link.clamped) - self._turn(GROUND, link.clamped))
+        springs, mounts = self._mechanism.springs, mount_springs(self._mechanism.base)
+        stretches = [self._elongation(spring, configuration) for spring in springs]
+        for mount, axis in mounts:
+            stretches.append(self.displacement(GROUND, mount.name, configuration)[2 * axis])
+        stiffness = [spring_stiffness(each, self._mechanism, configuration) for each in springs]
+        damping = [s.damping + s.retardation * k for s, k in zip(springs, stiffness, strict=True)]
+        stiffness += [mount.stiffness[axis] for mount, axis in mounts]
+        damping += [mount.damping[axis] for mount, axis in mounts]
         return Joining(
-            np.vstack(rows), self._labels, self._elongations(configuration), stiffness, damping
+            compatibility=np.array(rows),
+            labels=self._labels,
+            elongation=np.array(stretches).reshape(-1, len(self)),
+            stiffness=np.array(stiffness),
+            damping=np.array(damping),
         )
 
     @cached_property
@@ -209,25 +181,6 @@ class InterfaceMap:
             labels += [f"pin {point} of {first} and {second} in {'xyz'[i]}" for i in kept]
         clamped = (link for link in self._mechanism.links if link.clamped is not None)
         return (*labels, *(f"clamp of {link.name} at {link.clamped}" for link in clamped))
-
-    def spring_constants(self, configuration: Configuration) -> tuple[FloatArray, FloatArray]:
-        """Return stiffness and damping of springs and mounts, (n_springs,), as `join` does."""
-        springs, mounts = self._mechanism.springs, mount_springs(self._mechanism.base)
-        stiffness = [spring_stiffness(each, self._mechanism, configuration)[0] for each in springs]
-        stiffness += [mount.stiffness[axis] for mount, axis in mounts]
-        damping = [*(s.damping for s in springs), *(m.damping[axis] for m, axis in mounts)]
-        return np.array(stiffness), np.array(damping)
-
-    def join_rate(self, configuration: Configuration) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return d/d(alpha3) of the compatibility, the elongation and the stiffness in `join`."""
-        pins = self._pins(configuration, rate=True)
-        clamps = sum(link.clamped is not None for link in self._mechanism.links)
-        compatibility = np.vstack([pins, np.zeros((clamps, len(self)))])
-        elongation = self._elongations(configuration, rate=True)
-        stiffness = np.zeros(len(elongation))
-        for i, spring in enumerate(self._mechanism.springs):
-            stiffness[i] = spring_stiffness(spring, self._mechanism, configuration)[1]
-        return compatibility, elongation, stiffness
 
     def prestress(
         self, configuration: Configuration, joints: FloatArray, springs: FloatArray
@@ -247,7 +200,7 @@ class InterfaceMap:
         for spring, force in zip(self._mechanism.springs, springs, strict=False):
             added = spring_prestress(spring, self._mechanism, configuration, float(force))
             if len(spring.points) == 1:
-                row = self._elongation(spring, configuration, rate=False)
+                row = self._elongation(spring, configuration)
             else:
                 unit, _ = spring_line(spring, self._mechanism, configuration)
                 row = np.array([-unit[1], unit[0]]) @ self._apart(spring, configuration)
@@ -259,48 +212,26 @@ class InterfaceMap:
             forces.append((GROUND, mount.name, -force * np.eye(2)[axis]))
         for body, point, force in forces:
             if body in self._centres:
-                local = self._mechanism.local_points(body)[point]
-                arm = configuration.place(body, local)
-                arm = arm - configuration.place(body, self._centres[body])
                 theta = self._places[body, CENTRE_OF_GRAVITY][2]
-                stiffness[theta, theta] += force @ arm
+                stiffness[theta, theta] += force @ self._arm(body, point, configuration)
         return stiffness
 
-    def _pins(self, configuration: Configuration, *, rate: bool = False) -> FloatArray:
-        """Return the rows of B, or of its derivative, that belong to the pins."""
-        rows = []
-        for (point, first, second), kept in self._joints:
-            apart = self.displacement(first, point, configuration, rate=rate)
-            apart -= self.displacement(second, point, configuration, rate=rate)
-            rows += [apart[i] for i in kept]
-        return np.array(rows)
+    def _arm(self, body: str, point: str, configuration: Configuration) -> FloatArray:
+        """Return the way from the centre of gravity of a rigid body to a point, (2,), m."""
+        local = self._mechanism.local_points(body)[point]
+        return configuration.place(body, local) - configuration.place(body, self._centres[body])
 
-    def _elongations(self, configuration: Configuration, *, rate: bool = False) -> FloatArray:
-        rows = [self._elongation(spring, configuration, rate) for spring in self._mechanism.springs]
-        for mount, axis in mount_springs(self._mechanism.base):
-            moved = self.displacement(GROUND, mount.name, configuration, rate=rate)
-            rows.append(moved[2 * axis])
-        return np.array(rows).reshape(-1, len(self))
-
-    def _elongation(self, spring: Spring, configuration: Configuration, rate: bool) -> FloatArray:
+    def _elongation(self, spring: Spring, configuration: Configuration) -> FloatArray:
         first, second = spring.bodies
         if len(spring.points) == 1:
-            turn = self._turn(second, spring.points[0]) - self._turn(first, spring.points[0])
-            return np.zeros_like(turn) if rate else turn
-        unit, length = spring_line(spring, self._mechanism, configuration)
-        apart = self._apart(spring, configuration)
-        if not rate:
-            return np.asarray(unit @ apart)
-        drift = spring_drift(spring, self._mechanism, configuration)
-        turning = (drift - unit * (unit @ drift)) / length
-        return np.asarray(turning @ apart + unit @ self._apart(spring, configuration, rate=True))
+            return self._turn(second, spring.points[0]) - self._turn(first, spring.points[0])
+        unit, _ = spring_line(spring, self._mechanism, configuration)
+        return np.asarray(unit @ self._apart(spring, configuration))
 
-    def _apart(
-        self, spring: Spring, configuration: Configuration, *, rate: bool = False
-    ) -> FloatArray:
+    def _apart(self, spring: Spring, configuration: Configuration) -> FloatArray:
         """Return the displacement of the second end relative to the first in x and z, (2, n)."""
         first, second = (
-            self.displacement(body, point, configuration, rate=rate)
+            self.displacement(body, point, configuration)
             for body, point in zip(spring.bodies, spring.points, strict=True)
         )
         return np.asarray((second - first)[[0, 2]])

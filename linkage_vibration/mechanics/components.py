@@ -8,7 +8,6 @@ matrix that couples the components changes with the configuration.
 
 import math
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
@@ -28,17 +27,6 @@ class Drawing:
     displacement: FloatArray
 
 
-class Prestress(Protocol):
-    """How forces on a body change its stiffness."""
-
-    def stiffness(self, forces: FloatArray, gravity: FloatArray) -> FloatArray:
-        """Return the stiffness that forces at rest add, (n, n).
-
-        The forces of joints and springs, (n_dofs,), N and N m, act on the interface DoFs. Gravity,
-        (2,), is along the local x and z axes, m/s2.
-        """
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Component:
     """A body known by its matrices."""
@@ -50,7 +38,10 @@ class Component:
     damping: FloatArray  # (n, n)
     loss_factor: float  # structural damping: the stiffness is K (1 + i eta)
     drawing: Drawing | None  # None where the shape of the body is unknown
-    prestress: Prestress | None = None  # of a beam; that of a rigid body is in the joints
+    # (n_dofs + 2, n, n): the stiffness that forces at rest add to a beam, per force of joints and
+    # springs on each interface DoF, N or N m, and per gravity along the local x and z axes, m/s2.
+    # That of a rigid body is in the joints.
+    prestress: FloatArray | None = None
 
     def own_axes(self, vector: FloatArray, angle: float) -> FloatArray:
         """Turn a vector, (2,), from the global axes into those of the DoFs of a turned body."""

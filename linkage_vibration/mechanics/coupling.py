@@ -45,8 +45,6 @@ class CoupledSystem:
     damping: FloatArray  # (m, m)
     loss: FloatArray  # (m, m)
     basis: FloatArray  # (n_interface, m - n_inner): u = basis @ q[: m - n_inner]; then inner ones
-    redundant: tuple[str, ...] = ()  # labels of constraints that repeat others, without effect
-    cutoff: float = 0.0  # the singular value of B up to which a constraint counts as a repetition
 
     def expand(self, coordinates: FloatArray) -> FloatArray:
         """Turn columns of q, (m, k), into columns of u and inner coordinates, (n, k)."""
@@ -61,21 +59,14 @@ class CoupledSystem:
 
 def uncoupled_system(components: Sequence[Component]) -> UncoupledSystem:
     """Put components side by side, every interface DoF before every inner coordinate."""
-    interface: list[int] = []
-    inner: list[int] = []
-    start = 0
-    for component in components:
-        n, n_interface = len(component.mass), len(component.dofs)
-        interface += range(start, start + n_interface)
-        inner += range(start + n_interface, start + n)
-        start += n
-    order = np.ix_(interface + inner, interface + inner)
-    place = np.argsort(interface + inner)
-    ends = np.cumsum([0] + [len(component.mass) for component in components])
+    is_inner = np.concatenate([np.arange(len(c.mass)) >= len(c.dofs) for c in components])
+    places = np.argsort(is_inner, kind="stable")
+    order, ends = np.ix_(places, places), np.cumsum([len(c.mass) for c in components])
+    rows = np.split(np.argsort(places), ends[:-1])
     return UncoupledSystem(
         components=tuple(components),
-        n_interface=len(interface),
-        rows={c.name: place[ends[i] : ends[i + 1]] for i, c in enumerate(components)},
+        n_interface=int((~is_inner).sum()),
+        rows={c.name: at for c, at in zip(components, rows, strict=True)},
         mass=block_diag(*(c.mass for c in components))[order],
         stiffness=block_diag(*(c.stiffness for c in components))[order],
         damping=block_diag(*(c.damping for c in components))[order],
@@ -86,10 +77,9 @@ def uncoupled_system(components: Sequence[Component]) -> UncoupledSystem:
 def couple(system: UncoupledSystem, joining: Joining) -> CoupledSystem:
     """Assemble on the null space of B: M = L^T M L, K = L^T (K + G^T k G) L with B L = 0.
 
-    Constraints that repeat others are left out, and their labels are reported.
+    Constraints that repeat others have no effect.
     """
-    constraints = row_space(joining.compatibility, joining.labels)
-    basis = constraints.null_space
+    basis = row_space(joining.compatibility, joining.labels).null_space
     stretch = joining.elongation @ basis
     return CoupledSystem(
         mass=congruent(system, system.mass, basis),
@@ -97,8 +87,6 @@ def couple(system: UncoupledSystem, joining: Joining) -> CoupledSystem:
         damping=congruent(system, system.damping, basis, stretch, joining.damping),
         loss=congruent(system, system.loss, basis),
         basis=basis,
-        redundant=tuple(joining.labels[row] for row in constraints.redundant),
-        cutoff=constraints.cutoff,
     )
 
 
@@ -123,32 +111,21 @@ def assembled_frf(
         dynamic = dynamic + 1j * (system.loss + omega * system.damping)
         try:
             moved = solve_stack(dynamic, np.hstack([left.T, right.T]))
+            frf[lines] = left @ moved[:, :, len(left) :]
+            # A change of the stiffness by eps changes H = y^T Z x by up to eps |y|^T |Z| |x|.
+            y, x = np.split(np.abs(moved), [len(left)], axis=2)
+            error = np.finfo(float).eps * (y.swapaxes(1, 2) @ np.abs(dynamic) @ x).max(axis=(1, 2))
+            motion = np.abs(system.basis @ moved[:, : system.basis.shape[1]]).max(axis=(1, 2))
+            poor = ~(error <= _ROUNDING_LIMIT * motion)
         except np.linalg.LinAlgError:
-            raise _infinite(frequencies[lines]) from None
-        frf[lines] = left @ moved[:, :, len(left) :]
-        # A relative change of the stiffness by eps changes H = y^T Z x by up to eps |y|^T |Z| |x|.
-        size = np.abs(moved)
-        error = size[:, :, : len(left)].swapaxes(1, 2) @ np.abs(dynamic) @ size[:, :, len(left) :]
-        error = np.finfo(float).eps * error.max(axis=(1, 2))
-        free = system.basis.shape[1]
-        motion = np.abs(system.basis @ moved[:, :free]).max(axis=(1, 2))
-        poor = ~(error <= _ROUNDING_LIMIT * motion)
-        if poor.any():
-            raise _infinite(frequencies[lines][poor])
+            poor = np.ones(len(dynamic), dtype=bool)
+        for frequency in frequencies[lines][poor]:
+            raise CouplingError(
+                f"At {frequency:g} Hz the assembly can move without a force, or resonates without "
+                "damping, so it has no finite receptance; hold it, for example with `clamped` or a "
+                "spring at the joint of the crank, add damping, or change the frequencies."
+            )
     return frf
-
-
-def _infinite(frequencies: FloatArray) -> CouplingError:
-    """Return the error that a receptance is infinite, or nearly so, at frequencies (Hz)."""
-    if frequencies[0] == 0.0:
-        return CouplingError(
-            "The assembly can move without a force, so it has no receptance at 0 Hz; hold it, for "
-            "example with `clamped` or a spring at the joint of the crank, or begin above 0 Hz."
-        )
-    return CouplingError(
-        f"The assembly has no finite receptance near {frequencies[0]:g} Hz: it resonates there "
-        "without damping, or moves freely so near 0 Hz; add damping, or change the frequencies."
-    )
 
 
 def congruent(

@@ -9,10 +9,11 @@ ground's is pinned to the ground. This defines the whole topology.
 import dataclasses
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, Literal, Protocol
+from typing import Any, ClassVar, Literal, Protocol
 
 import numpy as np
 from scipy.linalg import eigh
@@ -70,21 +71,17 @@ class Section:
     second_moment_out: float  # m4, for bending out of the plane
     shear_coefficient_out: float  # 1
     torsion_constant: float  # m4
-
-
-class _ViscousDamping:
-    __slots__ = ()
-
-    @property
-    def loss_factor(self) -> float:
-        """Return 0: this rule has no structural damping."""
-        return 0.0
+    # m: distance of the outer fibre from the axis, in the plane of motion; NaN if it is not given
+    outer_fibre: float = field(default=math.nan, compare=False)
+    # Whether it is that of the link itself, rather than one that was fitted to frequencies.
+    real: bool = field(default=False, compare=False)
 
 
 @dataclass(frozen=True, slots=True)
-class Rayleigh(_ViscousDamping):
+class Rayleigh:
     """C = a M + b K; the same a and b for all components leaves the modes real."""
 
+    loss_factor: ClassVar[float] = 0.0
     mass_coefficient: float  # a, 1/s
     stiffness_coefficient: float  # b, s
 
@@ -94,9 +91,10 @@ class Rayleigh(_ViscousDamping):
 
 
 @dataclass(frozen=True, slots=True)
-class ModalRatio(_ViscousDamping):
+class ModalRatio:
     """One damping ratio for every elastic mode of the free component."""
 
+    loss_factor: ClassVar[float] = 0.0
     ratio: float  # 1
 
     def viscous(self, mass: FloatArray, stiffness: FloatArray) -> FloatArray:
@@ -127,6 +125,25 @@ class LossFactor:
 Damping = Rayleigh | ModalRatio | LossFactor
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class PointForces:
+    """The forces at a point of one of the equal bodies of a link, per coordinate (n) of the link.
+
+    The section is the one before the point, seen along the link, or after its first point.
+    """
+
+    pin: FloatArray  # (2, n): what a pin at the point exerts on the body along local x and z, N
+    section: FloatArray  # (3, n): tension and shear force, N, and bending moment, N m
+    shape: Section
+
+    @property
+    def stresses(self) -> FloatArray:
+        """Stresses of the outer fibres on the sides of local +z and -z, (2, n), Pa."""
+        tension, _, moment = self.section
+        bending = self.shape.outer_fibre / self.shape.second_moment * moment
+        return np.asarray(tension / self.shape.area + np.outer([-1.0, 1.0], bending))
+
+
 class Body(Protocol):
     """What an elastic link is made of; each kind of body is one file in ``bodies/``."""
 
@@ -138,6 +155,13 @@ class Body(Protocol):
     def with_elements(self, elements: int) -> "Body":
         """Return the body with another number of elements; itself if it has no mesh."""
         return self
+
+    def point_forces(self, link: "Link", component: Component) -> Mapping[str, PointForces]:
+        """Return the forces at the points of a link by its component; none if it has no elements.
+
+        The component is that of this body.
+        """
+        return {}
 
     def component(
         self, link: "Link", mechanism: "Mechanism", *, spatial: bool, reduced: bool
@@ -166,10 +190,8 @@ class Link:
         """Return where the DoFs that the linkage needs are among those that the link's body has."""
         for dof in wanted:
             if dof not in have:
-                raise MechanismError(
-                    f"links.{self.name}",
-                    f"its body lacks the DoF {dof}; it has {', '.join(map(str, have))}.",
-                )
+                problem = f"its body lacks the DoF {dof}; it has {', '.join(map(str, have))}."
+                raise MechanismError(f"links.{self.name}", problem)
         return [have.index(dof) for dof in wanted]
 
 
@@ -242,6 +264,8 @@ class Cylinder:
     closed_length: float  # m, between the ends where the piston is at the bottom
     hose_volume: float  # m3 of oil on each side beside that in the cylinder
     bulk_modulus: float  # Pa, of the oil with its hoses
+    # m: how far the ends may be beyond the stroke; above 0 in models whose numbers are drawn
+    margin: float = field(default=0.0, metadata=_LATER)
 
 
 @dataclass(frozen=True, slots=True)
@@ -258,6 +282,8 @@ class Spring:
     # N/m, or N m/rad on a joint; 0 for a damper without a spring
     stiffness: float | StiffnessCurve | Cylinder
     damping: float  # N s/m, or N m s/rad
+    # s: damping per stiffness, which a loss factor at one frequency gives: eta / w
+    retardation: float = field(default=0.0, metadata=_LATER)
 
 
 @dataclass(frozen=True, slots=True)
@@ -270,6 +296,24 @@ class Response:
     modes: int
     # Names that replace those of the first modes; an empty name replaces nothing.
     mode_names: tuple[str, ...] = field(default=(), metadata=_LATER)
+    # N: what dynamic forces are compared with; None: the static forces under the weight
+    reference_force: float | None = field(default=None, metadata=_LATER)
+    # The part of the band in which the FRF peak is sought, Hz; None if it is the whole band.
+    peak_part: tuple[float, float] | None = field(default=None, metadata=_LATER)
+
+    @property
+    def peak_band(self) -> tuple[float, float]:
+        """The band in which the FRF peak is sought, Hz."""
+        return self.band if self.peak_part is None else self.peak_part
+
+    def with_band(self, band: tuple[float, float]) -> "Response":
+        """Return the response with another band (Hz), and the peak sought in the common part.
+
+        If the bands have no common part, the peak is sought in the whole new band.
+        """
+        low, high = max(band[0], self.peak_band[0]), min(band[1], self.peak_band[1])
+        whole = self.peak_part is None or low >= high or (low, high) == band
+        return dataclasses.replace(self, band=band, peak_part=None if whole else (low, high))
 
 
 @dataclass(frozen=True, slots=True)
@@ -291,6 +335,20 @@ class Uncertainty:
 
     numbers: tuple[UncertainNumber, ...]
     correlation: tuple[tuple[float, ...], ...]  # (n, n), 1
+    # The mechanism with other values of the numbers; it refuses those that are not possible.
+    described: "Callable[[Sequence[float]], Mechanism]" = field(compare=False, repr=False)
+
+    def draw(self, normal: FloatArray) -> FloatArray:
+        """Return values of the numbers, (n_draws, n), from independent standard normal ones."""
+        n = len(self.numbers)
+        root = np.linalg.cholesky(np.array(self.correlation).reshape(n, n))
+        values, deviations, logarithmic = (
+            np.array([getattr(number, name) for number in self.numbers])
+            for name in ("value", "deviation", "relative")
+        )
+        shift = (normal @ root.T) * deviations
+        share = np.divide(shift, values, out=np.zeros_like(shift), where=logarithmic)
+        return np.asarray(np.where(logarithmic, values * np.exp(share), values + shift))
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ import numpy as np
 
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import (
+    BoolArray,
     ComplexArray,
     FloatArray,
     IntArray,
@@ -21,6 +22,7 @@ from linkage_vibration.mechanics.arrays import (
     symmetric,
 )
 from linkage_vibration.mechanics.compatibility import row_space
+from linkage_vibration.mechanics.components import Component
 
 Matrix = FloatArray | ComplexArray
 
@@ -41,7 +43,7 @@ def component_frf(
     stiffness: FloatArray,
     damping: FloatArray,
     n_dofs: int,
-    frequencies: FloatArray,
+    frequencies: FloatArray | ComplexArray,
     loss_factor: float = 0.0,
 ) -> ComplexArray:
     """Return receptances of a component, (K (1 + i eta) - w^2 M + i w C)^-1, on its first DoFs.
@@ -50,7 +52,7 @@ def component_frf(
     more than a coupled one that the rounding of its FRFs alone leaves errors in those of an
     assembly: with the paper's linkage 4e-9 of the largest at 0.1 Hz, 1e-7 at 0.01 Hz.
     """
-    omega = 2.0 * math.pi * np.asarray(frequencies, dtype=float)
+    omega = np.multiply(frequencies, 2.0 * math.pi)
     if (omega == 0.0).any() and _is_floating(stiffness):
         raise FbsError(
             "A component that is free to move has no receptance at 0 Hz; begin above 0, at 0.1 Hz "
@@ -71,20 +73,21 @@ def component_frf(
     return symmetric(frf)
 
 
-def component_receptance(
-    mass: FloatArray,
-    stiffness: FloatArray,
-    damping: FloatArray,
-    n_dofs: int,
-    s: complex,
-    loss_factor: float = 0.0,
-) -> ComplexArray:
-    """Return receptances, (n_dofs, n_dofs), m/N, at one s (rad/s) in the upper half plane."""
-    dynamic = (1.0 + 1j * loss_factor) * stiffness + s**2 * mass + s * damping
-    return np.linalg.solve(dynamic, np.eye(len(mass), n_dofs))[:n_dofs]
+def held_frf(component: Component, frequencies: Matrix, held: BoolArray) -> ComplexArray:
+    """Return receptances of a component, (n_freq, n, n); DoFs that are held, (n,), do not move."""
+    n, free = len(component.dofs), np.flatnonzero(~held)
+    left = np.ix_(*[[*free, *range(n, len(component.mass))]] * 2)
+    matrices = component.mass[left], component.stiffness[left], component.damping[left]
+    frf = np.zeros((len(frequencies), n, n), dtype=complex)
+    try:
+        moved = component_frf(*matrices, len(free), frequencies, component.loss_factor)
+    except FbsError as error:
+        raise FbsError(f"{component.name}: {error}") from None
+    frf[:, free[:, np.newaxis], free] = moved
+    return frf
 
 
-def _inverse(matrices: Sequence[Matrix], n_dofs: int, omega: FloatArray) -> ComplexArray:
+def _inverse(matrices: Sequence[Matrix], n_dofs: int, omega: Matrix) -> ComplexArray:
     """Return the part of (K - w^2 M + i w C)^-1 that belongs to the first DoFs, line by line.
 
     Inner coordinates that are not coupled to one another, such as fixed-interface modes, are first
@@ -109,7 +112,7 @@ def _inverse(matrices: Sequence[Matrix], n_dofs: int, omega: FloatArray) -> Comp
     return frf
 
 
-def _dynamic(matrices: Sequence[Matrix], omega: FloatArray) -> ComplexArray:
+def _dynamic(matrices: Sequence[Matrix], omega: Matrix) -> ComplexArray:
     """Return K - w^2 M + i w C, (n_freq, ...)."""
     stiffness, mass, damping = matrices
     w = omega[:, np.newaxis, np.newaxis]
@@ -168,11 +171,10 @@ def couple_frfs_with_error(
     abs(f)^T abs(Z) abs(g). For f, the components are assumed to be reciprocal. Where the matrix is
     singular, the FRF is NaN and the error is infinite.
     """
-    n_freq = _check_sizes(blocks, (compatibility, outputs, inputs))
     compatibility, compliance = independent_rows(compatibility, compliance)
     n_rows = len(compatibility)
     left, right = np.vstack([compatibility, outputs]), np.vstack([compatibility, inputs])
-    frf = np.zeros((n_freq, len(left), len(right)), dtype=complex)
+    frf = np.zeros((len(blocks[0]), len(left), len(right)), dtype=complex)
     start = 0
     for block in blocks:
         dofs = slice(start, start + block.shape[1])
@@ -204,7 +206,7 @@ def independent_rows(
     spread = np.broadcast_to(compliance, (*np.shape(compliance)[:-1], n_rows))
     rigid = ~spread.any(axis=tuple(range(spread.ndim - 1)))
     constraints = row_space(compatibility[rigid], [f"row {row}" for row in np.flatnonzero(rigid)])
-    if not constraints.redundant:
+    if len(constraints.rows) == rigid.sum():
         return compatibility, spread
     zeros = np.zeros((*spread.shape[:-1], len(constraints.rows)))
     return (
@@ -219,13 +221,11 @@ def _solve(matrices: ComplexArray, right: Matrix) -> ComplexArray:
         return solve_stack(matrices, right)
     except np.linalg.LinAlgError:
         columns = np.broadcast_to(right, (len(matrices), *right.shape[-2:]))
-        solutions = np.full(columns.shape, np.nan, dtype=complex)
-        for line, matrix in enumerate(matrices):
-            try:
-                solutions[line] = np.linalg.solve(matrix, columns[line])
-            except np.linalg.LinAlgError:
-                continue
-        return solutions
+        if len(matrices) == 1:
+            return np.full(columns.shape, np.nan, dtype=complex)
+        return np.concatenate(
+            [_solve(matrices[i : i + 1], columns[i]) for i in range(len(columns))]
+        )
 
 
 def _lost(lines: IntArray, share: float, frequencies: FloatArray | None) -> FbsError:
@@ -234,40 +234,14 @@ def _lost(lines: IntArray, share: float, frequencies: FloatArray | None) -> FbsE
     if len(lines) > 1:
         place += f" and {len(lines) - 1} other frequencies"
     if share == np.inf:
-        return FbsError(
-            f"The interface flexibility B H B^T is singular at {place}; check that every "
-            "component has FRFs at its joints."
-        )
+        problem = f"The interface flexibility B H B^T is singular at {place}"
+        return FbsError(f"{problem}; check that every component has FRFs at its joints.")
     return FbsError(
         f"At {place} the components move much more than their assembly, because they are free near "
         "0 Hz or at an undamped resonance of their own, so rounding of their FRFs leaves an error "
         f"of {share:.0e} of the largest coupled FRF; leave these frequencies out, add damping, or "
         "describe the components by their matrices."
     )
-
-
-def _check_sizes(blocks: Sequence[ComplexArray], rows: Sequence[FloatArray]) -> int:
-    """Return the number of frequencies of the blocks."""
-    n = sum(block.shape[1] for block in blocks)
-    for name, matrix in zip(("compatibility", "outputs", "inputs"), rows, strict=True):
-        if matrix.shape[1] != n:
-            raise FbsError(
-                f"The {name} have {matrix.shape[1]} columns, but the components have {n} "
-                "DoFs; give one column to each DoF."
-            )
-    for i, block in enumerate(blocks):
-        if not np.isfinite(block).all():
-            raise FbsError(
-                f"The FRFs of component {i + 1} have values that are not finite; repair or remove "
-                "those frequencies."
-            )
-    lengths = [len(block) for block in blocks]
-    if len(set(lengths)) != 1:
-        raise FbsError(
-            f"The components' FRFs have {', '.join(map(str, lengths))} frequencies; resample them "
-            "on one frequency axis."
-        )
-    return lengths[0]
 
 
 def _is_floating(stiffness: FloatArray) -> bool:

@@ -5,7 +5,7 @@
 The configuration at an angle is that of the linkage at rest under its weight. Joints, springs and
 links then carry forces, which turn with the bodies in a vibration. To the second order, the energy
 of a force that turns is that of a stiffness: of beams by tension and shear force
-(`bodies.beam.BeamPrestress`), of rigid bodies, points beside the axis of a beam, springs and
+(`components.Component.prestress`), of rigid bodies, points beside the axis of a beam, springs and
 cylinders by their arms (`InterfaceMap.prestress`).
 """
 
@@ -35,16 +35,13 @@ def check_gravity(mechanism: Mechanism, components: Components, *, spatial: bool
     if not mechanism.gravity:
         return
     if spatial:
-        raise MechanismError(
-            "gravity", "is not available in a spatial model; remove it, or use a planar model."
-        )
+        problem = "is not available in a spatial model; remove it, or use a planar model."
+        raise MechanismError("gravity", problem)
     for link, component in zip(mechanism.links, components, strict=False):
         if not isinstance(component, Component) or component.prestress is None:
-            raise MechanismError(
-                "gravity",
-                f"the stiffness that forces add to links.{link.name} does not follow from a file; "
-                "describe the link by material and section, or remove gravity.",
-            )
+            problem = f"the stiffness that forces add to links.{link.name} is not known"
+            hint = "describe the link by material and section, or remove gravity"
+            raise MechanismError("gravity", f"{problem}; {hint}.")
 
 
 def prestress(
@@ -57,15 +54,11 @@ def prestress(
 ) -> FloatArray:
     """Return the stiffness that gravity adds to the components in a configuration, (n, n)."""
     parts = [c for c in components if isinstance(c, Component)]
-    down = np.array([0.0, -mechanism.gravity])
-    axes = {c.name: c.own_axes(down, configuration.angle(c.name)) for c in parts}
-    weight = np.zeros(len(system.mass))
-    for part in parts:
-        weight[system.rows[part.name]] = part.mass @ part.translation(axes[part.name])
-    moved = at_rest(couple(system, joining), weight, configuration)
+    load = weight(parts, system, configuration, mechanism.gravity)
+    moved = at_rest(couple(system, joining), load, configuration)
     b = slice(0, system.n_interface)
     springs = joining.stiffness * (joining.elongation @ moved[b])
-    on_bodies = system.stiffness[b] @ moved - weight[b]
+    on_bodies = system.stiffness[b] @ moved - load[b]
     on_joints = -on_bodies - joining.elongation.T @ springs
     joints = np.linalg.lstsq(joining.compatibility.T, on_joints, rcond=None)[0]
     stiffness = np.zeros_like(system.stiffness)
@@ -73,10 +66,24 @@ def prestress(
     for part in parts:
         if part.prestress is not None:
             rows = system.rows[part.name]
-            forces = on_bodies[rows[: len(part.dofs)]]
-            added = part.prestress.stiffness(forces, axes[part.name])
-            stiffness[np.ix_(rows, rows)] += added
+            down = _down(part, configuration, mechanism.gravity)
+            loads = np.append(on_bodies[rows[: len(part.dofs)]], down)
+            stiffness[np.ix_(rows, rows)] += np.tensordot(loads, part.prestress, 1)
     return stiffness
+
+
+def weight(
+    parts: Sequence[Component], system: UncoupledSystem, configuration: Configuration, g: float
+) -> FloatArray:
+    """Return the weight of components with a gravity of g, m/s2, on all coordinates, (n,)."""
+    load = np.zeros(len(system.mass))
+    for part in parts:
+        load[system.rows[part.name]] = part.mass @ part.translation(_down(part, configuration, g))
+    return load
+
+
+def _down(part: Component, configuration: Configuration, g: float) -> FloatArray:
+    return part.own_axes(np.array([0.0, -g]), configuration.angle(part.name))
 
 
 def at_rest(coupled: CoupledSystem, weight: FloatArray, configuration: Configuration) -> FloatArray:
@@ -89,11 +96,9 @@ def at_rest(coupled: CoupledSystem, weight: FloatArray, configuration: Configura
     moved = np.linalg.lstsq(scaled, load / scale, rcond=_SINGULAR)[0] / scale
     unbalanced = np.abs(coupled.stiffness @ moved - load).max()
     if not unbalanced <= _BALANCED * np.abs(weight).max():
-        raise CouplingError(
-            "Nothing carries the weight of the linkage at alpha3 = "
-            f"{math.degrees(configuration.alpha3):.3f} deg; hold its crank with `clamped` or a "
-            "spring and its base with mounts, or remove gravity."
-        )
+        at = f"alpha3 = {math.degrees(configuration.alpha3):.3f} deg"
+        hint = "hold the crank with `clamped` or a spring and the base with mounts"
+        raise CouplingError(f"Nothing carries the weight at {at}; {hint}, or remove gravity.")
     return coupled.expand(moved[:, np.newaxis])[:, 0]
 
 
@@ -104,9 +109,7 @@ def with_prestress(
     stiffness = coupled.stiffness + congruent(system, added, coupled.basis)
     lowest = float(eigvalsh(stiffness, coupled.mass, subset_by_index=[0, 0])[0])
     if lowest < -(MECHANISM**2):
-        raise CouplingError(
-            f"Under its weight the linkage does not stay at alpha3 = {math.degrees(alpha3):.3f} "
-            "deg, as its springs and links are too soft for it; make them stiffer, or remove "
-            "gravity."
-        )
+        at = f"alpha3 = {math.degrees(alpha3):.3f} deg"
+        hint = "make springs and links stiffer, or remove gravity"
+        raise CouplingError(f"Under its weight the linkage does not stay at {at}; {hint}.")
     return replace(coupled, stiffness=stiffness)

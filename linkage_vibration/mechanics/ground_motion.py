@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray
+from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.base import mount_springs
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.model import ModelError, Place, Solution
@@ -52,20 +52,7 @@ def transmissibility(solution: Solution, outputs: Sequence[Place], soil: Place) 
     joining, modes = solution.joining, solution.modes.shapes
     into = joining.elongation[which] @ modes[: joining.elongation.shape[1]]
     parts = pole_residue(solution.damped, out, into)
-    # (a + s b) (k + s c) with s^2 = D - kappa - s gamma, where D is the denominator of a term.
-    k, c = joining.stiffness[which], joining.damping[which]
-    a, b, kappa, gamma = parts.residues, parts.rates, parts.stiffness, parts.decay
-
-    def summed(values: ComplexArray, weights: FloatArray) -> ComplexArray:
-        return np.asarray((values * weights[:, np.newaxis]).sum(axis=1, keepdims=True))
-
-    squared = summed(b, c)
-    return replace(
-        parts,
-        residues=summed(a, k) - squared * kappa,
-        rates=summed(a, c) + summed(b, k) - squared * gamma,
-        residual=squared.sum(axis=2),
-    )
+    return parts.driven(joining.stiffness[which], joining.damping[which])[0]
 
 
 def _with_the_ground(
@@ -82,13 +69,8 @@ def _with_the_ground(
         local = component.own_axes(along, solution.configuration.angle(component.name))
         moved[model.system.rows[component.name]] = component.translation(local)
     into = (moved @ model.system.mass @ solution.modes.shapes)[np.newaxis]
-    parts = pole_residue(solution.damped, out, into)
-    a, b, kappa, gamma = parts.residues, parts.rates, parts.stiffness, parts.decay
     along_motion = np.array([[float(place[1] == direction)] for place in outputs])
-    # -s^2 (a + s b) with s^2 = D - kappa - s gamma; the rates b of all modes add up to zero.
-    return replace(
-        parts,
-        residues=(a - b * gamma) * kappa,
-        rates=(a - b * gamma) * gamma + b * kappa,
-        residual=along_motion - (a - b * gamma).sum(axis=2),
-    )
+    # It is -s^2 times the receptance; the rates of all modes add up to zero, so s leaves no rest.
+    one, zero = np.ones(1), np.zeros(1)
+    parts = pole_residue(solution.damped, out, into).driven(zero, -one)[0].driven(zero, one)[0]
+    return replace(parts, residual=parts.residual + along_motion)

@@ -30,7 +30,7 @@ import numpy as np
 from scipy.linalg import null_space
 
 from linkage_vibration.errors import LinkageVibrationError
-from linkage_vibration.mechanics.arrays import BoolArray, ComplexArray, FloatArray
+from linkage_vibration.mechanics.arrays import BoolArray, ComplexArray, FloatArray, real_equations
 
 _STEADY = 0.2  # A pole moves by less than this share of its decay rate from order to order.
 _ALIKE = 0.9  # least MAC of the shapes of a pole at two orders
@@ -38,6 +38,8 @@ _FAINT = 1e-4  # least share of a mode in any FRF at its resonance; below it, po
 _ABOVE_NOISE = 3.0  # least ratio of this share to the noise; more where few lines show a peak
 _SURE = 0.5  # A larger share is a mode, however large the noise is.
 _RECURS = 0.5  # least share of the orders at which a mode recurs
+# number of poles of the largest model: twice the modes in and near the band, and as many for noise
+_MAX_ORDER = 60
 _LINES_A_POLE = 3  # least number of lines in the band for each pole of a model
 _LEAST_DEGREE = 10  # There must be enough lines for polynomials of this degree.
 _NODE = 1e-9  # A drive point is a node if its residue is below this share of the mode's largest.
@@ -59,7 +61,6 @@ class IdentifiedModes:
     """
 
     poles: ComplexArray  # (n_modes,): p = -zeta w0 + i w0 sqrt(1 - zeta^2), rad/s
-    residues: ComplexArray  # (n_modes, n_out, n_in): R, m/(N s) between displacements
     shapes: FloatArray  # (n_out, n_modes): real, mass-normalised, positive at the drive point
 
     @property
@@ -77,9 +78,6 @@ def identify(
     frequencies: FloatArray,
     frf: ComplexArray,
     band: tuple[float, float],
-    *,
-    drive_point: tuple[int, int] = (0, 0),
-    max_order: int = 60,
     confirm: Callable[[ComplexArray], BoolArray] | None = None,
 ) -> IdentifiedModes:
     """Identify the modes in a band (Hz) from receptances, (n_freq, n_out, n_in), m/N.
@@ -90,19 +88,12 @@ def identify(
     are the shapes of the undamped modes. Their scale is as accurate as R_d, which is poor for a
     mode that hardly moves the drive point.
 
-    `drive_point` has the indices of the output and the input that are one point and direction.
-    `max_order` poles are those of the largest model: twice the modes in and near the band, and as
-    many again for noise; at most a third of the number of lines. `confirm` says which of some
-    poles, (n,), rad/s, are modes; the others are spurious and left out.
+    The first output and the first input are the drive point. `confirm` says which of some poles,
+    (n,), rad/s, are modes; the others are spurious and left out.
     """
     frequencies, frf = _in_band(frequencies, frf, band)
-    if not (0 <= drive_point[0] < frf.shape[1] and 0 <= drive_point[1] < frf.shape[2]):
-        raise IdentificationError(
-            f"The drive point {drive_point} is not among {frf.shape[1]} outputs and "
-            f"{frf.shape[2]} inputs; count both from 0."
-        )
     omega = 2.0 * math.pi * frequencies
-    poles, recurring = fit_poles(omega, frf, max_order)
+    poles, recurring = fit_poles(omega, frf)
     residues, fitted = _residues(omega, frf, poles, omega**2)
     natural = np.abs(poles) / (2.0 * math.pi)
     inside = (natural >= band[0]) & (natural <= band[1])
@@ -118,25 +109,22 @@ def identify(
     if confirm is not None:
         modes[modes] = confirm(poles[modes])
     if not modes.any():
-        raise IdentificationError(
-            f"No mode is visible between {band[0]:g} and {band[1]:g} Hz; widen the band, refine "
-            "the lines, lower the noise, or add damping if there is none."
-        )
+        hint = "widen the band, refine the lines, lower the noise, or add damping if there is none"
+        problem = f"No mode is visible between {band[0]:g} and {band[1]:g} Hz"
+        raise IdentificationError(f"{problem}; {hint}.")
     _check_resolution(frequencies, poles[modes])
     _check_complete(omega, frf, poles[modes | ~inside], band)
     poles, residues = poles[modes], residues[modes]
-    return IdentifiedModes(poles, residues, _shapes(poles, residues, drive_point))
+    return IdentifiedModes(poles, _shapes(poles, residues))
 
 
-def fit_poles(
-    omega: FloatArray, frf: ComplexArray, max_order: int
-) -> tuple[ComplexArray, BoolArray]:
+def fit_poles(omega: FloatArray, frf: ComplexArray) -> tuple[ComplexArray, BoolArray]:
     """Fit stable poles, (n,), rad/s, ascending, to receptances, (n_freq, n_out, n_in), at omega.
 
     Some of them only fit noise; the second array says which recur in most models of the upper half
-    of orders. The largest model has `max_order` poles, or a third of the number of lines.
+    of orders.
     """
-    order = min(max_order, len(omega) // _LINES_A_POLE)
+    order = min(_MAX_ORDER, len(omega) // _LINES_A_POLE)
     return _recurring(list(_models(omega, frf, max(2, order // frf.shape[2]))))
 
 
@@ -144,32 +132,17 @@ def _in_band(
     frequencies: FloatArray, frf: ComplexArray, band: tuple[float, float]
 ) -> tuple[FloatArray, ComplexArray]:
     """Return the usable lines of a band."""
-    frequencies, frf = np.asarray(frequencies, dtype=float), np.asarray(frf)
-    if frf.ndim != 3 or frequencies.shape != frf.shape[:1]:
-        raise IdentificationError(
-            f"{frequencies.size} frequencies do not match FRFs of shape {frf.shape}; give one "
-            "frequency to each line, and FRFs as (lines, outputs, inputs)."
-        )
     kept = (frequencies >= band[0]) & (frequencies <= band[1]) & (frequencies > 0.0)
     least = _LINES_A_POLE * _LEAST_DEGREE * frf.shape[2]
     if kept.sum() < least:
-        raise IdentificationError(
-            f"Only {kept.sum()} lines lie between {band[0]:g} and {band[1]:g} Hz; give at least "
-            f"{least}."
-        )
-    if not (np.isfinite(frf[kept]).all() and (np.diff(frequencies) > 0.0).all()):
-        raise IdentificationError(
-            "FRFs have values that are not finite, or frequencies do not ascend; repair or remove "
-            "these lines."
-        )
+        problem = f"Only {kept.sum()} lines lie between {band[0]:g} and {band[1]:g} Hz"
+        raise IdentificationError(f"{problem}; give at least {least}.")
     frequencies, frf = frequencies[kept], frf[kept]
     slack = _SHORT * (band[1] - band[0])
     if frequencies[0] > band[0] + slack or frequencies[-1] < band[1] - slack:
-        raise IdentificationError(
-            f"The lines cover {frequencies[0]:g} to {frequencies[-1]:g} Hz, not the whole band of "
-            f"{band[0]:g} to {band[1]:g} Hz, so that a mode in the rest would be missed; measure "
-            "over all of it, or narrow the band."
-        )
+        lines = f"The lines cover {frequencies[0]:g} to {frequencies[-1]:g} Hz, not the whole band"
+        hint = f"of {band[0]:g} to {band[1]:g} Hz; measure over all of it, or narrow the band"
+        raise IdentificationError(f"{lines} {hint}.")
     return frequencies, frf
 
 
@@ -216,11 +189,9 @@ def _check_resolution(frequencies: FloatArray, poles: ComplexArray) -> None:
     for pole, coarseness in zip(poles, _coarseness(frequencies, poles), strict=True):
         if coarseness > _COARSEST:
             width = -pole.real / math.pi
-            raise IdentificationError(
-                f"The peak at {abs(pole) / (2.0 * math.pi):.4g} Hz is {width:.2g} Hz wide, but the "
-                f"lines there are {coarseness * width:.2g} Hz apart, too coarse to show it; use a "
-                f"spacing of {width:.2g} Hz or less."
-            )
+            peak = f"The peak at {abs(pole) / (2.0 * math.pi):.4g} Hz is {width:.2g} Hz wide"
+            lines = f"the lines there are {coarseness * width:.2g} Hz apart"
+            raise IdentificationError(f"{peak}, but {lines}; use {width:.2g} Hz or less.")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -318,11 +289,6 @@ class _Fraction:
         return roots, shapes / np.maximum(np.linalg.norm(shapes, axis=0), np.finfo(float).tiny)
 
 
-def real_equations(matrix: ComplexArray) -> FloatArray:
-    """Return real parts above imaginary parts: complex equations with real unknowns."""
-    return np.concatenate([matrix.real, matrix.imag])
-
-
 def _recurring(models: list[_Model]) -> tuple[ComplexArray, BoolArray]:
     """Return the poles of one model, ascending, and which of them recur.
 
@@ -388,20 +354,15 @@ def _prominence(
     return np.asarray((terms / np.where(values > 0.0, values, np.inf)).max(axis=(1, 2)))
 
 
-def _shapes(
-    poles: ComplexArray, residues: ComplexArray, drive_point: tuple[int, int]
-) -> FloatArray:
+def _shapes(poles: ComplexArray, residues: ComplexArray) -> FloatArray:
     """Return real mass-normalised shapes, (n_out, n)."""
-    output, force = drive_point
     products = 2j * poles.imag[:, np.newaxis, np.newaxis] * residues
     left, values, right = np.linalg.svd(products, full_matrices=False)
-    if (np.abs(products[:, output, force]) < _NODE * values[:, 0]).any():
-        raise IdentificationError(
-            "A mode does not move the drive point, so its shape has no scale; choose another drive "
-            "point."
-        )
-    columns = left[:, :, 0] * (values[:, 0] * right[:, 0, force])[:, np.newaxis]
-    shapes = columns / np.sqrt(columns[:, [output]])
+    if (np.abs(products[:, 0, 0]) < _NODE * values[:, 0]).any():
+        problem = "A mode does not move the drive point, so its shape has no scale"
+        raise IdentificationError(f"{problem}; choose another point.")
+    columns = left[:, :, 0] * (values[:, 0] * right[:, 0, 0])[:, np.newaxis]
+    shapes = columns / np.sqrt(columns[:, [0]])
     turn = np.angle((shapes**2).sum(axis=1)) / 2.0
     shapes = (shapes * np.exp(-1j * turn)[:, np.newaxis]).real.T
-    return np.asarray(shapes * np.where(shapes[output] < 0.0, -1.0, 1.0))
+    return np.asarray(shapes * np.where(shapes[0] < 0.0, -1.0, 1.0))

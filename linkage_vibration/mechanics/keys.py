@@ -3,7 +3,6 @@
 """Reads a mapping key by key; the first invalid key raises an error that names its path."""
 
 import difflib
-import math
 from collections.abc import Collection, Iterator, Mapping
 from typing import Any
 
@@ -13,6 +12,8 @@ _LARGEST = 1e30  # SI; powers of larger numbers overflow
 
 STIFFEST, DAMPEST = 1e15, 1e12
 """Stiffness and damping, SI, beside which links lose more than 1e-6 by rounding."""
+RIGID = "give SI units, or join the bodies rigidly instead"
+"""What to do about a stiffness or a damping beyond these."""
 
 
 class Keys:
@@ -31,7 +32,6 @@ class Keys:
         self.path = path
         self._value = value
         self._children: dict[str, Keys] = {}
-        self._lists: dict[str, list[Keys]] = {}
         self._read: set[str] = set()
 
     def __iter__(self) -> Iterator[str]:
@@ -44,9 +44,7 @@ class Keys:
 
     def __getitem__(self, key: str) -> "Keys":
         """Return the mapping of a key."""
-        if key not in self._children:
-            self._children[key] = Keys(self._at(key), self._get(key))
-        return self._children[key]
+        return self._child(key, self._get(key))
 
     def error(self, key: str, problem: str) -> MechanismError:
         """Return the error that a key is invalid, to be raised; the problem includes the fix."""
@@ -61,50 +59,53 @@ class Keys:
         value = self._get(key)
         if not isinstance(value, list) or not value:
             raise self.error(key, f"{value!r} is not a list of mappings.")
-        if key not in self._lists:
-            self._lists[key] = [Keys(f"{self._at(key)}[{i}]", v) for i, v in enumerate(value)]
-        return self._lists[key]
+        return [self._child(f"{key}[{i}]", item) for i, item in enumerate(value)]
 
     def is_mapping(self, key: str) -> bool:
         """Return whether the value of a key is a mapping."""
         return isinstance(self._value.get(key), Mapping)
 
-    def member(self, key: str, allowed: Collection[str]) -> str:
-        """Return a key that must be one of those allowed."""
-        if key not in allowed:
-            raise self.error(key, f"{key!r} is not one of: {', '.join(allowed)}.")
-        return key
-
-    def number(self, key: str, *, positive: bool = False, default: float | None = None) -> float:
-        """Return a finite number."""
+    def number(
+        self,
+        key: str,
+        *,
+        positive: bool = False,
+        default: float | None = None,
+        least: float = -_LARGEST,
+        most: float = _LARGEST,
+        hint: str = "",
+    ) -> float:
+        """Return a finite number from `least` to `most`; the hint ends the error."""
         if default is not None and key not in self:
             return default
         value = self._finite(key, self._get(key))
         if positive and value <= 0.0:
             raise self.error(key, f"{value:g} is not greater than zero.")
+        self.refuse_outside(key, value, least, most, hint)
         return value
 
-    def refuse_rigid(self, key: str, value: float, limit: float = STIFFEST) -> None:
-        """Refuse a stiffness or damping, SI, beside which the links lose their digits."""
-        if value > limit:
-            raise self.error(
-                key,
-                f"beside {value:g} the links lose their digits; give up to {limit:g} in SI units, "
-                "or join the bodies rigidly instead.",
-            )
+    def refuse_outside(self, key: str, value: float, least: float, most: float, hint: str) -> None:
+        """Refuse a number that is not from `least` to `most`; the hint ends the error."""
+        if not least <= value <= most:
+            limit = f"below {least:g}" if value < least else f"above {most:g}"
+            raise self.error(key, f"{value:g} is {limit}; {hint}.")
 
     def numbers(self, key: str) -> list[float]:
         """Return a list of finite numbers, at least one."""
-        value = self._get(key)
-        if not isinstance(value, list | tuple) or not value:
-            raise self.error(key, f"{value!r} is not a list of numbers, such as [1, 2].")
-        return [self._finite(f"{key}[{i}]", item) for i, item in enumerate(value)]
+        return self._numbers(key, "a list of numbers, such as [1, 2]")
 
     def integer(self, key: str, *, default: int | None = None, least: int = 1) -> int:
         """Return a whole number from `least` to 10000."""
         value = self._get(key, default)
         if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= 10_000:
             raise self.error(key, f"{value!r} is not a whole number from {least} to 10000.")
+        return value
+
+    def flag(self, key: str) -> bool:
+        """Return true or false; false if the key is missing."""
+        value = self._get(key, False)
+        if not isinstance(value, bool):
+            raise self.error(key, f"{value!r} is neither true nor false.")
         return value
 
     def text(self, key: str) -> str:
@@ -152,13 +153,19 @@ class Keys:
 
     def refuse_unknown(self) -> None:
         """Refuse keys that nothing has read: a misspelt key must not be ignored silently."""
-        for child in (*self._children.values(), *(c for few in self._lists.values() for c in few)):
+        for child in self._children.values():
             child.refuse_unknown()
         for key in self._value:
             if key not in self._read:
                 near = difflib.get_close_matches(key, self._read, 1)
                 advice = f"did you mean {near[0]}?" if near else "remove it."
                 raise self.error(key, f"this key is not known here; {advice}")
+
+    def _child(self, key: str, value: Any) -> "Keys":
+        """Return the mapping at a key or in a list, the same each time."""
+        if key not in self._children:
+            self._children[key] = Keys(self._at(key), value)
+        return self._children[key]
 
     def _at(self, key: str) -> str:
         return f"{self.path}.{key}" if self.path else key
@@ -175,11 +182,15 @@ class Keys:
         return self._value[key]
 
     def _pair(self, key: str, what: str) -> tuple[float, float]:
-        value = self._get(key)
-        if not isinstance(value, list | tuple) or len(value) != 2:
-            raise self.error(key, f"{value!r} is not {what}.")
-        first, second = (self._finite(f"{key}[{i}]", v) for i, v in enumerate(value))
+        first, second = self._numbers(key, what, 2)
         return first, second
+
+    def _numbers(self, key: str, what: str, count: int | None = None) -> list[float]:
+        """Return finite numbers, of which there are `count`, or any number but none."""
+        value = self._get(key)
+        if not isinstance(value, list | tuple) or len(value) != (count or len(value) or 1):
+            raise self.error(key, f"{value!r} is not {what}.")
+        return [self._finite(f"{key}[{i}]", item) for i, item in enumerate(value)]
 
     def _finite(self, key: str, value: Any) -> float:
         if isinstance(value, str):
@@ -187,13 +198,6 @@ class Keys:
             raise self.error(key, f"{value!r} is text, not a number; {hint}.")
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise self.error(key, f"{value!r} is not a number.")
-        try:
-            number = float(value)
-        except OverflowError:
-            number = math.inf
-        if not math.isfinite(number):
-            raise self.error(key, f"{value!r} is not a finite number.")
-        if abs(number) > _LARGEST:
-            hint = "is larger than any number of a mechanism; check its unit"
-            raise self.error(key, f"{number:g} {hint}.")
-        return number
+        if not abs(value) <= _LARGEST:
+            raise self.error(key, f"{value!r} is not a finite number up to 1e+30; check its unit.")
+        return float(value)

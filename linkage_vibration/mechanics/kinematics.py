@@ -17,7 +17,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.interpolate import CubicSpline
-from scipy.optimize import brentq
 
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import FloatArray
@@ -26,18 +25,17 @@ from linkage_vibration.mechanics.closure import (
     Pins,
     cannot_close,
     closed_angles,
-    open_loop,
     pose_notice,
 )
 from linkage_vibration.mechanics.description import GROUND, Mechanism, MechanismError, Point
 
 _STEP = 0.3  # arc length, with lengths scaled by the largest body; about 10 deg of rotation
-_LEAST_STEP = 1e-6  # Another branch crosses where even shorter steps fail.
+# A branch ends where even shorter steps fail; the error of alpha3 there is the square of it.
+_LEAST_STEP = 1e-8
 _BEND = 0.25  # rad; the curve should turn by this in a step, and twice that is rejected
-_TURNING_TOLERANCE = 1e-8  # arc length; the error of alpha3 at a toggle is the square of it
+_FASTEST = 1e6  # d(pose)/d(alpha3), in the same scale, of a pose that is not at a toggle
+_APART = 1e-8  # Traced poses are told apart if their variable differs by more.
 _TOLERANCE = 1e-13  # size of a Newton step, in the same scale, that ends the iteration
-# number of angles of the stroke that are tried where the linkage does not close as given
-_ANGLES = 9
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,7 +170,12 @@ class Kinematics:
             self._follow(mechanism, closed)
             self.notice = ""
         else:
-            starts = self._nearest(mechanism, guess)
+            free = self._input[2::3] == 0.0
+            poses = closed_angles(self._pins, guess, free)
+            tried = [self._close(self._pins.placed(each), self._input, alpha3) for each in poses]
+            starts = [start for start in tried if start is not None]
+            if not starts:
+                raise cannot_close(self._pins, mechanism, guess, free, self._length)
             chosen = self._choose(mechanism, starts)
             self.notice = pose_notice(mechanism, [pose[2::3] for pose, _ in starts], chosen)
 
@@ -258,23 +261,6 @@ class Kinematics:
         except np.linalg.LinAlgError:
             return None
 
-    def _nearest(
-        self, mechanism: Mechanism, guess: FloatArray
-    ) -> list[tuple[FloatArray, FloatArray]]:
-        """Return the closed poses, and their rates, at the nearest angle that has any."""
-        free = self._input[2::3] == 0.0
-        given = mechanism.assembly_alpha3
-        stroke = np.linspace(*mechanism.stroke, _ANGLES)
-        stroke = stroke[np.isfinite(stroke)]
-        for alpha3 in [given, *stroke[np.argsort(np.abs(stroke - given))].tolist()]:
-            angles = closed_angles(self._pins, np.where(free, guess, alpha3), free)
-            poses = [self._close(self._pins.placed(each), self._input, alpha3) for each in angles]
-            closed = [pose for pose in poses if pose is not None]
-            if closed:
-                return closed
-        loop = open_loop(self._pins, mechanism, guess, free)
-        raise cannot_close(mechanism, loop, self._length)
-
     def _choose(self, mechanism: Mechanism, starts: list[tuple[FloatArray, FloatArray]]) -> int:
         """Keep the first branch that reaches over the stroke, and return which it is."""
         errors = []
@@ -288,7 +274,7 @@ class Kinematics:
 
     def _follow(self, mechanism: Mechanism, start: tuple[FloatArray, FloatArray]) -> None:
         """Keep the branch of a closed pose, between its toggles, if it reaches over the stroke."""
-        if np.linalg.norm(start[1]) > 1.0 / _LEAST_STEP:
+        if np.linalg.norm(start[1]) > _FASTEST:
             raise MechanismError(
                 "assembly.alpha3_deg", "the linkage is at a toggle there; give another angle."
             )
@@ -302,7 +288,7 @@ class Kinematics:
         # Without toggles, both directions were traced until they repeat, less than a step further.
         self._period = 2.0 * math.pi * ((alphas[-1] - alphas[0]) // (4.0 * math.pi))
         even = self._evenly(alphas)
-        apart = np.append(np.diff(even) > _TURNING_TOLERANCE, True)
+        apart = np.append(np.diff(even) > _APART, True)
         self._guess = CubicSpline(even[apart], poses[apart])
         self._check_stroke(mechanism)
 
@@ -328,15 +314,8 @@ class Kinematics:
                 step /= 2.0
                 continue
             slopes = way * (tangent @ self._input), way * (onward @ self._input)
-            if slopes[1] <= 0.0:
-                at_toggle = slopes[0] < _TURNING_TOLERANCE
-                locked = pose if at_toggle else self._locked(pose, tangent, step)
-                if locked is None:
-                    step /= 2.0
-                    continue
-                return [*poses, locked], self._toggle(mechanism, locked)
-            if way * ((ahead - pose) @ self._input) < step * min(slopes) / 2.0:
-                step /= 2.0  # alpha3 turned back and forth within the step
+            if way * ((ahead - pose) @ self._input) < step * min(slopes) / 2.0 or slopes[1] <= 0.0:
+                step /= 2.0  # alpha3 turned back, perhaps back and forth, within the step
                 continue
             poses.append(ahead)
             curvature = (onward - tangent) / step
@@ -350,34 +329,14 @@ class Kinematics:
                 if again is not None and _same_place(again[0], start):
                     return poses, None
                 turns += 2.0 * math.pi  # the loops need more than one turn to close again
-        return poses, self._toggle(mechanism, pose)  # another branch crosses this one
+        # alpha3 turns back here, or another branch crosses this one.
+        return poses, self._toggle(mechanism, pose)
 
     def _side(self, pose: FloatArray, tangent: FloatArray) -> float:
         """Return a sign that stays the same along a branch, and differs where one crosses it."""
         matrix = self._pins.at(pose)[1]
         matrix[-1] = tangent
         return float(np.linalg.slogdet(matrix)[0])
-
-    def _locked(self, pose: FloatArray, tangent: FloatArray, step: float) -> FloatArray | None:
-        """Return the pose at which alpha3 turns back, within one step ahead of a pose.
-
-        None if Newton's method finds poses of another branch so far ahead.
-        """
-
-        def ahead(length: float) -> tuple[FloatArray, FloatArray] | None:
-            return self._close(pose + length * tangent, tangent, float(tangent @ pose) + length)
-
-        def turning(length: float) -> float:
-            closed = ahead(length)
-            return math.nan if closed is None else float(closed[1] @ self._input)
-
-        if not turning(0.0) * turning(step) <= 0.0:
-            return None
-        try:
-            at = ahead(float(brentq(turning, 0.0, step, xtol=_TURNING_TOLERANCE)))
-        except ValueError:  # not a number in between
-            return None
-        return None if at is None else at[0]
 
     def _toggle(self, mechanism: Mechanism, pose: FloatArray) -> Toggle:
         """Return the toggle in a pose: the bodies that could move with the input held."""
@@ -409,16 +368,11 @@ class Kinematics:
     def _check_stroke(self, mechanism: Mechanism) -> None:
         low, high = mechanism.stroke
         if not -math.inf < low < high < math.inf:
-            raise MechanismError(
-                "input.range_deg",
-                f"[{math.degrees(low):g}, {math.degrees(high):g}] does not ascend; give "
-                "[from, to].",
-            )
+            given = f"[{math.degrees(low):g}, {math.degrees(high):g}]"
+            raise MechanismError("input.range_deg", f"{given} does not ascend; give [from, to].")
         for angle in mechanism.stroke:
             if self.toggles and not self.toggles[0].alpha3 < angle < self.toggles[1].alpha3:
-                raise MechanismError(
-                    "input.range_deg",
-                    f"the linkage cannot close at {math.degrees(angle):g} deg: it locks at its "
-                    f"toggles, {self.toggles[0]}, and {self.toggles[1]}; keep the range between "
-                    "them.",
-                )
+                problem = f"the linkage cannot close at {math.degrees(angle):g} deg"
+                ends = f"its toggles, {self.toggles[0]}, and {self.toggles[1]}"
+                hint = f"it locks at {ends}; keep the range between them"
+                raise MechanismError("input.range_deg", f"{problem}: {hint}.")

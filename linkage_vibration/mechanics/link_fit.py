@@ -27,10 +27,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import null_space
 
-from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray, symmetric
-from linkage_vibration.mechanics.identification import fit_poles, real_equations
+from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray, real_equations, symmetric
+from linkage_vibration.mechanics.identification import fit_poles
 
-_MAX_ORDER = 60  # number of poles in the largest model of a link
 _ORDERS = 4  # largest number of terms for the modes above the lines
 _LOWEST = 0.02  # least pole of the deformation, over the last line; below it the link is rigid
 _NARROWEST = 0.5  # least bandwidth of a pole among the lines, in spacings of the lines
@@ -181,7 +180,8 @@ class LinkFit:
         # FRFs without noise have no pulls.
         for (along, there), pull in zip(rates, self.pulls, strict=False):
             change = self.elastic.changes(along, there, terms)[0]
-            wide = [_padded(rate, both.shape[1]) for rate in (along, there)]
+            before = ((0, 0), (both.shape[1] - terms.shape[1], 0))
+            wide = [np.pad(rate, before) for rate in (along, there)]
             change = change + self.moving.changes(wide[0], wide[1], both)[0]
             shares = shares + (whole @ change @ whole) * pull
         power = np.abs(self.lines) ** 2 / 2.0
@@ -228,7 +228,7 @@ def fit_link(
 
 def _candidates(omega: FloatArray, frf: ComplexArray) -> list[ComplexArray]:
     """Return sets of poles that may be those of the link, per last line."""
-    poles, recurring = fit_poles(omega, frf, _MAX_ORDER)
+    poles, recurring = fit_poles(omega, frf)
     after = np.searchsorted(omega, poles.imag).clip(1, len(omega) - 1)
     wide = -2.0 * poles.real > _NARROWEST * np.diff(omega)[after - 1]
     visible = (poles.imag > _LOWEST * omega[-1]) & (wide | (poles.imag > omega[-1]))
@@ -319,11 +319,6 @@ def _rigid_terms(
     """Return the terms of rigid motions at s, (n_s, 1), followed by the elastic ones."""
     rates = _RELAXATIONS * (_SHIFT if shifted else 1.0) * omega[0] / omega[-1]
     return np.hstack([s**-2.0, s**-2.0 * rates / (s + rates), elastic])
-
-
-def _padded(terms: ComplexArray, count: int) -> ComplexArray:
-    """Return terms after as many zeros as make up a number."""
-    return np.pad(terms, ((0, 0), (count - terms.shape[1], 0)))
 
 
 def _fitted(terms: ComplexArray, weights: FloatArray, lines: ComplexArray) -> _Fit:

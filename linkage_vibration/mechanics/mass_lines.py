@@ -14,7 +14,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray, symmetric
 
@@ -26,7 +25,6 @@ _BEND = 0.7  # largest departure from A within the lines, as a share of A
 _LAG = 0.5  # largest imaginary part, as a share of A
 _DOUBT = 0.1  # largest standard deviation of A, as a share of A
 _NEAR = 2.0  # The most precise window is chosen among those that begin up to this factor higher.
-_LARGEST = 200.0  # largest logarithm of a number whose square is finite
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,14 +34,6 @@ class MassLines:
     first: float  # Hz, of these lines
     last: float  # Hz
     accelerance: FloatArray  # (n, n): A, 1/kg between displacements
-
-
-@dataclass(frozen=True, slots=True)
-class RigidFit:
-    """The planar rigid body that is nearest to an accelerance."""
-
-    misfit: float  # largest difference of A_ij, of sqrt(A_ii A_jj)
-    mass: float  # kg
 
 
 def find_mass_lines(frequencies: FloatArray, frf: ComplexArray) -> MassLines | None:
@@ -121,40 +111,21 @@ def _doubt(omega: FloatArray, drive: ComplexArray) -> float | None:
     return float((spread + smooth).max())
 
 
-def fit_rigid_body(accelerance: FloatArray, motions: FloatArray) -> RigidFit:
-    """Fit the mass, the moment of inertia and the centre of gravity of a planar body to A, (n, n).
+def fit_rigid_body(accelerance: FloatArray, motions: FloatArray) -> tuple[float, float]:
+    """Return the mass (kg) of the planar body with about an accelerance A, (n, n), and a misfit.
 
-    `motions`, (n, 3), are the rigid motions of its DoFs along x, z and about y.
+    `motions`, (n, 3), are the rigid motions of its DoFs along x, z and about y. The misfit is the
+    largest difference of A_ij, of sqrt(A_ii A_jj); it is infinite if no body has this A.
     """
     unit = np.sqrt(np.diag(accelerance))
     scaled = symmetric(accelerance) / np.outer(unit, unit)
     r = motions / unit[:, np.newaxis]
-    length = float(np.abs(motions[:, 2]).max()) or 1.0
-    upper = np.triu_indices(len(r))
-
-    def misfit(unknowns: FloatArray) -> FloatArray:
-        arms = r @ np.array([unknowns[2] * length, -unknowns[1] * length, 1.0])
-        moved, turned = np.exp(np.minimum(unknowns[[0, 3]], _LARGEST))
-        fitted = moved * (r[:, :2] @ r[:, :2].T) + turned * np.outer(arms, arms)
-        return np.asarray((fitted - scaled)[upper])
-
-    starts = _starts(scaled, r, motions, length)
-    fits = [least_squares(misfit, start, max_nfev=60) for start in starts]
-    best = min(fits, key=lambda fit: float(fit.cost))
-    return RigidFit(float(np.abs(best.fun).max()), math.exp(-best.x[0]))
-
-
-def _starts(
-    scaled: FloatArray, r: FloatArray, motions: FloatArray, length: float
-) -> Iterator[list[float]]:
-    """Return first guesses of log(1 / m), the centre of gravity over the length, and log(1 / J)."""
     inverse = np.linalg.pinv(r)
     free = inverse @ scaled @ inverse.T  # M^-1, if it may be any symmetric matrix
-    compliance = max(float(np.trace(free[:2, :2])) / 4.0, 1e-12)
-    middle = float(motions[motions[:, 1] != 0.0, 2].mean()) / length
-    yield [math.log(compliance), middle, 0.0, math.log(6.0 * compliance / length**2)]
-    turn = float(free[2, 2])
-    if turn > 0.0:
-        moved = (np.trace(free[:2, :2]) - free[:2, 2] @ free[:2, 2] / turn) / 2.0
-        x, z = -free[1, 2] / turn / length, free[0, 2] / turn / length
-        yield [math.log(max(moved, 1e-3 * compliance)), x, z, math.log(turn)]
+    turned = float(free[2, 2])  # 1 / J
+    arm = np.append(free[:2, 2] / turned, 1.0)
+    moved = float(np.trace(free[:2, :2]) - turned * (arm[:2] @ arm[:2])) / 2.0  # 1 / m
+    if not min(moved, turned) > 0.0:
+        return math.nan, math.inf
+    fitted = moved * (r[:, :2] @ r[:, :2].T) + turned * np.outer(r @ arm, r @ arm)
+    return 1.0 / moved, float(np.abs(fitted - scaled).max())

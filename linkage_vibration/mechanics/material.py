@@ -15,23 +15,10 @@ def read_material(keys: Keys) -> Material:
     poisson = keys.number("poisson_ratio")
     if not -1.0 < poisson < 0.5:
         raise keys.error("poisson_ratio", f"{poisson:g} is not between -1 and 0.5; steel has 0.3.")
-    modulus = keys.number("youngs_modulus", positive=True)
-    if modulus < _SOFTEST:
-        raise keys.error(
-            "youngs_modulus",
-            f"{modulus:g} Pa is softer than rubber; write it in Pa (steel: 210.0e+9).",
-        )
-    if modulus > _STIFFEST:
-        raise keys.error(
-            "youngs_modulus",
-            f"{modulus:g} Pa is so stiff that the other links lose their digits; describe what is "
-            "rigid under rigid_bodies.",
-        )
+    hint = "write it in Pa (steel: 210.0e+9), and describe what is rigid under rigid_bodies"
+    modulus = keys.number("youngs_modulus", least=_SOFTEST, most=_STIFFEST, hint=hint)
     density = keys.number("density", positive=True)
     if modulus > _STIFF and _FLIMSY[0] < density < _FLIMSY[1]:
-        raise keys.error(
-            "density",
-            f"no solid of {modulus:g} Pa weighs {density:g} kg/m3; write it in kg/m3 (steel: "
-            "7800.0; 0.001 for a link without mass).",
-        )
+        hint = "write it in kg/m3 (steel: 7800.0; 0.001 for a link without mass)"
+        raise keys.error("density", f"no such solid weighs {density:g} kg/m3; {hint}.")
     return Material(modulus, density, poisson)

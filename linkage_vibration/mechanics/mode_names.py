@@ -119,13 +119,5 @@ def name_modes(energy: KineticEnergy, given: Sequence[str] = ()) -> tuple[str, .
             motion_name = energy.motions[rows[body][chosen[k]]][1] if k in chosen else "motion"
             names[mode] = f"{label} {motion_name}"
     names[: len(given)] = [new or old for new, old in zip(given, names, strict=False)]
-    return _unlike(names)
-
-
-def _unlike(names: Sequence[str]) -> tuple[str, ...]:
-    """Return the names; a repeated one has a number from the second time on."""
-    distinct: list[str] = []
-    for i, name in enumerate(names):
-        earlier = list(names[:i]).count(name)
-        distinct.append(f"{name} {earlier + 1}" if earlier else name)
-    return tuple(distinct)
+    earlier = [names[:i].count(name) for i, name in enumerate(names)]
+    return tuple(f"{name} {n + 1}" if n else name for name, n in zip(names, earlier, strict=True))

@@ -4,7 +4,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -22,12 +22,8 @@ from linkage_vibration.mechanics.coupling import (
     uncoupled_system,
 )
 from linkage_vibration.mechanics.description import Mechanism
-from linkage_vibration.mechanics.fbs import (
-    FbsError,
-    component_frf,
-    couple_frfs,
-    couple_frfs_with_error,
-)
+from linkage_vibration.mechanics.fbs import couple_frfs, couple_frfs_with_error, held_frf
+from linkage_vibration.mechanics.forces import Forces, is_force, magnitudes, reference
 from linkage_vibration.mechanics.gravity import check_gravity, prestress, with_prestress
 from linkage_vibration.mechanics.identification import IdentifiedModes, identify
 from linkage_vibration.mechanics.kinematics import Configuration, Kinematics, rotation
@@ -44,12 +40,11 @@ from linkage_vibration.mechanics.response import (
 
 _STILL = 1e-6  # A DoF is held if it moves by less than this share of the largest response.
 _NOISE = 0.5  # Coupled FRFs with a larger share of noise, root mean square over lines, are refused.
-_STEP = 1e-5  # rad; half of the step of a central difference over alpha3
 # Lines with a larger error by rounding, of the largest response, are solved again.
 _ROUNDING = 1e-9
 
 Place = tuple[str, str]
-"""A point and a direction along the global axes: ("E1", "z")."""
+"""A point and a direction along the global axes, ("E1", "z"), or a force (see `forces`)."""
 
 
 class ModelError(LinkageVibrationError):
@@ -89,8 +84,8 @@ class LinkageModel:
         self.components = mechanism.components(spatial=spatial, reduced=reduced)
         check_gravity(mechanism, self.components, spatial=spatial)
         self.interface = InterfaceMap(mechanism, self.components, spatial=spatial)
-        # For each component: the frequencies of the FRFs that were computed last, and these.
-        self._frfs: dict[str, tuple[bytes, ComplexArray | MeasuredFrfs]] = {}
+        # The frequencies at which FRFs of the components were computed last, and these FRFs.
+        self._frfs: tuple[bytes | None, list[ComplexArray | MeasuredFrfs]] = None, []
 
     @cached_property
     def system(self) -> UncoupledSystem:
@@ -104,10 +99,8 @@ class LinkageModel:
         parts = [c for c in self.components if isinstance(c, Component)]
         for component in self.components:
             if isinstance(component, FrfComponent):
-                raise ModelError(
-                    f"links.{component.name} is known by its FRFs alone, so the assembly has no "
-                    "matrices; use `coupled_frf`, or `identify` the modes from FRFs."
-                )
+                hint = "use `coupled_frf`, or `identify` the modes from FRFs"
+                raise ModelError(f"links.{component.name} is known by its FRFs alone; {hint}.")
         return uncoupled_system(parts)
 
     def rows(self, places: Sequence[Place], configuration: Configuration) -> FloatArray:
@@ -121,23 +114,100 @@ class LinkageModel:
         Raises
         ------
         ModelError
-            If a point or a direction does not exist, or is y in a planar model.
+            If a point or a direction does not exist, or is y in a planar model; or if a place is
+            one of a force, as a force inside the linkage does not excite it.
         """
         directions = ("x", "y", "z") if self.interface.out_of_plane.any() else ("x", "z")
         rows = []
         for point, direction in places:
+            if is_force((point, direction)):
+                problem = f"The {direction} at {point} is an output of FRFs of matrices, no input"
+                raise ModelError(f"{problem}; give a point with x or z.")
             bodies = self.mechanism.owners(point)
             if not bodies:
                 raise ModelError(f"There is no point {point}; check the names of the points.")
             if direction not in directions:
                 hint = "" if "y" in directions else " (y needs LinkageModel(..., spatial=True))"
-                raise ModelError(
-                    f"Point {point} has no direction {direction}; use {' or '.join(directions)}"
-                    f"{hint}."
-                )
+                hint = f"use {' or '.join(directions)}{hint}"
+                raise ModelError(f"Point {point} has no direction {direction}; {hint}.")
             moved = self.interface.displacement(bodies[-1], point, configuration)
             rows.append(moved["xyz".index(direction)])
         return np.array(rows)
+
+    @cached_property
+    def forces(self) -> Forces:
+        """The forces in the linkage; a link that is known by FRFs raises a `ModelError`."""
+        return Forces(self.mechanism, self.system)
+
+    @property
+    def force_places(self) -> tuple[str, ...]:
+        """Pins, springs and cylinders whose forces are known, such as "lower_link:E1".
+
+        There are none if a link is known by its FRFs.
+        """
+        measured = any(isinstance(component, FrfComponent) for component in self.components)
+        return () if measured else self.forces.names
+
+    def static_forces(self, alpha3: float) -> FloatArray:
+        """Return the forces at `force_places` under the weight, (n_force_places,), N.
+
+        They are magnitudes; NaN where nothing carries the weight. Gravity points along -z with
+        9.80665 m/s2, whether or not the mechanism has the key `gravity`.
+
+        Parameters
+        ----------
+        alpha3 : float
+            Input angle, rad.
+        """
+        configuration = self.kinematics.at(alpha3)
+        forces = self.forces.at_rest(configuration, self.interface.join(configuration))
+        return magnitudes(self.forces.places, forces)
+
+    def mount_loads(self, alpha3: float) -> FloatArray:
+        """Return the vertical load of each mount of the base under all weight, (n_mounts,), N.
+
+        It is NaN where nothing carries the weight, and negative where a mount would have to pull.
+        """
+        mounts = () if self.mechanism.base is None else self.mechanism.base.mounts
+        configuration = self.kinematics.at(alpha3)
+        joining = self.interface.join(configuration)
+        moved, _ = self.forces.moved_by_weight(configuration, joining, with_base=True)
+        rows = self.rows([(mount.name, "z") for mount in mounts], configuration)
+        sunk = -(rows @ moved[: rows.shape[1]])
+        return np.array([mount.stiffness[1] for mount in mounts]) * sunk
+
+    def reference_forces(self, alpha3: float) -> FloatArray:
+        """Return what dynamic forces at `force_places` are compared with, (n_force_places,), N.
+
+        It is the static force, but at least a tenth of the largest at this angle, as a pin that
+        carries nearly nothing has no meaningful ratio. `response.reference_force` replaces all.
+
+        Parameters
+        ----------
+        alpha3 : float
+            Input angle, rad.
+        """
+        return reference(self.static_forces(alpha3), self.mechanism.response.reference_force)
+
+    def output_rows(self, places: Sequence[Place], configuration: Configuration) -> FloatArray:
+        """Return displacements or forces at places per coordinate of the components, (n_places, n).
+
+        Without forces among them, n is the number of interface DoFs, as in `rows`.
+
+        Parameters
+        ----------
+        places, configuration
+            Points with directions, or forces; where the bodies are.
+        """
+        forces = [i for i, place in enumerate(places) if is_force(place)]
+        if not forces:
+            return self.rows(places, configuration)
+        rows, moved = np.zeros((len(places), len(self.system.mass))), set(range(len(places)))
+        joining = self.interface.join(configuration)
+        rows[forces] = self.forces.rows([places[i] for i in forces], configuration, joining)
+        for i in moved.difference(forces):
+            rows[i, : len(self.interface)] = self.rows([places[i]], configuration)[0]
+        return rows
 
     def solve(self, alpha3: float) -> "Solution":
         """Solve the assembly at an input angle in rad.
@@ -211,8 +281,24 @@ class LinkageModel:
             If the FRFs have too few digits for the result.
         """
         configuration = self.kinematics.at(alpha3)
-        rows = self.rows(outputs, configuration), self.rows(inputs, configuration)
-        return self._couple(configuration, np.asarray(frequencies, dtype=float), *rows)
+        lines, joining = np.asarray(frequencies, dtype=float), self.interface.join(configuration)
+        left, right = self.rows(outputs, configuration), self.rows(inputs, configuration)
+        if any(isinstance(component, FrfComponent) for component in self.components):
+            blocks, rows, compliance = self._blocks(joining, lines)
+            self._check_noise(blocks, rows, right, compliance)
+            return couple_frfs(receptances(blocks), rows, left, right, compliance, lines)
+        if self.mechanism.gravity:  # the components change with the configuration
+            return assembled_frf(self._assemble(configuration, joining)[0], lines, left, right)
+        frf = np.empty((len(lines), len(left), len(right)), dtype=complex)
+        moving = lines != 0.0
+        blocks, rows, compliance = self._blocks(joining, lines[moving])
+        parts = receptances(blocks)
+        frf[moving], error = couple_frfs_with_error(parts, rows, left, right, compliance)
+        poor = ~moving
+        poor[moving] = ~(error <= _ROUNDING * np.abs(frf[moving]).max(axis=(1, 2), initial=0.0))
+        if poor.any():
+            frf[poor] = assembled_frf(couple(self.system, joining), lines[poor], left, right)
+        return frf
 
     @cached_property
     def measured_frequencies(self) -> FloatArray | None:
@@ -226,10 +312,9 @@ class LinkageModel:
         measured = [c for c in self.components if isinstance(c, FrfComponent)]
         for component in measured[1:]:
             if not np.array_equal(component.frequencies, measured[0].frequencies):
-                raise ModelError(
-                    f"links.{component.name} and links.{measured[0].name} are known at different "
-                    "frequencies; measure or resample them on one frequency axis."
-                )
+                both = f"links.{component.name} and links.{measured[0].name}"
+                hint = "measure or resample them on one axis"
+                raise ModelError(f"{both} are known at different frequencies; {hint}.")
         if not measured:
             return None
         return measured[0].frequencies[measured[0].frequencies > 0.0]
@@ -270,64 +355,8 @@ class LinkageModel:
         identified = identify(frequencies, frf[:, moving], response.band, confirm=assembly.confirm)
         shapes = np.zeros((len(every), len(identified.poles)))
         shapes[moving] = identified.shapes
-        poles = np.array([mode.pole.pole for mode in assembly.modes])
-        return IdentifiedSolution(
-            configuration,
-            replace(identified, poles=poles, shapes=shapes),
-            np.array([mode.frequency_stddev for mode in assembly.modes]),
-            np.array([mode.damping_ratio_stddev for mode in assembly.modes]),
-        )
-
-    def _couple(
-        self,
-        configuration: Configuration,
-        frequencies: FloatArray,
-        outputs: FloatArray,
-        inputs: FloatArray,
-    ) -> ComplexArray:
-        """Couple by LM-FBS; outputs and inputs are rows on the interface DoFs."""
-        joining = self.interface.join(configuration)
-        if any(isinstance(component, FrfComponent) for component in self.components):
-            blocks, rows, compliance = self._blocks(joining, frequencies)
-            self._check_noise(blocks, rows, inputs, compliance)
-            parts = receptances(blocks)
-            return couple_frfs(parts, rows, outputs, inputs, compliance, frequencies)
-        if self.mechanism.gravity:  # the components change with the configuration
-            coupled = self._assemble(configuration, joining)[0]
-            return assembled_frf(coupled, frequencies, outputs, inputs)
-        frf = np.empty((len(frequencies), len(outputs), len(inputs)), dtype=complex)
-        moving = frequencies != 0.0
-        blocks, rows, compliance = self._blocks(joining, frequencies[moving])
-        parts = receptances(blocks)
-        frf[moving], error = couple_frfs_with_error(parts, rows, outputs, inputs, compliance)
-        poor = ~moving
-        poor[moving] = ~(error <= _ROUNDING * np.abs(frf[moving]).max(axis=(1, 2), initial=0.0))
-        if poor.any():
-            coupled = couple(self.system, joining)
-            frf[poor] = assembled_frf(coupled, frequencies[poor], outputs, inputs)
-        return frf
-
-    def noise_gain(
-        self,
-        alpha3: float,
-        frequencies: FloatArray,
-        outputs: Sequence[Place],
-        inputs: Sequence[Place],
-    ) -> FloatArray:
-        """Return the ratio of the relative noise of `coupled_frf` to that of the measured FRFs.
-
-        It is (n_freq, n_out, n_in); see `regularisation.noise_gain`.
-
-        Parameters
-        ----------
-        alpha3, frequencies, outputs, inputs
-            As `coupled_frf` takes them.
-        """
-        configuration = self.kinematics.at(alpha3)
-        joining = self.interface.join(configuration)
-        blocks, rows, compliance = self._blocks(joining, np.asarray(frequencies, dtype=float))
-        left, right = self.rows(outputs, configuration), self.rows(inputs, configuration)
-        return noise_gain(blocks, rows, left, right, compliance)
+        poles, *stddev = map(np.array, zip(*assembly.modes, strict=True))
+        return IdentifiedSolution(configuration, IdentifiedModes(poles, shapes), *stddev)
 
     def _check_noise(
         self,
@@ -343,11 +372,9 @@ class LinkageModel:
         frf = couple_frfs_with_error(receptances(blocks), rows, inputs, inputs, compliance)[0]
         share = link.noise * float(np.linalg.norm(gain * frf) / np.linalg.norm(frf))
         if not share <= _NOISE:
-            raise ModelError(
-                f"Noise of {100.0 * link.noise:.2g} % in the FRFs of links.{link.name} becomes "
-                f"{100.0 * share:.0f} % in the coupled ones; average more measurements, or measure "
-                "up to higher frequencies, where the link deforms more."
-            )
+            noise = f"Noise of {100.0 * link.noise:.2g} % in the FRFs of links.{link.name}"
+            hint = "average more measurements, or measure up to higher frequencies"
+            raise ModelError(f"{noise} becomes {100.0 * share:.0f} % in the coupled ones; {hint}.")
 
     def _blocks(
         self, joining: Joining, frequencies: FloatArray
@@ -359,7 +386,7 @@ class LinkageModel:
         compatibility = joining.compatibility[joining.compatibility[:, ~self._held].any(axis=1)]
         rigid = np.zeros((len(omega), len(compatibility)))
         return (
-            [self._frf(component, frequencies) for component in self.components],
+            self._component_frfs(frequencies),
             np.vstack([compatibility, joining.elongation]),
             np.hstack([rigid, springs]),
         )
@@ -370,19 +397,14 @@ class LinkageModel:
         has_matrices = [np.full(len(c.dofs), isinstance(c, Component)) for c in self.components]
         return np.asarray(self.interface.held & np.concatenate(has_matrices))
 
-    def _frf(
-        self, component: Component | FrfComponent, frequencies: FloatArray
-    ) -> ComplexArray | MeasuredFrfs:
-        """Return the FRFs of a component on its interface DoFs; they are kept for the next call."""
-        lines = np.asarray(frequencies, dtype=float)
-        key, (kept_key, kept) = lines.tobytes(), self._frfs.get(component.name, (b"", None))
-        if kept is None or kept_key != key:
-            i = self.components.index(component)
-            start = sum(len(other.dofs) for other in self.components[:i])
-            held = self._held[start : start + len(component.dofs)]
-            kept = _component_frf(component, lines, held)
-            self._frfs[component.name] = key, kept
-        return kept
+    def _component_frfs(self, frequencies: FloatArray) -> list[ComplexArray | MeasuredFrfs]:
+        """Return the FRFs of all components on their interface DoFs; the last ones are kept."""
+        if self._frfs[0] != frequencies.tobytes():
+            ends = np.cumsum([len(component.dofs) for component in self.components])
+            parts = zip(self.components, np.split(self._held, ends[:-1]), strict=True)
+            frfs = [_component_frf(component, frequencies, held) for component, held in parts]
+            self._frfs = frequencies.tobytes(), frfs
+        return self._frfs[1]
 
 
 @dataclass(frozen=True, eq=False)
@@ -515,8 +537,8 @@ class Solution:
         return shapes if self.damped.shapes is None else shapes @ self.damped.real_shapes
 
     def participation(self, places: Sequence[Place]) -> FloatArray:
-        """Displacement of each undamped, mass-normalised shape at places, (n_places, n_modes)."""
-        rows = self.model.rows(places, self.configuration)
+        """Displacement or force of each undamped, mass-normalised shape, (n_places, n_modes)."""
+        rows = self.model.output_rows(places, self.configuration)
         return np.asarray(rows @ self.modes.shapes[: rows.shape[1]])
 
     def frf(
@@ -525,17 +547,20 @@ class Solution:
         inputs: Sequence[Place],
         band: tuple[float, float] | None = None,
     ) -> PoleResidue:
-        """Receptances between points and directions along the global axes.
+        """Receptances between points, or forces at places per force at points.
 
         Parameters
         ----------
         outputs, inputs : sequence of (point, direction)
-            Along the global axes.
+            Along the global axes; an output may also be a force, such as ("lower_link:E1",
+            "force_x"), or ("lift_cylinders", "force").
         band : tuple of float, optional
             Hz. With a band, `FarPoles` replace the modes above it, which is faster for many lines
             and valid within the band only; without, the sum has every mode.
         """
-        frf = pole_residue(self.damped, self.participation(outputs), self.participation(inputs))
+        rows = self.model.rows(inputs, self.configuration)  # refuses forces
+        into = rows @ self.modes.shapes[: rows.shape[1]]
+        frf = pole_residue(self.damped, self.participation(outputs), into)
         if band is None:
             return frf
         kept = in_reach(frf.stiffness, band, frf.decay)
@@ -552,24 +577,6 @@ class Solution:
         """Return the peak of the drive-point receptance within a band (Hz)."""
         return self.drive_point.peak(band)
 
-    @cached_property
-    def in_plane(self) -> BoolArray:
-        """Which modes move in the plane of motion rather than out of it, (n_modes,).
-
-        The two kinds do not mix as long as every link is symmetric about the plane.
-        """
-        out = self.model.interface.out_of_plane
-        energy = np.zeros(len(self.modes.omega))
-        for component in self.model.system.components:
-            if component.drawing is not None:
-                moved = component.drawing.displacement @ self._of(component)
-                energy += (moved[:, 1] ** 2).sum(axis=0) - (moved[:, [0, 2]] ** 2).sum(axis=(0, 1))
-            else:
-                shapes = self._of(component)[: len(component.dofs)]
-                lateral = np.array([dof.direction == "y" for dof in component.dofs])
-                energy += (shapes[lateral] ** 2).sum(axis=0) - (shapes[~lateral] ** 2).sum(axis=0)
-        return energy <= 0.0 if out.any() else np.ones(len(energy), dtype=bool)
-
     def link_shapes(self, mode: int) -> dict[str, tuple[FloatArray, FloatArray]]:
         """Return where each body is drawn and how a mass-normalised mode moves it.
 
@@ -581,74 +588,19 @@ class Solution:
         """
         shapes, interface = {}, self.model.interface
         for component in self.model.system.components:
-            body = component.name
+            body, points = component.name, self.model.mechanism.local_points(component.name)
+            local = np.array(list(points.values()))
             if component.drawing is not None:
-                moved = (component.drawing.displacement @ self._of(component)[:, mode])[:, :3]
+                local = component.drawing.places
+                shape = self.modes.shapes[self.model.system.rows[body], mode]
+                moved = (component.drawing.displacement @ shape)[:, :3]
                 moved[:, ::2] = moved[:, ::2] @ rotation(self.configuration.angle(body)).T
             else:
-                points = self.model.mechanism.local_points(body)
                 u, move = self.modes.shapes[: len(interface), mode], interface.displacement
                 moved = np.array([move(body, p, self.configuration) @ u for p in points])
-            shapes[body] = (self._drawn_places[body], moved)
+            places = [self.configuration.place(body, (x, z)) for x, z in local.tolist()]
+            shapes[body] = np.insert(np.array(places), 1, 0.0, axis=1), moved
         return shapes
-
-    @cached_property
-    def _drawn_places(self) -> dict[str, FloatArray]:
-        """Where each body is drawn, as `link_shapes` returns it."""
-        drawn = {}
-        for component in self.model.system.components:
-            body = component.name
-            local = list(self.model.mechanism.local_points(body).values())
-            if component.drawing is not None:
-                local = [(float(x), float(z)) for x, z in component.drawing.places]
-            places = np.array([self.configuration.place(body, place) for place in local])
-            drawn[body] = np.insert(places, 1, 0.0, axis=1)
-        return drawn
-
-    @cached_property
-    def frequency_derivatives(self) -> FloatArray:
-        """d(undamped natural frequency)/d(alpha3), (n_modes,), Hz/rad.
-
-        With L = phi^T (K - w^2 M) phi + 2 mu^T B phi stationary in phi and mu,
-        d(w^2)/d(alpha3) = phi^T K' phi + 2 mu^T B' phi; K' is that of springs that turn or change.
-        Where two frequencies coincide, their separate derivatives have no meaning.
-        """
-        rate, stretch_rate, stiffness_rate = self.model.interface.join_rate(self.configuration)
-        u = self.modes.shapes[: len(self.model.interface)]
-        multipliers = self._multipliers()
-        slope = 2.0 * (multipliers * (rate @ u)).sum(axis=0)
-        if len(stretch_rate):
-            stretch = self.joining.elongation @ u
-            force = self.joining.stiffness[:, np.newaxis] * stretch
-            slope += 2.0 * (force * (stretch_rate @ u)).sum(axis=0) + stiffness_rate @ stretch**2
-        if self.model.mechanism.gravity:
-            slope += (self.modes.shapes * (self._prestress_rate @ self.modes.shapes)).sum(axis=0)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            return np.asarray(slope / (2.0 * self.modes.omega) / (2.0 * math.pi))
-
-    @cached_property
-    def _prestress_rate(self) -> FloatArray:
-        """Return d(prestress)/d(alpha3), (n, n), by a difference; it is small beside the rest."""
-        here, model = self.configuration.alpha3, self.model
-        sides = [model.kinematics.at(here + step) for step in (-_STEP, _STEP)]
-        low, high = (model.prestress(side, model.interface.join(side)) for side in sides)
-        return np.asarray((high - low) / (2.0 * _STEP))
-
-    def _multipliers(self) -> FloatArray:
-        """Return mu of every mode, (n_constraints, n_modes), of B^T mu = -(K - w^2 M) phi."""
-        system = self.model.system
-        b = slice(0, len(self.model.interface))
-        phi = self.modes.shapes
-        residual = (system.stiffness + self.prestress)[b] @ phi - system.mass[b] @ (
-            phi * self.modes.omega**2
-        )
-        stretch = self.joining.elongation
-        residual += stretch.T @ (self.joining.stiffness[:, np.newaxis] * (stretch @ phi[b]))
-        return np.asarray(np.linalg.lstsq(self.joining.compatibility.T, -residual, rcond=None)[0])
-
-    def _of(self, component: Component) -> FloatArray:
-        """Return a component's own coordinates in every mode, (n_component, n_modes)."""
-        return self.modes.shapes[self.model.system.rows[component.name]]
 
 
 def _component_frf(
@@ -656,28 +608,12 @@ def _component_frf(
 ) -> ComplexArray | MeasuredFrfs:
     """Return the FRFs of a component; DoFs that are held, (n_dofs,), do not respond."""
     if isinstance(component, Component):
-        n, free = len(component.dofs), np.flatnonzero(~held)
-        left = np.ix_(*[[*free, *range(n, len(component.mass))]] * 2)
-        frf = np.zeros((len(frequencies), n, n), dtype=complex)
-        try:
-            frf[:, free[:, np.newaxis], free] = component_frf(
-                component.mass[left],
-                component.stiffness[left],
-                component.damping[left],
-                len(free),
-                frequencies,
-                component.loss_factor,
-            )
-        except FbsError as error:
-            raise FbsError(f"{component.name}: {error}") from None
-        return frf
+        return held_frf(component, frequencies, held)
     at = np.abs(np.subtract.outer(component.frequencies, frequencies)).argmin(axis=0)
     off = np.abs(component.frequencies[at] - frequencies)
     if (off > 1e-9 * frequencies).any():
         worst = float(frequencies[int(off.argmax())])
-        raise ModelError(
-            f"links.{component.name} has no FRF at {worst:g} Hz; use frequencies of its own "
-            f"({component.frequencies[0]:g} to {component.frequencies[-1]:g} Hz)."
-        )
+        own = f"its own ({component.frequencies[0]:g} to {component.frequencies[-1]:g} Hz)"
+        raise ModelError(f"links.{component.name} has no FRF at {worst:g} Hz; use {own}.")
     measured = component.measured
     return MeasuredFrfs(measured.frf[at], measured.kept, measured.leverage[at])

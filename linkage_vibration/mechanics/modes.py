@@ -72,13 +72,13 @@ class DampedModes:
 
         A mode that damping keeps from oscillating has two real roots instead, and is left out.
         """
-        return np.asarray(self._upper_poles[self._oscillating_terms])
+        return np.asarray(self._upper_poles[oscillating_indices(self._upper_poles)])
 
     @property
     def oscillating_shapes(self) -> ComplexArray:
         """Their shapes by the undamped modes, (n_modes, n), scaled as `shapes` are."""
         assert self.shapes is not None
-        return np.asarray(self.shapes[0][:, self._oscillating_terms])
+        return np.asarray(self.shapes[0][:, oscillating_indices(self._upper_poles)])
 
     @property
     def real_shapes(self) -> FloatArray:
@@ -90,13 +90,6 @@ class DampedModes:
     def _upper_poles(self) -> ComplexArray:
         """One pole of each term, rad/s."""
         return np.asarray(1j * np.sqrt(self.stiffness) if self.poles is None else self.poles[0])
-
-    @property
-    def _oscillating_terms(self) -> IntArray:
-        """Indices of the terms that oscillate, ascending by the magnitude of their poles."""
-        poles = self._upper_poles
-        terms = np.flatnonzero((poles.imag > 0.0) & (np.abs(poles) >= MECHANISM))
-        return np.asarray(terms[np.argsort(np.abs(poles[terms]), kind="stable")])
 
     @property
     def damping_ratios(self) -> FloatArray:
@@ -112,6 +105,26 @@ class DampedModes:
         with np.errstate(divide="ignore", invalid="ignore"):
             ratios = self.decay / (2.0 * omega) + self.stiffness.imag / (2.0 * omega**2)
         return np.where(omega > 0.0, ratios, np.nan)
+
+
+def oscillating_indices(poles: ComplexArray) -> IntArray:
+    """Return the indices of the poles that oscillate, of each pair the upper, by magnitude."""
+    upper = np.flatnonzero((poles.imag > 0.0) & (np.abs(poles) >= MECHANISM))
+    return np.asarray(upper[np.argsort(np.abs(poles[upper]), kind="stable")])
+
+
+def paired(poles: ComplexArray) -> tuple[IntArray, IntArray]:
+    """Return the indices of the first and of the second pole of each term of the second order.
+
+    They are conjugate, or two real ones that are neighbours in magnitude. The last of an odd number
+    of real ones is without a second.
+    """
+    real = np.flatnonzero(poles.imag == 0.0)
+    real = real[np.argsort(np.abs(poles[real]), kind="stable")]
+    upper, lower = np.flatnonzero(poles.imag > 0.0), np.flatnonzero(poles.imag < 0.0)
+    upper = upper[np.lexsort((poles[upper].imag, poles[upper].real))]
+    lower = lower[np.lexsort((-poles[lower].imag, poles[lower].real))]
+    return np.concatenate([upper, real[::2]]), np.concatenate([lower, real[1::2]])
 
 
 def solve_modes(system: CoupledSystem) -> tuple[Modes, FloatArray]:
@@ -152,10 +165,9 @@ def damp_modes(system: CoupledSystem, omega: FloatArray, vectors: FloatArray) ->
 
 def mixed_damping() -> ModesError:
     """Return the error that viscous and structural damping occur together."""
-    return ModesError(
-        "Viscous and structural damping occur together, and one of them couples the modes; give "
-        "every link a rule of the same kind, or use the frequency responses from LM-FBS."
-    )
+    problem = "Viscous and structural damping occur together, and one of them couples the modes"
+    hint = "give every link a rule of the same kind, or use the frequency responses from LM-FBS"
+    return ModesError(f"{problem}; {hint}.")
 
 
 def track(
@@ -254,13 +266,7 @@ def _viscous_modes(omega: FloatArray, viscous: FloatArray) -> DampedModes:
     # x^T [[D, I], [I, 0]] x with x = (psi, lambda psi), by which the residues are scaled.
     scale = (shapes * (viscous @ shapes)).sum(axis=0) + 2.0 * poles * (shapes**2).sum(axis=0)
     shapes = shapes / np.sqrt(scale.astype(complex))
-    # A term has a pair of conjugate poles, or two real ones if the mode is overdamped.
-    upper, lower = np.flatnonzero(poles.imag > 0.0), np.flatnonzero(poles.imag < 0.0)
-    real = np.flatnonzero(poles.imag == 0.0)
-    real = real[np.argsort(np.abs(poles[real]), kind="stable")]
-    upper = upper[np.lexsort((poles[upper].imag, poles[upper].real))]
-    lower = lower[np.lexsort((-poles[lower].imag, poles[lower].real))]
-    first, second = np.concatenate([upper, real[::2]]), np.concatenate([lower, real[1::2]])
+    first, second = paired(poles)
     order = np.argsort(np.abs(poles[first] * poles[second]), kind="stable")
     first, second = first[order], second[order]
     both = np.array([poles[first], poles[second]])

@@ -5,6 +5,7 @@
 import itertools
 import math
 from dataclasses import replace
+from functools import partial
 from typing import Any, Literal
 
 from linkage_vibration.mechanics.base import read_mounts
@@ -25,16 +26,16 @@ from linkage_vibration.mechanics.description import (
     Spring,
     rayleigh_damping,
 )
-from linkage_vibration.mechanics.keys import DAMPEST, Keys
+from linkage_vibration.mechanics.keys import DAMPEST, RIGID, Keys
 from linkage_vibration.mechanics.springs import read_stiffness
 from linkage_vibration.mechanics.uncertainty import read_uncertainty
 
 # No linkage comes near these limits; numbers in millimetres or tonnes go beyond them.
 _LONGEST = 100.0  # m; longest distance between two points of a body
-FARTHEST = 2.0 * _LONGEST
-"""Longest distance of a centre of gravity from a point of its body, m."""
+_FARTHEST = 200.0  # m; longest distance of a centre of gravity from a point of its body
 _WIDEST = 10.0  # largest radius of gyration of a rigid body, in m and in sizes of the body
 _HEAVIEST = 1e9  # kg; largest mass of a rigid body
+_SLOWEST = 0.1  # Hz; lowest frequency at which a spring has a loss factor
 
 
 def _no_files(keys: Keys, _: dict[str, Point]) -> Body:
@@ -53,10 +54,11 @@ def mechanism_from_mapping(mapping: Any, read_body: BodyReader = _no_files) -> M
     top = Keys("", mapping)
     if "uncertainty" in top:  # of numbers that are valid
         return _uncertain(top["uncertainty"], mapping, read_body)
-    ground = {name: top["ground"].point(name) for name in top["ground"]}
+    ground = _points(top, "ground")
     links = tuple(_link(top["links"][name], name, ground, read_body) for name in top["links"])
+    rigid_keys = [(top["rigid_bodies"][name], name) for name in top.names("rigid_bodies")]
     rigid_bodies = tuple(
-        _rigid_body(top["rigid_bodies"][name], name) for name in top.names("rigid_bodies")
+        read_rigid(keys, name, _points(keys, "points")) for keys, name in rigid_keys
     )
     taken = {point for body in links + rigid_bodies for point, _ in body.points} | ground.keys()
     base = _base(top["base"], ground, taken) if "base" in top else None
@@ -89,10 +91,9 @@ def mechanism_from_mapping(mapping: Any, read_body: BodyReader = _no_files) -> M
         damping=_damping(top["damping"]),
         response=_response(top["response"], points, base=base is not None),
         base=base,
-        gravity=_gravity(top),
+        gravity=top.number("gravity", default=0.0, least=0.0, hint="give 9.81, in m/s2"),
     )
     top.refuse_unknown()
-    _check_lengths(mechanism)
     _check_topology(mechanism)
     return mechanism
 
@@ -101,7 +102,8 @@ def _uncertain(keys: Keys, mapping: dict[str, Any], read_body: BodyReader) -> Me
     """Return the mechanism of a mapping with the uncertainty of its numbers."""
     exact = {key: value for key, value in mapping.items() if key != "uncertainty"}
     mechanism = mechanism_from_mapping(exact, read_body)
-    uncertainty = read_uncertainty(keys, exact, lambda other: again_from_mapping(other, mechanism))
+    parse = partial(again_from_mapping, mechanism=mechanism)
+    uncertainty = read_uncertainty(keys, exact, parse)
     keys.refuse_unknown()
     return replace(mechanism, uncertainty=uncertainty)
 
@@ -125,62 +127,68 @@ def _response(keys: Keys, points: dict[str, dict[str, Point]], *, base: bool) ->
     )
     direction: Literal["x", "z"] = "x" if keys.choice("direction", ["x", "z"]) == "x" else "z"
     band = keys.interval("band_hz")
-    if band[0] < 0.0:
-        raise keys.error("band_hz", "frequencies are not negative; begin at 0.")
-    modes, names = keys.integer("modes"), _mode_names(keys)
-    return Response(keys.choice("drive_point", movable), direction, band, modes, names)
-
-
-def _mode_names(keys: Keys) -> tuple[str, ...]:
-    """Read names of modes; a name is neither a number nor that of another mode."""
+    keys.refuse_outside("band_hz", band[0], 0.0, band[1], "begin at 0 Hz")
+    part = keys.interval("peak_band_hz") if "peak_band_hz" in keys else band
+    for end in part:
+        hint = "FRFs are valid in band_hz only, so give frequencies within it, or widen it"
+        keys.refuse_outside("peak_band_hz", end, *band, hint)
     names = keys.words("mode_names") if "mode_names" in keys else ()
     for name in filter(None, names):
         if names.count(name) > 1 or name.strip() != name or name.isdecimal():
-            raise keys.error(
-                "mode_names",
-                f"{name!r} occurs twice, is a number, or begins or ends with a space; give each "
-                "mode a name of its own.",
-            )
-    return names
+            problem = "occurs twice, is a number, or has spaces around it; give each mode one name"
+            raise keys.error("mode_names", f"{name!r} {problem}.")
+    return Response(
+        keys.choice("drive_point", movable),
+        direction,
+        band,
+        keys.integer("modes"),
+        names,
+        keys.number("reference_force", positive=True) if "reference_force" in keys else None,
+        None if part == band else part,
+    )
+
+
+def _points(keys: Keys, key: str) -> dict[str, Point]:
+    """Read the points of a body that is not a link, x and z, m."""
+    return _checked(keys, key, {point: keys[key].point(point) for point in keys[key]})
+
+
+def _checked(keys: Keys, key: str, places: dict[str, Point]) -> dict[str, Point]:
+    """Return the places of the points of one body, none of which are far apart."""
+    for (first, place), (second, other) in itertools.combinations(places.items(), 2):
+        away = math.dist(place, other)
+        if away > _LONGEST:
+            hint = "lengths are in m, so divide millimetres by 1000"
+            raise keys.error(key, f"{first} and {second} are {away:g} m apart; {hint}.")
+    return places
 
 
 def _link(keys: Keys, name: str, ground: dict[str, Point], read_file: BodyReader) -> Link:
     points = keys["points"]
-    places = {point: points.place(point) for point in points}
+    places = _checked(keys, "points", {point: points.place(point) for point in points})
     if len(places) < 2:
         raise keys.error("points", "a link has at least two points; add one.")
     straight = [(point, place[0]) for point, place in places.items() if place[1] == 0.0]
     for (_, before), (point, after) in itertools.pairwise(straight):
         if after <= before:
-            raise points.error(
-                point,
-                f"{after:g} m is not beyond the point before it ({before:g} m); list the points "
-                "in the order in which they lie along the link.",
-            )
+            hint = "list the points in the order in which they lie along the link"
+            raise points.error(point, f"{after:g} m is not beyond {before:g} m before it; {hint}.")
+    masses = {point: keys["masses"].number(point, positive=True) for point in keys.names("masses")}
+    for point in masses.keys() - places.keys():
+        raise keys["masses"].error(point, f"{point!r} is not one of: {', '.join(places)}.")
     readers = {"file": read_file, **BODIES}
     kind = next((key for key in readers if key in keys), "material")
+    grounded = [point for point in places if point in ground]
     return Link(
         name=name,
         points=tuple(places.items()),
         body=readers[kind](keys, places),
         count=keys.integer("count", default=1),
         modes=keys.integer("modes", default=20, least=0),
-        clamped=keys.choice("clamped", [p for p in places if p in ground])
-        if "clamped" in keys
-        else None,
-        masses=tuple(
-            (keys["masses"].member(point, places), keys["masses"].number(point, positive=True))
-            for point in keys.names("masses")
-        ),
+        clamped=keys.choice("clamped", grounded) if "clamped" in keys else None,
+        masses=tuple(masses.items()),
         damping=_damping(keys["damping"]) if "damping" in keys else None,
     )
-
-
-def _gravity(keys: Keys) -> float:
-    gravity = keys.number("gravity", default=0.0)
-    if gravity < 0.0:
-        raise keys.error("gravity", f"{gravity:g} points upwards; give 9.81, in m/s2.")
-    return gravity
 
 
 def _damping(keys: Keys) -> Damping:
@@ -195,32 +203,24 @@ def _damping(keys: Keys) -> Damping:
 
 def _base(keys: Keys, ground: dict[str, Point], taken: set[str]) -> Base:
     mounts = read_mounts(keys, taken)
-    places = ground | {mount.name: mount.at for mount in mounts}
+    places = _checked(keys, "mounts", ground | {mount.name: mount.at for mount in mounts})
     return Base(read_rigid(keys, GROUND, places), mounts)
-
-
-def _rigid_body(keys: Keys, name: str) -> RigidBody:
-    points = keys["points"]
-    return read_rigid(keys, name, {point: points.point(point) for point in points})
 
 
 def read_rigid(keys: Keys, name: str, places: dict[str, Point]) -> RigidBody:
     """Read mass, inertia and centre of gravity of a rigid body with points at places (x, z), m."""
     centre = _centre_of_gravity(keys, places)
-    mass, inertia = keys.number("mass", positive=True), keys.number("inertia", positive=True)
-    if mass > _HEAVIEST:
-        raise keys.error(
-            "mass",
-            f"beside {mass:g} kg the links lose their digits; write kg, up to {_HEAVIEST:g}.",
-        )
+    hint = "beside it the links lose their digits, so write kg"
+    mass = keys.number("mass", positive=True, most=_HEAVIEST, hint=hint)
+    inertia = keys.number("inertia", positive=True)
     size = max((math.dist(centre, place) for place in places.values()), default=0.0)
+    if size > _FARTHEST:
+        problem = f"it is {size:g} m away from a point of the body; divide millimetres by 1000"
+        raise keys.error("centre_of_gravity", f"{problem}.")
     radius = math.sqrt(inertia / mass)
     if radius > _WIDEST * max(size, 1.0):
-        raise keys.error(
-            "inertia",
-            f"it gives a radius of gyration of {radius:.3g} m with {mass:g} kg, but the points are "
-            f"within {size:.3g} m of the centre of gravity; write kg and kg m2.",
-        )
+        problem = f"it gives a radius of gyration of {radius:.3g} m with points within {size:.3g} m"
+        raise keys.error("inertia", f"{problem}; write kg and kg m2.")
     return RigidBody(name, tuple(places.items()), centre, mass, inertia)
 
 
@@ -232,19 +232,15 @@ def _centre_of_gravity(keys: Keys, points: dict[str, Point]) -> Point:
     side = tape.choice("side", ["left", "right"])
     names = [name for name in tape if name != "side"]
     if len(names) != 2 or not all(name in points for name in names):
-        raise MechanismError(
-            tape.path, f"give the distances from two of the body's points ({', '.join(points)})."
-        )
+        hint = f"give the distances from two of the body's points ({', '.join(points)})"
+        raise MechanismError(tape.path, f"{hint}.")
     first, second = (tape.number(name, positive=True) for name in names)
     (x1, z1), (x2, z2) = (points[name] for name in names)
     base = math.hypot(x2 - x1, z2 - z1)
     along = (first**2 - second**2 + base**2) / (2.0 * base) if base > 0.0 else math.inf
     if abs(along) > first:
-        raise MechanismError(
-            tape.path,
-            f"no point lies {first:g} m from {names[0]} and {second:g} m from {names[1]}, which "
-            f"are {base:g} m apart; measure again.",
-        )
+        places = f"{first:g} m from {names[0]} and {second:g} m from {names[1]}"
+        raise MechanismError(tape.path, f"no point is {places}, {base:g} m apart; measure again.")
     across = math.sqrt(first**2 - along**2) * (1.0 if side == "left" else -1.0)
     ux, uz = (x2 - x1) / base, (z2 - z1) / base
     return (x1 + along * ux - across * uz, z1 + along * uz + across * ux)
@@ -259,16 +255,18 @@ def _spring(
         for point in places:
             owners.setdefault(point, []).append(body)
     ends, bodies = _joint(keys, owners) if "joint" in keys else _ends(keys, owners)
-    damping = keys.number("damping", default=0.0)
-    if damping < 0.0:
-        raise keys.error(
-            "damping", f"{damping:g} would add energy; give 0 or a positive damping constant."
-        )
-    keys.refuse_rigid("damping", damping, DAMPEST)
-    stiffness = read_stiffness(keys, stroke)
+    damping = keys.number("damping", default=0.0, least=0.0, most=DAMPEST, hint=RIGID)
+    stiffness, retardation = read_stiffness(keys, stroke), 0.0
     if stiffness == damping == 0.0:
         raise keys.error("stiffness", "is 0, as is damping; give a positive stiffness or damping.")
-    return Spring(name, bodies, ends, stiffness, damping)
+    if "loss_factor" in keys:
+        loss = keys["loss_factor"]
+        if stiffness == 0.0:
+            raise keys.error("loss_factor", "it needs a stiffness; give `damping` to a damper.")
+        factor = loss.number("factor", least=0.0, most=2.0, hint="it is twice a damping ratio")
+        frequency = loss.number("at_hz", least=_SLOWEST, hint="give that of the mode it damps")
+        retardation = factor / (2.0 * math.pi * frequency)
+    return Spring(name, bodies, ends, stiffness, damping, retardation)
 
 
 def _joint(keys: Keys, owners: dict[str, list[str]]) -> tuple[tuple[str, ...], tuple[str, str]]:
@@ -294,31 +292,6 @@ def _ends(keys: Keys, owners: dict[str, list[str]]) -> tuple[tuple[str, ...], tu
     return ends, (first, second)
 
 
-def _check_lengths(mechanism: Mechanism) -> None:
-    places = {"ground": mechanism.ground}
-    places.update({f"links.{link.name}.points": link.points for link in mechanism.links})
-    places.update({f"rigid_bodies.{b.name}.points": b.points for b in mechanism.rigid_bodies})
-    if mechanism.base is not None:
-        places["base.mounts"] = mechanism.base.body.points
-    pairs = [
-        (path, *pair)
-        for path, points in places.items()
-        for pair in itertools.combinations(points, 2)
-    ]
-    for body in mechanism.rigid:
-        path = "base" if body.name == GROUND else f"rigid_bodies.{body.name}"
-        centre = ("centre_of_gravity", body.centre_of_gravity)
-        pairs += [(path, centre, point) for point in body.points]
-    for path, (first, place), (second, other) in pairs:
-        longest = FARTHEST if first == "centre_of_gravity" else _LONGEST
-        if math.dist(place, other) > longest:
-            raise MechanismError(
-                path,
-                f"{first} and {second} are {math.dist(place, other):g} m apart; lengths are in m, "
-                "so divide millimetres by 1000.",
-            )
-
-
 def _check_topology(mechanism: Mechanism) -> None:
     for name, _ in mechanism.ground:
         springs = [spring for spring in mechanism.springs if name in spring.points]
@@ -330,18 +303,16 @@ def _check_topology(mechanism: Mechanism) -> None:
         for pair in itertools.combinations(mechanism.owners(point), 2):
             shared.setdefault(pair, []).append(point)
     twice = {pair: points for pair, points in shared.items() if len(points) > 1}
+    problem = (
+        f"{len(mechanism.bodies)} bodies with {len(mechanism.joints)} pins leave {freedom} degrees "
+        "of freedom where one input angle needs exactly 1; points are joined where their names are "
+        "the same, so look for a misspelt one."
+    )
     if freedom < 1 and twice:
         (first, second), points = next(iter(twice.items()))
-        raise MechanismError(
-            "links",
-            f"{first} and {second} are joined at {' and '.join(points)}, which holds them to one "
-            "another as one body; join two bodies at one point, and give equal links side by side "
-            "as one with `count: 2`.",
+        problem = (
+            f"{first} and {second} are joined at {' and '.join(points)}, as one body; join two "
+            "bodies at one point, and give equal links side by side as one with `count: 2`."
         )
     if freedom != 1:
-        raise MechanismError(
-            "links",
-            f"{len(mechanism.bodies)} bodies with {len(mechanism.joints)} pins leave {freedom} "
-            "degrees of freedom where one input angle needs exactly 1; points are joined where "
-            "their names are the same, so look for a misspelt one.",
-        )
+        raise MechanismError("links", problem)

@@ -39,8 +39,7 @@ def craig_bampton(
     b, i = slice(0, n_interface), slice(n_interface, None)
     n_interior = len(mass) - n_interface
     n_modes = min(n_modes, n_interior)
-    transformation = np.zeros((len(mass), n_interface + n_modes))
-    transformation[b, b] = np.eye(n_interface)
+    transformation = np.eye(len(mass), n_interface + n_modes)
     if n_interior:
         try:
             factor = cho_factor(stiffness[i, i])
@@ -65,7 +64,6 @@ def craig_bampton(
 
 def not_held(n_interface: int) -> ReductionError:
     """Return the error that a component moves although its interface is held."""
-    return ReductionError(
-        f"With its {n_interface} interface DoFs held the component can still move; hold more "
-        "of them, for example a rotation if it has only one pin."
-    )
+    problem = f"With its {n_interface} interface DoFs held the component can still move"
+    hint = "hold more of them, for example a rotation if it has only one pin"
+    return ReductionError(f"{problem}; {hint}.")

@@ -26,7 +26,6 @@ from linkage_vibration.mechanics.dofs import InterfaceDof
 from linkage_vibration.mechanics.link_fit import LinkFit, fit_link
 
 _LEAST_LINES = 30
-_REPEATED = 1e-14  # Smaller singular values, as shares of the largest of B H B^T, are rounding.
 # A link with a larger systematic share, root mean square over lines, is not free.
 _SYSTEMATIC = 0.03
 
@@ -109,10 +108,8 @@ def regularise(
     """
     omega = 2.0 * math.pi * np.asarray(frequencies, dtype=float)
     if len(omega) < _LEAST_LINES:
-        raise RegularisationError(
-            f"{len(omega)} lines above 0 Hz are too few to separate the deformation of a link from "
-            f"noise; measure at least {_LEAST_LINES}."
-        )
+        problem = f"{len(omega)} lines above 0 Hz are too few to tell deformation from noise"
+        raise RegularisationError(f"{problem}; measure at least {_LEAST_LINES}.")
     square = omega[:, np.newaxis, np.newaxis] ** 2
     drive = np.einsum("kii->ki", np.abs(square * frf))
     unit = np.sqrt(np.median(drive, axis=0))  # normalises DoFs of any unit
@@ -146,10 +143,9 @@ def _check_consistent(
     if share > max(_SYSTEMATIC, math.sqrt(float(noise[i, j]))):
         raise RegularisationError(
             f"The FRF of response {dofs[i]} to a force at {dofs[j]} differs by "
-            f"{100.0 * share:.0f} % from that of one free body with the same poles everywhere, and "
-            "noise does not explain it; check for a pole that drifted between measurements, a "
-            "sensor of wrong gain, sign or place, FRFs that are not reciprocal, a held body, or "
-            "lines too far apart."
+            f"{100.0 * share:.0f} % from that of one free body with the same poles everywhere, "
+            "which noise does not explain; check for a pole that drifted, a sensor of wrong gain, "
+            "sign or place, FRFs that are not reciprocal, a held body, or lines too far apart."
         )
 
 
@@ -173,10 +169,7 @@ def noise_gain(
     interface = compatibility @ frf @ compatibility.T
     diagonal = np.arange(len(compatibility))
     interface[:, diagonal, diagonal] += compliance
-    if np.linalg.matrix_rank(compatibility) == len(compatibility):
-        joints = solve_stack(interface, compatibility.astype(complex))  # Z B
-    else:  # rows that repeat others share their force
-        joints = np.linalg.pinv(interface, rcond=_REPEATED) @ compatibility
+    joints = solve_stack(interface, compatibility.astype(complex))  # Z B
     away = outputs - outputs @ frf @ compatibility.T @ joints
     into = inputs.T - joints.swapaxes(1, 2) @ (compatibility @ frf @ inputs.T)
     coupled = np.abs(outputs @ frf @ into)

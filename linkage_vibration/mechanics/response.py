@@ -3,14 +3,21 @@
 """Frequency response functions as pole-residue sums, and their peaks."""
 
 import math
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
-from scipy.optimize import brentq
+from numpy.typing import ArrayLike, NDArray
 
 from linkage_vibration.errors import LinkageVibrationError
-from linkage_vibration.mechanics.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from linkage_vibration.mechanics.arrays import (
+    BoolArray,
+    ComplexArray,
+    FloatArray,
+    IntArray,
+    real_equations,
+)
 from linkage_vibration.mechanics.modes import MECHANISM, DampedModes
 
 _REACH = 1.3  # Modes up to this multiple of the upper end of a band keep their own poles.
@@ -27,6 +34,7 @@ FREE_FROM = 0.01
 _NOTHING = 1e-15  # Smaller residues, as shares of the largest, are rounding.
 _NEWTON = 6  # largest number of steps to a maximum; three or four are enough
 _GRID = 200  # number of frequencies over the band at which a peak is sought first
+_STEPS = 12  # Each maximum is then found in so many steps.
 _BESIDE = 1e-6  # relative distance from 0 Hz at which a slope is evaluated
 # places, in quarter half-widths, at which a maximum is sought if Newton's method fails
 _WIDER = np.arange(-32.0, 33.0)
@@ -97,10 +105,8 @@ class PoleResidue:
         """
         omega = 2.0 * math.pi * np.asarray(frequencies, dtype=float)
         if omega.ndim != 1:
-            raise ResponseError(
-                f"The frequencies are an array of shape {omega.shape}; give a list of Hz, such as "
-                "[10.0, 20.0]."
-            )
+            problem = f"The frequencies are an array of shape {omega.shape}"
+            raise ResponseError(f"{problem}; give a list of Hz, such as [10.0, 20.0].")
         terms = np.multiply.outer(self.decay, 1j * omega)
         terms += self.stiffness[:, np.newaxis]
         terms -= omega**2
@@ -124,22 +130,27 @@ class PoleResidue:
         kept, far
             Which modes keep their poles, (n_modes,); the poles chosen for the band and the others.
         """
-        shape = self.residues.shape[:2]
         others = self._only(~kept).frf(far.frequencies).reshape(len(far.frequencies), -1)
-        rates = np.zeros((len(far.stiffness), math.prod(shape)), dtype=complex)
-        if self.rates.any():
-            weights, rates = far.fit_with_rates(others)
-        elif self.residues.imag.any() or self.stiffness.imag.any():
-            weights = far.fit(others)
-        else:
-            weights = far.fit_real(others).astype(complex)
-        near, parts = self._only(kept), (*shape, len(far.stiffness))
+        rates = bool(self.rates.any())
+        real = rates or not (self.residues.imag.any() or self.stiffness.imag.any())
+        weights = far.fit(others, real=real, rates=rates).T.reshape(*self.residual.shape, -1)
+        return replace(self._only(kept), residual=self.residual).with_far(far, weights)
+
+    def with_far(self, far: "FarPoles", weights: NDArray[Any]) -> "PoleResidue":
+        """Add far poles.
+
+        Parameters
+        ----------
+        far, weights
+            The poles, and what `FarPoles.fit` returns for each FRF, (n_out, n_in, 1 + 2 n_far).
+        """
+        n = 1 + len(far.decay)
         return PoleResidue(
-            np.concatenate([near.stiffness, far.stiffness]),
-            np.concatenate([near.decay, far.decay]),
-            np.concatenate([near.residues, weights[1:].T.reshape(parts)], axis=2),
-            np.concatenate([near.rates, rates.T.reshape(parts)], axis=2),
-            self.residual + weights[0].reshape(shape),
+            np.concatenate([self.stiffness, far.stiffness]),
+            np.concatenate([self.decay, far.decay]),
+            np.concatenate([self.residues, weights[:, :, 1:n]], axis=2),
+            np.concatenate([self.rates, weights[:, :, n:]], axis=2),
+            self.residual + weights[:, :, 0],
         )
 
     def between(self, output: int, into: int) -> "PoleResidue":
@@ -151,19 +162,43 @@ class PoleResidue:
             Indices.
         """
         at = slice(output, output + 1), slice(into, into + 1)
-        return PoleResidue(
-            self.stiffness, self.decay, self.residues[at], self.rates[at], self.residual[at]
+        return replace(
+            self, residues=self.residues[at], rates=self.rates[at], residual=self.residual[at]
         )
+
+    def driven(self, w: FloatArray, v: FloatArray) -> tuple["PoleResidue", ComplexArray]:
+        """Return the response to w + s v at the inputs together, where s is i omega.
+
+        Parameters
+        ----------
+        w, v : ndarray, (n_in,)
+            Weights of the inputs.
+
+        Returns
+        -------
+        response : PoleResidue, (n_out, 1)
+        rate : complex ndarray, (n_out, 1)
+            What the residual, times s, adds to it.
+        """
+
+        def summed(values: ComplexArray, by: FloatArray) -> ComplexArray:
+            return np.asarray(np.tensordot(values, by, ([1], [0]))[:, np.newaxis])
+
+        # (a + s b) (w + s v) with s^2 = D - kappa - s gamma, where D is the term's denominator.
+        a, b, squared = self.residues, self.rates, summed(self.rates, v)
+        parts = PoleResidue(
+            self.stiffness,
+            self.decay,
+            summed(a, w) - squared * self.stiffness,
+            summed(a, v) + summed(b, w) - squared * self.decay,
+            squared.sum(axis=2) + self.residual @ w[:, np.newaxis],
+        )
+        return parts, np.asarray(self.residual @ v[:, np.newaxis])
 
     def _only(self, which: BoolArray) -> "PoleResidue":
         """Return the sum over a selection of the modes, (n_modes,), without the residual."""
-        return PoleResidue(
-            self.stiffness[which],
-            self.decay[which],
-            self.residues[:, :, which],
-            self.rates[:, :, which],
-            np.zeros_like(self.residual),
-        )
+        residues, rates = self.residues[:, :, which], self.rates[:, :, which]
+        return sum_of_modes(self.stiffness[which], self.decay[which], residues, rates)
 
     def peak(self, band: tuple[float, float]) -> Peak:
         """Find the largest magnitude of a single FRF within a band (Hz), its ends included.
@@ -184,18 +219,11 @@ class PoleResidue:
         if len(endless):
             return Peak(float(endless.min()) / (2.0 * math.pi), math.inf, True)
         grid = 2.0 * math.pi * self.lines((low / (2.0 * math.pi), band[1]), _GRID)
-        size = np.abs(self._value(grid))
-        rises, falls = np.diff(size, prepend=-1.0) > 0.0, np.diff(size, append=-1.0) <= 0.0
-        best = Peak(math.nan, -1.0, False)
-        for top in np.flatnonzero(rises & falls & (size >= RIVAL * size.max())).tolist():
-            left, right = grid[max(top - 1, 0)], grid[min(top + 1, len(grid) - 1)]
-            left = max(left, _BESIDE * right)  # at 0 Hz itself the slope is zero
-            at, turns = float(grid[top]), self._slope(left) > 0.0 > self._slope(right)
-            if turns:
-                at = float(brentq(self._slope, left, right, xtol=1e-14 * high, rtol=1e-14))
-            magnitude = float(np.abs(self._value(np.array([at]))[0]))
-            if magnitude > best.magnitude:
-                best = Peak(at / (2.0 * math.pi), magnitude, turns)
+        size = np.abs(self._value(grid))[np.newaxis]
+        _, tops, turns = find_maxima(grid[np.newaxis], size, lambda _, w: self._slope(w))
+        sizes = np.abs(self._value(tops))
+        top = int(sizes.argmax())
+        best = Peak(float(tops[top]) / (2.0 * math.pi), float(sizes[top]), bool(turns[top]))
         # A bracket may hold two maxima, and the higher one may have been missed.
         for at, magnitude in zip(*self.local_peaks(np.flatnonzero(inside)), strict=True):
             if magnitude > best.magnitude * (1.0 + 1e-12) and band[0] < at < band[1]:
@@ -299,10 +327,43 @@ class PoleResidue:
             second = 2.0 * (value - first * below_rate) / below
         return value.sum(axis=1) + self.residual[0, 0], first.sum(axis=1), second.sum(axis=1)
 
-    def _slope(self, omega: float) -> float:
-        """Return d(abs(H)^2)/dw / 2."""
-        value, derivative, _ = self._single(np.array([omega]))
-        return float((value.conj() * derivative)[0].real)
+    def _slope(self, omega: FloatArray) -> FloatArray:
+        """Return d(abs(H)^2)/dw / 2 of the only FRF, at angular frequencies, (n_freq,)."""
+        value, derivative, _ = self._single(omega)
+        return np.asarray((value.conj() * derivative).real)
+
+
+def find_maxima(
+    grid: FloatArray, size: FloatArray, slope: Callable[[IntArray, FloatArray], FloatArray]
+) -> tuple[IntArray, FloatArray, BoolArray]:
+    """Find the maxima of curves that are nearly the highest, from their sizes on a grid, (n, k).
+
+    `slope` returns the slopes of curves, by their indices, at places. The result is, for each
+    maximum, the index of its curve, its place, and whether the curve turns there.
+    """
+    rises = np.diff(size, axis=1, prepend=-1.0) > 0.0
+    falls = np.diff(size, axis=1, append=-1.0) <= 0.0
+    row, top = np.nonzero(rises & falls & (size >= RIVAL * size.max(axis=1)[:, np.newaxis]))
+    low = grid[row, np.maximum(top - 1, 0)]
+    high = grid[row, np.minimum(top + 1, grid.shape[1] - 1)]
+    low = np.maximum(low, _BESIDE * high)  # at 0 Hz itself the slope is zero
+    rise, fall = slope(row, low), slope(row, high)
+    inside, at, before = (rise > 0.0) & (fall < 0.0), low, np.zeros(len(row))
+    for _ in range(_STEPS):  # of the Illinois method
+        share = rise / np.where(inside, rise - fall, 1.0)
+        last, at = at, low + np.clip(share, 0.0, 1.0) * (high - low)
+        if (np.abs(at - last) <= 1e-14 * at).all():
+            break
+        here = slope(row, at)
+        rising = here > 0.0
+        twice = before * np.where(rising, 1.0, -1.0) > 0.0
+        rise, fall = (
+            np.where(rising, here, np.where(twice, rise / 2.0, rise)),
+            np.where(rising, np.where(twice, fall / 2.0, fall), here),
+        )
+        low, high = np.where(rising, at, low), np.where(rising, high, at)
+        before = np.where(rising, 1.0, -1.0)
+    return row, np.where(inside, at, grid[row, top]), inside
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -310,34 +371,43 @@ class FarPoles:
     """Poles above a band, fixed beforehand, whose sum represents that of all modes there.
 
     However many modes lie above the band, and however they veer from one configuration to the
-    next, their sum within the band is smooth. It is a * 1 + sum over j of b_j k_j / (k_j - w^2 +
-    i w c_j) to a good approximation, where 1 / k_j are the Chebyshev nodes between 0 and 1 / k of
-    the lowest of those modes; each pole divides the error by about ten.
+    next, their sum within the band is smooth. It is a static flexibility plus the sum over j of
+    (a_j + i w b_j) / (k_j - w^2 + i w c_j) to a good approximation, where 1 / k_j are the Chebyshev
+    nodes between 0 and 1 / k of the lowest of those modes; each divides the error by about ten.
     """
 
     stiffness: ComplexArray  # (n_far,): k, (rad/s)^2
     decay: FloatArray  # (n_far,): c, rad/s
-    frequencies: FloatArray  # (n_lines,), Hz, at which a sum is fitted
-    _inverse: ComplexArray
-    _real_inverse: FloatArray
+    # (n_lines,), Hz, at which a sum is fitted; none if its weights are known
+    frequencies: FloatArray = field(default_factory=lambda: np.zeros(0))
 
-    def fit(self, sums: ComplexArray) -> ComplexArray:
-        """Return static residual and residues, (1 + n_far, k), of sums, (n_lines, k)."""
-        return np.asarray(self._inverse @ sums)
+    def basis(self, omega: FloatArray) -> ComplexArray:
+        """Return what the weights are multiplied with at rad/s, (..., 1 + 2 n_far)."""
+        w = omega[..., np.newaxis]
+        terms = 1.0 / (self.stiffness - w**2 + 1j * w * self.decay)
+        return np.concatenate([np.ones_like(w), terms, 1j * w * terms], axis=-1)
 
-    def fit_real(self, sums: ComplexArray) -> FloatArray:
-        """Return the same for real residues, which real modes have."""
-        return np.asarray(self._real_inverse @ np.vstack([sums.real, sums.imag]))
+    def basis_rates(self, omega: FloatArray) -> ComplexArray:
+        """Return the derivatives of `basis` with w."""
+        w = omega[..., np.newaxis]
+        terms = 1.0 / (self.stiffness - w**2 + 1j * w * self.decay)
+        rates = terms**2 * (2.0 * w - 1j * self.decay)
+        return np.concatenate([np.zeros_like(w), rates, 1j * (terms + w * rates)], axis=-1)
 
-    def fit_with_rates(self, sums: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
-        """Return residual and residues, (1 + n_far, k), and rates, (n_far, k), of complex modes."""
-        w, k = 2.0 * math.pi * self.frequencies[:, np.newaxis], self.stiffness.real
-        terms = k / (k - w**2 + 1j * w * self.decay)
-        basis = np.hstack([np.ones((len(w), 1)), terms, 1j * w / np.sqrt(k) * terms])
-        scale = np.concatenate([[1.0], k, np.sqrt(k)])[:, np.newaxis]
-        rows, values = (np.vstack([part.real, part.imag]) for part in (basis, sums))
-        weights = scale * np.linalg.lstsq(rows, values, rcond=None)[0] + 0j
-        return weights[: 1 + len(k)], weights[1 + len(k) :]
+    def fit(self, sums: ComplexArray, *, real: bool, rates: bool = False) -> ComplexArray:
+        """Return the weights of sums, (n_lines, k): static flexibility, every a, every b.
+
+        They are (1 + 2 n_far, k). Undamped shapes have real ones, and only viscous damping that
+        couples modes has rates b; the others are zero.
+        """
+        scale = np.concatenate([[1.0], self.stiffness, np.sqrt(self.stiffness)])
+        used = slice(None if rates else 1 + len(self.decay))
+        rows = (self.basis(2.0 * math.pi * self.frequencies) * scale)[:, used]
+        weights = np.zeros((len(scale), sums.shape[1]), dtype=complex)
+        parts: list[NDArray[Any]] = [rows, sums]
+        left, right = map(real_equations, parts) if real else parts
+        weights[used] = scale[used, np.newaxis] * np.linalg.lstsq(left, right, rcond=None)[0]
+        return weights
 
 
 def far_poles(
@@ -348,9 +418,7 @@ def far_poles(
     nodes = (1.0 - np.cos(np.pi * (np.arange(n_lines) + 0.5) / n_lines)) / 2.0
     frequencies = band[0] + (band[1] - band[0]) * nodes
     if not len(stiffness):
-        k, c = np.zeros(0, dtype=complex), np.zeros(0)
-        nothing = np.zeros((1, n_lines))
-        return FarPoles(k, c, frequencies, nothing.astype(complex), np.zeros((1, 2 * n_lines)))
+        return FarPoles(np.zeros(0, dtype=complex), np.zeros(0), frequencies)
     lowest = _MARGIN * stiffness.real.min()
     steps = (1.0 - np.cos(np.pi * (np.arange(n_far) + 0.5) / n_far)) / 2.0
     k = lowest / steps[::-1] + 0j
@@ -361,13 +429,7 @@ def far_poles(
     size = weights[:, np.newaxis]
     law = np.linalg.lstsq(lines * size, goal * size, rcond=None)[0]
     damping = np.column_stack([np.ones(n_far), k.real / lowest]) @ law
-    k, c = np.asarray(k + 1j * damping[:, 1], dtype=np.complex128), damping[:, 0].copy()
-    w = 2.0 * math.pi * frequencies[:, np.newaxis]
-    basis = np.hstack([np.ones((n_lines, 1)), k / (k - w**2 + 1j * w * c)])
-    scale = np.concatenate([[1.0], k])[:, np.newaxis]
-    inverse = (scale * np.linalg.pinv(basis)).astype(np.complex128)
-    real_inverse = scale.real * np.linalg.pinv(np.vstack([basis.real, basis.imag]))
-    return FarPoles(k, c, frequencies, inverse, real_inverse)
+    return FarPoles(np.asarray(k + 1j * damping[:, 1]), damping[:, 0].copy(), frequencies)
 
 
 def searched(band: tuple[float, float], *, free: bool) -> tuple[float, float]:
@@ -414,19 +476,24 @@ def pole_residue(damped: DampedModes, outputs: FloatArray, inputs: FloatArray) -
     # A mechanism mode that does not move the places has no term, but rounding would leave one.
     size = np.abs(constants).max(axis=(0, 1), initial=0.0)
     kept = (np.abs(damped.stiffness) > MECHANISM**2) | (size > _NOTHING * size.max(initial=0.0))
-    return PoleResidue(
-        damped.stiffness[kept],
-        damped.decay[kept],
-        constants[:, :, kept],
-        rates[:, :, kept],
-        np.zeros(constants.shape[:2], dtype=complex),
-    )
+    above, rates = constants[:, :, kept], rates[:, :, kept]
+    return sum_of_modes(damped.stiffness[kept], damped.decay[kept], above, rates)
 
 
 def oscillators(omega: ArrayLike, damping_ratios: ArrayLike, residues: ArrayLike) -> PoleResidue:
     """Return one FRF: the sum of viscously damped oscillators (rad/s, 1 and 1/kg)."""
     w = np.asarray(omega, dtype=float)
     above = np.asarray(residues, dtype=complex)[np.newaxis, np.newaxis]
-    decay = 2.0 * np.asarray(damping_ratios, dtype=float) * w
-    residual = np.zeros((1, 1), dtype=complex)
-    return PoleResidue(w**2 + 0j, decay, above, np.zeros_like(above), residual)
+    return sum_of_modes(w**2 + 0j, 2.0 * np.asarray(damping_ratios, dtype=float) * w, above)
+
+
+def sum_of_modes(
+    stiffness: ComplexArray,
+    decay: FloatArray,
+    residues: ComplexArray,
+    rates: ComplexArray | None = None,
+) -> PoleResidue:
+    """Return FRFs of which every mode is known, so that they have no residual."""
+    rates = np.zeros_like(residues) if rates is None else rates
+    residual = np.zeros(residues.shape[:2], dtype=complex)
+    return PoleResidue(stiffness, decay, residues, rates, residual)

@@ -90,7 +90,6 @@ class _Change:
     # The model with the larger number, where its geometry, a spring or, with gravity, a weight
     # changes.
     other: LinkageModel | None
-    places: bool  # whether it moves a joint, a centre of gravity or, with gravity, changes a force
     steps: float  # how many steps to the larger number are one standard deviation
 
 
@@ -101,26 +100,12 @@ class _JoinRate:
     stiffness: FloatArray
     damping: FloatArray
     angles: FloatArray  # (n_bodies,), rad
-    compatibility: FloatArray | None = None
-    elongation: FloatArray | None = None
-    prestress: FloatArray | None = None  # of all components, (n, n)
+    compatibility: FloatArray
+    elongation: FloatArray
+    prestress: FloatArray  # of all components, (n, n)
 
 
 Joins = list[_JoinRate | None]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class PoleShapes:
-    """The poles that oscillate where damping couples the modes, and their shapes."""
-
-    poles: ComplexArray  # (k,): of each pair the upper, rad/s, ascending by magnitude
-    shapes: ComplexArray  # (n, k): on the coordinates of the components, scaled as `DampedModes`
-    viscous: bool
-
-    def below(self, limit: float) -> "PoleShapes":
-        """Return those whose magnitude is at most a limit, rad/s."""
-        kept = np.abs(self.poles) <= limit
-        return PoleShapes(self.poles[kept], self.shapes[:, kept], self.viscous)
 
 
 class Sensitivity:
@@ -141,23 +126,12 @@ class Sensitivity:
         bases: dict[str, FloatArray] = {}
         self._changes = [self._change(number, bases) for number in self.numbers]
 
-    def at(
-        self, solution: Solution, highest: float, poles: PoleShapes | None = None
-    ) -> ModeChanges:
-        """Return the changes of the modes up to a frequency in Hz.
-
-        Where damping couples the modes, the poles may be given if they are known.
-        """
-        joins, limit = (
-            [_join_rates(change, solution) for change in self._changes],
-            math.tau * highest,
-        )
-        if poles is None and solution.damped.shapes is not None:
-            poles = _pole_shapes(solution)
-        if poles is None:
-            values, power, forms, columns = self._uncoupled(solution, joins, limit)
-        else:
-            values, power, forms, columns = self._coupled(solution, joins, poles.below(limit))
+    def at(self, solution: Solution, highest: float) -> ModeChanges:
+        """Return the changes of the modes up to a frequency in Hz."""
+        joins = [_join_rates(change, solution) for change in self._changes]
+        limit = math.tau * highest
+        changes = self._uncoupled if solution.damped.shapes is None else self._coupled
+        values, power, forms, columns = changes(solution, joins, limit)
         mixing, approach = self._mixing(forms, values, power)
         mixing[1] *= 1.0 - columns[1] ** 2  # from the angle of a pole to its damping ratio
         toggle = self._toggle_stddev(joins, solution)
@@ -185,17 +159,20 @@ class Sensitivity:
         frequencies, logs = omega / (2.0 * math.pi), main / (2.0 * values)
         return values, 2.0, forms[0], (frequencies, viscous + structural, logs, changes)
 
-    def _coupled(self, solution: Solution, joins: Joins, pairs: PoleShapes) -> Eigenvalues:
+    def _coupled(self, solution: Solution, joins: Joins, limit: float) -> Eigenvalues:
         """Return changes of poles, or of squares of frequencies with structural damping."""
-        poles = pairs.poles
+        damped = solution.damped
+        kept = np.abs(damped.oscillating) <= limit
+        poles = damped.oscillating[kept]
+        shapes = np.asarray(solution.modes.shapes @ damped.oscillating_shapes[:, kept])
         zeros, ones = np.zeros(len(poles)), np.ones(len(poles))
-        if pairs.viscous:
+        if damped.poles is not None:  # viscous damping
             values, power = -1j * poles, 1.0
             weights = 1j * np.array([poles**2, poles, ones, zeros])  # for -i times the poles
         else:
             values, power = -(poles**2), 2.0
             weights = np.array([-values, zeros, ones, 1j * ones])
-        forms = self._forms(solution, joins, pairs.shapes, weights)
+        forms = self._forms(solution, joins, shapes, weights)
         relative = _diagonals(forms) / (power * values)
         size = np.abs(poles)
         ratios, logs = -poles.real / size, np.asarray(relative.real)
@@ -236,14 +213,11 @@ class Sensitivity:
                 continue
             stiffer = np.outer(rate.damping, weights[1]) + np.outer(rate.stiffness, weights[2])
             form += stretch.T @ (stiffer * stretch)
-            if rate.compatibility is not None:
-                gap = multipliers.T @ (rate.compatibility @ moved)
-                form += gap + gap.T
-            if rate.elongation is not None:
-                more = rate.elongation @ moved
-                form += stretch.T @ (springs * more) + more.T @ (springs * stretch)
-            if rate.prestress is not None:
-                form += weights[2] * (shapes.T @ rate.prestress @ shapes)
+            gap = multipliers.T @ (rate.compatibility @ moved)
+            more = rate.elongation @ moved
+            form += gap + gap.T
+            form += stretch.T @ (springs * more) + more.T @ (springs * stretch)
+            form += weights[2] * (shapes.T @ rate.prestress @ shapes)
         return np.concatenate([np.zeros((0, k, k)), forms])
 
     def _mixing(
@@ -292,9 +266,8 @@ class Sensitivity:
     def _change(self, number: UncertainNumber, bases: dict[str, FloatArray]) -> _Change:
         """Return what a number changes; bases of links that were reduced are kept."""
         mechanism, components = self._model.mechanism, self._model.components
-        rows, blocks = self._model.system.rows, []
+        rows, blocks, sides = self._model.system.rows, [], number.sides
         scale = number.deviation / (2.0 * number.step)
-        sides = number.sides
         for i, link in enumerate(mechanism.links):
             pair = [(_meshed_as(side.links[i], link), side) for side in sides]
             (low, first), (high, second) = pair
@@ -307,7 +280,6 @@ class Sensitivity:
                 blocks.append((rows[component.name], block))
         larger = sides[1]
         other: LinkageModel | None = None
-        places = mechanism.gravity > 0.0 or _placed(sides[0]) != _placed(larger)
         if _joined(sides[0]) != _joined(larger):
             other = copy.copy(self._model)
             other.mechanism = larger
@@ -316,7 +288,7 @@ class Sensitivity:
             other.interface = InterfaceMap(larger, components, spatial=self._spatial)
             if _points(sides[0]) != _points(larger):
                 other.kinematics = self._model.kinematics.nearby(larger)
-        return _Change(tuple(blocks), other, places, number.deviation / number.step)
+        return _Change(tuple(blocks), other, number.deviation / number.step)
 
     def _link_block(
         self, link: Link, sides: Sequence[tuple[Link, Mechanism]], bases: dict[str, FloatArray]
@@ -362,13 +334,6 @@ class Sensitivity:
         return bool(self._model.interface.out_of_plane.any())
 
 
-def _pole_shapes(solution: Solution) -> PoleShapes:
-    """Return all poles of a solution that oscillate, by its damped modes."""
-    damped = solution.damped
-    shapes = np.asarray(solution.modes.shapes @ damped.oscillating_shapes)
-    return PoleShapes(damped.oscillating, shapes, damped.poles is not None)
-
-
 def _spread(number: UncertainNumber) -> float:
     """Return the factor from the first order to the effect of a number on damping ratios.
 
@@ -376,7 +341,7 @@ def _spread(number: UncertainNumber) -> float:
     deviation s, that of the damping is its median times sqrt(exp(s^2) (exp(s^2) - 1)).
     """
     keys = split_paths(number.path)[0].split(".")
-    if not number.relative or "damping" not in keys or "at_hz" in keys:
+    if not number.relative or not {"damping", "loss_factor"} & {*keys} or "at_hz" in keys:
         return 1.0
     share = number.deviation / abs(number.value)
     grown = math.exp(share**2)
@@ -390,21 +355,14 @@ def _join_rates(change: _Change, solution: Solution) -> _JoinRate | None:
     other, here, low = change.other, solution.configuration, solution.joining
     moves = other.kinematics is not solution.model.kinematics
     there = other.kinematics.at(here.alpha3) if moves else here
-    angles = change.steps * (there.angles - here.angles)
-    if not change.places:
-        stiffness, damping = other.interface.spring_constants(there)
-        stiffer, damped = stiffness - low.stiffness, damping - low.damping
-        return _JoinRate(change.steps * stiffer, change.steps * damped, angles)
-    high, prestress = other.interface.join(there), None
-    if other.mechanism.gravity:
-        prestress = change.steps * (other.prestress(there, high) - solution.prestress)
+    high = other.interface.join(there)
     return _JoinRate(
         change.steps * (high.stiffness - low.stiffness),
         change.steps * (high.damping - low.damping),
-        angles,
+        change.steps * (there.angles - here.angles),
         change.steps * (high.compatibility - low.compatibility),
         change.steps * (high.elongation - low.elongation),
-        prestress,
+        change.steps * (other.prestress(there, high) - solution.prestress),
     )
 
 
@@ -419,19 +377,12 @@ def _points(mechanism: Mechanism) -> object:
     return mechanism.ground, tuple(body.points for body in mechanism.bodies)
 
 
-def _placed(mechanism: Mechanism) -> object:
-    """Return what the rows of joints and springs depend on."""
-    rigid = tuple((body.points, body.centre_of_gravity) for body in mechanism.rigid)
-    return _points(mechanism), rigid
-
-
 def _joined(mechanism: Mechanism) -> object:
     """Return what the joints and the springs depend on."""
-    weights = tuple(body.mass for body in mechanism.rigid_bodies if mechanism.gravity)
-    base = mechanism.base
-    if base is not None and not mechanism.gravity:
-        base = replace(base, body=replace(base.body, mass=1.0, inertia=1.0))
-    return _placed(mechanism), weights, mechanism.springs, base
+    rigid = [(body.points, body.centre_of_gravity) for body in mechanism.rigid]
+    weights = [body.mass for body in mechanism.rigid if mechanism.gravity]
+    mounts = mechanism.base and mechanism.base.mounts
+    return _points(mechanism), rigid, weights, mechanism.springs, mounts
 
 
 def _meshed_as(link: Link, other: Link) -> Link:

@@ -3,24 +3,10 @@
 """Solid components: pins tied rigidly to nodes, and Craig-Bampton with sparse factors.
 
 Axes are the component's own: x along the link, z across it in the plane of motion, y out of it;
-the plane of motion is y = 0. A pin is a node at its point with three translations and three
-rotations, and the nodes of its surface move with it as a rigid body.
-
-Each motion of a pin is an interface DoF, moves freely, or is held:
-
-======================  ==================================  ======================================
-motion of the pin       planar                              spatial
-======================  ==================================  ======================================
-translations x, z       interface                           interface
-translation y           held: the plane of symmetry         interface
-rotation theta          interface where asked, else free    interface where asked, else free
-rotations about x, z    held: the plane of symmetry         free: a pin is a ball joint
-======================  ==================================  ======================================
-
-In the spatial model a body with all its pins on one line could still spin about that line, where no
-pin excites or holds it; so the rotation of the first pin about that line is held. In the planar
-model, fixed-interface modes that are the negative of their mirror image in the plane of motion are
-left out: they are out-of-plane bending or torsion, which motion in the plane does not excite.
+the plane of motion is y = 0, in which the solid is symmetric. The nodes of the surface of a pin
+move with it as a rigid body, by x, z and theta; its rotation is free where it is no interface DoF.
+Fixed-interface modes that are the negative of their mirror image in the plane of motion are left
+out: they are out-of-plane bending or torsion, which motion in the plane does not excite.
 """
 
 from collections.abc import Callable, Collection, Sequence
@@ -39,8 +25,6 @@ from linkage_vibration.mechanics.dofs import InterfaceDof
 from linkage_vibration.mechanics.reduction import SINGULAR, Reduction, ReductionError, not_held
 
 _DENSE = 400  # LAPACK finds all modes at once up to this number of coordinates.
-# A pin's six coordinates in the mirror y = 0: rotations turn over where displacements do not.
-_PIN_IMAGE = [1.0, -1.0, 1.0, -1.0, 1.0, -1.0]
 # Relative difference of squares within which modes come mixed: a square bar bends along the
 # diagonals of its mesh rather than in and out of the plane, and a little differently along each.
 _SAME_FREQUENCY = 0.02
@@ -51,7 +35,7 @@ class Pin:
     """A point of a solid and the nodes of the surface that moves with it."""
 
     point: str  # its name
-    place: tuple[float, float]  # x and z, m; the pin's node lies there in the plane y = 0
+    place: tuple[float, float]  # x and z, m, in the plane y = 0
     nodes: IntArray  # (n,): indices of the nodes that are tied to it
 
 
@@ -61,64 +45,53 @@ def solid_matrices(
     nodes: FloatArray,
     pins: Sequence[Pin],
     n_modes: int,
-    *,
     rotations: Collection[str] = (),
-    spatial: bool = False,
 ) -> Matrices:
     """Tie a free solid rigidly to its pins, and reduce it to them, without damping.
 
     The sparse matrices, (3 n_nodes, 3 n_nodes), have the displacements x, y, z of each node at
-    (n_nodes, 3), m. The interface DoFs are x, (y,) z and, for the points in `rotations`, theta,
-    point by point in the order of the pins; the fixed-interface modes follow.
+    (n_nodes, 3), m. The interface DoFs are x, z and, for the points in `rotations`, theta, point by
+    point in the order of the pins; the fixed-interface modes follow.
     """
-    transformation = rigid_ties(nodes, [pin.nodes for pin in pins], _places(pins))
-    turning, dofs = _pin_coordinates(pins, rotations, spatial)
-    n_free = transformation.shape[1] - 6 * len(pins)
-    keep = sparse.block_diag([turning, sparse.identity(n_free)], format="csc")
-    transformation = transformation @ keep
-    mass = (transformation.T @ mass @ transformation).tocsc()
-    stiffness = (transformation.T @ stiffness @ transformation).tocsc()
+    ties, dofs = rigid_ties(nodes, pins, rotations)
+    mass, stiffness = ((ties.T @ matrix @ ties).tocsc() for matrix in (mass, stiffness))
     parts, _ = connected_components(stiffness, directed=False)
     if parts > 1:
-        raise ReductionError(
-            f"The solid consists of {parts} separate parts; join their meshes (shared nodes), or "
-            "remove the parts that do not belong to the component."
-        )
-    mirror = None
-    if not spatial:
-        tied = np.concatenate([pin.nodes for pin in pins])
-        free = np.delete(nodes, tied, axis=0)
-        mirror = sparse.block_diag(
-            [turning.T @ np.diag(_PIN_IMAGE * len(pins)) @ turning, _mirror(free)], format="csr"
-        )
+        hint = "join their meshes (shared nodes), or remove those that do not belong to the link"
+        raise ReductionError(f"The solid consists of {parts} separate parts; {hint}.")
+    free = np.delete(nodes, np.concatenate([pin.nodes for pin in pins]), axis=0)
+    mirror = sparse.block_diag([sparse.identity(3 * len(pins)), _mirror(free)], format="csr")
     reduction = sparse_craig_bampton(mass, stiffness, len(dofs), n_modes, mirror)
     return Matrices(dofs, reduction.mass, reduction.stiffness, None)
 
 
 def rigid_ties(
-    nodes: FloatArray, groups: Sequence[IntArray], places: FloatArray
-) -> sparse.csc_array:
-    """Move groups of nodes as rigid bodies: u = T q for small displacements.
+    nodes: FloatArray, pins: Sequence[Pin], rotations: Collection[str] = ()
+) -> tuple[sparse.csc_array, tuple[InterfaceDof, ...]]:
+    """Move the nodes of each pin as a rigid body: u = T q for small displacements in the plane.
 
-    The rows of T, (3 n_nodes, 6 n_groups + 3 n_free), are x, y, z node by node. The columns are
-    translations x, y, z and rotations about x, y, z of each group at its place, (n_groups, 3), m,
-    then x, y, z of each node that is in no group.
+    The rows of T, (3 n_nodes, 3 n_pins + 3 n_free), are x, y, z node by node. The columns are x, z
+    and, for the points in `rotations`, theta of each pin, which are the interface DoFs that are
+    returned, too; then theta of the others, and x, y, z of each node that is in no pin.
     """
-    tied = np.concatenate(groups)
+    tied = np.concatenate([pin.nodes for pin in pins])
     if len(np.unique(tied)) != len(tied):
         raise ReductionError("Two pins share a node; leave elements between their surfaces.")
     free = np.setdiff1d(np.arange(len(nodes)), tied)
     blocks = []
-    for group, place in zip(groups, places, strict=True):
-        x, y, z = (nodes[group] - place).T
-        o, i = np.zeros(len(group)), np.ones(len(group))
-        # u + omega x r, row by row
-        rigid = np.array([[i, o, o, o, z, -y], [o, i, o, -z, o, x], [o, o, i, y, -x, o]])
-        blocks.append(rigid.transpose(2, 0, 1).reshape(-1, 6))
+    for pin in pins:
+        x, z = nodes[pin.nodes, 0] - pin.place[0], nodes[pin.nodes, 2] - pin.place[1]
+        o, i = np.zeros(len(x)), np.ones(len(x))
+        rigid = np.array([[i, o, -z], [o, o, o], [o, i, x]])  # theta turns x towards z
+        blocks.append(rigid.transpose(2, 0, 1).reshape(-1, 3))
     rows = np.concatenate([tied, free])
     order = (3 * rows[:, None] + np.arange(3)).ravel()
     stacked = sparse.block_diag([*blocks, sparse.identity(3 * len(free))], format="csr")
-    return stacked[np.argsort(order)].tocsc()
+    every = [InterfaceDof(pin.point, axis) for pin in pins for axis in ("x", "z", "theta")]
+    inner = [dof.direction == "theta" and dof.point not in rotations for dof in every]
+    columns = np.argsort([*inner, *np.full(3 * len(free), 2)], kind="stable")
+    dofs = tuple(dof for dof, is_inner in zip(every, inner, strict=True) if not is_inner)
+    return stacked[np.argsort(order)][:, columns].tocsc(), dofs
 
 
 def sparse_craig_bampton(
@@ -148,8 +121,7 @@ def sparse_craig_bampton(
     reflect = None if mirror is None else mirror[i, i]
     squares, shapes = _fixed_interface_modes(k_ii, m_ii, factor.solve, n_modes, reflect)
 
-    transformation = np.zeros((mass.shape[0], n_interface + len(squares)))
-    transformation[b, b] = np.eye(n_interface)
+    transformation = np.eye(mass.shape[0], n_interface + len(squares))
     transformation[i, b] = extension
     transformation[i, i] = shapes
     reduced_mass = transformation.T @ (mass @ transformation)
@@ -221,44 +193,3 @@ def _mirror(nodes: FloatArray) -> sparse.csr_array:
     n = len(nodes)
     swap = sparse.csr_array((np.ones(n), (np.arange(n), nearest)), shape=(n, n))
     return sparse.kron(swap, np.diag([1.0, -1.0, 1.0]), format="csr")
-
-
-def _places(pins: Sequence[Pin]) -> FloatArray:
-    return np.array([(x, 0.0, z) for x, z in (pin.place for pin in pins)])
-
-
-def _pin_coordinates(
-    pins: Sequence[Pin], rotations: Collection[str], spatial: bool
-) -> tuple[FloatArray, tuple[InterfaceDof, ...]]:
-    """Return what is left of six coordinates a pin, interface DoFs first, and their names."""
-    dofs: list[InterfaceDof] = []
-    interface: list[FloatArray] = []
-    inner: list[FloatArray] = []
-    unit = np.eye(6 * len(pins))
-    spin = _spin_axis(pins) if spatial else None
-    for p, pin in enumerate(pins):
-        x, y, z, about_x, about_y, about_z = unit[6 * p : 6 * p + 6]
-        for direction, column in (("x", x), ("y", y), ("z", z)):
-            if spatial or direction != "y":
-                dofs.append(InterfaceDof(pin.point, direction))
-                interface.append(column)
-        theta = -about_y  # theta turns x towards z, a positive rotation about y turns z towards x
-        if pin.point in rotations:
-            dofs.append(InterfaceDof(pin.point, "theta"))
-            interface.append(theta)
-        else:
-            inner.append(theta)
-        if spatial and p == 0 and spin is not None:
-            inner.append(spin[0] * about_z - spin[1] * about_x)
-        elif spatial:
-            inner += [about_x, about_z]
-    return np.array(interface + inner).T, tuple(dofs)
-
-
-def _spin_axis(pins: Sequence[Pin]) -> tuple[float, float] | None:
-    """Return x and z of the line on which all pins lie, as a unit vector, or None."""
-    offsets = np.array([pin.place for pin in pins]) - pins[0].place
-    _, sizes, axes = np.linalg.svd(offsets)
-    if sizes[1:].size and sizes[1] > 1e-6 * sizes[0]:
-        return None
-    return float(axes[0, 0]), float(axes[0, 1])

@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""The stiffness of a spring in a configuration, and its derivative with respect to alpha3.
+"""The stiffness of a spring in a configuration.
 
 A spring has one stiffness, or a curve of it over alpha3, or it is the oil column of a hydraulic
 cylinder. Oil of the bulk modulus B in the volume V resists a piston of the area A with B A^2 / V,
@@ -22,7 +22,7 @@ from linkage_vibration.mechanics.description import (
     Spring,
     StiffnessCurve,
 )
-from linkage_vibration.mechanics.keys import STIFFEST, Keys
+from linkage_vibration.mechanics.keys import RIGID, STIFFEST, Keys
 from linkage_vibration.mechanics.kinematics import Configuration
 
 _DENSE = 20  # number of places between two given angles at which a curve is checked
@@ -33,16 +33,18 @@ _SOFTEST = 1e5  # Pa, the bulk modulus of air
 _SAME_PLACE = 1e-9  # m; the ends of a spring meet if they are nearer to one another
 
 
-def spring_stiffness(
-    spring: Spring, mechanism: Mechanism, configuration: Configuration
-) -> tuple[float, float]:
-    """Return the stiffness of a spring, and its derivative with respect to alpha3."""
+def spring_stiffness(spring: Spring, mechanism: Mechanism, configuration: Configuration) -> float:
+    """Return the stiffness of a spring, N/m or N m/rad."""
     if isinstance(spring.stiffness, float):
-        return spring.stiffness, 0.0
+        return spring.stiffness
     if isinstance(spring.stiffness, StiffnessCurve):
-        spline = _spline(spring.stiffness)
-        return float(spline(configuration.alpha3)), float(spline(configuration.alpha3, 1))
-    return _oil_stiffness(spring, spring.stiffness, mechanism, configuration)
+        return float(_spline(spring.stiffness)(configuration.alpha3))
+    unit, length = spring_line(spring, mechanism, configuration)
+    axial = _column(spring.name, spring.stiffness, length, configuration)
+    if spring.stiffness.ends is None:
+        return axial
+    lever, _ = _lever(_arm(spring, mechanism, configuration), unit, length)
+    return axial * lever**2
 
 
 def spring_prestress(
@@ -62,21 +64,30 @@ def spring_prestress(
     return force / lever * rate
 
 
+def has_force(spring: Spring) -> bool:
+    """Return whether a spring carries a force along a line, rather than a moment or nothing."""
+    on_line = len(spring.points) == 2 or isinstance(spring.stiffness, Cylinder)
+    return on_line and spring.stiffness != 0.0
+
+
+def tension_share(spring: Spring, mechanism: Mechanism, configuration: Configuration) -> float:
+    """Return the tension of one of the equal parts of a spring, per N or N m of the spring."""
+    if not isinstance(spring.stiffness, Cylinder):
+        return 1.0
+    if spring.stiffness.ends is None:
+        return 1.0 / spring.stiffness.count
+    unit, length = spring_line(spring, mechanism, configuration)
+    lever, _ = _lever(_arm(spring, mechanism, configuration), unit, length)
+    return 1.0 / (spring.stiffness.count * lever)
+
+
 def read_stiffness(keys: Keys, stroke: tuple[float, float]) -> float | StiffnessCurve | Cylinder:
     """Read the stiffness of a spring: a number, a curve over the stroke (deg), or a cylinder."""
     if "cylinder" in keys:
         return _read_cylinder(keys["cylinder"], on_joint="joint" in keys)
     if keys.is_mapping("stiffness"):
         return _read_curve(keys["stiffness"], stroke)
-    stiffness = keys.number("stiffness", default=0.0)
-    if stiffness < 0.0:
-        raise keys.error(
-            "stiffness",
-            f"{stiffness:g} would push its ends apart; give a positive stiffness, or 0 for a "
-            "damper without a spring.",
-        )
-    keys.refuse_rigid("stiffness", stiffness)
-    return stiffness
+    return keys.number("stiffness", default=0.0, least=0.0, most=STIFFEST, hint=RIGID)
 
 
 def _spline(curve: StiffnessCurve) -> CubicSpline:
@@ -108,7 +119,7 @@ def _read_curve(keys: Keys, stroke: tuple[float, float]) -> StiffnessCurve:
             f"the curve through them is not above zero at {math.degrees(between[low]):.1f} deg; "
             "give more angles there, or positive values.",
         )
-    keys.refuse_rigid("values", max(values))
+    keys.refuse_outside("values", max(values), 0.0, STIFFEST, RIGID)
     return curve
 
 
@@ -131,9 +142,7 @@ def _read_cylinder(keys: Keys, *, on_joint: bool) -> Cylinder:
             "hose_volume",
             f"{hose:g} m3 does not fit to the {swept:.3g} m3 of the cylinder; a litre is 1.0e-3.",
         )
-    modulus = keys.number("bulk_modulus", positive=True)
-    if modulus < _SOFTEST:
-        raise keys.error("bulk_modulus", f"{modulus:g} Pa is no oil; mineral oil has 1.6e+9 Pa.")
+    modulus = keys.number("bulk_modulus", least=_SOFTEST, hint="mineral oil has 1.6e+9 Pa")
     return Cylinder(
         ends=(keys.point("base_end"), keys.point("rod_end")) if on_joint else None,
         count=keys.integer("count", default=1),
@@ -144,21 +153,6 @@ def _read_cylinder(keys: Keys, *, on_joint: bool) -> Cylinder:
         hose_volume=hose,
         bulk_modulus=modulus,
     )
-
-
-def _oil_stiffness(
-    spring: Spring, cylinder: Cylinder, mechanism: Mechanism, configuration: Configuration
-) -> tuple[float, float]:
-    """Return the stiffness of the oil in a cylinder, and its derivative."""
-    unit, length = spring_line(spring, mechanism, configuration)
-    axial, slope = _column(spring.name, cylinder, length, configuration)
-    if cylinder.ends is None:
-        return axial, slope * float(unit @ spring_drift(spring, mechanism, configuration))
-    first, second = spring.bodies
-    lever, lever_rate = _lever(_arm(spring, mechanism, configuration), unit, length)
-    turning = configuration.velocity_ratio(second) - configuration.velocity_ratio(first)
-    rate = slope * lever**3 + 2.0 * axial * lever * lever_rate
-    return axial * lever**2, rate * turning
 
 
 def _ends(spring: Spring, mechanism: Mechanism) -> list[tuple[str, Point]]:
@@ -185,12 +179,6 @@ def spring_line(
     return away / length, length
 
 
-def spring_drift(spring: Spring, mechanism: Mechanism, configuration: Configuration) -> FloatArray:
-    """Return d(second end - first end)/d(alpha3) of a spring, (2,), m/rad."""
-    first, second = _ends(spring, mechanism)
-    return configuration.place_rate(*second) - configuration.place_rate(*first)
-
-
 def _arm(spring: Spring, mechanism: Mechanism, configuration: Configuration) -> FloatArray:
     """Return the way from a joint to the second end of the cylinder that turns it, (2,), m."""
     first, pin = spring.bodies[0], spring.points[0]
@@ -208,12 +196,10 @@ def _lever(arm: FloatArray, unit: FloatArray, length: float) -> tuple[float, flo
     return lever, (float(across @ across) - lever**2) / length - float(unit @ arm)
 
 
-def _column(
-    name: str, cylinder: Cylinder, length: float, configuration: Configuration
-) -> tuple[float, float]:
-    """Return the stiffness of the oil along the cylinder, N/m, and its derivative by its length."""
+def _column(name: str, cylinder: Cylinder, length: float, configuration: Configuration) -> float:
+    """Return the stiffness of the oil along the cylinder, N/m."""
     travel = length - cylinder.closed_length
-    if not 0.0 <= travel <= cylinder.stroke:
+    if not -cylinder.margin <= travel <= cylinder.stroke + cylinder.margin:
         raise MechanismError(
             f"springs.{name}.cylinder",
             f"its ends are {length:.4g} m apart at alpha3 = "
@@ -222,12 +208,12 @@ def _column(
             "closed_length or stroke.",
         )
     bore = math.pi / 4.0 * cylinder.bore**2
-    sides = [(bore, travel, 1.0)]
+    sides = [(bore, travel)]
     if cylinder.rod is not None:
         ring = bore - math.pi / 4.0 * cylinder.rod**2
-        sides.append((ring, cylinder.stroke - travel, -1.0))
-    stiffness = slope = 0.0
-    for area, height, sign in sides:
+        sides.append((ring, cylinder.stroke - travel))
+    stiffness = 0.0
+    for area, height in sides:
         volume = cylinder.hose_volume + area * height
         if cylinder.count * cylinder.bulk_modulus * area**2 > STIFFEST * volume:
             raise MechanismError(
@@ -236,7 +222,5 @@ def _column(
                 f"{height:.2g} m high, and as stiff as a rigid body; give hose_volume, or correct "
                 "closed_length.",
             )
-        column = cylinder.count * cylinder.bulk_modulus * area**2 / volume
-        stiffness += column
-        slope -= sign * column * area / volume
-    return stiffness, slope
+        stiffness += cylinder.count * cylinder.bulk_modulus * area**2 / volume
+    return stiffness

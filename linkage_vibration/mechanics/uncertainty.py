@@ -3,7 +3,9 @@
 """Reads how uncertain the numbers of a description are."""
 
 import difflib
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -19,10 +21,21 @@ from linkage_vibration.mechanics.keys import Keys
 from linkage_vibration.mechanics.paths import number_at, number_paths, split_paths, with_numbers
 
 _ROOTS = ("base", "damping", "ground", "links", "rigid_bodies", "springs")
-_COUNTS = ("count", "elements", "modes")  # Counts are exact.
+_COUNTS = ("count", "elements", "modes")
 _STEP = 1e-4  # Differences are over this share of a standard deviation,
 _LEAST_STEP = 1e-6  # and at least this share of the number, below which they are rounding.
+_ROWS = 32  # of a rotation
 _SINGULAR = 1e-9  # The correlations contradict one another below this eigenvalue.
+
+
+def rotation(n: int, seed: int) -> FloatArray:
+    """Return n columns of a random rotation of m = max(n, 32) rows, times sqrt(m), (m, n).
+
+    As standard normal numbers, they have the variance 1 and no correlations.
+    """
+    size = max(n, _ROWS)
+    normal = np.random.default_rng(seed).standard_normal((size, size))
+    return np.asarray(math.sqrt(size) * np.linalg.qr(normal)[0][:, :n])
 
 
 def read_uncertainty(
@@ -45,7 +58,20 @@ def read_uncertainty(
     kept = [i for i, number in enumerate(numbers.values()) if number.deviation > 0.0]
     rows = correlation[np.ix_(kept, kept)].tolist()
     uncertain = tuple(number for number in numbers.values() if number.deviation > 0.0)
-    return Uncertainty(uncertain, tuple(map(tuple, rows)))
+    # Another process builds the table of another implement, so a mechanism has to be picklable.
+    described = partial(_described, mapping, [split_paths(each.path) for each in uncertain], parse)
+    return Uncertainty(uncertain, tuple(map(tuple, rows)), described)
+
+
+def _described(
+    mapping: dict[str, Any],
+    paths: list[tuple[str, ...]],
+    parse: Callable[[dict[str, Any]], Mechanism],
+    values: Sequence[float],
+) -> Mechanism:
+    """Return the mechanism with other values of the numbers at paths."""
+    both = zip(paths, values, strict=True)
+    return parse(with_numbers(mapping, [(at, value) for own, value in both for at in own]))
 
 
 def _number(
@@ -57,29 +83,21 @@ def _number(
     relative: bool,
 ) -> UncertainNumber:
     """Read the standard deviation of one number, and change the number a little."""
-    deviation = keys.number(path)
-    if deviation < 0.0:
-        raise keys.error(path, f"{deviation:g} is negative; give a standard deviation.")
-    if relative and deviation > 1.0:
-        raise keys.error(path, f"{deviation:g} is more than the number itself; 5 % are 0.05.")
+    hint = "5 % of the number are 0.05" if relative else "give a standard deviation"
+    deviation = keys.number(path, least=0.0, most=1.0 if relative else math.inf, hint=hint)
     places = split_paths(path)
+    # Counts are exact, and the file of a link is read as it is.
     valid = [
         place
         for place in number_paths(mapping)
-        if place.split(".")[0] in _ROOTS and place.split(".")[-1] not in _COUNTS
+        if (parts := place.split("."))[0] in _ROOTS
+        and parts[-1] not in _COUNTS
+        and "file" not in parts
     ]
     for place in places:
         if place not in valid:
-            near = difflib.get_close_matches(place, valid, 3, 0.0)
-            raise keys.error(
-                path,
-                f"there is no number that can be uncertain at {place}; the paths that are most "
-                f"like it are {', '.join(near)}.",
-            )
-        if ".file." in place:
-            raise keys.error(
-                path, "the file of a link is read as it is, so no number of it can be uncertain."
-            )
+            near = f"the paths that are most like it are {_most_like(place, valid)}"
+            raise keys.error(path, f"no number that can be uncertain is at {place}; {near}.")
     values = [float(number_at(mapping, place)) for place in places]
     if max(values) > min(values):
         raise keys.error(path, "its places hold different numbers; list each of them alone.")
@@ -104,11 +122,12 @@ def _check_places(keys: Keys, paths: list[str], mapping: dict[str, Any]) -> None
     for place, mark in marks:
         other = int(number_at(marked, place))
         if other != mark:
-            raise MechanismError(
-                keys.path,
-                f"{place} and {paths[other]} are one number, perhaps by an alias; remove one of "
-                "them.",
-            )
+            problem = "are one number, perhaps by an alias; remove one of them"
+            raise MechanismError(keys.path, f"{place} and {paths[other]} {problem}.")
+
+
+def _most_like(path: str, paths: list[str]) -> str:
+    return ", ".join(difflib.get_close_matches(path, paths, 3, 0.0))
 
 
 def _correlation(keys: Keys, paths: list[str]) -> FloatArray:
@@ -118,12 +137,8 @@ def _correlation(keys: Keys, paths: list[str]) -> FloatArray:
         pair, value = entry.words("between"), entry.number("value")
         for path in pair:
             if path not in paths:
-                near = difflib.get_close_matches(path, paths, 3, 0.0)
-                raise entry.error(
-                    "between",
-                    f"{path} has no standard deviation; those that are most like it are "
-                    f"{', '.join(near)}.",
-                )
+                near = f"those that are most like it are {_most_like(path, paths)}"
+                raise entry.error("between", f"{path} has no standard deviation; {near}.")
         if len(set(pair)) != 2:
             raise entry.error("between", "give two paths that differ.")
         i, j = (paths.index(path) for path in pair)
@@ -134,12 +149,7 @@ def _correlation(keys: Keys, paths: list[str]) -> FloatArray:
         matrix[i, j] = matrix[j, i] = value
     values, vectors = np.linalg.eigh(matrix)
     if len(paths) and values[0] < _SINGULAR:
-        involved = [
-            path for path, share in zip(paths, vectors[:, 0], strict=True) if share**2 > 0.01
-        ]
-        raise keys.error(
-            "correlations",
-            f"those of {', '.join(involved)} contradict one another (the matrix has the eigenvalue "
-            f"{values[0]:.2g}); bring their values nearer to 0.",
-        )
+        involved = ", ".join(np.array(paths)[vectors[:, 0] ** 2 > 0.01])
+        hint = f"(the matrix has the eigenvalue {values[0]:.2g}); bring their values nearer to 0"
+        raise keys.error("correlations", f"those of {involved} contradict one another {hint}.")
     return matrix

@@ -10,7 +10,7 @@ import re
 from dataclasses import dataclass, field
 from functools import cache
 
-from linkage_vibration.messages.definitions import message_text
+from linkage_vibration.messages.definitions import OWN_PACKAGE, message_text
 
 CODES = {"bool": "u1", "float32": "f4", "float64": "f8", "string": "u1"}
 """NumPy's codes of the types; a text is a sequence of bytes."""
@@ -71,6 +71,8 @@ def _parse(text: str, prefix: str) -> list[Field]:
         kind, name = words[0].removesuffix("[]"), prefix + words[1]
         if kind in _NESTED:
             fields += _parse(_NESTED[kind], f"{name}.")
+        elif kind not in CODES and not words[0].endswith("[]"):
+            fields += _parse(message_text(f"{OWN_PACKAGE}/msg/{kind}"), f"{name}.")
         else:
             fields.append(Field(name, kind, words[0].endswith("[]"), comment.strip()))
     return fields

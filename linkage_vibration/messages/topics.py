@@ -9,11 +9,13 @@ from linkage_vibration.messages.definitions import OWN_PACKAGE, message_definiti
 
 PREDICTION = f"{OWN_PACKAGE}/msg/VibrationPrediction"
 RESONANCE = f"{OWN_PACKAGE}/msg/Resonance"
+ADVICE = f"{OWN_PACKAGE}/msg/Advice"
 TABLE_INFO = f"{OWN_PACKAGE}/msg/TableInfo"
 
 PREDICTION_TOPIC = "/linkage_vibration/prediction"
 """Topic of the predictions in a replay, and of a node that has its default name."""
 RESONANCE_TOPIC = "/linkage_vibration/resonance"
+ADVICE_TOPIC = "/linkage_vibration/advice"
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,6 +38,11 @@ class NodeTopic:
     meaning: str
     logged: bool = True
 
+    @property
+    def latched(self) -> bool:
+        """Whether later subscribers receive the last message."""
+        return self.qos == _LATCHED
+
 
 INPUT_QOS, _OUTPUT_QOS = (f"{q}, keep last {QUEUE_DEPTH}" for q in ("best effort", "reliable"))
 _LATCHED = "reliable, transient local"
@@ -51,9 +58,16 @@ OUTPUT_TOPICS = (
         "~/resonance",
         RESONANCE,
         _OUTPUT_QOS,
-        "With predictions at `resonance_rate`, once a speed is known: the most severe excitation, "
-        "whether it warns, and how strongly each shakes the response point "
-        "([excitation](excitation.md)).",
+        "With predictions at `resonance_rate`, once a speed is known: the excitation that loads "
+        "the linkage most, whether that is a warning, what ends it, and how strongly each loads "
+        "pins and cylinders and shakes the response point ([excitation](excitation.md)).",
+    ),
+    NodeTopic(
+        "~/advice",
+        ADVICE,
+        _LATCHED,
+        "Once a second while the total load ratio exceeds its limit: at which height and ground "
+        "speed it would be smaller ([advice](advice.md)). It commands nothing.",
     ),
     NodeTopic(
         "~/table_info",
@@ -85,12 +99,6 @@ OUTPUT_TOPICS = (
         logged=False,
     ),
 )
-
-
-def topic_table(topics: tuple[NodeTopic, ...]) -> str:
-    """Return topics as a Markdown table, for the manual."""
-    rows = [f"| `{t.name}` | `{t.type}` | {t.qos} | {t.meaning} |" for t in topics]
-    return "\n".join(["| topic | type | QoS | meaning |", "|---|---|---|---|", *rows]) + "\n"
 
 
 def log_topic(name: str, type_name: str, *, latched: bool = False) -> Topic:

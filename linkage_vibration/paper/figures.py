@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Draws counterparts of the paper's figures 3 to 9, and what the printed length would mean."""
+"""Draws counterparts of the paper's figures 3 to 9."""
 
 import io
 import math
@@ -14,8 +14,6 @@ from linkage_vibration.drawing.geometry import curves, largest, mode_curves
 from linkage_vibration.drawing.palette import COLOURS, GREY, INK
 from linkage_vibration.drawing.plots import PlotError, legend_below, tidy
 from linkage_vibration.mechanics.arrays import FloatArray
-from linkage_vibration.mechanics.description import Mechanism
-from linkage_vibration.mechanics.kinematics import Configuration
 from linkage_vibration.mechanics.model import Solution
 from linkage_vibration.paper.numbers import OVER_THE_SWEEP, SUBSTRUCTURING
 from linkage_vibration.support.atomic_files import write_bytes
@@ -32,8 +30,7 @@ _BODIES = ("lower_link", "upper_link", "lift_rod", "implement")
 _ANGLES_DEG = (90.0, 140.0, 180.0)
 _LINES: FloatArray = np.linspace(0.5, 200.0, 1996)  # Hz
 _SWING = 0.16  # m, the largest displacement that is drawn
-_FRAMES = 24
-_CRANK = "crank angle $α_3$ [deg]"
+CRANK = "crank angle $α_3$ [deg]"
 _MOVING = ("V1", "V2", "E1", "E2")
 
 
@@ -57,28 +54,13 @@ def draw_figures(
         "fig7_mode_1.png": lambda: _mode_shapes(chosen, 0, label),
         "fig8_mode_2.png": lambda: _mode_shapes(chosen, 1, label),
         "fig9_mode_3.png": lambda: _mode_shapes(chosen, 2, label),
-        "mast_and_inertia.png": lambda: _mast_and_inertia(sweeps),
     }
     for done, (name, draw) in enumerate(drawings.items()):
-        progress(done, len(drawings) + 1)
+        progress(done, len(drawings))
         png = io.BytesIO()
         draw().savefig(png, format="png")
         write_bytes(output / name, png.getvalue(), PlotError)
-    progress(len(drawings), len(drawings) + 1)
-    _animate(output / "mode_1.gif", chosen[1], 0, label)
-    progress(len(drawings) + 1, len(drawings) + 1)
-
-
-def _generalised_inertia(mechanism: Mechanism, configuration: Configuration) -> float:
-    """Return J = sum of m v^2 + I theta'^2 of the rigid bodies, kg m2, rates per rad of alpha3.
-
-    It is the inertia at the input: the lower it is, the higher the first natural frequency.
-    """
-    return sum(
-        body.mass * float(np.sum(configuration.place_rate(body.name, body.centre_of_gravity) ** 2))
-        + body.inertia * configuration.velocity_ratio(body.name) ** 2
-        for body in mechanism.rigid_bodies
-    )
+    progress(len(drawings), len(drawings))
 
 
 def titled_figure(title: str, note: str, size: tuple[float, float]) -> "Figure":
@@ -93,7 +75,8 @@ def titled_figure(title: str, note: str, size: tuple[float, float]) -> "Figure":
     return figure
 
 
-def _stroke_axis(ax: "Axes", **labels: str) -> None:
+def stroke_axis(ax: "Axes", **labels: str) -> None:
+    """Let an axis show the stroke."""
     tidy(ax)
     ax.set(xlim=(90.0, 180.0), xticks=range(90, 181, 15), **labels)
 
@@ -153,7 +136,8 @@ def label_place(
     ax.annotate(text, at, xytext=offset, textcoords="offset points", **style)
 
 
-def _legend(figure: "Figure", ax: "Axes", columns: int) -> None:
+def add_legend(figure: "Figure", ax: "Axes", columns: int) -> None:
+    """Add the legend of an axis below the figure."""
     handles = ax.get_legend_handles_labels()
     legend_below(figure, *handles, "lower center", ncols=columns)
 
@@ -177,7 +161,7 @@ def _configurations(solutions: Sequence[Solution], label: str) -> "Figure":
         ax.plot(*at.T, "o", markersize=4.5, color=INK, zorder=5)
         ax.set_title(f"$α_3$ = {angle:g} deg", fontsize=10)
     axes[0].set_ylabel("z [m]")
-    _legend(figure, axes[0], 5)
+    add_legend(figure, axes[0], 5)
     return figure
 
 
@@ -190,7 +174,7 @@ def _link_angles(solutions: Sequence[Solution], label: str) -> "Figure":
         ax.plot(alpha3, angles, color=colour, linewidth=2)
         text, at = f"${name}$, {body.replace('_', ' ')}", (alpha3[-1], angles[-1])
         label_place(ax, text, at, (6, 0), va="center", color=colour, annotation_clip=False)
-    _stroke_axis(ax, xlabel=_CRANK, ylabel="angle from x towards z [deg]")
+    stroke_axis(ax, xlabel=CRANK, ylabel="angle from x towards z [deg]")
     return figure
 
 
@@ -221,7 +205,7 @@ def _natural_frequencies(sweeps: Sweeps) -> "Figure":
     axes = figure.subplots(3, sharex=True)
     printed = {number.key.split("over_the_sweep.")[-1]: number.value for number in OVER_THE_SWEEP}
     for row, ax in enumerate(axes[::-1]):
-        for solutions, style in _styled(sweeps):
+        for solutions, style in styled(sweeps):
             curve = [solution.natural_frequencies[row] for solution in solutions]
             ax.plot(_degrees(solutions), curve, **style)
         at = {140.0: SUBSTRUCTURING[row].value}
@@ -233,9 +217,9 @@ def _natural_frequencies(sweeps: Sweeps) -> "Figure":
             ax.annotate("the paper's interval", (91, ends[0] + 1.5), fontsize=8, color=GREY)
         markers = {"color": INK, "clip_on": False, "zorder": 6, "label": "the paper"}
         ax.plot(list(at), list(at.values()), "D", **markers)
-        _stroke_axis(ax, ylabel=f"mode {row + 1} [Hz]")
-    axes[2].set_xlabel(_CRANK)
-    _legend(figure, axes[0], 3)
+        stroke_axis(ax, ylabel=f"mode {row + 1} [Hz]")
+    axes[2].set_xlabel(CRANK)
+    add_legend(figure, axes[0], 3)
     return figure
 
 
@@ -259,52 +243,7 @@ def _scale(solution: Solution, mode: int) -> float:
     return math.copysign(_SWING / largest(mode_curves(solution, mode)), up)
 
 
-def _mast_and_inertia(sweeps: Sweeps) -> "Figure":
-    note = "without any section: kinematics and the implement's printed mass and inertia alone"
-    title = "What the length of the upper link does to the implement"
-    figure = titled_figure(title, note, (8, 6))
-    mast, inertia = figure.subplots(2, sharex=True)
-    alpha3 = np.linspace(90.0, 180.0, 181)
-    for solutions, style in _styled(sweeps):
-        model = solutions[0].model
-        places = [model.kinematics.at(math.radians(alpha)) for alpha in alpha3]
-        mast.plot(alpha3, np.degrees([place.angle("implement") for place in places]), **style)
-        inertias = [_generalised_inertia(model.mechanism, place) for place in places]
-        inertia.plot(alpha3, inertias, **style)
-    mast.axhline(90.0, color=GREY, linewidth=1, linestyle=":")
-    mast.annotate("upright", (91, 90.4), fontsize=8, color=GREY)
-    inertia.set_ylim(bottom=0.0)
-    _stroke_axis(mast, ylabel="mast, E1 to E2 [deg]")
-    _stroke_axis(inertia, xlabel=_CRANK, ylabel="implement's inertia\nabout $α_3$ [kg m²]")
-    _legend(figure, mast, 2)
-    return figure
-
-
-def _animate(path: Path, solution: Solution, mode: int, label: str) -> None:
-    """Write a GIF of one period of a mode."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from PIL import Image
-
-    frames = []
-    scale = _scale(solution, mode)
-    alpha3 = math.degrees(solution.configuration.alpha3)
-    title = f"Mode {mode + 1} at {alpha3:g} deg, {solution.natural_frequencies[mode]:.1f} Hz"
-    for share in np.sin(2.0 * np.pi * np.arange(_FRAMES) / _FRAMES):
-        figure = titled_figure(title, f"{label}; slowed down and magnified", (6, 4.8))
-        figure.set_dpi(80)
-        ax = figure.subplots()
-        _draw_mode(ax, solution, mode, {_COLOURS[0]: float(share) * scale}, 2)
-        ax.set_ylabel("z [m]")
-        canvas = FigureCanvasAgg(figure)
-        canvas.draw()  # type: ignore[no-untyped-call]
-        pixels = np.asarray(canvas.buffer_rgba())  # type: ignore[no-untyped-call]
-        frames.append(Image.fromarray(pixels).convert("RGB").quantize(colors=32))
-    gif = io.BytesIO()
-    frames[0].save(gif, format="GIF", save_all=True, append_images=frames[1:], duration=60, loop=0)
-    write_bytes(path, gif.getvalue(), PlotError)
-
-
-def _styled(sweeps: Sweeps) -> Iterator[tuple[Sequence[Solution], dict[str, Any]]]:
+def styled(sweeps: Sweeps) -> Iterator[tuple[Sequence[Solution], dict[str, Any]]]:
     """Yield the solutions of each geometry, with the style of its curves."""
     styles = zip(_COLOURS, ("-", "--"), strict=False)
     for (label, solutions), (colour, line) in zip(sweeps.items(), styles, strict=False):

@@ -108,8 +108,6 @@ TIMING = (
 )
 
 NUMBERS = (*GEOMETRY, *REDUCTION, *SWEEP, *FULL_FE, *SUBSTRUCTURING, *OVER_THE_SWEEP, *TIMING)
-FITTED = (*SUBSTRUCTURING, *OVER_THE_SWEEP)
-"""The nine natural frequencies that a choice of sections has to meet."""
 
 
 def frequencies(over: FloatArray, at_140: FloatArray) -> dict[str, float]:

@@ -24,20 +24,20 @@ def read_numbers(
     A number is NaN where it is not available. A `ReplayError` with the names that exist is raised
     if the bags have no such number.
     """
-    left_out, found = LeftOut(), []
+    left_out, columns = LeftOut(), []
     with open_bags(list(bags)) as opened:
         topic = choose_topics(opened, settings, remaps)[HITCH]
         read = settings.crank_input(topic_schema(opened, topic))
         for block in opened.blocks([topic.name]):
             rows = np.arange(len(block))
             for numbers in read.reader.read(block, rows, left_out):
-                there = [read.available(value) for value in numbers.value.tolist()]
-                values = np.where(there, numbers.value, np.nan)
-                found.append((block.log_times[numbers.rows], values))
-    if not found:
+                available = [read.available(value) for value in numbers.value.tolist()]
+                values = np.where(available, numbers.value, np.nan)
+                columns.append((block.log_times[numbers.rows], values))
+    if not columns:
         missing = read.reader.explain_missing(topic.name, sorted(left_out.names))
         fault = missing or left_out.fault or "it has no message"
         raise ReplayError(f"{', '.join(map(str, bags))}: {topic.name}: {fault}")
-    times, values = (np.concatenate(columns) for columns in zip(*found, strict=True))
+    times, values = map(np.concatenate, zip(*columns, strict=True))
     order = np.argsort(times, kind="stable")
     return times[order], values[order]

@@ -50,7 +50,7 @@ def choose_topics(
     """
     speeds = settings.speed_sources()
     sources = {HITCH: settings.source(HITCH)}
-    sources |= {s.value: one for s, one in speeds.items() if settings.fixed_speed(s) is None}
+    sources |= {s.value: source for s, source in speeds.items() if settings.fixed_speed(s) is None}
     names = dict.fromkeys([each.topic for each in (*sources.values(), *speeds.values())])
     names |= dict.fromkeys(each.name for each in INPUT_TOPICS if each.logged)
     unknown = sorted(set(remaps) - set(names))
@@ -80,13 +80,13 @@ def _only_topic(bags: Bags, source: SourceSettings) -> str | None:
     """Return the only topic that has the type of a source, unless a parameter names the topic."""
     if source.chosen or source.type == FLOAT64:
         return None
-    found = sorted({each.name for each in bags.topics if each.type == source.type})
-    if len(found) > 1:
+    alike = sorted({each.name for each in bags.topics if each.type == source.type})
+    if len(alike) > 1:
         raise ReplayError(
-            f"{bag_paths(bags)} has {len(found)} topics of type {source.type}; choose one, as in "
-            f"`--remap {source.topic}:={found[0]}`: {', '.join(found)}."
+            f"{bag_paths(bags)} has {len(alike)} topics of type {source.type}; choose one, as in "
+            f"`--remap {source.topic}:={alike[0]}`: {', '.join(alike)}."
         )
-    return found[0] if found else None
+    return alike[0] if alike else None
 
 
 def topic_schema(bags: Bags, topic: BagTopic) -> Schema:
@@ -109,13 +109,13 @@ def logged_topic(bags: Bags, topic: BagTopic) -> Topic:
     """Return what a log stores about a topic of bags."""
     defined = bags.defined(topic.name)
     try:
-        known = log_topic(topic.name, topic.type)
+        standard = log_topic(topic.name, topic.type)
     except DefinitionError:
         if defined is None:
             raise
     else:
-        if defined is None or known.type_hash == defined[1]:
-            return known
+        if defined is None or standard.type_hash == defined[1]:
+            return standard
     text, type_hash, _ = defined
     qos = offered_qos_profiles(reliable=True, depth=QUEUE_DEPTH)
     return Topic(topic.name, topic.type, text, type_hash, qos)
@@ -123,20 +123,20 @@ def logged_topic(bags: Bags, topic: BagTopic) -> Topic:
 
 def _bag_topic(bags: Bags, name: str, kind: str, remap: str) -> BagTopic:
     """Return a topic of the bags, which must have this type and messages."""
-    found = [topic for topic in bags.topics if topic.name == name]
+    named = [topic for topic in bags.topics if topic.name == name]
     listing = ", ".join(f"{topic.name} ({topic.type})" for topic in bags.topics)
     remedy = f"name the right one with `--remap {remap}:=TOPIC`"
-    if not found:
+    if not named:
         raise ReplayError(
             f"{bag_paths(bags)} has no topic {name} of type {kind}; "
             + (f"its topics are: {listing}; {remedy}." if listing else "it has no topics at all.")
         )
-    if [topic.type for topic in found] != [kind]:
-        types = " and ".join(topic.type for topic in found)
+    if [topic.type for topic in named] != [kind]:
+        types = " and ".join(topic.type for topic in named)
         raise ReplayError(f"Topic {name} of {bag_paths(bags)} holds {types}, not {kind}; {remedy}.")
-    if not found[0].count:
+    if not named[0].count:
         raise ReplayError(f"Topic {name} of {bag_paths(bags)} has no messages; {remedy}.")
-    return found[0]
+    return named[0]
 
 
 def bag_paths(bags: Bags) -> str:

@@ -18,8 +18,10 @@ from linkage_vibration.bags.recorder import PROVENANCE_METADATA, package_version
 from linkage_vibration.bags.streams import Bags, BagTopic, Block, open_bags
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.messages.columns import MessageColumns, joined
-from linkage_vibration.messages.encoding import encode_columns
+from linkage_vibration.messages.encoding import encode_columns, encode_message
 from linkage_vibration.messages.topics import (
+    ADVICE,
+    ADVICE_TOPIC,
     PREDICTION,
     PREDICTION_TOPIC,
     RESONANCE,
@@ -33,6 +35,7 @@ from linkage_vibration.playback.remapping import (
     logged_topic,
     topic_schema,
 )
+from linkage_vibration.prediction.advice import Adviser
 from linkage_vibration.prediction.answers import Implement, Served, with_implement
 from linkage_vibration.prediction.batch import predict_many
 from linkage_vibration.prediction.excitation import Source
@@ -44,8 +47,8 @@ from linkage_vibration.prediction.predictor import Predictor, Status
 from linkage_vibration.prediction.provenance import attachments, implement_facts
 from linkage_vibration.prediction.resonance import ReportedSpeed, ResonanceMonitor
 from linkage_vibration.prediction.settings import NODE_NAME, Parameters
-from linkage_vibration.readers.excitations import read_excitations
-from linkage_vibration.readers.served import read_described, read_served
+from linkage_vibration.readers.excitations import excitation_files
+from linkage_vibration.readers.served import read_described, read_loads, read_served
 from linkage_vibration.support.atomic_files import check_outputs, replacement
 from linkage_vibration.table.tabulation import build_table
 
@@ -55,7 +58,7 @@ Integers = NDArray[np.int64]
 
 REPLAY_METADATA = "linkage_vibration.replay"
 _SpeedRow: TypeAlias = tuple[int, Source, float, int]  # row, speed, value, time (ns)
-_PLACES = 4  # in the log for each message of a block: itself, its prediction, its resonance
+_PLACES = 4  # in the log for each message of a block: itself, its prediction, resonance and advice
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,12 +90,15 @@ class Replayed(LeftOut):
         How many predictions have each `Status`, and how many resonances were written.
     missing : set of str
         The speeds that no message contains.
+    notice : str
+        Which amplitudes of the default excitations are not used; empty if all are.
     """
 
     topic: str = ""
     statuses: list[int] = field(default_factory=lambda: [0] * len(Status))
     resonances: int = 0
     missing: set[str] = field(default_factory=set)
+    notice: str = ""
 
     @property
     def predictions(self) -> int:
@@ -121,7 +127,7 @@ def replay_summary(done: Replayed) -> str:
         text += f"; {count} messages have no value: {what.rstrip('.')}"
     if done.refused or done.unreadable:
         text += f"; {done.refused + done.unreadable} messages were left out: {done.fault}"
-    return text.rstrip(".") + "."
+    return f"{text.rstrip('.')}. {done.notice}".rstrip()
 
 
 def problems(done: Replayed) -> list[str]:
@@ -148,8 +154,8 @@ def replay(
     """Predict for each reading of the hitch in bags, and write a log.
 
     The log contains the input messages unchanged, a prediction for each reading and, where a speed
-    is known, resonances at their rate, at the log times of the readings. The bytes of both are
-    those that the node publishes.
+    is known, resonances and advice at their rates, at the log times of the readings. The bytes of
+    all are those that the node publishes.
 
     Parameters
     ----------
@@ -194,16 +200,19 @@ def replay(
         once = {topic.name: topic for topic in topics.values()}
         log_topics = [logged_topic(bags, topic) for topic in once.values()]
         log_topics.append(log_topic(PREDICTION_TOPIC, PREDICTION))
-        monitor, excitations = _monitor(settings, topics, served), None
+        notices: list[str] = []
+        monitor, excitations = _monitor(settings, topics, served, notices.append), {}
         if monitor is not None:
             log_topics.append(log_topic(RESONANCE_TOPIC, RESONANCE))
-            excitations = settings.excitation_path().read_bytes().decode()
+            excitations = excitation_files(settings.excitation_path())
+            log_topics.append(log_topic(ADVICE_TOPIC, ADVICE, latched=True))
         files = attachments(served, settings, f"/{NODE_NAME}", excitations)
         metadata = {
             PROVENANCE_METADATA: {**package_versions(), **implement_facts(served)},
             REPLAY_METADATA: {"inputs": " ".join(path.name for path in paths)},
         }
         run = _Replay(list(once), topics, inputs_read, served.predictor, monitor)
+        run.done.notice = " ".join(notices)
         total, done = sum(topic.count for topic in once.values()), 0
         with replacement(output, ReplayError) as unfinished:
             with ChunkLog(unfinished, log_topics, files, metadata) as log:
@@ -231,6 +240,7 @@ class _Replay:
         self._input, self._speed_inputs = inputs
         self._predictor = predictor
         self._monitor = monitor
+        self._adviser: Adviser | None = None
         self._motion = crank_filter()
         missing = {each.reader.describe() for each in self._speed_inputs.values()}
         self.done = Replayed(topic=topics[HITCH].name, missing=missing)
@@ -303,6 +313,7 @@ class _Replay:
     ) -> list[Messages]:
         """Assess predictions, with the speeds that were received among them."""
         found: list[Messages] = []
+        self._adviser = self._adviser or Adviser(monitor)
         rows = np.concatenate([group.rows for group in groups])
         order = np.argsort(rows)
         before = np.searchsorted(rows[order], [speed[0] for speed in speeds])
@@ -323,6 +334,7 @@ class _Replay:
             [ReportedSpeed(n, *speed[1:]) for n, speed in zip(earlier, speeds, strict=True)],
             error,
         )
+        advised = self._adviser.due(resonances.total_load_ratio, stamps[assessed])
         answers = np.full(len(rows), -1)
         answers[assessed] = np.arange(len(assessed))
         for group in groups:
@@ -339,6 +351,9 @@ class _Replay:
                 times = block.log_times[rows], block.log_times[rows]
                 found.append(Messages(RESONANCE_TOPIC, data, _PLACES * rows + 2, *times))
                 self.done.resonances += len(rows)
+            for i in kept[np.isin(answer[kept], advised)].tolist():
+                advice = self._adviser.answer(resonances.message(answer[i]))
+                found.append(_advice(block, group, i, advice))
         return found
 
     def _velocities(
@@ -368,6 +383,14 @@ class _Replay:
             )
             velocity[unknown[wanted]], error[unknown[wanted]] = rates
         return velocity[due], error[due]
+
+
+def _advice(block: Block, group: Readings, i: int, advice: MessageColumns) -> Messages:
+    """Return advice for a reading of a group as a message of the log."""
+    header = int(group.sec[i]), int(group.nanosec[i]), group.frame_id
+    data, row = np.frombuffer(encode_message(ADVICE, advice, *header), np.uint8), group.rows[[i]]
+    times = block.log_times[row]
+    return Messages(ADVICE_TOPIC, data[np.newaxis], _PLACES * row + 3, times, times)
 
 
 def _inputs(
@@ -429,13 +452,19 @@ def _refuse_empty(done: Replayed, bags: Bags, read: CrankInput) -> None:
 
 
 def _monitor(
-    settings: Parameters, topics: Mapping[str, BagTopic], served: Served
+    settings: Parameters,
+    topics: Mapping[str, BagTopic],
+    served: Served,
+    report: Callable[[str], object],
 ) -> ResonanceMonitor | None:
-    """Return a monitor of resonance; None if no speed is known."""
+    """Return a monitor of resonance; None if no speed is known.
+
+    `report` is called with a sentence if amplitudes cannot be used.
+    """
     fixed = {source: settings.fixed_speed(source) for source in Source}
     if set(fixed.values()) == {None} and topics.keys() == {HITCH}:
         return None
-    excitations = read_excitations(settings.excitation_path())
+    excitations = read_loads(settings, served, report)
     levels = LevelTable(served.predictor, served.mechanism, excitations)
     limits = settings.warning_limits()
     rules = limits, settings.stale_after, levels, settings.resonance_rate

@@ -137,8 +137,9 @@ def answer_frf(
 ) -> FrfAnswer:
     """Return receptances at an angle (rad) from the table, or from the model if ``exact`` is true.
 
-    Places are named as in "E1.z"; without any, the answer is about the drive point. Without
-    frequencies (Hz), there are 401 in the band of the table. Invalid requests raise `ServingError`.
+    Places are named as in "E1.z", and forces, which can only be outputs, as in
+    "lower_link:E1.force_x"; without any, the answer is about the drive point. Without frequencies
+    (Hz), there are 401 in the band of the table. Invalid requests raise `ServingError`.
     """
     table = served.table
     _check_angle(alpha3)
@@ -147,10 +148,13 @@ def answer_frf(
         raise ServingError(
             f"{given} has places but {empty} is empty; give both, or neither for the drive point."
         )
-    valid = _moving_places(served.mechanism) if exact else table.places
+    valid, forces = table.places, table.forces if table.places else ()
+    if exact:
+        valid, model = _moving_places(served.mechanism), served.model
+        forces = (*model.forces.places, *model.forces.sections) if model.force_places else ()
     soil = [p for p in soil_places(served.mechanism) if p not in valid] if exact else []
     places = (
-        _places("outputs", outputs, valid, exact),
+        _places("outputs", outputs, (*valid, *forces), exact),
         _places("inputs", inputs, (*valid, *soil), exact),
     )
     if not outputs:

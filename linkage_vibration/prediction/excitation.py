@@ -4,11 +4,13 @@
 
 import enum
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.description import MechanismError
 from linkage_vibration.mechanics.keys import Keys
+from linkage_vibration.prediction.ground import Terrain, power_law
 
 RPM = 1.0 / 60.0
 """1/min in Hz."""
@@ -16,6 +18,13 @@ RPM = 1.0 / 60.0
 _LEAST, _LARGEST = 1e-6, 1e6  # of a number in a description
 _STEEPEST = 4.0  # of exponents
 _WHEELS = 0.01, 10.0  # m: rolling radii; numbers in millimetres are beyond
+_CLASSES = {name: 16e-6 * 4.0**k for k, name in enumerate("ABCDEFGH")}  # ISO 8608, m3 at 0.1 1/m
+_WITHIN_CLASS = 0.2  # of amplitudes: a class reaches from half to twice its mean roughness
+
+
+Spectrum = tuple[tuple[float, float], ...]
+"""Wavenumbers, 1/m, and power spectral densities of a profile, m3."""
+ReadProfile = Callable[[str], Spectrum]
 
 
 class ExcitationError(LinkageVibrationError):
@@ -41,6 +50,7 @@ class LoadKind(enum.Enum):
     FORCE = "force"  # N
     MOMENT = "moment"  # N m
     BASE_ACCELERATION = "base_acceleration"  # m/s^2, of the soil under the mounts of a base
+    BASE_DISPLACEMENT = "base_displacement"  # m, of that soil, such as the runout of a tyre
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,9 +62,9 @@ class Load:
     kind : LoadKind
     place : str
         A point and a direction such as "E1.z" for a force, a rigid body for a moment, and a motion
-        of the soil such as "base.z" or "base:rear_axle.z" for an acceleration.
+        of the soil such as "base.z" or "base:rear_axle.z" for its acceleration or displacement.
     amplitude : float
-        Half of peak to peak, N, N m or m/s^2.
+        Half of peak to peak, N, N m, m/s^2 or m.
     speed : float
         The speed at which it has this amplitude, rpm or m/s.
     exponent : float
@@ -82,13 +92,15 @@ class Excitation:
     source : Source
         The speed.
     ratio : float
-        Frequency per speed, Hz/rpm or Hz/(m/s).
+        Frequency per speed, Hz/rpm or Hz/(m/s); NaN for a terrain, which has no frequency.
     load : Load, optional
         None if the amplitude is not known.
     relative_stddev : float
         Standard deviation of the frequency over the frequency, 1.
     warns : bool
         Whether it may warn.
+    terrain : Terrain, optional
+        What the wheels roll on, if that is the excitation.
     """
 
     name: str
@@ -97,9 +109,19 @@ class Excitation:
     load: Load | None = None
     relative_stddev: float = 0.0
     warns: bool = True
+    terrain: Terrain | None = None
 
 
-def excitations_from_mapping(mapping: object, where: str = "excitations") -> tuple[Excitation, ...]:
+def no_profile(name: str) -> Spectrum:
+    """Refuse a profile, which only a file of excitations can name."""
+    raise ExcitationError(f"{name} is not read here; give the roughness of the terrain instead.")
+
+
+def excitations_from_mapping(
+    mapping: object,
+    where: str = "excitations",
+    read_profile: ReadProfile = no_profile,
+) -> tuple[Excitation, ...]:
     """Return the excitations that a mapping describes.
 
     Parameters
@@ -109,11 +131,14 @@ def excitations_from_mapping(mapping: object, where: str = "excitations") -> tup
         turn of that shaft. ``ratio`` is the speed of the excited shaft per speed of that shaft. For
         ``ground``, ``rolling_radius`` (m) converts metres to turns. ``frequency_stddev`` is the
         relative standard deviation of the frequencies, ``no_warning`` lists orders that never warn.
-        ``force``, ``moment`` or ``base_acceleration`` list the amplitude of each order ``at`` a
-        place and ``at_speed``; they grow with the power ``exponent`` of the speed, and have the
-        relative standard deviation ``amplitude_stddev``.
+        ``force``, ``moment``, ``base_acceleration`` or ``base_displacement`` list the amplitude of
+        each order ``at`` a place and ``at_speed``; they grow with the power ``exponent`` of the
+        speed, and have the relative standard deviation ``amplitude_stddev``. Instead of orders,
+        ``ground`` may have a ``terrain``; docs/excitation.md describes its keys.
     where : str
         Path of the mapping in errors.
+    read_profile : callable
+        Returns the spectrum of the measured profile in a file that a terrain names.
 
     Raises
     ------
@@ -128,8 +153,20 @@ def excitations_from_mapping(mapping: object, where: str = "excitations") -> tup
     """
     try:
         keys = Keys(where, mapping)
-        found = [excitation for name in keys for excitation in _orders(keys[name], name)]
+        found = [
+            excitation
+            for name in keys
+            for excitation in (
+                [_ground(keys[name], name, read_profile)]
+                if "terrain" in keys[name]
+                else _orders(keys[name], name)
+            )
+        ]
         keys.refuse_unknown()
+        for second in [one.name for one in found if one.terrain][1:]:
+            raise MechanismError(
+                where, f"{second} is a second terrain, but all wheels roll on one; remove it."
+            )
     except MechanismError as error:
         raise ExcitationError(str(error)) from None
     if not found:
@@ -139,16 +176,11 @@ def excitations_from_mapping(mapping: object, where: str = "excitations") -> tup
 
 def _orders(keys: Keys, name: str) -> list[Excitation]:
     """Return one excitation for each order."""
-    if not name.isprintable():
-        raise MechanismError(keys.path, f"{name!r} cannot be printed; give another name.")
+    _check_name(keys, name)
     source = Source(keys.choice("speed", [source.value for source in Source]))
     per_unit = RPM * _in_range(keys, "ratio", keys.number("ratio", default=1.0))
     if source is Source.GROUND:
-        radius = keys.number("rolling_radius")
-        if not _WHEELS[0] <= radius <= _WHEELS[1]:
-            limits = " to ".join(f"{limit:g}" for limit in _WHEELS)
-            raise keys.error("rolling_radius", f"{radius:g} is not from {limits}, in m.")
-        per_unit *= 60.0 / (2.0 * math.pi * radius)
+        per_unit *= 60.0 / _circumference(keys)
     orders = keys.numbers("orders")
     names = [f"{name} {order:g}" for order in orders]
     for own in names:
@@ -170,6 +202,69 @@ def _orders(keys: Keys, name: str) -> list[Excitation]:
         )
         for i, order in enumerate(orders)
     ]
+
+
+def _ground(keys: Keys, name: str, read_profile: ReadProfile) -> Excitation:
+    """Return the excitation by the ground under the wheels."""
+    _check_name(keys, name)
+    if keys.choice("speed", [source.value for source in Source]) != Source.GROUND.value:
+        raise keys.error("speed", "wheels follow the speed over ground; write `speed: ground`.")
+    if "raised" not in keys:
+        raise keys.error(
+            "raised",
+            "this key is missing; write true if no tool is in the soil, or false, and the level is "
+            "not known.",
+        )
+    ground, spectrum = keys["terrain"], None
+    roughness, exponent, reference, spread = math.nan, 2.0, 0.1, 0.0
+    if "class" in ground:
+        word = ground.choice("class", list(_CLASSES))
+        roughness, spread, name = _CLASSES[word], _WITHIN_CLASS, f"{name} (class {word})"
+    elif "profile" in ground:
+        file = ground.text("profile")
+        if "/" in file or "\\" in file:
+            raise ground.error(
+                "profile", f"{file} is not beside this file, where a log finds it; copy it there."
+            )
+        spectrum = read_profile(file)
+        roughness, exponent = power_law(spectrum, reference)
+    elif "roughness" in ground:
+        roughness = _in_range(ground, "roughness", ground.number("roughness"), 1e-9, 1.0)
+        exponent = _in_range(ground, "exponent", ground.number("exponent"), 1.0, _STEEPEST)
+        reference = _in_range(ground, "reference", ground.number("reference"), 1e-3, 10.0)
+    else:
+        raise keys.error("terrain", "give a class, a roughness, or a profile.")
+    band = keys.interval("band_hz", positive=True) if "band_hz" in keys else (0.3, 20.0)
+    treaded = not {"lugs", "rolling_radius"}.isdisjoint(keys)
+    pitch = _circumference(keys) / keys.integer("lugs") if treaded else None
+    terrain = Terrain(
+        roughness=roughness,
+        exponent=exponent,
+        reference=reference,
+        band=(
+            _in_range(keys, "band_hz", band[0], 0.01, 1e3),
+            _in_range(keys, "band_hz", band[1], 0.01, 1e3),
+        ),
+        lug_pitch=pitch,
+        raised=keys.flag("raised"),
+        relative_stddev=_stddev(keys, "amplitude_stddev", spread),
+        spectrum=spectrum,
+    )
+    return Excitation(name, Source.GROUND, math.nan, terrain=terrain)
+
+
+def _check_name(keys: Keys, name: str) -> None:
+    if not name.isprintable():
+        raise MechanismError(keys.path, f"{name!r} cannot be printed; give another name.")
+
+
+def _circumference(keys: Keys) -> float:
+    """Return how far a wheel rolls in a turn, m."""
+    radius = keys.number("rolling_radius")
+    if not _WHEELS[0] <= radius <= _WHEELS[1]:
+        limits = " to ".join(f"{limit:g}" for limit in _WHEELS)
+        raise keys.error("rolling_radius", f"{radius:g} is not from {limits}, in m.")
+    return 2.0 * math.pi * radius
 
 
 def _loads(keys: Keys, orders: list[float]) -> list[Load | None]:
@@ -195,15 +290,17 @@ def _loads(keys: Keys, orders: list[float]) -> list[Load | None]:
     return [Load(kind, place, value, speed, exponent, spread) for value in amplitudes]
 
 
-def _stddev(keys: Keys, key: str) -> float:
-    """Return a relative standard deviation, 0 if it is not given."""
-    value = keys.number(key, default=0.0)
+def _stddev(keys: Keys, key: str, default: float = 0.0) -> float:
+    """Return a relative standard deviation."""
+    value = keys.number(key, default=default)
     if not 0.0 <= value <= 1.0:
         raise keys.error(key, f"{value:g} is not from 0 to 1, as a part of the value.")
     return value
 
 
-def _in_range(keys: Keys, key: str, number: float) -> float:
-    if not _LEAST <= number <= _LARGEST:
-        raise keys.error(key, f"{number:g} is not from {_LEAST:g} to {_LARGEST:g}.")
+def _in_range(
+    keys: Keys, key: str, number: float, least: float = _LEAST, largest: float = _LARGEST
+) -> float:
+    if not least <= number <= largest:
+        raise keys.error(key, f"{number:g} is not from {least:g} to {largest:g}.")
     return number

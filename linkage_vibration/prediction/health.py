@@ -14,15 +14,15 @@ from dataclasses import dataclass, field
 
 from linkage_vibration.prediction.excitation import Source
 
-_FRESH = 1.0  # s; a publisher is compared with others for this long after its last message
+_FRESH = 1.0  # s; what is older does not belong to the present motion or speed
 _STAMP_AHEAD = 0.1  # s; the stamps of synchronised clocks are ahead by less
 _KEPT = 100  # at most so many angles outside the table are kept
 
 _FASTEST, _LEAST_JUMP = 4.0, 0.06  # rad/s and rad; a hitch is slower, and noise is smaller
-_LEAST = 0.03  # rad; publishers that agree differ by less
+_LEAST = 0.03  # rad; angles of publishers that agree differ by less
+_EARLIEST = -(2**63)  # ns
 _WAITING = 100_000  # at most so many readings wait for the next judgement
-_DIFFERING = 3  # publishers disagree if at least so many values differ
-_PUBLISHERS = 8  # at most so many publishers of a topic are distinguished
+_DIFFERING, _SHARE = 3, 0.02  # publishers disagree if at least so many values go to and fro
 
 _NOISY = 100  # a sensor is noisy only if its value has changed at least this often,
 _TURNING = 0.3  # if this share of the changes reverses the direction,
@@ -51,7 +51,7 @@ _OTHER_UNITS = {
 }
 
 
-_Reading = tuple[float, int, int, float, float, bool, int]
+_Reading = tuple[float, int, int, float, float, bool]
 """The arguments of `ReadingWatch.take`, in its order."""
 
 
@@ -90,7 +90,7 @@ class _Window:
     received: int = 0  # values, and of these:
     invalid: int = 0
     unstamped: int = 0
-    differing: int = 0  # values that differ from that of another publisher
+    differing: int = 0  # values that differ from the last one, but not from the one before
     jumps: int = 0  # changes that are too fast, and the largest of them
     largest: float = 0.0
     moved: float = 0.0  # rad, by the positions, and by the velocities
@@ -99,60 +99,6 @@ class _Window:
     n_outside: int = 0
     ages: tuple[float, float] = (math.inf, -math.inf)  # s, the least and the largest
     refusal: str = ""
-
-
-@dataclass(slots=True)
-class _Publisher:
-    """The last message of one publisher of a topic."""
-
-    sequence: int
-    value: float
-    change: float
-    time: float  # s
-
-    def follows(self, sequence: int, now: float) -> bool:
-        """Return whether a message is the next one of this publisher."""
-        return sequence == self.sequence + 1 and now - self.time < _FRESH
-
-    def take(self, sequence: int, value: float, now: float) -> None:
-        """Take a message."""
-        self.change, self.sequence, self.value = value - self.value, sequence, value
-        self.time = now
-
-
-class _Publishers:
-    """Distinguishes the publishers of a topic by the sequence numbers of their messages.
-
-    Differences up to ``least`` count as noise.
-    """
-
-    def __init__(self, least: float) -> None:
-        self._least = least
-        self._recent: list[_Publisher] = []
-
-    def differs(self, sequence: int, value: float, now: float) -> bool:
-        """Return whether a value differs from what another publisher sent just before.
-
-        The sequence number is 0 if it is not known; ``now`` is when the value arrived, s.
-        """
-        if len(self._recent) == 1 and self._recent[0].follows(sequence, now):
-            self._recent[0].take(sequence, value, now)
-            return False
-        self._recent = [p for p in self._recent if now - p.time < _FRESH][-_PUBLISHERS:]
-        sender = min(
-            (p for p in self._recent if sequence > p.sequence or sequence == 0),
-            key=lambda p: (sequence - p.sequence, abs(value - p.value)),
-            default=None,
-        )
-        if sender is None:
-            sender = _Publisher(sequence, value, 0.0, now)
-            self._recent.append(sender)
-        sender.take(sequence, value, now)
-        return any(
-            abs(value - other.value) > self._least + abs(sender.change) + abs(other.change)
-            for other in self._recent
-            if other is not sender
-        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -174,13 +120,25 @@ class Expected:
 
 
 class ReadingWatch:
-    """Watches the readings of the crank angle; a crank that turns all the way may be fast."""
+    """Watches the readings of the crank angle; a crank that turns all the way may be fast.
 
-    def __init__(self, turns: bool = False) -> None:
+    Attributes
+    ----------
+    last : float
+        When the last reading arrived that `judge` has looked at, steady clock, s; NaN without any.
+    stamp_age : float
+        Age of its stamp at its arrival, s; negative in the future.
+    stamps_back : int
+        Number of readings with an earlier stamp than the reading before.
+    """
+
+    def __init__(self, turns: bool = False, stamps_back: int = 0) -> None:
+        self.last = self.stamp_age = math.nan
+        self.stamps_back = stamps_back
         self._fastest = math.inf if turns else _FASTEST
-        self._publishers, self._noise = _Publishers(_LEAST), _Noise()
-        self._window = _Window()
-        self._time, self._stamp, self._angle = math.nan, 0, math.nan  # of the last reading
+        self._noise, self._window = _Noise(), _Window()
+        self._stamp, self._angle = _EARLIEST, math.nan  # of the last reading
+        self._before = math.nan  # rad, the angle before the last one
         self._waiting: deque[_Reading] = deque(maxlen=_WAITING)  # for the next judgement
         self._rates: deque[float] = deque(maxlen=_STEADY)  # Hz, of the last windows
         self._usual = 0.0  # Hz
@@ -194,23 +152,23 @@ class ReadingWatch:
         velocity: float,
         *,
         known: bool,
-        sequence: int = 0,
     ) -> None:
         """Take a reading, which is looked at when `judge` is called, so that this is quick.
 
         It arrived at ``now`` (steady clock, s) and ``received`` (clock of the stamps, ns). It has a
-        stamp (ns), an angle and a velocity (rad and rad/s, NaN if unknown), and the number of its
-        message by the publisher (0 if unknown). ``known`` says whether the table has the angle.
+        stamp (ns), an angle and a velocity (rad and rad/s, NaN if unknown). ``known`` says whether
+        the table has the angle.
         """
-        self._waiting.append((now, stamp, received, angle, velocity, known, sequence))
+        self._waiting.append((now, stamp, received, angle, velocity, known))
 
     def _look(self, reading: _Reading) -> None:
         """Look at a reading; see `take`."""
-        now, stamp, received, angle, velocity, known, sequence = reading
+        now, stamp, received, angle, velocity, known = reading
         window = self._window
         window.received += 1
+        self.stamps_back += stamp < self._stamp
+        self.stamp_age = age = 1e-9 * (received - stamp)
         if stamp:
-            age = 1e-9 * (received - stamp)
             least, most = window.ages
             window.ages = min(least, age), max(most, age)
         else:
@@ -222,7 +180,7 @@ class ReadingWatch:
                 window.n_outside += 1
                 if len(window.outside) < _KEPT:
                     window.outside.append(angle)
-            apart = max(now - self._time, 1e-9 * (stamp - self._stamp))
+            apart = max(now - self.last, 1e-9 * (stamp - self._stamp))
             size = abs(angle - self._angle)
             if size > _LEAST_JUMP + self._fastest * apart:
                 window.jumps += 1
@@ -231,10 +189,10 @@ class ReadingWatch:
             if step == step and velocity == velocity and apart < _FRESH:  # neither is NaN
                 window.moved += step
                 window.turned += velocity * apart
-            window.differing += self._publishers.differs(sequence, angle, now)
+            window.differing += size > _LEAST + abs(angle - self._before)
             self._noise.take(now, angle)
-            self._angle = angle
-        self._time, self._stamp = now, stamp
+            self._before, self._angle = self._angle, angle
+        self.last, self._stamp = now, stamp
 
     def refuse(self, sentence: str) -> None:
         """Take a message that has no reliable reading, and why."""
@@ -256,7 +214,7 @@ class ReadingWatch:
     def _missing(self, window: _Window, now: float, expected: Expected) -> list[Fault]:
         if window.refusal:
             return [Fault(Level.ERROR, window.refusal)]
-        age = now - self._time
+        age = now - self.last
         if window.received or age <= expected.stale_after:
             return []
         since = "" if math.isnan(age) else f" for {age:.1f} s"
@@ -322,10 +280,8 @@ def _range(window: _Window, expected: Expected) -> list[Fault]:
             "parameter sign."
         )
     else:
-        below, above = (
-            all(angle < expected.first for angle in angles),
-            all(angle > expected.last for angle in angles),
-        )
+        below = all(angle < expected.first for angle in angles)
+        above = all(angle > expected.last for angle in angles)
         side = "below" if below else "above" if above else "outside"
         sentence = (
             f"All crank angles of {expected.name} are {side} {table} "
@@ -353,11 +309,9 @@ def _stamps(window: _Window, expected: Expected) -> list[Fault]:
 def _disagreement(
     window: _Window, publishers: Callable[[], Sequence[str]], name: str
 ) -> list[Fault]:
-    """Return the fault that publishers of one topic disagree, which names their nodes.
-
-    After a restart, a publisher is alone, although its messages are numbered from 1 again.
-    """
-    nodes = publishers() if window.differing >= _DIFFERING else []
+    """Return the fault that publishers of one topic disagree, which names their nodes."""
+    least = max(_DIFFERING, _SHARE * window.received)
+    nodes = publishers() if window.differing >= least else []
     if len(nodes) < 2:
         return []
     listing = ", ".join(sorted(nodes))
@@ -419,22 +373,20 @@ class SpeedWatch:
 
     def __init__(self, source: Source) -> None:
         self._source = source
-        self._publishers, self._window = _Publishers(_LEAST_DIFFERENCES[source]), _Window()
+        self._window = _Window()
         self._time = self._since = math.nan  # s, of the last value and of the last plausible one
-        self._value = math.nan
+        self._before = self._value = math.nan  # the last two values
 
-    def take(self, now: float, value: float, sequence: int = 0) -> None:
-        """Take a value (rpm or m/s) that arrived at ``now`` by the steady clock, s.
-
-        The sequence number of its message is 0 if it is not known.
-        """
+    def take(self, now: float, value: float) -> None:
+        """Take a value (rpm or m/s) that arrived at ``now`` by the steady clock, s."""
         low, high = _PLAUSIBLE[self._source]
         resumed = not now - self._time <= _FRESH
         if resumed or value == 0.0 or low <= abs(value) <= high:
             self._since = now
         self._window.received += 1
-        self._window.differing += self._publishers.differs(sequence, value, now)
-        self._time, self._value = now, value
+        least = _LEAST_DIFFERENCES[self._source] + abs(value - self._before)
+        self._window.differing += abs(value - self._value) > least
+        self._time, self._before, self._value = now, self._value, value
 
     def turns(self, now: float) -> bool:
         """Return whether the speed is fresh and not zero at a time (steady clock, s)."""

@@ -1,14 +1,15 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""How strongly excitations shake the response point, from the poles and residues of a table.
+"""How strongly excitations shake the response point and load pins and cylinders.
 
-Numbers for one angle are those for many to the last bit, so complex numbers are pairs of arrays
-here, and sums run in the order of the terms.
+Both follow from the poles and residues of a table; `ground` computes those by the ground. Numbers
+for one angle are those for many to the last bit, so complex numbers are pairs of arrays here, and
+sums run in the order of the terms.
 """
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from itertools import pairwise
 
@@ -19,10 +20,13 @@ from scipy.optimize import linear_sum_assignment
 
 from linkage_vibration.mechanics.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from linkage_vibration.mechanics.description import Mechanism
+from linkage_vibration.mechanics.model import Place
 from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.messages.fields import message_fields
 from linkage_vibration.messages.topics import RESONANCE
+from linkage_vibration.prediction.ensemble import GroundMembers, Members, draws
 from linkage_vibration.prediction.excitation import Excitation, ExcitationError, LoadKind, Source
+from linkage_vibration.prediction.ground import REASONS, GroundLevels, GroundTable
 from linkage_vibration.prediction.loads import UnitLoad, load_input
 from linkage_vibration.prediction.predictor import Predictor, angles_in_table
 from linkage_vibration.table.interpolation import stroke_angle, stroke_variable
@@ -32,17 +36,25 @@ ERROR = 1e-4
 """Largest error of a response between the angles at which the table was evaluated, over the sum of
 the magnitudes of its terms; where it is larger, levels are not known."""
 
-# Of a variance: the largest share of second order over that of first order, and over the square of
-# the value, up to which standard deviations agree with samples within 10 %, in 98 of 100 cases.
-_EVEN, _LARGE = 0.04, 0.25
-_ROUNDING = 1e-20  # of the square of a value: a variance that is only rounding
-_REACH = math.sqrt(3.0)  # standard deviations, to the points at which a response is evaluated
+FACTORS = {
+    "velocity_factors": "velocities",
+    "load_ratio_factors": "load_ratios",
+    "total_velocity_factor": "total_velocity",
+    "total_load_ratio_factor": "total_load_ratio",
+    "warning_probability": "total_load_ratio",
+}
+"""How uncertain a level is, by fields of ``Resonance.msg``, and the level.
+
+A factor is exp of the standard deviation of the level's logarithm over the ensemble, and the
+probability is the share of its members whose level exceeds the limit of a warning."""
 
 _STATIC = 1e-5  # of the magnitudes of its terms: a static response below is only rounding
-_CANCELLED = 0.25  # of the sum of the sizes of the terms; a smaller response is a difference
-_NOTABLE = 0.1  # of the level by all, from which one of them counts
-_TINY = float(np.finfo(float).tiny)
+_SAME = 1.0 - 1e-6  # of the square of a load ratio; a smaller difference is rounding
+_KNOWN = 0.95  # Factors are known where at least this share of the members is.
+_SILENT = 1e-300  # A smaller level has no logarithm.
 _FIRST_CELLS, _MOST_CELLS = 32, 512  # of a piece of the table
+_GROUND = list(Source).index(Source.GROUND)
+_REASONS = np.array(REASONS)
 _CHUNK = 64  # angles that are evaluated together, so that their terms stay in the cache
 
 
@@ -50,19 +62,25 @@ _CHUNK = 64  # angles that are evaluated together, so that their terms stay in t
 class _Layout:
     """How interpolated numbers are arranged.
 
-    First come k (real and imaginary part) and c of the terms; then, for each input and term, a
-    (both parts) and b; then, for each input, the residual (both parts), its rate, and the size of
-    the static response.
+    First come k (real and imaginary part) and c of the terms; then, for each term, output and
+    input, a (both parts) and b; then, for each output and input, the residual (both parts) and its
+    rate; then, for each input, the size of the static response of the first output; and last, the
+    reference force of each pin and cylinder.
     """
 
     n_terms: int
+    n_outputs: int
     n_inputs: int
-    n_modes: int
+    n_forces: int
 
-    @property
-    def terms(self) -> int:
-        """Number of values of poles and residues."""
-        return 3 * self.n_terms * (1 + self.n_inputs)
+    def split(self, values: FloatArray) -> list[FloatArray]:
+        """Return the parts of values, (n_values, n), as arrays whose last axis is n."""
+        t, o, i, n = self.n_terms, self.n_outputs, self.n_inputs, values.shape[1]
+        parts, end = [], 0
+        for shape in ((3, t), (3, t, o, i), (3, o, i), (i,), (self.n_forces,)):
+            begin, end = end, end + math.prod(shape)
+            parts.append(values[begin:end].reshape(*shape, n))
+        return parts
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,23 +88,8 @@ class _Forcing:
     """What excitations do at n times, each (n_excitations, n)."""
 
     omega: FloatArray  # rad/s; 1 where nothing is known
-    known: FloatArray  # 1, or NaN where a speed is not known or zero, or the band is exceeded
-    velocity: FloatArray  # m/s, root mean square, per response to a unit load; NaN if not known
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Responses:
-    """Responses to unit loads at n angles, with real and imaginary parts as the first axis.
-
-    They are sums of terms (a + i w b) / D with D = k - w^2 + i w c.
-    """
-
-    above: FloatArray  # (2, n_terms, n_excitations, n): a + i w b
-    terms: FloatArray  # (2, n_terms, n_excitations, n)
-    poles: FloatArray  # (3, n_terms, 1, n): k (both parts) and c
-    sums: FloatArray  # (2, n_excitations, n)
-    squares: FloatArray  # (n_excitations, n): squares of their magnitudes
-    static: FloatArray  # (n_excitations, n): magnitudes of the static responses
+    defined: FloatArray  # 1, or NaN where a speed is not known or the band is exceeded
+    size: FloatArray  # rms of the load, as the multiple of a unit load; NaN if not known
 
 
 class LevelTable:
@@ -97,6 +100,8 @@ class LevelTable:
     predictor, mechanism : Predictor and Mechanism
         What looks up the table, and the mechanism of that table.
     excitations : sequence of Excitation
+    with_forces : bool
+        Whether to compute load ratios, too.
 
     Raises
     ------
@@ -105,7 +110,12 @@ class LevelTable:
     """
 
     def __init__(
-        self, predictor: Predictor, mechanism: Mechanism, excitations: Sequence[Excitation]
+        self,
+        predictor: Predictor,
+        mechanism: Mechanism,
+        excitations: Sequence[Excitation],
+        *,
+        with_forces: bool = True,
     ) -> None:
         self._predictor, table = predictor, predictor.table
         inputs: dict[tuple[str, str], UnitLoad] = {}
@@ -132,16 +142,42 @@ class LevelTable:
         self._rms = column([x.amplitude / math.sqrt(2.0) if x else math.nan for x in loads])
         self._speed = column([load.speed if load else 1.0 for load in loads])
         self._exponent = column([load.exponent if load else 0.0 for load in loads])
-        self._deviation = column([load.relative_stddev if load else 0.0 for load in loads])
-        self._moved = column([one.relative_stddev for one in excitations])
-        self._any_moved = bool(self._moved.any())
-        self._soil = column([x is not None and x.kind is LoadKind.BASE_ACCELERATION for x in loads])
-        self._loaded = any(loads)
+        accelerated = [x is not None and x.kind is LoadKind.BASE_ACCELERATION for x in loads]
+        self._accelerated = np.array(accelerated)[:, np.newaxis]
+        self._loaded = any(one.load or one.terrain for one in excitations)
+        self._ground: GroundTable | None = None
+        self._terrain = next((i for i, one in enumerate(excitations) if one.terrain), 0)
         self._last: tuple[bytes, _Forcing] | None = None  # speeds, and what excitations do at them
         self._cells: tuple[FloatArray, FloatArray] | None = None
+        self.force_places = table.force_places if self._loaded and with_forces else ()
+        """Pins and cylinders, whose names are those of the table."""
         if table.places:
-            place = mechanism.response.point, mechanism.response.direction
-            self._cells, self._layout = _sampled(table, list(inputs.values()), place)
+            # The response point comes first, then the components of the forces.
+            rows = table.forces if self.force_places else ()
+            self._first_rows = [[name for name, _ in rows].index(one) for one in self.force_places]
+            outputs = [(mechanism.response.point, mechanism.response.direction), *rows]
+            n_forces = len(self.force_places)
+            self._cells, self._layout = _sampled(table, list(inputs.values()), outputs, n_forces)
+            terrain = excitations[self._terrain].terrain
+            if terrain is not None:
+                self._ground = GroundTable(table, mechanism, terrain, rows)
+        self._members: Members | None = None
+        self._ground_members: GroundMembers | None = None
+        if self._loaded and len(table.ensemble_alpha3):
+            each = [list(inputs.values())[i] for i in which]
+            self._members = Members(table, each, outputs, n_forces, self._table_responses)
+            amplitudes, frequencies = draws(excitations, self._members.n)
+            amplitudes /= np.where(self._accelerated, frequencies**2, 1.0)
+            self._draws = amplitudes, frequencies
+            if self._ground is not None and terrain is not None and not self._ground.never:
+                self._ground_members = GroundMembers(
+                    table, mechanism, terrain, outputs, self._ground.lines
+                )
+
+    @property
+    def alpha3_range(self) -> tuple[float, float]:
+        """First and last angle of the table, rad."""
+        return self._predictor.table.alpha3_range
 
     @property
     def arrays(self) -> tuple[FloatArray, FloatArray, int, IntArray]:
@@ -153,29 +189,6 @@ class LevelTable:
             return np.empty(0), np.empty((0, 4, 0)), 0, self._inputs
         return *self._cells, self._layout.n_terms, self._inputs
 
-    def terms(self, alpha3: FloatArray) -> tuple[FloatArray, FloatArray, IntArray]:
-        """Return the terms (a + s b) / (k + c s + s^2) of the responses, those of the modes first.
-
-        Parameters
-        ----------
-        alpha3 : ndarray, (n,)
-            rad, in the table, which has FRFs.
-
-        Returns
-        -------
-        poles : ndarray, (3, n_terms, n)
-            Real and imaginary part of k, and c.
-        residues : ndarray, (3, n_terms, n_inputs, n)
-            Real and imaginary part of a, and b.
-        inputs : ndarray of int, (n_excitations,)
-            Which input each excitation has.
-        """
-        layout, values = self._layout, self._values(alpha3)
-        kept, n = 3 * layout.n_terms, len(alpha3)
-        poles = values[:kept].reshape(3, layout.n_terms, n)
-        shape = 3, layout.n_terms, layout.n_inputs, n
-        return poles, values[kept : layout.terms].reshape(shape), self._inputs
-
     def _values(self, angles: FloatArray) -> FloatArray:
         """Return the interpolated numbers at angles in the table, (n_values, n)."""
         assert self._cells is not None
@@ -185,28 +198,119 @@ class LevelTable:
         found = _cubic(cubics.take(i, axis=0).swapaxes(0, 1), apart)
         return np.ascontiguousarray(found.T)
 
-    def at(self, alpha3: FloatArray, speeds: FloatArray, stddev: FloatArray) -> MessageColumns:
+    def at(self, alpha3: FloatArray, speeds: FloatArray) -> MessageColumns:
         """Return the levels at n angles, which are the float32 fields of ``Resonance.msg``.
 
-        Outside the table they are not known. Standard deviations take the shapes of the modes as
-        exact, and are not known where the first order is not enough.
+        Outside the table they are not known. Their `FACTORS` are NaN here. Other columns are
+        ``ground_unknown``, (n,), and beside those of the message ``load_places``, (n,
+        n_excitations), and ``total_load_places``, (n,), the indices of the pins and cylinders where
+        the load ratios are largest.
 
         Parameters
         ----------
         alpha3, speeds : ndarray, (n,) and (n_sources, n)
             rad, and rpm or m/s of each `Source`; NaN where it is not known.
-        stddev : ndarray, (2, n, n_modes)
-            Standard deviations of natural frequencies over these, and of damping ratios.
         """
         m, n = len(self._inputs), len(alpha3)
-        numbers = _unknown(m, n)
+        numbers, places = _unknown(m, n), np.zeros((m + 1, n), np.int64)
+        reasons = np.zeros(n, np.int8)
         if self._cells is not None:
             angles = angles_in_table(alpha3, self._predictor.table.alpha3_range)
             for start in range(0, n, _CHUNK):
                 rows = slice(start, start + _CHUNK)
-                values, forcing = self._values(angles[rows]), self._forcing(speeds[:, rows])
-                self._evaluate(numbers[:, rows], values, forcing, stddev[:, rows])
-        return _level_columns(numbers, m)
+                parts = self._layout.split(self._values(angles[rows]))
+                forcing, levels = self._forcing(speeds[:, rows]), numbers[:, rows]
+                found = self._responses(parts, forcing.omega)
+                found *= found
+                squares, static = found[0] + found[1], parts[3].take(self._inputs, axis=0)
+                magnitude = np.sqrt(squares[0]) * forcing.defined
+                np.divide(magnitude, static, out=levels[_rows(m)["amplifications"]])
+                ground = None
+                if self._ground is not None:
+                    ground = self._ground.at(angles[rows], speeds[_GROUND, rows])
+                    reasons[rows] = ground.reason
+                self._evaluate(levels, places[:, rows], squares, parts[4], forcing, ground)
+        return _level_columns(numbers, places, reasons)
+
+    def members(self, alpha3: FloatArray, speeds: FloatArray) -> FloatArray:
+        """Return the rows of all levels of each member of the ensemble, (n_rows, n_members, n).
+
+        Without an ensemble there is no member.
+
+        Parameters
+        ----------
+        alpha3, speeds : ndarray, (n,) and (n_sources, n)
+            As those of `at`.
+        """
+        m, members = len(self._inputs), self._members
+        numbers = np.full((_n_rows(m), self.n_members, len(alpha3)), math.nan)
+        if members is None:
+            return numbers
+        places = np.zeros((m + 1, members.n), np.int64)
+        angles = angles_in_table(alpha3, self._predictor.table.alpha3_range)
+        for i in np.flatnonzero(np.isfinite(angles)).tolist():
+            nominal, angle = self._forcing_at(speeds[:, i : i + 1]), float(angles[i])
+            omega = nominal.omega * self._draws[1]
+            forcing = _Forcing(omega, nominal.defined, nominal.size * self._draws[0])
+            found = members.responses(angle, omega)
+            squares = found.real**2 + found.imag**2
+            reference, ground = members.references(angle), None
+            if self._ground is not None:
+                speed = speeds[_GROUND, i : i + 1]
+                ground = self._ground.at(angles[i : i + 1], speed)
+                if self._ground_members is not None and not ground.reason[0]:
+                    factors = self._draws[0][self._terrain]
+                    ground = self._ground_members.levels(ground, angle, float(speed[0]), factors)
+            self._evaluate(numbers[:, :, i], places, squares, reference, forcing, ground)
+        return numbers
+
+    def member_totals(
+        self, alpha3: FloatArray, speeds: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return the total load ratio and total velocity of each member, (n_members, n).
+
+        Parameters
+        ----------
+        alpha3, speeds : ndarray, (n,) and (n_sources, n)
+            As those of `at`.
+        """
+        numbers, at = self.members(alpha3, speeds), _rows(len(self._inputs))
+        return numbers[at["total_load_ratio"]], numbers[at["total_velocity"]]
+
+    @property
+    def n_members(self) -> int:
+        """Number of members of the ensemble by which factors are known, or 0."""
+        return 0 if self._members is None else self._members.n
+
+    def factors(
+        self, alpha3: FloatArray, speeds: FloatArray, limit: float
+    ) -> dict[str, NDArray[np.float32]]:
+        """Return the `FACTORS` of levels at n angles, (n,) or (n, n_excitations).
+
+        They are NaN where fewer than 95 % of the members are known.
+
+        Parameters
+        ----------
+        alpha3, speeds : ndarray, (n,) and (n_sources, n)
+            As those of `at`.
+        limit : float
+            Of the total load ratio, above which a warning begins.
+        """
+        numbers, at = self.members(alpha3, speeds), _rows(len(self._inputs))
+        if not self.n_members:
+            numbers = np.full((len(numbers), 1, len(alpha3)), math.nan)
+        found = {}
+        with np.errstate(all="ignore"):
+            for name, level in FACTORS.items():
+                values = numbers[at[level]]
+                if name == "warning_probability":
+                    factors = _mean(np.where(np.isnan(values), values, values > limit))
+                else:
+                    logs = np.log(np.maximum(values, _SILENT))
+                    logs -= _mean(logs)[..., np.newaxis, :]
+                    factors = np.exp(np.sqrt(_mean(logs * logs)))
+                found[name] = factors.T.astype(np.float32)
+        return found
 
     def _forcing(self, speeds: FloatArray) -> _Forcing:
         """Return what excitations do at speeds, (n_sources, n), which often are the last ones."""
@@ -219,104 +323,94 @@ class LevelTable:
         with np.errstate(all="ignore"):
             speed = speeds[self._sources]
             omega = self._omega * speed
-            known = np.where((speed > 0.0) & (omega <= self._top), 1.0, math.nan)
-            omega = np.where(np.isnan(known), 1.0, omega)
-            # An acceleration of the soil moves it by its amplitude / omega^2.
-            factor = np.where(self._soil, 1.0 / omega, omega)
-            rms = self._rms * (speed / self._speed) ** self._exponent
-            return _Forcing(omega, known, rms * factor * known)
+            defined = np.where((speed >= 0.0) & (omega <= self._top), 1.0, math.nan)
+            omega = np.where(np.isnan(defined), 1.0, omega)
+            size = self._rms * (speed / self._speed) ** self._exponent
+            # The unit load of the soil is a displacement, of which this is the acceleration.
+            size = np.where(self._accelerated, size / (omega * omega), size)
+            size = np.where(speed == 0.0, 0.0 * self._rms, size)
+            return _Forcing(omega, defined, size * defined)
 
-    def _responses(self, values: FloatArray, w: FloatArray) -> _Responses:
-        """Return the responses at n angles and angular frequencies, (n_excitations, n)."""
-        layout, n = self._layout, values.shape[1]
-        kept = 3 * layout.n_terms
-        poles = values[:kept].reshape(3, layout.n_terms, 1, n)
-        above = values[kept : layout.terms].reshape(3, layout.n_terms, layout.n_inputs, n)
-        above = above.take(self._inputs, axis=2)
-        rest = values[layout.terms :].reshape(4, layout.n_inputs, n).take(self._inputs, axis=1)
+    def _responses(self, parts: Sequence[FloatArray], w: FloatArray) -> FloatArray:
+        """Return responses to unit loads, (2, n_outputs, n_excitations, n): both parts.
+
+        They are sums of terms (a + i w b) / D with D = k - w^2 + i w c, at n angles, whose poles,
+        numerators and residuals come first in the parts of `_Layout`, and angular frequencies w,
+        (n_excitations, n).
+        """
+        poles, above, rest, *_ = parts
+        poles, above = poles[:, :, np.newaxis, np.newaxis], above.take(self._inputs, axis=3)
         above[2] *= w
         above[1] += above[2]
         terms = _quotient(above[:2], poles[0] - w * w, poles[2] * w + poles[1])
         sums = np.add.accumulate(terms, axis=1)[:, -1]
+        rest = rest.take(self._inputs, axis=2)
         sums += rest[:2]
         sums[1] += rest[2] * w
-        square = sums * sums
-        return _Responses(above[:2], terms, poles, sums, square[0] + square[1], rest[3])
+        return np.asarray(sums)
+
+    def _table_responses(self, alpha3: float, omega: FloatArray) -> ComplexArray:
+        """Return responses to unit loads at an angle, (n_outputs, n_excitations), at rad/s."""
+        parts = self._layout.split(self._values(np.array([alpha3])))
+        real, imaginary = self._responses(parts, omega[:, np.newaxis])[..., 0]
+        return np.asarray(real + 1j * imaginary)
 
     def _evaluate(
         self,
         numbers: FloatArray,
-        values: FloatArray,
+        places: IntArray,
+        squares: FloatArray,
+        reference: FloatArray,
         forcing: _Forcing,
-        stddev: FloatArray,
+        ground: GroundLevels | None,
     ) -> None:
-        """Compute the rows of all levels at n angles in place.
+        """Compute the rows of levels at n angles, and where load ratios are largest, in place.
 
-        The standard deviations, (2, n, n_modes), are those that `at` takes.
+        Parameters
+        ----------
+        numbers, places : ndarray
+            Rows of all levels, (n_rows, n), and the places, (n_excitations + 1, n), of each
+            excitation and of the total.
+        squares, reference : ndarray, (n_outputs, n_excitations, n) and (n_forces, n)
+            Squares of responses to unit loads; what forces are compared with, N.
+        forcing : _Forcing
         """
-        at = _rows(len(self._inputs))
-        w, responses = forcing.omega, self._responses(values, forcing.omega)
-        magnitude = np.sqrt(responses.squares)
-        static = responses.static
-        np.divide(magnitude * forcing.known, static, out=numbers[at["amplifications"]])
         if not self._loaded:
             return
-        velocity = np.multiply(magnitude, forcing.velocity, out=numbers[at["velocities"]])
-        np.multiply(velocity, w, out=numbers[at["accelerations"]])
+        at, w = _rows(len(self._inputs)), forcing.omega
+        magnitude = np.sqrt(squares[0])
+        velocity = np.multiply(magnitude * forcing.size, w, out=numbers[at["velocities"]])
+        acceleration = np.multiply(velocity, w, out=numbers[at["accelerations"]])
+        if ground is not None:
+            velocity[self._terrain], acceleration[self._terrain] = (
+                ground.velocity,
+                ground.acceleration,
+            )
+            numbers[at["off_ground_share"]] = ground.off_ground_share
         unknown = 0.0 * np.fmax.reduce(velocity)  # NaN where no level is known
-        heard = np.fmax(velocity, 0.0)
-        total = np.sqrt(_sum(heard * heard))
-        numbers[at["total_velocity"]] = total + unknown
-        numbers[at["total_acceleration"]] = np.sqrt(_sum((heard * w) ** 2)) + unknown
-        if self.states_uncertainty:
-            deviations = np.ascontiguousarray(stddev.swapaxes(1, 2))
-            each, together = self._spreads(values, forcing, responses, heard, total, deviations)
-            numbers[at["velocity_stddevs"]] = each + 0.0 * velocity  # NaN where it is not known
-            numbers[at["total_velocity_stddev"]] = together + unknown
+        for name, known in ("velocity", velocity), ("acceleration", acceleration):
+            total = np.sqrt(_sum(np.fmax(known, 0.0) ** 2))
+            numbers[at[f"total_{name}"]] = total + unknown
+        if not self.force_places:
+            return
+        forces = np.add.reduceat(squares[1:], self._first_rows, axis=0)  # of x and z, or along
+        ratios = forces * (forcing.size * forcing.size)
+        if ground is not None:
+            ratios[:, self._terrain] = np.add.reduceat(ground.forces2, self._first_rows, axis=0)
+        ratios /= (reference * reference)[:, np.newaxis]
+        total = np.add.accumulate(np.fmax(ratios, 0.0), axis=1)[:, -1]
+        places[:-1], places[-1] = first_largest(ratios), first_largest(total)
+        np.sqrt(np.maximum.reduce(ratios), out=numbers[at["load_ratios"]])
+        lost = 0.0 * np.maximum.reduce(reference)  # NaN where nothing is known to refer to
+        numbers[at["total_load_ratio"]] = np.sqrt(np.maximum.reduce(total)) + unknown + lost
 
-    def _spreads(
-        self,
-        values: FloatArray,
-        forcing: _Forcing,
-        responses: _Responses,
-        velocity: FloatArray,
-        total: FloatArray,
-        deviations: FloatArray,
-    ) -> tuple[FloatArray, FloatArray]:
-        """Return standard deviations of velocities, (n_excitations, n), and of their total, (n,).
 
-        A velocity that is not known is 0.
-        """
-        magnitude = np.sqrt(responses.squares)
-        factor, share = velocity / magnitude, velocity / np.maximum(total, _TINY)
-        own = self._moved if self._any_moved else None
-        moved = _deviated(responses, forcing.omega, deviations, own) * factor
-        variance = _variances(moved, velocity, total)
-        by_load = velocity * self._deviation
-        by_load *= by_load
-        if self._any_moved:
-            by_load += self._by_own_frequencies(values, forcing, velocity)
-        each = np.sqrt(variance[:-1] + by_load)
-        together = np.sqrt(variance[-1] + _sum(by_load * share * share))
-        # Where modes cancel, their shapes decide, whose deviations are not known.
-        sizes = _sum(np.hypot(responses.terms[0], responses.terms[1]))
-        cancelled = magnitude < _CANCELLED * sizes
-        if np.count_nonzero(cancelled):
-            each[cancelled] = math.nan
-            together[(cancelled & (share > _NOTABLE)).any(axis=0)] = math.nan
-        return each, together
+def first_largest(values: FloatArray) -> IntArray:
+    """Return the first row of values, (n_rows, ...), that is the largest but for rounding.
 
-    def _by_own_frequencies(
-        self, values: FloatArray, forcing: _Forcing, velocity: FloatArray
-    ) -> FloatArray:
-        """Return variances of velocities, (n_excitations, n), by those of their frequencies."""
-        sides = np.empty((2, *velocity.shape))
-        for side, sign in zip(sides, (-1.0, 1.0), strict=True):
-            size = 1.0 + sign * _REACH * self._moved
-            magnitude = np.sqrt(self._responses(values, forcing.omega * size).squares)
-            rms = forcing.velocity * np.where(self._soil, 1.0 / size, size)
-            np.fmax(magnitude * rms, 0.0, out=side)
-        return _variance(sides, velocity)
+    Both pins of a light link carry the same force, so that the last bit would decide.
+    """
+    return np.asarray((values >= _SAME * np.maximum.reduce(values)).argmax(axis=0))
 
 
 def _cubic(cell: FloatArray, t: float | FloatArray) -> FloatArray:
@@ -325,7 +419,8 @@ def _cubic(cell: FloatArray, t: float | FloatArray) -> FloatArray:
 
 def unknown_levels(n_excitations: int, n: int) -> MessageColumns:
     """Return levels at n angles that are not known."""
-    return _level_columns(_unknown(n_excitations, n), n_excitations)
+    places = np.zeros((n_excitations + 1, n), np.int64)
+    return _level_columns(_unknown(n_excitations, n), places, np.zeros(n, np.int8))
 
 
 @cache
@@ -353,15 +448,35 @@ def _unknown(m: int, n: int) -> FloatArray:
     return np.full((_n_rows(m), n), math.nan)
 
 
-def _level_columns(numbers: FloatArray, m: int) -> MessageColumns:
+def _level_columns(
+    numbers: FloatArray, places: IntArray, reasons: NDArray[np.int8]
+) -> MessageColumns:
+    """Return levels by their names, the places, (n_excitations + 1, n), of load ratios, and why.
+
+    The reasons, (n,), are those why the level of the ground is not known.
+    """
     with np.errstate(over="ignore"):
         single = numbers.astype(np.float32)
-    return MessageColumns(**{name: single[rows].T for name, rows in _rows(m).items()})
+    return MessageColumns(
+        **{name: single[rows].T for name, rows in _rows(len(places) - 1).items()},
+        warning_probability=np.full(numbers.shape[1], math.nan),
+        load_places=places[:-1].T,
+        total_load_places=places[-1],
+        ground_unknown=_REASONS.take(reasons),
+    )
 
 
 def _sum(terms: FloatArray) -> FloatArray:
     """Return the sum along the first axis, in its order; `np.sum` has others, by the shape."""
     return np.asarray(np.add.accumulate(terms)[-1])
+
+
+def _mean(values: FloatArray) -> FloatArray:
+    """Return the mean over members, (..., n), of (..., n_members, n); NaN if too few are known."""
+    known = ~np.isnan(values)
+    count = np.add.accumulate(known, axis=-2, dtype=float)[..., -1, :]
+    mean = np.add.accumulate(np.where(known, values, 0.0), axis=-2)[..., -1, :] / count
+    return np.where(count >= _KNOWN * values.shape[-2], mean, math.nan)
 
 
 def _quotient(above: FloatArray, real: FloatArray, imaginary: FloatArray) -> FloatArray:
@@ -374,125 +489,32 @@ def _quotient(above: FloatArray, real: FloatArray, imaginary: FloatArray) -> Flo
     real, imaginary : ndarray, (...)
         Those of the denominator.
     """
-    found, across = above * real, above * imaginary
-    found[0] += across[1]
-    found[1] -= across[0]
-    found /= real * real + imaginary * imaginary
-    return found
-
-
-def _deviated(
-    responses: _Responses, w: FloatArray, deviations: FloatArray, own: FloatArray | None
-) -> FloatArray:
-    """Return responses when one frequency or damping ratio deviates, (4 m, n_excitations, n).
-
-    They are NaN where they do not show a resonance that is within reach of the deviations.
-
-    The first 2 m have smaller and the others larger frequencies and damping ratios of the m modes,
-    by the square root of three standard deviations.
-
-    Parameters
-    ----------
-    responses, w : _Responses and ndarray, (n_excitations, n)
-        Those without deviations, and the angular frequencies, rad/s.
-    deviations : ndarray, (2, m, n)
-        Standard deviations of the logarithms of frequencies, and of damping ratios.
-    own : ndarray, (n_excitations, 1), optional
-        Relative standard deviations of the frequencies of the excitations; None if all are 0.
-    """
-    m, n = deviations.shape[1:]
-    above, poles = responses.above[:, :m], responses.poles[:, :m]
-    step = _REACH * deviations[:, :, np.newaxis]
-    k, c = np.empty((2, 2, 2, m, 1, n))  # smaller or larger; frequency or damping ratio
-    ratio = np.sqrt(4.0 * poles[0]) * step[1]
-    for sign, size, decay in ((0, 1.0 - step[0], -ratio), (1, 1.0 + step[0], ratio)):
-        np.multiply(poles[0], size * size, out=k[sign, 0])
-        np.multiply(poles[2], size, out=c[sign, 0])
-        k[sign, 1] = poles[0]
-        np.add(poles[2], decay, out=c[sign, 1])
-    changed = _quotient(above[:, np.newaxis, np.newaxis], k - w * w, c * w + poles[1])
-    rest = responses.sums[:, np.newaxis] - responses.terms[:, :m]
-    changed += rest[:, np.newaxis, np.newaxis]
-    changed *= changed
-    stddev = deviations[0, :, np.newaxis]
-    stddev = stddev if own is None else np.hypot(stddev, own)
-    hidden = _hides_a_peak(above, responses.squares, poles, w, stddev)
-    if np.count_nonzero(hidden):
-        changed[0, :, 0][:, hidden] = math.nan
-    return np.asarray(np.sqrt(changed[0] + changed[1]).reshape(4 * m, *w.shape))
-
-
-def _hides_a_peak(
-    above: FloatArray, size: FloatArray, poles: FloatArray, w: FloatArray, stddev: FloatArray
-) -> BoolArray:
-    """Return where a mode that may meet the excitation resonates too sharply for a few points.
-
-    That is within three standard deviations, if the half-power half-width is less than two of
-    them, and the mode's own response there is more than half of the present one.
-    """
-    twice = 2.0 * poles[0]
-    found = np.abs(poles[0] - w * w) < 3.0 * stddev * twice
-    found &= poles[2] * poles[2] < 8.0 * stddev * stddev * twice
-    if np.count_nonzero(found):
-        width, square = poles[2] * w, above * above
-        found &= 4.0 * (square[0] + square[1]) > width * width * size
-    return np.asarray(found)
-
-
-def _variances(moved: FloatArray, velocities: FloatArray, total: FloatArray) -> FloatArray:
-    """Return the variances of velocities and, last, of their total, (n_excitations + 1, n).
-
-    Parameters
-    ----------
-    moved : ndarray, (4 m, n_excitations, n)
-        Velocities if one mode deviates, as `_deviated` orders them.
-    velocities, total : ndarray, (n_excitations, n) and (n,)
-        Velocities and their total without deviations.
-    """
-    others = np.empty((len(moved), len(velocities) + 1, velocities.shape[1]))
-    others[:, :-1] = moved
-    np.sqrt(np.add.accumulate(moved * moved, axis=1)[:, -1], out=others[:, -1])
-    return _variance(others, np.concatenate([velocities, total[np.newaxis]]))
-
-
-def _variance(others: FloatArray, centre: FloatArray) -> FloatArray:
-    """Return the variance of values by those of the modes, each on its own.
-
-    Three points of Gauss and Hermite in each direction are exact for a cubic. It is NaN where the
-    modes are so uncertain that they are not enough.
-
-    Parameters
-    ----------
-    others, centre : ndarray, (4 m, ...) and (...)
-        Values at the points on both sides, as `_deviated` returns them, and between them.
-    """
-    others -= centre
-    half = len(others) // 2
-    odd, even = others[half:] - others[:half], others[half:] + others[:half]
-    odd *= odd
-    even *= even
-    first, second = np.add.reduce(odd) / 12.0, np.add.reduce(even) / 18.0
-    total = first + second
-    square = centre * centre
-    known = (second <= _EVEN * first + _ROUNDING * square) & (total <= _LARGE * square)
-    return np.where(known, total, math.nan)
+    square = real * real + imaginary * imaginary
+    real, imaginary = real / square, imaginary / square
+    quotient, across = above * real, above * imaginary
+    quotient[0] += across[1]
+    quotient[1] -= across[0]
+    return quotient
 
 
 def _sampled(
-    table: Table, inputs: list[UnitLoad], place: tuple[str, str]
+    table: Table, inputs: list[UnitLoad], outputs: list[Place], n_forces: int
 ) -> tuple[tuple[FloatArray, FloatArray], _Layout]:
     """Return poles and residues of the responses to inputs over the stroke, as cubics.
 
     The cells begin at angles, (n_cells,), rad, and have coefficients, (n_cells, 4, n_values).
+    Beside the outputs, they have the reference forces of n_forces pins and cylinders.
     """
-    pieces, n_terms = [], 0
+    pieces = []
     for first, last in pairwise(table.alpha3[table.pieces].tolist()):
-        samples = _Samples(table, inputs, place, (first, last))
-        pieces.append(samples.refined())
-        n_terms = max(n_terms, samples.n_terms)
-    layout = _Layout(n_terms, len(inputs), table.n_modes)
-    starts = np.concatenate([at[:-1] for at, _, _ in pieces])
-    parts = [_cubics(at, _padded(values, layout), lost) for at, values, lost in pieces]
+        samples = _Samples(table, inputs, outputs, n_forces, (first, last))
+        pieces.append((*samples.refined(), samples.layout))
+    layout = max((piece[3] for piece in pieces), key=lambda layout: layout.n_terms)
+    starts = np.concatenate([piece[0][:-1] for piece in pieces])
+    parts = [
+        _cubics(at, _padded(values, its_layout, layout.n_terms), lost)
+        for at, values, lost, its_layout in pieces
+    ]
     return (starts, np.ascontiguousarray(np.concatenate(parts))), layout
 
 
@@ -517,18 +539,14 @@ def _cubics(at: FloatArray, values: FloatArray, lost: BoolArray) -> FloatArray:
     return np.where(unknown[:, np.newaxis], math.nan, cubics)
 
 
-def _padded(values: FloatArray, layout: _Layout) -> FloatArray:
+def _padded(values: FloatArray, layout: _Layout, n_terms: int) -> FloatArray:
     """Return the rows of a piece with terms of no effect, if other pieces have more."""
-    own = (values.shape[1] - 4 * layout.n_inputs) // (3 * (1 + layout.n_inputs))
-    missing = layout.n_terms - own
-    if not missing:
-        return values
+    missing = n_terms - layout.n_terms
+    poles, above, *rest = layout.split(np.ascontiguousarray(values.T))
+    poles = np.pad(poles, ((0, 0), (0, missing), (0, 0)), constant_values=1.0)
+    above = np.pad(above, ((0, 0), (0, missing), (0, 0), (0, 0), (0, 0)))
     n = len(values)
-    poles, above, rest = np.split(values, [3 * own, 3 * own * (1 + layout.n_inputs)], axis=1)
-    poles = np.pad(poles.reshape(n, 3, own), ((0, 0), (0, 0), (0, missing)), constant_values=1.0)
-    above = above.reshape(n, 3, own, layout.n_inputs)
-    above = np.pad(above, ((0, 0), (0, 0), (0, missing), (0, 0)))
-    return np.hstack([poles.reshape(n, -1), above.reshape(n, -1), rest])
+    return np.concatenate([part.reshape(-1, n) for part in (poles, above, *rest)]).T
 
 
 class _Samples:
@@ -538,14 +556,21 @@ class _Samples:
         self,
         table: Table,
         inputs: list[UnitLoad],
-        place: tuple[str, str],
+        outputs: list[Place],
+        n_forces: int,
         ends: tuple[float, float],
     ) -> None:
-        self._table, self._inputs, self._place, self._ends = table, inputs, place, ends
+        self._table, self._inputs, self._outputs, self._ends = table, inputs, outputs, ends
+        self._n_forces = n_forces
         self._variables = stroke_variable(np.array(ends), table.toggles)
         self._places = list(dict.fromkeys(p for one in inputs for p in one.places))
-        self._known: dict[float, FloatArray] = {}
-        self.n_terms = 0
+        self._n_terms = 0
+        self._solved: dict[float, tuple[FloatArray, FloatArray, FloatArray]] = {}
+
+    @property
+    def layout(self) -> _Layout:
+        """How the values are arranged, once there are some."""
+        return _Layout(self._n_terms, len(self._outputs), len(self._inputs), self._n_forces)
 
     def refined(self) -> tuple[FloatArray, FloatArray, BoolArray]:
         """Return angles, values, and the cells between them whose middle is not met."""
@@ -573,52 +598,64 @@ class _Samples:
 
     def _row(self, alpha3: float, before: ComplexArray | None) -> tuple[FloatArray, ComplexArray]:
         """Return the values at an angle and its poles, in the order of those before."""
-        table = self._table
-        frf = table.frf(alpha3, [self._place], self._places)
-        half = frf.decay / 2.0 + 0j
-        roots: ComplexArray = np.asarray(np.sqrt(half * half - frf.stiffness) - half)
-        n = table.n_modes
-        frequencies, ratios = np.split(np.array(table.interpolate(alpha3)[0]), 2)
-        modes = 2.0 * math.pi * frequencies * (-ratios + np.sqrt(ratios**2 - 1.0 + 0j))
-        if before is None:
-            order = _in_order(np.where(np.isnan(modes), roots[:n], modes), roots)
-        else:
-            order = _in_order(
-                np.append(np.where(np.isnan(modes), before[:n], modes), before[n:]), roots
-            )
-        self.n_terms = len(roots)
-        k, c = frf.stiffness[order], frf.decay[order]
-        parts = [k.real, k.imag, c]
-        columns, rests = [], []
-        for one in self._inputs:
-            which = [self._places.index(place) for place in one.places]
-            own = type(frf)(
-                frf.stiffness,
-                frf.decay,
-                frf.residues[:, which],
-                frf.rates[:, which],
-                frf.residual[:, which],
-            )
-            response, rate = one.response(own, alpha3)
-            a, b = response.residues[0, 0, order], response.rates[0, 0, order]
-            columns.append([a.real, a.imag, b.real])
-            residual = complex(response.residual[0, 0])
-            static = abs(complex((a / k).sum()) + residual)
-            if not static > _STATIC * (float(np.abs(a / k).sum()) + abs(residual)):
-                static = math.nan
-            rests.append([residual.real, residual.imag, complex(rate[0, 0]).real, static])
-        above = np.transpose(columns, (1, 2, 0))
-        values = [*parts, above.ravel(), np.transpose(rests).ravel()]
-        return np.concatenate(values), roots[order]
+        # Half of the angles of a finer division are those of the coarser one.
+        if alpha3 not in self._solved:
+            self._solved[alpha3] = self._responses_at(alpha3)
+        poles, above, others = self._solved[alpha3]
+        half = poles[2] / 2.0
+        roots: ComplexArray = np.asarray(np.sqrt(half * half - poles[0] - 1j * poles[1]) - half)
+        n = self._table.n_modes
+        frequencies, ratios = np.split(np.array(self._table.interpolate(alpha3)[0]), 2)
+        wanted = 2.0 * math.pi * frequencies * (-ratios + np.sqrt(ratios**2 - 1.0 + 0j))
+        previous = roots if before is None else before
+        wanted = np.where(np.isnan(wanted), previous[:n], wanted)
+        order = _in_order(wanted if before is None else np.append(wanted, before[n:]), roots)
+        self._n_terms = len(roots)
+        row = np.concatenate([poles[:, order].ravel(), above[:, order].ravel(), others])
+        return row, roots[order]
 
-    def _errors(self, found: FloatArray, exact: FloatArray) -> FloatArray:
+    def _responses_at(self, alpha3: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return poles, numerators and all other values at an angle, as `_Layout` arranges them."""
+        table = self._table
+        frf = table.frf(alpha3, self._outputs, self._places)
+        numerators, rests, statics = [], [], []
+        for load in self._inputs:
+            which = [self._places.index(place) for place in load.places]
+            part = replace(
+                frf,
+                residues=frf.residues[:, which],
+                rates=frf.rates[:, which],
+                residual=frf.residual[:, which],
+            )
+            response, rate = load.response(part, alpha3)
+            a, b, residual = response.residues[:, 0], response.rates[:, 0], response.residual[:, 0]
+            numerators.append([a.real, a.imag, b.real])
+            rests.append([residual.real, residual.imag, rate[:, 0].real])
+            terms = a[0] / frf.stiffness
+            static = abs(complex(terms.sum() + residual[0]))
+            known = static > _STATIC * float(np.abs(terms).sum() + abs(residual[0]))
+            statics.append(static if known else math.nan)
+        forces = table.reference_forces(np.array([alpha3]))[: self._n_forces]
+        others = np.transpose(rests, (1, 2, 0)), statics, forces
+        return (
+            np.array([frf.stiffness.real, frf.stiffness.imag, frf.decay]),
+            np.transpose(numerators, (1, 3, 2, 0)),
+            np.concatenate([np.ravel(part) for part in others]),
+        )
+
+    def _errors(self, trial: FloatArray, exact: FloatArray) -> FloatArray:
         """Return the error of responses at each angle, over the sums of sizes of terms.
 
         They are compared at the resonances of the modes.
         """
-        layout = _Layout(self.n_terms, len(self._inputs), self._table.n_modes)
-        values = [_responses(rows, layout, exact) for rows in (found, exact)]
-        return np.asarray((np.abs(values[0][0] - values[1][0]) / values[1][1]).max(axis=(1, 2)))
+        layout, n_modes = self.layout, self._table.n_modes
+        w = np.sqrt(exact[:, np.newaxis, :n_modes]).swapaxes(1, 2)
+        errors = np.zeros(len(exact))
+        for output in range(layout.n_outputs):
+            values, _ = _responses(trial, layout, output, w)
+            true, sizes = _responses(exact, layout, output, w)
+            np.maximum(errors, (np.abs(values - true) / sizes).max(axis=(1, 2)), out=errors)
+        return errors
 
 
 def _in_order(wanted: ComplexArray, roots: ComplexArray) -> NDArray[np.int64]:
@@ -629,16 +666,18 @@ def _in_order(wanted: ComplexArray, roots: ComplexArray) -> NDArray[np.int64]:
 
 
 def _responses(
-    rows: FloatArray, layout: _Layout, exact: FloatArray
+    rows: FloatArray, layout: _Layout, output: int, w: FloatArray
 ) -> tuple[ComplexArray, FloatArray]:
-    """Return responses at the resonances of other rows, (n, n_modes, n_inputs), and their sizes."""
-    n, t = len(rows), layout.n_terms
-    w = np.sqrt(exact[:, np.newaxis, : layout.n_modes]).swapaxes(1, 2)
-    real, imaginary, decay = np.split(rows[:, : 3 * t], 3, axis=1)
-    below = (real + 1j * imaginary)[:, np.newaxis] - w**2 + 1j * w * decay[:, np.newaxis]
-    above = rows[:, 3 * t : layout.terms].reshape(n, 3, t, layout.n_inputs)
-    a, b = (above[:, 0] + 1j * above[:, 1])[:, np.newaxis], above[:, 2][:, np.newaxis]
-    terms = (a + 1j * w[..., np.newaxis] * b) / below[..., np.newaxis]
-    rest = rows[:, layout.terms :].reshape(n, 4, 1, layout.n_inputs)
-    residual = rest[:, 0] + 1j * rest[:, 1] + 1j * w * rest[:, 2]
-    return terms.sum(axis=2) + residual, np.abs(terms).sum(axis=2) + np.abs(residual)
+    """Return responses of an output at angular frequencies w, (n, n_frequencies, 1), and sizes.
+
+    Both are (n, n_frequencies, n_inputs); the sizes are the sums of the magnitudes of the terms.
+    """
+    poles, above, rest, _, _ = layout.split(np.ascontiguousarray(rows.T))
+    k, c = (poles[0] + 1j * poles[1]).T[:, np.newaxis], poles[2].T[:, np.newaxis]
+    above, rest = above[:, :, output].T, rest[:, output].T  # (n, n_inputs, n_terms, 3), ...
+    a, b = above[..., 0] + 1j * above[..., 1], above[..., 2]
+    below = (k - w**2 + 1j * w * c)[:, :, np.newaxis]
+    terms = (a[:, np.newaxis] + 1j * w[..., np.newaxis] * b[:, np.newaxis]) / below
+    residual = (rest[..., 0] + 1j * rest[..., 1])[:, np.newaxis]
+    residual = residual + 1j * w * rest[:, np.newaxis, :, 2]
+    return terms.sum(axis=3) + residual, np.abs(terms).sum(axis=3) + np.abs(residual)

@@ -30,33 +30,13 @@ class UnitLoad:
 
     places: tuple[Place, ...]
     weights: Weights
+    # Of a motion of the soil, the index of the mount at each place, whose stiffness and damping the
+    # weights are.
+    mounts: tuple[int, ...] = ()
 
     def response(self, frf: PoleResidue, alpha3: float) -> tuple[PoleResidue, ComplexArray]:
-        """Return the response to the load, (n_out, 1), and the part of its residual times s.
-
-        Parameters
-        ----------
-        frf : PoleResidue
-            Receptances from the places, (n_out, n_places).
-        alpha3 : float
-            rad.
-        """
-        w, v = self.weights(alpha3)
-        a, b, kappa, gamma = frf.residues, frf.rates, frf.stiffness, frf.decay
-
-        def summed(values: ComplexArray, by: FloatArray) -> ComplexArray:
-            return np.asarray(np.tensordot(values, by, ([1], [0]))[:, np.newaxis])
-
-        # (a + s b) (w + s v) with s^2 = D - kappa - s gamma, where D is the term's denominator.
-        squared = summed(b, v)
-        parts = PoleResidue(
-            kappa,
-            gamma,
-            summed(a, w) - squared * kappa,
-            summed(a, v) + summed(b, w) - squared * gamma,
-            squared.sum(axis=2) + frf.residual @ w[:, np.newaxis],
-        )
-        return parts, np.asarray(frf.residual @ v[:, np.newaxis])
+        """Return the response to the load, as `PoleResidue.driven` does, at an input angle, rad."""
+        return frf.driven(*self.weights(alpha3))
 
 
 def load_input(excitation: Excitation, table: Table, mechanism: Mechanism) -> UnitLoad:
@@ -90,8 +70,8 @@ def load_input(excitation: Excitation, table: Table, mechanism: Mechanism) -> Un
 
 
 def _input(load: Load, mechanism: Mechanism, where: str) -> UnitLoad:
-    if load.kind is LoadKind.BASE_ACCELERATION:
-        return _soil(load.place, mechanism, where)
+    if load.kind in (LoadKind.BASE_ACCELERATION, LoadKind.BASE_DISPLACEMENT):
+        return soil_motion(load.place, mechanism, where)
     if load.kind is LoadKind.MOMENT:
         return _moment(load.place, mechanism, where)
     point, _, direction = load.place.rpartition(".")
@@ -108,12 +88,12 @@ def _force(place: Place) -> UnitLoad:
     return UnitLoad((place,), lambda alpha3: weights)
 
 
-def _soil(name: str, mechanism: Mechanism, where: str) -> UnitLoad:
-    """Return the forces of the mounts per displacement of the soil."""
+def soil_motion(name: str, mechanism: Mechanism, where: str = "") -> UnitLoad:
+    """Return the forces of the mounts per displacement of the soil, such as base:rear_axle.z."""
     point, _, direction = name.rpartition(".")
     if mechanism.base is None:
         raise ExcitationError(
-            f"{where}: the ground of {mechanism.name} has no base that could be accelerated; "
+            f"{where}: the ground of {mechanism.name} has no base that the soil could move; "
             "describe the tractor under base: in the mechanism, or give a force."
         )
     if (point, direction) not in soil_places(mechanism):
@@ -129,7 +109,9 @@ def _soil(name: str, mechanism: Mechanism, where: str) -> UnitLoad:
         np.array([mount.stiffness[axis] for mount in mounts]),
         np.array([mount.damping[axis] for mount in mounts]),
     )
-    return UnitLoad(tuple((mount.name, direction) for mount in mounts), lambda alpha3: weights)
+    places = tuple((mount.name, direction) for mount in mounts)
+    which = tuple(mechanism.base.mounts.index(mount) for mount in mounts)
+    return UnitLoad(places, lambda alpha3: weights, which)
 
 
 def _moment(body: str, mechanism: Mechanism, where: str) -> UnitLoad:
@@ -139,7 +121,7 @@ def _moment(body: str, mechanism: Mechanism, where: str) -> UnitLoad:
         rigid["base"] = mechanism.base.body
     if body not in rigid:
         raise ExcitationError(
-            f"{where}: a moment acts on a rigid body, and {body} is none; give one of: "
+            f"{where}: a moment acts on a rigid body, and {body} is not one; give one of: "
             f"{', '.join(rigid)}."
         )
     points = dict(rigid[body].points)

@@ -16,7 +16,7 @@ given, or it is the smallest change between readings so far, or less while a mot
 such steps. The noise is the part of the third differences of means that the steps do not explain.
 
 Nothing here has a clock. The same readings give the same estimates to the last bit, one by one
-(`RateFilter.add`) or many together (`RateFilter.add_many`).
+(`RateFilter.add`) or many (`RateFilter.add_many`).
 """
 
 import math
@@ -167,21 +167,15 @@ class RateFilter:
         wanted: Iterable[bool] = repeat(True),
     ) -> tuple[FloatArray, FloatArray]:
         """Return the result of `add` for the wanted readings: rates and errors, (n,) each."""
-        rows: list[float] = []
-        for stamp, value, resolution, want in zip(
-            stamps, values, resolutions, wanted, strict=False
-        ):
-            has_rate = self._take(stamp, value, resolution) and self._residuals >= _RESIDUALS
-            if not want:
-                continue
-            now, spread = 1e-9 * (stamp - self._origin), self._spread()
-            time, mean, half_step, share = self._mean()
-            error = half_step + spread * share
-            rows += has_rate, now, spread, time, mean, error, len(self._means), self._start
-        means = np.array(self._means).reshape(-1, 4)
-        estimates = _intersections(np.array(rows).reshape(-1, 8), means, self._bends)
-        self._trim()
-        return estimates
+        rates = []
+        readings = zip(stamps, values, resolutions, strict=True)
+        for reading, want in zip(readings, wanted, strict=False):
+            if want:
+                rates.append(self.add(*reading))
+            else:
+                self.note(*reading)
+        both = np.array(rates).reshape(-1, 2)
+        return both[:, 0], both[:, 1]
 
     def _take(self, stamp: int, value: float, resolution: float) -> bool:
         """Take a reading; return whether it has a value."""
@@ -239,43 +233,3 @@ class RateFilter:
         surplus = max(0, len(self._means) - _LAGS)
         del self._means[:surplus]
         self._start = max(0, self._start - surplus)
-
-
-def _intersections(
-    rows: FloatArray, means: FloatArray, bends: list[float]
-) -> tuple[FloatArray, FloatArray]:
-    """Return rates and bounds of their errors, (n,) each, as `RateFilter.add` computes them.
-
-    ``rows`` is (n, 8), for each reading: whether its rate can be known, its time, the half-width of
-    the noise of one reading; time, value and error of the newest mean; and the numbers of means
-    before it, and before its motion. ``means`` is (n_means, 4), a `_Mean` in each row.
-    """
-    has_rate, now, spread, time, mean, error, end, start = rows.T
-    end, start = end.astype(np.int64), start.astype(np.int64)
-    times, values, half_steps, shares = np.vstack([means, np.zeros((1, 4))]).T
-    pairs = []
-    with np.errstate(all="ignore"):
-        before = end - 1
-        second = times[before], values[before], half_steps[before] + spread * shares[before]
-        for newest, nearest in (((time, mean, error), 1), (second, 2)):
-            for lag in range(nearest, _LAGS + 1):
-                at = end - lag
-                there = at >= start
-                at = np.where(there, at, 0)
-                apart = newest[0] - times[at]
-                other = half_steps[at] + spread * shares[at]
-                width = np.where(there, (newest[2] + other) / apart, math.inf)
-                age = now - 0.5 * (newest[0] + times[at])
-                pairs.append(((newest[1] - values[at]) / apart, width, age))
-        rate, bound = np.full((2, len(rows)), math.nan)
-        left = np.flatnonzero(has_rate)
-        for bend in bends:
-            low, high, least = (np.full(len(left), sign * math.inf) for sign in (-1.0, 1.0, 1.0))
-            for slope, width, age in pairs:
-                wide = width[left] + bend * age[left]
-                low, high = np.fmax(low, slope[left] - wide), np.fmin(high, slope[left] + wide)
-                least = np.fmin(least, wide)
-            met = (2.0 * _AGREEMENT * least <= high - low) & (high - low < math.inf)
-            rate[left[met]], bound[left[met]] = 0.5 * (low + high)[met], least[met]
-            left = left[~met]
-    return rate, bound

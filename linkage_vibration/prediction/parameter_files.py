@@ -57,9 +57,8 @@ def read_parameters(path: str | Path) -> Parameters:
         raise ParameterError(missing_section(path, NODE_NAME))
     values: dict[str, object] = {}
     for section in sections:
-        if isinstance(section, dict):
-            values.update({str(name): value for name, value in section.items()})
-    values = {name: value for name, value in values.items() if not is_ros_parameter(name)}
+        given = section.items() if isinstance(section, dict) else ()
+        values |= {str(name): value for name, value in given if not is_ros_parameter(str(name))}
     try:
         return with_values(Parameters(), values)
     except (ParameterError, OverflowError) as error:

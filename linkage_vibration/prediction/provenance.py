@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The files that a log attaches, so that its predictions can be reproduced."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 from linkage_vibration.bags.writing import Attachment
@@ -21,7 +22,7 @@ def implement_facts(served: Served) -> dict[str, str]:
 
 
 def attachments(
-    served: Served, settings: Parameters, node_name: str, excitations: str | None
+    served: Served, settings: Parameters, node_name: str, excitations: Mapping[str, bytes]
 ) -> tuple[Attachment, ...]:
     """Return what made the messages of a log, as files.
 
@@ -31,15 +32,16 @@ def attachments(
         The mechanism and its table; the table's file is named by its ``table_id``.
     settings, node_name : Parameters and str
         Those of the node, or of the replay; the name has its namespace.
-    excitations : str, optional
-        YAML of the excitations; None if resonances are not assessed.
+    excitations : mapping of str to bytes
+        The files of the excitations by their names; none if resonances are not assessed.
     """
     if settings.implement_file:  # the one in use, which is not always that of the start
         settings = replace(settings, implement=implement_facts(served).get("implement", ""))
     texts = {MECHANISM: served.mechanism_text, PARAMETERS: parameters_yaml(settings, node_name)}
-    if excitations is not None:
-        texts[EXCITATIONS] = excitations
     files = [Attachment(name, "application/yaml", text.encode()) for name, text in texts.items()]
+    for name, data in excitations.items():
+        kind = "application/yaml" if name == EXCITATIONS else "text/csv"
+        files.append(Attachment(name, kind, data))
     table = served.table
     files.insert(1, Attachment(f"{table.table_id}.npz", "application/x-npz", table_bytes(table)))
     return tuple(files)

@@ -1,8 +1,7 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Resonances: which excitation shakes most or is nearest to a mode, and whether it warns."""
+"""Resonances: which excitation loads the linkage most or is nearest to a mode, and its state."""
 
-import enum
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,11 +11,23 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from linkage_vibration.messages.columns import MessageColumns, joined
-from linkage_vibration.prediction.batch import predict_many
 from linkage_vibration.prediction.excitation import Excitation, Source
-from linkage_vibration.prediction.levels import LevelTable, unknown_levels
+from linkage_vibration.prediction.ground import AIRBORNE
+from linkage_vibration.prediction.levels import FACTORS, LevelTable, unknown_levels
 from linkage_vibration.prediction.motion import UNKNOWN, Rate, speed_filter
-from linkage_vibration.prediction.predictor import Prediction, Predictor, one_row
+from linkage_vibration.prediction.predictor import Prediction, one_row
+from linkage_vibration.prediction.severity import (
+    CLEAR,
+    DEFAULT_LIMITS,
+    NOTE,
+    RANKS,
+    WARNING,
+    ResonanceState,
+    WarningLimits,
+    WarningTimer,
+    severities,
+    states,
+)
 
 BoolArray = NDArray[np.bool_]
 FloatArray = NDArray[np.float64]
@@ -24,25 +35,16 @@ Integers = NDArray[np.int64]
 
 _LATEST = 2**63 - 1  # ns
 _NO_PERIOD = -(2**63)
-_LEAST_MARGIN = 1e-300
-_LOOKED_AT = 65  # angles of the range
 _CONSTANT = Rate(0.0, 0.0)
-_TURN = 2.0 * math.pi
 _CHUNK = 512  # predictions that are assessed together, so that their numbers stay in the cache
-
-
-class ResonanceState(enum.IntEnum):
-    """How near the nearest excitation is; the constants of the message."""
-
-    CLEAR = 0
-    WARNING = 1
-    STALE = 2
-    NOTE = 3
-
-
-_RANKS = np.array([0, 2, -1, 1])  # of the states by their numbers; the highest is reported
-_CLEAR, _WARNING, _STALE, _NOTE = np.arange(4, dtype=np.uint8)
 _PLACES = {source: place for place, source in enumerate(Source)}
+
+_SPEEDS = np.linspace(0.3, 1.7, 71)  # of the present speed, among which a quiet one is sought
+_PRESENT = int(np.abs(_SPEEDS - 1.0).argmin())
+_ANGLES = 91  # of the table, likewise
+_QUIET_FOR = 1.0  # s, for which the answer is used again
+_FACTORS_FOR = 0.2  # s, for which the factors of levels are used again
+_PLACE_BITS = 2 ** np.arange(len(Source))
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +69,8 @@ class ReportedSpeed:
 class _Pairs:
     """Excitations and their nearest modes, (n_excitations, n) each."""
 
-    frequency: FloatArray  # of the excitation, Hz; NaN if its speed is not known
+    speed: FloatArray  # rpm or m/s; NaN if not known
+    frequency: FloatArray  # of the excitation, Hz; NaN if its speed is not known, and of the ground
     mode: Integers
     natural: FloatArray  # Hz
     width: FloatArray  # half-power half-width of the mode, Hz
@@ -88,42 +91,6 @@ class _Speeds:
     def copy(self) -> "_Speeds":
         """Return a copy, which later speeds do not change."""
         return _Speeds(self.numbers.copy(), self.times.copy(), self.fixed.copy())
-
-
-@dataclass(frozen=True, slots=True)
-class WarningLimits:
-    """When an excitation warns.
-
-    Attributes
-    ----------
-    level : float
-        Velocity of the response point, m/s rms; where it is known, nothing else counts.
-    probability : float
-        That the excitation lies within the half-power band of its nearest mode, 1; it counts where
-        no level is known.
-    margin : float
-        Relative margin to that mode, 1; it counts where neither is known.
-    hysteresis : float
-        A warning by the margin ends when this exceeds ``margin`` by so much, 1; one by level or
-        probability ends at the same share of its limit, margin / (margin + hysteresis).
-    dwell : float
-        Until the limit has been exceeded for so long, s, there is a note instead of a warning. It
-        remains a note until the mode has had time to build up, 1 / (zeta omega), unless the speed
-        changes so slowly that the excitation needs longer to pass the half-power band. Where the
-        level counts, the distance from the mode adds to its width, as forced vibration builds up
-        faster beside a mode.
-    """
-
-    level: float = 5e-3
-    probability: float = 0.1
-    margin: float = 0.1
-    hysteresis: float = 0.02
-    dwell: float = 0.0
-
-    @property
-    def release(self) -> float:
-        """Share of a limit at which a warning ends."""
-        return self.margin / (self.margin + self.hysteresis) if self.margin > 0.0 else 1.0
 
 
 def half_power_probability(
@@ -151,39 +118,8 @@ def half_power_probability(
     return np.asarray(above - below)
 
 
-def never_warned(predictor: Predictor, limit: float) -> str:
-    """Return a sentence that names modes for which the probability cannot reach a limit, or "".
-
-    An excitation that equals the natural frequency gives the largest probability; it is small if
-    the half-power band is much narrower than the standard deviation of the natural frequency.
-
-    Parameters
-    ----------
-    predictor : Predictor
-    limit : float
-        As `WarningLimits.probability`.
-    """
-    table = predictor.table
-    angles = np.linspace(*table.alpha3_range, _LOOKED_AT)
-    predictions = predict_many(predictor, angles, np.zeros(_LOOKED_AT))
-    naturals, stddevs = predictions.natural_frequencies, predictions.frequency_stddev
-    with np.errstate(all="ignore"):
-        largest = half_power_probability(
-            naturals, 0.0 * naturals, naturals, stddevs, predictions.damping_ratios
-        )
-    reached = (largest >= limit).any(axis=0) | ~(stddevs > 0.0).any(axis=0)
-    names = [table.mode_label(int(mode)) for mode in np.flatnonzero(~reached)]
-    if not names:
-        return ""
-    return (
-        f"{', '.join(names)}: the natural frequency is so uncertain for its damping that the "
-        f"probability of a resonance never reaches warning_probability, {limit:g}, so no "
-        "excitation without an amplitude warns there. Lower it, or give amplitudes."
-    )
-
-
 class ResonanceMonitor:
-    """Compares excitation frequencies with predicted natural frequencies, and levels with limits.
+    """Compares excitation frequencies with natural frequencies, and load ratios with limits.
 
     It has no clock, so the same calls give the same answers, live or offline.
 
@@ -202,7 +138,7 @@ class ResonanceMonitor:
     def __init__(
         self,
         excitations: Sequence[Excitation],
-        limits: WarningLimits = WarningLimits(),
+        limits: WarningLimits = DEFAULT_LIMITS,
         stale_after: float = 1.0,
         levels: LevelTable | None = None,
         rate: float = 0.0,
@@ -217,13 +153,21 @@ class ResonanceMonitor:
         self._ratios, self._stddevs = np.array(ratios).T[..., np.newaxis]
         self._sources = np.array([list(Source).index(one.source) for one in self.excitations])
         self._warns = np.array([[one.warns] for one in self.excitations])
+        self._rolling = np.array([[one.terrain is not None] for one in self.excitations])
         self._names = np.array([*(one.name for one in self.excitations), ""])  # -1: none
+        used = {source for source in Source for one in self.excitations if one.source is source}
+        self._unknown = np.array(
+            [
+                ", ".join(s.value for i, s in enumerate(Source) if s in used and code >> i & 1)
+                for code in range(2 ** len(Source))
+            ]
+        )
         self._filters = {source: speed_filter(source) for source in Source}
         n = len(self._filters)
         self._speeds = _Speeds(np.full((3, n), math.nan), np.zeros(n, np.int64), np.zeros(n, bool))
-        # Of each excitation: whether it exceeds its limit, and since when, ns.
-        self._exceeds = np.zeros(len(self.excitations), np.bool_)
-        self._since = np.zeros(len(self.excitations), np.int64)
+        self._timer = WarningTimer(len(self.excitations) + 1)  # the last is that of the total
+        self._quiet: dict[int, tuple[int, float, float]] = {}  # by source: time, ns, and the answer
+        self._factors_time, self._factors = _NO_PERIOD, dict[str, NDArray[np.float32]]()
         self.any_speed_reported = False  # without a speed there is nothing to assess
 
     def set_speed(self, source: Source, value: float, time: int) -> None:
@@ -260,7 +204,7 @@ class ResonanceMonitor:
 
     def _set(self, source: Source, value: float, rate: Rate, time: int, fixed: bool) -> None:
         place, speeds = _PLACES[source], self._speeds
-        speeds.numbers[:, place] = value if value > 0.0 else math.nan, *rate
+        speeds.numbers[:, place] = value if value >= 0.0 else math.nan, *rate
         speeds.times[place], speeds.fixed[place] = time, fixed
 
     def due(self, stamps: Integers) -> BoolArray:
@@ -311,9 +255,7 @@ class ResonanceMonitor:
     ) -> MessageColumns:
         """Return the ``Resonance`` of each prediction, while speeds are reported among them.
 
-        An excitation is as severe as its level of vibration over the limit; where its level is not
-        known, as the probability that it lies in the half-power band of its nearest mode over that
-        limit; where this is not known either, as the limit of the margin over the margin.
+        Their states are those of `severity.states`.
 
         Parameters
         ----------
@@ -346,30 +288,40 @@ class ResonanceMonitor:
         The crank's velocity and the bound of its error are (2, n), and speeds with their rates and
         the bounds of the errors of these (3, n_sources, n).
         """
-        levels = self._levels(predictions, speeds[0])
+        levels = self._levels(predictions.crank_angle, speeds[0], time)
         pairs = self._pairs(predictions, crank, speeds)
-        level = levels.velocities.T.astype(float)
-        with_level, known = level == level, pairs.apart < math.inf
-        severity = self._severities(level, with_level, pairs)
-        exceeds, held = self._follow(np.where(known, severity, -1.0), time)
-        off = (pairs.frequency - pairs.natural) * with_level
-        reach = pairs.width * pairs.width + off * off
-        exceeds &= self._warns
-        state = self._states(exceeds, held, reach, np.abs(pairs.rate) - pairs.error)
-        state = np.where(known, state, _STALE)
-        rank = _RANKS.take(state)
+        ratio = np.vstack([levels.load_ratios.T, levels.total_load_ratio]).astype(float)
+        # No level is known while a tyre is in the air, but that is no reason to be calm.
+        airborne = self._rolling & (levels.off_ground_share > AIRBORNE)
+        ratio[:-1][airborne] = math.inf
+        exceeds = ratio > self.limits.warning
+        exceeds[:-1] &= self._warns
+        warns = self._timer.follow(exceeds, time, self.limits.dwell)
+        # The ground is near no mode, so only a load ratio says something about it.
+        known = np.where(self._rolling, ~np.isnan(ratio[:-1]), pairs.apart < math.inf)
+        state = states(ratio[:-1], pairs.apart, known, warns[:-1], self.limits)
+        rank, severity = RANKS.take(state), severities(ratio[:-1], pairs.apart, self.limits)
         highest = np.maximum.reduce(rank)
         worst = np.where(rank == highest, severity, -1.0).argmax(axis=0)
         columns = self._columns(predictions, pairs, levels, worst, highest < 0)
-        columns.state = state.take(worst * len(time) + np.arange(len(time)))
+        of_total = np.where(warns[-1], WARNING, np.where(ratio[-1] > self.limits.note, NOTE, CLEAR))
+        of_worst = state.take(worst * len(time) + np.arange(len(time)))
+        above = (highest >= 0) & (RANKS.take(of_total) > highest)
+        columns.state = np.where(above, of_total, of_worst)
         columns.states = state.T
+        columns.unknown_speeds = self._unknown.take(_PLACE_BITS @ np.isnan(speeds[0]))
+        columns.quiet_speed, columns.quiet_angle = self._quieter(
+            columns.state, worst, predictions.crank_angle, speeds[0], time
+        )
         columns.crank_velocity, columns.crank_velocity_error = crank
+        columns.crank_angle, columns.speeds = predictions.crank_angle, speeds[0].T  # for advice
         return columns
 
     def _pairs(self, predictions: MessageColumns, crank: FloatArray, speeds: FloatArray) -> _Pairs:
         """Return each excitation with its nearest mode."""
         naturals = predictions.natural_frequencies
-        frequency, rate, error = self._ratios * speeds.take(self._sources, axis=1)
+        of_each = speeds.take(self._sources, axis=1)
+        frequency, rate, error = self._ratios * of_each
         # A mode without a natural frequency is infinitely far away.
         apart = np.fmin(np.abs(frequency / naturals.T[:, np.newaxis] - 1.0), math.inf)
         mode = apart.argmin(axis=0)
@@ -382,6 +334,7 @@ class ResonanceMonitor:
         else:
             probability = np.full(frequency.shape, math.nan)
         return _Pairs(
+            speed=of_each[0],
             frequency=frequency,
             mode=mode,
             natural=natural,
@@ -402,20 +355,26 @@ class ResonanceMonitor:
     ) -> MessageColumns:
         """Return the columns that are about the most severe excitation, and all levels."""
         at = worst * len(worst) + np.arange(len(worst))
-        velocities = levels.velocities.T, levels.velocity_stddevs.T
+        loads = levels.load_ratios.T, levels.load_ratio_factors.T
+        velocities = levels.velocities.T, levels.velocity_factors.T
         chosen = np.array(
             [
                 pairs.frequency,
+                pairs.speed,
                 pairs.natural,
                 pairs.rate,
                 pairs.error,
                 pairs.probability,
                 *velocities,
+                *loads,
             ]
         )
         chosen = chosen.reshape(len(chosen), -1).take(at, axis=1)
         chosen[:, stale] = math.nan
-        frequency, natural, rate, error, probability, velocity, stddev = chosen
+        chosen[2, np.isnan(chosen[0])] = math.nan  # The ground has no nearest mode.
+        frequency, speed, natural, rate, error, probability, *of_levels = chosen
+        velocity, velocity_factor, load_ratio, load_ratio_factor = of_levels
+        place = levels.load_places.T.take(at)
         margin = frequency - natural
         closing = np.where(margin > 0.0, -rate, rate)
         nears, parts = closing > error, closing < -error
@@ -424,6 +383,7 @@ class ResonanceMonitor:
         return MessageColumns(
             excitation=self._names.take(np.where(stale, len(self._names) - 1, worst)),
             excitation_frequency=frequency,
+            excitation_speed=speed,
             mode=np.where(stale, 0, pairs.mode.take(at)),
             natural_frequency=natural,
             margin=margin,
@@ -433,65 +393,96 @@ class ResonanceMonitor:
             table_id=predictions.table_id,
             probability=probability,
             velocity=velocity,
-            velocity_stddev=stddev,
+            velocity_factor=velocity_factor,
+            load_ratio=load_ratio,
+            load_ratio_factor=load_ratio_factor,
+            load_place=self._place_names(place, load_ratio),
+            total_load_place=self._place_names(levels.total_load_places, levels.total_load_ratio),
             approach_rate=closing,
             approach_rate_error=error,
             **vars(levels),
         )
 
-    def _levels(self, predictions: MessageColumns, speeds: FloatArray) -> MessageColumns:
-        """Return the levels of all excitations; NaN without a level table."""
+    def _levels(self, angles: FloatArray, speeds: FloatArray, time: Integers) -> MessageColumns:
+        """Return the levels of all excitations with their factors; NaN without a level table."""
         if self.levels is None:
-            return unknown_levels(len(self.excitations), len(predictions.crank_angle))
-        relative = predictions.frequency_stddev / predictions.natural_frequencies
-        stddev = np.array([relative, predictions.damping_ratio_stddev])
-        return self.levels.at(predictions.crank_angle, speeds, stddev)
+            return unknown_levels(len(self.excitations), len(angles))
+        levels = self.levels.at(angles, speeds)
+        if not self.levels.n_members or not len(time):
+            return levels
+        due, rows = [], []  # the rows that are evaluated, and how many of these precede each row
+        for row, now in enumerate(time.tolist()):
+            if not 0 <= now - self._factors_time < 1e9 * _FACTORS_FOR:
+                self._factors_time = now
+                due.append(row)
+            rows.append(len(due))
+        found = self.levels.factors(angles[due], speeds[:, due], self.limits.warning)
+        for name, level in FACTORS.items():
+            values = found[name]
+            if name in self._factors:
+                values = np.concatenate([self._factors[name], found[name]])
+            values = values[np.array(rows) - (name not in self._factors)]
+            self._factors[name] = values[-1:]
+            unknown = np.isnan(getattr(levels, level))
+            setattr(levels, name, np.where(unknown, np.float32(math.nan), values))
+        return levels
 
-    def _severities(self, level: FloatArray, with_level: BoolArray, pairs: _Pairs) -> FloatArray:
-        """Return by how much excitations exceed their limits, by the best that is known."""
-        limits, probability = self.limits, pairs.probability
-        severity = limits.margin / np.maximum(pairs.apart, _LEAST_MARGIN)
-        with_probability = probability == probability  # it is not NaN
-        np.copyto(severity, probability / limits.probability, where=with_probability)
-        np.copyto(severity, level / limits.level, where=with_level)
-        return severity
+    def _place_names(self, places: Integers, ratio: FloatArray) -> NDArray[np.str_]:
+        """Return the names of pins and cylinders, (n,); empty where the load ratio is not known."""
+        names = np.array([*(self.levels.force_places if self.levels else ()), ""])
+        return names.take(np.where(np.isnan(ratio), len(names) - 1, places))
 
-    def _follow(self, severity: FloatArray, time: Integers) -> tuple[BoolArray, FloatArray]:
-        """Return which excitations exceed their limits, and for how long, s, (n_excitations, n).
+    def _quieter(
+        self,
+        state: NDArray[np.uint8],
+        worst: Integers,
+        angles: FloatArray,
+        speeds: FloatArray,
+        time: Integers,
+    ) -> FloatArray:
+        """Return the nearest speed and crank angle that end the warnings, (2, n); NaN if none.
 
-        Between both limits it stays as it was before.
+        The arrays are (n,), and speeds (n_sources, n).
         """
-        exceeds = severity > 1.0
-        between = exceeds ^ (severity > self.limits.release)
-        before = self._exceeds
-        for row in _rows_with_any(between):
-            earlier = exceeds[:, row - 1] if row else before
-            exceeds[:, row] |= between[:, row] & earlier
-        since = np.repeat(self._since[:, np.newaxis], len(time), axis=1)
-        begins = exceeds.copy()
-        begins[:, 1:] &= ~exceeds[:, :-1]
-        begins[:, :1] &= ~before[:, np.newaxis]
-        for row in _rows_with_any(begins):
-            since[begins[:, row], row:] = time[row]
-        if len(time):
-            self._exceeds, self._since = exceeds[:, -1].copy(), since[:, -1].copy()
-        return exceeds, 1e-9 * np.abs(time - since)
+        quiet = np.full((2, len(time)), math.nan)
+        for row in np.flatnonzero(state == WARNING).tolist():
+            source, now = int(self._sources[worst[row]]), int(time[row])
+            then = self._quiet.get(source)
+            if then is None or not 0 <= now - then[0] < 1e9 * _QUIET_FOR:
+                then = self._quiet[source] = now, *self._sought(angles[row], speeds[:, row], source)
+            quiet[:, row] = then[1:]
+        return quiet
 
-    def _states(
-        self, exceeds: BoolArray, held: FloatArray, reach: FloatArray, slowest: FloatArray
-    ) -> NDArray[np.uint8]:
-        """Return the states of excitations.
+    def _sought(self, angle: float, speeds: FloatArray, source: int) -> tuple[float, float]:
+        """Return the nearest speed of a source, and the nearest angle, without an exceeded limit.
 
-        Vibration builds up in the time 1 / (2 pi r), where the square of r (Hz) is `reach`: the
-        half-power half-width and, if the level counts, the distance from the mode. The excitation
-        passes 2 r at a rate (Hz/s), of which the least possible magnitude counts, `slowest`; if it
-        is not known, or below 0, that is 0.
+        Everything else stays as it is; speeds are (n_sources,).
         """
-        turned = _TURN * held
-        built_up = turned * turned * reach >= 1.0
-        built_up |= ~(2.0 * _TURN * reach < slowest)
-        built_up &= held >= self.limits.dwell
-        return np.where(exceeds, np.where(built_up, _WARNING, _NOTE), _CLEAR)
+        if self.levels is None:
+            return math.nan, math.nan
+        low, high = self.levels.alpha3_range
+        tried = np.linspace(low, high, _ANGLES)
+        at = np.concatenate([np.full(len(_SPEEDS), angle), tried])
+        every = np.repeat(speeds[:, np.newaxis], len(at), axis=1)
+        every[source, : len(_SPEEDS)] *= _SPEEDS
+        levels, limit = self.levels.at(at, every), self.limits.warning
+        unsafe = (levels.load_ratios > limit)[:, self._warns[:, 0]].any(axis=1)
+        unsafe |= levels.off_ground_share > AIRBORNE
+        # Where a load that is known now would not be known, nothing is known to be quiet.
+        unsafe |= (np.isnan(levels.load_ratios) & ~np.isnan(levels.load_ratios[_PRESENT])).any(
+            axis=1
+        )
+        quiet = (levels.total_load_ratio <= limit) & ~unsafe
+        chosen = []
+        for values, present, rows in (
+            (every[source, : len(_SPEEDS)], speeds[source], quiet[: len(_SPEEDS)]),
+            (tried, angle, quiet[len(_SPEEDS) :]),
+        ):
+            # Of two values that are equally far, rounding would choose; the lower one is taken.
+            apart = np.abs(values - present) * np.where(values > present, 1.0 + 1e-9, 1.0)
+            nearest = int(np.where(rows, apart, math.inf).argmin())
+            chosen.append(float(values[nearest]) if rows[nearest] else math.nan)
+        return chosen[0], chosen[1]
 
     def _speeds_at(self, time: Integers, speeds: Sequence[ReportedSpeed]) -> FloatArray:
         """Use reported speeds; return the speeds at n times, (3, n_sources, n), NaN if unknown.
@@ -514,11 +505,3 @@ class ResonanceMonitor:
         limit = math.floor(min(1e9 * self.stale_after, _LATEST))
         fresh = fixed | (np.abs(time - times) <= limit)
         return np.where(fresh, numbers, math.nan)
-
-
-def _rows_with_any(true: BoolArray) -> list[int]:
-    """Return the rows in which something is true, (n_excitations, n); mostly there are none."""
-    if not np.count_nonzero(true):
-        return []
-    rows: list[int] = np.logical_or.reduce(true).nonzero()[0].tolist()
-    return rows

@@ -7,11 +7,11 @@ The ROS parameters, files of parameters (`parameter_files`), the help and the ma
 
 import math
 import re
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field, fields, replace
+from collections.abc import Callable, Collection, Iterable, Mapping
+from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import yaml
 
@@ -35,7 +35,7 @@ from linkage_vibration.prediction.inputs.units import (
     HitchScale,
     InputError,
 )
-from linkage_vibration.prediction.resonance import WarningLimits
+from linkage_vibration.prediction.severity import WarningLimits
 from linkage_vibration.support.resources import (
     DEFAULT_EXCITATIONS,
     DEFAULT_MECHANISM,
@@ -60,63 +60,76 @@ class ParameterError(LinkageVibrationError):
     """A parameter of the node has an invalid value."""
 
 
-def _parameter(
-    default: Value,
-    unit: str,
-    valid: str,
-    description: str,
-    check: Callable[[Value], bool] = lambda value: True,
-    *,
-    between: tuple[float, float] | None = None,
-    live: bool = True,
-) -> Value:
-    """Return a dataclass field with its unit, its valid values and its description.
+@dataclass(frozen=True)
+class _Kind(Generic[Value]):
+    """The default of a parameter, its unit, and what is valid.
 
     ``between`` is a range that includes its ends. A ``live`` parameter can be set while the node
     is active; the node reads all others when it is configured.
     """
-    words = {"unit": unit, "valid": valid, "description": description, "live": live}
-    declared: Any = field(default=default, metadata={**words, "check": check, "between": between})
-    return declared  # type: ignore[no-any-return]
+
+    default: Value
+    unit: str
+    valid: str
+    check: Callable[[Any], object] = lambda _: True
+    between: tuple[float, float] | None = None
+    live: bool = True
+
+    def means(self, description: str) -> Value:
+        """Return a dataclass field for such a parameter."""
+        declared: Any = field(
+            default=self.default, metadata={**vars(self), "description": description}
+        )
+        return declared  # type: ignore[no-any-return]
 
 
-def _ranged(default: Value, least: float, largest: float, unit: str, description: str) -> Value:
-    """Return the field of a number in a range that includes its ends."""
-    valid = f"{least:g} to {largest:g}"
-    return _parameter(default, unit, valid, description, between=(least, largest))
+def _ranged(default: Value, least: float, largest: float, unit: str) -> _Kind[Value]:
+    """Return the kind of a number in a range that includes its ends."""
+
+    def is_inside(value: Any) -> bool:
+        return bool(least <= value <= largest)
+
+    return _Kind(default, unit, f"{least:g} to {largest:g}", is_inside, (least, largest))
 
 
-def _switch(default: bool, description: str) -> bool:
-    """Return the field of a truth value, which is not live."""
-    return _parameter(default, "", "true or false", description, live=False)
+def _choice(default: Value, choices: Collection[Value], *, live: bool = True) -> _Kind[Value]:
+    """Return the kind of a parameter with a few valid values."""
+    valid = " or ".join(map(str, choices))
+    return _Kind(default, "", valid, choices.__contains__, live=live)
 
 
-def _text(valid: str, description: str) -> str:
-    """Return the field of a text that may be empty, which is not live."""
-    return _parameter("", "", f"{valid}, or empty", description, live=False)
+def _switch(default: bool) -> _Kind[bool]:
+    return _Kind(default, "", "true or false", live=False)
 
 
-def _limit(default: Value, unit: str, description: str) -> Value:
-    """Return the field of a limit of the logs, where 0 means no limit; it is not live."""
+def _text(
+    valid: str, check: Callable[[str], object] = lambda _: True, *, live: bool = False
+) -> _Kind[str]:
+    """Return the kind of a text that may be empty."""
+    return _Kind("", "", f"{valid}, or empty", lambda text: not text or check(text), live=live)
+
+
+def _name(default: str, thing: str) -> _Kind[str]:
+    """Return the kind of a name that may not be empty."""
+    return _Kind(default, "", f"the name of a {thing}", bool)
+
+
+def _limit(default: Value, unit: str) -> _Kind[Value]:
+    """Return the kind of a limit of the logs, where 0 means no limit."""
     valid = f"a {'whole' if isinstance(default, int) else 'finite'} number, 0 for no limit"
-
-    def is_limit(value: Any) -> bool:
-        return bool(0 <= value < math.inf)
-
-    return _parameter(default, unit, valid, description, is_limit, live=False)
+    return _Kind(default, unit, valid, lambda value: 0 <= value < math.inf, live=False)
 
 
-def _sign(description: str) -> int:
-    return _parameter(1, "1", "1 or -1", description, lambda sign: sign in (1, -1))
-
-
-def _scale(unit: str, description: str) -> float:
+def _scale(unit: str) -> _Kind[float]:
     valid = "a finite number greater than 0"
-    return _parameter(1.0, unit, valid, description, lambda scale: 0.0 < scale < math.inf)
+    return _Kind(1.0, unit, valid, lambda scale: 0.0 < scale < math.inf)
 
 
-def _finite(default: float, unit: str, description: str) -> float:
-    return _parameter(default, unit, "a finite number", description, math.isfinite)
+def _finite(default: float, unit: str) -> _Kind[float]:
+    return _Kind(default, unit, "a finite number", math.isfinite)
+
+
+_SIGN = _Kind(1, "1", "1 or -1", (1, -1).__contains__)
 
 
 def _preset(name: str, quantity: str) -> str:
@@ -126,32 +139,26 @@ def _preset(name: str, quantity: str) -> str:
         f"`{preset.topic}`, in {preset.unit}"
         for key, preset in PRESETS[name].items()
     )
-    return _parameter(
-        next(iter(PRESETS[name])),
-        "",
-        " or ".join(PRESETS[name]),
-        f"What publishes the {quantity}: {listing}. Other parameters of the input override it.",
-        PRESETS[name].__contains__,
+    return _choice(next(iter(PRESETS[name])), PRESETS[name]).means(
+        f"What publishes the {quantity}: {listing}. Other parameters of the input override it."
     )
 
 
 def _place(name: str) -> dict[str, Any]:
     """Return the fields that override the preset of an input, by their names."""
-
-    def override(what: str, valid: str, check: Callable[[str], Any]) -> str:
-        words = f"{what} of the {_LABELS[name]} input. If it is empty, the preset decides."
-        return _parameter(
-            "", "", f"{valid}, or empty", words, lambda value: not value or bool(check(value))
-        )
-
+    ending = f"of the {_LABELS[name]} input. If it is empty, the preset decides."
     kind = "a type such as nav_msgs/msg/Odometry"
     path = "a path such as twist.twist.linear.x, position[boom] or data[0], or a CAN signal"
     units = _UNITS[name]
+    checks: dict[str, tuple[str, str, Callable[[str], object]]] = {
+        "topic": ("Topic", "the name of a topic", _TOPIC_NAME.fullmatch),
+        "type": ("Type of the messages", kind, _TYPE_NAME.fullmatch),
+        "field": ("Path to the number in the messages", path, str.isprintable),
+        "unit": ("Unit of the number", " or ".join(units), units.__contains__),
+    }
     return {
-        f"{name}_topic": override("Topic", "the name of a topic", _TOPIC_NAME.fullmatch),
-        f"{name}_type": override("Type of the messages", kind, _TYPE_NAME.fullmatch),
-        f"{name}_field": override("Path to the number in the messages", path, str.isprintable),
-        f"{name}_unit": override("Unit of the number", " or ".join(units), units.__contains__),
+        f"{name}_{key}": _text(valid, check, live=True).means(f"{words} {ending}")
+        for key, (words, valid, check) in checks.items()
     }
 
 
@@ -167,10 +174,10 @@ def _timing(name: str) -> dict[str, Any]:
         f"Known time from the moment of a value of the {label} input to its receipt. It is "
         "subtracted from the time of receipt."
     )
-    valid = f"{' or '.join(TIMES)}, or empty"
+    time = _text(" or ".join(TIMES), TIMES.__contains__, live=True)
     return {
-        f"{name}_time": _parameter("", "", valid, origin, lambda value: value in ("", *TIMES)),
-        f"{name}_delay": _ranged(0.0, 0.0, 10.0, "s", delay),
+        f"{name}_time": time.means(origin),
+        f"{name}_delay": _ranged(0.0, 0.0, 10.0, "s").means(delay),
     }
 
 
@@ -181,12 +188,14 @@ def _speed(source: Source) -> dict[str, Any]:
     fixed = f"Fixed {speed}. If negative, the speed is read as `{name}_input` says."
     gain = f"{name}_unit per unit of the number"
     return {
-        f"{name}_speed": _finite(-1.0, source.unit, fixed),
+        f"{name}_speed": _finite(-1.0, source.unit).means(fixed),
         f"{name}_input": _preset(name, speed),
         **_place(name),
-        f"{name}_sign": _sign(f"Sign of the {speed}: speed = sign * scale * number + offset."),
-        f"{name}_scale": _scale(gain, f"Change of the {speed} per unit of the number."),
-        f"{name}_offset": _finite(0.0, f"{name}_unit", f"The {speed} at the number 0."),
+        f"{name}_sign": _SIGN.means(
+            f"Sign of the {speed}: speed = sign * scale * number + offset."
+        ),
+        f"{name}_scale": _scale(gain).means(f"Change of the {speed} per unit of the number."),
+        f"{name}_offset": _finite(0.0, f"{name}_unit").means(f"The {speed} at the number 0."),
         **_timing(name),
     }
 
@@ -213,175 +222,116 @@ class Parameters:
     The metadata of each field describe the parameter.
     """
 
-    autostart: bool = _switch(
-        True, "Configure and activate the node at start, without a lifecycle manager."
+    autostart: bool = _switch(True).means(
+        "Configure and activate the node at start, without a lifecycle manager."
     )
     input: str = _preset(HITCH, "crank angle")
-    joint_name: str = _parameter(
-        "hitch_rockshaft_joint",
-        "",
-        "the name of a joint",
-        "Name of the joint that turns the input crank, for the preset `joint_states`.",
-        lambda name: name != "",
+    joint_name: str = _name("hitch_rockshaft_joint", "joint").means(
+        "Name of the joint that turns the input crank, for the preset `joint_states`."
     )
-    sign: int = _sign(
+    sign: int = _SIGN.means(
         "Direction of the hitch input: position = sign * scale * number + offset. A position in "
         "rad or deg is the crank angle; another one is looked up in `calibration`."
     )
-    scale: float = _scale("hitch_unit per unit of the number", "Change of the position per number.")
-    offset: float = _finite(0.0, "hitch_unit", "Position at the number 0.")
-    calibration: tuple[float, ...] = _parameter(
+    scale: float = _scale("hitch_unit per unit of the number").means(
+        "Change of the position per number."
+    )
+    offset: float = _finite(0.0, "hitch_unit").means("Position at the number 0.")
+    calibration: tuple[float, ...] = _Kind(
         (0.0, 3.14159, 100.0, 1.5708),
         "hitch_unit, rad",
         "a position and an angle in turn, all ascending or all descending angles",
+        HitchCurve,
+    ).means(
         "Pairs of a hitch position and the crank angle there (rad), one pair after the other, for "
         "positions in percent (from 0 to 100), in m (such as the stroke of a cylinder), or in any "
-        "other unit. A monotone curve connects them.",
-        lambda pairs: HitchCurve(pairs) is not None,
+        "other unit. A monotone curve connects them."
     )
-    angle_stddev: float = _ranged(
-        0.0,
-        0.0,
-        1.0,
-        "rad",
+    angle_stddev: float = _ranged(0.0, 0.0, 1.0, "rad").means(
         "Standard deviation of the crank angle, from which that of the frequencies follows. With "
-        "positions in percent, the uncertainty of their steps of 0.4 % is added.",
+        "positions in percent, the uncertainty of their steps of 0.4 % is added."
     )
-    can_database: str = _text(
-        "the path of a DBC file",
+    can_database: str = _text("the path of a DBC file").means(
         "Describes CAN signals that are not built in. The field of an input then names the message "
-        "and the signal, as in `RearHitch.Position`.",
+        "and the signal, as in `RearHitch.Position`."
     )
-    mechanism_file: str = _text(
-        "the path of a YAML file",
+    mechanism_file: str = _text("the path of a YAML file").means(
         "The mechanism. If it is empty, the three-point linkage on a tractor of the "
-        "package is used.",
+        "package is used."
     )
-    table_file: str = _text(
-        "the path of an .npz file",
+    table_file: str = _text("the path of an .npz file").means(
         "The table of this mechanism, as `linkage-vibration build` saves it. If it is empty, the "
-        "table of the package is used, or, if mechanism_file is given, a table is built at start.",
+        "table of the package is used, or, if mechanism_file is given, a table is built at start."
     )
-    excitation_file: str = _text(
-        "the path of a YAML file",
-        "The excitations. If it is empty, the excitations of the package are used.",
+    excitation_file: str = _text("the path of a YAML file").means(
+        "The excitations. If it is empty, the excitations of the package are used."
     )
-    implement_file: str = _text(
-        "the path of a YAML file",
+    implement_file: str = _text("the path of a YAML file").means(
         "Implements that can be chosen by name: by the parameter implement, the service "
-        "`~/set_implement` or the topic `hitched_implement`. The node remembers the choice.",
+        "`~/set_implement` or the topic `hitched_implement`. The node remembers the choice."
     )
-    implement: str = _text(
-        "the name of an implement in implement_file",
-        "The implement at start. If it is empty, that of the mechanism is used.",
+    implement: str = _text("the name of an implement in implement_file").means(
+        "The implement at start. If it is empty, that of the mechanism is used."
     )
-    warning_level: float = _ranged(
-        5.0,
-        1e-6,
-        1e6,
-        "mm/s",
-        "Warn when an excitation whose amplitude is known shakes the response point with this "
-        "velocity (root mean square).",
+    warning_load_ratio: float = _ranged(0.33, 1e-6, 1e6, "1").means(
+        "Warn when the force in a pin or cylinder exceeds this multiple (root mean square) of the "
+        "static force there. At 0.33, pins and cylinders begin to unload."
     )
-    warning_probability: float = _ranged(
-        0.1,
-        1e-6,
-        1.0,
-        "1",
-        "Warn when another excitation lies within the half-power band of a mode with this "
-        "probability, if the mechanism states its uncertainty.",
+    note_load_ratio: float = _ranged(0.1, 1e-6, 1e6, "1").means(
+        "Above this load ratio, the state is a note instead of clear."
     )
-    warning_margin: float = _ranged(
-        0.1,
-        0.0,
-        1.0,
-        "1",
-        "If neither is known, warn when an excitation frequency is within this fraction of a "
-        "natural frequency.",
+    near_margin: float = _ranged(0.1, 0.0, 1.0, "1").means(
+        "Where no load ratio is known, the state is a note when an excitation frequency is within "
+        "this fraction of a natural frequency."
     )
-    hysteresis: float = _ranged(
-        0.02,
-        0.0,
-        1.0,
-        "1",
-        "A warning ends when the margin exceeds warning_margin by this much; one by level or "
-        "probability ends at the same share of its limit, warning_margin / (warning_margin + "
-        "hysteresis).",
+    warning_dwell: float = _ranged(1.0, 0.0, 3600.0, "s").means(
+        "A warning begins when its limit has been exceeded for this long, and ends when the load "
+        "ratio has been below it for as long."
     )
-    warning_dwell: float = _ranged(
-        0.0,
-        0.0,
-        3600.0,
-        "s",
-        "A warning begins when its limit has been exceeded for this long; until then it is a note.",
+    stale_after: float = _ranged(1.0, 0.01, 3600.0, "s").means(
+        "A speed or a crank angle that is older than this is not used."
     )
-    stale_after: float = _ranged(
-        1.0, 0.01, 3600.0, "s", "A speed or a crank angle that is older than this is not used."
-    )
-    resonance_rate: float = _ranged(
-        50.0,
-        0.0,
-        1e4,
-        "Hz",
+    resonance_rate: float = _ranged(50.0, 0.0, 1e4, "Hz").means(
         "Rate at which predictions are assessed for `~/resonance`, at most: the first in each "
-        "period of their stamps. With 0, each is assessed.",
+        "period of their stamps. With 0, each is assessed."
     )
-    record: bool = _switch(
-        False,
+    record: bool = _switch(False).means(
         "Start an MCAP log when the node is activated. `~/start_recording` and `~/stop_recording` "
-        "start and stop a log at any time.",
+        "start and stop a log at any time."
     )
-    log_directory: str = _text(
-        "the path of a folder that exists",
-        "The folder of the logs. If it is empty, the current directory is used.",
+    log_directory: str = _text("the path of a folder that exists").means(
+        "The folder of the logs. If it is empty, the current directory is used."
     )
-    compression: str = _parameter(
-        "zstd",
-        "",
-        ", ".join(COMPRESSIONS),
-        "Compression of the logs.",
-        lambda value: value in COMPRESSIONS,
-        live=False,
+    compression: str = _choice("zstd", COMPRESSIONS, live=False).means("Compression of the logs.")
+    split_size: int = _limit(0, "byte").means(
+        "A log continues in a new file when it reaches this size."
     )
-    split_size: int = _limit(0, "byte", "A log continues in a new file when it reaches this size.")
-    split_duration: float = _limit(0.0, "s", "A log continues in a new file after this time.")
-    disk_limit: int = _limit(
-        0, "byte", "Recording stops when all logs in the folder together reach this size."
+    split_duration: float = _limit(0.0, "s").means("A log continues in a new file after this time.")
+    disk_limit: int = _limit(0, "byte").means(
+        "Recording stops when all logs in the folder together reach this size."
     )
-    delete_oldest: bool = _switch(
-        False, "Delete the oldest logs instead of stopping at disk_limit."
+    delete_oldest: bool = _switch(False).means(
+        "Delete the oldest logs instead of stopping at disk_limit."
     )
-    extra_topics: str = _parameter(
-        "",
-        "",
-        "names of topics (letters, digits, _ and /), separated by spaces, or empty",
-        "Topics to log in addition to those that the node uses.",
+    extra_topics: str = _text(
+        "names of topics (letters, digits, _ and /), separated by spaces",
         lambda names: all(map(_TOPIC_NAME.fullmatch, names.split())),
-        live=False,
-    )
-    service_events: str = _parameter(
-        "off",
-        "",
-        "off, metadata or contents",
+    ).means("Topics to log in addition to those that the node uses.")
+    service_events: str = _choice("off", ("off", "metadata", "contents")).means(
         "Publish an event for each request and response of the services, on the topic "
-        "`SERVICE/_service_event`: without or with its contents. `extra_topics` can log them.",
-        lambda value: value in ("off", "metadata", "contents"),
+        "`SERVICE/_service_event`: without or with its contents. `extra_topics` can log them."
     )
-    marker_mode: str = _parameter(
-        "",
-        "",
-        "the number of a mode, its name, or empty",
+    marker_mode: str = _text(
+        "the number of a mode, its name", lambda mode: not mode.startswith("-"), live=True
+    ).means(
         "Mode that `~/markers` shows: its number, counted from 1, or its name; 0 for no mode. If "
-        "it is empty, the first mode that is not the tractor's is shown.",
-        lambda mode: not mode.startswith("-"),
+        "it is empty, the first mode that is not the tractor's is shown."
     )
-    marker_rate: float = _ranged(10.0, 0.1, 100.0, "Hz", "Rate at which `~/markers` is published.")
-    marker_frame: str = _parameter(
-        "base_link",
-        "",
-        "the name of a frame",
-        "Frame of `~/markers`: the origin of the mechanism, with x forward and z up.",
-        lambda name: name != "",
+    marker_rate: float = _ranged(10.0, 0.1, 100.0, "Hz").means(
+        "Rate at which `~/markers` is published."
+    )
+    marker_frame: str = _name("base_link", "frame").means(
+        "Frame of `~/markers`: the origin of the mechanism, with x forward and z up."
     )
 
     if TYPE_CHECKING:  # type checkers do not see the parameters that the decorator adds
@@ -410,7 +360,7 @@ class Parameters:
         )
 
     def speed_sources(self) -> dict[Source, SourceSettings]:
-        """Return where the speeds come from, unless they are fixed."""
+        """Return where the speeds come from, also those that are fixed."""
         return {source: self.source(source.value) for source in Source}
 
     def crank_input(self, schema: Schema) -> CrankInput:
@@ -472,11 +422,7 @@ class Parameters:
     def warning_limits(self) -> WarningLimits:
         """Return when an excitation warns."""
         return WarningLimits(
-            1e-3 * self.warning_level,
-            self.warning_probability,
-            self.warning_margin,
-            self.hysteresis,
-            self.warning_dwell,
+            self.warning_load_ratio, self.note_load_ratio, self.warning_dwell, self.near_margin
         )
 
     def mechanism_path(self) -> Path:
@@ -502,24 +448,21 @@ class Parameters:
         return _path(self.log_directory) or Path.cwd()
 
 
+DECLARED: dict[str, Any] = Parameters.__dataclass_fields__
+"""The fields of the parameters by their names."""
+
+
 def check_value(name: str, value: object) -> Any:
     """Return a value in the type of its parameter, or raise a `ParameterError` that names a fix."""
-    declared = {parameter.name: parameter for parameter in fields(Parameters)}
-    if name not in declared:
-        similar = get_close_matches(name, [*declared, *ROS_PARAMETERS], 1)
+    parameter = DECLARED.get(name)
+    if parameter is None:
+        similar = get_close_matches(name, [*DECLARED, *ROS_PARAMETERS], 1)
         listing = "`linkage_vibration_node --help` lists what is valid."
         hint = f"did you mean {similar[0]}?" if similar else listing
         raise ParameterError(f"Parameter {name} is unknown; {hint}")
-    parameter = declared[name]
-    value = converted(name, value)
-    words = parameter.metadata
-    between = words["between"]
+    value, words = converted(name, value), parameter.metadata
     try:
-        valid = (
-            type(value) is type(parameter.default)
-            and (between is None or between[0] <= value <= between[1])
-            and words["check"](value)
-        )
+        valid = type(value) is type(parameter.default) and words["check"](value)
     except InputError as error:
         raise ParameterError(f"Parameter {name}: {error}") from None
     if not valid:
@@ -549,8 +492,7 @@ def converted(name: str, value: Any) -> Any:
 
     The integer 1 stands for 1.0, and as a mode for "1". An unknown parameter keeps its value.
     """
-    kinds = {parameter.name: type(parameter.default) for parameter in fields(Parameters)}
-    kind = kinds.get(name)
+    kind = type(DECLARED[name].default) if name in DECLARED else None
     if name == "marker_mode" and type(value) is int:
         return str(value)
     if kind is float and type(value) is int:
@@ -563,8 +505,8 @@ def converted(name: str, value: Any) -> Any:
 
 def without_markers(settings: Parameters) -> Parameters:
     """Return the parameters with default markers, on which no message of a log depends."""
-    defaults = {f.name: f.default for f in fields(Parameters) if f.name.startswith("marker_")}
-    return with_values(settings, defaults)
+    defaults = {name: p.default for name, p in DECLARED.items() if name.startswith("marker_")}
+    return replace(settings, **defaults)
 
 
 def yaml_text(value: object) -> str:

@@ -3,14 +3,33 @@
 """Reads excitations from YAML files."""
 
 from pathlib import Path
+from typing import Any
 
 from linkage_vibration.prediction.excitation import Excitation, excitations_from_mapping
+from linkage_vibration.prediction.ground import profile_spectrum
+from linkage_vibration.prediction.provenance import EXCITATIONS
 from linkage_vibration.readers.mechanism import load_yaml
+from linkage_vibration.readers.profiles import read_profile
 
 
 def read_excitations(path: Path) -> tuple[Excitation, ...]:
     """Read and validate the excitations of a linkage.
 
-    An ExcitationError names the file, the key and the fix.
+    An ExcitationError names the file, the key and the fix. The profile of a terrain is a file
+    beside this one.
     """
-    return excitations_from_mapping(load_yaml(path)[0], f"{path}: excitations")
+    return excitations_from_mapping(
+        load_yaml(path)[0],
+        f"{path}: excitations",
+        lambda name: profile_spectrum(*read_profile(path.parent / name)),
+    )
+
+
+def excitation_files(path: Path) -> dict[str, bytes]:
+    """Return a valid file of excitations, and the profile that it names, as a log attaches them."""
+    content: dict[str, dict[str, Any]] = load_yaml(path)[0]
+    grounds = [entry["terrain"] for entry in content.values() if "terrain" in entry]
+    names = [ground["profile"] for ground in grounds if "profile" in ground]
+    return {EXCITATIONS: path.read_bytes()} | {
+        name: (path.parent / name).read_bytes() for name in names
+    }

@@ -171,11 +171,11 @@ def _check_mass(
     if len(planar) < 3 or not {"x", "z"} <= {dof.direction for dof in planar}:
         return
     motions = rigid_motions(planar, list(points.items()))[:, :3]
-    fit = fit_rigid_body(lines.accelerance[np.ix_(used, used)], motions)
-    if abs(math.log(fit.mass / mass)) > _WEIGHED + 2.0 * fit.misfit:
+    shown, misfit = fit_rigid_body(lines.accelerance[np.ix_(used, used)], motions)
+    if abs(math.log(shown / mass)) > _WEIGHED + 2.0 * misfit:
         raise FileError(
-            f"the FRFs show a mass of {fit.mass:.3g} kg between {lines.first:.3g} and "
-            f"{lines.last:.3g} Hz, {fit.mass / mass:.3g} times the {mass:g} kg that `mass` gives; "
+            f"the FRFs show a mass of {shown:.3g} kg between {lines.first:.3g} and "
+            f"{lines.last:.3g} Hz, {shown / mass:.3g} times the {mass:g} kg that `mass` gives; "
             "export receptances in m/N over Hz, or correct `mass` (of one of the equal links)."
         )
 

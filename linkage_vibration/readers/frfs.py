@@ -20,7 +20,6 @@ The time dependence is exp(i omega t), as in all analysers.
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -62,14 +61,11 @@ _UNITS = {2: "feet", 3: "kilograms force", 4: "feet", 5: "mm", 6: "cm", 7: "inch
 _FINITE = 1e100  # m/N; the square of a larger value may overflow
 
 
-@dataclass(frozen=True, slots=True)
-class _Function:
-    """A measured FRF as receptance, with its sign."""
+_Pair = tuple[InterfaceDof, InterfaceDof]
+"""A response and the reference, where the force acts."""
 
-    response: InterfaceDof
-    reference: InterfaceDof
-    frequencies: FloatArray
-    values: ComplexArray
+_Function = tuple[FloatArray, ComplexArray]
+"""The frequencies of a measured FRF, Hz, and its receptances."""
 
 
 def read_frfs(
@@ -119,18 +115,18 @@ def _read_npz(path: Path, wanted: Sequence[InterfaceDof] | None) -> Frfs:
 
 
 def _read_uff(path: Path, wanted: Sequence[InterfaceDof] | None, nodes: Mapping[int, str]) -> Frfs:
-    functions: dict[tuple[InterfaceDof, InterfaceDof], _Function] = {}
+    functions: dict[_Pair, _Function] = {}
     for data_set in _data_sets(path):
         if data_set["type"] == 164:
             _check_system(data_set)
             continue
-        function = _function(data_set, nodes)
-        if function is None or not _asked(function, wanted):
+        pair, sign = _pair(data_set, nodes)
+        if pair is None or not (wanted is None or set(pair) <= set(wanted)):
             continue
-        pair = (function.response, function.reference)
         if pair in functions:
             raise FileError(f"has the FRF of {name_frf(*pair)} twice; remove one.")
-        functions[pair] = function
+        frequencies, values = _receptance(data_set, f"the FRF of {name_frf(*pair)}")
+        functions[pair] = frequencies, sign * values
     measured = list(dict.fromkeys(dof for pair in functions for dof in pair))
     if not measured:
         raise FileError(
@@ -138,17 +134,14 @@ def _read_uff(path: Path, wanted: Sequence[InterfaceDof] | None, nodes: Mapping[
             f"({', '.join(f'{node}: {point}' for node, point in nodes.items()) or 'none'})."
         )
     dofs, _ = choose_rows(measured, wanted)
-    first = next(iter(functions.values()))
-    for pair, function in functions.items():
-        if len(function.frequencies) != len(first.frequencies) or not np.allclose(
-            function.frequencies, first.frequencies, rtol=1e-5, atol=0.0
-        ):
+    first, (lines, _) = next(iter(functions.items()))
+    for pair, (other, _) in functions.items():
+        if len(other) != len(lines) or not np.allclose(other, lines, rtol=1e-5, atol=0.0):
             raise FileError(
-                f"the FRF of {name_frf(*pair)} has other frequencies ({_axis(function)}) than that "
-                f"of {name_frf(first.response, first.reference)} ({_axis(first)}); measure or "
-                "resample them alike."
+                f"the FRF of {name_frf(*pair)} has other frequencies than that of "
+                f"{name_frf(*first)}; measure or resample them alike."
             )
-    frf = np.empty((len(first.frequencies), len(dofs), len(dofs)), dtype=np.complex128)
+    frf = np.empty((len(lines), len(dofs), len(dofs)), dtype=np.complex128)
     for i, response in enumerate(dofs):
         for j, reference in enumerate(dofs):
             there = functions.get((response, reference)) or functions.get((reference, response))
@@ -156,8 +149,8 @@ def _read_uff(path: Path, wanted: Sequence[InterfaceDof] | None, nodes: Mapping[
                 raise FileError(
                     f"has no FRF of {name_frf(response, reference)}, nor the reverse; measure one."
                 )
-            frf[:, i, j] = there.values
-    return Frfs(dofs, first.frequencies, frf)
+            frf[:, i, j] = there[1]
+    return Frfs(dofs, lines, frf)
 
 
 def _data_sets(path: Path) -> list[dict[str, Any]]:
@@ -186,22 +179,22 @@ def _check_system(units: Mapping[str, Any]) -> None:
         )
 
 
-def _function(data: Mapping[str, Any], nodes: Mapping[int, str]) -> _Function | None:
-    """Return a data set 58 as receptance, or None if it is no FRF between mapped DoFs."""
-    if data["func_type"] != _FRF:
-        return None
+def _pair(data: Mapping[str, Any], nodes: Mapping[int, str]) -> tuple[_Pair | None, float]:
+    """Return between which DoFs a data set 58 is, with its sign; None if it is no mapped FRF."""
     ends = []
     sign = 1.0
     for end in ("rsp", "ref"):
         node, direction = data[f"{end}_node"], data[f"{end}_dir"]
-        if node not in nodes or abs(direction) not in _DIRECTIONS:
-            return None
+        if data["func_type"] != _FRF or node not in nodes or abs(direction) not in _DIRECTIONS:
+            return None, sign
         name, positive = _DIRECTIONS[abs(direction)]
         sign *= math.copysign(positive, positive * direction)
         ends.append(InterfaceDof(nodes[node], name))
-    response, reference = ends
-    where = f"the FRF of {name_frf(response, reference)}"
+    return (ends[0], ends[1]), sign
 
+
+def _receptance(data: Mapping[str, Any], where: str) -> _Function:
+    """Return a data set 58 as receptance; `where` begins its errors."""
     kind = data["ordinate_spec_data_type"]
     if kind not in _POWERS:
         raise FileError(
@@ -232,8 +225,7 @@ def _function(data: Mapping[str, Any], nodes: Mapping[int, str]) -> _Function | 
     if power and len(x) and x[0] == 0.0:
         x, y = x[1:], y[1:]
     with np.errstate(all="ignore"):
-        values = sign * y / (2j * np.pi * x) ** power
-    return _Function(response, reference, x, values)
+        return x, y / (2j * np.pi * x) ** power
 
 
 def _check_label(where: str, label: str, allowed: Sequence[str], kind: int | None) -> None:
@@ -249,10 +241,6 @@ def _check_label(where: str, label: str, allowed: Sequence[str], kind: int | Non
 
 def _plain_label(label: str) -> str:
     return re.sub(r"[\s^*().\[\]·-]", "", label.lower().replace("²", "2"))
-
-
-def _asked(function: _Function, wanted: Sequence[InterfaceDof] | None) -> bool:
-    return wanted is None or (function.response in wanted and function.reference in wanted)
 
 
 def _check_values(frfs: Frfs) -> None:
@@ -273,8 +261,3 @@ def _check_values(frfs: Frfs) -> None:
             f"the FRF of {name_frf(frfs.dofs[i], frfs.dofs[j])} is not finite at {f[k]:g} Hz; "
             "remove that line from all FRFs."
         )
-
-
-def _axis(function: _Function) -> str:
-    f = function.frequencies
-    return f"{len(f)} lines, {f[0]:g} to {f[-1]:g} Hz" if len(f) else "none"

@@ -2,12 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Reads the file that names the implements of a hitch."""
 
-import math
 from pathlib import Path
 
 from linkage_vibration.mechanics.description import Mechanism, MechanismError
 from linkage_vibration.mechanics.keys import Keys
-from linkage_vibration.mechanics.parsing import FARTHEST, read_rigid
+from linkage_vibration.mechanics.parsing import read_rigid
 from linkage_vibration.prediction.answers import Implement, ServingError, rigid_body_name
 from linkage_vibration.readers.mechanism import load_yaml
 
@@ -45,12 +44,6 @@ def _implement(keys: Keys, mechanism: Mechanism) -> Implement:
         raise keys.error("rigid_body", str(error)) from None
     body = next(body for body in mechanism.rigid_bodies if body.name == name)
     rigid = read_rigid(keys, name, dict(body.points))
-    far = max((math.dist(rigid.centre_of_gravity, place) for _, place in body.points), default=0.0)
-    if far > FARTHEST:
-        raise keys.error(
-            "centre_of_gravity",
-            f"it is {far:g} m away from a point of {name}; lengths are in m, so divide millimetres "
-            "by 1000.",
-        )
+
     label = keys.path.partition(".")[2]
     return Implement(name, rigid.mass, rigid.inertia, rigid.centre_of_gravity, label)

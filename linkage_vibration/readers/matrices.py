@@ -1,27 +1,20 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Reads components from matrices: ``.npz``, MATLAB ``.mat`` and Matrix Market ``.mtx``.
+"""Reads components from matrices in ``.npz``.
 
-Every format holds ``mass``, ``stiffness`` and optionally ``damping``, which are square, real and
-symmetric, in kg, m, N, s and rad, and ``dofs``, a list with one text for each row: a point and a
+A file holds ``mass``, ``stiffness`` and optionally ``damping``, which are square, real and
+symmetric, in kg, m, N, s and rad, and ``dofs``, an array with one text for each row: a point and a
 direction (``P1 x``, ``P1 theta``), or ``-`` for an inner coordinate, physical or modal. Rows after
 the last entry, and named rows that are not wanted, are inner coordinates too and move freely. In
 the planar model, however, rows named y are held, as the plane of motion is a plane of symmetry.
 
-``.npz``
-    The matrices as arrays, or a sparse matrix as the three arrays of its compressed rows or
-    columns: ``mass_data``, ``mass_indices``, ``mass_indptr``. ``dofs``: an array of text.
-``.mat``
-    Version 6 or 7 (``save -v7``), with full or sparse matrices. ``dofs``: a cell array of
-    character vectors, or a character matrix.
-``.mtx``
-    Give the path of ``NAME_mass.mtx``. Its folder has ``NAME_stiffness.mtx`` too, optionally
-    ``NAME_damping.mtx``, and ``NAME_dofs.txt`` with one entry on each line.
+A matrix is one array, or a sparse one the three arrays of its compressed rows or columns:
+``mass_data``, ``mass_indices``, ``mass_indptr``. Matrix Market and MATLAB files become such a file
+by ``scipy.io.mmread`` or ``scipy.io.loadmat``, and ``numpy.savez``.
 """
 
 import math
-import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -39,15 +32,12 @@ from linkage_vibration.mechanics.solids import sparse_craig_bampton
 from linkage_vibration.readers.component_files import (
     ComponentFileError,
     FileError,
-    check_file,
-    check_known,
     choose_rows,
     compressed_columns,
     file_errors,
     load_npz,
     parse_dofs,
 )
-from linkage_vibration.readers.matlab import read_matlab
 
 FloatArray = NDArray[np.float64]
 
@@ -76,24 +66,22 @@ def read_matrices(
     path: Path,
     dofs: Sequence[InterfaceDof] | None = None,
     modes: int | None = None,
-    *,
-    spatial: bool = False,
 ) -> Matrices:
-    """Read and check the matrices of a component from ``.npz``, ``.mat`` or ``NAME_mass.mtx``.
+    """Read and check the matrices of a component from ``.npz``.
 
     The interface DoFs are in the order given (by default all of the file). A component with more
-    than `MAX_WHOLE` rows keeps some fixed-interface modes (Craig-Bampton). Rows named y are held
-    unless the model is spatial. A ComponentFileError names the file and the fix.
+    than `MAX_WHOLE` rows keeps some fixed-interface modes (Craig-Bampton). Rows named y are held.
+    A ComponentFileError names the file and the fix.
     """
-    reader = _READERS.get(path.suffix.lower())
-    if reader is None:
+    if path.suffix.lower() != ".npz":
         raise ComponentFileError(
-            f"{path}: is not a file of matrices; give a .npz, .mat or .mtx file."
+            f"{path}: is not a file of matrices; give a .npz file, written by `numpy.savez` "
+            "(`scipy.io.loadmat` reads MATLAB files, `scipy.io.mmread` Matrix Market)."
         )
     with file_errors(path):
-        matrices, names = reader(path)
+        matrices, names = _read(path)
         matrices = _plain_matrices(matrices)
-        dofs, order, labels = _order(names, dofs, matrices["mass"].shape[0], spatial)
+        dofs, order, labels = _order(names, dofs, matrices["mass"].shape[0])
         for name, matrix in matrices.items():
             matrix = matrix[order][:, order]
             _check(labels, name, matrix, matrices["mass"])
@@ -118,14 +106,13 @@ def _plain_matrices(matrices: dict[str, Any]) -> dict[str, Any]:
 
 
 def _order(
-    names: Sequence[object], wanted: Sequence[InterfaceDof] | None, n: int, spatial: bool
+    names: Sequence[object], wanted: Sequence[InterfaceDof] | None, n: int
 ) -> tuple[tuple[InterfaceDof, ...], NDArray[np.intp], list[str]]:
     """Return the interface DoFs, and the row and the name of each row to keep, theirs first."""
     if len(names) > n:
         raise FileError(f"has {len(names)} entries in dofs for {n} rows; remove some.")
     named = parse_dofs(names)
-    out_of_plane = [row for row, dof in enumerate(named) if dof and dof.direction == "y"]
-    held = set() if spatial else set(out_of_plane)
+    held = {row for row, dof in enumerate(named) if dof and dof.direction == "y"}
     there = [None if row in held else dof for row, dof in enumerate(named)]
     dofs, rows = choose_rows(there, wanted)
     order = np.array(rows + sorted(set(range(n)) - held.union(rows)))
@@ -138,7 +125,7 @@ def _order(
     return dofs, order, labels
 
 
-def _read_npz(path: Path) -> tuple[dict[str, Any], list[object]]:
+def _read(path: Path) -> tuple[dict[str, Any], list[object]]:
     arrays = load_npz(path, _KNOWN)
     matrices: dict[str, Any] = {}
     for name in _NAMES:
@@ -159,112 +146,9 @@ def _read_npz(path: Path) -> tuple[dict[str, Any], list[object]]:
                 matrices[name] = compressed_columns(data, indices, indptr, n)
             except ValueError as error:
                 raise FileError(f"{name} is invalid, as {error}; write it again.") from None
-    return matrices, np.ravel(_dofs(arrays)).tolist()
-
-
-def _read_mat(path: Path) -> tuple[dict[str, Any], list[object]]:
-    arrays = read_matlab(path)
-    check_known(arrays, ("dofs", *_NAMES))
-    names = _dofs(arrays)
-    if not isinstance(names, list):
-        raise FileError("has dofs that are not text; write a cell array such as {'P1 x'; 'P1 z'}.")
-    # Each cell holds a character matrix of one row.
-    cells = [cell[0] if isinstance(cell, list) and len(cell) == 1 else cell for cell in names]
-    matrices = {name: arrays[name] for name in _NAMES if name in arrays}
-    for name, matrix in matrices.items():
-        if isinstance(matrix, list):
-            raise FileError(f"{name} is text; write a matrix of numbers.")
-    return matrices, cells
-
-
-def _read_mtx(path: Path) -> tuple[dict[str, Any], list[object]]:
-    if not path.stem.endswith("_mass"):
-        raise FileError("is not a mass matrix; give the path of NAME_mass.mtx.")
-    start = path.stem.removesuffix("mass")
-    matrices = {}
-    for name in _NAMES:
-        beside = path.with_name(f"{start}{name}{path.suffix}")
-        if name != "damping" or beside.exists():
-            matrices[name] = _read_matrix_market(beside)
-    beside = path.with_name(f"{start}dofs.txt")
-    with file_errors(beside):
-        check_file(beside)
-        try:
-            names = beside.read_text(encoding="utf-8").splitlines()
-        except UnicodeDecodeError:
-            raise FileError("is not text in UTF-8; write it again.") from None
-    return matrices, [name for name in names if name.strip()]
-
-
-_READERS: dict[str, Callable[[Path], tuple[dict[str, Any], list[object]]]] = {
-    ".npz": _read_npz,
-    ".mat": _read_mat,
-    ".mtx": _read_mtx,
-}
-
-
-def _read_matrix_market(path: Path) -> Any:
-    """Read a real matrix; `scipy.io.mmread` is faster, but a damaged file can crash it."""
-    with file_errors(path, ValueError, OverflowError):
-        check_file(path)
-        with path.open(encoding="utf-8") as file:
-            layout, symmetry = _market_kind(file.readline())
-            lines = (line for line in file if line.strip() and not line.startswith("%"))
-            size = [int(number) for number in next(lines, "").split()]
-            if min(size, default=0) < 0:
-                raise ValueError("a size is negative")
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # of no entries at all, which is a zero matrix
-                values = np.loadtxt(file, comments="%", ndmin=2)
-        if layout == "array":
-            return _filled(size, values.ravel(), symmetry)
-        rows, columns, count = size
-        if max(rows, columns) > MAX_ROWS:
-            raise FileError(
-                f"has {rows} rows and {columns} columns; reduce it to {MAX_ROWS} or fewer."
-            )
-        entries = values.reshape(count, 3)
-        whole = np.rint(entries[:, :2])
-        if not (np.array_equal(entries[:, :2], whole) and (np.abs(whole) <= MAX_ROWS).all()):
-            raise ValueError("an index is not a whole number, or is too large")
-        places = entries[:, :2].astype(np.int64).T - 1
-        matrix = sparse.coo_array((entries[:, 2], tuple(places)), shape=(rows, columns)).tocsc()
-        if symmetry == "symmetric":
-            matrix = matrix + matrix.T - sparse.diags(matrix.diagonal())
-        return sparse.csc_array(matrix)
-
-
-def _market_kind(line: str) -> tuple[str, str]:
-    """Return the layout and the symmetry that the first line of a file states."""
-    words = line.lower().split()
-    if len(words) != 5 or words[:2] != ["%%matrixmarket", "matrix"]:
-        raise FileError("does not begin with %%MatrixMarket; give a Matrix Market file.")
-    layout, field, symmetry = words[2:]
-    if (
-        layout not in ("coordinate", "array")
-        or field not in ("real", "integer", "double")
-        or symmetry not in ("general", "symmetric")
-    ):
-        raise FileError(f"is {' '.join(words[2:])}; write it as real, general or symmetric.")
-    return layout, symmetry
-
-
-def _filled(size: list[int], values: FloatArray, symmetry: str) -> FloatArray:
-    """Return a full matrix from its columns, or from the lower half of each."""
-    rows, columns = size
-    if symmetry == "general":
-        return values.reshape(columns, rows).T
-    if rows != columns or values.size != rows * (rows + 1) // 2:
-        raise ValueError(f"{values.size} entries for the lower half of {rows} by {columns}")
-    matrix = np.zeros((rows, rows))
-    matrix[np.triu_indices(rows)] = values  # by columns, which are the rows of the upper half
-    return np.asarray(matrix + np.triu(matrix, 1).T)
-
-
-def _dofs(arrays: dict[str, Any]) -> Any:
     if "dofs" not in arrays:
         raise FileError("has no dofs; add one for each row.")
-    return arrays["dofs"]
+    return matrices, np.ravel(arrays["dofs"]).tolist()
 
 
 def _plain(name: str, matrix: Any) -> Any:

@@ -23,7 +23,7 @@ from linkage_vibration.support.resources import DEFAULT_MECHANISM, config_file
 from linkage_vibration.support.yaml_size import refuse_unbounded
 
 
-def read_mechanism(path: str | Path | None = None, *, spatial: bool = False) -> Mechanism:
+def read_mechanism(path: str | Path | None = None) -> Mechanism:
     """Read and validate a mechanism.
 
     Parameters
@@ -31,8 +31,6 @@ def read_mechanism(path: str | Path | None = None, *, spatial: bool = False) -> 
     path : str or Path, optional
         The YAML file. Paths in it are relative to its folder. By default, the three-point
         linkage that comes with the package.
-    spatial : bool
-        Whether components from files keep their motion out of the plane.
 
     Raises
     ------
@@ -41,7 +39,7 @@ def read_mechanism(path: str | Path | None = None, *, spatial: bool = False) -> 
         file, the key and how to fix it.
     """
     path = config_file(DEFAULT_MECHANISM) if path is None else Path(path)
-    return mechanism_of(load_yaml(path)[0], path, spatial=spatial)
+    return mechanism_of(load_yaml(path)[0], path)
 
 
 def load_yaml(path: Path) -> tuple[Any, str]:
@@ -69,7 +67,7 @@ def load_yaml(path: Path) -> tuple[Any, str]:
         ) from None
 
 
-def mechanism_of(mapping: Any, path: Path, *, spatial: bool = False) -> Mechanism:
+def mechanism_of(mapping: Any, path: Path) -> Mechanism:
     """Return the mechanism that the data of a YAML file describe.
 
     The path is the file that errors name; paths in the data are relative to its folder.
@@ -79,7 +77,7 @@ def mechanism_of(mapping: Any, path: Path, *, spatial: bool = False) -> Mechanis
         file = keys["file"]
         try:
             reader = _FILES[file.choice("kind", _FILES)]
-            return reader(keys, points, path.parent / file.text("path"), spatial)
+            return reader(keys, points, path.parent / file.text("path"))
         except ComponentFileError as error:
             raise MechanismError(f"{keys.path}.file", str(error)) from None
 
@@ -94,26 +92,24 @@ def mechanism_of(mapping: Any, path: Path, *, spatial: bool = False) -> Mechanis
         ) from None
 
 
-def _matrices(keys: Keys, points: dict[str, Point], path: Path, spatial: bool) -> Body:
-    return read_matrices(path, modes=keys.integer("modes", default=20), spatial=spatial)
+def _matrices(keys: Keys, points: dict[str, Point], path: Path) -> Body:
+    return read_matrices(path, modes=keys.integer("modes", default=20))
 
 
-def _frfs(keys: Keys, points: dict[str, Point], path: Path, spatial: bool) -> Body:
+def _frfs(keys: Keys, points: dict[str, Point], path: Path) -> Body:
     file = keys["file"]
     nodes = {file["nodes"].integer(point): point for point in file.names("nodes")}
     mass = keys.number("mass", positive=True) if "mass" in keys else None
     return read_frfs(path, nodes=nodes, points=points, mass=mass)
 
 
-def _mesh(keys: Keys, points: dict[str, Point], path: Path, spatial: bool) -> Body:
+def _mesh(keys: Keys, points: dict[str, Point], path: Path) -> Body:
     file, modes = keys["file"], keys.integer("modes", default=20)
     material = read_material(file["material"])
     pins = {point: file["pins"].text(point) for point in file["pins"]}
     rotations = sorted(points)  # unused ones are left free later
-    matrices = mesh_matrices(
-        path, material, pins, list(points.items()), modes, rotations=rotations, spatial=spatial
-    )
-    origin = [pins, points, asdict(material), modes, spatial, path.read_bytes().hex()]
+    matrices = mesh_matrices(path, material, pins, list(points.items()), modes, rotations)
+    origin = [pins, points, asdict(material), modes, False, path.read_bytes().hex()]
     digest = hashlib.sha256(json.dumps(origin, sort_keys=True).encode()).hexdigest()
     return replace(matrices, digest=digest)
 

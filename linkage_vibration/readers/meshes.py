@@ -38,23 +38,18 @@ def mesh_matrices(
     pins: Mapping[str, str],
     points: Sequence[tuple[str, tuple[float, float]]],
     modes: int,
-    *,
     rotations: Collection[str] = (),
-    spatial: bool = False,
 ) -> Matrices:
     """Assemble the matrices of a meshed solid, connect it to its pins, and reduce them.
 
     `pins` has the physical surface of each point; the points (m) are in the order of the interface
-    DoFs: x, (y if spatial,) z and, for `rotations`, theta of each. The modes follow, without
-    damping.
+    DoFs: x, z and, for `rotations`, theta of each. The modes follow, without damping.
     """
     with file_errors(path):
         nodes, elements, surfaces = _read_mesh(path)
         tied = _pins(points, pins, nodes, surfaces)
         mass, stiffness = _assemble(path, nodes, elements, material)
-        return solid_matrices(
-            mass, stiffness, nodes, tied, modes, rotations=rotations, spatial=spatial
-        )
+        return solid_matrices(mass, stiffness, nodes, tied, modes, rotations)
 
 
 def _read_mesh(path: Path) -> tuple[FloatArray, IntArray, dict[str, IntArray]]:
@@ -150,40 +145,32 @@ def _pins(
     nodes: FloatArray,
     surfaces: Mapping[str, IntArray],
 ) -> list[Pin]:
-    """Return the surface of each point."""
+    """Return the surface of each point; raise an error if it lies elsewhere."""
     for point in pins:
         if point not in dict(points):
             raise FileError(f"has pins for {point}, which is not a point of the link; remove it.")
-    return [_pin(point, place, pins, nodes, surfaces) for point, place in points]
-
-
-def _pin(
-    point: str,
-    place: tuple[float, float],
-    pins: Mapping[str, str],
-    nodes: FloatArray,
-    surfaces: Mapping[str, IntArray],
-) -> Pin:
-    """Return the surface of a point; raise an error if it lies elsewhere."""
-    if point not in pins:
-        raise FileError(f"has no pin for the point {point}; add it to pins.")
-    surface = surfaces.get(pins[point], np.zeros(0, dtype=np.intp))
-    if len(surface) < 3:
-        raise FileError(
-            f"has no physical surface {pins[point]!r} for the point {point}; choose one of "
-            f"{', '.join(surfaces) or 'none'}, or add it."
-        )
-    low, high = nodes[surface].min(axis=0), nodes[surface].max(axis=0)
-    slack = 0.01 * np.linalg.norm(high - low)
-    target = np.array([place[0], 0.0, place[1]])
-    if (target < low - slack).any() or (target > high + slack).any():
-        centre = (low + high) / 2.0
-        raise FileError(
-            f"has its surface {pins[point]!r} around x, y, z = {centre[0]:.4g}, {centre[1]:.4g}, "
-            f"{centre[2]:.4g} m and the point {point} at {place[0]:.4g}, 0, {place[1]:.4g} m; "
-            "place the mesh in the link's own axes, in metres."
-        )
-    return Pin(point, place, surface)
+    tied = []
+    for point, place in points:
+        if point not in pins:
+            raise FileError(f"has no pin for the point {point}; add it to pins.")
+        surface = surfaces.get(pins[point], np.zeros(0, dtype=np.intp))
+        if len(surface) < 3:
+            raise FileError(
+                f"has no physical surface {pins[point]!r} for the point {point}; choose one of "
+                f"{', '.join(surfaces) or 'none'}, or add it."
+            )
+        low, high = nodes[surface].min(axis=0), nodes[surface].max(axis=0)
+        slack = 0.01 * np.linalg.norm(high - low)
+        target = np.array([place[0], 0.0, place[1]])
+        if (target < low - slack).any() or (target > high + slack).any():
+            x, y, z = (low + high) / 2.0
+            raise FileError(
+                f"has its surface {pins[point]!r} around x, y, z = {x:.4g}, {y:.4g}, {z:.4g} m and "
+                f"the point {point} at {place[0]:.4g}, 0, {place[1]:.4g} m; place the mesh in the "
+                "link's own axes, in metres."
+            )
+        tied.append(Pin(point, place, surface))
+    return tied
 
 
 def _assemble(

@@ -51,7 +51,18 @@ def _seconds(columns: Columns) -> FloatArray:
 
 
 def _csv(path: Path) -> tuple[FloatArray, FloatArray]:
-    """Read a CSV file with commas, semicolons or tabs, with or without lines of names."""
+    table = read_numbers(path)
+    if table.shape[1] < _FEWEST:
+        raise RecordingError(f"{path}: has {table.shape[1]} columns; give the time and a channel.")
+    return _ordered(path, table[:, 0], table[:, 1:])
+
+
+def read_numbers(path: Path) -> FloatArray:
+    """Read a CSV file with commas, semicolons or tabs, with or without lines of names.
+
+    It returns the lines of numbers, (n, n_columns), without columns that are empty after the first;
+    an empty cell is NaN.
+    """
     try:
         text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
@@ -77,12 +88,11 @@ def _csv(path: Path) -> tuple[FloatArray, FloatArray]:
             )
         rows.append(row)
     if not rows:
-        raise RecordingError(f"{path}: has no line of numbers; give the time in s and channels.")
+        raise RecordingError(
+            f"{path}: has no line of numbers; give the time or distance, and what was measured."
+        )
     table = np.array(rows)
-    table = np.hstack([table[:, :1], table[:, 1:][:, ~np.isnan(table[:, 1:]).all(axis=0)]])
-    if table.shape[1] < _FEWEST:
-        raise RecordingError(f"{path}: has {table.shape[1]} columns; give the time and a channel.")
-    return _ordered(path, table[:, 0], table[:, 1:])
+    return np.hstack([table[:, :1], table[:, 1:][:, ~np.isnan(table[:, 1:]).all(axis=0)]])
 
 
 def _number(cell: str) -> float:

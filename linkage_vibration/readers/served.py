@@ -3,6 +3,7 @@
 """Reads the mechanism and the table that the parameters name, and builds a missing table."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.prediction.answers import (
@@ -12,8 +13,12 @@ from linkage_vibration.prediction.answers import (
     Served,
     with_implement,
 )
+from linkage_vibration.prediction.excitation import Excitation, ExcitationError
+from linkage_vibration.prediction.ground import vertical_mounts
+from linkage_vibration.prediction.loads import load_input
 from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.prediction.settings import ParameterError, Parameters
+from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.readers.implements import read_implements
 from linkage_vibration.readers.mechanism import load_yaml, mechanism_of
 from linkage_vibration.table.table import load_table
@@ -76,3 +81,37 @@ def read_described(
         implement = implements.find(settings.implement)
     changed = with_implement(mechanism, text, implement)
     return Described(*changed, implement, implements)
+
+
+def read_loads(
+    settings: Parameters, served: Served, report: Callable[[str], object] = lambda text: None
+) -> tuple[Excitation, ...]:
+    """Return the excitations that the parameters name, as far as the mechanism can bear them.
+
+    The default file describes a tractor with a hitch. Where a mechanism or its table lacks a place
+    of it, the excitation has no amplitude, and `report` is called with a sentence. A file that the
+    user named is returned as it is.
+    """
+    path = settings.excitation_path()
+    excitations = read_excitations(path)
+    if settings.excitation_file:
+        return excitations
+    refused = [one.name for one in excitations if not _acts(one, served)]
+    if refused:
+        report(
+            f"{served.mechanism.name} or its table lacks the places at which {', '.join(refused)} "
+            f"of {path} act, so their amplitudes are not used; give a file of your own in "
+            "excitation_file."
+        )
+    return tuple(
+        replace(one, load=None, terrain=None) if one.name in refused else one for one in excitations
+    )
+
+
+def _acts(excitation: Excitation, served: Served) -> bool:
+    """Return whether a mechanism and its table have the places at which an excitation acts."""
+    try:
+        load_input(excitation, served.table, served.mechanism)
+    except ExcitationError:
+        return False
+    return excitation.terrain is None or len(vertical_mounts(served.mechanism)) > 1

@@ -10,17 +10,18 @@ from linkage_vibration.drawing import palette
 from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.review.findings import excitation_of
 from linkage_vibration.review.log import Log
-from linkage_vibration.review.moments import Moment
 
 _NAMES = {Source.ENGINE: "engine", Source.PTO: "PTO", Source.GROUND: "ground"}
 
 
-def campbell(log: Log, all_moments: list[Moment]) -> list[dict[str, Any]]:
-    """Return a plot for each source of excitations whose speed is known, with moments as dots.
+def campbell(log: Log, warnings: list[int]) -> list[dict[str, Any]]:
+    """Return a plot for each source of excitations whose speed is known, with warnings as dots.
+
+    Warnings are given by the resonance at which each is worst.
 
     It has ``title``; ``unit`` of the speed; ``speeds``, the lowest and the highest; ``orders``,
     names with Hz per unit of speed; ``bands``, colours with the lowest and the highest frequency of
-    each mode in the drive; ``dots``, speed and Hz of each moment.
+    each mode in the drive; ``dots``, speed and Hz of each warning.
     """
     bands = []
     for values, colour in zip(
@@ -31,11 +32,13 @@ def campbell(log: Log, all_moments: list[Moment]) -> list[dict[str, Any]]:
         bands.append({"colour": colour, "ends": ends})
     plots = []
     for source, (_, speeds) in log.speeds.items():
-        orders = [order for order in log.excitations if order.source is source]
+        orders = [one for one in log.excitations if one.source is source and not one.terrain]
         turning = speeds[np.isfinite(speeds) & (speeds > 0.0)]
         if not orders or not len(turning):
             continue
-        met = [(excitation_of(log, m.excitation), m.excitation_frequency) for m in all_moments]
+        at = None if log.drive is None else log.drive.resonances.rows(np.array(warnings, np.int64))
+        pairs = [] if at is None else zip(at.excitation, at.excitation_frequency, strict=True)
+        met = [(excitation_of(log, name), float(frequency)) for name, frequency in pairs]
         plots.append(
             {
                 "title": f"Campbell plot of the drive: orders of {_NAMES[source]}",
@@ -46,7 +49,7 @@ def campbell(log: Log, all_moments: list[Moment]) -> list[dict[str, Any]]:
                 "dots": [
                     [frequency / order.ratio, frequency]
                     for order, frequency in met
-                    if order is not None and order.source is source
+                    if order is not None and order in orders
                 ],
             }
         )

@@ -118,9 +118,6 @@ def compare(
             "as two replays of one bag."
         )
     values_a, values_b = _quantities(a, rows_a), _quantities(b, rows_b)
-    if a.resonances is not None and b.resonances is not None:
-        for values, log, rows in ((values_a, a, rows_a), (values_b, b, rows_b)):
-            values["margin"] = (*values["margin"][:3], _same_margins(a, rows_a, log, rows))
     pairs = [(key, values_a[key], values_b[key][-1]) for key in values_a if key in values_b]
     changes = int((a.status[rows_a] != b.status[rows_b]).sum())
     quantities = tuple(Quantity(key, *first, second) for key, first, second in pairs)
@@ -161,23 +158,16 @@ def sentence(found: Difference) -> str:
         f"{most.unit} ({100.0 * abs(change / most.a[at]):.2g} %) "
         f"{'higher' if change > 0.0 else 'lower'} at {clock(float(times[at]), float(times[-1]))} s"
     )
-    nearest = _nearest_margin(found)
-    return f"{text}{nearest}."
+    return f"{text}{_loads(found)}."
 
 
-def _nearest_margin(found: Difference) -> str:
-    """Return how near the nearest excitation of A is to the same mode in B, in words."""
-    margins = next((q for q in found.quantities if q.key == "margin"), None)
-    if margins is None or not margins.compared or found.a.resonances is None:
+def _loads(found: Difference) -> str:
+    """Return the largest load ratios of both logs, in words; empty if one is not known."""
+    loads = next((q for q in found.quantities if q.key == "load"), None)
+    if loads is None or not np.isfinite(loads.a).any() or not np.isfinite(loads.b).any():
         return ""
-    at = int(np.nanargmin(np.where(np.isfinite(margins.b), np.abs(margins.a), np.nan)))
-    row = found.rows_a[at]
-    name = found.a.resonances.excitation[row]
-    mode = found.a.mode_label(int(found.a.resonances.mode[row]))
-    return (
-        f"; {name}, in A {100.0 * abs(margins.a[at]):.2g} % from {mode}, is "
-        f"{100.0 * abs(margins.b[at]):.2g} % from it in B"
-    )
+    largest, other = float(np.nanmax(loads.a)), float(np.nanmax(loads.b))
+    return f"; the largest load ratio is {largest:.2g} in A and {other:.2g} in B"
 
 
 def problems(found: Difference) -> list[str]:
@@ -260,22 +250,9 @@ def _quantities(log: Log, rows: IntArray) -> dict[str, tuple[str, str, float, Fl
     found["peak_frequency"] = ("FRF peak frequency", "Hz", 1.0, log.peak_frequency[rows])
     found["peak_magnitude"] = ("FRF peak", "m/N", 1.0, log.peak_magnitude[rows])
     if log.resonances is not None:
-        margins = log.resonances.relative_margin[rows]
-        found["margin"] = ("margin to resonance", "%", 100.0, margins)
+        ratios = log.resonances.total_load_ratio[rows].astype(float)
+        found["load"] = ("load ratio", "1", 1.0, ratios)
     return found
-
-
-def _same_margins(a: Log, rows_a: IntArray, b: Log, rows_b: IntArray) -> FloatArray:
-    """Return the relative margins in log B of the excitations and modes nearest in A, (n,).
-
-    The drive is the same, so the frequency of an excitation is that of log A.
-    """
-    assert a.resonances is not None
-    modes = a.resonances.mode[rows_a]
-    own = np.full(len(rows_b), np.nan)
-    there = modes < b.n_modes
-    own[there] = b.natural_frequencies[rows_b[there], modes[there]]
-    return np.asarray(a.resonances.excitation_frequency[rows_a] / own - 1.0)
 
 
 def _charts(q: Quantity) -> Items:

@@ -28,8 +28,8 @@ _FOLDER = Path(__file__).parent / "page"
 _SCRIPTS = (
     *("data", "decimation", "state", "words", "elements", "axes", "shades", "pointer", "numbers"),
     *("charts", "receptance", "waterfall", "overlays", "excitations", "angle_chart", "linkage"),
-    *("readout", "modes", "tables", "histograms", "campbell", "provenance", "rows", "strip"),
-    *("layout", "controls", "start"),
+    *("readout", "modes", "tables", "histograms", "campbell", "advice", "provenance"),
+    *("rows", "strip", "layout", "controls", "start"),
 )  # the parts of the page's script, each of which may use the parts before it
 
 

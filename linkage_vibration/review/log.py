@@ -2,9 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Reads a log: its predictions, its resonances and speeds, and what made them."""
 
+import csv
+import io
 import itertools
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,6 +21,7 @@ from numpy.typing import NDArray
 from linkage_vibration.bags.message_columns import (
     LOG_TIME,
     PLACE,
+    Column,
     Columns,
     first_topic,
     header_stamps,
@@ -35,10 +38,12 @@ from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.messages.fields import Field, message_fields
 from linkage_vibration.messages.topics import PREDICTION, RESONANCE
-from linkage_vibration.prediction.excitation import Excitation, Source, excitations_from_mapping
+from linkage_vibration.prediction.excitation import Excitation, Source
 from linkage_vibration.prediction.predictor import Status
 from linkage_vibration.prediction.provenance import EXCITATIONS, PARAMETERS
-from linkage_vibration.prediction.resonance import ResonanceState
+from linkage_vibration.prediction.severity import ResonanceState
+from linkage_vibration.prediction.verdict import Drive, drive_of
+from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.atomic_files import write_text
 from linkage_vibration.table.table import Table, TableError, load_table
@@ -46,7 +51,8 @@ from linkage_vibration.table.table import Table, TableError, load_table
 IntArray = NDArray[np.int64]
 
 _TURN = 2.0 * np.pi
-_MISSING: dict[str, Any] = {"f": np.nan, "U": "", "i": 0}
+_EACH = "states", "load_ratios"  # what a log keeps of each excitation
+_MISSING: dict[str, Any] = {"f": np.nan, "O": "", "i": 0}
 
 
 class ReviewError(LinkageVibrationError):
@@ -76,6 +82,9 @@ class Log:
         The peak of the FRF, Hz and m/N.
     interpolation_error : ndarray, (n,)
         Bound of the relative errors of natural frequencies and damping ratios, 1.
+    drive : Drive or None
+        All resonances, with the states and the load ratios of each excitation; None if the log
+        holds none.
     resonances : MessageColumns or None
         The latest ``Resonance`` at each prediction, without header, ``table_id`` and sequences.
         Before the first one, the state is stale, and other fields are NaN, 0 or "". None if the log
@@ -108,6 +117,7 @@ class Log:
     peak_frequency: FloatArray
     peak_magnitude: FloatArray
     interpolation_error: FloatArray
+    drive: Drive | None
     resonances: MessageColumns | None
     speeds: dict[Source, tuple[FloatArray, FloatArray]]
     excitations: tuple[Excitation, ...]
@@ -174,8 +184,8 @@ def read_log(path: str | Path) -> Log:
         if topic.endswith(f"/{source.value}_speed") and kind == FLOAT64
     }
     wanted = {topic: types[topic] for topic in [*topics, *speeds] if topic}
-    of_excitations = [field.name for field in message_fields(RESONANCE) if field.is_sequence]
-    unused = ["header.frame_id", *of_excitations]  # the reported one has columns of its own
+    sequences = {field.name for field in message_fields(RESONANCE) if field.is_sequence}
+    unused = ["header.frame_id", *(sequences - {*_EACH})]
     columns = read_columns(path, wanted, as_written=True, unused=unused)
     predictions, resonances = (columns.get(topic, {}) for topic in topics)
     if not len(predictions.get("status", ())):
@@ -187,8 +197,11 @@ def read_log(path: str | Path) -> Log:
     table_id = str(predictions.pop("table_id")[-1])
     unknown = np.broadcast_to(np.nan, frequencies.shape)
     attachments, metadata = _read_provenance(path)
-    table, mechanism, mechanism_text = _read_model(attachments, table_id)
+    table, mechanism, mechanism_text, excitations = _read_model(attachments, table_id)
     parameters_text = attachments.get(PARAMETERS, b"").decode(errors="replace")
+    drive, at_predictions = _resonances(
+        resonances, predictions, passes, [excitation.name for excitation in excitations]
+    )
     return Log(
         path=path,
         stamps=stamps,
@@ -201,13 +214,14 @@ def read_log(path: str | Path) -> Log:
         peak_frequency=predictions["frf_peak_frequency"],
         peak_magnitude=predictions["frf_peak_magnitude"],
         interpolation_error=predictions["interpolation_error"],
-        resonances=_resonances(resonances, stamps, predictions[PLACE], passes),
+        drive=drive,
+        resonances=at_predictions,
         speeds={
             source: (_speed_times(columns[topic], predictions, passes), columns[topic]["data"])
             for topic, source in speeds.items()
             if len(columns[topic]["data"])
         },
-        excitations=_excitations(attachments),
+        excitations=excitations,
         table=table,
         table_id=table_id,
         mechanism=mechanism,
@@ -271,18 +285,20 @@ def write_csv(log: Log, path: Path) -> None:
         for field in resonance_fields():
             name = "resonance_state" if field.name == "state" else field.name
             table[name + _suffix(field)] = getattr(log.resonances, field.name)
-        mode = log.resonances.mode
-        names = np.array([log.mode_name(mode) for mode in range(log.n_modes)])
-        table |= {"mode": mode + 1, "mode_name": names[np.minimum(mode, log.n_modes - 1)]}
-    # str() of a Python float is the shortest text from which the same float is read.
-    columns = [column.tolist() for column in table.values()]
-    rows = [[*table], *(map(str, row) for row in zip(*columns, strict=True))]
-    write_text(path, "".join(",".join(row) + "\n" for row in rows), ReviewError)
+        near = np.isfinite(log.resonances.natural_frequency)
+        modes = np.where(near, log.resonances.mode + 1, 0)
+        names = np.array(["", *(log.mode_name(mode) for mode in range(log.n_modes))])
+        table |= {"mode": modes, "mode_name": names[np.minimum(modes, log.n_modes)]}
+    text = io.StringIO()
+    lines = csv.writer(text, lineterminator="\n")
+    lines.writerow(table)
+    lines.writerows(zip(*(column.tolist() for column in table.values()), strict=True))
+    write_text(path, text.getvalue(), ReviewError)
 
 
 def _suffix(field: Field) -> str:
     """Return the unit of a number as the end of a name, such as ``_m_per_s2``; 1 has none."""
-    unit = field.unit.split()[0] if field.type.startswith("float") else "1"
+    unit = field.unit.replace(" or ", "_or_").split()[0] if field.type.startswith("float") else "1"
     return "" if unit == "1" else "_" + unit.lower().replace("/", "_per_").replace("^", "")
 
 
@@ -302,19 +318,20 @@ def _speed_times(speeds: Columns, predictions: Columns, passes: IntArray) -> Flo
 
 
 def _resonances(
-    columns: Columns, stamps: IntArray, places: IntArray, passes: IntArray
-) -> MessageColumns | None:
-    """Return the latest resonance at each prediction; None if there are none.
+    columns: Columns, predictions: Columns, passes: IntArray, names: Sequence[str]
+) -> tuple[Drive | None, MessageColumns | None]:
+    """Return all resonances, and the latest at each prediction; None if there are none.
 
-    The columns of the resonances are taken out to save memory. Stamps and places (n,) are those of
-    the predictions; resonances belong to the pass within which they were written.
+    Resonances belong to the pass within which they were written.
     """
     if not len(columns.get("state", ())):
-        return None
+        return None, None
+    stamps, places = header_stamps(predictions), predictions[PLACE]
     taken = header_stamps(columns)
     later = np.searchsorted(places[passes], columns[PLACE], side="right")
     order = np.lexsort((taken, later))
     rows, there = np.zeros(len(stamps), np.int64), np.zeros(len(stamps), np.bool_)
+    predicted = np.zeros(len(taken), np.int64)  # the prediction that each resonance belongs to
     for k, (low, high) in enumerate(itertools.pairwise([0, *passes.tolist(), len(stamps)])):
         mine = order[later[order] == k]
         if len(mine):
@@ -323,18 +340,31 @@ def _resonances(
             at -= ~exact  # none at this stamp: the last one before
             rows[low:high] = mine[np.maximum(at, 0)]
             there[low:high] = at >= 0
-    one_each = bool(there.all() and np.array_equal(rows, np.arange(len(taken))))
+            first = low + np.searchsorted(stamps[low:high], taken[mine])
+            predicted[mine] = np.minimum(first, high - 1)
+    fields = [*resonance_fields(), *(f for f in message_fields(RESONANCE) if f.name in _EACH)]
+    every = {field.name: _typed(columns, field, (len(taken), len(names))) for field in fields}
+    messages = MessageColumns(**every).rows(order)
+    angles, start = predictions["crank_angle"][predicted[order]], int(stamps[0])
+    with_loads = "total_load_ratio" in columns
+    drive = drive_of(taken[order], start, messages, angles, names, predicted[order], with_loads)
     values: dict[str, Any] = {}
     for field in resonance_fields():
-        column = columns.pop(field.name, np.full(len(taken), np.nan))
-        column = column if one_each else column[rows]  # a copy takes time and memory
-        if column.dtype.kind in "iu":
-            column = column.astype(np.int64)
-        elif column.dtype == object:
-            column = column.astype(str)
+        column = every[field.name][rows]
         other: Any = ResonanceState.STALE if field.name == "state" else _MISSING[column.dtype.kind]
-        values[field.name] = column if one_each else np.where(there, column, other)
-    return MessageColumns(**values)
+        values[field.name] = np.where(there, column, other)
+    return drive, MessageColumns(**values)
+
+
+def _typed(columns: Columns, field: Field, shape: tuple[int, int]) -> Column:
+    """Return a column of resonances; not known in logs that are older than this field."""
+    if field.name not in columns:
+        value, kind = ("", object) if field.type == "string" else (np.nan, float)
+        return np.full(shape if field.is_sequence else shape[:1], value, kind)
+    column = columns[field.name]
+    if column.dtype.kind in "iu":
+        return column.astype(np.int64)
+    return column
 
 
 def resonance_fields() -> list[Field]:
@@ -363,19 +393,11 @@ def _read_provenance(path: Path) -> tuple[dict[str, bytes], dict[str, dict[str, 
     return attachments, metadata
 
 
-def mode_label(path: Path, table_id: str) -> Callable[[int], str]:
-    """Return how modes, counted from 0, are called, with names if the log has the table."""
-    files = _read_provenance(path)[0].items()
-    own = {name: data for name, data in files if name == f"{table_id}.npz"}
-    table, _, _ = _read_model(own, table_id)
-    return (lambda mode: f"mode {mode + 1}") if table is None else table.mode_label
-
-
 def _read_model(
     attachments: Mapping[str, bytes], table_id: str
-) -> tuple[Table | None, Mechanism | None, str]:
-    """Return the table, the mechanism and its text among attachments; None and "" if absent."""
-    table, mechanism, text = None, None, ""
+) -> tuple[Table | None, Mechanism | None, str, tuple[Excitation, ...]]:
+    """Return the table, the mechanism, its text and excitations; None or empty if absent."""
+    table, mechanism, text, excitations = None, None, "", tuple[Excitation, ...]()
     with tempfile.TemporaryDirectory() as folder:
         # All attachments are written, as a mechanism may refer to files beside it.
         paths = {name: Path(folder) / Path(name).name for name in attachments}
@@ -392,16 +414,11 @@ def _read_model(
                     continue  # This is another file, or its links refer to missing files.
                 if table is None or found.model_hash == table.model_hash:
                     mechanism, text = found, attachments[name].decode()
-    return table, mechanism, text
-
-
-def _excitations(attachments: Mapping[str, bytes]) -> tuple[Excitation, ...]:
-    if EXCITATIONS not in attachments:
-        return ()
-    try:
-        return excitations_from_mapping(yaml.safe_load(attachments[EXCITATIONS]), EXCITATIONS)
-    except (yaml.YAMLError, LinkageVibrationError):
-        return ()  # Another version of the package described them differently.
+        if EXCITATIONS in paths:
+            # Another version of the package may have described them differently.
+            with suppress(LinkageVibrationError):
+                excitations = read_excitations(paths[EXCITATIONS])
+    return table, mechanism, text, excitations
 
 
 def _parameters(text: str) -> dict[str, object]:

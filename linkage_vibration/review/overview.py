@@ -13,12 +13,13 @@ from urllib.parse import quote
 import numpy as np
 
 from linkage_vibration.prediction.predictor import Status
-from linkage_vibration.prediction.resonance import ResonanceState
-from linkage_vibration.review.findings import first_sentence, meetings, real_times
+from linkage_vibration.prediction.severity import ResonanceState
+from linkage_vibration.prediction.verdict import contributions, episodes, worst_message
+from linkage_vibration.review.findings import first_sentence
 from linkage_vibration.review.html import page_file
-from linkage_vibration.review.log import Log, ReviewError, durations, gaps
-from linkage_vibration.review.moments import moments
+from linkage_vibration.review.log import Log, ReviewError, gaps
 
+_TIME = "in_warning_s"
 _NO_BAG = "metadata.yaml"  # a folder with this file is one bag
 
 
@@ -45,48 +46,50 @@ def logs_of(paths: Sequence[Path]) -> list[Path]:
 def drive_summary(log: Log) -> dict[str, Any]:
     """Return a drive as values that JSON holds; what is not known is None.
 
-    Returns
-    -------
-    dict
-        ``log``; ``start``, UTC; ``duration_s``; ``predictions``; ``not_ok``, predictions without
-        the status OK; ``gaps``; ``clock_jumps``; ``mode_names``, empty if they are not known;
-        ``in_resonance_s``, the time of warnings about each mode, or None; ``worst``, its time,
-        angle, excitation, mode, duration and amplification, or None; ``sentence``; ``model``, the
-        ids of table and model.
+    docs/review.md describes them.
     """
-    met = meetings(log, moments(log))
-    near = None
-    if log.resonances is not None and (log.resonances.state != ResonanceState.STALE).any():
-        warning, held = log.resonances.state == ResonanceState.WARNING, durations(log)
-        modes = range(log.n_modes)
-        near = [float(held[warning & (log.resonances.mode == mode)].sum()) for mode in modes]
+    drive = log.drive
+    warnings = [] if drive is None else episodes(drive)
+    parts = [] if drive is None else contributions(drive)
+    known = drive is not None and bool((drive.resonances.state != ResonanceState.STALE).any())
     worst = None
-    if met:
-        first = met[0]
+    if drive is not None and np.isfinite(drive.resonances.total_load_ratio).any():
+        row = worst_message(drive)
+        at = drive.resonances.message(row)
         worst = {
-            "time_s": float(real_times(log)[first.strongest]),
-            "crank_angle_deg": math.degrees(log.crank_angle[first.strongest]),
-            "excitation": first.excitation,
-            "mode": first.mode + 1,
-            "mode_name": log.mode_name(first.mode),
-            "duration_s": first.worst.end - first.worst.start,
-            "amplification": first.amplification,
-            "amplification_stddev": _known(first.amplification_stddev),
-            "avoid": first.avoid,
+            "time_s": _rounded(drive.times[row]),
+            "crank_angle_deg": _rounded(math.degrees(drive.angles[row])),
+            "load_ratio": _rounded(at.total_load_ratio),
+            "load_ratio_factor": _rounded(at.total_load_ratio_factor),
+            "place": at.total_load_place,
+            "excitation": at.excitation,
+            "excitation_frequency_hz": _rounded(at.excitation_frequency),
+            "mode": None if math.isnan(at.natural_frequency) else int(at.mode) + 1,
+            "mode_name": None if math.isnan(at.natural_frequency) else log.mode_name(int(at.mode)),
         }
     start = datetime.fromtimestamp(int(log.stamps[0]) / 1e9, timezone.utc)
     return {
         "log": str(log.path),
         "start": start.isoformat(timespec="milliseconds"),
-        "duration_s": float(log.times[-1]),
+        "duration_s": _rounded(log.times[-1]),
         "predictions": len(log.stamps),
         "not_ok": int((log.status != Status.OK).sum()),
         "gaps": len(gaps(log)),
         "clock_jumps": len(log.passes),
         "mode_names": list(log.table.mode_names) if log.table else [],
-        "in_resonance_s": near,
+        "warnings": len(warnings) if known else None,
+        "in_warning_s": _rounded(sum(e.duration for e in warnings)) if known else None,
+        "excitations": [
+            {
+                "name": part.name,
+                "load_ratio": _rounded(part.load_ratio),
+                "in_warning_s": _rounded(part.warning_time),
+                "in_note_s": _rounded(part.note_time),
+            }
+            for part in parts
+        ],
         "worst": worst,
-        "sentence": first_sentence(log, met),
+        "sentence": first_sentence(log),
         "model": {
             "table_id": log.table_id,
             "mechanism": log.table.mechanism_name if log.table else None,
@@ -100,17 +103,13 @@ def overview_html(drives: Sequence[tuple[dict[str, Any], str]], failures: Sequen
 
     Each drive is a dict of `drive_summary` with the relative address of its page.
     """
-    n_modes = max((len(drive["in_resonance_s"] or ()) for drive, _ in drives), default=0)
-    names = [list(drive["mode_names"]) for drive, _ in drives if drive["mode_names"]]
-    shared = names[0] if names and all(others == names[0] for others in names) else []
-    shared += [""] * (n_modes - len(shared))
-    modes = [f"near {name or f'mode {i}'} [s]" for i, name in enumerate(shared[:n_modes], 1)]
-    head = ["drive", "worst moment", *modes, "start, UTC", "duration [s]", "model"]
+    head = ["drive", "what happened", "warnings", "in warning [s]", "largest load ratio"]
+    head += ["start, UTC", "duration [s]", "model"]
     files = [Path(drive["log"]) for drive, _ in drives]
     alike = len({file.name for file in files}) < len(files)
     texts = [str(file) if alike else file.name for file in files]
     rows = "".join(
-        f"<tr>{_cells(drive, page, text, n_modes)}</tr>\n"
+        f"<tr>{_cells(drive, page, text)}</tr>\n"
         for (drive, page), text in zip(drives, texts, strict=True)
     )
     columns = "".join(f'<th scope="col">{html.escape(text)}</th>' for text in head)
@@ -129,16 +128,18 @@ def overview_html(drives: Sequence[tuple[dict[str, Any], str]], failures: Sequen
     )
 
 
-def _cells(drive: dict[str, Any], page: str, name: str, n_modes: int) -> str:
-    near = drive["in_resonance_s"]
-    shown = ["not known"] * n_modes if near is None else [f"{value:.2f}" for value in near]
-    shown += [""] * (n_modes - len(shown))
+def _cells(drive: dict[str, Any], page: str, name: str) -> str:
+    worst, unknown = drive["worst"], "not known"
+    shown = [unknown if drive[key] is None else str(drive[key]) for key in ("warnings", _TIME)]
+    shown += [unknown if worst is None else f"{worst['load_ratio']:.2g}"]
+    shown += [drive["start"][:19].replace("T", " ")]
     model = drive["model"]["mechanism"] or "not in the log"
-    texts = [drive["sentence"], *shown, drive["start"][:19].replace("T", " ")]
+    texts = [drive["sentence"], *shown]
     texts += [f"{drive['duration_s']:.1f}", f"{model}, table {drive['model']['table_id']}"]
     link = f'<a href="{html.escape(quote(page))}">{html.escape(name)}</a>'
     return f"<td>{link}</td>" + "".join(f"<td>{html.escape(text)}</td>" for text in texts)
 
 
-def _known(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
+def _rounded(value: float) -> float | None:
+    """Return a number with six digits for JSON; None if it is not known."""
+    return float(f"{value:.6g}") if np.isfinite(value) else None

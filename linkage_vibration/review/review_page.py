@@ -3,6 +3,7 @@
 """Describes the page of one log: its charts, readings, tables and texts."""
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -12,29 +13,28 @@ from linkage_vibration.drawing import palette
 from linkage_vibration.drawing.intervals import runs
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.prediction.excitation import Source
-from linkage_vibration.prediction.predictor import Status, uncertain_modes
-from linkage_vibration.prediction.resonance import ResonanceState
+from linkage_vibration.prediction.predictor import Status, angles_in_table, uncertain_modes
+from linkage_vibration.prediction.severity import ResonanceState, load_words
+from linkage_vibration.prediction.verdict import (
+    Contribution,
+    Episode,
+    contributions,
+    episodes,
+    ground_and_orders,
+)
+from linkage_vibration.review.advice_map import advice_map
 from linkage_vibration.review.campbell import campbell
 from linkage_vibration.review.findings import (
-    Meeting,
-    amplification,
+    all_speeds,
     first_sentence,
-    limit_margin,
-    meetings,
+    log_limits,
+    number,
     real_times,
 )
 from linkage_vibration.review.html import Page, thinned
-from linkage_vibration.review.log import Log, durations, gaps
+from linkage_vibration.review.log import Log, gaps
 from linkage_vibration.review.model_grid import linkage_grid, receptance_grid
-from linkage_vibration.review.moments import (
-    MAX_MOMENTS,
-    Moment,
-    Shares,
-    angle_shares,
-    margin_shares,
-    moments,
-    worst,
-)
+from linkage_vibration.review.shares import Shares, angle_shares, load_shares
 from linkage_vibration.review.time_axis import TimeAxis, time_axis
 
 IntArray = NDArray[np.int64]
@@ -45,36 +45,42 @@ STATUSES = ["OK", "out of range", "invalid angle", "near a toggle"]
 STATES = ["clear", "warning", "unknown", "note"]
 _STYLES = {Source.ENGINE: "solid", Source.PTO: "dashed", Source.GROUND: "dotted"}
 _INVALID = (Status.OUT_OF_RANGE, Status.INVALID_ANGLE)
-MAX_MEETINGS = 6  # rows of the table of excitations and modes
-_NEARLY_ALL = 0.999  # a smaller share of known resonances is mentioned
+MAX_WARNINGS = 1000  # rows of the table of warnings
+_PARTS = {"ground_ratio": "ground", "orders_ratio": "orders together, at most"}  # of the load ratio
 _STALE_AFTER = 1.0  # s, if the log does not hold this parameter
 
 
 def review_page(log: Log) -> Page:
     """Return what a page shows of a log."""
-    all_moments = moments(log)
-    shown, met = worst(all_moments), meetings(log, all_moments)
-    rows = _kept(log, [moment.nearest for moment in shown] + [meeting.strongest for meeting in met])
-    missing, axis, margin = gaps(log), time_axis(log), limit_margin(log)
+    warnings, parts = (
+        ([], []) if log.drive is None else (episodes(log.drive), contributions(log.drive))
+    )
+    severest = sorted(warnings, key=lambda episode: -_severity(log, episode.worst))[:MAX_WARNINGS]
+    shown = sorted(severest, key=lambda episode: episode.worst)
+    marked = [episode.worst for episode in shown] + [part.worst for part in parts]
+    rows = _kept(log, [] if log.drive is None else log.drive.predictions[marked].tolist())
+    missing, axis = gaps(log), time_axis(log)
     content: dict[str, Any] = {
-        "charts": _charts(log, margin),
+        "charts": _charts(log),
         "overview": {"column": "crank_angle", "factor": DEG, "label": "α3"},
         "readings": _readings(log),
         "mode_labels": [_mode_name(log, mode) for mode in range(log.n_modes)],
         "brief": ["crank_angle", *(f"f{mode + 1}" for mode in range(log.n_modes))],
-        "answer": first_sentence(log, met),
+        "answer": first_sentence(log),
+        "calm": log.drive is not None and not warnings,
         "tables": [
-            *_meetings_table(log, met, rows, axis),
-            _moments_table(log, all_moments, shown, rows, axis),
+            *_contributions_table(log, parts, rows, axis),
+            _warnings_table(log, warnings, shown, rows, axis),
         ],
-        "summary": _summary(log, all_moments, missing),
-        "histograms": _histograms(log, margin),
+        "summary": _summary(log, warnings, missing),
+        "histograms": _histograms(log),
         "provenance": _provenance(log, len(rows)),
         "shades": _shades(log, missing, axis),
         "excitations": _excitations(log, rows, axis),
         "clock": axis.knots(),
-        "campbell": campbell(log, all_moments),
-        "stale_after": _number(log, "stale_after", _STALE_AFTER),
+        "advice": advice_map(log),
+        "campbell": campbell(log, [episode.worst for episode in warnings]),
+        "stale_after": number(log, "stale_after", _STALE_AFTER),
     }
     if log.mechanism and log.table:
         for key, grid in (("frf", receptance_grid), ("linkage", linkage_grid)):
@@ -120,7 +126,8 @@ def provenance_rows(log: Log) -> list[list[str]]:
         rows += [
             ["Mechanism", f"{table.mechanism_name}, model {table.model_hash[:12]}"],
             ["Range of angles", f"{low:g} to {high:g} deg"],
-            ["Frequency band", f"{table.band[0]:g} to {table.band[1]:g} Hz"],
+            ["Frequency band of FRFs", f"{table.band[0]:g} to {table.band[1]:g} Hz"],
+            ["Band of the FRF peak", f"{table.peak_band[0]:g} to {table.peak_band[1]:g} Hz"],
             ["Relative error of the table", errors],
             ["Table built by", f"linkage_vibration {table.package_version}"],
         ]
@@ -154,7 +161,7 @@ def _kept(log: Log, needed: list[int]) -> IntArray:
     changes += [np.searchsorted(log.times, [start for start, _ in gaps(log)])]
     changes += [np.flatnonzero(np.diff(np.isnan(values))) for values in log.natural_frequencies.T]
     if log.resonances is not None:
-        quantities.append(log.resonances.relative_margin)
+        quantities += [log.resonances.relative_margin, log.resonances.total_load_ratio]
         changes.append(np.flatnonzero(np.diff(log.resonances.state)))
     edges = np.concatenate([np.asarray(rows, dtype=np.int64) for rows in changes])
     return thinned(quantities, np.union1d(edges, np.minimum(edges + 1, len(log.stamps) - 1)))
@@ -181,7 +188,14 @@ def _columns(log: Log, rows: IntArray, axis: TimeAxis) -> dict[str, NDArray[Any]
         columns["excitation"] = np.searchsorted(names, r.excitation[rows]).astype(np.uint8)
         columns["excitation_frequency"] = r.excitation_frequency[rows].astype(np.float32)
         columns["margin"] = r.relative_margin[rows].astype(np.float32)
-        columns["resonance_mode"] = (r.mode[rows] + 1).astype(np.uint8)
+        columns["load_ratio"] = r.total_load_ratio[rows].astype(np.float32)
+        near = np.where(np.isnan(r.natural_frequency), 0, r.mode + 1)
+        columns["resonance_mode"] = near[rows].astype(np.uint8)
+        if log.drive is not None and (parts := ground_and_orders(log.drive, log.excitations)):
+            at = np.searchsorted(log.drive.predictions, rows, side="right") - 1
+            for name, values in zip(_PARTS, parts, strict=True):
+                found = np.where(at < 0, np.nan, values[at])
+                columns[name] = found.astype(np.float32)
     return columns
 
 
@@ -197,7 +211,7 @@ def _has_spread(log: Log) -> bool:
     return bool((log.frequency_stddev > 1.001 * by_table).any())
 
 
-def _charts(log: Log, margin: float | None) -> Items:
+def _charts(log: Log) -> Items:
     invalid, toggle = np.isin(log.status, _INVALID).any(), (log.status == Status.NEAR_TOGGLE).any()
     shades = [
         {"label": label, "colour": colour, "fill": True}
@@ -225,12 +239,22 @@ def _charts(log: Log, margin: float | None) -> Items:
         charts.append(chart(name, title, "Hz", mode=mode, series=[line], key=key))
     peak = {"column": "peak_magnitude", "colour": palette.PEAK, "width": 1.8}
     charts.append(chart("peak", "FRF peak", "m/N", log=True, series=[peak]))
-    if log.resonances is not None:
+    if log.resonances is not None and np.isfinite(log.resonances.total_load_ratio).any():
+        limits = log_limits(log)
+        title = "Load ratio: largest force over the static force there"
+        series = [{"column": "load_ratio", "colour": palette.COLOURS[0], "width": 1.8}]
+        key = [{"label": "limits of a warning and a note", "colour": "#5f5f5f", "style": "dashed"}]
+        if log.drive is not None and ground_and_orders(log.drive, log.excitations):
+            key.append({"label": "all", "colour": palette.COLOURS[0]})
+            for (name, label), colour in zip(_PARTS.items(), palette.COLOURS[1:3], strict=True):
+                series.append({"column": name, "colour": colour, "width": 1.2})
+                key.append({"label": label, "colour": colour})
+        guides = [limits.warning, limits.note]
+        charts.append(chart("load", title, "1", series=series, guides=guides, key=key))
+    elif log.resonances is not None:
         title = "Margin of the nearest excitation to its natural frequency"
         series = [{"column": "margin", "factor": 100.0, "colour": palette.COLOURS[0]}]
-        guides = [] if margin is None else [100.0 * margin, 0.0, -100.0 * margin]
-        key = [{"label": "warning", "colour": "#5f5f5f", "style": "dashed"}] if guides else []
-        charts.append(chart("margin", title, "%", series=series, guides=guides, key=key))
+        charts.append(chart("margin", title, "%", series=series, guides=[0.0]))
     return charts
 
 
@@ -259,7 +283,8 @@ def _readings(log: Log) -> Items:
     near = ["none", *(_numbered(log, mode) for mode in range(log.n_modes))]
     return [
         *readings,
-        reading("state", "Resonance", column="state", words=STATES),
+        reading("state", "State", column="state", words=STATES),
+        reading("load", "Load ratio", column="load_ratio", digits=3),
         reading("excitation", "Most severe excitation", column="excitation", words=names),
         reading("exc_f", "Excitation frequency", column="excitation_frequency", unit="Hz"),
         reading("near_mode", "Nearest mode", column="resonance_mode", words=near),
@@ -267,81 +292,82 @@ def _readings(log: Log) -> Items:
     ]
 
 
-def _meetings_table(log: Log, met: list[Meeting], rows: IntArray, axis: TimeAxis) -> Items:
-    """Return the table of excitations and modes that met; none if none did."""
-    if not met:
+def _severity(log: Log, message: int) -> float:
+    """Return the total load ratio at a resonance; 0 if it is not known."""
+    assert log.drive is not None
+    return float(log.drive.severity()[message])
+
+
+def _place(log: Log, message: int, rows: IntArray, axis: TimeAxis) -> dict[str, Any]:
+    """Return where the page shows a resonance; the ground has no frequency and no mode."""
+    assert log.drive is not None
+    at, prediction = log.drive.resonances.message(message), int(log.drive.predictions[message])
+    time = float(axis.place(log.times)[prediction])
+    index = int(np.searchsorted(rows, prediction))
+    place = {"time": time, "index": index}
+    if math.isnan(at.natural_frequency):
+        return place
+    return place | {"mode": int(at.mode), "y": float(at.excitation_frequency)}
+
+
+def _contributions_table(
+    log: Log, parts: Sequence[Contribution], rows: IntArray, axis: TimeAxis
+) -> Items:
+    """Return the table of excitations, by their loads; none without excitations."""
+    lines, whole = [], float(real_times(log).max())
+    for part in parts:
+        known = not math.isnan(part.load_ratio)
+        assert log.drive is not None
+        at = clock(float(log.drive.times[part.worst]), whole) if known else ""
+        ratio = f"{part.load_ratio:.3f}" if known else "not known"
+        times = [f"{part.warning_time:.2f}", str(part.warnings), f"{part.note_time:.2f}"]
+        line = {"cells": [part.name, ratio, at, *times], "length": 0.0}
+        lines.append(line | (_place(log, part.worst, rows, axis) if known else {}))
+    if not lines:
         return []
-    times, places, lines = real_times(log), axis.place(log.times), []
-    for meeting in met[:MAX_MEETINGS]:
-        index = int(np.searchsorted(rows, meeting.strongest))
-        spread = (
-            ""
-            if math.isnan(meeting.amplification_stddev)
-            else f" ± {meeting.amplification_stddev:.2g}"
-        )
-        cells = [
-            meeting.excitation,
-            _numbered(log, meeting.mode),
-            f"{meeting.amplification:.3g}{spread}",
-        ]
-        at = clock(float(times[meeting.strongest]), float(times.max()))
-        cells += [f"{meeting.dwell:.2f}", str(meeting.count), at, meeting.avoid]
-        length = meeting.worst.end - meeting.worst.start
-        place = {"time": float(places[meeting.strongest]), "index": index, "mode": meeting.mode}
-        lines.append({"cells": cells, "length": length, **place})
-    note = "Each row is an excitation and a mode at its strongest moment. Choose a row to go there."
-    if any(math.isnan(meeting.amplification_stddev) for meeting in met):
-        note += " Amplifications without ± have a standard deviation that is not known."
-    if len(met) > MAX_MEETINGS:
-        note += f" Of {len(met)} pairs, the {MAX_MEETINGS} with the highest amplification."
-    head = ["excitation", "mode", "amplified (times)", "total s", "moments", "worst at", "avoid"]
-    title = "What met, the worst first"
-    table = {"id": "meetings", "title": title, "note": note, "head": head, "rows": lines}
+    note = (
+        "The load ratio is the largest force in a pin or cylinder by this excitation (root mean "
+        "square) over the static force there. Choose a row to go to its worst moment."
+    )
+    head = ["excitation", "load ratio", "at", "in warning s", "warnings", "in note s"]
+    title = "What loaded the linkage, the worst first"
+    table = {"id": "contributions", "title": title, "note": note, "head": head, "rows": lines}
     return [table | {"first": True}]
 
 
-def _moments_table(
-    log: Log, all_moments: list[Moment], shown: list[Moment], rows: IntArray, axis: TimeAxis
+def _warnings_table(
+    log: Log, every: Sequence[Episode], shown: Sequence[Episode], rows: IntArray, axis: TimeAxis
 ) -> dict[str, Any]:
-    if log.resonances is None:
+    note = "Each row is a warning at its worst moment. Choose a row to go there."
+    if log.drive is None:
         note = "The log holds no resonances, as no speed of engine, PTO or ground was known."
-    elif not all_moments:
-        note = "No excitation came near a natural frequency."
-    else:
-        note = "Each row is a warning at its smallest margin. Choose a row to go there."
-        if len(all_moments) > len(shown):
-            note += f" Of {len(all_moments)} warnings, the {MAX_MOMENTS} with the smallest margins."
-    if any(m.crossed for m in shown):
-        note += " × marks a crossing."
-    times, real, lines = axis.place(log.times), real_times(log), []
-    strength = amplification(log, all_moments)
-    for m in shown:
-        time, length = float(times[m.nearest]), m.end - m.start
-        severity = float(strength[m.first : m.last + 1].max())
-        margin = f"{100.0 * m.relative_margin:+.1f}" + (" ×" if m.crossed else "")
-        cells = [
-            clock(float(real[m.nearest]), float(real.max())),
-            m.excitation,
-            _numbered(log, m.mode),
-        ]
-        cells += [f"{m.natural_frequency:.2f}", margin, f"{severity:.3g}", f"{length:.2f}"]
-        index = int(np.searchsorted(rows, m.nearest))
-        at = {"cells": cells, "time": time, "length": length, "index": index, "mode": m.mode}
-        at |= {"y": m.natural_frequency, "margin": m.relative_margin, "severity": severity}
-        lines.append(at)
-    head = ["time", "excitation", "mode", "Hz", "margin %", "amplified", "duration s"]
-    title = f"Single moments of resonance ({len(all_moments)})"
+    elif not every:
+        note = "There was no warning."
+    elif len(every) > len(shown):
+        note += f" Of {len(every)} warnings, the {MAX_WARNINGS} with the largest load ratios."
+    lines, whole = [], float(real_times(log).max())
+    for episode in shown:
+        assert log.drive is not None
+        at = log.drive.resonances.message(episode.worst)
+        cells = [clock(episode.start, whole), f"{at.total_load_ratio:.3f}", at.total_load_place]
+        hertz = at.excitation_frequency
+        cells += [at.excitation, "" if math.isnan(hertz) else f"{hertz:.1f}"]
+        cells.append(f"{episode.duration:.2f}")
+        line = _place(log, episode.worst, rows, axis) | {"cells": cells}
+        length, severity = episode.duration, _severity(log, episode.worst)
+        lines.append(line | {"length": length, "severity": severity})
+    head = ["start", "load ratio", "in", "mostly by", "Hz", "duration s"]
+    title = f"Warnings ({len(every)})"
     table = {"id": "moments", "title": title, "note": note, "head": head, "rows": lines}
     return table | {"folded": True}
 
 
-def _summary(log: Log, all_moments: list[Moment], missing: list[tuple[float, float]]) -> Items:
+def _summary(log: Log, warnings: Sequence[Episode], missing: list[tuple[float, float]]) -> Items:
     items: Items = []
 
     def add(label: str, value: str, **alert: bool) -> None:
         items.append({"label": label, "value": value, **alert})
 
-    held = durations(log)
     add("Drive", f"{_span(log.times[-1])}, {len(log.stamps):,} predictions")
     valid = np.isfinite(log.peak_magnitude)
     if valid.any():
@@ -357,25 +383,8 @@ def _summary(log: Log, all_moments: list[Moment], missing: list[tuple[float, flo
         peak = int(np.nanargmax(log.peak_magnitude))
         height, frequency = log.peak_magnitude[peak], log.peak_frequency[peak]
         add("Highest FRF peak", f"{height:.3g} m/N at {frequency:.2f} Hz")
-    if log.resonances is not None:
-        warning = float(held[log.resonances.state == ResonanceState.WARNING].sum())
-        share = 100.0 * warning / (float(held.sum()) or 1.0)
-        assessed = held[log.resonances.state != ResonanceState.STALE].sum() / (held.sum() or 1.0)
-        text = f"{len(all_moments)}, {share:.1f} % of the time"
-        if not assessed:
-            text = "not known"
-        elif assessed < _NEARLY_ALL:
-            text += f"; not known for {100.0 * (1.0 - assessed):.1f} %"
-        add("Resonance warnings", text, alert=bool(all_moments) or not assessed)
-        total = log.resonances.total_velocity
-        if np.isfinite(total).any():
-            at = int(np.nanargmax(total))
-            spread = 1e3 * float(log.resonances.total_velocity_stddev[at])
-            text = "not known" if math.isnan(spread) else f"{spread:.2g} mm/s"
-            text = f"{1e3 * total[at]:.3g} mm/s rms, standard deviation {text}"
-            add("Strongest vibration", f"{text}, for the amplitudes that the excitations state")
-    else:
-        add("Resonance warnings", "not known", alert=True)
+    for label, value, alert in _load_cards(log, warnings):
+        add(label, value, alert=alert)
     deviations = log.frequency_stddev, log.damping_ratios, log.damping_ratio_stddev
     expected = log.table is not None and log.table.uncertain  # numbers of the mechanism are
     uncertain = uncertain_modes(log.natural_frequencies, *deviations, log.mode_label)
@@ -393,6 +402,41 @@ def _summary(log: Log, all_moments: list[Moment], missing: list[tuple[float, flo
         text = f"{len(back)} times, by up to {_span(float(back.max()))}"
         add("The clock jumped back", text, alert=True)
     return items
+
+
+def _load_cards(log: Log, warnings: Sequence[Episode]) -> list[tuple[str, str, bool]]:
+    """Return label, value and whether it is alarming, of warnings and of the largest loads."""
+    if log.drive is None or log.resonances is None:
+        return [("Warnings", "not known", True)]
+    drive, resonances = log.drive, log.drive.resonances
+    total = drive.time_in(np.ones(len(drive.held), np.bool_)) or 1.0
+    stale = drive.time_in(resonances.state == ResonanceState.STALE) / total
+    share = 100.0 * sum(episode.duration for episode in warnings) / total
+    text = f"{len(warnings)}, {share:.1f} % of the time"
+    if stale:
+        text += f"; not known for {100.0 * stale:.1f} %"
+    unknown = stale == 1.0
+    cards = [("Warnings", "not known" if unknown else text, bool(warnings) or unknown)]
+    ratio, velocity = resonances.total_load_ratio, resonances.total_velocity
+    if np.isfinite(ratio).any():
+        row = int(np.nanargmax(ratio))
+        at = resonances.message(row)
+        load = load_words(at.total_load_ratio, at.total_load_ratio_factor, at.total_load_place)
+        static = _static_force(log, at.total_load_place, float(drive.angles[row]))
+        cards.append(("Largest load", f"{load}{static}", False))
+    if np.isfinite(velocity).any():
+        text = f"{1e3 * np.nanmax(velocity):.3g} mm/s rms, at the response point"
+        cards.append(("Strongest vibration", text, False))
+    return cards
+
+
+def _static_force(log: Log, place: str, alpha3: float) -> str:
+    """Return the force that a load ratio refers to, in words; empty if the log has no table."""
+    if log.table is None or place not in log.table.force_places:
+        return ""
+    angle = angles_in_table(np.array([alpha3]), log.table.alpha3_range)
+    force = log.table.reference_forces(angle)[log.table.force_places.index(place), 0]
+    return f"; the static force there is {1e-3 * force:.3g} kN"
 
 
 def _largest_deviations(log: Log) -> str:
@@ -414,21 +458,19 @@ def _span(seconds: float) -> str:
     return f"{seconds / 60.0:.1f} min" if seconds < 3600.0 else f"{seconds / 3600.0:.2f} h"
 
 
-def _histograms(log: Log, margin: float | None) -> Items:
+def _histograms(log: Log) -> Items:
     def histogram(name: str, unit: str, shares: Shares, scale: float) -> dict[str, Any]:
         edges, heights = shares[0] * scale, shares[1]
         texts = {"title": f"Share of time over the {name}", "unit": unit}
         return {**texts, "edges": edges.tolist(), "shares": heights.tolist(), "limit": None}
 
     plots = [histogram("crank angle", "crank angle [deg]", angle_shares(log), DEG)]
-    margins = margin_shares(log)
-    if margins is not None:
-        note = "The last bar includes all larger margins."
-        limit = None if margin is None else 100.0 * margin
-        if limit is not None:
-            note += f" Bars below the warning margin of {limit:g} % are orange."
-        name = "margin to the nearest resonance"
-        bars = histogram(name, "margin [%]", margins, 100.0)
+    if (loads := load_shares(log)) is not None:
+        limit = log_limits(log).warning
+        note = (
+            f"The last bar includes all larger ones. Bars above the limit of {limit:g} are orange."
+        )
+        bars = histogram("load ratio", "largest force over the static force [1]", loads, 1.0)
         plots.append(bars | {"limit": limit, "note": note})
     return plots
 
@@ -467,14 +509,9 @@ def _excitations(log: Log, rows: IntArray, axis: TimeAxis) -> Items:
         places = {"times": axis.place(times), "values": values.astype(np.float32)}
         return {"name": name, "style": style, **places}
 
-    lines = []
-    speeds = dict(log.speeds)
-    for source in Source:
-        fixed = _number(log, f"{source.value}_speed", -1.0)
-        if fixed > 0.0:
-            speeds[source] = np.array([0.0, log.times[-1]]), np.array([fixed, fixed])
+    lines, speeds = [], all_speeds(log)
     for excitation in log.excitations:
-        if excitation.source in speeds:
+        if excitation.source in speeds and not excitation.terrain:
             times, values = speeds[excitation.source]
             style = _STYLES[excitation.source]
             lines.append(line(excitation.name, style, times, excitation.ratio * values))
@@ -489,8 +526,3 @@ def _excitations(log: Log, rows: IntArray, axis: TimeAxis) -> Items:
         values = np.where(is_nearest, log.resonances.excitation_frequency[rows], np.nan)
         lines.append(line(name, "solid", times[near], values[near]))
     return lines
-
-
-def _number(log: Log, name: str, default: float) -> float:
-    value = log.parameters.get(name, default)
-    return float(value) if isinstance(value, int | float) else default

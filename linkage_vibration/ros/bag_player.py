@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Publishes the node's inputs from a bag, and receives the node's predictions."""
 
+import math
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -20,49 +21,72 @@ from linkage_vibration.bags.streams import Bags, open_bags
 from linkage_vibration.bags.writing import QUEUE_DEPTH
 from linkage_vibration.playback.remapping import choose_topics
 from linkage_vibration.prediction.inputs.presets import HITCH, PRESETS
-from linkage_vibration.prediction.settings import Parameters, with_values
+from linkage_vibration.prediction.settings import NODE_NAME, Parameters, with_values
 from linkage_vibration.ros.command_line import start_errors
 from linkage_vibration.ros.endpoints import message_class
-from linkage_vibration_interfaces.msg import TableInfo, VibrationPrediction
+from linkage_vibration_interfaces.msg import Resonance, TableInfo, VibrationPrediction
 
 SETTLING = 1.0  # s; a subscriber finds a publisher somewhat later than the publisher finds it
 HINT_AFTER = 5.0  # s without what is waited for
 LONG_WAIT = 2.0  # s between two messages
+PREDICTIONS_DEPTH = 10_000  # 10 s at 1 kHz, in case this process cannot read them for a while
 
 
-def play_bag(path: Path, remaps: Mapping[str, str], report: Callable[[str], None]) -> int:
+def play_bag(
+    path: Path,
+    settings: Parameters | None,
+    remaps: Mapping[str, str],
+    report: Callable[[str], None],
+    show: Callable[[VibrationPrediction], None] | None = None,
+    check: Callable[[], None] = lambda: None,
+) -> int:
     """Publish the crank angles and speeds of a bag at their recorded times; return how many.
 
-    It begins when a subscriber of the crank angle is there. The stamps stay as recorded. ``remaps``
-    has the bag's names of the node's topics; ``report`` is called with sentences for the user.
+    It begins when a subscriber of the crank angle is there. The stamps stay as recorded. Without
+    settings, the presets are those of the topics in the bag; ``remaps`` has the bag's names of the
+    node's topics. ``report`` is called with sentences for the user, ``show`` with each prediction,
+    and ``check`` repeatedly; each may raise to stop.
     """
-    with open_bags([path]) as bags, _node("linkage_vibration_play") as node:
-        settings = _settings(bags, remaps)
+
+    def wait(due: float) -> None:
+        check()
+        # It spins at least once, so that predictions are read even if publishing is late.
+        executor.spin_once(max(due - time.monotonic(), 0.0))
+        while (left := due - time.monotonic()) > 0.0:
+            executor.spin_once(left)
+
+    with open_bags([path]) as bags, temporary_node("linkage_vibration_play") as (node, executor):
+        settings = settings or _settings(bags, remaps)
         topics = choose_topics(bags, settings, remaps)
-        names = {name: settings.source(name).topic for name in topics}
         publishers = [
-            node.create_publisher(message_class(topic.type), names[name], QUEUE_DEPTH)
-            for name, topic in topics.items()
+            node.create_publisher(message_class(t.type), settings.source(name).topic, QUEUE_DEPTH)
+            for name, t in topics.items()
         ]
-        report(f"Waiting for a subscriber of {publishers[0].topic_name}.")
+        if show is not None:
+            topic = f"{NODE_NAME}/prediction"
+            node.create_subscription(VibrationPrediction, topic, show, PREDICTIONS_DEPTH)
+        hint = "check ROS_DOMAIN_ID if the node is active"
+        report(f"Waiting for a subscriber of {publishers[0].topic_name}; {hint}.")
         while not publishers[0].get_subscription_count():
-            time.sleep(0.05)
-        time.sleep(SETTLING)
-        report(f"Playing {', '.join(names.values())} of {path}.")
-        count, offset = 0, None
+            wait(time.monotonic() + 0.05)
+        wait(time.monotonic() + SETTLING)
+        names = ", ".join(settings.source(name).topic for name in topics)
+        report(f"Playing {names} of {path}.")
+        count, offset = 0, math.nan
         for block in bags.blocks([topic.name for topic in topics.values()]):
-            for row, log_time in enumerate(block.log_times.tolist()):
-                now = time.monotonic()
-                offset = now - 1e-9 * log_time if offset is None else offset
-                wait = 1e-9 * log_time + offset - now
-                if wait > LONG_WAIT:
-                    report(f"The next message follows in {wait:.0f} s.")
-                time.sleep(max(wait, 0.0))
+            for row, recorded in enumerate((1e-9 * block.log_times).tolist()):
+                if not count:
+                    offset = time.monotonic() - recorded
+                pause = recorded + offset - time.monotonic()
+                if pause > LONG_WAIT:
+                    report(f"The next message follows in {pause:.0f} s.")
+                wait(recorded + offset)
                 publishers[block.topics[row]].publish(block.message(row))
                 count += 1
         for publisher in publishers:
             publisher.wait_for_all_acked()
-    return count
+        wait(time.monotonic() + SETTLING)
+        return count
 
 
 def _settings(bags: Bags, remaps: Mapping[str, str]) -> Parameters:
@@ -82,19 +106,23 @@ def _settings(bags: Bags, remaps: Mapping[str, str]) -> Parameters:
     return with_values(Parameters(), chosen)
 
 
-def watch(node_name: str, show: Callable[[Any], None], report: Callable[[str], None]) -> None:
+def watch(
+    node_name: str,
+    show: Callable[[Any], None],
+    take: Callable[[Any], None],
+    report: Callable[[str], None],
+) -> None:
     """Receive the predictions of a node, named with its namespace, until an exception ends it.
 
-    ``show`` is called with each prediction, and ``report`` with the names of the modes, and with a
-    sentence if no prediction arrives at the beginning.
+    ``show`` is called with each prediction, ``take`` with each resonance, and ``report`` with the
+    names of the modes, and with a sentence if no prediction arrives at the beginning.
     """
-    with _node("linkage_vibration_watch") as node:
+    with temporary_node("linkage_vibration_watch") as (node, executor):
         topic, due = f"{node_name}/prediction", time.monotonic() + HINT_AFTER
-        arrived = False
 
         def on_prediction(prediction: VibrationPrediction) -> None:
-            nonlocal arrived
-            arrived = True
+            nonlocal due
+            due = math.inf
             show(prediction)
 
         def on_table(table: TableInfo) -> None:
@@ -103,13 +131,12 @@ def watch(node_name: str, show: Callable[[Any], None], report: Callable[[str], N
         last = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         with start_errors():
             node.create_subscription(VibrationPrediction, topic, on_prediction, QUEUE_DEPTH)
+            node.create_subscription(Resonance, f"{node_name}/resonance", take, QUEUE_DEPTH)
             node.create_subscription(TableInfo, f"{node_name}/table_info", on_table, last)
-        executor = SingleThreadedExecutor(context=node.context)
-        executor.add_node(node)
         while True:
             executor.spin_once(0.2)
-            if not arrived and time.monotonic() > due:
-                due = float("inf")
+            if time.monotonic() > due:
+                due = math.inf
                 report(
                     f"No prediction on {node.resolve_topic_name(topic)} yet. Check that the node "
                     "is active, that it receives readings (`linkage-vibration play` sends some), "
@@ -118,17 +145,20 @@ def watch(node_name: str, show: Callable[[Any], None], report: Callable[[str], N
 
 
 @contextmanager
-def _node(name: str) -> Iterator[Node]:
-    """Yield a node that leaves signals to Python."""
+def temporary_node(name: str) -> Iterator[tuple[Node, SingleThreadedExecutor]]:
+    """Yield a node that leaves signals to Python, and its executor."""
     context = Context()
     try:
         with start_errors():
             # The arguments of the process are not those of ROS 2, also if they have the same form.
             rclpy.init(args=[], context=context, signal_handler_options=SignalHandlerOptions.NO)
             node = Node(name, context=context, use_global_arguments=False)
+        executor = SingleThreadedExecutor(context=context)
+        executor.add_node(node)
         try:
-            yield node
+            yield node, executor
         finally:
+            executor.shutdown()
             node.destroy_node()
     finally:
         context.try_shutdown()

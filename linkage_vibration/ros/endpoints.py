@@ -24,7 +24,7 @@ from rclpy.qos import (
 )
 
 from linkage_vibration.bags.writing import QUEUE_DEPTH
-from linkage_vibration.ros.diagnostics import Statistics
+from linkage_vibration.ros.statistics import Statistics
 
 MessageInfo = Mapping[str, Any]  # where a message comes from; rclpy 7 has no name for it
 
@@ -91,15 +91,14 @@ def subscribe(
 
 
 def message_class(type_name: str) -> Any:
-    """Return the class of a message such as ``std_msgs/msg/String``, a service or its event.
+    """Return the class of a message such as ``std_msgs/msg/String``, a service or a part of it.
 
     It raises an ImportError or an AttributeError if its package is not installed, or lacks it.
     """
     package, kind, name = type_name.split("/")
     module = import_module(f"{package}.{kind}")
-    if kind == "srv" and name.endswith("_Event"):
-        return getattr(module, name.removesuffix("_Event")).Event
-    return getattr(module, name)
+    service, _, part = name.rpartition("_")  # such as SetBool_Event
+    return getattr(getattr(module, service), part) if service else getattr(module, name)
 
 
 def _qos(reliability: ReliabilityPolicy, depth: int = QUEUE_DEPTH) -> QoSProfile:

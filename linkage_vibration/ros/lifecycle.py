@@ -27,20 +27,20 @@ from linkage_vibration.prediction.answers import Served, place_name
 from linkage_vibration.prediction.excitation import Excitation
 from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.prediction.provenance import attachments, implement_facts
-from linkage_vibration.prediction.resonance import ResonanceMonitor, never_warned
+from linkage_vibration.prediction.resonance import ResonanceMonitor
 from linkage_vibration.prediction.settings import (
     NODE_NAME,
     ParameterError,
     Parameters,
     without_markers,
 )
-from linkage_vibration.readers.excitations import read_excitations
-from linkage_vibration.readers.served import read_served
-from linkage_vibration.ros.diagnostics import Health, Statistics, statuses
+from linkage_vibration.readers.excitations import excitation_files
+from linkage_vibration.readers.served import read_loads, read_served
+from linkage_vibration.ros.diagnostics import Health, statuses
 from linkage_vibration.ros.endpoints import Throttle, advertise, publisher
 from linkage_vibration.ros.interface_check import check_interfaces
 from linkage_vibration.ros.listener import Listener
-from linkage_vibration.ros.live_inputs import LiveTopic, check_outputs, live_topics
+from linkage_vibration.ros.live_inputs import LiveTopic, check_output_topics, live_topics
 from linkage_vibration.ros.log_control import Recording, log_folder, log_limits
 from linkage_vibration.ros.markers import Markers
 from linkage_vibration.ros.memory import Memory
@@ -48,7 +48,8 @@ from linkage_vibration.ros.message_path import Predicting, input_topics, output_
 from linkage_vibration.ros.parameter_server import changed, declare_parameters, new_values
 from linkage_vibration.ros.precedence import rest
 from linkage_vibration.ros.services import Services
-from linkage_vibration_interfaces.msg import Resonance, TableInfo, VibrationPrediction
+from linkage_vibration.ros.statistics import Statistics
+from linkage_vibration_interfaces.msg import Advice, Resonance, TableInfo, VibrationPrediction
 
 # The packages of the services whose events can be published.
 EVENTFUL = ("linkage_vibration_interfaces.", "rcl_interfaces.", "std_srvs.")
@@ -62,13 +63,11 @@ class LinkageVibrationNode(LifecycleNode):
     arrived. The attribute `problem` says why the last transition failed; it is empty if none did.
     """
 
-    requests = 0
-
     def __init__(self, stop_asked: Callable[[], bool] = lambda: False) -> None:
         super().__init__(NODE_NAME, automatically_declare_parameters_from_overrides=True)
         for service in self.services:
             if service.srv_type.__module__.startswith("lifecycle_msgs"):
-                service.callback = self._counted(service.callback)
+                service.callback = self._guarded(service.callback)
         self.problem = ""
         self._stop_asked = stop_asked
         self._state, self._starting = "unconfigured", False
@@ -80,7 +79,7 @@ class LinkageVibrationNode(LifecycleNode):
         )
         # These exist while the node is configured.
         self._served: Served | None = None
-        self._excitations, self._monitored = "", tuple[Excitation, ...]()
+        self._excitations, self._monitored = dict[str, bytes](), tuple[Excitation, ...]()
         self._predicting: Predicting | None = None
         self._recording: Recording | None = None
         self._offered: Services | None = None
@@ -120,15 +119,16 @@ class LinkageVibrationNode(LifecycleNode):
         Parameter services call this method, before rclpy checks types and ranges.
         """
         asked, configured = new_values(self, parameter_list), self._served is not None
-        settings, result = changed(self._settings, asked, configured=configured)
         topics: dict[str, LiveTopic] = {}
-        if result.successful and configured:
-            try:
+        try:
+            settings = changed(self._settings, asked, configured=configured)
+            if configured:
                 topics = live_topics(settings, self.resolve_topic_name)
                 input_topics(topics)  # which need their definitions
-            except LinkageVibrationError as error:
-                result = SetParametersResult(successful=False, reason=str(error))
-        if result.successful and asked:
+        except LinkageVibrationError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        result = SetParametersResult(successful=True)
+        if asked:
             result = super().set_parameters_atomically(asked)
         if result.successful:
             for parameter in parameter_list:
@@ -181,33 +181,33 @@ class LinkageVibrationNode(LifecycleNode):
         self.destroy_node()
 
     def serve(self, executor: Executor) -> None:
-        """Handle what is not a reading, for one turn of an executor, and rest after requests.
+        """Handle what is not a reading, for one turn of an executor, and rest after it.
 
         The log is watched and reported every second of the wall clock, as simulated time may stop.
         A timer of rclpy for that would let the executor look at all services four times a second,
         which takes more processor time than ten readings.
         """
-        served, began = self.requests, time.thread_time()
+        began = time.thread_time()
         executor.spin_once(max(self._next_second - time.monotonic(), 0.0))
+        worked = time.thread_time() - began
         if time.monotonic() >= self._next_second:
             self._next_second = time.monotonic() + 1.0
             self._on_second()
         self._listener.check()
-        if self.requests > served and self._listener.active:
-            rest(time.thread_time() - began)
+        if self._listener.active:
+            rest(worked)
 
     def create_service(self, kind: Any, name: str, callback: Any, **options: Any) -> Any:
-        """Offer a service, as rclpy does, and count its requests."""
-        return super().create_service(kind, name, self._counted(callback), **options)
+        """Offer a service, as rclpy does, whose errors do not end the process."""
+        return super().create_service(kind, name, self._guarded(callback), **options)
 
-    def _counted(self, callback: Callable[..., Any]) -> Callable[..., Any]:
-        """Return a callback that counts its requests, and whose errors do not end the process.
+    def _guarded(self, callback: Callable[..., Any]) -> Callable[..., Any]:
+        """Return a callback that logs the errors which rclpy raises for invalid requests.
 
-        rclpy raises them for invalid requests, such as a parameter of an unknown type.
+        Such a request has for example a parameter of an unknown type. Coroutines are ours.
         """
 
         def call(request: Any, response: Any) -> Any:
-            self.requests += 1
             try:
                 return callback(request, response)
             except (RuntimeError, ValueError) as error:
@@ -215,13 +215,7 @@ class LinkageVibrationNode(LifecycleNode):
                 self.get_logger().error(f"A request was refused: {problem}")
                 return response
 
-        async def call_later(request: Any, response: Any) -> Any:
-            self.requests += 1
-            answer = await callback(request, response)
-            self.requests += 1  # its response will be sent in this turn
-            return answer
-
-        return call_later if iscoroutinefunction(callback) else call
+        return callback if iscoroutinefunction(callback) else call
 
     def _become(
         self, state: str, do: Callable[[], None], undo: Callable[[], None] = lambda: None
@@ -254,18 +248,16 @@ class LinkageVibrationNode(LifecycleNode):
             raise next(iter(self._faults.values()))
         check_interfaces()
         settings = self._settings
-        folder, path = log_folder(settings), settings.excitation_path()
-        self._monitored = excitations = read_excitations(path)
-        self._excitations = path.read_text(encoding="utf-8")
+        folder = log_folder(settings)
         self._memory = memory = Memory(self.get_fully_qualified_name(), settings, self.get_logger())
         self._served = served = read_served(
             settings, self.get_logger().info, lambda _: self._check_signals(), memory.recall
         )
+        self._monitored = excitations = read_loads(settings, served, self.get_logger().info)
+        self._excitations = excitation_files(settings.excitation_path())
         levels = LevelTable(served.predictor, served.mechanism, excitations)
-        if sharp := never_warned(served.predictor, settings.warning_probability):
-            self.get_logger().warning(sharp)
         inputs = live_topics(settings, self.resolve_topic_name)
-        check_outputs(inputs, self.resolve_topic_name)
+        check_output_topics(inputs, self.resolve_topic_name)
         topics = [*input_topics(inputs), *output_topics(self)]
         extra_topics = self._extra_topics() - {topic.name for topic in topics}
         provenance = self._provenance(served)
@@ -273,10 +265,19 @@ class LinkageVibrationNode(LifecycleNode):
         recorder = Recorder(folder, topics, provenance, limits, settings.compression)
         self._recording = recording = Recording(self, recorder, extra_topics, self._throttle)
         self._markers = markers = Markers(self, self._serving, self._settings)
+        self._latched = [
+            publisher(self, kind, name, latched=True)
+            for kind, name in (
+                (TableInfo, "~/table_info"),
+                (String, "~/mechanism"),
+                (Advice, "~/advice"),
+            )
+        ]
         self._predicting = Predicting(
             self,
             self._listener,
             *self._outputs,
+            self._latched[2],
             settings,
             inputs,
             served.predictor,
@@ -286,11 +287,7 @@ class LinkageVibrationNode(LifecycleNode):
             self._statistics,
             self._throttle,
         )
-        self._offered = Services(self, self._serving, excitations, self._swap)
-        self._latched = [
-            publisher(self, kind, name, latched=True)
-            for kind, name in ((TableInfo, "~/table_info"), (String, "~/mechanism"))
-        ]
+        self._offered = Services(self, self._serving, excitations, self._swap, levels)
         self._publish_model(served)
         if settings.service_events != "off":
             self._publish_service_events()
@@ -373,7 +370,7 @@ class LinkageVibrationNode(LifecycleNode):
             self._memory.keep(served.implement)
 
     def _publish_model(self, served: Served) -> None:
-        info, mechanism = self._latched
+        info, mechanism, _ = self._latched
         info.publish(_table_info(served, self._monitored, self.get_clock().now().to_msg()))
         mechanism.publish(String(data=served.mechanism_text))
 
@@ -391,41 +388,30 @@ class LinkageVibrationNode(LifecycleNode):
             self._publish_service_events()
         if self._predicting is None or self._recording is None or self._markers is None:
             return
-        self._markers.settings = self._settings
-        if without_markers(self._settings) != without_markers(before):
+        self._markers.settings = settings
+        if without_markers(settings) != without_markers(before):
             provenance = self._provenance(self._serving())
             with self._listener.paused():
                 for topic in input_topics(topics):
                     self._recording.recorder.add_topic(topic)
-                self._predicting.apply(self._settings, topics)
+                self._predicting.apply(settings, topics)
                 self._recording.recorder.change_provenance(provenance)
 
     def _on_second(self) -> None:
         now, counts = time.monotonic(), self._statistics
-        recording, predicting = self._recording, self._predicting
         counts.watch_wall_clock(time.time(), now)
-        if recording is not None:
-            recording.watch()
-        if predicting is not None:
-            predicting.report_missing(now)
-        if self._markers is not None:
-            self._markers.watch()
-        if self._offered is not None:
-            self._offered.watch()
+        for part in (self._recording, self._markers, self._offered):
+            if part is not None:
+                part.watch()
+        if self._predicting is not None:
+            self._predicting.judge(now)
         health = Health(
-            state=self._state,
-            problem=self.problem,
-            reading="" if predicting is None else predicting.input_name,
-            age=now - counts.last_reading,
-            stale_after=self._settings.stale_after,
-            second=counts.since_last_time(now),
-            prediction=None if predicting is None else predicting.prediction,
-            resonance=None if predicting is None else predicting.resonance,
-            recorder=None if recording is None else recording.recorder,
-            served=self._served,
-            readings=[] if predicting is None else predicting.reading_faults(now),
-            speeds=[] if predicting is None else predicting.speed_faults(now),
-            log_problem="" if recording is None else recording.problem,
+            self._state,
+            self.problem,
+            counts.since_last_time(now),
+            self._served,
+            self._predicting,
+            self._recording,
         )
         message = DiagnosticArray(status=statuses(self.get_fully_qualified_name(), health, counts))
         message.header.stamp = self.get_clock().now().to_msg()
@@ -444,30 +430,23 @@ def _with_name(served: Served) -> str:
 def _table_info(served: Served, excitations: Sequence[Excitation], stamp: Time) -> TableInfo:
     """Return the message that describes a table, which is in use since a time."""
     table, response = served.table, served.mechanism.response
-    first, last = table.alpha3_range
-    sound_first, sound_last = table.sound_range
-    return TableInfo(
+    low, high = table.alpha3_range
+    sound = max(low, table.sound_range[0]), min(high, table.sound_range[1])
+    info = TableInfo(
         stamp=stamp,
-        table_id=table.table_id,
-        mechanism_name=table.mechanism_name,
-        model_hash=table.model_hash,
-        package_version=table.package_version,
-        crank_angle_first=first,
-        crank_angle_last=last,
-        sound_first=max(first, sound_first),
-        sound_last=min(last, sound_last),
-        band_low=table.band[0],
-        band_high=table.band[1],
-        n_modes=table.n_modes,
         n_points=len(table.alpha3),
         interpolation_error=float(table.interpolation_error.max()),
-        peak_error=table.peak_error,
-        frf_error=table.frf_error,
         places=[place_name(place) for place in table.places],
-        mode_names=table.mode_names,
-        mode_base_shares=table.mode_shares[:, 0],
-        mode_body_shares=table.mode_shares[:, 1],
-        mode_link_shares=table.mode_shares[:, 2],
         excitations=[excitation.name for excitation in excitations],
         response_place=place_name((response.point, response.direction)),
     )
+    info.crank_angle_first, info.crank_angle_last = low, high
+    info.sound_first, info.sound_last = sound
+    info.band_low, info.band_high = table.band
+    info.peak_band_low, info.peak_band_high = table.peak_band
+    info.mode_base_shares, info.mode_body_shares, info.mode_link_shares = table.mode_shares.T
+    for name in ("table_id", "mechanism_name", "model_hash", "package_version", "n_modes"):
+        setattr(info, name, getattr(table, name))
+    for name in ("peak_error", "frf_error", "mode_names", "force_places"):
+        setattr(info, name, getattr(table, name))
+    return info

@@ -58,7 +58,7 @@ def live_topics(settings: Parameters, resolve: Callable[[str], str]) -> dict[str
     return topics
 
 
-def check_outputs(inputs: Iterable[str], resolve: Callable[[str], str]) -> None:
+def check_output_topics(inputs: Iterable[str], resolve: Callable[[str], str]) -> None:
     """Raise a `ParameterError` if an output is on the topic of an input or of another output.
 
     ``inputs`` has absolute names. Remapping alone, which ``resolve`` applies, can cause that.

@@ -95,18 +95,18 @@ class Recording:
             for topic, types in self._node.get_topic_names_and_types():
                 if topic in self._extra_topics and topic not in self._subscriptions:
                     self._subscribe(topic, types[0])
-        error = self.recorder.error
-        if error is not None and not self._error_reported:
-            self._error_reported = True
-            self._node.get_logger().error(f"{error} The node continues to predict.")
+        self._report_error()
 
     def report_end(self) -> None:
         """Log where the recorded file is, and a failure that was not reported yet."""
-        logger = self._node.get_logger()
-        if self.recorder.error is not None and not self._error_reported:
-            logger.error(f"{self.recorder.error} The node continued to predict.")
+        self._report_error()
         if self.recorder.path is not None:
-            logger.info(f"Log: {self.recorder.path}")
+            self._node.get_logger().info(f"Log: {self.recorder.path}")
+
+    def _report_error(self) -> None:
+        if self.recorder.error is not None and not self._error_reported:
+            self._error_reported = True
+            self._node.get_logger().error(f"{self.recorder.error} The node predicts without a log.")
 
     def _subscribe(self, topic: str, type_name: str) -> None:
         latched = self._is_latched(topic)

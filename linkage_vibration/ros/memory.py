@@ -10,7 +10,6 @@ import yaml
 from rclpy.impl.rcutils_logger import RcutilsLogger
 
 from linkage_vibration.errors import LinkageVibrationError
-from linkage_vibration.mechanics.description import MechanismError
 from linkage_vibration.mechanics.keys import Keys
 from linkage_vibration.prediction.answers import Implement, Implements, with_implement
 from linkage_vibration.prediction.settings import Parameters
@@ -64,14 +63,14 @@ class Memory:
         """Write the implement in use: its name, or its properties if it has none."""
         if not self._used:
             return
-        values = {key: value for key, value in asdict(implement).items() if key != "name"}
-        values["centre_of_gravity"] = list(implement.centre_of_gravity)
-        if implement.name:
-            values = {"name": implement.name}
+        values = {"name": implement.name}
+        if not implement.name:
+            values = asdict(implement) | {"centre_of_gravity": [*implement.centre_of_gravity]}
+            del values["name"]
+        text = yaml.safe_dump({"parameters": self._given, "implement": values}, sort_keys=False)
         text = (
-            "# The node reads this file when it is configured. Delete it to use the parameters.\n"
+            f"# The node reads this when it is configured. Delete it to use the parameters.\n{text}"
         )
-        text += yaml.safe_dump({"parameters": self._given, "implement": values}, sort_keys=False)
         try:
             make_folder(self.path.parent, _MemoryError)
             write_text(self.path, text, _MemoryError)
@@ -92,9 +91,7 @@ class Memory:
             numbers = keys.number("mass", positive=True), keys.number("inertia", positive=True)
             implement = Implement(keys.text("rigid_body"), *numbers, centre)
             with_implement(implements.mechanism, implements.mechanism_text, implement)
-        except MechanismError as error:
-            where = "" if str(self.path) in error.path else f"{self.path}: "
-            raise _MemoryError(f"{where}{error}") from None
         except LinkageVibrationError as error:
-            raise _MemoryError(f"{self.path}: {error}") from None
+            where = "" if str(self.path) in str(error) else f"{self.path}: "
+            raise _MemoryError(f"{where}{error}") from None
         return implement

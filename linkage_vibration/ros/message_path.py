@@ -16,26 +16,33 @@ from linkage_vibration.bags.numbers import CdrError, ReadingError
 from linkage_vibration.bags.writing import Topic
 from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.messages.encoding import encode_message
-from linkage_vibration.messages.topics import OUTPUT_TOPICS, PREDICTION, RESONANCE, log_topic
+from linkage_vibration.messages.topics import (
+    ADVICE,
+    OUTPUT_TOPICS,
+    PREDICTION,
+    RESONANCE,
+    log_topic,
+)
+from linkage_vibration.prediction.advice import Adviser
 from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.health import Expected, Fault, ReadingWatch, SpeedWatch
 from linkage_vibration.prediction.inputs.presets import HITCH
-from linkage_vibration.prediction.inputs.sources import CrankInput, Stamped
+from linkage_vibration.prediction.inputs.sources import CrankInput, SpeedInput, Stamped
 from linkage_vibration.prediction.inputs.units import ANGLES, Reading
 from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.prediction.motion import UNKNOWN, Rate, crank_filter, crank_resolution
 from linkage_vibration.prediction.predictor import Prediction, Predictor, Status, fault
 from linkage_vibration.prediction.resonance import ResonanceMonitor
 from linkage_vibration.prediction.settings import Parameters
-from linkage_vibration.ros.diagnostics import Statistics
 from linkage_vibration.ros.endpoints import MessageInfo, Throttle, message_class
 from linkage_vibration.ros.listener import Listener
 from linkage_vibration.ros.live_inputs import LiveTopic
+from linkage_vibration.ros.statistics import Statistics
 
 MISSING_AFTER = 5.0  # s without the joint, before a warning says that it is missing
 MAX_NAMES = 20  # of other joints, in that warning
 
-_Found = TypeVar("_Found")
+_Value = TypeVar("_Value")
 _Message = tuple[str, bytes, int, MessageInfo]  # topic, bytes, time of receipt (ns), origin
 
 
@@ -46,21 +53,25 @@ def input_topics(topics: dict[str, LiveTopic]) -> list[Topic]:
 
 def output_topics(node: Node) -> list[Topic]:
     """Return the topics of the answers as a log describes them."""
-    logged = [topic for topic in OUTPUT_TOPICS if topic.logged]
-    return [log_topic(node.resolve_topic_name(topic.name), topic.type) for topic in logged]
+    return [
+        log_topic(node.resolve_topic_name(topic.name), topic.type, latched=topic.latched)
+        for topic in OUTPUT_TOPICS
+        if topic.logged
+    ]
 
 
 class Predicting:
     """Answers each reading of the crank angle with a prediction on ``~/prediction``.
 
-    Once a speed is known, resonances follow on ``~/resonance``, at a limited rate.
+    Once a speed is known, resonances follow on ``~/resonance``, at a limited rate, and advice on
+    ``~/advice`` while the load exceeds its limit.
 
     Parameters
     ----------
     node, listener : Node, Listener
         The node that publishes, and the one that subscribes.
-    predictions, resonances : Publisher
-        The publishers of both topics.
+    predictions, resonances, advice : Publisher
+        The publishers of these topics.
     settings : Parameters
         The parameters at the start; `apply` changes them while the listener is paused.
     topics : dict of str to LiveTopic
@@ -81,6 +92,13 @@ class Predicting:
     ----------
     prediction, resonance : Prediction, MessageColumns or None
         The last ones.
+    excitations : tuple of Excitation
+        Those that are monitored.
+    readings : ReadingWatch
+    age, stale_after : float
+        Of the last reading, s, and when it is too old.
+    reading_faults, speed_faults : list of Fault
+        Set by `judge`.
     """
 
     def __init__(
@@ -89,6 +107,7 @@ class Predicting:
         listener: Listener,
         predictions: Any,
         resonances: Any,
+        advice: Any,
         settings: Parameters,
         topics: dict[str, LiveTopic],
         predictor: Predictor,
@@ -98,9 +117,12 @@ class Predicting:
         statistics: Statistics,
         throttle: Throttle,
     ) -> None:
-        self.predictor = predictor
+        self.predictor, self.excitations = predictor, monitor.excitations
         self.prediction: Prediction | None = None
         self.resonance: MessageColumns | None = None
+        self.readings, self.age = ReadingWatch(), math.nan
+        self.reading_faults: list[Fault] = []
+        self.speed_faults: list[Fault] = []
         self._node, self._clock, self._listener = node, node.get_clock(), listener
         self._monitor, self._record, self._show = monitor, record, show
         self._statistics, self._throttle = statistics, throttle
@@ -111,6 +133,7 @@ class Predicting:
         self._began = self._judged = 0.0
         self._predictions, self._prediction_topic = predictions, predictions.topic_name
         self._resonances, self._resonance_topic = resonances, resonances.topic_name
+        self._advice, self._adviser = advice, Adviser(monitor)
         self.apply(settings, topics)
 
     @property
@@ -128,15 +151,17 @@ class Predicting:
             The topics of their inputs.
         """
         monitor, before = self._monitor, {(t.name, t.type) for t in self._topics.values()}
-        self._settings, self._topics = settings, topics
+        self._topics, self._angle_stddev = topics, settings.angle_stddev
+        self._fixed = {source: settings.fixed_speed(source) for source in Source}
+        self.stale_after = settings.stale_after
         self._crank_topic, crank = next((t.name, t.crank) for t in topics.values() if t.crank)
         assert crank is not None
         self._crank = crank
         self._motion = crank_filter()  # another calibration is not a motion
         monitor.limits = settings.warning_limits()
         monitor.stale_after, monitor.rate = settings.stale_after, settings.resonance_rate
-        for source in Source:
-            monitor.set_fixed(source, settings.fixed_speed(source))
+        for source, fixed in self._fixed.items():
+            monitor.set_fixed(source, fixed)
         if before != {(t.name, t.type) for t in topics.values()} and self._subscribed:
             self.unsubscribe()
             self.subscribe()
@@ -156,9 +181,8 @@ class Predicting:
         self._began = self._judged = time.monotonic()
         self._subscribed = True
         first, last = self.predictor.table.alpha3_range
-        self._readings = ReadingWatch(turns=last - first > math.pi)
+        self.readings = ReadingWatch(last - first > math.pi, self.readings.stamps_back)
         self._speeds = {source: SpeedWatch(source) for source in Source}
-        self._statistics.last_reading = math.nan
         for topic in self._topics.values():
             on_message = partial(self._on_message, topic.name, topic.type)
             self._listener.subscribe(message_class(topic.type), topic.name, on_message)
@@ -170,46 +194,44 @@ class Predicting:
         self._other_names.clear()
         self.resonance = None
 
-    def report_missing(self, now: float) -> None:
-        """Warn if the joint is missing at a time (steady clock, s), and name the joints seen."""
-        last = self._statistics.last_reading
-        quiet = now - (self._began if math.isnan(last) else last)
-        if quiet > MISSING_AFTER and self._subscribed:
-            names = sorted(self._other_names)
-            explained = self._crank.reader.explain_missing(self._crank_topic, names)
-            if explained:
-                silence = f"No reading for more than {MISSING_AFTER:g} s: "
-                self._throttle.warn("missing", silence + explained)
+    def judge(self, now: float) -> None:
+        """Set the faults of the inputs since the last call; ``now`` is by the steady clock, s."""
+        self.reading_faults = self._judge_readings(now) if self._subscribed else []
+        self.speed_faults = self._judge_speeds(now) if self._subscribed else []
+        self.age = now - self.readings.last
 
-    def reading_faults(self, now: float) -> list[Fault]:
-        """Return what was wrong with the readings since the last call (steady clock, s)."""
-        if not self._subscribed:
-            return []
-        topic, names, scale = self._crank_topic, sorted(self._other_names), self._crank.scale
+    def _judge_readings(self, now: float) -> list[Fault]:
+        """Return what was wrong with the readings; if the joint is missing, also warn."""
+        names, scale = sorted(self._other_names), self._crank.scale
+        remedy = self._crank.reader.explain_missing(self._crank_topic, names)
         first, last = self.predictor.table.alpha3_range
         expected = Expected(
             name=self.input_name,
-            remedy=self._crank.reader.explain_missing(topic, names) if names else "",
+            remedy=remedy if names else "",
             first=first,
             last=last,
             offset=scale.offset * ANGLES.get(scale.unit, math.nan),
-            stale_after=self._settings.stale_after,
-            publishers=partial(self._publishers, topic),
+            stale_after=self.stale_after,
+            publishers=partial(self._publishers, self._crank_topic),
             shaken=any(watch.turns(now) for watch in self._speeds.values()),
         )
         elapsed, self._judged = now - self._judged, now
-        return self._readings.judge(now, elapsed, expected)
+        faults = self.readings.judge(now, elapsed, expected)
+        if remedy and now - max(self._began, self.readings.last) > MISSING_AFTER:
+            silence = f"No reading for more than {MISSING_AFTER:g} s: "
+            self._throttle.warn("missing", silence + remedy)
+        return faults
 
-    def speed_faults(self, now: float) -> list[Fault]:
-        """Return what was wrong with the speeds since the last call (steady clock, s)."""
-        found: list[Fault] = []
+    def _judge_speeds(self, now: float) -> list[Fault]:
+        """Return what was wrong with the speeds that are not fixed."""
+        faults: list[Fault] = []
         for topic in self._topics.values():
             publishers = partial(self._publishers, topic.name)
             for source, _ in topic.speeds:
-                if self._subscribed and self._settings.fixed_speed(source) is None:
-                    stale_after = self._settings.stale_after
-                    found += self._speeds[source].judge(now, topic.name, stale_after, publishers)
-        return found
+                if self._fixed[source] is None:
+                    watch = self._speeds[source]
+                    faults += watch.judge(now, topic.name, self.stale_after, publishers)
+        return faults
 
     def _publishers(self, topic: str) -> list[str]:
         """Return the names of the nodes that publish a topic, one for each publisher."""
@@ -222,31 +244,31 @@ class Predicting:
             return  # it arrived before the inputs were changed
         message, used = (name, data, received, info), False
         for source, speed in topic.speeds:
-            found = self._read(speed.read_one, message)
-            if found is not None:
+            value_and_time = self._read(speed.read_one, message)
+            if value_and_time is not None:
                 used = True
-                sequence = info["publication_sequence_number"] or 0
-                self._speeds[source].take(began, found[0], sequence)
-                self._take_speed(source, *found, speed.describe(name), speed.reader.note)
+                self._speeds[source].take(began, value_and_time[0])
+                self._take_speed(source, *value_and_time, speed, name)
         if topic.crank is not None:
             self._statistics.received += 1
-            reading = self._read(topic.crank.read_one, message, self._readings.refuse)
+            reading = self._read(topic.crank.read_one, message, self.readings.refuse)
             if reading is not None:
                 self._other_names.clear()
                 self._answer(reading, message, began)
                 return  # with its answers, the message is recorded
-            # Several nodes may share the topic; `report_missing` warns if none sends the joint.
+            # Several nodes may share the topic; `judge` warns if none sends the joint.
             if len(self._other_names) < MAX_NAMES:
-                self._add_other_names(topic.crank, data)
+                with suppress(CdrError):
+                    self._other_names.update(topic.crank.reader.other_names(data))
         if used:
             self._record(*message)
 
     def _read(
         self,
-        read: Callable[[bytes, int], _Found | None],
+        read: Callable[[bytes, int], _Value | None],
         message: _Message,
         refuse: Callable[[str], None] = lambda fault: None,
-    ) -> _Found | None:
+    ) -> _Value | None:
         """Return what an input reads from a message; None if there is nothing, after a warning."""
         topic, data, received, _ = message
         try:
@@ -260,19 +282,20 @@ class Predicting:
             self._throttle.warn("bytes", problem)
         return None
 
-    def _add_other_names(self, crank: CrankInput, data: bytes) -> None:
-        with suppress(CdrError):
-            self._other_names.update(crank.reader.other_names(data))
-
     def _now(self) -> int:
         """Return the time of the node's clock, ns, without rclpy in a third of the time."""
         return self._clock.now().nanoseconds if self._clock.ros_time_is_active else time.time_ns()
 
-    def _take_speed(self, source: Source, value: float, at: int, words: str, note: str) -> None:
-        if self._settings.fixed_speed(source) is None:
+    def _take_speed(
+        self, source: Source, value: float, at: int, speed: SpeedInput, topic: str
+    ) -> None:
+        if self._fixed[source] is None:
             self._monitor.set_speed(source, value, at)
-        problem = f"{words} has no {source.value} speed now, so it is unknown. {note}".rstrip()
-        self._throttle.report(source.value, problem if math.isnan(value) else "")
+        problem = ""
+        if math.isnan(value):
+            words = f"{speed.describe(topic)} has no {source.value} speed now, so it is unknown."
+            problem = f"{words} {speed.reader.note}".rstrip()
+        self._throttle.report(source.value, problem)
 
     def _answer(self, stamped: Stamped, source: _Message, began: float) -> None:
         """Predict and publish; then count, and record the message with its answers."""
@@ -284,7 +307,6 @@ class Predicting:
         self._predictions.publish(encoded)
         counts.latencies.append(time.monotonic() - began)
         counts.predicted += 1
-        counts.take_reading(began, sec, nanosec, received)
         answers = [(self._prediction_topic, encoded)]
         stamp, needed = 10**9 * sec + nanosec, self._monitor.any_speed_reported
         needed = needed and bool(self._monitor.due(np.array([stamp]))[0])
@@ -294,15 +316,19 @@ class Predicting:
             encoded = encode_message(RESONANCE, self.resonance, sec, nanosec, frame)
             self._resonances.publish(encoded)
             answers.append((self._resonance_topic, encoded))
+            if self._adviser.due(np.array([self.resonance.total_load_ratio]), np.array([stamp])):
+                advice = self._adviser.answer(self.resonance)
+                encoded = encode_message(ADVICE, advice, sec, nanosec, frame)
+                self._advice.publish(encoded)
+                answers.append((self._advice.topic_name, encoded))
         self._record(*source, *answers)
-        self._readings.take(
+        self.readings.take(
             began,
             stamp,
             received,
             reading.crank_angle,
             reading.velocity,
             known=prediction.status is not Status.OUT_OF_RANGE,
-            sequence=source[3]["publication_sequence_number"] or 0,
         )
         if prediction.status.has_numbers:
             self._show(reading.crank_angle)
@@ -322,7 +348,7 @@ class Predicting:
         """Return the velocity of the crank, if needed: as reported, or else as estimated."""
         if reading.velocity == reading.velocity:  # it is not NaN
             return Rate(reading.velocity, 0.0)
-        resolution = crank_resolution(reading.stddev, self._settings.angle_stddev)
+        resolution = crank_resolution(reading.stddev, self._angle_stddev)
         if needed:
             return self._motion.add(stamp, reading.crank_angle, resolution)
         self._motion.note(stamp, reading.crank_angle, resolution)

@@ -6,14 +6,12 @@ import os
 import signal
 import sys
 from collections.abc import Callable
-from importlib.metadata import PackageNotFoundError, version
 from types import FrameType
 
 from linkage_vibration.support.missing_library import missing_library
 from linkage_vibration.support.version import OldLibraryError, check_versions
 
 STOP_SIGNALS = (signal.SIGHUP, signal.SIGINT, signal.SIGTERM)
-JAZZY = 7  # major version of its rclpy
 
 
 def main(args: list[str] | None = None) -> int:
@@ -23,37 +21,20 @@ def main(args: list[str] | None = None) -> int:
     # The matrices are small; BLAS threads would only keep cores from the readings.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     stop_asked = _handle_signals()
-    if _ros_is_too_old():
-        name = os.environ.get("ROS_DISTRO", "this release").capitalize()
-        print(
-            f"linkage_vibration_node: ROS 2 {name} is not supported; use Jazzy or later.",
-            file=sys.stderr,
-        )
-        return 1
     # The import of ROS 2 and SciPy takes a second, in which signals are handled already.
     try:
         check_versions()
         from linkage_vibration.ros.spinning import run
 
         return run(args, stop_asked)
-    except OldLibraryError as error:
-        print(f"linkage_vibration_node: {error}", file=sys.stderr)
-        return 1
-    except ImportError as error:
-        print(f"linkage_vibration_node: {missing_library(error)}", file=sys.stderr)
+    except (OldLibraryError, ImportError) as error:
+        problem = missing_library(error) if isinstance(error, ImportError) else error
+        print(f"linkage_vibration_node: {problem}", file=sys.stderr)
         return 1
     finally:
         # Python restores its own handlers as it ends; a late signal would then kill the process.
         for number in STOP_SIGNALS:
             signal.signal(number, signal.SIG_IGN)
-
-
-def _ros_is_too_old() -> bool:
-    """Return whether rclpy is older than that of Jazzy."""
-    try:
-        return int(version("rclpy").partition(".")[0]) < JAZZY
-    except (PackageNotFoundError, ValueError):
-        return False  # the import says what is missing
 
 
 def _handle_signals() -> Callable[[], bool]:

@@ -3,19 +3,14 @@
 """Declares, describes and sets the node's parameters in ROS 2."""
 
 from collections.abc import Iterable
-from dataclasses import fields
 from typing import Any
 
-from rcl_interfaces.msg import (
-    FloatingPointRange,
-    IntegerRange,
-    ParameterDescriptor,
-    SetParametersResult,
-)
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from linkage_vibration.prediction.settings import (
+    DECLARED,
     ParameterError,
     Parameters,
     check_value,
@@ -38,8 +33,7 @@ def declare_parameters(node: Node) -> tuple[Parameters, dict[str, ParameterError
     _check_sim_time(at_start.values())
     values: dict[str, Any] = {}
     faults: dict[str, ParameterError] = {}
-    for parameter in fields(Parameters):
-        name = parameter.name
+    for name, parameter in DECLARED.items():
         try:
             values[name] = check_value(name, given.pop(name, parameter.default))
         except ParameterError as error:
@@ -85,40 +79,29 @@ def new_values(node: Node, asked: "list[Parameter[Any]]") -> "list[Parameter[Any
     for parameter in asked:
         name = parameter.name
         value = converted(name, parameter.value)
-        before = (
-            converted(name, node.get_parameter(name).value) if node.has_parameter(name) else None
-        )
+        before = converted(name, node.get_parameter_or(name).value)  # None if it is unknown
         if type(value) is not type(before) or value != before:
             differing.append(parameter if is_ros_parameter(name) else Parameter(name, value=value))
     return differing
 
 
-def changed(
-    settings: Parameters, asked: "list[Parameter[Any]]", *, configured: bool
-) -> tuple[Parameters, SetParametersResult]:
-    """Return the parameters after a request, and whether the request is allowed.
+def changed(settings: Parameters, asked: "list[Parameter[Any]]", *, configured: bool) -> Parameters:
+    """Return the parameters after a request, or raise a `ParameterError` if it is not allowed.
 
     While the node is configured, only live parameters may be set.
     """
-    requested = [p for p in asked if not is_ros_parameter(p.name)]
-    live = {parameter.name: parameter.metadata["live"] for parameter in fields(Parameters)}
-    try:
-        _check_sim_time(asked)
-        new = with_values(settings, {p.name: p.value for p in requested})
-    except ParameterError as error:
-        return settings, SetParametersResult(successful=False, reason=str(error))
-    for name in [p.name for p in requested if not live[p.name]]:
+    _check_sim_time(asked)
+    requested = {p.name: p.value for p in asked if not is_ros_parameter(p.name)}
+    new = with_values(settings, requested)
+    for name in requested:
         if name == "autostart":
-            reason = "Parameter autostart is read at the start; give it there."
-        elif configured:
-            reason = (
+            raise ParameterError("Parameter autostart is read at the start; give it there.")
+        if configured and not DECLARED[name].metadata["live"]:
+            raise ParameterError(
                 f"Parameter {name} is read when the node is configured; clean the node up first "
                 "(`ros2 lifecycle set`), or give the parameter at the start."
             )
-        else:
-            continue
-        return settings, SetParametersResult(successful=False, reason=reason)
-    return new, SetParametersResult(successful=True)
+    return new
 
 
 def _check_sim_time(parameters: "Iterable[Parameter[Any]]") -> None:

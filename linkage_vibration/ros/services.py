@@ -1,12 +1,12 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""The node's services: predictions, FRFs, mode shapes, the table, and a change of implement."""
+"""The node's services: predictions, FRFs, mode shapes, the table, advice, another implement."""
 
 import math
 import tempfile
 import time
 from array import array
-from collections.abc import Callable, Sequence
+from collections.abc import Awaitable, Callable, Sequence
 from concurrent.futures import CancelledError, ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import astuple
@@ -27,8 +27,9 @@ from std_msgs.msg import String
 
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.messages.encoding import encode_message
-from linkage_vibration.messages.topics import PREDICTION
+from linkage_vibration.messages.topics import ADVICE, PREDICTION
 from linkage_vibration.prediction import answers
+from linkage_vibration.prediction.advice import Question, advise
 from linkage_vibration.prediction.answers import Served, place_name
 from linkage_vibration.prediction.excitation import Excitation
 from linkage_vibration.prediction.inputs.topics import HITCHED_TOPIC
@@ -38,8 +39,9 @@ from linkage_vibration.ros.endpoints import subscribe
 from linkage_vibration.ros.precedence import rest
 from linkage_vibration.support.process_pool import LocalPool
 from linkage_vibration.table.table import Table, table_bytes
-from linkage_vibration_interfaces.msg import VibrationPrediction
+from linkage_vibration_interfaces.msg import Advice, VibrationPrediction
 from linkage_vibration_interfaces.srv import (
+    Advise,
     GetFrf,
     GetModeShapes,
     GetTable,
@@ -68,8 +70,8 @@ class Services:
 
     Models are solved in a thread, which rests afterwards, and tables are built in a process.
     Meanwhile the callback, a coroutine in a reentrant callback group, waits. ``served`` returns the
-    current mechanism and table; ``swap`` is called in the executor's thread with a new one and its
-    levels.
+    current mechanism and table, whose levels are given; ``swap`` is called in the executor's thread
+    with a new one and its levels.
     """
 
     def __init__(
@@ -78,9 +80,10 @@ class Services:
         served: Callable[[], Served],
         excitations: Sequence[Excitation],
         swap: Callable[[Served, LevelTable], None],
+        levels: LevelTable,
     ) -> None:
         self._node, self._served, self._swap = node, served, swap
-        self._excitations = excitations
+        self._excitations, self._levels = excitations, levels
         # At most one of them builds a table; the other is free for short requests.
         self._threads = ThreadPoolExecutor(2, "linkage_vibration_services")
         self._waiting = 0
@@ -89,11 +92,12 @@ class Services:
         self._hitched, self._pending = "", ""
         offer: Any = partial(node.create_service, callback_group=ReentrantCallbackGroup())
         self._services = [
-            offer(PredictVibration, "~/predict", self._predict),
-            offer(GetFrf, "~/get_frf", self._get_frf),
-            offer(GetModeShapes, "~/get_mode_shapes", self._get_mode_shapes),
+            offer(PredictVibration, "~/predict", _reporting(self._predict)),
+            offer(GetFrf, "~/get_frf", _reporting(self._get_frf)),
+            offer(GetModeShapes, "~/get_mode_shapes", _reporting(self._get_mode_shapes)),
             offer(GetTable, "~/get_table", self._get_table),
-            offer(SetImplement, "~/set_implement", self._set_implement),
+            offer(Advise, "~/advise", _reporting(self._advise)),
+            offer(SetImplement, "~/set_implement", _reporting(self._set_implement)),
         ]
         self._subscriptions: list[Any] = []
         if served().implements is not None:
@@ -138,72 +142,51 @@ class Services:
 
     async def _predict(
         self, request: PredictVibration.Request, response: PredictVibration.Response
-    ) -> PredictVibration.Response:
-        angles = request.crank_angles
-        try:
-            if not 0 < len(angles) <= MAX_REQUEST:
-                raise ServiceError(
-                    f"crank_angles has {len(angles)} angles; give 1 to {MAX_REQUEST} in a request."
-                )
-            if not 0.0 <= request.crank_angle_stddev < math.inf:
-                raise ServiceError(
-                    f"crank_angle_stddev is {request.crank_angle_stddev} rad; give a finite number "
-                    "of at least 0."
-                )
-            predictor = self._served().predictor
-            now = self._node.get_clock().now().seconds_nanoseconds()
-            predictions, failed, shares = await self._away(_predict, predictor, request, now)
-        except LinkageVibrationError as error:
-            response.message = str(error)
-            return response
-        response.predictions, response.success = predictions, not failed
+    ) -> None:
+        angles, stddev = request.crank_angles, request.crank_angle_stddev
+        if not 0 < len(angles) <= MAX_REQUEST:
+            raise ServiceError(
+                f"crank_angles has {len(angles)} angles; give 1 to {MAX_REQUEST} in a request."
+            )
+        if not 0.0 <= stddev < math.inf:
+            raise ServiceError(
+                f"crank_angle_stddev is {stddev} rad; give a finite number of at least 0."
+            )
+        predictor = self._served().predictor
+        now = self._node.get_clock().now().seconds_nanoseconds()
+        response.predictions, failed, shares = await self._away(_predict, predictor, request, now)
         response.frequency_shares = _doubles(shares[:, :, 0])
         response.damping_ratio_shares = _doubles(shares[:, :, 1])
         if failed:
-            first = angles[failed[0]]
-            problem = fault(predictor.predict(first), predictor.table.alpha3_range)
+            problem = fault(predictor.predict(angles[failed[0]]), predictor.table.alpha3_range)
             response.message = (
                 f"{len(failed)} of {len(angles)} angles have no prediction, the first is "
                 f"crank_angles[{failed[0]}]: {problem}."
             )
-        return response
 
-    async def _get_frf(self, request: GetFrf.Request, response: GetFrf.Response) -> GetFrf.Response:
-        try:
-            served, frequencies = self._served(), np.array(request.frequencies)
-            places = request.outputs, request.inputs
-            angle, exact = request.crank_angle, request.exact
-            answer = await self._away(
-                answers.answer_frf, served, angle, *places, frequencies, exact=exact
-            )
-        except LinkageVibrationError as error:
-            response.message = str(error)
-            return response
-        response.success = True
+    async def _get_frf(self, request: GetFrf.Request, response: GetFrf.Response) -> None:
+        served, frequencies = self._served(), np.array(request.frequencies)
+        places, angle, exact = (request.outputs, request.inputs), request.crank_angle, request.exact
+        answer = await self._away(
+            answers.answer_frf, served, angle, *places, frequencies, exact=exact
+        )
         response.table_id = served.table.table_id
         response.outputs = [place_name(place) for place in answer.outputs]
         response.inputs = [place_name(place) for place in answer.inputs]
         response.frequencies = _doubles(answer.frequencies)
         response.real, response.imaginary = _doubles(answer.frf.real), _doubles(answer.frf.imag)
-        return response
 
     async def _get_mode_shapes(
         self, request: GetModeShapes.Request, response: GetModeShapes.Response
-    ) -> GetModeShapes.Response:
-        try:
-            served = self._served()
-            modes = await self._away(answers.answer_mode_shapes, served, request.crank_angle)
-        except LinkageVibrationError as error:
-            response.message = str(error)
-            return response
-        response.success = True
+    ) -> None:
+        served = self._served()
+        modes = await self._away(answers.answer_mode_shapes, served, request.crank_angle)
         response.table_id = served.table.table_id
         response.natural_frequencies = _doubles(modes.natural_frequencies)
         response.damping_ratios = _doubles(modes.damping_ratios)
         response.places = [place_name(place) for place in modes.places]
         response.positions = _doubles(modes.positions)
         response.shapes = _doubles(modes.shapes)
-        return response
 
     async def _get_table(self, _: object, response: GetTable.Response) -> GetTable.Response:
         try:
@@ -217,26 +200,46 @@ class Services:
         response.mechanism = served.mechanism_text
         return response
 
+    async def _advise(self, request: Advise.Request, response: Advise.Response) -> None:
+        angles = request.crank_angle_min, request.crank_angle_max
+        speeds = request.ground_speed_min, request.ground_speed_max
+        present = request.engine_speed, request.pto_speed, abs(request.ground_speed)
+        question = Question(
+            request.crank_angle,
+            np.array(present),
+            None if angles == (0.0, 0.0) else angles,
+            None if speeds == (0.0, 0.0) else speeds,
+        )
+        table_id = self._served().table.table_id
+        sec, nanosec = self._node.get_clock().now().seconds_nanoseconds()
+        found = await self._away(advise, self._levels, self._excitations, question)
+        # The bytes of the topic, decoded, so that the service and the topic cannot differ.
+        found.message.table_id = table_id
+        encoded = encode_message(ADVICE, found.message, sec, nanosec, "")
+        response.advice = deserialize_message(encoded, Advice)
+        response.regrets = _doubles(found.regrets)
+        response.crank_angles = _doubles(found.crank_angles)
+        response.ground_speeds = _doubles(found.ground_speeds)
+        response.load_ratios = _doubles(found.load_ratios)
+        response.velocities = _doubles(found.velocities)
+        response.reasons = array("B", found.reasons.tobytes())
+        response.reason_texts = list(found.reason_texts)
+
     async def _set_implement(
         self, request: SetImplement.Request, response: SetImplement.Response
-    ) -> SetImplement.Response:
+    ) -> None:
         centre = tuple(request.centre_of_gravity)
         implement = answers.Implement(request.rigid_body, request.mass, request.inertia, centre)
         try:
-            if not request.name:
-                await self._replace(self._served(), implement)
-            elif implement == answers.Implement("", 0.0, 0.0, ()):
-                await self._replace(self._served(), request.name)
-            else:
+            if request.name and implement != answers.Implement("", 0.0, 0.0, ()):
                 raise ServiceError("name has its own properties; leave all other fields empty.")
-            response.success = True
+            await self._replace(self._served(), request.name or implement)
         except LinkageVibrationError as error:
             response.message = f"The table is unchanged: {error}"
         with suppress(LinkageVibrationError):
             response.table_id = self._served().table.table_id
         if self._pending and self._node.executor is not None:
             self._node.executor.create_task(self._follow)
-        return response
 
     def _on_hitched(self, data: bytes, _: object) -> None:
         """Use the implement that a message names, once it differs from that of the last one."""
@@ -278,6 +281,7 @@ class Services:
                 if self._served() is not served:
                     raise ServiceError("The node was configured again; ask again.")
                 self._swap(rebuilt, levels)
+                self._levels = levels
             finally:
                 self._wanted = None
 
@@ -322,6 +326,20 @@ class Services:
             ) from None
         finally:
             self._waiting -= 1
+
+
+def _reporting(answer: Callable[[Any, Any], Awaitable[None]]) -> Callable[..., Any]:
+    """Return the callback of a service whose response reports the error, if there is one."""
+
+    async def respond(request: Any, response: Any) -> Any:
+        try:
+            await answer(request, response)
+        except LinkageVibrationError as error:
+            response.message = str(error)
+        response.success = not response.message
+        return response
+
+    return respond
 
 
 def _predict(

@@ -19,7 +19,7 @@ Where the targets say little, the bounds limit the errors, as those of a uniform
 import itertools
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -47,7 +47,6 @@ from linkage_vibration.support.atomic_files import write_text
 COARSE_ELEMENTS, COARSE_MODES = 10, 4  # within the fit; they change frequencies by about 1e-5
 STROKE_ANGLES = 13  # angles at which an extreme is sought, before a parabola refines it
 UNDETERMINED = 0.5  # standard deviation of a logarithm above which a direction is undetermined
-CORRELATED = 0.9  # correlation above which the summary names two parameters
 SHARE = 0.3  # component of a direction above which a parameter belongs to it
 _LIKELY = 0.95  # share of sums of squared residuals that do not contradict the deviations
 _STEP = 1e-4  # of the logarithms, in the central differences of the covariance
@@ -95,6 +94,13 @@ class CalibrationTask:
     text: str  # of the file that the description was read from
     parameters: tuple[Parameter, ...]
     targets: tuple[Target, ...]
+    # Of the last geometry; they take longest, and most fits do not change the geometry.
+    kinematics: dict[object, Kinematics] = field(default_factory=dict, compare=False)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The path of each parameter."""
+        return tuple(parameter.path for parameter in self.parameters)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -120,11 +126,13 @@ def read_calibration(path: Path) -> CalibrationTask:
     try:
         keys = Keys("", load_yaml(path)[0])
         mapping, text = load_yaml(path.parent / keys.text("mechanism"))
-        parameters = []
-        for name in keys["parameters"]:
-            parameters.append(Parameter(name, *keys["parameters"].interval(name, positive=True)))
-            for place in parameters[-1].paths:
-                _positive_number(mapping, place)
+        bounds = keys["parameters"]
+        parameters = [Parameter(name, *bounds.interval(name, positive=True)) for name in bounds]
+        for place in itertools.chain(*(parameter.paths for parameter in parameters)):
+            value = number_at(mapping, place)
+            if value <= 0:
+                what = f"{value!r} is not above zero, so it has no logarithm; drop it."
+                raise MechanismError(f"parameters.{place}", what)
         targets = tuple(_target(entry) for entry in keys.items("targets"))
         keys.refuse_unknown()
     except MechanismError as error:
@@ -147,16 +155,15 @@ def calibrate(
     cost so far: half the sum of squares of log frequency ratios, each divided by its deviation.
     """
     low, high = np.log([(p.low, p.high) for p in calibration.parameters]).T
-    described = [_positive_number(calibration.mapping, p.paths[0]) for p in calibration.parameters]
+    described = [number_at(calibration.mapping, p.paths[0]) for p in calibration.parameters]
     random = np.random.default_rng(0)
     best, problem = None, ""
-    closed: dict[object, Kinematics] = {}
     for start in range(starts):
         guess = np.clip(np.log(described), low, high) if start == 0 else random.uniform(low, high)
         try:
             wider = (low - 1e-12, high + 1e-12)
             options = {"bounds": wider, "x_scale": "jac", "max_nfev": 60}
-            fit = least_squares(lambda x: _residuals(calibration, x, closed), guess, **options)
+            fit = least_squares(lambda x: _residuals(calibration, x), guess, **options)
         except LinkageVibrationError as error:
             problem = str(error)
         else:
@@ -169,7 +176,7 @@ def calibrate(
             f"the description. The last problem: {problem}"
         )
     logs = np.clip(best.x, low, high)
-    return _result(calibration, logs, (logs - low < 1e-6) | (high - logs < 1e-6), closed)
+    return _result(calibration, logs, (logs - low < 1e-6) | (high - logs < 1e-6))
 
 
 def fit_report(calibration: CalibrationTask, result: CalibrationResult) -> str:
@@ -179,17 +186,13 @@ def fit_report(calibration: CalibrationTask, result: CalibrationResult) -> str:
         share = frequency / target.frequency - 1.0
         lines.append(f"{target!s:24}{target.frequency:12.4g}{frequency:12.4g}{share:12.1%}")
     lines += ["", f"{'parameter':44}{'value':>12}{'deviation':>12}"]
-    names = [parameter.path for parameter in calibration.parameters]
     deviations = np.sqrt(np.diag(result.covariance))
     unknown = {*itertools.chain(*result.undetermined), *result.on_bound}
-    for name, value, deviation in zip(names, result.values, deviations, strict=False):
+    rows = zip(calibration.names, result.values, deviations, strict=False)
+    for name, value, deviation in rows:
         certainty = f"{deviation:.1%}" if name not in unknown else "unknown"
         certainty = "on a bound" if name in result.on_bound else certainty
         lines.append(f"{name:44}{value:12.5g}{certainty:>12}")
-    for i, j in zip(*np.triu_indices(len(names), 1), strict=True):
-        share = result.covariance[i, j] / (deviations[i] * deviations[j])
-        if abs(share) > CORRELATED and not unknown & {names[i], names[j]}:
-            lines.append(f"correlation {share:+.2f} of {names[i]} and {names[j]}")
     if result.scatter > 1.0:
         lines.append(
             f"\nThe differences are {result.scatter:.2g} times as large as the deviations of the "
@@ -215,9 +218,8 @@ def write_mechanism(calibration: CalibrationTask, result: CalibrationResult, pat
     pairs = _numbers(calibration, result.values.tolist())
     numbers = [(at.split("."), [f"{value:.6g}"]) for at, value in pairs]
     text = edit_text(calibration.text, numbers, CalibrationError)
-    names = [parameter.path for parameter in calibration.parameters]
-    claims = other_claims(calibration.mapping, names)
-    claims = with_fitted(claims, names, result.others, result.covariance)
+    claims = other_claims(calibration.mapping, calibration.names)
+    claims = with_fitted(claims, calibration.names, result.others, result.covariance)
     write_text(path, replace_section(text, claims, CalibrationError), CalibrationError)
 
 
@@ -268,86 +270,66 @@ def _target(keys: Keys) -> Target:
     return Target(keys.integer("mode"), at, frequency, deviation)
 
 
-def _positive_number(mapping: Any, path: str) -> float:
-    value = number_at(mapping, path)
-    if value <= 0:
-        what = f"{value!r} is not above zero, so it has no logarithm; drop it."
-        raise MechanismError(f"parameters.{path}", what)
-    return float(value)
-
-
-def _residuals(
-    calibration: CalibrationTask, logs: FloatArray, closed: dict[object, Kinematics]
-) -> FloatArray:
-    """Return ln(found / wanted) / deviation, (n_targets,), as `_misfits` does."""
+def _residuals(calibration: CalibrationTask, logs: FloatArray) -> FloatArray:
+    """Return the misfits, (n_targets,), with logarithms of the parameters."""
     mechanism = mechanism_from_mapping(_apply(calibration, np.exp(logs).tolist()))
-    return _misfits(mechanism, calibration.targets, closed)
+    return _misfits(calibration, mechanism)
 
 
-def _misfits(
-    mechanism: Mechanism, targets: Sequence[Target], closed: dict[object, Kinematics]
-) -> FloatArray:
-    """Return ln(found / wanted) / deviation, (n_targets,).
-
-    ``closed`` keeps the kinematics, which take longest, while no point of the linkage changes.
-    """
-    mechanism = _coarse(mechanism)
+def _misfits(calibration: CalibrationTask, mechanism: Mechanism) -> FloatArray:
+    """Return ln(frequency / wanted) / deviation, (n_targets,), of a coarse mesh."""
+    mechanism, closed = _coarse(mechanism), calibration.kinematics
     geometry = mechanism.ground, tuple((body.name, body.points) for body in mechanism.bodies)
     if geometry not in closed:
         closed.clear()
         closed[geometry] = Kinematics(mechanism)
     model = LinkageModel(mechanism, kinematics=closed[geometry])
-    frequencies = _natural_frequencies(model, targets)
-    wanted, deviations = np.array([(t.frequency, t.deviation) for t in targets]).T
+    frequencies = _natural_frequencies(model, calibration.targets)
+    wanted, deviations = np.array([(t.frequency, t.deviation) for t in calibration.targets]).T
     return np.asarray(np.log(frequencies / wanted) / deviations)
 
 
-def _result(
-    calibration: CalibrationTask,
-    logs: FloatArray,
-    bound: BoolArray,
-    closed: dict[object, Kinematics],
-) -> CalibrationResult:
+def _result(calibration: CalibrationTask, logs: FloatArray, bound: BoolArray) -> CalibrationResult:
     columns = []
     for step in _STEP * np.eye(len(logs)):
-        before, after = (_residuals(calibration, end, closed) for end in (logs - step, logs + step))
+        before, after = (_residuals(calibration, end) for end in (logs - step, logs + step))
         columns.append((after - before) / (2.0 * _STEP))
     jacobian = np.array(columns).T
-    free, names = np.flatnonzero(~bound), [parameter.path for parameter in calibration.parameters]
+    free, names = np.flatnonzero(~bound), calibration.names
     groups = _undetermined(jacobian[:, free])
-    undetermined = [tuple(names[i] for i in free[group]) for group in groups]
-    mechanism = mechanism_from_mapping(_apply(calibration, np.exp(logs).tolist()))
-    frequencies = _natural_frequencies(LinkageModel(mechanism), calibration.targets)
-    others = _others(calibration, np.exp(logs), closed)
-    residuals = _residuals(calibration, logs, closed)
+    undetermined = tuple(tuple(names[i] for i in free[group]) for group in groups)
+    mapping = _apply(calibration, np.exp(logs).tolist())
+    model = LinkageModel(mechanism_from_mapping(mapping))
+    others, effects = _others(calibration, mapping)
     widths = np.log([p.high / p.low for p in calibration.parameters])
-    covariance, scatter = _covariance(jacobian, residuals, others[1:], widths)
+    residuals = _residuals(calibration, logs)
+    covariance, scatter = _covariance(jacobian, residuals, effects, widths)
     on_bound = tuple(names[i] for i in np.flatnonzero(bound))
+    frequencies = _natural_frequencies(model, calibration.targets)
     return CalibrationResult(
-        np.exp(logs), frequencies, covariance, others[0], scatter, tuple(undetermined), on_bound
+        np.exp(logs), frequencies, covariance, others, scatter, undetermined, on_bound
     )
 
 
 def _others(
-    calibration: CalibrationTask, values: FloatArray, closed: dict[object, Kinematics]
-) -> tuple[tuple[str, ...], FloatArray, FloatArray]:
+    calibration: CalibrationTask, fitted: dict[str, Any]
+) -> tuple[tuple[str, ...], tuple[FloatArray, FloatArray]]:
     """Return the paths of the uncertain numbers that are not fitted, and their effects.
 
-    These are the changes of the residuals by one standard deviation of each, (n_targets, n), and
-    the correlations of the numbers, (n, n).
+    These are the changes of the misfits of a fitted description by one standard deviation of each,
+    (n_targets, n), and the correlations of the numbers, (n, n).
     """
-    claims = other_claims(calibration.mapping, [p.path for p in calibration.parameters])
-    mapping = _apply(calibration, values.tolist()) | ({"uncertainty": claims} if claims else {})
-    uncertainty = mechanism_from_mapping(mapping).uncertainty
-    numbers = uncertainty.numbers if uncertainty else ()
+    claims = other_claims(calibration.mapping, calibration.names)
+    if not claims:
+        return (), (np.zeros((len(calibration.targets), 0)), np.zeros((0, 0)))
+    uncertainty = mechanism_from_mapping({**fitted, "uncertainty": claims}).uncertainty
+    assert uncertainty is not None
     columns = []
-    for number in numbers:
-        low, high = (_misfits(side, calibration.targets, closed) for side in number.sides)
+    for number in uncertainty.numbers:
+        low, high = (_misfits(calibration, side) for side in number.sides)
         columns.append((high - low) * number.deviation / (2.0 * number.step))
-    n = len(numbers)
-    rows = np.reshape(columns, (n, len(calibration.targets)))
-    correlation = np.reshape(uncertainty.correlation if uncertainty else [], (n, n))
-    return tuple(number.path for number in numbers), rows.T, correlation
+    paths = tuple(number.path for number in uncertainty.numbers)
+    return paths, (np.array(columns).T, np.array(uncertainty.correlation))
 
 
 def _undetermined(jacobian: FloatArray) -> list[IntArray]:

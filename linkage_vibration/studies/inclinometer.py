@@ -2,11 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Derives the calibration from readings of the hitch sensor to alpha3 from inclinations."""
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import yaml
+from numpy.typing import ArrayLike
 from scipy.optimize import brentq
 from scipy.stats import chi2
 
@@ -57,7 +60,6 @@ class ReadingCurve:
     pairs: tuple[float, ...]  # the parameter ``calibration``: readings and angles (rad) in turn
     stddev: float  # the largest of a crank angle between the ends of the curve, rad
     excess: float  # RMS of residuals over their deviations if it is too large for chance, or NaN
-    extrapolated: tuple[float, float]  # how far it reaches below and above the points, unit of them
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -99,30 +101,27 @@ def calibrate(
             f"The deviation of {inclinometer.stddev_deg:g} deg and the inclination of "
             f"{inclinometer.tractor_deg:g} deg have to be finite, and the first greater than 0."
         )
-    points, noises = [], []
+    points, squares = [], []
     for label, moment, degrees in pairs_of(times, "S=DEG, such as 12.5=-38.2"):
         assert series is not None
         reading, noise = still_reading(*series, moment, label)
         points.append(inclinometer.point(label, reading, degrees))
-        noises.append(noise)
+        squares.append(noise**2)
     for label, reading, degrees in pairs_of(readings, "READING=DEG, such as 43.2=-38.2"):
         points.append(inclinometer.point(label, reading, degrees))
-    low, high, noise = math.inf, -math.inf, 0.0
-    if series is not None:
-        available = np.unique(series[1][np.isfinite(series[1])])
-        if not len(available):
-            raise InclinometerError(
-                "The bag has no reading that is available; record it while the sensor works, or "
-                "give --readings without a bag."
-            )
-        low, high = float(available[0]), float(available[-1])
-        step = float(np.diff(available).min()) if len(available) > 1 else 0.0
-        # A hitch at rest does not show how coarse its sensor is.
-        noise = math.sqrt(np.mean(np.square(noises)) if noises else 0.0)
-        noise = max(noise, step / math.sqrt(12.0)) if unit != PERCENT else noise
+    available = np.empty(0) if series is None else np.unique(series[1][np.isfinite(series[1])])
+    if series is not None and not len(available):
+        raise InclinometerError(
+            "The bag has no reading that is available; record it while the sensor works, or "
+            "give --readings without a bag."
+        )
+    noise = math.sqrt(np.mean(squares)) if squares else 0.0
     if unit == PERCENT:
-        low, high = 0.0, 100.0
-    return fit(points, low, high, noise)
+        return fit(points, [0.0, 100.0], noise)
+    # A hitch at rest does not show how coarse its sensor is.
+    steps = np.diff(available)
+    coarseness = float(steps.min()) / math.sqrt(12.0) if len(steps) else 0.0
+    return fit(points, available, max(noise, coarseness))
 
 
 def pairs_of(words: Sequence[str], form: str) -> list[tuple[str, float, float]]:
@@ -222,10 +221,8 @@ def still_reading(
     return float(window.mean()), noise
 
 
-def fit(
-    points: Sequence[AngleReading], low: float, high: float, reading_stddev: float
-) -> ReadingCurve:
-    """Fit a monotone polynomial to points so that it contains the readings low and high.
+def fit(points: Sequence[AngleReading], readings: ArrayLike, reading_stddev: float) -> ReadingCurve:
+    """Fit a monotone polynomial to points so that it contains some more readings, (n,).
 
     Its degree has the smallest sum of squares plus twice the number of coefficients (Akaike), and
     is the lowest of equal ones.
@@ -235,41 +232,37 @@ def fit(
         np.array([getattr(p, k) for p in ordered]) for k in ("reading", "alpha3", "stddev")
     )
     _check_points(ordered, x, y, sigma)
-    low, high = min(low, x[0]), max(high, x[-1])
+    inside = np.append(x, readings)
+    low, high = float(inside.min()), float(inside.max())
     middle, half = (x[0] + x[-1]) / 2.0, (x[-1] - x[0]) / 2.0
-    grid = np.linspace(low, high, 201)
+    places, grid = ((at - middle) / half for at in (x, np.linspace(low, high, 201)))
     candidates = []
     highest = min(_HIGHEST_DEGREE, len(ordered) - 2, len(np.unique(x)) - 1)
     for degree in range(1, highest + 1):
-        powers = np.vander((x - middle) / half, degree + 1)
-        weighted = powers / sigma[:, np.newaxis]
-        inverse = np.linalg.inv(weighted.T @ weighted)
-        coefficients = inverse @ (weighted.T @ (y / sigma))
-        squares = float((((y - powers @ coefficients) / sigma) ** 2).sum())
-        slopes = np.polyval(np.polyder(coefficients), (grid - middle) / half) / half
-        if _monotone(coefficients, (grid - middle) / half):
-            score = squares + (2.0 + _EQUAL_SCORE) * (degree + 1)
-            candidates.append((score, degree, coefficients, inverse, squares, slopes))
+        curve, covariance = np.polyfit(places, y, degree, w=1.0 / sigma, cov="unscaled")
+        squares = float((((y - np.polyval(curve, places)) / sigma) ** 2).sum())
+        if _monotone(curve, grid):
+            score = squares + (2.0 + _EQUAL_SCORE) * degree
+            candidates.append((score, degree, squares, curve, covariance))
     if not candidates:
         raise InclinometerError(
             "No monotone curve passes near the points; check their order and the angles."
         )
-    _, degree, coefficients, inverse, squares, slopes = min(candidates, key=lambda fit: fit[0])
+    _, degree, squares, curve, covariance = min(candidates, key=lambda fit: fit[0])
     freedom = len(ordered) - degree - 1
     excess = math.sqrt(squares / freedom)
-    powers = np.vander((grid - middle) / half, degree + 1)
-    variance = np.einsum("ij,jk,ik->i", powers, inverse, powers) * max(excess, 1.0) ** 2
-    stddev = math.sqrt(float((variance + (slopes * reading_stddev) ** 2).max()))
+    powers = np.vander(grid, degree + 1)
+    variance = np.einsum("ij,jk,ik->i", powers, covariance, powers) * max(excess, 1.0) ** 2
+    slopes = np.polyval(np.polyder(curve), grid) / half
     knots = np.linspace(low, high, 2 if degree == 1 else _KNOTS)
-    angles = np.polyval(coefficients, (knots - middle) / half)
+    angles = np.polyval(curve, (knots - middle) / half)
     return ReadingCurve(
         ordered,
-        y - np.polyval(coefficients, (x - middle) / half),
+        y - np.polyval(curve, places),
         degree,
         tuple(np.stack([knots, angles], axis=1).ravel().tolist()),
-        stddev,
+        math.sqrt(float((variance + (slopes * reading_stddev) ** 2).max())),
         excess if chi2.sf(squares, freedom) < _UNLIKELY else math.nan,
-        (float(x[0] - low), float(high - x[-1])),
     )
 
 
@@ -295,21 +288,18 @@ def _check_points(
         raise InclinometerError(
             "The body hardly turns with the crank at one of the points; measure on another body."
         )
-    way = 0.0
-    if np.ptp(x) > 0.0:
-        rise = float(np.polyfit(x - x.mean(), y, 1)[0] * np.ptp(x))
-        way = 1.0 if rise > -_EQUAL else -1.0
-    for i in range(len(points)):
-        for j in range(i + 1, len(points)):
-            back = -way * (y[j] - y[i])
-            if x[j] - x[i] <= 1e-9 * np.ptp(x):
-                back = abs(y[j] - y[i])
-            if back > _TURNED_BACK * math.hypot(sigma[i], sigma[j]) or way == 0.0:
-                raise InclinometerError(
-                    f"The calibration is not monotone: {points[i].label} has the reading {x[i]:.6g}"
-                    f" and {math.degrees(y[i]):.2f} deg, {points[j].label} has {x[j]:.6g} and "
-                    f"{math.degrees(y[j]):.2f} deg; measure these points again."
-                )
+    spread = float(np.ptp(x))
+    way = 1.0 if np.mean((x - x.mean()) * y) >= -_EQUAL * spread else -1.0
+    for i, j in itertools.combinations(range(len(points)), 2):
+        back = way * (y[i] - y[j])
+        if x[j] - x[i] <= 1e-9 * spread:
+            back = abs(back)
+        if back > _TURNED_BACK * math.hypot(sigma[i], sigma[j]):
+            raise InclinometerError(
+                f"The calibration is not monotone: {points[i].label} has the reading {x[i]:.6g}"
+                f" and {math.degrees(y[i]):.2f} deg, {points[j].label} has {x[j]:.6g} and "
+                f"{math.degrees(y[j]):.2f} deg; measure these points again."
+            )
     if abs(y[-1] - y[0]) < 2.0 * _TURNED_BACK * math.hypot(sigma[0], sigma[-1]):
         raise InclinometerError(
             f"The points span {abs(math.degrees(y[-1] - y[0])):.2f} deg only; measure over the "
@@ -340,7 +330,8 @@ def curve_report(curve: ReadingCurve, body: str) -> str:
             f"The residuals are {curve.excess:.1f} times as large as the inclinometer explains, "
             f"most at {worst.label}: measure it again, or check the lengths of the mechanism."
         )
-    below, above = curve.extrapolated
+    below = curve.points[0].reading - curve.pairs[0]
+    above = curve.pairs[-2] - curve.points[-1].reading
     if max(below, above) > 0.0:
         lines.append(
             f"The calibration is extrapolated by {below:.4g} below and {above:.4g} above the "
@@ -359,17 +350,14 @@ def parameters(curve: ReadingCurve, unit: str) -> str:
 
     The unit is "any" if it is rad or deg, whose positions are not looked up in a calibration.
     """
-    # A small range of readings needs more decimals than an angle.
-    finer = max(0, -math.floor(math.log10(curve.pairs[-2] - curve.pairs[0])))
-    digits = [9 + finer * (k % 2 == 0) for k in range(len(curve.pairs))]
-    words = [f"{v:.{n}f}".rstrip("0") for v, n in zip(curve.pairs, digits, strict=True)]
-    numbers = ", ".join(word + "0" * word.endswith(".") for word in words)
+    pairs = zip(curve.pairs[::2], curve.pairs[1::2], strict=True)
     values = {
-        "sign": "1",
-        "scale": "1.0",
-        "offset": "0.0",
+        "sign": 1,
+        "scale": 1.0,
+        "offset": 0.0,
         "hitch_unit": unit,
-        "calibration": f"[{numbers}]",
-        "angle_stddev": f"{max(curve.stddev, 1e-6):.6f}",
+        "calibration": [x for a, b in pairs for x in (float(f"{a:.15g}"), round(b, 9))],
+        "angle_stddev": round(max(curve.stddev, 1e-6), 6),
     }
-    return "/**:\n  ros__parameters:\n" + "".join(f"    {k}: {v}\n" for k, v in values.items())
+    content = {"/**": {"ros__parameters": values}}
+    return yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=math.inf)

@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Places the pins of a linkage, and tabulates the angles of its bodies over the stroke."""
+"""Places the pins of a linkage, and tabulates angles of bodies and static forces."""
 
 import math
 from collections.abc import Sequence
@@ -8,6 +8,9 @@ from collections.abc import Sequence
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.description import GROUND, Mechanism
 from linkage_vibration.mechanics.kinematics import Configuration, Kinematics
+from linkage_vibration.mechanics.model import LinkageModel
+
+_YIELD = 250e6  # Pa; a static stress above that of plain steel is no real one
 
 
 def pin_places(mechanism: Mechanism, configuration: Configuration) -> dict[str, FloatArray]:
@@ -26,7 +29,6 @@ def angle_rows(mechanism: Mechanism, kinematics: Kinematics, angles: Sequence[fl
     point = mechanism.response.point
     columns = ["alpha3", *names]
     heads = [*(f"{name} [deg]" for name in columns), f"{point} x [m]", f"{point} z [m]"]
-    widths = [max(len(head) + 2, 12) for head in heads]
     rows = [heads]
     for alpha3 in angles:
         configuration = kinematics.at(alpha3)
@@ -34,6 +36,34 @@ def angle_rows(mechanism: Mechanism, kinematics: Kinematics, angles: Sequence[fl
         x, z = pin_places(mechanism, configuration)[point]
         numbers = [f"{angle:.2f}" for angle in (round(math.degrees(alpha3), 2) + 0.0, *degrees)]
         rows.append([*numbers, *(f"{round(float(place), 3) + 0.0:.3f}" for place in (x, z))])
+    return _aligned(rows)
+
+
+def force_rows(model: LinkageModel, angles: Sequence[float]) -> str:
+    """Return a table of the forces under the weight at crank angles, rad, and what is wrong."""
+    rows, stresses = [["alpha3", *(f"{name} [kN]" for name in model.force_places)]], {}
+    for alpha3 in angles:
+        forces = model.static_forces(alpha3) / 1e3 if model.force_places else ()
+        rows.append([f"{math.degrees(alpha3):.2f}", *(f"{force:.2f}" for force in forces)])
+        if model.force_places:
+            configuration = model.kinematics.at(alpha3)
+            joining = model.interface.join(configuration)
+            for name, stress in model.forces.stresses_at_rest(configuration, joining).items():
+                stresses[stress] = f"{name} at alpha3 = {math.degrees(alpha3):.2f} deg"
+    text = _aligned(rows)
+    worst = max((stress for stress in stresses if not math.isnan(stress)), default=0.0)
+    if worst > _YIELD:
+        text += (
+            f"\nThe weight alone causes {worst / 1e6:.0f} MPa in the section of {stresses[worst]}, "
+            f"more than the {_YIELD / 1e6:.0f} MPa of plain steel: the sections were fitted to "
+            "natural frequencies, so stresses in them mean nothing; forces hardly depend on them."
+        )
+    return text
+
+
+def _aligned(rows: Sequence[Sequence[str]]) -> str:
+    """Return rows of cells in columns that are as wide as their heads."""
+    widths = [max(len(head) + 2, 12) for head in rows[0]]
     return "\n".join(
         "".join(f"{cell:>{width}}" for cell, width in zip(row, widths, strict=True)) for row in rows
     )

@@ -15,7 +15,7 @@ from itertools import pairwise
 import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.linalg import hankel
-from scipy.ndimage import maximum_filter1d
+from scipy.ndimage import maximum_filter1d, uniform_filter1d
 from scipy.stats import t as student
 
 from linkage_vibration.errors import LinkageVibrationError
@@ -68,7 +68,9 @@ def measure_modes(times: FloatArray, signals: FloatArray) -> list[MeasuredMode]:
     """
     _refuse_overload(signals)
     rate, signals = _resampled(times, signals)
-    moving = _without_mean(signals, rate)
+    # Without the means of a second, among which blows would not stand out.
+    window = max(int(_SLOW * rate), 1)
+    moving = signals - uniform_filter1d(signals, window, axis=0, mode="nearest", origin=-1)
     # Most of the time nothing but noise is recorded, by which channels of all units compare.
     noise = np.median(np.abs(moving), axis=0)
     alive = noise > _CONSTANT * np.abs(signals).max(axis=0)
@@ -118,14 +120,6 @@ def _resampled(times: FloatArray, signals: FloatArray) -> tuple[float, FloatArra
         )
     even = np.arange(times[0], times[-1], step)
     return 1.0 / step, np.asarray(CubicSpline(times, signals)(even))
-
-
-def _without_mean(signals: FloatArray, rate: float) -> FloatArray:
-    """Return signals less their means over a second, (n, n_channels), in which blows stand out."""
-    window = max(int(_SLOW * rate), 1)
-    padded = np.pad(signals, ((window // 2, window - window // 2), (0, 0)), mode="edge")
-    sums = np.cumsum(padded, axis=0)
-    return np.asarray(signals - (sums[window:] - sums[:-window]) / window)
 
 
 def find_decays(signals: FloatArray, rate: float) -> list[slice]:

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Says in one sentence which library is missing, and how it is installed."""
 
-_PIP_NAMES = {"PIL": "pillow", "mcap_ros2": "mcap-ros2-support", "yaml": "PyYAML"}
+_PIP_NAMES = {"mcap_ros2": "mcap-ros2-support", "yaml": "PyYAML"}
 _INTERFACES = "linkage_vibration_interfaces"
 
 
@@ -15,7 +15,10 @@ def missing_library(error: ImportError) -> str:
             f"`pip install ./{_INTERFACES}` in a checkout"
         )
     elif name == "rclpy" or name.endswith(("_msgs", "_srvs", "_interfaces")):
-        remedy = "source a ROS 2 installation, or run `pip install linkage_vibration[ros]`"
+        remedy = (
+            "source a ROS 2 installation (Jazzy or later), or run `pip install "
+            "linkage_vibration[ros]`"
+        )
     else:
         remedy = f"run `pip install {_PIP_NAMES.get(name, name)}`"
     return f"Python cannot import {name or 'a library'} ({error}); {remedy}."

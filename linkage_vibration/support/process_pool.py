@@ -2,14 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """A pool of processes on this machine that survives the death of any of them."""
 
-import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from multiprocessing import get_context, parent_process
 from queue import SimpleQueue
 from typing import ParamSpec, TypeVar
 
@@ -42,7 +41,6 @@ class LocalPool(Executor):
         self._idle: SimpleQueue[ProcessPoolExecutor | None] = SimpleQueue()
         for _ in range(workers):
             self._idle.put(None)
-        self._starting = threading.Lock()
 
     def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
         """Call a picklable function in one of the processes, and return the future of its result.
@@ -64,7 +62,9 @@ class LocalPool(Executor):
         pool = self._idle.get()  # there is one for each thread
         try:
             for _ in range(TRIES):
-                pool = pool or self._start()
+                if pool is None:
+                    pool = ProcessPoolExecutor(1, get_context("spawn"), _begin_process)
+                    pool.submit(os.getpid).result()  # raises BrokenExecutor if it cannot start
                 try:
                     return pool.submit(fn, *args, **kwargs).result()
                 except BrokenProcessPool:
@@ -76,37 +76,16 @@ class LocalPool(Executor):
         finally:
             self._idle.put(pool)
 
-    def _start(self) -> ProcessPoolExecutor:
-        pool = ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), _begin_process)
-        with self._starting, _one_blas_thread():
-            first = pool.submit(os.getpid)  # starts the process, which copies the environment
-        first.result()
-        return pool
-
 
 def _begin_process() -> None:
-    """Ignore Ctrl-C, which the parent handles, and end when the parent ends."""
+    """Use one BLAS thread, ignore Ctrl-C, which the parent handles, and end with the parent."""
+    os.environ["OPENBLAS_NUM_THREADS"] = "1"  # NumPy, which is imported later, reads it
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
 
 def _end_with_parent() -> None:
-    parent = multiprocessing.parent_process()
+    parent = parent_process()
     if parent is not None:
         parent.join()
         os._exit(1)
-
-
-@contextmanager
-def _one_blas_thread() -> Iterator[None]:
-    """Limit BLAS to one thread in processes that start within this context."""
-    name = "OPENBLAS_NUM_THREADS"
-    before = os.environ.get(name)
-    os.environ[name] = "1"
-    try:
-        yield
-    finally:
-        if before is None:
-            del os.environ[name]
-        else:
-            os.environ[name] = before

@@ -2,29 +2,32 @@
 # SPDX-License-Identifier: Apache-2.0
 """Shows on a terminal how much of a table is built."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any
 
 _LAYOUT = "{desc}: {percentage:3.0f} % of the stroke |{bar}| {elapsed}, {postfix}"
 
 
-@contextmanager
-def table_bar(name: str) -> Iterator[Callable[[float], None]]:
-    """Give a function that shows the finished fraction of the stroke, if building takes long.
+class Progress:
+    """Shows the finished fraction of the stroke after each solution of the model."""
 
-    It is called after each solution of the model, as `build_table` calls its ``progress``.
-    """
+    def __init__(self, bar: Any) -> None:
+        self.solutions, self._bar = 0, bar
+
+    def __call__(self, finished: float) -> None:
+        """Show a fraction, as `build_table` calls its ``progress``."""
+        self.solutions += 1
+        self._bar.set_postfix_str(f"{self.solutions} solutions", refresh=False)
+        self._bar.update(finished - self._bar.n)
+
+
+@contextmanager
+def table_bar(name: str) -> Iterator[Progress]:
+    """Give what shows the progress of building a table, if that takes long."""
     from tqdm import tqdm
 
     with tqdm(
         disable=None, desc=name, total=1.0, delay=2.0, bar_format=_LAYOUT, leave=False
     ) as bar:
-        solutions = 0
-
-        def show(finished: float) -> None:
-            nonlocal solutions
-            solutions += 1
-            bar.set_postfix_str(f"{solutions} solutions", refresh=False)
-            bar.update(finished - bar.n)
-
-        yield show
+        yield Progress(bar)

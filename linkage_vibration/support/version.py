@@ -3,7 +3,7 @@
 """The version of the installed package, and the oldest versions of the libraries that it uses."""
 
 import re
-from importlib.metadata import PackageNotFoundError, distribution
+from importlib.metadata import PackageNotFoundError, version
 
 from linkage_vibration.errors import LinkageVibrationError
 
@@ -20,7 +20,6 @@ _REQUIRED = {
 _OPTIONAL = {
     "cantools": "39.4.13",
     "matplotlib": "3.6.3",
-    "pillow": "10.2.0",
     "python-can": "4.3.0",
     "rosbags": "0.11.0",
 }
@@ -35,29 +34,21 @@ def check_versions(*optional: str) -> None:
     """Raise OldLibraryError if a library is too old: an optional one, or else any required one."""
     for name in optional or _REQUIRED:
         try:
-            found = installed_version(name)
+            installed = version(name)
         except PackageNotFoundError:
             continue  # the import says that it is missing
         oldest = OLDEST[name]
-        if _numbers(found) < _numbers(oldest):
+        if _numbers(installed) < _numbers(oldest):
             raise OldLibraryError(
-                f"linkage_vibration needs {name} {oldest} or later, but {found} is installed; "
+                f"linkage_vibration needs {name} {oldest} or later, but {installed} is installed; "
                 f"run `pip install '{name}>={oldest}'`."
             )
 
 
-def installed_version(name: str) -> str:
-    """Return the version of a distribution, without the slow parser of `importlib.metadata`."""
-    found = distribution(name)
-    texts = (found.read_text(file) or "" for file in ("METADATA", "PKG-INFO", ""))
-    lines = (re.search(r"^Version: *(\S+)", text, re.MULTILINE) for text in texts)
-    return next(line[1] for line in lines if line)
-
-
-def _numbers(version: str) -> list[int]:
+def _numbers(text: str) -> list[int]:
     """Return the numbers of a version, without zeros at the end and without what follows them."""
-    release = re.match(r"\d+(\.\d+)*", version)
+    release = re.match(r"\d+(\.\d+)*", text)
     return [int(n) for n in re.sub(r"(\.0)+$", "", release[0]).split(".")] if release else []
 
 
-VERSION = installed_version("linkage_vibration")
+VERSION = version("linkage_vibration")

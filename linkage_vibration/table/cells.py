@@ -30,8 +30,9 @@ class Cells:
     """Values and slopes of k quantities at any angle, by a cubic polynomial in each cell.
 
     Cells begin at ``starts``, (n_cells,), rad; ``cubics``, (n_cells, 4, k), are coefficients of
-    powers of the angle from there, highest first. An infinite constant marks a cell without cubics,
-    for which the finder is asked. Numbers for one angle and for many are equal to the last bit.
+    powers of the angle from there, highest first. An infinite constant marks a quantity without a
+    cubic, for which the finder is asked. Numbers for one angle and for many are equal to the last
+    bit.
     """
 
     def __init__(
@@ -56,22 +57,16 @@ class Cells:
 
     def values(self, alpha3: float) -> list[float]:
         """Return the k values at an angle in rad."""
-        starts, cells = self._plain
-        i = bisect_right(starts, alpha3, 1) - 1  # the first angle may round below its cell
-        cell = cells[i]
+        cell, t = self._cell(alpha3)
         if cell is None:
-            return self._poles.values(i, alpha3)
-        t = alpha3 - starts[i]
+            return list(self.many_values(np.array([alpha3]))[0].tolist())
         return [((c3 * t + c2) * t + c1) * t + c0 for c3, c2, c1, c0 in cell]
 
     def slopes(self, alpha3: float) -> list[float]:
         """Return the k slopes at an angle in rad, per rad."""
-        starts, cells = self._plain
-        i = bisect_right(starts, alpha3, 1) - 1  # the first angle may round below its cell
-        cell = cells[i]
+        cell, t = self._cell(alpha3)
         if cell is None:
-            return self._poles.slopes(i, alpha3)
-        t = alpha3 - starts[i]
+            return list(self.many_slopes(np.array([alpha3]))[0].tolist())
         return [(3.0 * c3 * t + 2.0 * c2) * t + c1 for c3, c2, c1, _ in cell]
 
     def many_values(self, alpha3: FloatArray) -> FloatArray:
@@ -79,7 +74,9 @@ class Cells:
         i, cell, t = self._at(alpha3)
         values = ((cell[:, 0] * t + cell[:, 1]) * t + cell[:, 2]) * t + cell[:, 3]
         for row in np.flatnonzero(self._direct[i]):
-            values[row] = self._poles.values(int(i[row]), float(alpha3[row]))
+            without = np.isposinf(cell[row, 3])
+            exact = np.array(self._poles.values(int(i[row]), float(alpha3[row])))
+            values[row, without] = exact[without]
         return np.asarray(values)
 
     def many_slopes(self, alpha3: FloatArray) -> FloatArray:
@@ -87,13 +84,20 @@ class Cells:
         i, cell, t = self._at(alpha3)
         slopes = (3.0 * cell[:, 0] * t + 2.0 * cell[:, 1]) * t + cell[:, 2]
         for row in np.flatnonzero(self._direct[i]):
-            slopes[row] = self._poles.slopes(int(i[row]), float(alpha3[row]))
+            without = np.isposinf(cell[row, 3])
+            exact = np.array(self._poles.slopes(int(i[row]), float(alpha3[row])))
+            slopes[row, without] = exact[without]
         return np.asarray(slopes)
 
     @property
     def _poles(self) -> PoleFinder:
         assert self._finder is not None
         return self._finder
+
+    def _cell(self, alpha3: float) -> tuple[list[list[float]] | None, float]:
+        starts, cells = self._plain
+        i = bisect_right(starts, alpha3, 1) - 1  # the first angle may round below its cell
+        return cells[i], alpha3 - starts[i]
 
     def _at(self, alpha3: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
         i = np.maximum(np.searchsorted(self._starts, alpha3, side="right") - 1, 0)

@@ -3,15 +3,15 @@
 """Finds natural frequencies and damping ratios by reduced models, where cells have no cubics."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray, IntArray
-from linkage_vibration.mechanics.modes import MECHANISM
+from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray
+from linkage_vibration.mechanics.modes import oscillating_indices
 from linkage_vibration.table.interpolation import stroke_angle, stroke_variable
 from linkage_vibration.table.reduced import Modal, ReducedModels
 
@@ -19,56 +19,42 @@ FIRST_CELLS = 32
 """Cells of a piece before any is halved."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class PolePiece:
-    """A piece of the stroke in which reduced models can be evaluated."""
+    """A piece of the stroke in which reduced models are interpolated."""
 
-    angles: FloatArray  # (FIRST_CELLS + 1,), rad: the ends of its first cells
-    modal: Callable[[FloatArray], Modal]  # poles and residues at angles, rad
-    drive: int  # index of the place whose highest peak is looked up
-    band: tuple[float, float]  # Hz
+    alpha3: FloatArray  # (n,), rad, ascending: where they are known
+    models: ReducedModels
+    toggles: tuple[float, float] | None  # rad
+    peak_band: tuple[float, float]  # Hz, in which the highest peak is sought
 
-    def evaluate(self, angles: FloatArray) -> tuple[list[ComplexArray], FloatArray]:
-        """Return the oscillating poles (rad/s) at each of some angles, and the peaks, (n, 2)."""
-        modal = self.modal(angles)
-        return [oscillating(poles) for poles in modal.frequencies], modal.highest(
-            self.drive, self.band
+    @cached_property
+    def variables(self) -> FloatArray:
+        """The stroke variables of its points, (n,)."""
+        return stroke_variable(self.alpha3, self.toggles)
+
+    @cached_property
+    def angles(self) -> FloatArray:
+        """The ends of its first cells, (FIRST_CELLS + 1,), rad."""
+        angles = stroke_angle(
+            np.linspace(self.variables[0], self.variables[-1], FIRST_CELLS + 1), self.toggles
         )
+        angles[[0, -1]] = self.alpha3[[0, -1]]
+        return angles
 
+    def modal(self, alpha3: FloatArray) -> Modal:
+        """Return the poles and residues at angles, rad."""
+        return self.models.at(self.variables, stroke_variable(alpha3, self.toggles)).modal
 
-def pole_piece(
-    alpha3: FloatArray,
-    models: ReducedModels,
-    toggles: tuple[float, float] | None,
-    band: tuple[float, float],
-) -> PolePiece:
-    """Return what evaluates reduced models between the angles (rad) at which they are known."""
-    variables = stroke_variable(alpha3, toggles)
-    angles = stroke_angle(np.linspace(variables[0], variables[-1], FIRST_CELLS + 1), toggles)
-    angles[[0, -1]] = alpha3[[0, -1]]
-    # A function within this one could not be sent to another process with its table.
-    return PolePiece(angles, partial(_modal, models, variables, toggles), 0, band)
-
-
-def _modal(
-    models: ReducedModels,
-    variables: FloatArray,
-    toggles: tuple[float, float] | None,
-    angles: FloatArray,
-) -> Modal:
-    """Return the poles and residues at angles, rad."""
-    return models.at(variables, stroke_variable(angles, toggles)).modal
+    def evaluate(self, alpha3: FloatArray) -> tuple[list[ComplexArray], FloatArray]:
+        """Return the oscillating poles (rad/s) at each of some angles, and the peaks, (n, 2)."""
+        modal = self.modal(alpha3)
+        return [oscillating(poles) for poles in modal.frequencies], modal.highest(self.peak_band)
 
 
 def oscillating(poles: ComplexArray) -> ComplexArray:
     """Return the poles that oscillate, of each pair the upper, (k,), rad/s, by magnitude."""
     return np.asarray(poles[oscillating_indices(poles)])
-
-
-def oscillating_indices(poles: ComplexArray) -> IntArray:
-    """Return the indices of the poles that oscillate, of each pair the upper, by magnitude."""
-    upper = np.flatnonzero((poles.imag > 0.0) & (np.abs(poles) >= MECHANISM))
-    return np.asarray(upper[np.argsort(np.abs(poles[upper]))])
 
 
 def values_of(poles: ComplexArray) -> FloatArray:
@@ -106,7 +92,7 @@ class PoleFinder:
         They are NaN for a mode that does not oscillate at this angle, rad.
         """
         start, end = self.bounds[cell : cell + 2].tolist()
-        begins = [piece.angles[0] for piece in self.pieces]
+        begins = [piece.alpha3[0] for piece in self.pieces]
         piece = self.pieces[int(np.searchsorted(begins, start, side="right")) - 1]
         poles, peaks = piece.evaluate(np.array([alpha3]))
         share, ends = (alpha3 - start) / (end - start), self.poles[self.rows[cell]]

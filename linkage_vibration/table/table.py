@@ -8,7 +8,7 @@ import json
 import math
 from bisect import bisect_right
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
@@ -20,8 +20,9 @@ from numpy.typing import NDArray
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import BoolArray, ComplexArray, FloatArray
 from linkage_vibration.mechanics.description import Mechanism
+from linkage_vibration.mechanics.forces import magnitudes, reference
 from linkage_vibration.mechanics.model import Place
-from linkage_vibration.mechanics.response import PoleResidue
+from linkage_vibration.mechanics.response import FarPoles, PoleResidue, sum_of_modes
 from linkage_vibration.support.atomic_files import write_bytes
 from linkage_vibration.support.resources import DEFAULT_TABLE, config_file
 from linkage_vibration.table.cells import Cells, spline_cells
@@ -33,68 +34,41 @@ from linkage_vibration.table.interpolation import (
     stroke_angle,
     stroke_variable,
 )
-from linkage_vibration.table.pole_cells import PoleFinder, PolePiece, pole_piece
-from linkage_vibration.table.reduced import (
-    Far,
-    Numbers,
-    ReducedModels,
-    from_triangle,
-    pole_residue_sum,
-)
+from linkage_vibration.table.pole_cells import PoleFinder, PolePiece
+from linkage_vibration.table.reduced import Numbers, ReducedModels, from_pairs
 
 IntArray = NDArray[np.int64]
 
-FORMAT = "linkage_vibration table 4"
-UNITS = {
-    "alpha3": "rad",
-    "pieces": "1",
-    "natural_frequencies": "Hz",
-    "damping_ratios": "1",
-    "peak_frequencies": "Hz",
-    "peak_magnitudes": "m/N",
-    "peak_notable": "1",
-    "interpolation_error": "1",
-    "term_stiffness": "rad^2/s^2",
-    "term_decay": "rad/s",
-    "participations": "1/sqrt(kg)",
-    "far_stiffness": "rad^2/s^2",
-    "far_decay": "rad/s",
-    "far_residues": "m/N, then 1/kg",
-    "reduced_orders": "1",
-    "reduced_inertia": "SI",
-    "reduced_stiffness": "SI",
-    "reduced_shapes": "SI",
-    "reduced_far": "SI",
-    "cell_starts": "rad",
-    "cell_cubics": "SI",
-    "cell_poles": "rad/s",
-}
+FORMAT = "linkage_vibration table 8"
 
 NOISE_UNITS = {"frequency_stddev": "Hz", "damping_ratio_stddev": "1"}
 """Arrays that only tables of measured links have."""
 
-PARAMETER_UNITS = {"parameter_stddev": "1"}
-"""An array that only tables of mechanisms with uncertain numbers have."""
-
-POINTWISE = (
-    *NOISE_UNITS,
-    "alpha3",
-    "natural_frequencies",
-    "damping_ratios",
-    "peak_frequencies",
-    "peak_magnitudes",
-    "term_stiffness",
-    "term_decay",
-    "participations",
-    "far_residues",
-)
-"""The arrays of a table that have a row for each point."""
+PARAMETER_UNITS = {
+    "parameter_stddev": "1",
+    "ensemble_alpha3": "rad",
+    "ensemble_poles": "rad/s",
+    "ensemble_shapes": "SI",
+    "ensemble_far": "m/N or 1",
+    "ensemble_static": "N",
+    "ensemble_mounts": "N/m, then N s/m",
+}
+"""Arrays that only tables of mechanisms with uncertain numbers have."""
 
 CELLS = 512
 """Cubic cells to a piece, for lookups: their error is below 1e-8."""
 
 _CHUNK = 4096  # So many angles are looked up at a time, whose cells stay in the cache.
 _NEAR = math.radians(1.0)  # An angle closer to a toggle is near it.
+
+
+def _nothing() -> NDArray[Any]:
+    return np.empty(0)
+
+
+def _unit(unit: str, *, pointwise: bool = False) -> dict[str, Any]:
+    """Describe an array that every table has, perhaps with a row for each point."""
+    return {"unit": unit, "pointwise": pointwise}
 
 
 class TableError(LinkageVibrationError):
@@ -119,9 +93,9 @@ class Table:
         Hz, ascending at the first angle, then tracked by shape; 1. NaN where an overdamped mode
         does not oscillate.
     peak_frequencies, peak_magnitudes : ndarray, (n, n_peaks)
-        Maxima of the drive-point receptance that are the highest in the band at some angle: near
-        resonances, and at the ends of the band; Hz and m/N. Each is smooth, while the highest may
-        jump from one to another.
+        Maxima of the drive-point receptance that are the highest in `peak_band` at some angle:
+        near resonances, and at the ends of this band; Hz and m/N. Each is smooth, while the highest
+        may jump from one to another.
     peak_notable : ndarray of bool, (n_pieces, n_peaks)
         Which of them are high enough in a piece to be used there.
     interpolation_error : ndarray, (n_pieces,)
@@ -134,24 +108,26 @@ class Table:
         The same for the slopes of natural frequencies, relative to these, 1/rad.
     free_modes : int
         Modes at 0 Hz, since nothing holds the linkage, which are left out together with all FRFs.
-    toggles, band : tuple of float
-        Where the linkage locks, rad, or None; where peaks are sought and FRFs are valid, Hz.
+    toggles, band, peak_band : tuple of float
+        Where the linkage locks, rad, or None; where FRFs are valid, and the part of it in which
+        the highest peak is sought, Hz.
     places : tuple of (point, direction)
         Between which FRFs are available; empty if the model has no such terms.
     term_stiffness, term_decay : ndarray, (n, n_terms)
         k and c of each pole's term in an FRF, as in `PoleResidue`.
-    participations : complex ndarray, (n, n_places, n_terms)
-        Shapes of the terms at the places; their products are the residues. Terms are only those of
-        modes that damping does not couple.
+    participations : complex ndarray, (n, n_places + n_forces, n_terms)
+        Shapes of the terms at the places and forces; their products are the residues. Terms are
+        only those of modes that damping does not couple.
     far_stiffness, far_decay : ndarray, (n_far,) or (n_pieces, n_far)
         Poles that represent all modes above the band (`response.FarPoles`).
-    far_residues : ndarray, (n, 1 + n_far, n_places (n_places + 1) / 2)
-        Static flexibility and residues of those, the upper triangle row by row.
+    far_residues : ndarray, (n, 1 + n_far, n_pairs)
+        Static flexibility and residues of those, in the order of `reduced.frf_pairs`.
     reduced_orders : ndarray of int, (n_pieces,)
         Number of poles of the reduced models in each piece; none if damping couples no modes.
     reduced_inertia, reduced_stiffness, reduced_shapes, reduced_far : ndarray, (...,)
         Where damping couples the modes, the numbers of the `ReducedModels` at every point of every
-        piece, one piece after the other. The response point is the first of their places.
+        piece, one piece after the other. The response point is the first of their places, which
+        the forces follow.
     cell_starts, cell_cubics : ndarray, (n_cells,) and (n_cells, 4, 2 n_modes + 2)
         The `Cells` where damping couples the modes; otherwise they are made from the polynomials.
     cell_poles : complex ndarray, (n_direct, 2, n_branches)
@@ -167,47 +143,78 @@ class Table:
         Standard deviations of the logarithms of frequencies and of damping ratios by uncertain
         numbers of the mechanism, at even angles over the range; NaN where the first order is not
         enough. (2, 0, 0) without such numbers.
+    ensemble_alpha3 : ndarray, (n_nodes,)
+        Angles at which the members of the ensemble are known, rad; none without uncertain numbers
+        or without FRFs. The first member is the mechanism itself, the numbers of the others are
+        drawn. They are NaN where a member is not known.
+    ensemble_poles, ensemble_shapes : complex64 ndarray
+        (n_members, n_nodes, k), rad/s, and (n_members, n_nodes, n_places + n_forces, k): products
+        of the shapes are the residues of 1 / (s - pole); those of the conjugate poles follow.
+    ensemble_far : float32 ndarray, (n_members, n_nodes, n_places + n_forces, n_places)
+        What all other modes add at 0 Hz.
+    ensemble_static : float32 ndarray, (n_members, n_nodes, n_forces)
+        The forces under the weight, as `static_forces`.
+    ensemble_mounts : float32 ndarray, (n_members, n_mounts, 2, 2)
+        Stiffness and damping, along x and z, of the mounts of the base.
+    forces : tuple of (name, direction)
+        Forces that are outputs of FRFs: both components of each pin, then springs and cylinders.
+    static_forces : ndarray, (n, n_forces)
+        The same under the weight, N; NaN where nothing carries it.
+    reference_force : float or None
+        N, that the mechanism gives in place of static forces.
     model_hash, mechanism_name, package_version : str
         Of the mechanism from which it was built, and of the package that built it.
     """
 
-    alpha3: FloatArray
-    pieces: IntArray
-    natural_frequencies: FloatArray
-    damping_ratios: FloatArray
-    peak_frequencies: FloatArray
-    peak_magnitudes: FloatArray
-    peak_notable: BoolArray
-    interpolation_error: FloatArray
+    alpha3: FloatArray = field(metadata=_unit("rad", pointwise=True))
+    pieces: IntArray = field(metadata=_unit("1"))
+    natural_frequencies: FloatArray = field(metadata=_unit("Hz", pointwise=True))
+    damping_ratios: FloatArray = field(metadata=_unit("1", pointwise=True))
+    peak_frequencies: FloatArray = field(metadata=_unit("Hz", pointwise=True))
+    peak_magnitudes: FloatArray = field(metadata=_unit("m/N", pointwise=True))
+    peak_notable: BoolArray = field(metadata=_unit("1"))
+    interpolation_error: FloatArray = field(metadata=_unit("1"))
     peak_error: float
     frf_error: float
     slope_error: float
     free_modes: int
     toggles: tuple[float, float] | None
     band: tuple[float, float]
+    peak_band: tuple[float, float]
     places: tuple[Place, ...]
-    term_stiffness: ComplexArray
-    term_decay: FloatArray
-    participations: ComplexArray
-    far_stiffness: ComplexArray
-    far_decay: FloatArray
-    far_residues: FloatArray | ComplexArray
-    reduced_orders: IntArray
-    reduced_inertia: Numbers
-    reduced_stiffness: Numbers
-    reduced_shapes: Numbers
-    reduced_far: Numbers
-    cell_starts: FloatArray
-    cell_cubics: FloatArray
-    cell_poles: ComplexArray
+    term_stiffness: ComplexArray = field(metadata=_unit("rad^2/s^2", pointwise=True))
+    term_decay: FloatArray = field(metadata=_unit("rad/s", pointwise=True))
+    participations: ComplexArray = field(metadata=_unit("1/sqrt(kg)", pointwise=True))
+    far_stiffness: ComplexArray = field(metadata=_unit("rad^2/s^2"))
+    far_decay: FloatArray = field(metadata=_unit("rad/s"))
+    far_residues: FloatArray | ComplexArray = field(
+        metadata=_unit("m/N, then 1/kg", pointwise=True)
+    )
+    static_forces: FloatArray = field(metadata=_unit("N", pointwise=True))
+    reduced_orders: IntArray = field(metadata=_unit("1"))
+    reduced_inertia: Numbers = field(metadata=_unit("SI"))
+    reduced_stiffness: Numbers = field(metadata=_unit("SI"))
+    reduced_shapes: Numbers = field(metadata=_unit("SI"))
+    reduced_far: Numbers = field(metadata=_unit("SI"))
+    cell_starts: FloatArray = field(metadata=_unit("rad"))
+    cell_cubics: FloatArray = field(metadata=_unit("SI"))
+    cell_poles: ComplexArray = field(metadata=_unit("rad/s"))
+    mode_shares: FloatArray = field(metadata=_unit("1"))
     frequency_stddev: FloatArray
     damping_ratio_stddev: FloatArray
     model_hash: str
     mechanism_name: str
     package_version: str
     mode_names: tuple[str, ...] = ()
-    mode_shares: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
     parameter_stddev: FloatArray = field(default_factory=lambda: np.empty((2, 0, 0)))
+    ensemble_alpha3: FloatArray = field(default_factory=lambda: np.empty(0))
+    ensemble_poles: NDArray[np.complex64] = field(default_factory=_nothing)
+    ensemble_shapes: NDArray[np.complex64] = field(default_factory=_nothing)
+    ensemble_far: NDArray[np.float32] = field(default_factory=_nothing)
+    ensemble_static: NDArray[np.float32] = field(default_factory=_nothing)
+    ensemble_mounts: NDArray[np.float32] = field(default_factory=_nothing)
+    forces: tuple[Place, ...] = ()
+    reference_force: float | None = None
 
     @property
     def n_modes(self) -> int:
@@ -278,9 +285,8 @@ class Table:
             rad, within the range.
         """
         arrays = self.frequency_stddev, self.damping_ratio_stddev
-        return np.array(
-            [np.array([np.interp(alpha3, self.alpha3, c) for c in values.T]).T for values in arrays]
-        )
+        columns = [[np.interp(alpha3, self.alpha3, c) for c in values.T] for values in arrays]
+        return np.array(columns).swapaxes(1, 2)
 
     @property
     def uncertain(self) -> bool:
@@ -330,7 +336,7 @@ class Table:
             Bound of the relative errors of both in this piece.
         """
         n, n_peaks, low, high = self._layout
-        values = self._lookup.values(alpha3)
+        values = self.cells.values(alpha3)
         frequency = magnitude = -1.0
         for at, size in zip(values[n : n + n_peaks], values[n + n_peaks :], strict=True):
             if size > magnitude and low <= at <= high:
@@ -351,7 +357,7 @@ class Table:
         result = np.empty((len(alpha3), n + 2))
         for start in range(0, len(alpha3), _CHUNK):
             chunk = np.asarray(alpha3[start : start + _CHUNK], dtype=float)
-            values = self._lookup.many_values(chunk)
+            values = self.cells.many_values(chunk)
             at, size = values[:, n : n + n_peaks], values[:, n + n_peaks :]
             best = np.where((low <= at) & (at <= high), size, -1.0).argmax(axis=1)[:, np.newaxis]
             rows = slice(start, start + len(chunk))
@@ -359,21 +365,22 @@ class Table:
             result[rows, n:] = np.hstack([np.take_along_axis(x, best, 1) for x in (at, size)])
         return result
 
-    @property
-    def cells(self) -> Cells:
-        """What looks up values: 2 n_modes + 2 n_peaks of them, as `interpolate` uses them."""
-        return self._lookup
-
     def polynomials(self, piece: int, alpha3: FloatArray) -> FloatArray:
         """Evaluate the values of a piece without cells, (n, 2 n_modes + 2 n_peaks).
 
         Parameters
         ----------
-        piece : int
-        alpha3 : ndarray, (n,)
-            rad, in this piece; the first is its first angle.
+        piece, alpha3
+            Its index; angles in it, (n,), rad.
         """
-        return self._resampled(alpha3, self.peak_notable[piece])
+        points, matrix = self._polynomial(piece, alpha3)
+        notable = self.peak_notable[piece]
+        frequencies = interpolate_positive(matrix, self.natural_frequencies[points])
+        others = matrix @ np.hstack([self.damping_ratios, self.peak_frequencies])[points]
+        magnitudes = np.zeros((len(matrix), len(notable)))
+        heights = self.peak_magnitudes[points][:, notable]
+        magnitudes[:, notable] = interpolate_positive(matrix, heights)
+        return np.hstack([frequencies, others, magnitudes])
 
     def thinned(self, kept: BoolArray) -> "Table":
         """Return the table with some of its points, (n,); the ends of all pieces are kept."""
@@ -385,21 +392,21 @@ class Table:
 
         They are those of natural frequencies, Hz/rad, then those of damping ratios, 1/rad.
         """
-        return self._lookup.slopes(alpha3)[: 2 * self.n_modes]
+        return self.cells.slopes(alpha3)[: 2 * self.n_modes]
 
     def evaluate_slopes(self, alpha3: FloatArray) -> FloatArray:
         """Return the same at many angles, (n, 2 n_modes), equal to the last bit."""
-        return self._lookup.many_slopes(alpha3)[:, : 2 * self.n_modes]
+        return self.cells.many_slopes(alpha3)[:, : 2 * self.n_modes]
 
     def frf(self, alpha3: float, outputs: Sequence[Place], inputs: Sequence[Place]) -> PoleResidue:
-        """Return receptances between some of the places at an angle, valid within the band.
+        """Return receptances between places at an angle, or forces there, valid within the band.
 
         Parameters
         ----------
         alpha3 : float
             rad, within the range.
         outputs, inputs : sequence of (point, direction)
-            Places of the table.
+            Places of the table; an output may also be one of its forces.
 
         Raises
         ------
@@ -408,46 +415,81 @@ class Table:
         """
         low, high = self.alpha3_range
         if not low <= alpha3 <= high:
-            raise TableError(
-                f"alpha3 = {math.degrees(alpha3):.3f} deg is outside the table "
-                f"({math.degrees(low):g} to {math.degrees(high):g} deg); choose an angle within it."
-            )
-        for place in (*outputs, *inputs):
-            if place not in self.places:
-                names = ", ".join(" ".join(names) for names in self.places) or "none"
-                raise TableError(
-                    f"The table has no FRF at {' '.join(place)}; it has these: {names}. Name the "
-                    "point when the table is built, or solve the model."
-                )
-        o = [self.places.index(place) for place in outputs]
+            ends = f"{math.degrees(low):g} to {math.degrees(high):g} deg"
+            problem = f"alpha3 = {math.degrees(alpha3):.3f} deg is outside the table ({ends})"
+            raise TableError(f"{problem}; choose an angle within it.")
+        rows = (*self.places, *self.forces)
+        for place, valid in (*((o, rows) for o in outputs), *((i, self.places) for i in inputs)):
+            if place not in valid:
+                names = ", ".join(" ".join(names) for names in valid) or "none"
+                hint = "Name the point when the table is built, or solve the model"
+                problem = f"The table has no FRF at {' '.join(place)}; it has these: {names}"
+                raise TableError(f"{problem}. {hint}.")
+        o = [rows.index(place) for place in outputs]
         i = [self.places.index(place) for place in inputs]
+        piece, at = self._piece(alpha3), np.array([alpha3])
         if len(self.reduced_orders):
-            modal = self._pole_pieces[self._piece(alpha3)].modal(np.array([alpha3]))
-            return pole_residue_sum(modal, o, i)
-        points, matrix = self._polynomial(np.array([alpha3]))
-        weights = matrix[0]
-        k, c, shapes = (each[0] for each in self.terms(np.array([alpha3])))
+            return self._pole_pieces[piece].modal(at).frf(0, o, i)
+        k, c, shapes = (each[0] for each in self.terms(piece, at))
         residues = shapes[o][:, np.newaxis] * shapes[i][np.newaxis]
-        far = np.tensordot(weights, self.far_residues[points], axes=1)
-        full = from_triangle(far, len(self.places), o, i)
-        return PoleResidue(
-            np.concatenate([k, self.far_stiffness]),
-            np.concatenate([c, self.far_decay]),
-            np.concatenate([residues, full[:, :, 1:]], axis=2),
-            np.zeros((len(o), len(i), len(k) + len(self.far_decay)), dtype=complex),
-            np.array(full[:, :, 0]),
-        )
+        points, matrix = self._polynomial(piece, at)
+        far = np.tensordot(matrix[0], self.far_residues[points], axes=1)
+        full = from_pairs(far, len(rows), len(self.places))[o][:, i]
+        without_rates = np.concatenate([full, 0.0 * full[:, :, 1:]], axis=2)
+        poles = FarPoles(self.far_stiffness, self.far_decay)
+        return sum_of_modes(k, c, residues).with_far(poles, without_rates)
 
-    def terms(self, alpha3: FloatArray) -> NearTerms:
-        """Return the terms of FRFs at angles, (n,), rad, in the piece of the first."""
-        points, matrix = self._polynomial(alpha3)
+    @cached_property
+    def force_places(self) -> tuple[str, ...]:
+        """Names of the pins, springs and cylinders in `forces`, if the table has FRFs."""
+        return tuple(dict.fromkeys(name for name, _ in self.forces)) if self.places else ()
+
+    def forces_at_rest(self, alpha3: FloatArray) -> FloatArray:
+        """Return the forces at `force_places` under the weight, (n_force_places, n), N.
+
+        They are magnitudes; NaN where nothing carries the weight.
+
+        Parameters
+        ----------
+        alpha3 : ndarray, (n,)
+            rad, within the range.
+        """
+        forces = np.empty((len(self.forces), len(alpha3)))
+        bounds = np.array([self._piece(angle) for angle in alpha3.tolist()], dtype=np.int64)
+        for piece in np.unique(bounds).tolist():
+            points, matrix = self._polynomial(piece, alpha3[bounds == piece])
+            forces[:, bounds == piece] = (matrix @ self.static_forces[points]).T
+        return magnitudes(self.forces, forces) if self.places else forces[:0]
+
+    def reference_forces(self, alpha3: FloatArray) -> FloatArray:
+        """Return what dynamic forces at `force_places` are compared with, (n_force_places, n), N.
+
+        It is the static force, but at least a tenth of the largest at that angle, as a pin that
+        carries nearly nothing has no meaningful ratio; or `response.reference_force` of the
+        mechanism. It is NaN where nothing carries the weight.
+
+        Parameters
+        ----------
+        alpha3 : ndarray, (n,)
+            rad, within the range.
+        """
+        return reference(self.forces_at_rest(alpha3), self.reference_force)
+
+    def terms(self, piece: int, alpha3: FloatArray) -> NearTerms:
+        """Return the terms of FRFs in a piece.
+
+        Parameters
+        ----------
+        piece, alpha3
+            Its index; angles in it, (n,), rad.
+        """
+        points, matrix = self._polynomial(piece, alpha3)
         terms = self.term_stiffness[points], self.term_decay[points], self.participations[points]
         return interpolate_terms(matrix, terms)
 
-    def _polynomial(self, alpha3: FloatArray) -> tuple[slice, FloatArray]:
-        """Return the points of the piece of some angles, and their weights, (n, n_points)."""
-        i = self._piece(float(alpha3[0]))
-        points = slice(int(self.pieces[i]), int(self.pieces[i + 1]) + 1)
+    def _polynomial(self, piece: int, alpha3: FloatArray) -> tuple[slice, FloatArray]:
+        """Return the points of a piece, and their weights at angles, (n, n_points)."""
+        points = slice(int(self.pieces[piece]), int(self.pieces[piece + 1]) + 1)
         variables = stroke_variable(self.alpha3[points], self.toggles)
         return points, interpolation_matrix(variables, stroke_variable(alpha3, self.toggles))
 
@@ -459,35 +501,39 @@ class Table:
     @cached_property
     def _pole_pieces(self) -> list[PolePiece]:
         """The pieces in which poles are found by reduced models."""
-        pieces, starts = [], [0, 0, 0, 0]
         arrays = (
             self.reduced_inertia,
             self.reduced_stiffness,
             self.reduced_shapes,
             self.reduced_far,
         )
-        counts = np.diff(self.pieces) + 1
-        n_places = len(self.reduced_shapes) // int(counts @ self.reduced_orders)
-        n_triangle, n_weights = n_places * (n_places + 1) // 2, 1 + 2 * self.far_decay.shape[1]
-        for piece, (n, order) in enumerate(zip(counts, self.reduced_orders, strict=True)):
-            shapes = (n, order, order), (n, order, order), (n, n_places, order)
-            parts = []
-            for i, shape in enumerate((*shapes, (n, n_weights, n_triangle))):
-                size = math.prod(shape)
-                parts.append(arrays[i][starts[i] : starts[i] + size].reshape(shape))
-                starts[i] += size
-            far = Far(self.far_stiffness[piece], self.far_decay[piece], parts[3])
-            viscous = not np.iscomplexobj(self.reduced_stiffness)
-            free = self.free_modes > 0
-            models = ReducedModels(parts[0], parts[1], parts[2], far, viscous, free)
-            points = slice(int(self.pieces[piece]), int(self.pieces[piece + 1]) + 1)
-            pieces.append(pole_piece(self.alpha3[points], models, self.toggles, self.band))
+        counts, starts = np.diff(self.pieces) + 1, np.zeros(len(arrays), dtype=np.int64)
+        n_rows = len(self.reduced_shapes) // int(counts @ self.reduced_orders)
+        n_inputs, n_weights = n_rows - len(self.forces), 1 + 2 * self.far_decay.shape[1]
+        n_pairs = len(self.reduced_far) // int(counts.sum()) // n_weights
+        viscous, free = not np.iscomplexobj(self.reduced_stiffness), self.free_modes > 0
+        pieces = []
+        for i, (n, order) in enumerate(zip(counts, self.reduced_orders, strict=True)):
+            square = n, order, order
+            shapes = square, square, (n, n_rows, order), (n, n_weights, n_pairs)
+            sizes = [math.prod(shape) for shape in shapes]
+            inertia, stiffness, shapes_there, weights = (
+                array[start : start + size].reshape(shape)
+                for array, start, size, shape in zip(arrays, starts, sizes, shapes, strict=True)
+            )
+            starts += sizes
+            far = FarPoles(self.far_stiffness[i], self.far_decay[i])
+            models = ReducedModels(
+                inertia, stiffness, shapes_there, n_inputs, far, weights, viscous, free
+            )
+            points = self.alpha3[self.pieces[i] : self.pieces[i + 1] + 1]
+            pieces.append(PolePiece(points, models, self.toggles, self.peak_band))
         return pieces
 
     @cached_property
     def _layout(self) -> tuple[int, int, float, float]:
-        """Numbers of values before those of the peaks and of peaks, and the band (Hz)."""
-        return 2 * self.n_modes, self.peak_frequencies.shape[1], *widened(self.band)
+        """Numbers of values before those of the peaks and of peaks, and their band (Hz)."""
+        return 2 * self.n_modes, self.peak_frequencies.shape[1], *widened(self.peak_band)
 
     @cached_property
     def _errors(self) -> tuple[list[float], list[float]]:
@@ -495,8 +541,11 @@ class Table:
         return self.alpha3[self.pieces[:-1]].tolist(), self.interpolation_error.tolist()
 
     @cached_property
-    def _lookup(self) -> Cells:
-        """What looks up values: stored cells, or the polynomials of each piece, resampled."""
+    def cells(self) -> Cells:
+        """What looks up values: stored cells, or the polynomials of each piece, resampled.
+
+        It has 2 n_modes + 2 n_peaks of them, as `interpolate` uses them.
+        """
         if len(self.reduced_orders):
             direct = np.flatnonzero(np.isposinf(self.cell_cubics[:, 3]).any(axis=1)).tolist()
             bounds, rows = np.append(self.cell_starts, self.alpha3[-1]), range(len(direct))
@@ -510,18 +559,8 @@ class Table:
             first, last = stroke_variable(np.array(ends), self.toggles)
             at = stroke_angle(np.linspace(first, last, CELLS + 1), self.toggles)
             at[[0, -1]] = ends
-            pieces.append((at, self._resampled(at, self.peak_notable[piece])))
+            pieces.append((at, self.polynomials(piece, at)))
         return spline_cells(pieces)
-
-    def _resampled(self, at: FloatArray, notable: BoolArray) -> FloatArray:
-        """Evaluate the polynomials of a piece, (n, 2 n_modes + 2 n_peaks), at its angles, (n,)."""
-        points, matrix = self._polynomial(at)
-        frequencies = interpolate_positive(matrix, self.natural_frequencies[points])
-        others = matrix @ np.hstack([self.damping_ratios, self.peak_frequencies])[points]
-        magnitudes = np.zeros((len(matrix), len(notable)))
-        heights = self.peak_magnitudes[points][:, notable]
-        magnitudes[:, notable] = interpolate_positive(matrix, heights)
-        return np.hstack([frequencies, others, magnitudes])
 
     @property
     def _names(self) -> tuple[str, ...]:
@@ -530,23 +569,29 @@ class Table:
         return (*UNITS, *noise, *(PARAMETER_UNITS if self.uncertain else {}))
 
     def _metadata(self) -> dict[str, Any]:
-        return {
-            "format": FORMAT,
-            "mechanism_name": self.mechanism_name,
-            "model_hash": self.model_hash,
-            "package_version": self.package_version,
-            "range_rad": list(self.alpha3_range),
-            "units": UNITS,
-            "peak_error": self.peak_error,
-            "slope_error": self.slope_error,
-            "free_modes": self.free_modes,
-            "frf_error": None if math.isnan(self.frf_error) else self.frf_error,
-            "toggles_rad": self.toggles and list(self.toggles),
-            "band_hz": list(self.band),
-            "places": [list(place) for place in self.places],
-            "mode_names": list(self.mode_names),
-            "mode_shares": self.mode_shares.tolist(),
-        }
+        """Return what the file has beside arrays: every other field, without NaN, for JSON."""
+        facts = {name: getattr(self, name) for name in _facts()}
+        if math.isnan(self.frf_error):
+            facts["frf_error"] = None
+        return {"format": FORMAT, "units": UNITS, "range_rad": self.alpha3_range, **facts}
+
+
+UNITS = {each.name: each.metadata["unit"] for each in fields(Table) if each.metadata}
+"""Arrays that every table has, by their names."""
+
+POINTWISE = (*NOISE_UNITS, *(f.name for f in fields(Table) if f.metadata.get("pointwise")))
+"""The arrays of a table that have a row for each point."""
+
+
+def _facts() -> list[str]:
+    """Return the fields of a table that are no arrays."""
+    arrays = {*UNITS, *NOISE_UNITS, *PARAMETER_UNITS}
+    return [each.name for each in fields(Table) if each.name not in arrays]
+
+
+def _tuples(value: Any) -> Any:
+    """Turn lists in JSON into tuples."""
+    return tuple(map(_tuples, value)) if isinstance(value, list) else value
 
 
 def widened(band: tuple[float, float]) -> tuple[float, float]:
@@ -617,28 +662,15 @@ def _read(path: Path) -> Table:
             if metadata["format"] != FORMAT or metadata["units"] != UNITS:
                 raise TableError(f"{path}: is a table of another format; {rebuild}")
             arrays = {name: archive[name] for name in UNITS}
-            unknown = np.empty((len(arrays["alpha3"]), 0))
-            arrays |= {name: archive.get(name, unknown) for name in NOISE_UNITS}
-            nothing = np.empty((2, 0, 0))
-            arrays |= {name: archive.get(name, nothing) for name in PARAMETER_UNITS}
+            absent = dict.fromkeys(NOISE_UNITS, np.empty((len(arrays["alpha3"]), 0)))
+            arrays |= {name: archive.get(name, nothing) for name, nothing in absent.items()}
+            arrays |= {name: archive[name] for name in PARAMETER_UNITS if name in archive}
         if arrays["alpha3"].dtype != np.float64:
             raise TableError(f"{path}: is damaged (its angles are not numbers); {rebuild}")
-        toggles, frf_error = metadata["toggles_rad"], metadata["frf_error"]
-        table = Table(
-            **arrays,
-            peak_error=metadata["peak_error"],
-            slope_error=metadata["slope_error"],
-            free_modes=metadata["free_modes"],
-            frf_error=math.nan if frf_error is None else frf_error,
-            toggles=toggles and (toggles[0], toggles[1]),
-            band=(metadata["band_hz"][0], metadata["band_hz"][1]),
-            places=tuple((point, direction) for point, direction in metadata["places"]),
-            model_hash=metadata["model_hash"],
-            mechanism_name=metadata["mechanism_name"],
-            package_version=metadata["package_version"],
-            mode_names=tuple(metadata["mode_names"]),
-            mode_shares=np.array(metadata["mode_shares"]).reshape(-1, 3),
-        )
+        facts = {name: _tuples(metadata[name]) for name in _facts()}
+        if facts["frf_error"] is None:
+            facts["frf_error"] = math.nan
+        table = Table(**arrays, **facts)
         if table.checksum != metadata["checksum"]:
             raise TableError(f"{path}: is damaged (its checksum differs); build the table again.")
         return table

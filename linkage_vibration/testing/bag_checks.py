@@ -2,39 +2,31 @@
 # SPDX-License-Identifier: Apache-2.0
 """Checks bags against limits, for the tests of a software stack."""
 
-import io
 import math
 import tempfile
-import textwrap
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
 from datetime import datetime, timezone
 from numbers import Real
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from linkage_vibration.bags.message_columns import Columns, first_topic, read_columns, topic_types
 from linkage_vibration.bags.streams import open_bags
-from linkage_vibration.drawing.palette import COLOURS, GREY, INK
-from linkage_vibration.drawing.plots import plain
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.messages.topics import PREDICTION, RESONANCE
 from linkage_vibration.playback.replay import replay
 from linkage_vibration.prediction.inputs.presets import HITCH, PRESETS
 from linkage_vibration.prediction.predictor import Status
 from linkage_vibration.prediction.settings import Parameters
-from linkage_vibration.review.log import mode_label
-from linkage_vibration.support.atomic_files import write_bytes
+from linkage_vibration.review.log import read_log
+from linkage_vibration.review.picture import plot_log
 
 FloatArray = NDArray[np.float64]
 Integers = NDArray[np.int64]
-
-_AROUND = 5.0  # s that a picture shows before and after a moment
-_LIMIT = "#CC3311"
 
 
 class TestKitError(LinkageVibrationError):
@@ -49,8 +41,9 @@ class Limits:
 
     Attributes
     ----------
-    margin : float, optional
-        Smallest allowed relative margin between any excitation and natural frequency, 1.
+    load_ratio : float, optional
+        Largest allowed load ratio: force in a pin or cylinder (root mean square) over the static
+        force there, 1.
     statuses : tuple of Status, optional
         The allowed statuses of predictions.
     gap : float, optional
@@ -65,14 +58,14 @@ class Limits:
         If a limit is negative or not a number, or a status is not a `Status`.
     """
 
-    margin: float | None = None
+    load_ratio: float | None = None
     statuses: tuple[Status, ...] | None = (Status.OK,)
     gap: float | None = None
     latency: float | None = None
 
     def __post_init__(self) -> None:
         """Check the limits."""
-        for name in ("margin", "gap", "latency"):
+        for name in ("load_ratio", "gap", "latency"):
             value = getattr(self, name)
             number = isinstance(value, Real) and not isinstance(value, bool)
             if value is not None and not (number and 0.0 <= value < math.inf):
@@ -122,7 +115,7 @@ class Report:
     failures : tuple of Failure
         The exceeded limits; empty if the bag passed.
     picture : Path or None
-        The picture of the first failure.
+        The picture of the drive.
     """
 
     bag: Path
@@ -152,10 +145,10 @@ class _Signals:
     time: Integers  # (n,), ns, of predictions
     crank_angle: FloatArray  # deg
     status: Integers
-    margin_time: Integers  # (m,), ns, of resonances
-    margin: FloatArray  # 1, NaN where stale
+    load_time: Integers  # (m,), ns, of resonances
+    load_ratio: FloatArray  # 1, NaN where it is not known
+    load_place: NDArray[np.object_]
     excitation: NDArray[np.object_]
-    mode: NDArray[np.object_]  # (m,), its number from 1 and its name
     latency: FloatArray  # (n,), s, NaN if the reading is not in the log
 
 
@@ -175,7 +168,7 @@ def check_bag(
     settings : Parameters, optional
         Replay the bag with these parameters, even if it has predictions.
     picture : str or Path, optional
-        The PNG to write if a limit is exceeded; it shows the moment of the first failure.
+        The PNG to write if a limit is exceeded; it shows the drive, as ``review --png`` does.
 
     Raises
     ------
@@ -196,10 +189,10 @@ def check_bag(
             log = Path(folder) / "replayed.mcap"
             replay([bag], log, settings)
         signals = _signals(bag, log, limits)
-    failures = _failures(signals, limits)
-    drawn = Path(picture) if failures and picture is not None else None
-    if drawn is not None:
-        _draw(bag, signals, limits, failures[0], drawn)
+        failures = _failures(signals, limits)
+        drawn = Path(picture) if failures and picture is not None else None
+        if drawn is not None:
+            plot_log(read_log(log), drawn)
     return Report(bag, len(signals.time), tuple(failures), drawn)
 
 
@@ -211,29 +204,29 @@ def _signals(bag: Path, log: Path, limits: Limits) -> _Signals:
     if not len(predictions.get("log_time", ())):
         raise TestKitError(f"{bag} holds no prediction; was the joint ever published?")
     resonances = columns.get(resonance, {})
-    if limits.margin is not None and not len(resonances.get("log_time", ())):
+    ratio = resonances.get("total_load_ratio", np.empty(0)).astype(float)
+    if limits.load_ratio is not None and not np.isfinite(ratio).any():
         raise TestKitError(
-            f"{bag} contains no margin, as no speed is known; record engine_speed, pto_speed or "
-            "ground_speed too, or give a fixed speed in the settings."
+            f"{bag} contains no load ratio: no speed is known, no excitation at work has an "
+            "amplitude within the frequencies of the table, or an older version made the log; "
+            "record engine_speed, pto_speed or ground_speed too, or give settings, with which the "
+            "bag is replayed, such as a fixed speed."
         )
     n = len(predictions["log_time"])
-    label = mode_label(log, str(predictions["table_id"][-1]))
-    modes = resonances.get("mode", np.empty(0, np.int64)).tolist()
-    labels = {mode: label(mode) for mode in set(modes)}
     return _Signals(
         predictions["log_time"],
         np.rad2deg(predictions["crank_angle"]),
         predictions["status"].astype(np.int64),
         resonances.get("log_time", np.empty(0, np.int64)),
-        np.abs(resonances.get("relative_margin", np.empty(0))),
+        ratio,
+        resonances.get("total_load_place", np.empty(0, object)),
         resonances.get("excitation", np.empty(0, object)),
-        np.array([labels[mode] for mode in modes], object),
-        np.full(n, np.nan) if limits.latency is None else _latencies(bag, log, types),
+        np.full(n, np.nan) if limits.latency is None else latencies(bag, log),
     )
 
 
-def _latencies(bag: Path, log: Path, types: Mapping[str, str]) -> FloatArray:
-    """Return how long after its reading each prediction was sent, s."""
+def latencies(bag: Path, log: Path) -> FloatArray:
+    """Return how long after its reading each prediction in the log of a bag was sent, s."""
     names = [f"/{preset.topic}" for preset in PRESETS[HITCH].values()]
     with open_bags([log]) as bags:
         # A log lists all topics of the node, even those without messages.
@@ -243,7 +236,7 @@ def _latencies(bag: Path, log: Path, types: Mapping[str, str]) -> FloatArray:
                 f"{bag} has messages on {len(inputs)} of the topics {', '.join(names)}; the "
                 "latency needs exactly one."
             )
-        blocks = bags.blocks([*inputs, first_topic(types, PREDICTION)])
+        blocks = bags.blocks([*inputs, first_topic(topic_types(log), PREDICTION)])
         parts = [np.array([b.topics == 0, b.log_times, b.publish_times], int) for b in blocks]
     of_input, logged, published = np.concatenate(parts, axis=1)
     readings, predictions = of_input == 1, of_input == 0
@@ -264,9 +257,9 @@ def _failures(signals: _Signals, limits: Limits) -> list[Failure]:
 
     def add(limit: str, times: Integers, exceeded: NDArray[np.bool_], at: int, words: str) -> None:
         time = int(times[at])
-        then = int(np.searchsorted(signals.margin_time, time, "right")) - 1
-        if limit != "margin" and then >= 0 and np.isfinite(signals.margin[then]):
-            words += f" ({_nearest(signals, then)})"
+        then = int(np.searchsorted(signals.load_time, time, "right")) - 1
+        if limit != "load_ratio" and then >= 0 and np.isfinite(signals.load_ratio[then]):
+            words += f" ({_load(signals, then)})"
         seconds = 1e-9 * (time - int(signals.time[0]))
         failures.append(Failure(limit, time, seconds, int(exceeded.sum()), words))
 
@@ -277,107 +270,21 @@ def _failures(signals: _Signals, limits: Limits) -> list[Failure]:
             angle, status = signals.crank_angle[at], Status(int(signals.status[at]))
             words = f"the status is {status.name} at a crank angle of {angle:.2f} deg"
             add("statuses", signals.time, exceeded, at, words)
-    if limits.margin is not None:
-        exceeded = signals.margin < limits.margin
-        if exceeded.any():
-            at = int(np.nanargmin(signals.margin))
-            words = f"{_nearest(signals, at)}, less than {100 * limits.margin:g} %"
-            add("margin", signals.margin_time, exceeded, at, words)
-    if limits.gap is not None:
-        gaps = 1e-9 * np.diff(signals.time)
-        exceeded = gaps > limits.gap
-        if exceeded.any():
-            at = int(gaps.argmax())
-            words = f"no prediction for {gaps[at]:.3f} s, more than {limits.gap:g} s,"
-            add("gap", signals.time[:-1], exceeded, at, words)
-    if limits.latency is not None:
-        exceeded = signals.latency > limits.latency
-        if exceeded.any():
-            at = int(np.nanargmax(signals.latency))
-            words = (
-                f"a prediction took {1e3 * signals.latency[at]:.2f} ms, more than "
-                f"{1e3 * limits.latency:g} ms,"
-            )
-            add("latency", signals.time, exceeded, at, words)
+    gaps, latency = 1e-9 * np.diff(signals.time), signals.latency
+    checks: list[tuple[str, Integers, FloatArray, Callable[[int], str]]] = [
+        ("load_ratio", signals.load_time, signals.load_ratio, lambda i: _load(signals, i)),
+        ("gap", signals.time[:-1], gaps, lambda i: f"no prediction for {gaps[i]:.3f} s"),
+        ("latency", signals.time, latency, lambda i: f"a prediction took {latency[i]:.5f} s"),
+    ]
+    for limit, times, values, describe in checks:
+        largest = getattr(limits, limit)
+        if largest is not None and (exceeded := values > largest).any():
+            at = int(np.nanargmax(values))
+            add(limit, times, exceeded, at, f"{describe(at)}, more than {largest:g},")
     return sorted(failures, key=lambda failure: failure.time)
 
 
-def _nearest(signals: _Signals, at: int) -> str:
-    """Return in words which excitation and mode are nearest to each other in a resonance."""
-    distance = f"{100 * signals.margin[at]:.2f} %"
-    return f"{signals.excitation[at]} is {distance} from {signals.mode[at]}"
-
-
-_Row = tuple[str, Integers, FloatArray, float | None]
-"""Label, times (ns), values and limit of a row of a picture."""
-
-
-def _rows(signals: _Signals, limits: Limits, failure: Failure) -> Iterator[_Row]:
-    """Yield the rows that have something to show around a failure."""
-    yield "crank angle [deg]", signals.time, signals.crank_angle, None
-    if np.isfinite(_around(failure, signals, signals.margin_time, signals.margin)[1]).any():
-        margin = limits.margin and 100.0 * limits.margin
-        yield "margin [%]", signals.margin_time, 100.0 * signals.margin, margin
-    gaps, gap = 1e-6 * np.diff(signals.time).astype(float), limits.gap and 1e3 * limits.gap
-    yield "since the last\nprediction [ms]", signals.time[1:], gaps, gap
-    if limits.latency is not None:
-        yield "latency [ms]", signals.time, 1e3 * signals.latency, 1e3 * limits.latency
-
-
-def _around(
-    failure: Failure, signals: _Signals, times: Integers, values: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Return the values around a failure, and their times since the first prediction, s."""
-    seconds = 1e-9 * (times - signals.time[0])
-    near = np.abs(seconds - failure.seconds) <= _AROUND
-    return seconds[near], values[near]
-
-
-def _label(ax: Any, label: str) -> None:
-    ax.set_ylabel(label)
-    ax.grid(color="#dddddd", linewidth=0.6)
-    ax.set_axisbelow(True)
-    ax.spines[["top", "right"]].set_visible(False)
-    ax.tick_params(colors=GREY)
-
-
-def _draw(bag: Path, signals: _Signals, limits: Limits, failure: Failure, picture: Path) -> None:
-    """Draw the signals around a failure."""
-    try:
-        from matplotlib.figure import Figure
-    except ImportError:
-        raise TestKitError(
-            "Drawing needs matplotlib; `pip install linkage_vibration[plots]`."
-        ) from None
-
-    rows = list(_rows(signals, limits, failure))
-    figure = Figure(figsize=(10, 1.2 + 1.9 * len(rows)), dpi=120, layout="constrained")
-    axes: NDArray[np.object_] = figure.subplots(len(rows), sharex=True, squeeze=False)[:, 0]
-    for ax, (label, times, values, limit) in zip(axes, rows, strict=True):
-        seconds, near = _around(failure, signals, times, values)
-        ax.plot(seconds, near, color=COLOURS[0], linewidth=1.4, marker=".", markersize=2)
-        if limit is not None:
-            ax.axhline(limit, color=_LIMIT, linewidth=1.2, linestyle=(0, (4, 3)))
-            place = {"xycoords": ("axes fraction", "data"), "ha": "right", "va": "bottom"}
-            ax.annotate("limit", (0.995, limit), color=_LIMIT, **place)
-        ax.axvline(failure.seconds, color=INK, linewidth=1.0)
-        then = int(np.searchsorted(signals.margin_time, failure.time, "right")) - 1
-        if values.size and label.startswith("margin") and then >= 0:
-            about = f" {signals.excitation[then]}, {signals.mode[then]}"
-            ax.annotate(plain(about), (failure.seconds, 0.9), xycoords=("data", "axes fraction"))
-        if ax is not axes[0]:
-            ax.set_ylim(bottom=0.0)
-        _label(ax, label)
-    wrong = limits.statuses is not None and ~np.isin(signals.status, limits.statuses)
-    angles = np.where(wrong, signals.crank_angle, np.nan)
-    seconds, bad = _around(failure, signals, signals.time, angles)
-    axes[0].plot(seconds, bad, ".", color=_LIMIT, markersize=5)
-    axes[-1].set_xlabel("time since the first prediction [s]")
-    last = 1e-9 * (signals.time[-1] - signals.time[0])
-    first = max(failure.seconds - _AROUND, -0.02 * _AROUND)
-    axes[-1].set_xlim(first, max(min(failure.seconds + _AROUND, last), first + 0.1))
-    title = textwrap.fill(f"{bag.name}, {failure}", 120)
-    figure.suptitle(plain(title), x=0.01, horizontalalignment="left", fontsize=10)
-    png = io.BytesIO()
-    figure.savefig(png, format="png")
-    write_bytes(picture, png.getvalue(), TestKitError)
+def _load(signals: _Signals, at: int) -> str:
+    """Return the load ratio of a resonance in words, with its place and its main cause."""
+    ratio, place = signals.load_ratio[at], signals.load_place[at]
+    return f"the load ratio in {place} is {ratio:.2g}, mostly by {signals.excitation[at]}"

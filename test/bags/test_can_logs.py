@@ -12,10 +12,18 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from linkage_vibration.bags.can_frames import ERROR, EXTENDED, REMOTE, FrameReader, Frames
-from linkage_vibration.bags.message_columns import topic_types
+from linkage_vibration.bags.can_frames import (
+    ERROR,
+    EXTENDED,
+    REMOTE,
+    frame_columns,
+    frame_key,
+    frame_places,
+)
+from linkage_vibration.bags.cdr import Layouts
+from linkage_vibration.bags.message_columns import read_columns, topic_types
 from linkage_vibration.bags.numbers import CdrError, LeftOut
-from linkage_vibration.bags.reading import BagError, read_messages
+from linkage_vibration.bags.reading import BagError
 from linkage_vibration.bags.streams import Block, open_bags
 from test.support.can_bus import EPOCH, BusFrame, identifier, recorded_frames, write_candump
 
@@ -35,11 +43,23 @@ class Frame(NamedTuple):
     payload: bytes
 
 
-def frame_of(frames: Frames, row: int) -> Frame:
-    """Return a row of columns."""
-    sec, nanosec = int(frames.sec[row]), int(frames.nanosec[row])
-    key, dlc = int(frames.key[row]), int(frames.dlc[row])
-    return Frame(sec, nanosec, frames.frame_id, key, dlc, frames.payload[row].tobytes())
+def decoded(block: Block, left_out: LeftOut) -> dict[int, Frame]:
+    """Return the frames of a block by their rows, read together; each one alone has the same key.
+
+    Other messages are counted.
+    """
+    layouts, frames = Layouts("can_msgs/msg/Frame", frame_places), {}
+    for layout, rows, messages in layouts.groups(block, np.arange(len(block)), left_out):
+        (sec, nanosec), (key, dlc, payload) = (
+            layout.stamps(messages),
+            frame_columns(layout, messages),
+        )
+        for i, row in enumerate(rows.tolist()):
+            data = block.message(row)
+            assert frame_key(layouts.find(data), data) == key[i]
+            stamp = int(sec[i]), int(nanosec[i]), layout.places[0]
+            frames[row] = Frame(*stamp, int(key[i]), int(dlc[i]), payload[i].tobytes())
+    return frames
 
 
 def frames_of(
@@ -50,18 +70,11 @@ def frames_of(
     with open_bags([paths] if isinstance(paths, Path) else paths) as bags:
         names = topics or [topic.name for topic in bags.topics]
         for block in bags.blocks(names):
-            rows = np.arange(len(block))
-            left_out, reader, columns = LeftOut(), FrameReader(), {}
-            for group in reader.read(block, rows, left_out):
-                for i, row in enumerate(group.rows.tolist()):
-                    columns[row] = frame_of(group, i)
+            left_out = LeftOut()
+            frames = decoded(block, left_out)
             assert not left_out.unreadable
-            for row in rows.tolist():
-                alone = reader.read_one(block.message(row), lambda key: True)
-                assert alone is not None
-                assert frame_of(alone, 0) == columns[row]
-                assert reader.key(block.message(row)) == columns[row].key
-                found.append((int(block.log_times[row]), names[block.topics[row]], columns[row]))
+            for row in range(len(block)):
+                found.append((int(block.log_times[row]), names[block.topics[row]], frames[row]))
     return found
 
 
@@ -140,12 +153,12 @@ def test_every_kind_of_log(tmp_path: Path, name: str) -> None:
         assert frame[2:] == wanted_frame[2:]
         assert 10**9 * frame.sec + frame.nanosec == time
     assert topic_types(path) == dict.fromkeys(sorted(set(names)), "can_msgs/msg/Frame")
-    [(time, message), *_] = read_messages(path, names[0])
-    assert (time, message.id, message.dlc) == (
+    columns = read_columns(path, {names[0]: "can_msgs/msg/Frame"})[names[0]]
+    assert [columns[name][0] for name in ("log_time", "id", "dlc")] == [
         found[0][0],
         frames[0].identifier,
         len(frames[0].data),
-    )
+    ]
 
 
 def test_channels_and_bags_are_merged(tmp_path: Path) -> None:
@@ -165,7 +178,7 @@ LOG = """\
 (1700000000.000400) can0 0CFE45F0#R
 (1700000000.000500) can0 20000080#0000000000000000
 (1700000000.000600) can0 0CFE45F0##10102030405060708090A0B0C
-(1700000000.000700) can0 0CFE45F0#41.42.43.27 T
+(1700000000.000700) can0 0CFE45F0#41424327 T
 (1700000000.000800000) can0 0CFE45F0#
 """
 
@@ -182,7 +195,7 @@ def test_text_of_candump(tmp_path: Path) -> None:
         (0x123, 3, "1122330000000000"),
         (extended, 1, "7e00000000000000"),
         (REMOTE | extended, 0, 16 * "0"),
-        (ERROR | 0x80, 8, 16 * "0"),
+        (ERROR, 0, 16 * "0"),
         (extended, 12, "0102030405060708"),
         (extended, 4, "4142432700000000"),
         (extended, 0, 16 * "0"),
@@ -201,16 +214,23 @@ LINE = "(1700000000.000100) can0 0CFE45F0#7D\n"
 FAULTS = {
     "empty": ("", r"is empty, as its recording ended before"),
     "no frames": ("\n\n", r"has no frames"),
-    "other text": ("[INFO] [1700000000.1] [node]: hello\n", r"not a log of candump, as line 1 is"),
-    "one word": ("hello", r"not a log of candump, as line 1 is 'hello'"),
-    "a damaged line": (LINE + "(1700000000.1) can0 0CFE#7\n" + LINE, r"as line 2 is .*correct or"),
-    "too late": (LINE.replace("1700000000", "9999999999"), r"as line 1 is"),
+    "other text": (
+        "[INFO] [1700000000.1] [node]: hello\n",
+        r"has a line that cannot be read: line 1 is .*or record with `candump -l`",
+    ),
+    "one word": ("hello\n", r"cannot be read: line 1 is 'hello'"),
+    "a damaged line": (
+        LINE + "(1700000000.1) can0 0CFE45F0#7Z\n" + LINE,
+        r"line 2 is .*7Z.*correct or",
+    ),
+    "too late": (LINE.replace("1700000000", "2147483648"), r"a time before 1970 or after 2038"),
+    "too early": (LINE.replace("1700000000", "-1"), r"a time before 1970 or after 2038"),
     "console": (
         " (1700000000.000100)  can0  RX - -  0CFE45F0   [1]  7D\n",
-        r"is what candump shows on a console \(line 1 .*record it with `candump -l`",
+        r"cannot be read: line 1 is .*candump -l",
     ),
-    "console without times": ("  can0  123   [1]  7D\n", r"is what candump shows on a console"),
-    "one long line": ("x" * 10**6, r"not a log of candump"),
+    "console without times": ("  can0  123   [1]  7D\n", r"cannot be read: line 1 is "),
+    "one long line": ("x" * 10**6, r"has no frames"),
     "clock set back": (
         LINE + LINE.replace("1700000000", "1699999998"),
         r"goes back in time by 2.000 s at frame 2.*split the log there",
@@ -241,6 +261,7 @@ def test_byte_order_mark(tmp_path: Path) -> None:
     (tmp_path / "bus.log").write_text("\ufeff" + LINE, encoding="utf-8")
     assert [time for time, _, _ in frames_of(tmp_path / "bus.log")] == [1_700_000_000_000_100_000]
     header = "date Thu Jan 1 00:00:10.000 1970\nbase hex timestamps absolute\n"
+    header += "no internal events logged\n"
     frame = "   1.000000 1  0CFE45F0x       Rx   d 1 7D\n"
     path = tmp_path / "bus.asc"
     path.write_text("\ufeff" + header + frame, encoding="utf-8")
@@ -248,12 +269,10 @@ def test_byte_order_mark(tmp_path: Path) -> None:
 
 
 def test_faults_of_asc(tmp_path: Path) -> None:
-    """A log without a header loses no frame, and a damaged line is named."""
+    """A damaged line is named."""
     frame, path = "   1.000000 1  0CFE45F0x       Rx   d 1 7D\n", tmp_path / "bus.asc"
-    path.write_text(2 * frame)
-    assert len(frames_of(path)) == 2
-    path.write_text("// saved again\n" + frame + frame.replace("7D", "7Z"))
-    with pytest.raises(BagError, match=r"bus.asc has a frame .* line 3 is .*7Z.* delete this line"):
+    path.write_text("internal events logged\n" + frame + frame.replace("7D", "7Z"))
+    with pytest.raises(BagError, match=r"bus.asc has a line .* line 3 is .*7Z.* delete this line"):
         frames_of(path)
     path.write_text(frame.replace(".", ","))
     with pytest.raises(BagError, match=r"bus.asc has no frames that can be read.*decimal commas"):
@@ -281,6 +300,9 @@ def test_relative_times(tmp_path: Path) -> None:
     asc.write_text(text)
     assert [time for time, *_ in frames_of(asc)] == [EPOCH + 750_000_000]
     asc.write_text(text.replace("Nov", "Gov"))
+    with pytest.raises(BagError, match=r"line 1 is 'date Tue Gov .* correct or delete this line"):
+        frames_of(asc)
+    asc.write_text(text.partition("\n")[2])
     assert [time for time, *_ in frames_of(asc)] == [250_000_000]
     asc.write_text(text.replace("absolute", "relative"))
     with pytest.raises(BagError, match=r"bus\.asc has times since the previous event"):
@@ -338,17 +360,14 @@ def test_garbage(tmp_path: Path, kind: str) -> None:
 
 
 def test_python_can_is_missing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Without python-can, the error names the extra; text of candump does not need it."""
+    """Without python-can, the error names the extra."""
     monkeypatch.setitem(sys.modules, "can", None)
-    path = tmp_path / "bus.blf"
-    path.write_bytes(b"LOGG")
+    path = tmp_path / "bus.log"
+    path.write_text(LINE)
     with pytest.raises(
-        BagError, match=r"bus.blf needs python-can; run `pip install linkage_vibration\[can\]`"
+        BagError, match=r"bus.log needs python-can; run `pip install linkage_vibration\[can\]`"
     ):
         frames_of(path)
-    text = tmp_path / "bus.log"
-    text.write_text(LINE)
-    assert len(frames_of(text)) == 1
 
 
 def cdr(name: str, order: str = "<", key: int = HITCH) -> bytes:
@@ -368,25 +387,19 @@ def test_frames_of_other_publishers() -> None:
     zeros = np.zeros(len(messages), np.int64)
     buffer = np.frombuffer(b"".join(messages), np.uint8)
     block = Block(buffer, np.cumsum(sizes) - sizes, sizes, zeros, zeros, zeros)
-    reader, left_out = FrameReader(), LeftOut()
-    decoded = {
-        row: frame_of(group, i)
-        for group in reader.read(block, np.arange(len(messages)), left_out)
-        for i, row in enumerate(group.rows.tolist())
-    }
+    left_out = LeftOut()
+    frames = decoded(block, left_out)
     n = len(good)
     zeroed = {n + 5, 2 * n + 11}  # 40 bytes of zeros are a frame without a name
-    assert decoded.keys() - zeroed == {*range(n), *range(n + 6, 2 * n + 6)}
-    assert left_out.unreadable == len(messages) - len(decoded)
+    assert frames.keys() - zeroed == {*range(n), *range(n + 6, 2 * n + 6)}
+    assert left_out.unreadable == len(messages) - len(frames)
+    layouts = Layouts("can_msgs/msg/Frame", frame_places)
     for message in bad[:5]:
         with pytest.raises(CdrError):
-            reader.key(message)
+            layouts.find(message)
     for row in range(n):
-        alone = reader.read_one(messages[row], lambda key: True)
-        assert alone is not None
-        assert frame_of(alone, 0) == decoded[row]
-        assert decoded[row][:2] == (3, 4)
-        assert decoded[row].key == EXTENDED | HITCH
-        assert decoded[row].payload == bytes(range(8))
-    names = [decoded[row].frame_id for row in range(0, n, 2)]
+        assert frames[row][:2] == (3, 4)
+        assert frames[row].key == EXTENDED | HITCH
+        assert frames[row].payload == bytes(range(8))
+    names = [frames[row].frame_id for row in range(0, n, 2)]
     assert names == ["", "can", "can0", "längerer Name"]

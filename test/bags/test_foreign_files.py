@@ -13,11 +13,13 @@ from mcap.writer import CompressionType, Writer
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.typesys import Stores, get_typestore
 
+from linkage_vibration.bags.field_reader import FieldReader
 from linkage_vibration.bags.message_columns import read_columns, topic_types
 from linkage_vibration.bags.message_types import JOINT_STATE
-from linkage_vibration.bags.reading import BagError, read_joint_states, read_messages
+from linkage_vibration.bags.reading import BagError
 from linkage_vibration.bags.recovery import recover
 from linkage_vibration.bags.streams import open_bags
+from test.support.messages import read_messages
 
 FLOAT = "std_msgs/msg/Float64"
 DATA = b"\0\1\0\0" + struct.pack("<d", 1.5)
@@ -44,9 +46,8 @@ def write(
 def test_profile_that_is_missing(tmp_path: Path) -> None:
     """The error says what is missing, and recover adds it."""
     path = write(tmp_path / "a.mcap", "", {"/speed": ("cdr", "ros2msg", b"float64 data\n")})
-    with pytest.raises(BagError, match=r"its profile is ''.*recover") as error:
+    with pytest.raises(BagError, match=r"Profile is not ros2.*recover"):
         topic_types(path)
-    assert "damaged" not in str(error.value)
     result = recover(path, tmp_path / "b.mcap")
     assert (result.damages, result.lost) == ((), {})
     [(_, message)] = read_messages(tmp_path / "b.mcap", "/speed")
@@ -58,9 +59,9 @@ def test_profile_that_is_missing(tmp_path: Path) -> None:
 def test_messages_that_are_not_of_ros_2(
     tmp_path: Path, profile: str, message: str, schema: str
 ) -> None:
-    """The error names the topic and its encodings."""
+    """The error names the topic and its encoding."""
     path = write(tmp_path / "a.mcap", profile, {"/speed": (message, schema, b"{}")})
-    with pytest.raises(BagError, match=f"/speed has the encoding {message} .* {schema}"):
+    with pytest.raises(BagError, match=f"/speed has the encoding {message};"):
         topic_types(path)
 
 
@@ -85,8 +86,13 @@ def test_header_of_before_2011(tmp_path: Path) -> None:
         old = definition.replace("std_msgs/Header", "roslib/Header")
         connection = bag.add_connection("/s", JOINT_STATE, msgdef=old, md5sum=digest)
         bag.write(connection, 1, store.serialize_ros1(state, JOINT_STATE))
-    [record] = read_joint_states(tmp_path / "old.bag")
-    assert (record.stamp, record.position[0]) == (10**9 + 2, 2.0)
+    with open_bags([tmp_path / "old.bag"]) as bags:
+        defined, [block] = bags.defined("/s"), bags.blocks(["/s"])
+    assert defined is not None
+    reader = FieldReader(defined[2], JOINT_STATE, "position[hitch]")
+    number = reader.read_one(block.message(0))
+    assert number is not None
+    assert (number.sec, number.nanosec, number.value) == (1, 2, 2.0)
 
 
 def test_chunks_of_several_lz4_frames(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,12 +9,12 @@ import pytest
 
 from linkage_vibration.bags.log_writer import LogWriter
 from linkage_vibration.bags.message_columns import LOG_TIME, read_columns, topic_types
-from linkage_vibration.bags.reading import BagError, read_messages
+from linkage_vibration.bags.reading import BagError
 from linkage_vibration.bags.writing import Topic, offered_qos_profiles
 from linkage_vibration.messages.definitions import message_definition, type_hash
 from linkage_vibration.messages.encoding import encode_message
 from linkage_vibration.support.resources import config_file
-from test.support.messages import resonance
+from test.support.messages import read_messages, resonance
 
 RESONANCE = "linkage_vibration_interfaces/msg/Resonance"
 QOS = offered_qos_profiles(reliable=True, depth=10)

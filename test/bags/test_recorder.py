@@ -428,19 +428,16 @@ def test_stops_and_starts(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("limits", "compression", "words"),
+    ("limits", "words"),
     [
-        (LogLimits(split_size=1000), "zstd", "split_size is 1000 bytes.*set it to [0-9]+ or more"),
-        (LogLimits(disk_limit=1000), "zstd", "reached disk_limit, 1000 bytes"),
-        (LogLimits(disk_limit=1000, delete_oldest=True), "zstd", "1000 bytes; raise it"),
-        (module.UNLIMITED, "gzip", "no compression 'gzip'; use one of none, lz4, zstd"),
+        (LogLimits(split_size=1000), "split_size is 1000 bytes.*set it to [0-9]+ or more"),
+        (LogLimits(disk_limit=1000), "reached disk_limit, 1000 bytes"),
+        (LogLimits(disk_limit=1000, delete_oldest=True), "1000 bytes; raise it"),
     ],
 )
-def test_start_reports_errors(
-    tmp_path: Path, limits: LogLimits, compression: str, words: str
-) -> None:
+def test_start_reports_errors(tmp_path: Path, limits: LogLimits, words: str) -> None:
     """`start` raises an error and leaves no file."""
-    log = recorder(tmp_path, limits, compression)
+    log = recorder(tmp_path, limits)
     with pytest.raises(LogError, match=words):
         log.start()
     assert (log.active, log.recording) == (False, False)
@@ -618,7 +615,7 @@ def test_killed_process_loses_a_second_at_most(tmp_path: Path) -> None:
         "from test.bags.test_recorder import Clock, cdr\n"
         "clock = recorder.time = Clock()\n"
         "clock.strftime = time.strftime\n"
-        "recorder.POLL_PERIOD = recorder.LONGEST_POLL = 0.001\n"
+        "recorder.POLL_PERIOD = 0.001\n"
         "topic = Topic('/a', 'std_msgs/msg/Float64', 'float64 data', '', '')\n"
         "log = recorder.Recorder(Path(sys.argv[1]), [topic], recorder.Provenance())\n"
         "log.start()\n"

@@ -2,11 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """The command line, which the tests run as a user runs it."""
 
+import math
 import os
 import re
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -28,9 +30,14 @@ def run(*arguments: str, folder: Path) -> "subprocess.CompletedProcess[str]":
 
 
 def test_subcommands() -> None:
-    """Each module of the room is a subcommand, and the parser is built without NumPy."""
+    """Each module that is not shared is a subcommand, and the parser is built without NumPy."""
     folder = Path(linkage_vibration.cli.__file__).parent
-    names = {path.stem for path in folder.glob("*.py")} - {"__init__", "__main__", "main"}
+    names = {path.stem for path in folder.glob("*.py")} - {
+        "__init__",
+        "__main__",
+        "arguments",
+        "main",
+    }
     assert sorted(SUBCOMMANDS) == sorted(names)
     code = "import sys; from linkage_vibration.cli.main import argument_parser as a; a(); "
     code += "sys.exit('numpy' in sys.modules)"
@@ -117,6 +124,7 @@ def test_plan_chooses_and_measures(tmp_path: Path) -> None:
     assert "measured" in done.stdout
     planned = read_mechanism(tmp_path / "planned.yaml")
     assert planned.response.band == (0.0, 40.0)
+    assert planned.response.peak_band == (4.7, 40.0)  # that of the file begins at 4.7 Hz
     assert planned.links[0].modes < 20
 
 
@@ -125,15 +133,15 @@ def test_plan_chooses_and_measures(tmp_path: Path) -> None:
     [
         (
             ("replay", "a.mcap", "-o", "x.csv"),
-            r"use x\.mcap; `.* review LOG --csv FILE` writes \.csv",
+            r"use x\.mcap",
         ),
         (("replay", "a.mcap", "-o", "x.db3"), r"use x\.mcap\.$"),
-        (("review", "a.mcap", "-o", "x.csv"), r"use x\.html; `.* review LOG --csv FILE`"),
-        (("review", "a.mcap", "--csv", "x.mcap"), r"use x\.csv; `.* replay BAG -o FILE`"),
-        (("review", "a.mcap", "--png", "x.html"), r"use x\.png; `.* review LOG -o FILE`"),
-        (("diff", "a.mcap", "a.mcap", "-o", "x.png"), r"use x\.html; `.* review LOG --png FILE`"),
+        (("review", "a.mcap", "-o", "x.csv"), r"use x\.html"),
+        (("review", "a.mcap", "--csv", "x.mcap"), r"use x\.csv"),
+        (("review", "a.mcap", "--png", "x.html"), r"use x\.png"),
+        (("diff", "a.mcap", "a.mcap", "-o", "x.png"), r"use x\.html"),
         (("recover", "a.mcap", "-o", "x.csv"), r"use x\.mcap"),
-        (("build", "-o", "x.yaml"), r"use x\.npz; `.* plan MECHANISM -o FILE`"),
+        (("build", "-o", "x.yaml"), r"use x\.npz"),
     ],
 )
 def test_output_of_another_format(
@@ -172,3 +180,26 @@ def test_file_that_does_not_exist(tmp_path: Path, command: str) -> None:
     done = run(command, "nope", folder=tmp_path)
     assert done.returncode == 1
     assert done.stderr.count("nope") == 1
+
+
+def test_advise(tmp_path: Path, capsys: Any) -> None:
+    """Table, CSV and picture show the same advice; a reversed range is refused."""
+    csv, png = tmp_path / "map.csv", tmp_path / "map.png"
+    range_ = ["--angles-deg", "100", "160", "--speeds-kmh", "10", "40"]
+    given = ["advise", "165", "30", *range_, "--engine-rpm", "1800"]
+    assert main([*given, "--csv", str(csv), "-o", str(png)]) == 0
+    printed = capsys.readouterr().out.splitlines()
+    rows = [line.split(",") for line in csv.read_text().splitlines()[1:]]
+    loads = {(float(row[0]), float(row[1])): float(row[2]) for row in rows}
+    assert len(loads) == 91 * 17
+    (angle, speed), least = min(loads.items(), key=lambda item: item[1])
+    both = printed[4].removeprefix("quietest both").split()
+    assert float(both[0]) == pytest.approx(math.degrees(angle), rel=1e-3)
+    assert float(both[1]) == pytest.approx(3.6 * speed, rel=1e-3)
+    assert float(both[2]) == pytest.approx(least, rel=1e-3)
+    assert printed[6].startswith("Not counted, as their loads are not known: pto_shaft 1")
+    assert png.read_bytes().startswith(b"\x89PNG")
+    assert main(["advise", "165", "30", "--speeds-kmh", "40", "10"]) == 1
+    assert "The permitted ground speeds are 11.1111 to 2.77778" in capsys.readouterr().err
+    assert main(["advise", "200", "30"]) == 1
+    assert "How strongly it is loaded now is not known." in capsys.readouterr().out

@@ -28,3 +28,24 @@ def test_live_line_is_written_once_a_second_to_a_file() -> None:
     assert stream.getvalue().splitlines() == [
         "crank 132.00 deg |   4.25  97.50 170.25 Hz | peak 3.10e-05 m/N at   4.24 Hz"
     ]
+
+
+def test_the_load_comes_first() -> None:
+    """Once a resonance is known, the line begins with its load ratio and its state."""
+    stream = io.StringIO()
+    live = LiveLine(stream)
+    prediction = SimpleNamespace(
+        status=Status.OK,
+        crank_angle=2.0,
+        natural_frequencies=[4.25],
+        frf_peak_frequency=4.24,
+        frf_peak_magnitude=3.1e-5,
+    )
+    for ratio, state, text in (
+        (0.42, 1, "load    0.42 warning | crank"),
+        (np.nan, 2, "load unknown stale   | crank"),
+    ):
+        live.take(SimpleNamespace(total_load_ratio=ratio, state=state))
+        live._due = 0.0
+        live.show(prediction)
+        assert stream.getvalue().splitlines()[-1].startswith(text)

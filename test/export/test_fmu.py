@@ -43,7 +43,7 @@ def make(path: Path, *options: str) -> Path:
 @pytest.fixture(scope="module")
 def fmu(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return an FMU of the shipped table with excitations."""
-    orders = str(config_file("excitations_on_tractor.yaml"))
+    orders = str(config_file("excitations.yaml"))
     return make(tmp_path_factory.mktemp("fmu") / "hitch.fmu", "--excitations", orders)
 
 
@@ -73,7 +73,7 @@ def test_description(fmu: Path) -> None:
     assert np.degrees([float(angle.min), float(angle.max)]) == pytest.approx([90.0, 180.0])
     assert "implement heave" in variables["natural_frequencies[4]"].description
     assert "1 STATUS_OUT_OF_RANGE" in variables["status"].description
-    assert variables["velocities[5]"].description.endswith("; engine 3")
+    assert variables["velocities[3]"].description.endswith("; engine 3")
     assert variables["engine_speed"].unit == "rpm"
 
 

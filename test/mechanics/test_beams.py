@@ -16,7 +16,9 @@ from scipy.linalg import eigh, expm
 from scipy.optimize import brentq
 from scipy.sparse.csgraph import connected_components
 
-from linkage_vibration.mechanics.bodies.beam import Beam, BeamMatrices, Segment, beam_matrices
+from linkage_vibration.mechanics.bodies.beam import Beam, Segment, beam_matrices
+from linkage_vibration.mechanics.bodies.matrices import Matrices
+from linkage_vibration.mechanics.components import Drawing
 from linkage_vibration.mechanics.description import Material, MechanismError, Point, Section
 from linkage_vibration.mechanics.dofs import InterfaceDof
 from linkage_vibration.mechanics.sections.rectangle import rectangle
@@ -53,7 +55,18 @@ def turned(section: Section) -> Section:
     )
 
 
-def coupled(found: BeamMatrices, directions: str) -> NDArray[np.intp]:
+def drawing(found: Matrices) -> Drawing:
+    """Return how the coordinates of a beam move its nodes."""
+    assert found.drawing is not None
+    return found.drawing
+
+
+def nodes(found: Matrices) -> FloatArray:
+    """Return the places of the nodes of a beam along its axis, m."""
+    return drawing(found).places[:, 0]
+
+
+def coupled(found: Matrices, directions: str) -> NDArray[np.intp]:
     """Return all coordinates that couple with the DoFs of some directions, theta with x and z."""
     links = (found.mass != 0.0) | (found.stiffness != 0.0)
     labels = connected_components(links, directed=False)[1]
@@ -61,7 +74,7 @@ def coupled(found: BeamMatrices, directions: str) -> NDArray[np.intp]:
     return np.flatnonzero(np.isin(labels, labels[chosen]))
 
 
-def part(found: BeamMatrices, directions: str) -> tuple[FloatArray, FloatArray]:
+def part(found: Matrices, directions: str) -> tuple[FloatArray, FloatArray]:
     """Return mass and stiffness of those coordinates."""
     block = np.ix_(*[coupled(found, directions)] * 2)
     return found.mass[block], found.stiffness[block]
@@ -83,12 +96,12 @@ def omega(mass: FloatArray, stiffness: FloatArray, held: Sequence[int] = ()) -> 
     return np.sqrt(np.abs(eigh(stiffness[block], mass[block], eigvals_only=True)))
 
 
-def rows(found: BeamMatrices, *dofs: str) -> list[int]:
+def rows(found: Matrices, *dofs: str) -> list[int]:
     """Return the indices of DoFs such as "A x"."""
     return [found.dofs.index(InterfaceDof(*dof.split())) for dof in dofs]
 
 
-def compliance(found: BeamMatrices, held: Sequence[str]) -> FloatArray:
+def compliance(found: Matrices, held: Sequence[str]) -> FloatArray:
     """Return the static compliance on all coordinates, with zeros where DoFs are held."""
     free = np.setdiff1d(np.arange(len(found.mass)), rows(found, *held))
     result = np.zeros_like(found.stiffness)
@@ -96,14 +109,14 @@ def compliance(found: BeamMatrices, held: Sequence[str]) -> FloatArray:
     return result
 
 
-def moved_rigidly(found: BeamMatrices, motions: FloatArray) -> FloatArray:
+def moved_rigidly(found: Matrices, motions: FloatArray) -> FloatArray:
     """Let the inner coordinates follow the interface statically, (n, n_motions)."""
     b, i = slice(0, len(found.dofs)), slice(len(found.dofs), None)
     inner = -np.linalg.solve(found.stiffness[i, i], found.stiffness[i, b] @ motions)
     return np.vstack([motions, inner])
 
 
-def rigid_motions(found: BeamMatrices, places: dict[str, Point], pivot: Point) -> FloatArray:
+def rigid_motions(found: Matrices, places: dict[str, Point], pivot: Point) -> FloatArray:
     """Return interface motions: along x, along z, by theta about a pivot; in space four more.
 
     These are along y, from x to y about x = 0, and, if its inertia is there, from y to z.
@@ -364,9 +377,9 @@ def test_the_first_pin_keeps_the_spin() -> None:
     (x0, z0), (x1, z1) = (0.1, -0.2), (0.9, 0.3)
     found = beam_matrices(uniform(DEEP, 6), [("A", (x0, z0)), ("B", (x1, z1))], spatial=True)
     shape = moved_rigidly(found, np.eye(len(found.dofs))[:, rows(found, "B y")])
-    along = (found.nodes - x0) * (x1 - x0) + (0.0 - z0) * (z1 - z0)
+    along = (nodes(found) - x0) * (x1 - x0) + (0.0 - z0) * (z1 - z0)
     expected = along / ((x1 - x0) ** 2 + (z1 - z0) ** 2)
-    np.testing.assert_allclose((found.displacement @ shape)[:, 1, 0], expected, atol=1e-9)
+    np.testing.assert_allclose((drawing(found).displacement @ shape)[:, 1, 0], expected, atol=1e-9)
 
 
 def test_pins_on_the_axis_leave_torsion_out() -> None:
@@ -395,7 +408,7 @@ def test_the_plane_is_the_in_plane_part_of_space(points: Points) -> None:
     assert tuple(spatial.dofs[i] for i in chosen if i < len(spatial.dofs)) == planar.dofs
     for found, expected in zip(part(spatial, "xz"), (planar.mass, planar.stiffness), strict=True):
         assert np.array_equal(found, expected)
-    assert np.array_equal(spatial.displacement[:, :, chosen], planar.displacement)
+    assert np.array_equal(drawing(spatial).displacement[:, :, chosen], drawing(planar).displacement)
     every = omega(spatial.mass, spatial.stiffness)
     for value in omega(planar.mass, planar.stiffness)[3:]:
         assert nearest(every, value) == pytest.approx(value, rel=1e-9)
@@ -434,13 +447,13 @@ def test_any_beam_is_symmetric_and_free_of_stress_when_rigid(
     assert np.linalg.eigvalsh(found.mass)[0] > 0.0
 
     begin = min(0.0, min(x for x, _ in places.values()))
-    assert found.nodes[0] == begin
-    assert found.nodes[-1] == pytest.approx(1.1 * LENGTH)
+    assert nodes(found)[0] == begin
+    assert nodes(found)[-1] == pytest.approx(1.1 * LENGTH)
     motions = rigid_motions(found, places, (0.0, 0.0))
     shapes = moved_rigidly(found, motions)
     scale = np.sqrt(np.abs(np.diag(found.stiffness)))
     assert np.abs(found.stiffness @ shapes / scale[:, np.newaxis]).max() < 1e-8 * scale.max()
-    x, moved = found.nodes[:, np.newaxis], found.displacement @ shapes
+    x, moved = nodes(found)[:, np.newaxis], drawing(found).displacement @ shapes
     np.testing.assert_allclose(moved[:, 0, :3], 0 * x + [1.0, 0.0, 0.0], atol=1e-7)
     np.testing.assert_allclose(moved[:, 2, :3], 0 * x + [0.0, 1.0, 0.0] + x * [0, 0, 1], atol=1e-7)
     if spatial and np.linalg.matrix_rank(np.subtract([*places.values()], places["A"])) == 2:
@@ -462,7 +475,7 @@ def test_points_in_any_order() -> None:
     block = np.ix_(order, order)
     assert np.array_equal(shuffled.mass[block], listed.mass)
     assert np.array_equal(shuffled.stiffness[block], listed.stiffness)
-    assert np.array_equal(shuffled.displacement[:, :, order], listed.displacement)
+    assert np.array_equal(drawing(shuffled).displacement[:, :, order], drawing(listed).displacement)
 
 
 def test_points_and_steps_are_nodes() -> None:
@@ -470,13 +483,13 @@ def test_points_and_steps_are_nodes() -> None:
     section = rectangle(0.01, 0.02, 0.3)
     points = [("A", (0.0, 0.0)), ("B", (0.011, 0.1)), ("C", (0.1 + 0.2, 0.0)), ("D", (0.8, 0.0))]
     segments = (Segment(0.3, section), Segment(0.5, section), Segment(1.0, section))
-    nodes = beam_matrices(Beam(STEEL, segments, 10), points).nodes
-    assert len(nodes) == 1 + 1 + 3 + 2 + 3 + 2
+    places = nodes(beam_matrices(Beam(STEEL, segments, 10), points))
+    assert len(places) == 1 + 1 + 3 + 2 + 3 + 2
     for place in (0.0, 0.011, 0.3, 0.5, 0.8, 1.0):
-        assert np.isclose(nodes, place, rtol=0.0, atol=1e-12).sum() == 1
-    assert (np.diff(nodes) > 0.01).all()
+        assert np.isclose(places, place, rtol=0.0, atol=1e-12).sum() == 1
+    assert (np.diff(places) > 0.01).all()
     rounded = Beam(STEEL, (Segment(0.3, section),), 3)  # 0.1 + 0.2 lies above 0.3
-    assert len(beam_matrices(rounded, points[::2]).nodes) == 4
+    assert len(nodes(beam_matrices(rounded, points[::2]))) == 4
 
 
 def test_pins_within_the_beam() -> None:
@@ -484,12 +497,12 @@ def test_pins_within_the_beam() -> None:
     beam = Beam(STEEL, STEPPED, 24)
     inside = [("A", (0.5, 0.02)), ("B", (0.9, 0.0))]
     within, ends = beam_matrices(beam, inside), beam_matrices(beam, ENDS)
-    np.testing.assert_allclose(within.nodes, ends.nodes, atol=1e-15)
+    np.testing.assert_allclose(nodes(within), nodes(ends), atol=1e-15)
     found, expected = (omega(m.mass, m.stiffness)[3:] for m in (within, ends))
     np.testing.assert_allclose(found, expected, rtol=1e-9)
     # A pin before x = 0 lets the beam begin there.
     earlier = beam_matrices(beam, [("A", (-0.2, 0.0)), ("B", (0.9, 0.0))])
-    assert earlier.nodes[0] == -0.2
+    assert nodes(earlier)[0] == -0.2
 
 
 def test_two_pins_at_one_place() -> None:

@@ -75,14 +75,11 @@ def repeated(joining: Joining, rows: list[FloatArray], labels: list[str]) -> Joi
 
 
 def test_repeated_constraints_are_left_out() -> None:
-    """Rows of B that say the same twice are named, and change nothing."""
+    """Rows of B that say the same twice change nothing."""
     system = uncoupled_system([oscillator("a", 2.0, 800.0), oscillator("b", 2.0, 800.0)])
     rows = [[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]]
     once = couple(system, joined(rows, [], []))
     twice = couple(system, joined([*rows, [-2.0, 0.0, 0.0, 0.0]], [], []))
-    assert once.redundant == ()
-    assert twice.redundant == ("row 2",)
-    assert twice.cutoff == pytest.approx(1e-12 * math.sqrt(5.0))
     np.testing.assert_allclose(solve_modes(twice)[0].omega, solve_modes(once)[0].omega, rtol=1e-13)
 
 
@@ -97,7 +94,6 @@ def test_linkage_with_joints_closed_twice(model: LinkageModel, alpha3_deg: float
     once_more = ["V1 again in x", "V1 again in z", "V1 aslant", "E2 on itself", "E2 on itself"]
     more = repeated(joining, [x, z, 0.6 * x + 0.8 * z, *(point - point)], once_more)
     coupled = couple(model.system, more)
-    assert coupled.redundant == tuple(once_more)
     omega = solve_modes(coupled)[0].omega
     np.testing.assert_allclose(omega[:10], solution.modes.omega[:10], rtol=1e-8)
     rows = model.rows(PLACES, solution.configuration)
@@ -118,13 +114,6 @@ def test_joints_nearly_closed_twice_are_refused(model: LinkageModel, apart: floa
     assert "another V1" in message
     assert "pin V1 of lower_link and lift_rod in x" in message
     assert "P1" not in message
-
-
-def test_numbers_that_are_not_finite_are_refused() -> None:
-    """A NaN in B is reported as such, while the SVD would not converge."""
-    system = uncoupled_system([oscillator("a", 2.0, 800.0)])
-    with pytest.raises(CouplingError, match="not finite"):
-        couple(system, joined([[math.nan, 0.0]], [], []))
 
 
 def test_static_limit_in_closed_form() -> None:
@@ -175,7 +164,7 @@ def test_undamped_resonance_of_the_assembly_is_refused(undamped: LinkageModel) -
     rows = undamped.rows(PLACES, solution.configuration)
     resonances = solution.natural_frequencies[:3]
     for resonance in resonances:
-        with pytest.raises(CouplingError, match=f"near {resonance:g} Hz.*without damping"):
+        with pytest.raises(CouplingError, match=f"At {resonance:g} Hz.*without damping"):
             assembled_frf(solution.coupled, np.array([1.0, resonance]), rows, rows)
     beside = resonances * (1 + 1e-3)
     found = assembled_frf(solution.coupled, beside, rows, rows)

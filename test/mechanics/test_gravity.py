@@ -76,12 +76,7 @@ def test_spring_carries_a_pendulum_at_any_angle(alpha3_deg: float) -> None:
     model = pendulum(springs={"spring": {"joint": "P", "stiffness": stiffness}})
     held = stiffness - MASS * G * ARM * math.sin(alpha3)
     expected = math.sqrt(held / (INERTIA + MASS * ARM**2)) / (2.0 * math.pi)
-    solution = model.solve(alpha3)
-    assert solution.natural_frequencies[0] == pytest.approx(expected, rel=1e-9)
-    step = 1e-4
-    before, after = (model.solve(alpha3 + h).natural_frequencies[0] for h in (-step, step))
-    slope = (after - before) / (2.0 * step)
-    assert solution.frequency_derivatives[0] == pytest.approx(slope, rel=1e-6, abs=1e-9)
+    assert model.solve(alpha3).natural_frequencies[0] == pytest.approx(expected, rel=1e-9)
 
 
 def test_linkage_that_falls_is_refused() -> None:
@@ -360,8 +355,8 @@ def hitch() -> LinkageModel:
 
 
 def test_every_way_to_solve_agrees(hitch: LinkageModel) -> None:
-    """Modal sum and FRFs, reduced and unreduced links, and slopes and differences agree."""
-    solution, places, step = hitch.solve(2.9), [("E1", "z"), ("P3", "x")], 1e-4
+    """Modal sum and FRFs agree, and reduced and unreduced links."""
+    solution, places = hitch.solve(2.9), [("E1", "z"), ("P3", "x")]
     lines = np.array([0.0, 1.5, 8.0, 90.0])
     ours, theirs = (
         solution.frf(places, places).frf(lines),
@@ -370,9 +365,6 @@ def test_every_way_to_solve_agrees(hitch: LinkageModel) -> None:
     assert np.abs(ours - theirs).max() < 1e-8 * np.abs(ours).max()
     whole = LinkageModel(hitch.mechanism, reduced=False).solve(2.9).modes.omega[:6]
     np.testing.assert_allclose(solution.modes.omega[:6], whole, rtol=1e-5)
-    before, after = (hitch.solve(2.9 + h) for h in (-step, step))
-    slopes = (after.modes.omega - before.modes.omega)[:6] / (2.0 * step) / (2.0 * math.pi)
-    np.testing.assert_allclose(solution.frequency_derivatives[:6], slopes, rtol=1e-5, atol=1e-5)
 
 
 def test_table_has_the_frequencies_under_gravity(hitch: LinkageModel) -> None:
@@ -412,5 +404,5 @@ def test_what_gravity_does_not_cover_is_refused(hitch: LinkageModel) -> None:
     other = replace(hitch.mechanism, links=links)
     with pytest.raises(MechanismError, match=r"links\.lift_rod .* remove gravity"):
         LinkageModel(other)
-    with pytest.raises(MechanismError, match="points upwards"):
+    with pytest.raises(MechanismError, match=r"gravity: -9.81 is below 0; give 9\.81, in m/s2"):
         pendulum(gravity=-G)

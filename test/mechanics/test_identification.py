@@ -226,17 +226,12 @@ def test_uneven_lines() -> None:
     check(found, natural[:3], ratios[:3], shapes[:, :3], **exact)
 
 
-def test_residues_and_shapes() -> None:
-    """With two inputs: R = phi phi^T / (2 i w_d), shapes positive at the drive point named."""
+def test_shapes_of_two_inputs() -> None:
+    """They are mass-normalised, and positive at the first output."""
     natural, ratios = np.array([40.0, 90.0]), np.array([0.01, 0.02])
     shapes = np.array([[0.9, 0.5], [-0.4, 0.8], [0.7, -0.3]])
     frf = receptances(LINES, natural, ratios, shapes, 2)
-    found = identify(LINES, frf, BAND, drive_point=(1, 1))
-    np.testing.assert_allclose(found.shapes, shapes * np.sign(shapes[1]), rtol=1e-8)
-    products = np.einsum("or,ir->roi", shapes, shapes[:2])
-    np.testing.assert_allclose(
-        found.residues, products / (2j * found.poles.imag[:, None, None]), rtol=1e-6
-    )
+    np.testing.assert_allclose(identify(LINES, frf, BAND).shapes, shapes, rtol=1e-8)
 
 
 def single(frequencies: FloatArray, ratio: float = 0.01) -> ComplexArray:
@@ -265,21 +260,6 @@ def test_no_mode() -> None:
     for frf in (noise, np.zeros((400, 2, 1), dtype=complex)):
         with pytest.raises(IdentificationError, match="No mode is visible between 0 and 200 Hz"):
             identify(np.linspace(0.5, 200.0, 400), frf, BAND)
-
-
-def test_misfits_are_refused() -> None:
-    """Unequal axes, values not finite, frequencies in disorder, a drive point elsewhere."""
-    frf = single(LINES)
-    with pytest.raises(IdentificationError, match="1999 frequencies do not match FRFs of shape"):
-        identify(LINES[1:], frf, BAND)
-    spoilt = frf.copy()
-    spoilt[7] = math.nan
-    with pytest.raises(IdentificationError, match="not finite"):
-        identify(LINES, spoilt, BAND)
-    with pytest.raises(IdentificationError, match="do not ascend"):
-        identify(LINES[::-1], frf, BAND)
-    with pytest.raises(IdentificationError, match=r"\(0, 1\) is not among 1 outputs and 1 inputs"):
-        identify(LINES, frf, BAND, drive_point=(0, 1))
 
 
 SHAPES = np.array([[0.9, 0.5, 0.7, 1.0, 0.8], [-0.4, 0.8, -0.9, 0.5, 0.6]])

@@ -118,15 +118,6 @@ def test_printed_length_cannot_give_the_papers_curve(printed: Mechanism) -> None
     assert first[1] > first[0]
 
 
-def test_frequency_derivatives(model: LinkageModel) -> None:
-    """Analytic derivatives of the frequencies agree with central differences."""
-    h = 1e-4
-    for angle in np.radians([95.0, 140.0, 175.0]):
-        before, after = (model.solve(angle + d).natural_frequencies for d in (-h, h))
-        found = model.solve(angle).frequency_derivatives[:8]
-        np.testing.assert_allclose(found, (after - before)[:8] / (2 * h), rtol=1e-5)
-
-
 def test_link_shapes_meet_at_the_pins(model: LinkageModel) -> None:
     """Links as drawn move together where they are pinned, and do not move on the ground."""
     solution = model.solve(math.radians(110.0))

@@ -131,7 +131,14 @@ def test_i_section_is_read(mapping: Any) -> None:
         (change("input", "range_deg", to=[180, 90]), "input.range_deg", "ascend"),
         (change("response", "drive_point", to="E9"), "response.drive_point", "E1"),
         (change("response", "direction", to="y"), "response.direction", "x, z"),
-        (change("response", "band_hz", to=[-1, 200]), "response.band_hz", "negative"),
+        (
+            change("response", "band_hz", to=[-1, 200]),
+            "response.band_hz",
+            "-1 is below 0; begin at 0 Hz",
+        ),
+        (change("response", "peak_band_hz", to=[9, 3]), "response.peak_band_hz", "ascend"),
+        (change("response", "peak_band_hz", to=[-1, 200]), "peak_band_hz", "-1 is below 0; FRFs"),
+        (change("response", "peak_band_hz", to=[3, 201]), "peak_band_hz", "201 is above 200; FRFs"),
         (change("damping", "at_hz", to=[0, 10]), "damping.at_hz", "zero"),
         (change("name", to=""), "name", "text"),
         (change("links", "implement", to={}), "implement", "missing"),
@@ -147,6 +154,36 @@ def test_wrong_descriptions_are_refused(
         mechanism_from_mapping(mapping)
     assert path in raised.value.path
     assert words in raised.value.problem
+
+
+def test_band_of_the_peak(mapping: Any) -> None:
+    """It is the whole band unless the file states a part of it; the ends of the band are inside."""
+    whole = mechanism_from_mapping(mapping)
+    assert whole.response.peak_band == whole.response.band == (0.0, 200.0)
+    mapping["response"]["peak_band_hz"] = [0.0, 200.0]
+    assert mechanism_from_mapping(mapping) == whole
+    mapping["response"]["peak_band_hz"] = [3.5, 200.0]
+    part = mechanism_from_mapping(mapping)
+    assert (part.response.band, part.response.peak_band) == ((0.0, 200.0), (3.5, 200.0))
+    assert part.model_hash != whole.model_hash
+
+
+@pytest.mark.parametrize(
+    ("band", "peak_band"),
+    [
+        ((0.0, 40.0), (3.5, 40.0)),
+        ((2.0, 300.0), (3.5, 200.0)),
+        ((5.0, 40.0), (5.0, 40.0)),
+        ((0.0, 3.5), (0.0, 3.5)),  # it has no common part
+    ],
+)
+def test_band_of_the_peak_within_another_band(
+    mapping: Any, band: tuple[float, float], peak_band: tuple[float, float]
+) -> None:
+    """The peak is sought in the common part of both bands, or in the whole new one."""
+    mapping["response"]["peak_band_hz"] = [3.5, 200.0]
+    other = mechanism_from_mapping(mapping).response.with_band(band)
+    assert (other.band, other.peak_band) == (band, peak_band)
 
 
 def test_misspelt_key_is_suggested(mapping: Any) -> None:
@@ -201,7 +238,7 @@ def material(key: str, value: float) -> Callable[[Any], None]:
     ("spoil", "path", "words"),
     [
         (enlarge(1e3, 1.0), "ground", "523.417 m apart; lengths are in m"),
-        (enlarge(1e3, 1e3), "links.lower_link", "810 m long .*millimetres"),
+        (enlarge(1e3, 1e3), "ground", "523.417 m apart; lengths are in m"),
         (enlarge(50.0, 50.0), "links.lower_link", "40.5 m long .*millimetres"),
         (enlarge(1.0, 1e3), "links.lower_link.section", "32 m deep and 0.81 m long is not a beam"),
         (material("youngs_modulus", 210.0), "material.youngs_modulus", "write it in Pa"),

@@ -234,15 +234,6 @@ def test_lines_that_show_no_flexibility(model: LinkageModel) -> None:
         bench(model, "lift_rod", np.linspace(0.5, 20.0, 29)).regularise(case.measured[:29])
 
 
-def test_gain_where_a_joint_is_said_twice(model: LinkageModel) -> None:
-    """A repeated row of B changes no gain."""
-    case = bench(model, "lift_rod", np.array([1.0, 30.0, 150.0]))
-    blocks = case.put(as_measured(case.measured))
-    twice = np.vstack([case.compatibility, case.compatibility[:2]])
-    once = noise_gain(blocks, case.compatibility, case.rows, case.rows)
-    np.testing.assert_allclose(noise_gain(blocks, twice, case.rows, case.rows), once, rtol=1e-5)
-
-
 def drifted(case: Bench, share: float) -> ComplexArray:
     """Return FRFs whose last two columns were measured when the link was softer."""
     c = case.link

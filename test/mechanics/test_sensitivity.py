@@ -21,6 +21,7 @@ ALPHA3 = 2.6
 MODES = 3
 IMPLEMENT = "rigid_bodies.implement"
 DAMPER = {"joint": "E1", "bodies": ["lower_link", "implement"], "stiffness": 1e3, "damping": 300.0}
+OIL = {**DAMPER, "loss_factor": {"factor": 0.4, "at_hz": 6.0}}
 BETWEEN = {"between": ["V1", "E2"], "stiffness": 2e5, "damping": 2e3}
 LOSSY = {"rule": "loss_factor", "factor": 0.3}
 NUMBERS = (
@@ -65,12 +66,13 @@ def values(mapping: Any, alpha3: float = ALPHA3) -> NDArray[np.float64]:
         ({"damping": {"rule": "loss_factor", "factor": 0.03}}, ("damping.factor",)),
         ({"springs.s": DAMPER}, ("springs.s.damping", "springs.s.stiffness")),
         ({"springs.s": BETWEEN}, ("springs.s.damping", "springs.s.stiffness")),
+        ({"springs.s": OIL}, ("springs.s.loss_factor.factor", "springs.s.loss_factor.at_hz")),
         (
             {"damping": {"rule": "loss_factor", "factor": 0.02}, "links.lift_rod.damping": LOSSY},
             ("damping.factor", "links.lift_rod.damping.factor"),
         ),
     ],
-    ids=["rayleigh", "modal ratio", "loss", "damper", "damper between", "losses"],
+    ids=["rayleigh", "modal ratio", "loss", "damper", "damper between", "oil", "losses"],
 )
 def test_changes_are_differences(mapping: Any, extra: Any, more: tuple[str, ...]) -> None:
     """Every kind of number has its exact effect, whatever the damping."""

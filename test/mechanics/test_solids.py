@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from linkage_vibration.mechanics.reduction import ReductionError, craig_bampton
-from linkage_vibration.mechanics.solids import rigid_ties, sparse_craig_bampton
+from linkage_vibration.mechanics.solids import Pin, rigid_ties, sparse_craig_bampton
 
 FloatArray = NDArray[np.float64]
 
@@ -75,21 +75,32 @@ def test_interior_that_can_move() -> None:
 
 
 def test_ties_move_as_rigid_bodies() -> None:
-    """Six coordinates move a group as u + omega x r, and leave other nodes to themselves."""
+    """Pins move their nodes as u + omega x r in the plane, and leave other nodes to themselves."""
     rng = np.random.default_rng(0)
     nodes = rng.normal(size=(9, 3))
-    groups = [np.array([7, 2, 4]), np.array([0, 8, 3, 5])]
-    places = rng.normal(size=(2, 3))
-    ties = rigid_ties(nodes, groups, places)
-    assert ties.shape == (27, 12 + 6)
-    q = rng.normal(size=18)
+    pins = [
+        Pin("A", (0.3, -0.2), np.array([7, 2, 4])),
+        Pin("B", (-1.0, 0.5), np.array([0, 8, 3, 5])),
+    ]
+    ties, dofs = rigid_ties(nodes, pins, {"B"})
+    assert [str(dof) for dof in dofs] == ["A x", "A z", "B x", "B z", "B theta"]
+    assert ties.shape == (27, 6 + 6)
+    q = rng.normal(size=12)
     moved = (ties @ q).reshape(9, 3)
-    for group, place, (u, omega) in zip(groups, places, q[:12].reshape(2, 2, 3), strict=True):
-        np.testing.assert_allclose(moved[group], u + np.cross(omega, nodes[group] - place))
-    np.testing.assert_array_equal(moved[[1, 6]], q[12:].reshape(2, 3))
+    motions = (
+        (q[0], q[1], q[5]),
+        (q[2], q[3], q[4]),
+    )  # the rotation that is no interface DoF is last
+    for pin, (x, z, theta) in zip(pins, motions, strict=True):
+        place = np.array([pin.place[0], 0.0, pin.place[1]])
+        turned = np.cross([0.0, -theta, 0.0], nodes[pin.nodes] - place)  # from x towards z
+        expected = [x, 0.0, z] + turned * [1.0, 0.0, 1.0]
+        np.testing.assert_allclose(moved[pin.nodes], expected)
+    np.testing.assert_array_equal(moved[[1, 6]], q[6:].reshape(2, 3))
 
 
 def test_pins_that_share_a_node() -> None:
     """One node cannot follow two rigid bodies."""
+    pins = [Pin("A", (0.0, 0.0), np.array([0, 1])), Pin("B", (0.0, 0.0), np.array([1, 2]))]
     with pytest.raises(ReductionError, match="Two pins share a node"):
-        rigid_ties(np.zeros((4, 3)), [np.array([0, 1]), np.array([1, 2])], np.zeros((2, 3)))
+        rigid_ties(np.zeros((4, 3)), pins)

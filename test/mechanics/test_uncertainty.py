@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Standard deviations of numbers are read by their paths, and errors name the remedy."""
 
+import pickle
 from dataclasses import replace
 from typing import Any
 
@@ -34,6 +35,14 @@ def test_deviations_are_those_of_the_numbers(mapping: Any, mechanism: Mechanism)
     assert low.rigid_bodies[0].mass < mechanism.rigid_bodies[0].mass < high.rigid_bodies[0].mass
 
 
+def test_another_process_has_the_same_numbers(mapping: Any) -> None:
+    """A mechanism that was sent to another process still gives mechanisms with other numbers."""
+    mapping["uncertainty"] = CLAIMS
+    sent = pickle.loads(pickle.dumps(mechanism_from_mapping(mapping))).uncertainty
+    heavier = sent.described([900.0 if each.path == MASS else each.value for each in sent.numbers])
+    assert heavier.rigid_bodies[0].mass == 900.0
+
+
 def test_hash_includes_what_is_uncertain(mapping: Any, mechanism: Mechanism) -> None:
     """A table belongs to its deviations; without them the hash is that of the numbers alone."""
     mapping["uncertainty"] = CLAIMS
@@ -50,9 +59,9 @@ def test_hash_includes_what_is_uncertain(mapping: Any, mechanism: Mechanism) -> 
         ({"relative": {"links.lower_link.section.hight": 0.1}}, f"like it are {HEIGHT}, "),
         ({"relative": {"links.lower_link.elements": 0.1}}, "no number that can be uncertain"),
         ({"relative": {"response.band_hz.1": 0.1}}, "no number that can be uncertain"),
-        ({"relative": {MASS: -0.1}}, "-0.1 is negative"),
+        ({"relative": {MASS: -0.1}}, "-0.1 is below 0"),
         ({"relative": {MASS: "10 %"}}, "is text, not a number"),
-        ({"relative": {MASS: 10}}, "10 is more than the number itself; 5 % are 0.05"),
+        ({"relative": {MASS: 10}}, "10 is above 1; 5 % of the number are 0.05"),
         ({"relative": {"ground.P1.0": 0.1}}, "the number is 0"),
         ({"relative": {MASS: 0.1}, "absolute": {MASS: 3.0}}, "also under relative"),
         ({"relative": {f"{MASS}, {INERTIA}": 0.1}}, "hold different numbers"),

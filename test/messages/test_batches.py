@@ -16,7 +16,8 @@ from linkage_vibration.messages.topics import PREDICTION, RESONANCE
 from linkage_vibration.prediction.batch import predict_many
 from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.predictor import Predictor
-from linkage_vibration.prediction.resonance import ReportedSpeed, ResonanceMonitor, WarningLimits
+from linkage_vibration.prediction.resonance import ReportedSpeed, ResonanceMonitor
+from linkage_vibration.prediction.severity import WarningLimits
 from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.resources import DEFAULT_EXCITATIONS, DEFAULT_TABLE, config_file
@@ -137,7 +138,7 @@ def test_same_bytes_of_resonances(
     blocks: list[list[Reported | Asked]], limits: tuple[float, float, float], fixed: bool
 ) -> None:
     """Any speeds among any readings, block after block, give the bytes that the node publishes."""
-    margins, stale_after = WarningLimits(margin=limits[0], hysteresis=limits[1]), limits[2]
+    margins, stale_after = WarningLimits(near=limits[0], dwell=limits[1]), limits[2]
     monitors = [ResonanceMonitor(EXCITATIONS, margins, stale_after) for _ in range(2)]
     for monitor in monitors:
         if fixed:

@@ -7,11 +7,11 @@ from pathlib import Path
 import pytest
 
 from linkage_vibration.messages.fields import Field, message_fields
-from linkage_vibration.messages.topics import PREDICTION, RESONANCE, TABLE_INFO
+from linkage_vibration.messages.topics import ADVICE, PREDICTION, RESONANCE, TABLE_INFO
 from linkage_vibration.support.resources import share_directory
 
 
-@pytest.mark.parametrize("kind", [PREDICTION, RESONANCE, TABLE_INFO])
+@pytest.mark.parametrize("kind", [PREDICTION, RESONANCE, ADVICE, TABLE_INFO])
 def test_fields_are_those_of_the_generated_class(kind: str) -> None:
     """The fields at the top have the names and order of the class that ROS 2 generates."""
     from linkage_vibration.ros.endpoints import message_class
@@ -34,4 +34,11 @@ def test_nested_fields_and_sequences() -> None:
 def test_every_message_has_a_topic_or_a_name() -> None:
     """No message definition is forgotten."""
     found = {path.stem for path in Path(share_directory()).glob("*_interfaces/msg/*.msg")}
-    assert found == {kind.split("/")[-1] for kind in (PREDICTION, RESONANCE, TABLE_INFO)}
+    assert found == {kind.split("/")[-1] for kind in (PREDICTION, RESONANCE, ADVICE, TABLE_INFO)}
+
+
+def test_a_message_in_a_response_is_flattened() -> None:
+    """The answer to a question for advice has the fields of the message in their place."""
+    fields = message_fields("linkage_vibration_interfaces/srv/Advise_Response")
+    assert [field.name for field in fields][:3] == ["success", "message", "advice.header.stamp.sec"]
+    assert Field("advice.load_ratios", "float64", True) in fields

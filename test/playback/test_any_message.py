@@ -15,11 +15,12 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from linkage_vibration.bags.reading import BagError, read_messages
+from linkage_vibration.bags.reading import BagError
 from linkage_vibration.playback.remapping import ReplayError
 from linkage_vibration.playback.replay import replay
 from linkage_vibration.prediction.inputs.units import InputError
 from linkage_vibration.prediction.settings import Parameters, with_values
+from test.support.messages import read_messages
 
 START = 1_700_000_000 * 10**9
 PREDICTION = "/linkage_vibration/prediction"

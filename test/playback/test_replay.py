@@ -20,7 +20,7 @@ from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_typestore
 
 from linkage_vibration.bags.message_types import FLOAT64, JOINT_STATE
-from linkage_vibration.bags.reading import BagError, read_messages
+from linkage_vibration.bags.reading import BagError
 from linkage_vibration.cli.main import main
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.messages.encoding import encode_message
@@ -51,6 +51,7 @@ from linkage_vibration.support.resources import (
     config_file,
 )
 from linkage_vibration.table.table import load_table
+from test.support.messages import read_messages
 from test.support.motions import MOTIONS, PERCENT, read
 
 DRIVE = config_file("drives/hitch_duty_cycle.mcap")

@@ -27,6 +27,7 @@ from linkage_vibration.prediction.answers import (
     rebuilt,
     with_implement,
 )
+from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.readers.mechanism import read_mechanism
@@ -76,6 +77,29 @@ def test_motion_of_the_base_is_an_input(mechanism_file: Path) -> None:
     assert answer.frf[0, 0, 0] == pytest.approx(1.0)
     with pytest.raises(ServingError, match=r"base\.z"):
         answer_frf(clamped, 2.0, ["E1.z"], ["base.z"], line, exact=False)
+
+
+@pytest.mark.parametrize("exact", [False, True])
+def test_forces_are_outputs(served: Served, exact: bool) -> None:
+    """At 0 Hz both lower links and the upper link carry a force on the implement; none is an input.
+
+    One of the two lower links carries half of their force.
+    """
+    pins = ["lower_link:E1.force_z", "upper_link:E2.force_z"]
+    answer = answer_frf(served, 2.0, pins, ["E1.z"], np.array([0.0]), exact=exact)
+    lower, upper = answer.frf[0, :, 0]
+    assert 2.0 * lower + upper == pytest.approx(1.0, abs=1e-4)
+    with pytest.raises(ServingError, match=r"inputs\[0\] is 'lower_link:E1.force_z'; name one of"):
+        answer_frf(served, 2.0, ["E1.z"], pins[:1], np.array([0.0]), exact=exact)
+
+
+def test_sections_are_outputs_of_the_model(served: Served) -> None:
+    """A pin carries no moment; the table has no sections, and the error names the remedy."""
+    sections = ["upper_link:E2.moment", "upper_link:E2.axial"]
+    moment, axial = answer_frf(served, 2.0, sections, ["E2.x"], np.array([0.0]), exact=True).frf[0]
+    assert abs(moment[0]) < 1e-6 * abs(axial[0])
+    with pytest.raises(ServingError, match="or set exact to use the model"):
+        answer_frf(served, 2.0, sections, ["E1.z"], np.array([0.0]), exact=False)
 
 
 def test_shapes_make_the_frf(served: Served) -> None:
@@ -159,7 +183,8 @@ def test_rebuilt(served: Served, tmp_path: Path) -> None:
     heavy, _ = with_implement(
         served.mechanism, served.mechanism_text, Implement("", 1200.0, 300.0, ())
     )
-    excitations = read_excitations(config_file("excitations.yaml"))
+    shipped = read_excitations(config_file("excitations.yaml"))
+    excitations = [one for one in shipped if one.source is Source.PTO]  # they act on the hitch
     predictor, levels = rebuilt(heavy, served.table, excitations, tmp_path)
     table = predictor.table
     assert pickle.loads(pickle.dumps((predictor, levels)))[0].table.table_id == table.table_id
@@ -211,14 +236,14 @@ def test_links_from_files_are_not_read_again(
     body = Matrices(part.dofs, part.mass, part.stiffness)
     mapping["links"]["upper_link"] = {
         "points": mapping["links"]["upper_link"]["points"],
-        "file": {"kind": "matrices", "path": "gone.mat"},
+        "file": {"kind": "matrices", "path": "gone.npz"},
     }
     links = [replace(k, body=body) if k.name == "upper_link" else k for k in mechanism.links]
     known = replace(mechanism, links=tuple(links))
     heavy = Implement("", 1200.0, 300.0, ())
     changed, text = with_implement(known, yaml.safe_dump(mapping, sort_keys=False), heavy)
     assert [k.body for k in changed.links] == [k.body for k in known.links]
-    assert yaml.safe_load(text)["links"]["upper_link"]["file"]["path"] == "gone.mat"
+    assert yaml.safe_load(text)["links"]["upper_link"]["file"]["path"] == "gone.npz"
     assert changed.rigid_bodies[0].mass == 1200.0
 
 

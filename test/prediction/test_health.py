@@ -18,7 +18,6 @@ from linkage_vibration.prediction.health import (
     Level,
     ReadingWatch,
     SpeedWatch,
-    _Publishers,
     overall,
 )
 from test.support.drive import engine_and_pto_speed, hitch_duty_cycle
@@ -36,6 +35,7 @@ EXPECTED = Expected(
     publishers=lambda: ["a", "b"],
     shaken=False,
 )
+ALONE = replace(EXPECTED, publishers=lambda: ["a"])
 
 
 def judged(
@@ -45,12 +45,11 @@ def judged(
     *,
     velocity: float | Sequence[float] = math.nan,
     age: float = 0.0,
-    sequences: Sequence[int] = (),
     watch: ReadingWatch | None = None,
 ) -> list[list[Fault]]:
     """Return the faults of each second of readings, whose stamps have an age (s)."""
     watch = watch or ReadingWatch()
-    found, due, number = [], 1.0, iter(sequences)
+    found, due = [], 1.0
     rates = iter(velocity) if isinstance(velocity, Sequence) else itertools.repeat(velocity)
     for now, angle in zip(times, angles, strict=True):
         while now >= due:
@@ -59,7 +58,7 @@ def judged(
         received = START + round(1e9 * now)
         stamp = received - round(1e9 * age) if age < math.inf else 0
         known = not math.isfinite(angle) or expected.contains(angle)
-        watch.take(now, stamp, received, angle, next(rates), known=known, sequence=next(number, 0))
+        watch.take(now, stamp, received, angle, next(rates), known=known)
     return [*found, watch.judge(due, 1.0, expected)]
 
 
@@ -113,6 +112,17 @@ def test_velocities_of_a_healthy_drive() -> None:
     assert not any(judged(times.tolist(), angles.tolist(), velocity=velocities))
 
 
+def test_stamps() -> None:
+    """A stamp earlier than the one before is counted; the age is that of the last stamp."""
+    watch = ReadingWatch(stamps_back=3)
+    for i, stamp in enumerate((-5.0, 5.0, 5.1, 5.1, 4.9, 6.5)):
+        watch.take(0.1 * i, round(1e9 * stamp), 6 * SECOND, 2.0, math.nan, known=True)
+    assert math.isnan(watch.last)
+    watch.judge(1.0, 1.0, EXPECTED)
+    assert (watch.last, watch.stamps_back) == (0.5, 4)
+    assert watch.stamp_age == pytest.approx(-0.5)
+
+
 def test_healthy_speeds_have_no_fault() -> None:
     """The speeds of the shipped drive, a start of the engine, and reverse are no faults."""
     times, engine, pto = engine_and_pto_speed()
@@ -135,13 +145,13 @@ FAULTS = [
     ("degrees", [130.0], {}, EXPECTED, Level.ERROR, "are in degrees (130)"),
     ("degrees with an offset", [30.0], {}, replace(EXPECTED, offset=1.5), Level.ERROR, "degrees"),
     ("sign", [-2.0], {}, EXPECTED, Level.ERROR, "inside with the other sign"),
-    ("one side", [0.3, 0.4], {}, EXPECTED, Level.ERROR, "are below the table's 90 to 180 deg"),
-    ("other side", [4.0, 4.05], {}, EXPECTED, Level.ERROR, "are above"),
+    ("one side", [0.3, 0.4], {}, ALONE, Level.ERROR, "are below the table's 90 to 180 deg"),
+    ("other side", [4.0, 4.05], {}, ALONE, Level.ERROR, "are above"),
     ("no number", [math.nan], {}, EXPECTED, Level.ERROR, "is a number"),
     ("zero stamps", [2.0], {"age": math.inf}, EXPECTED, Level.WARN, "are zero"),
     ("old", [2.0], {"age": 3.0}, EXPECTED, Level.WARN, "3.0 s old"),
     ("future", [2.0], {"age": -0.5}, EXPECTED, Level.WARN, "0.5 s in the future"),
-    ("spike", [2.0] * 9 + [2.5], {}, EXPECTED, Level.WARN, "jump by up to 0.5 rad"),
+    ("spike", [2.0] * 9 + [2.5], {}, ALONE, Level.WARN, "jump by up to 0.5 rad"),
     ("velocity", [2.0], {"velocity": 0.2}, EXPECTED, Level.WARN, "the sensor is frozen"),
     ("velocity of zero", LIFT, {"velocity": 0.0}, EXPECTED, Level.WARN, "its velocity is wrong"),
 ]
@@ -176,28 +186,18 @@ def test_frozen_noise() -> None:
 
 
 def test_publishers_that_disagree() -> None:
-    """Sequence numbers tell publishers apart, also with equal rates; one that moves fast agrees."""
+    """Angles that go to and fro are those of two publishers; two that move fast agree."""
     times, n = seconds(100, 3), 300
-    numbers = [number // 2 + 1 + 700 * (number % 2) for number in range(n)]
     angles = [2.0 + 0.05 * (i % 2) for i in range(n)]
-    faults = judged(times, angles, sequences=numbers)[-1]
+    faults = judged(times, angles)[-1]
     assert [fault.level for fault in faults] == [Level.ERROR]
     assert "disagree (a, b)" in faults[0].sentence
     same = [2.0 + 0.005 * (i // 2) for i in range(n)]  # 0.5 rad/s, from both
-    assert not any(judged(times, [min(angle, 3.1) for angle in same], sequences=numbers))
-    assert not any(judged(times, [2.0] * n, sequences=numbers))
-    alone = replace(EXPECTED, publishers=lambda: ["a"])  # it has restarted
-    assert not any(judged(times, angles, alone, sequences=numbers))
-
-
-def test_sequence_numbers_that_do_not_count() -> None:
-    """Where each message has the same number, agreeing values are no fault, and few are kept."""
-    times, angles = seconds(1000, 3), [2.0 + 1e-3 * (i % 7) for i in range(3000)]
-    assert not any(judged(times, angles, sequences=[1] * 3000))
-    publishers = _Publishers(0.03)
-    for now, angle in zip(times, angles, strict=True):
-        publishers.differs(1, angle, now)
-    assert len(publishers._recent) == 9  # the eight latest and the newest, of 1000 in a second
+    assert not any(judged(times, [min(angle, 3.1) for angle in same]))
+    assert not any(judged(times, [2.0] * n))
+    slower = [2.0 + 0.05 * (i % 10 == 0) for i in range(n)]  # one of them at a tenth of the rate
+    assert "disagree" in judged(times, slower)[-1][0].sentence
+    assert not any(judged(times, angles, ALONE))  # its sensor is noisy
 
 
 def test_missing_readings() -> None:
@@ -252,8 +252,8 @@ def test_speeds_of_two_publishers() -> None:
     """Two engines on one topic disagree."""
     watch = SpeedWatch(Source.ENGINE)
     for i in range(10):
-        watch.take(0.1 * i, 1500.0, 1 + i)
-        watch.take(0.1 * i, 1900.0, 500 + i)
+        watch.take(0.1 * i, 1500.0)
+        watch.take(0.1 * i, 1900.0)
     [fault] = watch.judge(1.0, "/engine_speed", 1.0, lambda: ["one", "two"])
     assert "engine speed on /engine_speed disagree (one, two)" in fault.sentence
 
@@ -380,32 +380,25 @@ def test_limits_of_speeds_that_agree(
     for apart, faulty in ((agrees, False), (differs, True)):
         watch = SpeedWatch(source)
         for i in range(10):
-            watch.take(0.1 * i, value, 1 + i)
-            watch.take(0.1 * i, value + apart, 500 + i)
+            watch.take(0.1 * i, value)
+            watch.take(0.1 * i, value + apart)
         assert bool(watch.judge(0.9, "/speed", 1.0, lambda: ["one", "two"])) == faulty
 
 
 def test_limits_of_readings_that_agree() -> None:
-    """Publishers disagree if three values differ by more than 0.03 rad and their own changes."""
-    times, numbers = seconds(100, 1), [i // 2 + 1 + 700 * (i % 2) for i in range(100)]
+    """Publishers disagree if three values differ by more than 0.03 rad and their own change."""
+    times = seconds(100, 1)
     for apart, faulty in ((0.029, False), (0.031, True)):
         angles = [2.0 + apart * (i % 2) for i in range(100)]
-        assert bool(judged(times, angles, sequences=numbers)[-1]) == faulty
-    # Both move by 0.01 rad from value to value, so 0.03 + 0.01 + 0.01 rad are no difference.
-    for apart, faulty in ((0.049, False), (0.051, True)):
+        assert bool(judged(times, angles)[-1]) == faulty
+    # Both move by 0.01 rad from value to value, so 0.03 + 0.01 rad are no difference.
+    for apart, faulty in ((0.039, False), (0.041, True)):
         angles = [2.0 + 0.01 * (i // 2) + apart * (i % 2) for i in range(100)]
-        assert bool(judged(times, angles, sequences=numbers)[-1]) == faulty
-    # The numbers of three messages tell that there are two publishers; the others differ.
-    for count, faulty in ((5, False), (6, True)):
+        assert bool(judged(times, angles)[-1]) == faulty
+    # The first two values tell nothing; each of the others goes back to the one before the last.
+    for count, faulty in ((4, False), (5, True)):
         angles = [2.0 + 0.05 * (i % 2) for i in range(count)]
-        assert bool(judged(times[:count], angles, sequences=numbers[:count])[-1]) == faulty
-
-
-def test_publishers_that_started_together() -> None:
-    """Equal sequence numbers belong to two publishers, which disagree."""
-    angles = [2.0 + 0.05 * (i % 2) for i in range(100)]
-    faults = judged(seconds(100, 1), angles, sequences=[i // 2 + 1 for i in range(100)])[-1]
-    assert "disagree" in faults[0].sentence
+        assert bool(judged(times[:count], angles)[-1]) == faulty
 
 
 @pytest.mark.parametrize(

@@ -1,133 +1,214 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Where variances of levels are known, and their terms, with values found on paper."""
+"""Factors and probabilities of levels are those of whole models whose numbers are drawn."""
 
 import math
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import islice
+from typing import Any
 
 import numpy as np
 import pytest
+import yaml
+from numpy.typing import NDArray
+from scipy.integrate import trapezoid
 
+from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.model import LinkageModel
-from linkage_vibration.prediction.excitation import excitations_from_mapping
-from linkage_vibration.prediction.levels import (
-    LevelTable,
-    _hides_a_peak,
-    _Layout,
-    _padded,
-    _variance,
-)
+from linkage_vibration.mechanics.parsing import mechanism_from_mapping
+from linkage_vibration.mechanics.paths import split_paths, with_numbers
+from linkage_vibration.prediction.ensemble import GroundMembers
+from linkage_vibration.prediction.excitation import Excitation, Source, excitations_from_mapping
+from linkage_vibration.prediction.ground import Terrain, ground_spectrum
+from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.prediction.predictor import Predictor
+from linkage_vibration.prediction.resonance import ResonanceMonitor
 from linkage_vibration.readers.mechanism import read_mechanism
-from linkage_vibration.support.resources import config_file
+from linkage_vibration.support.resources import (
+    DEFAULT_TABLE,
+    PAPER_MECHANISM,
+    PAPER_TABLE,
+    config_file,
+)
 from linkage_vibration.table.table import load_table
 
+FloatArray = NDArray[np.float64]
 
-def variance(constant: float, slope: float, bend: float) -> float:
-    """Return the variance of constant + slope x + bend x^2, where x has a deviation of 1."""
-    reach = math.sqrt(3.0)
-    sides = [[constant + sign * slope * reach + 3.0 * bend] for sign in (-1.0, 1.0)]
-    return float(_variance(np.array(sides), np.array([constant]))[0])
-
-
-def test_variance_of_a_parabola() -> None:
-    """A normal x has the variances 1 of x, and 2 of its square, which are not correlated."""
-    assert variance(10.0, 1.0, 0.1) == pytest.approx(1.0**2 + 2.0 * 0.1**2)
-    assert variance(10.0, -2.0, 0.0) == pytest.approx(4.0)
-    assert variance(10.0, 0.0, 0.0) == 0.0
+ALPHA3 = 2.2  # rad, between the angles at which members are solved
+LINES = np.array([1.6, 5.0, 7.0, 30.0, 100.0, 185.0])  # Hz: at, between and above resonances
+FORCE, MEMBERS, SAMPLES = 100.0, 64, 250  # N
+SHIPPED = config_file("three_point_linkage_on_tractor.yaml")
 
 
-def test_variances_of_several_modes_add() -> None:
-    """Each mode deviates on its own."""
-    sides = np.array([[9.0], [10.5], [11.0], [9.5]])  # two smaller and two larger values
-    expected = (2.0**2 + 1.0**2) / 12.0
-    assert _variance(sides, np.array([10.0]))[0] == pytest.approx(expected)
+def excitations(amplitude: float = 0.0, frequency: float = 0.0) -> tuple[Excitation, ...]:
+    """Return a force at E1, 1 Hz/rpm, with relative standard deviations."""
+    stddevs = {"amplitude_stddev": amplitude, "frequency_stddev": frequency}
+    shaft = {"speed": "pto", "orders": [60.0], "force": [FORCE], "at": "E1.z", "at_speed": 1.0}
+    return excitations_from_mapping({"shaft": shaft | stddevs})
 
 
-@pytest.mark.parametrize(("share", "known"), [(0.039, True), (0.041, False)])
-def test_share_of_the_second_order(share: float, known: bool) -> None:
-    """A variance is known if the bend gives 4 % of what the slope gives, or less."""
-    assert math.isfinite(variance(10.0, 1.0, math.sqrt(share / 2.0))) == known
+def level_table(amplitude: float = 0.0, frequency: float = 0.0) -> LevelTable:
+    """Return levels by that force, by the table of the shipped tractor."""
+    mechanism = read_mechanism(SHIPPED)
+    table = load_table(config_file(DEFAULT_TABLE), mechanism)
+    return LevelTable(Predictor(table), mechanism, excitations(amplitude, frequency))
 
 
-@pytest.mark.parametrize(("share", "known"), [(0.249, True), (0.251, False)])
-def test_share_of_the_value(share: float, known: bool) -> None:
-    """A variance is known up to a quarter of the square of the value."""
-    assert math.isfinite(variance(10.0, 10.0 * math.sqrt(share), 0.0)) == known
-    # What the second order adds counts, too.
-    slope, bend = 10.0 * math.sqrt(share - 0.005), 10.0 * math.sqrt(0.005 / 2.0)
-    assert math.isfinite(variance(10.0, slope, bend)) == known
+def speeds(lines: FloatArray) -> FloatArray:
+    """Return speeds of all sources, (n_sources, n), with that of the PTO at some lines, Hz."""
+    return np.array([lines if source is Source.PTO else 0.0 * lines for source in Source])
 
 
-def hides(
-    *, distance: float = 0.0, width: float = 1.0, share: float = 0.9, hertz: float = 10.0
-) -> bool:
-    """Return whether a mode hides a peak, for a deviation of 1 % of its frequency.
+def coarse(mechanism: Mechanism) -> Mechanism:
+    """Return a mechanism whose links have fewer elements, none of which is reduced."""
+    links = [replace(x, body=x.body.with_elements(4)) for x in mechanism.links]
+    return replace(mechanism, links=tuple(links))
 
-    Parameters
-    ----------
-    distance, width : float
-        Of the excitation from the mode, and the half-power half-width, in standard deviations.
-    share : float
-        The response of the mode at its peak, over the present response.
-    hertz : float
-        Natural frequency, Hz.
+
+def drawn_models() -> Iterator[LinkageModel]:
+    """Yield models with other numbers, each of which is described and solved as a whole."""
+    mapping = yaml.safe_load(SHIPPED.read_text())
+    claims = mapping.pop("uncertainty")
+    relative, absolute = claims["relative"], claims["absolute"]
+    paths = [*relative, *absolute]
+    correlation = np.eye(len(paths))
+    for entry in claims["correlations"]:
+        i, j = (paths.index(path) for path in entry["between"])
+        correlation[i, j] = correlation[j, i] = entry["value"]
+    root = np.linalg.cholesky(correlation)
+    generator = np.random.default_rng(5)
+    for _ in range(SAMPLES):
+        changed: dict[str, Any] = mapping
+        for path, draw in zip(paths, root @ generator.standard_normal(len(paths)), strict=True):
+            share, shift = relative.get(path, 0.0) * draw, absolute.get(path, 0.0) * draw
+            for place in split_paths(path):
+                value = at_path(mapping, place) * math.exp(share) + shift
+                changed = with_numbers(changed, [(place, value)])
+        yield LinkageModel(coarse(mechanism_from_mapping(changed)), reduced=False)
+
+
+@pytest.fixture(scope="module")
+def sampled() -> FloatArray:
+    """Return velocities and load ratios of models with other numbers, (SAMPLES, 2, n_lines)."""
+    found = np.empty((SAMPLES, 2, len(LINES)))
+    for row, model in zip(found, drawn_models(), strict=True):
+        # By the FRFs of the components, and by the modes of the assembly.
+        drive = [("E1", "z")]
+        receptance = model.coupled_frf(ALPHA3, LINES, drive, drive)[:, 0, 0]
+        forces = model.forces.places
+        frf = np.abs(model.solve(ALPHA3).frf(forces, drive).frf(LINES)[:, :, 0]) ** 2
+        names = [each for each, _ in forces]
+        first = [names.index(each) for each in dict.fromkeys(names)]
+        ratios = np.sqrt(np.add.reduceat(frf, first, axis=1)) / model.reference_forces(ALPHA3)
+        row[:] = np.abs(receptance) * math.tau * LINES, ratios.max(axis=1)
+    return found * FORCE / math.sqrt(2.0)
+
+
+def at_path(mapping: Any, path: str) -> float:
+    """Return a number of a description."""
+    for key in path.split("."):
+        mapping = mapping[int(key) if isinstance(mapping, list) else key]
+    return float(mapping)
+
+
+def test_factors_and_probabilities_are_those_of_models(sampled: FloatArray) -> None:
+    """At, between and above resonances, they agree with the samples."""
+    levels = level_table()
+    found = levels.factors(np.full(len(LINES), ALPHA3), speeds(LINES), 0.0)
+    factors = [found[name][:, 0] for name in ("velocity_factors", "load_ratio_factors")]
+    assert within_samples(np.log(factors), np.log(sampled))
+    totals = levels.member_totals(np.full(len(LINES), ALPHA3), speeds(LINES))
+    assert [total.shape for total in totals] == 2 * [(MEMBERS, len(LINES))]
+    medians = np.median(np.log(totals[::-1]), axis=1)
+    assert np.abs(medians - np.median(np.log(sampled), axis=0)).max() < 0.1
+    limits = np.quantile(sampled[:, 1], [0.1, 0.5, 0.9], axis=0)
+    for share, row in zip((0.9, 0.5, 0.1), limits, strict=True):
+        for line, limit in enumerate(row.tolist()):
+            at = np.array([ALPHA3]), speeds(LINES[[line]])
+            assert levels.factors(*at, limit)["warning_probability"][0] == pytest.approx(
+                share, abs=0.1
+            )
+
+
+def within_samples(stated: FloatArray, logs: FloatArray) -> bool:
+    """Return whether deviations are within 15 % and three standard errors of those of samples.
+
+    The standard error of a sampled deviation s is sqrt((kurtosis - 1) / n) s / 2.
     """
-    natural, stddev = 2.0 * math.pi * hertz, 0.01
-    omega = natural * math.sqrt(1.0 - 2.0 * stddev * distance)
-    decay = 2.0 * natural * stddev * width
-    above = np.array([[[[0.6]]], [[[0.8]]]])  # of magnitude 1
-    size = (1.0 / (decay * omega * share)) ** 2
-    poles = np.array([natural**2, 0.0, decay]).reshape(3, 1, 1, 1)
-    found = _hides_a_peak(
-        above, np.array([[size]]), poles, np.array([[omega]]), np.array([[[stddev]]])
+    logs = logs - logs.mean(axis=0)
+    deviations = logs.std(axis=0)
+    kurtosis = (logs**4).mean(axis=0) / deviations**4
+    error = 3.0 * np.sqrt((kurtosis - 1.0) / len(logs)) / 2.0
+    return bool((np.abs(stated / deviations - 1.0) < 0.15 + error).all())
+
+
+def test_the_ground_belongs_to_the_members() -> None:
+    """Levels by the ground scatter as those of models, at a point, in a pin and in a cylinder."""
+    mechanism, terrain = read_mechanism(SHIPPED), Terrain(256e-6)
+    table = load_table(config_file(DEFAULT_TABLE), mechanism)
+    places = [("E1", "z"), ("lower_link:P1", "force_x"), ("lift_cylinders", "force")]
+    members = GroundMembers(table, mechanism, terrain, places)
+    slow_and_fast = 3.0, 9.0  # m/s
+    squares = np.empty((80, 2, len(places)))
+    for row, model in zip(squares, islice(drawn_models(), 80), strict=True):
+        for cell, speed in zip(row, slow_and_fast, strict=True):
+            for i, place in enumerate(places):
+                lines, density = ground_spectrum(
+                    model, model.mechanism, terrain, place, ALPHA3, speed
+                )
+                cell[i] = trapezoid(density, lines)
+    shares = [members.shares(ALPHA3, speed) for speed in slow_and_fast]
+    stated = np.log(shares).std(axis=2)
+    assert within_samples(stated, np.log(squares))
+    nominal = LinkageModel(coarse(mechanism), reduced=False)
+    for share, speed in zip(shares, slow_and_fast, strict=True):
+        lines, density = ground_spectrum(nominal, mechanism, terrain, places[0], ALPHA3, speed)
+        median = np.median(squares[:, slow_and_fast.index(speed), 0])
+        expected = math.log(median / trapezoid(density, lines))
+        assert np.median(np.log(share[0])) == pytest.approx(expected, abs=0.2)
+
+
+def test_amplitude_and_frequency_belong_to_the_members() -> None:
+    """Amplitudes add their variance; far above a mode, a frequency changes a level by its power."""
+    line = np.array([30.0])
+    at = np.array([ALPHA3]), speeds(line), 0.0
+    plain, loud, unsteady = (
+        math.log(float(level_table(*stddevs).factors(*at)["velocity_factors"][0, 0]))
+        for stddevs in ((0.0, 0.0), (0.5, 0.0), (0.0, 0.02))
     )
-    return bool(found.all())
+    assert loud == pytest.approx(math.hypot(plain, 0.5), rel=0.02)
+    near = level_table().at(np.full(2, ALPHA3), speeds(30.0 * np.array([0.98, 1.02])))
+    power = math.log(near.velocities[1, 0] / near.velocities[0, 0]) / math.log(1.02 / 0.98)
+    assert unsteady == pytest.approx(math.hypot(plain, 0.02 * power), rel=0.02)
+    assert unsteady > 1.0001 * plain
 
 
-def test_limits_of_a_hidden_peak() -> None:
-    """A mode within three deviations hides a peak, if it is narrower than two and strong enough."""
-    assert hides()
-    assert (hides(distance=2.99), hides(distance=3.01)) == (True, False)
-    assert (hides(distance=-2.99), hides(distance=-3.01)) == (True, False)
-    assert (hides(width=1.99), hides(width=2.01)) == (True, False)
-    assert (hides(share=0.51), hides(share=0.49)) == (True, False)
+def test_without_uncertainty_nothing_is_stated() -> None:
+    """A table without an ensemble has no members, and no factor."""
+    mechanism = read_mechanism(config_file(PAPER_MECHANISM))
+    shaft = {"speed": "pto", "orders": [1], "force": [FORCE], "at": "E1.z", "at_speed": 540.0}
+    table = load_table(config_file(PAPER_TABLE), mechanism)
+    orders = excitations_from_mapping({"shaft": shaft | {"amplitude_stddev": 0.5}})
+    levels = LevelTable(Predictor(table), mechanism, orders)
+    at = np.array([2.0]), speeds(np.array([540.0]))
+    assert levels.member_totals(*at)[0].shape == (0, 1)
+    assert all(np.isnan(values).all() for values in levels.factors(*at, 0.3).values())
+    assert not len(table.ensemble_alpha3)
 
 
-def test_terms_have_the_poles_and_the_response_of_the_model() -> None:
-    """With s = i omega they add up to the FRF of the model, but for what is above the band."""
-    name = "three_point_linkage_on_tractor"
-    mechanism = read_mechanism(config_file(f"{name}.yaml"))
-    predictor = Predictor(load_table(config_file(f"tables/{name}.npz")))
-    order = {"speed": "pto", "orders": [1], "force": [1.0], "at": "E1.z", "at_speed": 540.0}
-    table = LevelTable(predictor, mechanism, excitations_from_mapping({"rotor": order}))
-    angles = np.array([1.7, 2.2, 2.9])
-    (k_real, k_imaginary, c), (a_real, a_imaginary, b), inputs = table.terms(angles)
-    assert inputs.tolist() == [0]
-    for i, angle in enumerate(angles.tolist()):
-        solution = LinkageModel(mechanism).solve(angle)
-        n = predictor.table.n_modes
-        natural = np.sqrt(k_real[:n, i]) / (2.0 * math.pi)
-        np.testing.assert_allclose(natural, solution.natural_frequencies[:n], rtol=1e-5)
-        zeta = c[:n, i] / (2.0 * np.sqrt(k_real[:n, i]))
-        np.testing.assert_allclose(zeta, solution.damping_ratios[:n], rtol=1e-4)
-        hertz = solution.natural_frequencies[:n]
-        s = 2j * math.pi * hertz[:, np.newaxis]
-        k, a = k_real[:, i] + 1j * k_imaginary[:, i], a_real[:, 0, i] + 1j * a_imaginary[:, 0, i]
-        found = ((a + s * b[:, 0, i]) / (k + c[:, i] * s + s**2)).sum(axis=1)
-        exact = solution.frf([("E1", "z")], [("E1", "z")]).frf(hertz)[:, 0, 0]
-        np.testing.assert_allclose(found, exact, atol=0.02 * np.abs(exact).max())
-
-
-def test_missing_terms_have_no_effect() -> None:
-    """A piece with two terms gets a third one, whose numerators are 0, for each of two inputs."""
-    layout = _Layout(n_terms=3, n_inputs=2, n_modes=1)
-    poles = np.array([[1.0, 2.0], [3.0, 4.0], [5.0, 6.0]])  # k (both parts) and c of two terms
-    above = np.arange(10.0, 22.0).reshape(3, 2, 2)  # of each term and input
-    rest = np.arange(30.0, 38.0)
-    rows = np.array([[*poles.ravel(), *above.ravel(), *rest]])
-    wide_poles = np.pad(poles, ((0, 0), (0, 1)), constant_values=1.0)
-    wide_above = np.pad(above, ((0, 0), (0, 1), (0, 0)))
-    expected = [*wide_poles.ravel(), *wide_above.ravel(), *rest]
-    assert _padded(rows, layout).tolist() == [expected]
-    same = _Layout(n_terms=2, n_inputs=2, n_modes=1)
-    assert _padded(rows, same).tolist() == rows.tolist()
+def test_factors_are_held_for_a_fifth_of_a_second() -> None:
+    """They are computed again after 0.2 s of stamps, and if the stamps jump back."""
+    levels = level_table()
+    predictor = levels._predictor
+    stamps = [0, 199_999_999, 200_000_000, 399_999_999, 100_000_000]
+    angles = np.radians([100.0, 120.0, 140.0, 160.0, 170.0])
+    monitor = ResonanceMonitor(excitations(), levels=levels)
+    monitor.set_fixed(Source.PTO, 7.0)
+    found = [
+        monitor.assess(predictor.predict(angle), 0.0, time).load_ratio_factor
+        for angle, time in zip(angles.tolist(), stamps, strict=True)
+    ]
+    fresh = levels.factors(angles, speeds(np.full(5, 7.0)), 0.33)["load_ratio_factors"][:, 0]
+    assert found == fresh[[0, 0, 2, 2, 4]].tolist()
+    assert len(set(fresh.tolist())) == 5

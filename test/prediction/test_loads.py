@@ -52,11 +52,12 @@ def test_moment_is_a_pair_of_forces(body: str, alpha3: float) -> None:
     assert moment == pytest.approx(1.0, rel=1e-9)
 
 
-def test_motion_of_the_soil_is_a_force_of_the_mounts() -> None:
+@pytest.mark.parametrize("kind", ["base_acceleration", "base_displacement"])
+def test_motion_of_the_soil_is_a_force_of_the_mounts(kind: str) -> None:
     """A displacement of the soil acts by the stiffness of each mount, a velocity by its damping."""
     assert MECHANISM.base is not None
     for axis, direction in enumerate("xz"):
-        load = unit_load("base_acceleration", f"base.{direction}")
+        load = unit_load(kind, f"base.{direction}")
         known = {mount.name: mount for mount in MECHANISM.base.mounts}
         stiffness = {p: w for (p, _), w in zip(load.places, load.weights(2.0)[0], strict=True)}
         damping = {p: w for (p, _), w in zip(load.places, load.weights(2.0)[1], strict=True)}
@@ -64,7 +65,7 @@ def test_motion_of_the_soil_is_a_force_of_the_mounts() -> None:
         expected = {n: m for n, m in known.items() if m.stiffness[axis] or m.damping[axis]}
         assert stiffness == {name: mount.stiffness[axis] for name, mount in expected.items()}
         assert damping == {name: mount.damping[axis] for name, mount in expected.items()}
-        one = unit_load("base_acceleration", f"base:rear_axle.{direction}")
+        one = unit_load(kind, f"base:rear_axle.{direction}")
         assert one.places == (("rear_axle", direction),)
 
 

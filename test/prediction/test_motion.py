@@ -7,8 +7,6 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.inputs.units import HitchCurve, HitchScale
@@ -103,49 +101,6 @@ def test_resolution_of_percent() -> None:
     hitch = HitchScale("percent", calibration=HitchCurve((0.0, 3.0, 100.0, 1.5)), angle_stddev=0.01)
     assert crank_resolution(hitch.reading(40.0).stddev, 0.01) == pytest.approx(0.004 * 1.5)
     assert crank_resolution(0.01, 0.01) == 0.0
-
-
-STAMPS = st.integers(-GAP // 3, GAP) | st.sampled_from([0, 1, GAP, GAP + 1, -(10**18), 2**62])
-VALUES = st.floats(-4.0, 4.0) | st.sampled_from([0.0, 1e300, -1e300, 5e-324, math.nan, math.inf])
-
-
-@settings(max_examples=100)
-@given(st.lists(st.tuples(STAMPS, VALUES, st.sampled_from([0.0, 0.006])), max_size=40), st.data())
-def test_one_by_one_or_together(
-    readings: list[tuple[int, float, float]], data: st.DataObject
-) -> None:
-    """Estimates are the same to the last bit, one by one or in blocks of any size."""
-    ahead, values, resolutions = [list(column) for column in zip(*readings, strict=True)] or [
-        []
-    ] * 3
-    stamps = np.cumsum([0, *ahead], dtype=object)[1:].tolist()
-    crank, together = crank_filter(), crank_filter()
-    one_by_one = [crank.add(*reading) for reading in zip(stamps, values, resolutions, strict=True)]
-    found: list[tuple[float, float]] = []
-    while stamps:
-        n = data.draw(st.integers(1, len(stamps)))
-        rates = together.add_many(stamps[:n], values[:n], resolutions[:n])
-        found += zip(*(column.tolist() for column in rates), strict=True)
-        stamps, values, resolutions = stamps[n:], values[n:], resolutions[n:]
-    np.testing.assert_array_equal(
-        np.array(found).reshape(-1, 2), np.array(one_by_one).reshape(-1, 2)
-    )
-
-
-def test_one_by_one_or_together_for_motions() -> None:
-    """The same holds for motions, whose estimates are known."""
-    sensor = Sensor(200, noise=1e-3)
-    for angles in MOTIONS.values():
-        stamps, values, _, _ = read(angles, sensor, 5)
-        crank, together = crank_filter(), crank_filter()
-        expected = [crank.add(*reading) for reading in zip(stamps, values, strict=True)]
-        found = [
-            together.add_many(
-                stamps[i : i + 700], values[i : i + 700], [0.0] * len(values[i : i + 700])
-            )
-            for i in range(0, len(stamps), 700)
-        ]
-        np.testing.assert_array_equal(np.hstack(found).T, expected)
 
 
 def test_a_reading_whose_rate_is_not_needed() -> None:

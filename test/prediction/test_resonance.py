@@ -14,22 +14,20 @@ from hypothesis import strategies as st
 
 from linkage_vibration.messages.encoding import encode_message
 from linkage_vibration.messages.topics import RESONANCE
+from linkage_vibration.prediction.batch import predict_many
 from linkage_vibration.prediction.excitation import (
     Excitation,
     Source,
     excitations_from_mapping,
 )
-from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.prediction.predictor import Prediction, Predictor
 from linkage_vibration.prediction.resonance import (
+    ReportedSpeed,
     ResonanceMonitor,
     ResonanceState,
-    WarningLimits,
     half_power_probability,
-    never_warned,
 )
-from linkage_vibration.readers.mechanism import read_mechanism
-from linkage_vibration.support.resources import DEFAULT_TABLE, PAPER_TABLE, config_file
+from linkage_vibration.support.resources import PAPER_TABLE, config_file
 from linkage_vibration.table.table import load_table
 
 SECOND = 10**9  # ns
@@ -73,17 +71,7 @@ def test_nearest_of_all_pairs(predictor: Predictor, speed: float, alpha3: float)
     ]
     assert found.relative_margin == pytest.approx(min(margins, key=abs), rel=1e-9, abs=1e-12)
     assert found.margin == pytest.approx(found.excitation_frequency - found.natural_frequency)
-    assert (found.state is ResonanceState.WARNING) == (abs(found.relative_margin) < 0.1)
-
-
-def test_warning_has_hysteresis(prediction: Prediction) -> None:
-    """The warning begins below 10 %, ends above 12 %, and does not flicker in between."""
-    natural = float(prediction.natural_frequencies[1])
-    watch, states = monitor(), []
-    for i, margin in enumerate([0.13, 0.11, 0.101, 0.099, 0.101, 0.115, 0.099, 0.119, 0.121, 0.11]):
-        watch.set_speed(Source.ENGINE, rpm(natural * (1.0 + margin)), i * SECOND // 10)
-        states.append(int(watch.assess(prediction, 0.0, i * SECOND // 10).state))
-    assert states == [0, 0, 0, 1, 1, 1, 1, 1, 0, 0]
+    assert (found.state is NOTE) == (abs(found.relative_margin) < 0.1)  # no load is known
 
 
 def ramp(watch: ResonanceMonitor, first: float, rate: float, seconds: float) -> int:
@@ -214,11 +202,15 @@ def test_fixed_speeds(prediction: Prediction) -> None:
     assert not is_stale(0)
 
 
-def test_shaft_that_stands_excites_nothing(prediction: Prediction) -> None:
-    """An engine at rest does not excite at 0 Hz."""
+def test_shaft_at_rest_is_clear(prediction: Prediction) -> None:
+    """An engine at rest is known to excite nothing, while a speed that is not known is named."""
     watch = monitor()
     watch.set_speed(Source.ENGINE, 0.0, 0)
-    assert watch.assess(prediction, 0.0, 0).state is ResonanceState.STALE
+    still = watch.assess(prediction, 0.0, 0)
+    assert (still.state, still.unknown_speeds) == (ResonanceState.CLEAR, "")
+    watch.set_speed(Source.ENGINE, math.nan, SECOND)
+    lost = watch.assess(prediction, 0.0, SECOND)
+    assert (lost.state, lost.unknown_speeds) == (ResonanceState.STALE, "engine")
 
 
 def test_clock_that_jumps_back(prediction: Prediction) -> None:
@@ -244,19 +236,6 @@ def test_burst_makes_no_rate_of_its_own(prediction: Prediction) -> None:
     assert found.time_to_crossing == pytest.approx(1.0, rel=0.1)
 
 
-def test_two_pairs_that_take_turns_do_not_chatter(prediction: Prediction) -> None:
-    """The warning stays with the excitation that warns while another one is nearer at times."""
-    natural = float(prediction.natural_frequencies[1])
-    below, above = (Excitation(f"e {r}", Source.ENGINE, r / 60.0) for r in (0.85, 1.05))
-    watch = ResonanceMonitor([below, above])
-    found = []
-    for i in range(40):  # 0.85 x is 9 to 11 % too low while 1.05 x is 12 to 10 % too high
-        watch.set_speed(Source.ENGINE, rpm(natural * (1.06 + 0.01 * (-1) ** i)), 2 * i * SECOND)
-        found.append(watch.assess(prediction, 0.0, 2 * i * SECOND))
-    assert {one.excitation for one in found} == {"e 0.85"}
-    assert {one.state for one in found} == {ResonanceState.WARNING}
-
-
 def test_probability_is_that_of_a_sample() -> None:
     """Of random excitations and modes, the stated share lies within the half-power band."""
     rng = np.random.default_rng(4)
@@ -271,84 +250,30 @@ def test_probability_is_that_of_a_sample() -> None:
         assert half_power_probability(*numbers)[0] == pytest.approx(share, abs=0.004)
 
 
-def test_modes_that_never_warn() -> None:
-    """A mode is named if no excitation in its half-power band could reach the limit."""
-    mechanism = read_mechanism(config_file("three_point_linkage_on_tractor.yaml"))
-    predictor = Predictor(load_table(config_file(DEFAULT_TABLE), mechanism))
-    assert never_warned(predictor, 0.1) == ""
-    sentence = never_warned(predictor, 0.2)
-    assert "mode 5" in sentence
-    assert "mode 1" not in sentence
-    sharp = [predictor.predict(at) for at in np.linspace(*predictor.table.alpha3_range, 7)]
-    for one in sharp:  # erf(zeta / (sqrt(2) sigma)) is the probability at a perfect match
-        sigma = one.frequency_stddev[4] / one.natural_frequencies[4]
-        assert math.erf(one.damping_ratios[4] / math.sqrt(2.0) / sigma) < 0.2
-    known = load_table(config_file(PAPER_TABLE))
-    assert never_warned(Predictor(known), 0.9) == ""  # its frequencies are known
+def test_a_speed_is_fresh_up_to_its_limit(prediction: Prediction) -> None:
+    """It counts at an age of exactly one second, before or after, and no longer."""
+    for age, fresh in ((10**9, True), (-(10**9), True), (10**9 + 1, False), (-(10**9) - 1, False)):
+        watch = monitor()
+        watch.set_speed(Source.ENGINE, 2000.0, 10**12)
+        found = watch.assess(prediction, 0.0, 10**12 + age)
+        assert (found.state != ResonanceState.STALE) == fresh
 
 
-def uncertain_monitor(limits: WarningLimits, **load: float) -> ResonanceMonitor:
-    """Return a monitor of the linkage on the tractor, whose numbers are uncertain."""
-    mechanism = read_mechanism(config_file("three_point_linkage_on_tractor.yaml"))
-    predictor = Predictor(load_table(config_file("tables/three_point_linkage_on_tractor.npz")))
-    force = {"force": [load["force"]] * 2, "at": "E1.z", "at_speed": 600.0} if load else {}
-    shaft = {"speed": "engine", "orders": [1, 4], "no_warning": [4], **force}
-    excitations = excitations_from_mapping({"shaft": shaft})
-    return ResonanceMonitor(excitations, limits, 1.0, LevelTable(predictor, mechanism, excitations))
-
-
-def test_warning_by_probability_or_level() -> None:
-    """With known deviations the probability counts, and with an amplitude the level alone."""
-    predictor = Predictor(load_table(config_file("tables/three_point_linkage_on_tractor.npz")))
-    prediction = predictor.predict(2.3)
-    natural = float(prediction.natural_frequencies[3])
-    for limits, load, expected in [
-        (WarningLimits(probability=0.1), {}, ResonanceState.WARNING),
-        (WarningLimits(probability=0.9), {}, ResonanceState.CLEAR),
-        (WarningLimits(probability=0.9, level=1e-4), {"force": 100.0}, ResonanceState.WARNING),
-        (WarningLimits(probability=0.1, level=10.0), {"force": 100.0}, ResonanceState.CLEAR),
-    ]:
-        watch = uncertain_monitor(limits, **load)
-        watch.set_fixed(Source.ENGINE, rpm(natural))
-        found = watch.assess(prediction, 0.0, 0)
-        assert found.state is expected
-        assert 0.1 < found.probability < 0.9
-        assert math.isnan(found.velocity) == (not load)
-        assert found.states.tolist()[1] == ResonanceState.CLEAR  # it never warns
-
-
-def test_a_fast_pass_is_a_note(prediction: Prediction) -> None:
-    """A mode that has no time to build up causes a note; one that has time causes a warning."""
-    natural, zeta = float(prediction.natural_frequencies[0]), float(prediction.damping_ratios[0])
-    slowest = 4.0 * math.pi * zeta**2 * natural**2  # Hz/s: the band is passed in 1 / (zeta omega)
-    for rate, expected in ((0.5 * slowest, ResonanceState.WARNING), (9.0 * slowest, NOTE)):
-        watch, found = monitor(), None
-        for i in range(400):
-            time = i * SECOND // 100
-            frequency = 0.95 * natural + rate * (i / 100.0 - 4.0)  # at the end in the margin
-            watch.set_speed(Source.ENGINE, rpm(frequency), time)
-            found = watch.assess(prediction, 0.0, time)
-            if abs(found.relative_margin) < 0.1:
-                break
-        assert found is not None
-        assert found.state is expected
-    # If it stays, the note becomes a warning when the mode has built up.
-    built_up = math.ceil(SECOND / (zeta * 2.0 * math.pi * natural))
-    for after, state in ((built_up // 2, NOTE), (built_up, ResonanceState.WARNING)):
-        again = monitor(stale_after=100.0)
-        end = ramp(again, 0.0, 0.999 * natural, 1.1)
-        begin = again.assess(prediction, 0.0, end)
-        assert begin.state is NOTE
-        assert again.assess(prediction, 0.0, end + after).state is state
-
-
-def test_dwell_delays_a_warning(prediction: Prediction) -> None:
-    """Until the limit has been exceeded for the dwell time, there is a note."""
-    engine = [Excitation("engine 1", Source.ENGINE, 1.0 / 60.0)]
-    watch = ResonanceMonitor(engine, WarningLimits(dwell=2.0))
-    watch.set_fixed(Source.ENGINE, rpm(float(prediction.natural_frequencies[1])))
-    states = [watch.assess(prediction, 0.0, i * SECOND).state for i in range(4)]
-    assert states == [NOTE, NOTE, ResonanceState.WARNING, ResonanceState.WARNING]
+def test_long_series_are_assessed_as_short_ones(predictor: Predictor) -> None:
+    """Speeds that are reported among 1200 predictions count from where they were reported."""
+    n, (whole_watch, watch) = 1200, (monitor(), monitor())
+    angles, times = np.linspace(1.7, 2.9, n), np.arange(n) * 10**7
+    reports = {i: 60.0 * (6.0 + math.sin(0.01 * i)) for i in range(0, n, 7)}
+    speeds = [ReportedSpeed(i, Source.ENGINE, v, int(times[i])) for i, v in reports.items()]
+    predictions = predict_many(predictor, angles, np.zeros(n))
+    whole = whole_watch.assess_many(predictions, np.full(n, 0.12), times, speeds, np.zeros(n))
+    for i, angle in enumerate(angles.tolist()):
+        if i in reports:
+            watch.set_speed(Source.ENGINE, reports[i], int(times[i]))
+        one = watch.assess(predictor.predict(angle), 0.12, int(times[i]))
+        for name in ("state", "excitation_frequency", "approach_rate"):
+            np.testing.assert_array_equal(getattr(whole, name)[i], getattr(one, name))
+    assert len(set(whole.state.tolist())) > 1
 
 
 def test_same_calls_give_the_same_answers(predictor: Predictor) -> None:
@@ -388,7 +313,7 @@ def test_real_engine_speeds(predictor: Predictor) -> None:
             found = watch.assess(prediction, 0.0, time)
             speeds.append(speed)
             states.append(found.state)
-            if found.state is ResonanceState.WARNING:
+            if found.state is NOTE:
                 crossings += found.margin * sign < 0.0
                 sign = found.margin
                 assert found.excitation_frequency == pytest.approx(
@@ -397,7 +322,7 @@ def test_real_engine_speeds(predictor: Predictor) -> None:
     running = [speed for speed in speeds if speed > 0.0]
     assert len(speeds) > 1000
     assert 1000.0 < max(running) < 3000.0  # and it is started and stopped on the way
-    assert {ResonanceState.CLEAR, ResonanceState.WARNING} <= set(states)
+    assert {ResonanceState.CLEAR, NOTE} <= set(states)
     assert crossings > 0
     for speed, state in zip(speeds, states, strict=True):
-        assert (state is ResonanceState.STALE) == (not speed > 0.0)
+        assert (state is ResonanceState.STALE) == math.isnan(speed)

@@ -9,23 +9,33 @@ import numpy as np
 import pytest
 
 from linkage_vibration.prediction.batch import predict_many
-from linkage_vibration.prediction.excitation import Excitation, Source
+from linkage_vibration.prediction.excitation import Source, excitations_from_mapping
 from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.prediction.predictor import Predictor
-from linkage_vibration.prediction.resonance import ReportedSpeed, ResonanceMonitor, WarningLimits
+from linkage_vibration.prediction.resonance import ReportedSpeed, ResonanceMonitor
+from linkage_vibration.prediction.severity import WarningLimits
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.resources import DEFAULT_MECHANISM, DEFAULT_TABLE, config_file
 from linkage_vibration.table.table import load_table
 
 SECOND, N = 10**9, 1500
 CLEAR, WARNING, STALE, NOTE = range(4)
-MARGIN, HYSTERESIS, PROBABILITY = 0.1, 0.02, 0.1
-ORDERS = [
-    Excitation("engine 1", Source.ENGINE, 1.0 / 60.0, relative_stddev=0.01),
-    Excitation("engine 3", Source.ENGINE, 3.0 / 60.0),
-    Excitation("shaft 1", Source.PTO, 1.0 / 60.0, warns=False),
-    Excitation("lugs 1", Source.GROUND, 4.0),
-]
+WARNING_RATIO, NOTE_RATIO, NEAR, DWELL = 0.008, 0.002, 0.1, 0.5
+ORDERS = excitations_from_mapping(
+    {
+        "engine": {"speed": "engine", "orders": [1, 3], "frequency_stddev": 0.01},
+        "shaft": {
+            "speed": "pto",
+            "orders": [1, 2],
+            "force": [60.0, 60.0],
+            "at": "E1.z",
+            "at_speed": 540.0,
+            "exponent": 2,
+            "no_warning": [2],
+        },
+        "lugs": {"speed": "ground", "rolling_radius": 0.8, "orders": [20]},
+    }
+)
 
 
 def below(value: float, mean: float, stddev: float) -> float:
@@ -34,47 +44,60 @@ def below(value: float, mean: float, stddev: float) -> float:
 
 
 class Rules:
-    """The rules for one excitation after the other."""
+    """The rules for one excitation after the other; load ratios are those of the messages."""
 
-    def __init__(self, with_probability: bool) -> None:
-        self.with_probability = with_probability
-        self.exceeds = [False] * len(ORDERS)
-        self.since = [0] * len(ORDERS)
+    def __init__(self, with_levels: bool) -> None:
+        self.with_levels = with_levels
+        n = len(ORDERS) + 1
+        self.warns, self.since = [False] * n, [math.inf] * n
 
-    def reported(self, row: dict[str, Any], speeds: dict[Source, float], time: int) -> Any:
-        """Return the states, and the most severe excitation with its numbers; None if stale."""
-        states, ranked = [], []
+    def _follow(self, k: int, exceeds: bool, time: float) -> bool:
+        """Return whether a limit warns: it changes once it has said otherwise for long enough."""
+        if exceeds == self.warns[k]:
+            self.since[k] = math.inf
+        else:
+            self.since[k] = min(self.since[k], time)
+            if time - self.since[k] >= DWELL:
+                self.warns[k], self.since[k] = exceeds, math.inf
+        return self.warns[k]
+
+    def reported(
+        self, row: dict[str, Any], speeds: dict[Source, float], time: int, loads: list[float]
+    ) -> Any:
+        """Return the states, that of all, and the most severe excitation with its numbers.
+
+        The loads are the load ratios, then the total. The last is None if all are stale.
+        """
+        states, ranked, seconds = [], [], time / SECOND
         for k, one in enumerate(ORDERS):
-            frequency = one.ratio * speeds.get(one.source, 0.0)
+            warns = self._follow(k, loads[k] > WARNING_RATIO and one.warns, seconds)
             modes = [i for i, natural in enumerate(row["f"]) if not math.isnan(natural)]
-            if frequency == 0.0 or not modes:
-                self.exceeds[k] = False
+            if one.source not in speeds or not modes:
                 states.append(STALE)
                 continue
+            frequency = one.ratio * speeds[one.source]
             mode = min(modes, key=lambda i: abs(frequency - row["f"][i]) / row["f"][i])
-            natural, zeta = row["f"][mode], row["zeta"][mode]
-            width = zeta * natural
+            natural = row["f"][mode]
             probability = self._probability(one, frequency, row, mode)
-            severity = MARGIN / (abs(frequency - natural) / natural)
-            if self.with_probability:
-                severity = probability / PROBABILITY
-            limit = MARGIN / (MARGIN + HYSTERESIS) if self.exceeds[k] else 1.0
-            if severity > limit and not self.exceeds[k]:
-                self.since[k] = time
-            self.exceeds[k] = severity > limit
+            apart = abs(frequency - natural) / natural
+            known = not math.isnan(loads[k])
+            calm = NOTE if (loads[k] > NOTE_RATIO if known else apart < NEAR) else CLEAR
+            states.append(WARNING if warns else calm)
             rate = -row["slope"][mode] * row["velocity"]
-            needs, passes = 1.0 / (2.0 * math.pi * width), 2.0 * width / max(abs(rate), 1e-300)
-            held = (time - self.since[k]) / SECOND
-            state = WARNING if held >= needs or passes >= needs else NOTE
-            state = state if self.exceeds[k] and one.warns else CLEAR
-            states.append(state)
-            rank = {CLEAR: 0, NOTE: 1, WARNING: 2}[state]
-            ranked.append((rank, severity, -k, (mode, frequency, natural, probability, rate)))
-        best = max(ranked)[2:] if ranked else None
-        return states, best
+            rank = {CLEAR: 0, NOTE: 1, WARNING: 2}[states[-1]]
+            order = (rank, known, loads[k] if known else -apart, -k)
+            ranked.append((*order, (mode, frequency, natural, probability, rate)))
+        total = WARNING if self._follow(-1, loads[-1] > WARNING_RATIO, seconds) else CLEAR
+        total = NOTE if total == CLEAR and loads[-1] > NOTE_RATIO else total
+        if not ranked:
+            return states, STALE, None
+        best = max(ranked)
+        ranks = {0: CLEAR, 1: NOTE, 2: WARNING}
+        overall = ranks[max(best[0], {CLEAR: 0, NOTE: 1, WARNING: 2}[total])]
+        return states, overall, best[3:]
 
-    def _probability(self, one: Excitation, f: float, row: dict[str, Any], mode: int) -> float:
-        if not self.with_probability:
+    def _probability(self, one: Any, f: float, row: dict[str, Any], mode: int) -> float:
+        if not self.with_levels:
             return math.nan
         stddev, zeta, natural = row["s"][mode], row["zeta"][mode], row["f"][mode]
         low, high = (
@@ -94,8 +117,8 @@ def drive() -> tuple[list[float], list[int], dict[Source, list[float]]]:
     return angles, times, dict(zip(Source, (engine, pto, ground), strict=True))
 
 
-@pytest.mark.parametrize("with_probability", [False, True])
-def test_every_number_follows_the_rules(with_probability: bool) -> None:
+@pytest.mark.parametrize("with_levels", [False, True])
+def test_every_number_follows_the_rules(with_levels: bool) -> None:
     """State, order, margin, probability and time to crossing of 1500 readings are those on paper.
 
     Each reading follows a speed of each source, whose rates are those of a hitch that moves alone:
@@ -103,10 +126,10 @@ def test_every_number_follows_the_rules(with_probability: bool) -> None:
     """
     predictor = Predictor(load_table(config_file(DEFAULT_TABLE)))
     levels = LevelTable(predictor, read_mechanism(config_file(DEFAULT_MECHANISM)), ORDERS)
-    limits = WarningLimits(probability=PROBABILITY, margin=MARGIN, hysteresis=HYSTERESIS)
-    monitor = ResonanceMonitor(ORDERS, limits, levels=levels if with_probability else None)
+    limits = WarningLimits(WARNING_RATIO, NOTE_RATIO, DWELL, NEAR)
+    monitor = ResonanceMonitor(ORDERS, limits, levels=levels if with_levels else None)
     angles, times, speeds = drive()
-    rules, seen = Rules(with_probability), set()
+    rules, seen = Rules(with_levels), set()
     velocities = np.gradient(angles, 0.01)
     predictions = predict_many(predictor, np.array(angles), np.zeros(N))
     for k in range(N):
@@ -127,11 +150,13 @@ def test_every_number_follows_the_rules(with_probability: bool) -> None:
             "s": predictions.frequency_stddev[k].tolist(),
             "velocity": float(velocities[k]),
         }
-        states, best = rules.reported(row, now, times[k])
+        loads = [*found.load_ratios.tolist(), float(found.total_load_ratio)]
+        states, overall, best = rules.reported(row, now, times[k], loads)
         assert found.states.tolist() == states, k
+        assert found.state == overall, k
         seen |= set(states)
         if best is None:
-            assert (found.state, found.excitation, found.mode) == (STALE, "", 0)
+            assert (found.excitation, found.mode) == ("", 0)
             assert math.isnan(found.margin)
             continue
         place, (mode, frequency, natural, probability, rate) = -best[0], best[1]
@@ -146,7 +171,7 @@ def test_every_number_follows_the_rules(with_probability: bool) -> None:
         assert numbers == pytest.approx(expected, rel=1e-9, abs=1e-12), k
         assert found.probability == pytest.approx(probability, abs=1e-12, nan_ok=True), k
         assert found.approach == (closing > 0.0) - (closing < 0.0)
-    assert seen == {CLEAR, WARNING, STALE, NOTE}
+    assert seen == {CLEAR, STALE, NOTE} | ({WARNING} if with_levels else set())
 
 
 def test_blocks_are_readings_one_after_the_other() -> None:

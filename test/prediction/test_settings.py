@@ -85,11 +85,11 @@ def test_what_is_not_valid_may_be_left_empty(value: str) -> None:
 
 def test_ranges_hold_at_their_ends() -> None:
     """A range includes its ends, and excludes NaN and everything outside."""
-    assert check_value("warning_margin", 0) == 0.0
-    assert check_value("warning_margin", 1.0) == 1.0
+    assert check_value("near_margin", 0) == 0.0
+    assert check_value("near_margin", 1.0) == 1.0
     for value in (-1e-9, 1.0 + 1e-9, math.nan, math.inf):
-        with pytest.raises(ParameterError, match="warning_margin must be 0 to 1"):
-            check_value("warning_margin", value)
+        with pytest.raises(ParameterError, match="near_margin must be 0 to 1"):
+            check_value("near_margin", value)
 
 
 def test_lists_of_numbers() -> None:
@@ -124,7 +124,7 @@ def test_files_that_ship_stand_for_those_not_named() -> None:
 def test_what_is_written_is_read_again(tmp_path: Path) -> None:
     """A written file of parameters can be read back."""
     path = tmp_path / "params.yaml"
-    given = Parameters(sign=-1, scale=1e-3, calibration=(0.0, 3.0, 100.0, 1.5), hysteresis=1e-10)
+    given = Parameters(sign=-1, scale=1e-3, calibration=(0.0, 3.0, 100.0, 1.5), near_margin=1e-10)
     for name in ("/linkage_vibration", "linkage_vibration", "/**"):
         path.write_text(parameters_yaml(given, name))
         assert read_parameters(path) == given
@@ -135,7 +135,7 @@ def test_what_is_written_is_read_again(tmp_path: Path) -> None:
     ("text", "words"),
     [
         ("/**: {ros__parameters: {sign: 2}}", "sign must be 1 or -1, not 2"),
-        ("/**: {ros__parameters: {hysteresis: 1.5}}", "hysteresis must be 0 to 1, not 1.5"),
+        ("/**: {ros__parameters: {near_margin: 1.5}}", "near_margin must be 0 to 1, not 1.5"),
         ("/**: {ros__parameters: {scale: far}}", "scale must be .* not 'far'"),
         ("/**: {ros__parameters: {scale: 1" + 400 * "0" + "}}", "too large"),
         ("/**: {ros__parameters: {recrod: true}}", r"recrod is unknown; did you mean record\?"),

@@ -304,7 +304,7 @@ def test_noisy_frfs_from_a_file(
 ) -> None:
     """Noise of 10 % in the rod, or 1 % in the lower link, leaves mode 1 within 1 %, and no fourth.
 
-    The gain is reported, and that lines up to 20 Hz show too little deformation of the link.
+    Lines up to 20 Hz show too little deformation of the link, and are refused.
     """
     save_noisy_frfs(tmp_path / "link.npz", model, link, share, FREQUENCIES)
     replace_body(mapping, link, kind="frfs", path="link.npz")
@@ -314,8 +314,6 @@ def test_noisy_frfs_from_a_file(
     assert len(found.natural_frequencies) == 3
     assert found.natural_frequencies[0] == pytest.approx(exact.natural_frequencies[0], rel=0.01)
     assert found.natural_frequencies == pytest.approx(exact.natural_frequencies[:3], rel=0.04)
-    gain = mixed.noise_gain(alpha3, FREQUENCIES, PLACES[:1], PLACES[:1])
-    assert share * np.median(gain) < 0.1
     save_noisy_frfs(tmp_path / "link.npz", model, link, share, np.linspace(0.1, 20.0, 200))
     short = LinkageModel(read_mechanism(path))
     with pytest.raises(ModelError, match=rf"in the FRFs of links\.{link} becomes \d+ % in the"):

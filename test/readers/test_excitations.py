@@ -7,16 +7,19 @@ from pathlib import Path
 import pytest
 
 from linkage_vibration.errors import LinkageVibrationError
-from linkage_vibration.prediction.excitation import Source
+from linkage_vibration.prediction.excitation import ExcitationError, Source
+from linkage_vibration.prediction.levels import LevelTable
+from linkage_vibration.prediction.settings import Parameters
 from linkage_vibration.readers.excitations import read_excitations
-from linkage_vibration.support.resources import config_file
+from linkage_vibration.readers.served import read_loads, read_served
+from linkage_vibration.support.resources import PAPER_MECHANISM, PAPER_TABLE, config_file
 
 
 def test_shipped_file() -> None:
     """The shipped file has every source, and no order or name twice."""
     found = read_excitations(config_file("excitations.yaml"))
     assert {one.source for one in found} == set(Source)
-    assert len({one.name for one in found}) == len(found) == 12
+    assert len({one.name for one in found}) == len(found) == 13
 
 
 @pytest.mark.parametrize(
@@ -35,3 +38,43 @@ def test_bad_files(tmp_path: Path, text: str, words: str) -> None:
     with pytest.raises(LinkageVibrationError, match=words) as caught:
         read_excitations(path)
     assert "bad.yaml" in str(caught.value)
+
+
+def test_places_that_a_mechanism_lacks() -> None:
+    """The paper's linkage has no tractor, so the default file keeps only what acts on the hitch."""
+    settings = Parameters(
+        mechanism_file=str(config_file(PAPER_MECHANISM)), table_file=str(config_file(PAPER_TABLE))
+    )
+    served, notices = read_served(settings), list[str]()
+    loads = {one.name: one.load for one in read_loads(settings, served, notices.append)}
+    kept = {"pto_shaft 1", "cardan_joint 2", "rotor 1", "tines 2"}
+    assert {name for name, load in loads.items() if load is not None} == kept
+    assert len(loads) == 13
+    [notice] = notices
+    refused = "engine 0.5, engine 1.5, engine 3, engine 6, crankshaft 1, crankshaft 2"
+    refused += ", tyre_lugs 1, tyre_lugs 20, ground (class B)"
+    assert f" {refused} of {settings.excitation_path()} act" in notice
+
+
+def test_places_that_the_tractor_has() -> None:
+    """On the shipped tractor nothing is left out."""
+    settings, notices = Parameters(), list[str]()
+    excitations = read_loads(settings, read_served(settings), notices.append)
+    amplitudes = [one.load or one.terrain for one in excitations]
+    assert all(one is not None and one.relative_stddev > 0.0 for one in amplitudes)
+    assert not notices
+
+
+def test_places_of_a_named_file(tmp_path: Path) -> None:
+    """A file that the user names keeps its loads, so that an unknown place is an error."""
+    path = tmp_path / "own.yaml"
+    path.write_bytes(config_file("excitations.yaml").read_bytes())
+    settings = Parameters(
+        mechanism_file=str(config_file(PAPER_MECHANISM)),
+        table_file=str(config_file(PAPER_TABLE)),
+        excitation_file=str(path),
+    )
+    served = read_served(settings)
+    excitations = read_loads(settings, served, pytest.fail)
+    with pytest.raises(ExcitationError, match=r"excitation engine 0\.5: a moment acts on a rigid"):
+        LevelTable(served.predictor, served.mechanism, excitations)

@@ -8,16 +8,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 from linkage_vibration.bags.log_writer import LogWriter
 from linkage_vibration.bags.writing import Attachment, Topic, offered_qos_profiles
 from linkage_vibration.messages.definitions import message_definition, type_hash
 from linkage_vibration.messages.encoding import encode_message
 from linkage_vibration.messages.topics import PREDICTION, RESONANCE
-from linkage_vibration.prediction.excitation import Source
+from linkage_vibration.prediction.excitation import Source, excitations_from_mapping
+from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.prediction.resonance import ResonanceMonitor
-from linkage_vibration.readers.excitations import read_excitations
+from linkage_vibration.prediction.severity import WarningLimits
+from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.resources import PAPER_MECHANISM, PAPER_TABLE, config_file
 from linkage_vibration.table.table import load_table, table_bytes
 from test.support.browser import Browser
@@ -30,10 +33,18 @@ TOPICS = {
     "/engine_speed": "std_msgs/msg/Float64",
     "/pto_speed": "std_msgs/msg/Float64",
 }
+LIMITS = WarningLimits(warning=0.02, note=0.005, dwell=0.2)
 PARAMETERS = b"""linkage_vibration:
   ros__parameters:
     angle_stddev: 0.005
-    warning_margin: 0.1
+    warning_load_ratio: 0.02
+    note_load_ratio: 0.005
+    warning_dwell: 0.2
+"""
+EXCITATIONS = b"""
+engine: {speed: engine, orders: [0.5, 1, 3]}
+engine_shake: {speed: engine, orders: [1.5], force: [100.0], at: E1.z, at_speed: 2000.0}
+pto_shaft: {speed: pto, orders: [1, 2], force: [60.0, 60.0], at: E1.z, at_speed: 540.0}
 """
 WriteLog = Callable[..., Path]
 
@@ -51,7 +62,9 @@ def write_log() -> WriteLog:
     ) -> Path:
         table = load_table(config_file(PAPER_TABLE))
         predictor = Predictor(table)
-        monitor = ResonanceMonitor(read_excitations(config_file("excitations.yaml")))
+        excitations = excitations_from_mapping(yaml.safe_load(EXCITATIONS))
+        levels = LevelTable(predictor, read_mechanism(config_file(PAPER_MECHANISM)), excitations)
+        monitor = ResonanceMonitor(excitations, LIMITS, levels=levels)
         qos = offered_qos_profiles(reliable=True, depth=10)
         topics = [
             Topic(name, kind, message_definition(kind), type_hash(kind), qos)
@@ -61,7 +74,7 @@ def write_log() -> WriteLog:
         files = {
             PAPER_MECHANISM: config_file(PAPER_MECHANISM).read_bytes(),
             f"{table.table_id}.npz": table_bytes(table),
-            "excitations.yaml": config_file("excitations.yaml").read_bytes(),
+            "excitations.yaml": EXCITATIONS,
             "parameters.yaml": PARAMETERS,
         }
         attachments = [Attachment(name, "application/yaml", data) for name, data in files.items()]

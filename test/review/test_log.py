@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from linkage_vibration.bags.reading import read_messages
 from linkage_vibration.messages.fields import message_fields
 from linkage_vibration.messages.topics import RESONANCE
 from linkage_vibration.playback.replay import replay
@@ -25,6 +24,7 @@ from linkage_vibration.review.log import (
 )
 from linkage_vibration.support.resources import PAPER_MECHANISM, PAPER_TABLE, config_file
 from linkage_vibration.table.table import load_table
+from test.support.messages import read_messages
 
 
 def test_every_number_is_the_message_s(drive: Path) -> None:
@@ -68,7 +68,8 @@ def test_provenance_is_found(drive: Path) -> None:
     assert log.mechanism.model_hash == table.model_hash
     assert log.mechanism_text == config_file(PAPER_MECHANISM).read_text()
     assert [e.name for e in log.excitations][:2] == ["engine 0.5", "engine 1"]
-    assert log.parameters == {"angle_stddev": 0.005, "warning_margin": 0.1}
+    limits = {"warning_load_ratio": 0.02, "note_load_ratio": 0.005, "warning_dwell": 0.2}
+    assert log.parameters == {"angle_stddev": 0.005, **limits}
     times, engine = log.speeds[Source.ENGINE]
     np.testing.assert_allclose(times, 0.1 * np.arange(200), atol=1e-9)
     assert set(log.speeds) == {Source.ENGINE, Source.PTO}

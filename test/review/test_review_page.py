@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from linkage_vibration.cli.main import main
+from linkage_vibration.prediction.verdict import Drive, episodes
 from linkage_vibration.review.log import Log, read_log
-from linkage_vibration.review.moments import moments
 from linkage_vibration.support.resources import PAPER_TABLE, config_file
 from linkage_vibration.table.table import load_table
 
@@ -60,10 +60,11 @@ def test_command_writes_files(drive: Path, tmp_path: Path, capsys: Any) -> None:
 def test_page_shows_the_drive(page: Any, log: Log) -> None:
     """The page has a row for each quantity, and lists all moments."""
     rows = page.evaluate("[...document.querySelectorAll('.chart')].map(e => e.id)")
-    shown = ["angle", "waterfall", "f1", "f2", "f3", "peak", "margin"]
+    shown = ["angle", "waterfall", "f1", "f2", "f3", "peak", "load"]
     assert [row for row in rows if row != "chart-over-angle"] == [f"chart-{name}" for name in shown]
     found = page.evaluate("document.querySelectorAll('#table-moments tbody tr').length")
-    assert found == len(moments(log)) > 5
+    assert log.drive is not None
+    assert found == len(episodes(log.drive)) > 4
     assert page.evaluate("document.querySelectorAll('.histogram rect').length") > 40
     assert log.table_id in page.text("#provenance")
 
@@ -124,18 +125,23 @@ def test_wheel_and_strip(page: Any, log: Log) -> None:
 
 def test_moments_are_shown_on_demand(page: Any, log: Log) -> None:
     """A click on a row of the list sets cursor and mode; n and p go to the rows beside it."""
-    found = moments(log)
+    drive = log.drive
+    assert isinstance(drive, Drive)
+    warnings = episodes(drive)
+    messages = [one.worst for one in warnings]
+    found = drive.predictions[messages].tolist()
     page.evaluate("document.querySelector('#table-moments').open = true")
     page.click(page.place("#table-moments tbody tr:nth-child(4)"))
-    assert page.evaluate("review.cursor") == found[3].nearest
-    assert page.evaluate("review.mode") == found[3].mode
+    assert page.evaluate("review.cursor") == found[3]
+    assert page.evaluate("review.mode") == drive.resonances.mode[messages[3]]
     low, high = view(page)
-    assert low <= log.times[found[3].nearest] <= high < low + 5.0
+    assert low <= log.times[found[3]] <= high
+    assert high - low <= max(4.0 * warnings[3].duration, 2.0) + 0.01
     page.key("n", "n")
-    assert page.evaluate("review.cursor") == found[4].nearest
+    assert page.evaluate("review.cursor") == found[4]
     page.key("p", "p")
-    assert page.evaluate("review.cursor") == found[3].nearest
-    assert page.text("#read-excitation") == found[3].excitation
+    assert page.evaluate("review.cursor") == found[3]
+    assert page.text("#read-excitation") == drive.resonances.excitation[messages[3]]
 
 
 def test_keys(page: Any, log: Log) -> None:

@@ -3,8 +3,6 @@
 """The page of a crank that turns around several times shows every turn alike."""
 
 import math
-import re
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,9 +18,6 @@ from linkage_vibration.messages.topics import log_topic
 from linkage_vibration.playback.replay import replay
 from linkage_vibration.prediction.settings import Parameters
 from linkage_vibration.readers.mechanism import read_mechanism
-from linkage_vibration.review.findings import _avoid, first_sentence, meetings
-from linkage_vibration.review.log import read_log
-from linkage_vibration.review.moments import moments
 from linkage_vibration.support.resources import config_file
 from linkage_vibration.table.table import save_table
 from linkage_vibration.table.tabulation import build_table
@@ -89,19 +84,3 @@ def test_waterfall_shows_every_turn(browser: Any, log: Path) -> None:
     assert np.abs(columns[1:] - columns[0]).mean() < 4.0
     assert np.abs(columns[:, 1:] - columns[:, :-1]).mean() > 8.0
     assert browser.problems == []
-
-
-def test_answer_counts_angles_within_a_turn(log: Path) -> None:
-    """The sentence names an angle of the table, and a moment that passes its end is not a turn."""
-    found = read_log(log)
-    met = meetings(found, moments(found))
-    for moment in moments(found):
-        rows = slice(moment.first, moment.last + 1)
-        low, high = map(float, re.findall(r"between (\d+) and (\d+) deg", _avoid(found, moment))[0])
-        assert high - low == pytest.approx(np.rad2deg(np.ptp(found.crank_angle[rows])), abs=2.0)
-        assert 0.0 <= low <= 360.0
-    assert any(np.ptp(found.table_angle[m.first : m.last]) > 6.0 for m in moments(found))
-    always = replace(moments(found)[0], first=0, last=COUNT - 1)
-    assert _avoid(found, always).endswith(" at all angles")
-    angle = np.rad2deg(found.table_angle[met[0].strongest])
-    assert f"and {angle:.1f} deg: " in first_sentence(found, met)

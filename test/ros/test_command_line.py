@@ -13,13 +13,15 @@ from typing import Any
 import pytest
 
 from linkage_vibration.prediction.settings import Parameters
-from linkage_vibration.ros.bag_player import watch
+from linkage_vibration.ros.bag_player import play_bag, watch
 from linkage_vibration.ros.command_line import StartError, check_arguments, refusal
 from linkage_vibration.ros.node import main
-from linkage_vibration.ros.player import play
 from linkage_vibration.ros.spinning import run
 from linkage_vibration.support.missing_library import missing_library
+from linkage_vibration.support.resources import config_file
 from test.support.ros_process import until
+
+DRIVE = config_file("drives/hitch_duty_cycle.mcap")
 
 
 @pytest.mark.parametrize(
@@ -121,10 +123,13 @@ def test_commands_without_security(
 ) -> None:
     """`watch`, `play` and the demo refuse an invalid name, and security that is not set up."""
     with pytest.raises(StartError, match="Invalid topic name"):
-        watch("bad name!", print, print)
+        watch("bad name!", print, print, print)
     monkeypatch.setenv("ROS_SECURITY_ENABLE", "true")
     monkeypatch.setenv("ROS_SECURITY_STRATEGY", "Enforce")
-    for start in (lambda: watch("/node", print, print), lambda: play([], [], print, lambda: None)):
+    for start in (
+        lambda: watch("/node", print, print, print),
+        lambda: play_bag(DRIVE, Parameters(), {}, print),
+    ):
         with pytest.raises(StartError, match="check ROS_SECURITY_KEYSTORE"):
             start()
 

@@ -13,6 +13,8 @@ from typing import Any
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rcl_interfaces.srv import SetParameters
+from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
@@ -206,7 +208,26 @@ def test_reverse_is_no_fault(tractor: Tractor) -> None:
         tractor.say(2.0 + 1e-4 * (i % 7))
         tractor.speeds["ground"].publish(Float64(data=-2.0))
 
-    tractor.wait_for("resonance", OK, "No excitation exceeds its limit", publish, 50.0)
+    tractor.wait_for("resonance", OK, "All loads are ", publish, 50.0)
+
+
+def test_warning_by_loads(tractor: Tractor) -> None:
+    """A load above the limit warns, and no longer once the limit is above all loads."""
+
+    def publish(i: int) -> None:
+        tractor.say(2.0 + 1e-4 * (i % 7))
+        tractor.speeds["engine"].publish(Float64(data=2000.0))
+
+    client = tractor.peer.node.create_client(SetParameters, "faulty/set_parameters")
+    for limit, level, words in (
+        (1e-6, WARN, "of the static force in "),
+        (1e6, OK, "All loads are "),
+    ):
+        value = Parameter("warning_load_ratio", value=limit).to_parameter_msg()
+        answer = tractor.peer.request(client, SetParameters.Request(parameters=[value]))
+        assert answer.results[0].successful
+        tractor.wait_for("resonance", level, words, publish, 50.0)
+    tractor.peer.node.destroy_client(client)
 
 
 def test_log_that_cannot_be_written(tractor: Tractor) -> None:

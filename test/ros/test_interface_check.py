@@ -2,74 +2,75 @@
 # SPDX-License-Identifier: Apache-2.0
 """The node refuses message classes of another version."""
 
-from typing import Any
+from collections.abc import Callable
+from dataclasses import replace
 
 import pytest
 
+from linkage_vibration.bags.schemas import SchemaField
 from linkage_vibration.ros import interface_check
 from linkage_vibration.ros.interface_check import InterfaceError, check_interfaces
-from linkage_vibration_interfaces.msg import Resonance, VibrationPrediction
-from linkage_vibration_interfaces.srv import PredictVibration
+from linkage_vibration.ros.live_inputs import installed_schema
+
+Fields = tuple[SchemaField, ...]
+
+
+def install(
+    monkeypatch: pytest.MonkeyPatch, type_name: str, change: Callable[[Fields], Fields]
+) -> None:
+    """Let the installed class of a type have other fields."""
+
+    def changed(name: str) -> dict[str, Fields]:
+        schema = dict(installed_schema(name))
+        return schema | ({name: change(schema[name])} if name == type_name else {})
+
+    monkeypatch.setattr(interface_check, "installed_schema", changed)
+
+
+def without(name: str) -> Callable[[Fields], Fields]:
+    """Return a change that leaves out a field."""
+    return lambda fields: tuple(field for field in fields if field.name != name)
 
 
 def test_installed_classes_fit() -> None:
-    """The classes of this environment read what this package encodes."""
+    """The classes of this environment have the fields that this package encodes."""
     check_interfaces()
 
 
 def test_class_with_other_fields(monkeypatch: pytest.MonkeyPatch) -> None:
     """The error names the class, the fields that differ, and the version to install."""
-
-    class Other(Resonance):
-        @classmethod
-        def get_fields_and_field_types(cls) -> dict[str, str]:
-            fields = Resonance.get_fields_and_field_types()
-            return {name: kind for name, kind in fields.items() if name != "approach"}
-
-    original = interface_check.message_class
-    monkeypatch.setattr(
-        interface_check,
-        "message_class",
-        lambda kind: Other if kind.endswith("Resonance") else original(kind),
-    )
+    install(monkeypatch, "linkage_vibration_interfaces/msg/Resonance", without("approach"))
     match = r"msg/Resonance has other fields \(approach\).* install linkage_vibration_interfaces \d"
     with pytest.raises(InterfaceError, match=match):
         check_interfaces()
 
 
-def test_class_that_reads_other_values(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The same names in the same order are not enough."""
-    original = interface_check.deserialize_message
+@pytest.mark.parametrize("change", [{"type": "float32"}, {"length": None}])
+def test_class_with_another_type(monkeypatch: pytest.MonkeyPatch, change: dict[str, str]) -> None:
+    """The same names are not enough: bytes of another type would be read as other values."""
 
-    def swapped(data: bytes, kind: type) -> Any:
-        message = original(data, kind)
-        if kind is VibrationPrediction:
-            message.frequency_stddev = message.damping_ratios
-        return message
+    def changed(fields: Fields) -> Fields:
+        named = {field.name: field for field in fields}
+        named["frequency_stddev"] = replace(named["frequency_stddev"], **change)  # type: ignore[arg-type]
+        return tuple(named.values())
 
-    monkeypatch.setattr(interface_check, "deserialize_message", swapped)
-    with pytest.raises(InterfaceError, match="VibrationPrediction reads other values of frequency"):
+    install(monkeypatch, "linkage_vibration_interfaces/msg/VibrationPrediction", changed)
+    with pytest.raises(InterfaceError, match=r"other fields \(frequency_stddev\)"):
+        check_interfaces()
+
+
+def test_class_with_another_order(monkeypatch: pytest.MonkeyPatch) -> None:
+    """CDR has no names, so the order counts."""
+    prediction = "linkage_vibration_interfaces/msg/VibrationPrediction"
+    install(monkeypatch, prediction, lambda fields: fields[::-1])
+    with pytest.raises(InterfaceError, match=r"other fields \(their order\)"):
         check_interfaces()
 
 
 def test_service_with_other_fields(monkeypatch: pytest.MonkeyPatch) -> None:
     """A request without one of our fields would fail at the first call, so it is refused before."""
-
-    class Stale(PredictVibration.Request):
-        @classmethod
-        def get_fields_and_field_types(cls) -> dict[str, str]:
-            fields = PredictVibration.Request.get_fields_and_field_types()
-            return {name: kind for name, kind in fields.items() if name != "shares"}
-
-    class Service(PredictVibration):
-        Request = Stale
-
-    original = interface_check.message_class
-    monkeypatch.setattr(
-        interface_check,
-        "message_class",
-        lambda kind: Service if kind.endswith("PredictVibration") else original(kind),
-    )
+    request = "linkage_vibration_interfaces/srv/PredictVibration_Request"
+    install(monkeypatch, request, without("shares"))
     match = r"srv/PredictVibration_Request has other fields \(shares\).* install linkage"
     with pytest.raises(InterfaceError, match=match):
         check_interfaces()

@@ -24,12 +24,12 @@ from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosgraph_msgs.msg import Clock
 
-from linkage_vibration.bags.reading import read_messages
 from linkage_vibration.prediction.predictor import Predictor, Status
 from linkage_vibration.ros.node import main
 from linkage_vibration.support.resources import config_file
 from linkage_vibration.table.table import load_table
 from linkage_vibration_interfaces.msg import VibrationPrediction
+from test.support.messages import read_messages
 from test.support.ros_process import JOINT, until
 
 
@@ -222,20 +222,20 @@ def test_parameters_turn_positions_into_angles(
 
 
 def test_humble_is_refused(environment: dict[str, str], tmp_path: Path) -> None:
-    """On a ROS 2 before Jazzy, one sentence says what to use."""
-    metadata = tmp_path / "rclpy-3.3.16.dist-info" / "METADATA"
-    metadata.parent.mkdir()
-    metadata.write_text("Metadata-Version: 2.1\nName: rclpy\nVersion: 3.3.16\n")
+    """On a ROS 2 before Jazzy, whose rclpy lacks modules, one sentence says what to use."""
+    hidden = "import sys; sys.modules['rclpy.service_introspection'] = None"
+    (tmp_path / "sitecustomize.py").write_text(hidden)
     path = os.pathsep.join([str(tmp_path), environment.get("PYTHONPATH", "")])
     run = subprocess.run(
         [sys.executable, "-m", "linkage_vibration.ros.node"],
-        env={**environment, "PYTHONPATH": path, "ROS_DISTRO": "humble"},
+        env={**environment, "PYTHONPATH": path},
         capture_output=True,
         text=True,
     )
     assert run.returncode == 1
     [line] = run.stderr.splitlines()
-    assert line.endswith("ROS 2 Humble is not supported; use Jazzy or later.")
+    assert line.startswith("linkage_vibration_node: Python cannot import rclpy ")
+    assert "source a ROS 2 installation (Jazzy or later)" in line
 
 
 @pytest.mark.parametrize("by", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])

@@ -27,12 +27,12 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, String
 from std_srvs.srv import Trigger
 
-from linkage_vibration.bags.reading import read_messages
 from linkage_vibration.prediction.inputs.units import HitchCurve, HitchScale
 from linkage_vibration.prediction.predictor import Predictor, Status
 from linkage_vibration.support.resources import config_file
 from linkage_vibration.table.table import load_table
 from linkage_vibration_interfaces.msg import Resonance, TableInfo, VibrationPrediction
+from test.support.messages import read_messages
 from test.support.ros_process import JOINT, SENSOR, until
 
 UNKNOWN_TYPE = ParameterMessage(name="sign", value=ParameterValue(type=77))
@@ -168,6 +168,8 @@ def test_late_subscribers_receive_the_model(peer: Any, predictor: Predictor) -> 
     assert info.table_id == predictor.table.table_id
     assert (info.n_modes, info.mechanism_name) == (6, "three_point_linkage_on_tractor")
     assert (info.crank_angle_first, info.crank_angle_last) == predictor.table.alpha3_range
+    assert (info.band_low, info.band_high) == (0.0, 200.0)
+    assert (info.peak_band_low, info.peak_band_high) == (4.7, 200.0)
     assert "E1.z" in info.places
     assert text.data == config_file("three_point_linkage_on_tractor.yaml").read_text()
 
@@ -175,7 +177,7 @@ def test_late_subscribers_receive_the_model(peer: Any, predictor: Predictor) -> 
 def test_resonance_follows_the_engine(start: Callable[..., Any], peer: Any) -> None:
     """Each prediction is compared with a speed, from its topic or fixed by a parameter.
 
-    The paper's linkage has no uncertain numbers, so that the margin decides.
+    No excitation has an amplitude on the fixed ground of the paper, so that the margin decides.
     """
     files = config_file("three_point_linkage.yaml"), config_file("tables/three_point_linkage.npz")
     node = start(
@@ -206,14 +208,14 @@ def test_resonance_follows_the_engine(start: Callable[..., Any], peer: Any) -> N
         until(found, f"resonance state {state}", publish)
         return found()[-1]
 
-    on_mode = resonance(20.0 * mode, Resonance.STATE_WARNING)  # the third order
+    on_mode = resonance(20.0 * mode, Resonance.STATE_NOTE)  # the third order
     assert (on_mode.excitation, on_mode.mode) == ("engine 3", 1)
     assert on_mode.relative_margin == pytest.approx(0.0, abs=1e-9)
     assert on_mode.natural_frequency == mode
     resonance(20.0 * mode * 1.3, Resonance.STATE_CLEAR)
     assert math.isnan(resonance(None, Resonance.STATE_STALE).margin)
     assert set_parameter(peer, "orders", "engine_speed", 20.0 * mode * 1.05).successful
-    fixed = resonance(500.0, Resonance.STATE_WARNING)
+    fixed = resonance(500.0, Resonance.STATE_NOTE)
     assert fixed.relative_margin == pytest.approx(0.05, rel=1e-6)
 
 

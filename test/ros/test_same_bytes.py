@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from mcap.reader import make_reader
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
@@ -14,9 +15,21 @@ from std_msgs.msg import Float64
 from linkage_vibration.playback.replay import replay
 from linkage_vibration.prediction.settings import Parameters
 from linkage_vibration.support.resources import config_file
+from linkage_vibration_interfaces.msg import Advice
 
-PREDICTION, RESONANCE = "/linkage_vibration/prediction", "/linkage_vibration/resonance"
-SETTINGS = Parameters(sign=-1, scale=0.98, offset=4.7, angle_stddev=2e-3, stale_after=0.5)
+PREDICTION, RESONANCE, ADVICE = (
+    f"/linkage_vibration/{name}" for name in ("prediction", "resonance", "advice")
+)
+SETTINGS = Parameters(
+    sign=-1,
+    scale=0.98,
+    offset=4.7,
+    angle_stddev=2e-3,
+    stale_after=0.5,
+    warning_load_ratio=0.005,
+    note_load_ratio=0.001,
+    ground_speed=7.0,  # so that the ground has a level
+)
 
 
 def messages(log: Path, *topics: str) -> list[tuple[str, int, bytes]]:
@@ -33,10 +46,14 @@ def test_live_and_offline(
     drive = config_file("drives/hitch_duty_cycle.mcap")
     offline = tmp_path / "offline.mcap"
     replay([drive], offline, SETTINGS)
-    given = {name: getattr(SETTINGS, name) for name in ("sign", "scale", "offset", "angle_stddev")}
-    given |= {"stale_after": SETTINGS.stale_after, "record": True, "log_directory": tmp_path}
+    names = ["sign", "scale", "offset", "angle_stddev", "stale_after"]
+    names += ["warning_load_ratio", "note_load_ratio", "ground_speed"]
+    given = {name: getattr(SETTINGS, name) for name in names}
+    given |= {"record": True, "log_directory": tmp_path}
     node = start(**given)
     peer = meet("linkage_vibration")
+    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    late: list[Any] = []
     publishers = {
         topic: peer.node.create_publisher(Float64, topic, 10)
         for topic in ("/engine_speed", "/pto_speed")
@@ -50,6 +67,9 @@ def test_live_and_offline(
         publishers[topic].publish(deserialize_message(data, kind))
         sent += kind is JointState
         peer.spin(lambda sent=sent: len(peer.raw) >= sent, "a prediction")
+    # A subscriber that comes late receives the last advice.
+    peer.node.create_subscription(Advice, ADVICE, late.append, latched)
+    peer.spin(lambda: bool(late), "advice")
     assert node.stop() == 0
 
     expected = messages(offline, PREDICTION)
@@ -59,7 +79,11 @@ def test_live_and_offline(
     [log] = tmp_path.glob("linkage_vibration_*.mcap")
     again = tmp_path / "again.mcap"
     replay([log], again, SETTINGS)
-    for topic in (PREDICTION, RESONANCE):
+    for topic in (PREDICTION, RESONANCE, ADVICE):
         recorded = messages(log, topic)
         assert len(recorded) >= len(messages(offline, topic)) > 0
         assert messages(again, topic) == recorded
+    *_, (_, _, last) = recorded
+    # Arrays are not compared, as they contain NaN.
+    assert late[0].sentence == deserialize_message(last, Advice).sentence != ""
+    assert late[0].header == deserialize_message(last, Advice).header

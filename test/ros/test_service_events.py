@@ -65,7 +65,7 @@ def test_events_are_published_and_logged(
         request = SetParameters.Request(parameters=[parameter])
         return peer.request(client, request).results[0]
 
-    assert "off, metadata or contents" in set_events("all").reason
+    assert "off or metadata or contents" in set_events("all").reason
     assert set_events("contents").successful
     peer.spin(lambda: EVENTS in dict(peer.node.get_topic_names_and_types()))
 

@@ -29,6 +29,7 @@ from linkage_vibration.ros.services import MAX_REQUEST, MAX_WAITING, Services
 from linkage_vibration.support.resources import config_file, share_directory
 from linkage_vibration.table.table import load_table
 from linkage_vibration_interfaces.srv import (
+    Advise,
     GetFrf,
     GetModeShapes,
     GetTable,
@@ -45,6 +46,7 @@ SERVICES = {
     "get_mode_shapes": GetModeShapes,
     "get_table": GetTable,
     "set_implement": SetImplement,
+    "advise": Advise,
 }
 
 
@@ -87,14 +89,15 @@ def bench(domain: int) -> Iterator[Bench]:
         peer_executor.add_node(peer)
         served = [shipped()]
         excitations = read_excitations(config_file("excitations.yaml"))
+        levels = LevelTable(served[0].predictor, served[0].mechanism, excitations)
 
         def swap(new: Served, levels: LevelTable) -> None:
             speeds = np.array([[2000.0], [500.0], [1.0]])
-            columns = levels.at(np.array([2.3]), speeds, np.zeros((2, 1, 6)))
+            columns = levels.at(np.array([2.3]), speeds)
             assert columns.total_velocity.shape == (1,)
             served.append(new)
 
-        services = Services(node, lambda: served[-1], excitations, swap)
+        services = Services(node, lambda: served[-1], excitations, swap, levels)
         ended: Future[None] = Future(executor=executor)
         thread = threading.Thread(target=executor.spin_until_future_complete, args=[ended])
         thread.start()
@@ -143,6 +146,30 @@ def test_predict(bench: Bench) -> None:
     assert not outside.success
     assert "crank_angles[1]" in outside.message
     assert len(outside.predictions) == 2
+
+
+def test_advise(bench: Bench) -> None:
+    """The answer has the present load, the map row by row, and why a question is refused."""
+    present = {"crank_angle": math.radians(165.0), "ground_speed": -8.0, "engine_speed": 1800.0}
+    answer = bench.call("advise", **present, ground_speed_min=2.0, ground_speed_max=10.0)
+    assert (answer.success, answer.advice.table_id) == (True, bench.served[0].table.table_id)
+    served, excitations = bench.served[0], read_excitations(config_file("excitations.yaml"))
+    levels = LevelTable(served.predictor, served.mechanism, excitations)
+
+    def load(angle: float, speed: float) -> float:
+        speeds = np.array([[1800.0], [0.0], [speed]])
+        return float(levels.at(np.array([angle]), speeds).total_load_ratio[0])
+
+    advice, grid = answer.advice, np.reshape(answer.load_ratios, (91, 17))
+    assert advice.load_ratios[advice.NOW] == load(present["crank_angle"], 8.0)
+    assert grid[30, 5] == load(answer.crank_angles[30], answer.ground_speeds[5])
+    assert advice.load_ratios[advice.BOTH] == np.nanmin(grid)
+    assert 0.5 < advice.probabilities[advice.BOTH] < 1.0
+    assert answer.regrets[advice.BOTH] > 0.0
+    assert "would shake" in advice.sentence
+    reversed_range = bench.call("advise", **present, ground_speed_min=5.0, ground_speed_max=1.0)
+    assert not reversed_range.success
+    assert "ground speeds are 5 to 1" in reversed_range.message
 
 
 def test_shares(bench: Bench) -> None:
@@ -253,7 +280,7 @@ def test_set_implement(bench: Bench, tmp_path: Path) -> None:
         ({"mass": 9.0, "inertia": 9.0, "centre_of_gravity": array("d", [1.0])}, "has 1 numbers"),
         (
             {"mass": 1e10, "inertia": 1e9},
-            "mass: beside 1e+10 kg the links lose their digits",
+            "mass: 1e+10 is above 1e+09; beside it the links lose their digits",
         ),
     ],
 )
@@ -280,6 +307,7 @@ import signal
 
 import rclpy
 from rclpy.executors import ExternalShutdownException
+from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.ros.services import Services
 from linkage_vibration.support.resources import config_file
@@ -290,8 +318,9 @@ if __name__ == "__main__":
     rclpy.init()
     node, served = rclpy.create_node("serving"), [shipped()]
     excitations = read_excitations(config_file("excitations.yaml"))
+    levels = LevelTable(served[0].predictor, served[0].mechanism, excitations)
     swap = lambda new, levels: served.append(new)
-    services = Services(node, lambda: served[-1], excitations, swap)
+    services = Services(node, lambda: served[-1], excitations, swap, levels)
     try:
         rclpy.spin(node)
     except ExternalShutdownException:
@@ -404,8 +433,10 @@ def test_manual(environment: dict[str, str], tmp_path: Path) -> None:
     assert [line.split()[0] for line in lines[:3]] == [old] * 3
     assert [line.split()[0] for line in lines[3:7]] == ["parameters", "angle", "links", "table"]
     assert lines[7].startswith("E1.z peaks at ")
-    assert len(lines) == 15
+    assert len(lines) == 18
     read = load_table(tmp_path / f"{old}.npz", read_mechanism(tmp_path / f"{old}.yaml"))
     assert read.table_id == old
-    assert lines[-1].startswith("now in use: ")
-    assert old not in lines[-1]
+    assert lines[14].startswith("now in use: ")
+    assert old not in lines[14]
+    now, smallest = (float(line.split()[-1]) for line in lines[16:])
+    assert 0.0 < smallest <= now

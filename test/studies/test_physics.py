@@ -11,8 +11,13 @@ import pytest
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.readers.mechanism import read_mechanism
-from linkage_vibration.studies.plan import Effect, effects, physics_table
-from linkage_vibration.studies.plan.physics import CRANK, TRACTOR
+from linkage_vibration.studies.plan.physics import (
+    CRANK,
+    TRACTOR,
+    Effect,
+    effects,
+    physics_table,
+)
 from linkage_vibration.support.resources import DEFAULT_MECHANISM, config_file
 
 BAND = (0.0, 200.0)

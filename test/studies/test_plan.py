@@ -21,22 +21,17 @@ from linkage_vibration.mechanics.description import Mechanism, Rayleigh
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
 from linkage_vibration.readers.mechanism import read_mechanism
-from linkage_vibration.studies.plan import (
+from linkage_vibration.studies.plan.choice import ELEMENTS, MODES, Plan, plan
+from linkage_vibration.studies.plan.measurement import (
     Measured,
-    Plan,
-    PlanError,
-    Scene,
     measure,
-    plan,
     plan_and_measure,
-    plan_report,
     solve_reference,
-    unknowns,
-    write_planned,
 )
-from linkage_vibration.studies.plan.choice import ELEMENTS, MODES
+from linkage_vibration.studies.plan.report import plan_report, write_planned
 from linkage_vibration.studies.plan.results import Result, result_at
-from linkage_vibration.studies.plan.scene import Errors
+from linkage_vibration.studies.plan.scene import PlanError, Scene
+from linkage_vibration.studies.plan.unknowns import unknowns
 from linkage_vibration.support.resources import DEFAULT_MECHANISM, config_file
 
 PLACES = (("E1", "z"), ("V1", "x"))
@@ -56,7 +51,7 @@ class Job:
     def share(self, **cheaper: object) -> float:
         """Return the measured error with other settings, divided by the allowed one."""
         other = measure(replace(self.plan, **cheaper), self.against)  # type: ignore[arg-type]
-        return other.errors.share(self.plan.scene.allowed)
+        return self.plan.scene.share(other.errors)
 
 
 def heavier(mechanism: Mechanism) -> Mechanism:
@@ -93,10 +88,10 @@ def job(request: pytest.FixtureRequest, mechanism: Mechanism) -> Job:
 
 def test_plan_meets_its_tolerance(job: Job) -> None:
     """The error measured against a finer mesh is allowed, and within a tenth of the prediction."""
-    allowed = job.plan.scene.allowed
-    share = job.measured.errors.share(allowed)
+    scene = job.plan.scene
+    share = scene.share(job.measured.errors)
     assert share <= 1.0
-    assert share == pytest.approx(job.plan.predicted.share(allowed), rel=0.1)
+    assert share == pytest.approx(scene.share(job.plan.predicted), rel=0.1)
 
 
 def test_fewer_elements_or_modes_do_not(job: Job) -> None:
@@ -107,36 +102,32 @@ def test_fewer_elements_or_modes_do_not(job: Job) -> None:
     assert job.share(modes=fewer) > 1.0
 
 
-def test_fewer_terms_or_points_do_not(job: Job) -> None:
-    """FRFs with a simpler residual, or a table with fewer points, miss the tolerance."""
-    if job.plan.method == "exact":
-        steps = ["none", "static", "every mode"]
-        fewer = steps[: steps.index(job.plan.residual)]
-        assert all(job.share(residual=residual) > 1.0 for residual in fewer)
-        return
-    looser, points = job.plan, job.measured.points
+@pytest.mark.parametrize("job", ["whole stroke, live", "heavier implement"], indirect=True)
+def test_fewer_points_do_not(job: Job) -> None:
+    """A table with fewer points misses the tolerance."""
+    assert job.plan.table_tolerance is not None
+    looser, points = job.plan.table_tolerance, job.measured.points
     while points == job.measured.points:
-        assert looser.table_tolerance is not None
-        looser = replace(looser, table_tolerance=4.0 * looser.table_tolerance)
-        other = measure(looser, job.against)
+        looser = 4.0 * looser
+        other = measure(replace(job.plan, table_tolerance=looser), job.against)
         points = other.points
     assert points < job.measured.points
-    assert other.errors.share(job.plan.scene.allowed) > 1.0
+    assert job.plan.scene.share(other.errors) > 1.0
 
 
 def test_what_each_scene_gets(mechanism: Mechanism, job: Job) -> None:
     """Only live scenes get a table, as large as predicted; every model is planar."""
     live = job.plan.scene.seconds_per_prediction is not None
-    assert job.plan.method == ("table" if live else "exact")
-    assert job.measured.points == job.plan.points
-    assert (job.plan.points > 0) == live
+    assert (job.plan.table_tolerance is not None) == live
+    choices = [choice for choice, _ in job.plan.reasons]
+    assert (f"table of {job.measured.points} points" in choices) == live
     assert not job.plan.scene.spatial
     for link in job.plan.mechanism.links:
         assert isinstance(link.body, Beam)
         assert (link.body.elements, link.modes) == (job.plan.elements, job.plan.modes)
     text = plan_report(job.plan, job.measured)
     assert f"elements a link: {job.plan.elements}" in text
-    assert f"{job.measured.errors.frequency:.1e}" in text
+    assert f"{job.measured.errors[0]:.1e}" in text
 
 
 def test_a_wider_band_or_a_tighter_tolerance_costs_more(mechanism: Mechanism) -> None:
@@ -155,11 +146,12 @@ def test_nothing_is_computed_that_is_not_asked_for(mechanism: Mechanism) -> None
     """Without places there are no FRFs; with enough time or at one angle there is no table."""
     scene = Scene(mechanism, LOW, (), 1e-3, STROKE, 60.0)
     chosen = plan(scene)
-    assert (chosen.method, chosen.points) == ("exact", 0)
-    assert chosen.cost.frfs == 0.0
-    assert chosen.predicted.frf == 0.0
+    assert chosen.table_tolerance is None
+    assert chosen.predicted[2] == 0.0
+    measured = measure(chosen, solve_reference(chosen))
+    assert (measured.frfs, measured.points) == (0.0, 0)
     live = plan(replace(scene, angles=(STROKE[0], STROKE[0]), seconds_per_prediction=1e-6))
-    assert live.method == "exact"
+    assert live.table_tolerance is None
 
 
 def test_motion_out_of_the_plane_makes_it_spatial(mechanism: Mechanism) -> None:
@@ -168,23 +160,7 @@ def test_motion_out_of_the_plane_makes_it_spatial(mechanism: Mechanism) -> None:
     chosen = plan(Scene(mechanism, LOW, (("V1", "y"), ("V1", "z")), 1e-3, angle))
     assert chosen.scene.spatial
     measured = measure(chosen, solve_reference(chosen))
-    assert 0.0 < measured.errors.share(chosen.scene.allowed) <= 1.0
-
-
-def test_shortened_frf_is_that_of_the_plan(mechanism: Mechanism) -> None:
-    """It has only the terms of the modes near the band, and the predicted error."""
-    angle = math.radians(140.0)
-    chosen = plan(Scene(mechanism, LOW, PLACES, 1e-4, (angle, angle)))
-    assert chosen.residual == "static"
-    result = result_at(chosen.scene, LinkageModel(chosen.mechanism), angle)
-    short, whole = result.shortened(chosen.residual).frf, result.frf
-    assert short is not None
-    assert whole is not None
-    assert len(short.decay) < len(whole.decay)
-    lines = np.linspace(*LOW, 2001)
-    np.testing.assert_allclose(short.frf(lines[:1]), whole.frf(lines[:1]), rtol=1e-10)
-    apart = np.linalg.norm(short.frf(lines) - whole.frf(lines), axis=0)
-    assert (apart <= chosen.predicted.frf * np.linalg.norm(whole.frf(lines), axis=0)).all()
+    assert 0.0 < chosen.scene.share(measured.errors) <= 1.0
 
 
 def test_links_known_by_matrices_keep_them(mechanism: Mechanism) -> None:
@@ -198,7 +174,7 @@ def test_links_known_by_matrices_keep_them(mechanism: Mechanism) -> None:
     scene = Scene(replace(mechanism, links=links), LOW, (), 1e-3, (STROKE[0],) * 2)
     chosen = plan(scene)
     assert next(x for x in chosen.mechanism.links if x.name == crank.name).body == given.body
-    assert measure(chosen, solve_reference(chosen)).errors.share(scene.allowed) <= 1.0
+    assert scene.share(measure(chosen, solve_reference(chosen)).errors) <= 1.0
 
 
 @pytest.mark.parametrize(
@@ -227,7 +203,7 @@ def test_what_is_accepted_was_measured(mechanism: Mechanism) -> None:
     scene = Scene(mechanism, LOW, PLACES, 1e-3, (STROKE[0],) * 2)
     chosen, measured = plan_and_measure(scene)
     assert chosen.scene == scene
-    assert measured.errors.share(scene.allowed) <= 1.0
+    assert scene.share(measured.errors) <= 1.0
 
 
 def test_plan_that_its_measurement_rejects(printed: Mechanism) -> None:
@@ -242,10 +218,10 @@ def test_plan_that_its_measurement_rejects(printed: Mechanism) -> None:
     stroke = highest - 0.56 * width, highest + 0.44 * width  # it is measured at 0.56
     scene = Scene(printed, (0.999 * top, 12.0), (), 1e-6, stroke)
     first = plan(scene)
-    assert first.predicted.share(scene.allowed) <= 1.0
-    assert measure(first, solve_reference(first)).errors.share(scene.allowed) > 1.0
+    assert scene.share(first.predicted) <= 1.0
+    assert scene.share(measure(first, solve_reference(first)).errors) > 1.0
     chosen, measured = plan_and_measure(scene)
-    assert measured.errors.share(scene.allowed) <= 1.0
+    assert scene.share(measured.errors) <= 1.0
     assert chosen.modes > first.modes
     assert chosen.reasons[-1][0] == "planned to a part of it"
 
@@ -261,9 +237,8 @@ def test_six_bar_against_a_dense_measurement() -> None:
     fine = LinkageModel(scene.with_settings(4 * chosen.elements, 4 * chosen.modes, chosen.n_modes))
     errors = []
     for angle in np.linspace(*mechanism.stroke, 101).tolist():
-        result = result_at(scene, model, angle).shortened(chosen.residual)
-        errors.append(result.errors(result_at(scene, fine, angle)))
-    assert Errors(*np.max(errors, axis=0).tolist()).share(scene.allowed) <= 1.0
+        errors.append(result_at(scene, model, angle).errors(result_at(scene, fine, angle)))
+    assert scene.share(np.max(errors, axis=0)) <= 1.0
 
 
 def test_links_that_cannot_be_planned(mechanism: Mechanism) -> None:

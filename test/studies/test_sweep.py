@@ -9,7 +9,6 @@ import signal
 import subprocess
 import sys
 import time
-from collections import Counter
 from collections.abc import Callable
 from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor
 from functools import partial
@@ -23,7 +22,7 @@ from scipy.io import netcdf_file
 
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
-from linkage_vibration.studies.sweep import Designs, SweepError, dask_executor, read_designs, sweep
+from linkage_vibration.studies.sweep import Designs, SweepError, read_designs, sweep
 from linkage_vibration.studies.sweep.output import BUILT, GIVEN_UP, NOT_BUILDABLE
 from linkage_vibration.support.process_pool import LocalPool
 from linkage_vibration.support.resources import DEFAULT_MECHANISM, config_file
@@ -374,67 +373,6 @@ def test_output_that_cannot_be_written(tmp_path: Path, designs: Designs) -> None
         sweep(designs, tmp_path / "none" / "out.nc", executor)
 
 
-def test_dask_cluster_loses_a_worker(tmp_path: Path) -> None:
-    """If a worker of a real Dask cluster is killed, nothing is lost or stored twice."""
-    distributed = pytest.importorskip("distributed", reason="dask and distributed are missing")
-    designs = grid([0.44, 0.45], np.linspace(0.02, 0.03, 6).tolist())
-    output, log = tmp_path / "out.nc", tmp_path / "log"
-    log.mkdir()
-    before: set[str] = set()
-    killed: list[int] = []
-
-    class Counted(ThreadPoolExecutor):
-        """Submits to Dask; each build leaves a file that names its design and its process."""
-
-        def submit(self, fn: Any, /, *args: Any, **kwargs: Any) -> Future[Any]:
-            def counted(mechanism: Any, *rest: Any) -> Any:
-                outcome = fn(mechanism, *rest)
-                time.sleep(0.1)  # so that both workers are at work when one dies
-                name = f"{mechanism.model_hash}.{os.getpid()}.{time.monotonic_ns()}"
-                Path(log, name).touch()
-                return outcome
-
-            future: Future[Any] = dask.submit(counted, *args, **kwargs)
-            return future
-
-    def built() -> list[str]:
-        return [path.name.split(".")[0] for path in log.iterdir()]
-
-    stored: list[int] = []
-
-    def kill(finished: int) -> None:
-        stored.append(len(parts(output)))
-        if len(stored) == 5:
-            time.sleep(0.2)  # until the scheduler knows that these are no longer needed
-            busy = [int(path.name.split(".")[1]) for path in log.iterdir()]
-            before.update(name.split(".")[0] for name in parts(output))
-            killed.append(busy[-1])
-            os.kill(busy[-1], signal.SIGKILL)
-
-    with (
-        distributed.LocalCluster(
-            n_workers=2,
-            threads_per_worker=1,
-            processes=True,
-            dashboard_address=None,
-            silence_logs=50,
-            local_directory=str(tmp_path),
-        ) as cluster,
-        dask_executor(cluster.scheduler_address) as dask,
-        Counted(1) as executor,
-    ):
-        pids = {nanny.pid for nanny in cluster.workers.values()}
-        result = sweep(designs, output, executor, kill)
-        assert killed[0] in pids
-    assert (result.built, result.kept, result.messages) == (12, 0, {})
-    assert stored == list(range(13))  # every design was stored, and none a second time
-    times = Counter(built())
-    assert len(times) == 12
-    assert len(before) == 4
-    assert all(times[model_hash] == 1 for model_hash in before)
-    assert_same_file(output, in_one_go(designs, tmp_path / "whole.nc"))
-
-
 @pytest.mark.parametrize(
     ("changed", "words"),
     [
@@ -493,13 +431,6 @@ def test_whole_numbers_and_signs(space: Callable[..., Path]) -> None:
     designs = read_designs(space(parameters=mapping))
     assert designs.mechanism(2).links[2].modes == 2
     assert dict(designs.mechanism(2).ground)["D"] == (0.5, -0.02)
-
-
-def test_missing_scheduler() -> None:
-    """An address without a scheduler is reported."""
-    pytest.importorskip("distributed", reason="dask and distributed are missing")
-    with pytest.raises(SweepError, match="no Dask scheduler"), dask_executor("nowhere://1"):
-        pass
 
 
 def test_links_from_files_are_swept(space: Callable[..., Path], tmp_path: Path) -> None:

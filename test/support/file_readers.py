@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import scipy.io
 from mcap.writer import CompressionType, Writer
 from numpy.typing import NDArray
 from rosbags.rosbag1 import Writer as Writer1
@@ -22,12 +21,15 @@ from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_typestore
 from scipy import sparse
 
+from linkage_vibration.bags.field_reader import FieldReader
 from linkage_vibration.bags.message_types import JOINT_STATE
-from linkage_vibration.bags.reading import read_joint_states
+from linkage_vibration.bags.numbers import LeftOut
+from linkage_vibration.bags.streams import open_bags
 from linkage_vibration.mechanics.bodies.frfs import Frfs
 from linkage_vibration.mechanics.bodies.matrices import Matrices
 from linkage_vibration.mechanics.description import Material
 from linkage_vibration.mechanics.model import LinkageModel
+from linkage_vibration.playback.remapping import topic_schema
 from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.readers.frfs import read_frfs
 from linkage_vibration.readers.matrices import read_matrices
@@ -82,8 +84,6 @@ def all_readers() -> tuple[Reader, ...]:
         Reader("excitations (YAML)", _excitations, _read_excitations),
         Reader("table (npz)", _tables, _read_table),
         Reader("matrices (npz)", _matrices_npz, _read_matrices),
-        Reader("matrices (MATLAB)", _matrices_mat, _read_matrices),
-        Reader("matrices (Matrix Market)", _matrices_mtx, _read_matrices),
         Reader("FRFs (npz)", _frfs_npz, _read_frfs),
         Reader("FRFs (UFF 58)", _frfs_uff, _read_frfs),
         Reader("mesh (gmsh)", _meshes, _read_mesh),
@@ -117,7 +117,7 @@ def _read_sweep(path: Path) -> None:
 def _read_excitations(path: Path) -> None:
     excitations = read_excitations(path)
     assert excitations
-    assert all(0.0 < one.ratio < math.inf for one in excitations)
+    assert all(one.terrain or 0.0 < one.ratio < math.inf for one in excitations)
 
 
 def _read_table(path: Path) -> None:
@@ -152,14 +152,16 @@ def _read_mesh(path: Path) -> None:
 
 
 def _read_bag(path: Path) -> None:
-    for record in read_joint_states(path):
-        assert all(isinstance(name, str) for name in record.name)
-        assert all(
-            array.dtype == np.float64 and array.ndim == 1
-            for array in (record.position, record.velocity, record.effort)
-        )
-        assert isinstance(record.stamp, int)
-        assert isinstance(record.log_time, int)
+    with open_bags([path]) as bags:
+        for topic in bags.topics:
+            if topic.type == JOINT_STATE:
+                schema = topic_schema(bags, topic)
+                reader = FieldReader(schema, JOINT_STATE, "position[0]")
+                for block in bags.blocks([topic.name]):
+                    assert (np.diff(block.log_times) >= 0).all()
+                    for numbers in reader.read(block, np.arange(len(block)), LeftOut()):
+                        assert numbers.value.shape == numbers.sec.shape == numbers.rows.shape
+                        assert isinstance(numbers.frame_id, str)
 
 
 def _mechanisms() -> Seeds:
@@ -223,33 +225,6 @@ def _matrices_npz() -> Seeds:
         columns[f"{name}_data"] = packed.data
         columns[f"{name}_indices"], columns[f"{name}_indptr"] = packed.indices, packed.indptr
     return _alone("a.npz", _saved_npz(dofs=dofs, **_chain()), _saved_npz(dofs=dofs, **columns))
-
-
-def _matrices_mat() -> Seeds:
-    cells = np.array(["A x", "B x"], dtype=object)
-    columns = {name: sparse.csc_matrix(matrix) for name, matrix in _chain().items()}
-    contents = []
-    for matrices, dofs, packed in (
-        (_chain(), cells, False),
-        (columns, np.array(["A x", "B x"]), False),
-        (_chain(), cells, True),
-    ):
-        stream = io.BytesIO()
-        scipy.io.savemat(stream, {"dofs": dofs, **matrices}, do_compression=packed)
-        contents.append(stream.getvalue())
-    return _alone("a.mat", *contents)
-
-
-def _matrices_mtx() -> Seeds:
-    seeds = []
-    for layout in (np.asarray, sparse.coo_matrix):
-        files = {"a_dofs.txt": b"A x\nB x\n-\n"}
-        for name, matrix in _chain().items():
-            stream = io.BytesIO()
-            scipy.io.mmwrite(stream, layout(matrix))
-            files[f"a_{name}.mtx"] = stream.getvalue()
-        seeds.append(("a_mass.mtx", files))
-    return tuple(seeds)
 
 
 def _receptance(frequencies: FloatArray) -> NDArray[np.complex128]:

@@ -2,9 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Messages of any reader in one plain form, for comparisons."""
 
+from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+from mcap.reader import make_reader
 
 from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.messages.fields import CODES, message_fields
@@ -25,6 +28,17 @@ def resonance(**values: Any) -> MessageColumns:
 def changed(columns: MessageColumns, **values: Any) -> MessageColumns:
     """Return the same with other values."""
     return MessageColumns(**vars(columns) | values)
+
+
+def read_messages(path: Path, topic: str) -> Iterator[tuple[int, Any]]:
+    """Yield the log times, ns, and the messages of a topic of an MCAP file, as mcap reads them."""
+    # Only a few tests need mcap-ros2-support.
+    from mcap_ros2.decoder import DecoderFactory
+
+    with path.open("rb") as file:
+        reader = make_reader(file, validate_crcs=True, decoder_factories=[DecoderFactory()])
+        for _, _, message, decoded in reader.iter_decoded_messages([topic]):
+            yield message.log_time, decoded
 
 
 def plain(value: Any) -> Any:

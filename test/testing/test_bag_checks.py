@@ -16,7 +16,6 @@ from mcap.reader import make_reader
 
 from linkage_vibration.bags.chunks import ChunkLog, Messages
 from linkage_vibration.bags.message_types import FLOAT64, JOINT_STATE
-from linkage_vibration.bags.reading import read_messages
 from linkage_vibration.messages.topics import (
     PREDICTION,
     PREDICTION_TOPIC,
@@ -26,9 +25,9 @@ from linkage_vibration.messages.topics import (
 from linkage_vibration.playback.replay import replay
 from linkage_vibration.prediction.predictor import Status
 from linkage_vibration.prediction.settings import Parameters
-from linkage_vibration.support.resources import DEFAULT_TABLE, config_file
-from linkage_vibration.table.table import load_table
+from linkage_vibration.support.resources import config_file
 from linkage_vibration.testing.bag_checks import Limits, TestKitError, check_bag
+from test.support.messages import read_messages
 
 DRIVE = config_file("drives/hitch_duty_cycle.mcap")
 START = 1_767_225_600 * 10**9  # ns, of the drive: 2026-01-01
@@ -78,20 +77,22 @@ def test_a_drive_within_its_limits(log: Path) -> None:
         assert "2000 predictions within their limits" in str(report)
 
 
-def test_margin_is_that_of_the_resonances(log: Path) -> None:
-    """The reported moment is that of the least margin in the log."""
+def test_load_ratio_is_that_of_the_resonances(log: Path) -> None:
+    """The reported moment is that of the largest load ratio in the log."""
     found = [
-        (abs(message.relative_margin), time, message.excitation)
+        (message.total_load_ratio, time, message.excitation)
         for time, message in read_messages(log, RESONANCE_TOPIC)
+        if not math.isnan(message.total_load_ratio)
     ]
-    least, time, excitation = min(found)
-    assert check_bag(log, Limits(margin=0.99 * least)).passed
-    [failure] = check_bag(log, Limits(margin=1.01 * least)).failures
-    assert (failure.limit, failure.time) == ("margin", time)
+    largest, time, excitation = max(found)
+    assert check_bag(log, Limits(load_ratio=1.01 * largest)).passed
+    [failure] = check_bag(log, Limits(load_ratio=0.99 * largest)).failures
+    assert (failure.limit, failure.time) == ("load_ratio", time)
     assert failure.seconds == pytest.approx(1e-9 * (time - START), abs=1e-9)
     assert excitation in failure.words
-    passed = sum(margin < 0.05 for margin, *_ in found)
-    assert check_bag(log, Limits(margin=0.05)).failures[0].count == passed > 1
+    half = 0.5 * largest
+    exceeded = sum(ratio > half for ratio, *_ in found)
+    assert check_bag(log, Limits(load_ratio=half)).failures[0].count == exceeded > 1
 
 
 def test_statuses_tell_the_first_moment() -> None:
@@ -125,11 +126,11 @@ def test_gap_and_latency_of_a_recording(log: Path, tmp_path: Path) -> None:
     assert (gap.limit, gap.seconds, gap.count) == ("gap", pytest.approx(4.99), 1)
     assert "no prediction for 0.250 s" in gap.words
     assert (latency.limit, latency.seconds, latency.count) == ("latency", pytest.approx(12.0), 1)
-    assert "took 30.00 ms" in latency.words
+    assert "took 0.03000 s" in latency.words
 
 
 @pytest.mark.parametrize(
-    "limits", [{"gap": -1}, {"gap": "x"}, {"margin": math.nan}, {"latency": True}]
+    "limits", [{"gap": -1}, {"gap": "x"}, {"load_ratio": math.nan}, {"latency": True}]
 )
 def test_limits_that_cannot_be(limits: Any) -> None:
     """A limit that is not a number from 0, or no status, is refused where it is made."""
@@ -139,16 +140,15 @@ def test_limits_that_cannot_be(limits: Any) -> None:
         Limits(statuses=("OK",))  # type: ignore[arg-type]
 
 
-def test_failures_name_excitation_and_mode(log: Path, tmp_path: Path) -> None:
-    """Excitation and mode of the moment are in the failure and in the picture of any limit."""
+def test_failures_name_the_load(log: Path) -> None:
+    """Load, place and excitation of the moment are in the failure of any limit."""
     messages = dict(read_messages(log, RESONANCE_TOPIC))
-    [failure] = check_bag(log, Limits(margin=0.05)).failures
+    [failure] = check_bag(log, Limits(load_ratio=1e-4)).failures
     about = messages[failure.time]
-    assert f"{about.excitation} is " in failure.words
-    named = load_table(config_file(DEFAULT_TABLE)).mode_label(about.mode)
-    assert f" from {named}, less" in failure.words
+    assert f"in {about.total_load_place} is {about.total_load_ratio:.2g}" in failure.words
+    assert f"mostly by {about.excitation}, more than 0.0001" in failure.words
     failure = check_bag(log, Limits(gap=0.001)).failures[0]
-    assert f"({messages[failure.time].excitation} is " in failure.words
+    assert "(the load ratio in " in failure.words
 
 
 def test_empty_topics_are_not_counted(log: Path, tmp_path: Path) -> None:
@@ -166,13 +166,13 @@ def test_missing_quantities(log: Path, tmp_path: Path) -> None:
     with pytest.raises(TestKitError, match="is a replay, which has no latency"):
         check_bag(log, Limits(latency=0.1))
     bag = rewritten(log, tmp_path / "recorded.mcap", np.arange(10), np.full(2000, 0.002))
-    with pytest.raises(TestKitError, match="contains no margin, as no speed is known"):
-        check_bag(bag, Limits(margin=0.1))
+    with pytest.raises(TestKitError, match="contains no load ratio: no speed is known"):
+        check_bag(bag, Limits(load_ratio=0.1))
 
 
 def test_picture(log: Path, tmp_path: Path) -> None:
     """A failure is drawn if a picture is requested; otherwise no picture is written."""
-    report = check_bag(log, Limits(margin=0.05), picture=tmp_path / "failed.png")
+    report = check_bag(log, Limits(load_ratio=1e-4), picture=tmp_path / "failed.png")
     assert report.picture == tmp_path / "failed.png"
     assert report.picture.read_bytes().startswith(b"\x89PNG")
     assert str(report.picture) in str(report)
@@ -190,7 +190,7 @@ def test_plugin(tmp_path: Path) -> None:
         "def test_good(check_bag):\n"
         "    check_bag(DRIVE, Limits(gap=0.05))\n"
         "def test_bad(check_bag):\n"
-        "    check_bag(DRIVE, Limits(margin=0.05))\n"
+        "    check_bag(DRIVE, Limits(load_ratio=1e-4))\n"
     )
     run = subprocess.run(
         [
@@ -212,7 +212,7 @@ def test_plugin(tmp_path: Path) -> None:
     )
     assert run.returncode == 1, run.stdout + run.stderr
     assert "1 failed, 1 passed" in run.stdout
-    assert " from mode " in run.stdout
-    assert "less than 5 %" in run.stdout
+    assert "the load ratio in " in run.stdout
+    assert "more than 0.0001" in run.stdout
     [picture] = (tmp_path / "base").rglob("hitch_duty_cycle.png")
     assert f"picture: {picture}" in run.stdout

@@ -3,13 +3,13 @@
 """Straight links as chains of Timoshenko beam elements, in the plane of motion or in space."""
 
 import math
-from collections.abc import Collection, Sequence
-from dataclasses import astuple, dataclass, replace
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 
-from linkage_vibration.mechanics.arrays import FloatArray, IntArray, symmetric
+from linkage_vibration.mechanics.arrays import FloatArray, symmetric
 from linkage_vibration.mechanics.bodies.matrices import Matrices, component_of
 from linkage_vibration.mechanics.components import Component, Drawing
 from linkage_vibration.mechanics.description import (
@@ -18,6 +18,7 @@ from linkage_vibration.mechanics.description import (
     Mechanism,
     MechanismError,
     Point,
+    PointForces,
     Section,
 )
 from linkage_vibration.mechanics.dofs import InterfaceDof
@@ -75,50 +76,30 @@ class Beam:
             )
         except MechanismError as error:
             raise MechanismError(f"links.{link.name}.{error.path}", error.problem) from None
-        body = Matrices(matrices.dofs, matrices.mass, matrices.stiffness)
-        places = np.column_stack([matrices.nodes, np.zeros(len(matrices.nodes))])
-        drawing = Drawing(places, matrices.displacement)
-        component = component_of(link, mechanism, body, drawing, spatial=spatial, reduced=reduced)
+        component = component_of(link, mechanism, matrices, spatial=spatial, reduced=reduced)
         if spatial or not mechanism.gravity:
             return component
         return replace(component, prestress=_prestress(self, link, component))
 
-
-@dataclass(frozen=True, slots=True, eq=False)
-class BeamPrestress:
-    """How the forces on a beam stiffen it: its tension and its shear force, and its arms."""
-
-    motion: FloatArray  # (3 n_nodes, n): u, w and theta of the nodes per coordinate
-    middles: FloatArray  # (n_elements,): places along the axis, m
-    unit: FloatArray  # (2, n_elements, 6, 6): stiffness per newton of tension, and of shear
-    carried: FloatArray  # (n_elements,): mass before the middle of each element, kg
-    places: FloatArray  # (n_points, 2): x and z of the points, m
-    masses: FloatArray  # (n_points,): point masses, kg
-    turns: tuple[int, ...]  # (n_points,): rows of `motion` that are the points' rotations
-    loaded: IntArray  # (n_points, 2): interface DoFs along x and z
-
-    def stiffness(self, forces: FloatArray, gravity: FloatArray) -> FloatArray:
-        """Return the stiffness that forces at rest add, (n, n), as `components.Prestress` says."""
-        applied = forces[self.loaded] + self.masses[:, np.newaxis] * gravity
-        before = self.places[:, 0] < self.middles[:, np.newaxis]
-        cut = -(before @ applied + self.carried[:, np.newaxis] * gravity)  # tension and shear
-        elements = np.einsum("ec,ceij->eij", cut, self.unit)
-        nodal = np.zeros((len(self.motion),) * 2)
-        for i, element in enumerate(elements):
-            nodal[3 * i : 3 * i + 6, 3 * i : 3 * i + 6] += element
-        nodal[self.turns, self.turns] += applied[:, 1] * self.places[:, 1]
-        return symmetric(self.motion.T @ nodal @ self.motion)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class BeamMatrices:
-    """A free beam on its interface DoFs and inner coordinates."""
-
-    mass: FloatArray  # (n, n), ``dofs`` first, SI; symmetric to the last bit
-    stiffness: FloatArray  # (n, n)
-    dofs: tuple[InterfaceDof, ...]  # point by point x, (y,) z and, where asked for, theta
-    nodes: FloatArray  # (n_nodes,): places along the axis, ascending, m
-    displacement: FloatArray  # (n_nodes, 4, n): local x, y, z and theta of nodes per coordinate
+    def point_forces(self, link: Link, component: Component) -> Mapping[str, PointForces]:
+        """Return the forces of the elements beside each point, as `description.Body` says."""
+        assert component.drawing is not None
+        motion = component.drawing.displacement[:, [0, 2, 3]]
+        nodes, sections = _mesh(self, [x for _, (x, _) in link.points])
+        forces = {}
+        for i, (point, node) in enumerate(_by_place(link, nodes)):
+            ends = np.zeros((2, 3, motion.shape[2]))  # what both elements need at their ends there
+            for side, at in enumerate((node - 1, node)):
+                if 0 <= at < len(sections):
+                    length = float(nodes[at + 1] - nodes[at])
+                    stiffness = element_matrices(length, sections[at], self.material)[1]
+                    rows = slice(0, 3) if side else slice(3, 6)
+                    ends[side] = stiffness[rows] @ motion[at : at + 2].reshape(6, -1)
+            before, after = ends
+            shape = sections[node if i == 0 else node - 1]
+            section = -after if i == 0 else before
+            forces[point] = PointForces((before + after)[:2], section, shape)
+        return forces
 
 
 def read(keys: Keys, places: dict[str, Point]) -> Beam:
@@ -133,25 +114,13 @@ def read(keys: Keys, places: dict[str, Point]) -> Beam:
         segments = tuple(
             Segment(step.number("until", default=end), _section(step, poisson)) for step in steps
         )
-        for step, before, after in zip(steps[1:], segments, segments[1:], strict=False):
-            if after.end <= before.end:
-                raise step.error(
-                    "until",
-                    f"{after.end:g} m is not beyond the end of the section before it, at "
-                    f"{before.end:g} m; list the sections along the link.",
-                )
-        if segments[-1].end < end:
-            raise MechanismError(
-                steps[-1].path,
-                f"the last section ends before the last point ({end:g} m); extend it.",
-            )
-    begin = min(0.0, *(x for x, _ in places.values()))
-    _check_proportions(keys, segments, begin, material.density)
     beam = Beam(material, segments, keys.integer("elements", default=24))
     try:
-        _first_coordinates(list(places.items()), _mesh(beam, [x for x, _ in places.values()])[0], 3)
+        nodes, _ = _mesh(beam, [x for x, _ in places.values()])
+        _first_coordinates(list(places.items()), nodes, 3)
     except MechanismError as error:
         raise MechanismError(f"{keys.path}.{error.path}", error.problem) from None
+    _check_proportions(keys, segments, float(nodes[0]), material.density)
     return beam
 
 
@@ -162,23 +131,23 @@ def _check_proportions(
     length = segments[-1].end - begin
     depth = min(math.sqrt(12.0 * s.section.second_moment / s.section.area) for s in segments)
     if depth > length:
-        raise keys.error(
-            "sections" if "sections" in keys else "section",
-            f"a bar {depth:g} m deep and {length:g} m long is not a beam; if both are in m, "
-            "describe it under rigid_bodies, or by matrices.",
-        )
+        hint = "if both are in m, describe it under rigid_bodies, or by matrices"
+        problem = f"a bar {depth:g} m deep and {length:g} m long is not a beam; {hint}."
+        raise keys.error("sections" if "sections" in keys else "section", problem)
     starts = (begin, *(segment.end for segment in segments))
     volume = sum(s.section.area * (s.end - a) for a, s in zip(starts, segments, strict=False))
     if volume * density > _HEAVIEST:
-        raise MechanismError(
-            keys.path,
-            f"it is {length:g} m long and weighs {volume * density:.3g} kg, as no link does; write "
-            "lengths in m (millimetres divided by 1000), areas in m2 and densities in kg/m3.",
-        )
+        problem = f"it is {length:g} m long and weighs {volume * density:.3g} kg, as no link does"
+        hint = "write m (millimetres divided by 1000), m2 and kg/m3"
+        raise MechanismError(keys.path, f"{problem}; {hint}.")
 
 
 def _section(keys: Keys, poisson_ratio: float) -> Section:
-    return SHAPES[keys.choice("shape", SHAPES)](keys, poisson_ratio)
+    section = SHAPES[keys.choice("shape", SHAPES)](keys, poisson_ratio)
+    real = keys.flag("real")
+    if real and math.isnan(section.outer_fibre):
+        raise keys.error("real", "stresses also need outer_fibre, in m; add it.")
+    return replace(section, real=real)
 
 
 def beam_matrices(
@@ -189,8 +158,8 @@ def beam_matrices(
     masses: Sequence[tuple[str, float]] = (),
     clamped: str | None = None,
     spatial: bool = False,
-) -> BeamMatrices:
-    """Put a beam on its points, of which no two have the same x.
+) -> Matrices:
+    """Put a beam on its points, of which no two have the same x, and draw it by its nodes.
 
     The axis is z = 0. The beam begins at x = 0, or at a point before that, and ends where its last
     segment ends. Each point and each end of a segment is a node; `beam.elements` are distributed
@@ -210,16 +179,14 @@ def beam_matrices(
     >>> matrices = beam_matrices(beam, [("A", (0.0, 0.0)), ("B", (0.5, 0.03))], rotations={"A"})
     >>> [str(dof) for dof in matrices.dofs]
     ['A x', 'A z', 'A theta', 'B x', 'B z']
-    >>> matrices.mass.shape, matrices.nodes
+    >>> matrices.mass.shape, matrices.drawing.places[:, 0]
     ((15, 15), array([0.   , 0.125, 0.25 , 0.375, 0.5  ]))
     """
     size = 6 if spatial else 3
     nodes, sections = _mesh(beam, [x for _, (x, _) in points])
-    if spatial and any(math.isnan(value) for section in sections for value in astuple(section)):
-        raise MechanismError(
-            "section",
-            "a spatial model also needs second_moment_out and torsion_constant; add them.",
-        )
+    if spatial and any(math.isnan(s.second_moment_out + s.torsion_constant) for s in sections):
+        problem = "a spatial model also needs second_moment_out and torsion_constant; add them."
+        raise MechanismError("section", problem)
     start = _first_coordinates(points, nodes, size)
     mass, stiffness = _chain(nodes, sections, beam.material, spatial)
     displacement = np.zeros((len(nodes), 4, len(mass)))
@@ -246,33 +213,41 @@ def beam_matrices(
     interface = list(rows.values())
     order = interface + [i for i in range(len(mass)) if i not in {*interface, *held}]
     block = np.ix_(order, order)
-    return BeamMatrices(
-        mass[block], stiffness[block], tuple(rows), nodes, displacement[:, :, order]
-    )
+    places = np.column_stack([nodes, np.zeros(len(nodes))])
+    drawing = Drawing(places, displacement[:, :, order])
+    return Matrices(tuple(rows), mass[block], stiffness[block], drawing=drawing)
 
 
-def _prestress(beam: Beam, link: Link, component: Component) -> BeamPrestress:
-    """Return how forces stiffen the equal beams of a link together."""
+def _prestress(beam: Beam, link: Link, component: Component) -> FloatArray:
+    """Return how forces stiffen the equal beams of a link, as `Component.prestress` says.
+
+    They do so by the tension and the shear force of each element, and by the arms of the points.
+    """
     assert component.drawing is not None
     places = np.array([place for _, place in link.points])
     nodes, sections = _mesh(beam, places[:, 0].tolist())
-    lengths = np.diff(nodes)
+    lengths, middles = np.diff(nodes), (nodes[1:] + nodes[:-1]) / 2.0
     elements = zip(lengths.tolist(), sections, strict=True)
     unit = [prestress_matrices(length, section, beam.material) for length, section in elements]
     masses = link.count * beam.material.density * lengths * [section.area for section in sections]
+    carried = np.cumsum(masses) - masses / 2.0  # before the middle of each element
+    extra = [link.count * dict(link.masses).get(point, 0.0) for point, _ in link.points]
+    loaded = [
+        [component.dofs.index(InterfaceDof(p, axis)) for axis in "xz"] for p, _ in link.points
+    ]
+    loads = np.eye(len(component.dofs) + 2)
+    gravity = loads[:, np.newaxis, -2:]
+    applied = loads[:, loaded] + np.array(extra)[:, np.newaxis] * gravity
+    before = places[:, 0] < middles[:, np.newaxis]
+    cut = -(before @ applied + carried[:, np.newaxis] * gravity)  # tension and shear force
+    nodal = np.zeros((len(loads), 3 * len(nodes), 3 * len(nodes)))
+    for i, element in enumerate(np.einsum("lec,ecij->elij", cut, unit)):
+        nodal[:, 3 * i : 3 * i + 6, 3 * i : 3 * i + 6] += element
     first = _first_coordinates(link.points, nodes, 3)
-    extra = dict(link.masses)
-    ends = [[InterfaceDof(point, axis) for axis in ("x", "z")] for point, _ in link.points]
-    return BeamPrestress(
-        motion=component.drawing.displacement[:, [0, 2, 3]].reshape(3 * len(nodes), -1),
-        middles=(nodes[1:] + nodes[:-1]) / 2.0,
-        unit=np.array(unit).swapaxes(0, 1),
-        carried=np.cumsum(masses) - masses / 2.0,
-        places=places,
-        masses=np.array([link.count * extra.get(point, 0.0) for point, _ in link.points]),
-        turns=tuple(first[point] + THETA for point, _ in link.points),
-        loaded=np.array([[component.dofs.index(dof) for dof in pair] for pair in ends]),
-    )
+    turns = [first[point] + THETA for point, _ in link.points]
+    nodal[:, turns, turns] += applied[:, :, 1] * places[:, 1]
+    motion = component.drawing.displacement[:, [0, 2, 3]].reshape(3 * len(nodes), -1)
+    return symmetric(motion.T @ nodal @ motion)
 
 
 def _chain(
@@ -298,10 +273,8 @@ def _mesh(beam: Beam, places: Sequence[float]) -> tuple[FloatArray, list[Section
     begin = min(0.0, *places)
     same = _SAME_PLACE * (ends[-1] - begin)
     if max(places) > ends[-1] + same or any(b <= a for a, b in pairwise([begin, *ends])):
-        raise MechanismError(
-            "sections",
-            "they do not ascend along the link to its last point; reorder or extend them.",
-        )
+        problem = "they do not ascend along the link to its last point; reorder or extend them."
+        raise MechanismError("sections", problem)
     cuts = [begin]
     for place in sorted([*places, *ends]):
         if place - cuts[-1] > same:
@@ -323,13 +296,16 @@ def _first_coordinates(
     for name, (x, _) in points:
         node = int(np.abs(nodes - x).argmin())
         if node in owner:
-            raise MechanismError(
-                f"points.{name}",
-                f"it is at the same place along the link as {owner[node]} ({x:g} m), and a "
-                "beam's section is rigid; move one of them along by about the link's depth.",
-            )
+            problem = f"it is at the same place along the link as {owner[node]} ({x:g} m)"
+            hint = "sections are rigid, so move one of them along by about the link's depth"
+            raise MechanismError(f"points.{name}", f"{problem}; {hint}.")
         owner[node] = name
     return {name: size * node for node, name in owner.items()}
+
+
+def _by_place(link: Link, nodes: FloatArray) -> list[tuple[str, int]]:
+    """Return each point of a link with the index of its node, along the link."""
+    return sorted(_first_coordinates(link.points, nodes, 1).items(), key=lambda pair: pair[1])
 
 
 def _arms(

@@ -34,11 +34,8 @@ class Frfs(Body):
         wanted = mechanism.interface_dofs(link, spatial=spatial)
         order = link.positions(wanted, self.dofs)
         if link.masses:
-            raise MechanismError(
-                f"links.{link.name}.masses",
-                "a link known by its FRFs takes no point masses; remove them, or measure the link "
-                "with them.",
-            )
+            problem = "a link known by its FRFs takes none; remove them, or measure it with them."
+            raise MechanismError(f"links.{link.name}.masses", problem)
         moving = self.frequencies > 0.0
         frequencies = self.frequencies[moving]
         frf = self.frf[moving][:, order][:, :, order] / link.count

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Links known by their matrices, as a finite element program exports them."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -24,18 +24,16 @@ class Matrices(Body):
     # Digest of the data from which the matrices were computed. It enters the model hash instead of
     # the matrices, because their last bits may differ between machines; not if it is empty.
     digest: str = ""
+    # How all coordinates of the body move the points by which it is drawn.
+    drawing: Drawing | None = field(default=None, compare=False)
 
     def component(
         self, link: Link, mechanism: Mechanism, *, spatial: bool, reduced: bool
     ) -> Component:
         """Return the component of the body, as `description.Body.component` says."""
-        if self.mass.dtype != np.float64 or self.stiffness.dtype != np.float64:
-            raise MechanismError(
-                f"links.{link.name}",
-                f"its matrices are {self.mass.dtype} and {self.stiffness.dtype}, not float64; "
-                "single precision does not hold a stiffness and its effects: export them in "
-                "double precision.",
-            )
+        if not self.mass.dtype == self.stiffness.dtype == np.float64:
+            problem = f"its matrices are {self.mass.dtype} and {self.stiffness.dtype}, not float64"
+            raise MechanismError(f"links.{link.name}", f"{problem}; export them in double.")
         mass = self.mass.copy()
         for point, value in link.masses:
             for direction in ("x", "y", "z") if spatial else ("x", "z"):
@@ -49,15 +47,11 @@ def component_of(
     link: Link,
     mechanism: Mechanism,
     body: Matrices,
-    drawing: Drawing | None = None,
     *,
     spatial: bool,
     reduced: bool,
 ) -> Component:
-    """Order the coordinates of one of the equal bodies of a link, reduce them, and damp the result.
-
-    `drawing` says how the coordinates of the body move the points by which it is drawn.
-    """
+    """Order the coordinates of one of a link's equal bodies, reduce them, and damp the result."""
     wanted = mechanism.interface_dofs(link, spatial=spatial)
     first = link.positions(wanted, body.dofs)
     # A planar model holds the body out of the plane; rotations are free unless they are interface.
@@ -66,7 +60,9 @@ def component_of(
     block = np.ix_(order, order)
     mass, stiffness = body.mass[block], body.stiffness[block]
     viscous = None if body.damping is None else body.damping[block]
-    motion = None if drawing is None else drawing.displacement[:, :, order]
+    drawing = body.drawing and replace(
+        body.drawing, displacement=body.drawing.displacement[:, :, order]
+    )
     if reduced:
         try:
             reduction = craig_bampton(mass, stiffness, len(wanted), link.modes)
@@ -74,7 +70,7 @@ def component_of(
             raise ReductionError(f"links.{link.name}: {error}") from None
         mass, stiffness, t = reduction.mass, reduction.stiffness, reduction.transformation
         viscous = None if viscous is None else t.T @ viscous @ t
-        motion = None if motion is None else motion @ t
+        drawing = drawing and replace(drawing, displacement=drawing.displacement @ t)
     rule = link.damping or mechanism.damping
     if viscous is None:
         viscous = rule.viscous(mass, stiffness)
@@ -85,5 +81,5 @@ def component_of(
         stiffness=link.count * stiffness,
         damping=link.count * viscous,
         loss_factor=rule.loss_factor,
-        drawing=None if drawing is None or motion is None else Drawing(drawing.places, motion),
+        drawing=drawing,
     )

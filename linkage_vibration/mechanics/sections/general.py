@@ -17,4 +17,5 @@ def read(keys: Keys, poisson_ratio: float) -> Section:
         second_moment_out=keys.number("second_moment_out", positive=True, default=math.nan),
         shear_coefficient_out=keys.number("shear_coefficient_out", positive=True, default=5 / 6),
         torsion_constant=keys.number("torsion_constant", positive=True, default=math.nan),
+        outer_fibre=keys.number("outer_fibre", positive=True, default=math.nan),
     )

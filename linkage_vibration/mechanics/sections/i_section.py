@@ -48,6 +48,7 @@ def i_section(
         second_moment_out=(flange * width**3 + inner * web**3) / 6.0,
         shear_coefficient_out=flange_section.shear_coefficient * 2.0 * flange_section.area / area,
         torsion_constant=2.0 * flange_section.torsion_constant + (height - flange) * web**3 / 3.0,
+        outer_fibre=top,
     )
 
 
@@ -58,7 +59,6 @@ def read(keys: Keys, poisson_ratio: float) -> Section:
     if web >= width:
         raise keys.error("web_thickness", f"{web:g} m is not below the width of {width:g} m.")
     if 2.0 * flange >= height:
-        raise keys.error(
-            "flange_thickness", f"twice {flange:g} m is not below the height of {height:g} m."
-        )
+        problem = f"twice {flange:g} m is not below the height of {height:g} m."
+        raise keys.error("flange_thickness", problem)
     return i_section(height, width, web, flange, poisson_ratio)

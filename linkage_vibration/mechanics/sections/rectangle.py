@@ -32,6 +32,7 @@ def rectangle(width: float, height: float, poisson_ratio: float) -> Section:
         second_moment_out=height * width**3 / 12.0,
         shear_coefficient_out=shear,
         torsion_constant=a * b**3 * (1.0 / 3.0 - 64.0 * b / (math.pi**5 * a) * series),
+        outer_fibre=height / 2.0,
     )
 
 

@@ -18,7 +18,8 @@ def tube(outer: float, inner: float, poisson_ratio: float) -> Section:
     second_moment = math.pi * (outer**4 - inner**4) / 64.0
     nu, m2 = poisson_ratio, (inner / outer) ** 2
     shear = 6.0 * (1 + nu) * (1 + m2) ** 2 / ((7 + 6 * nu) * (1 + m2) ** 2 + (20 + 12 * nu) * m2)
-    return Section(area, second_moment, shear, second_moment, shear, 2.0 * second_moment)
+    polar, fibre = 2.0 * second_moment, outer / 2.0
+    return Section(area, second_moment, shear, second_moment, shear, polar, fibre)
 
 
 def read(keys: Keys, poisson_ratio: float) -> Section:
@@ -26,11 +27,8 @@ def read(keys: Keys, poisson_ratio: float) -> Section:
     outer = keys.number("outer_diameter", positive=True)
     inner = keys.number("inner_diameter", positive=True)
     if inner >= outer:
-        raise keys.error(
-            "inner_diameter",
-            f"{inner:g} m does not fit into the outer diameter of {outer:g} m; exchange or correct "
-            "them.",
-        )
+        problem = f"{inner:g} m does not fit into the outer diameter of {outer:g} m; correct them."
+        raise keys.error("inner_diameter", problem)
     return tube(outer, inner, poisson_ratio)
 
 

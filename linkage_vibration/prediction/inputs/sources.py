@@ -14,7 +14,7 @@ from linkage_vibration.bags.can_reader import CanReader, find_signal
 from linkage_vibration.bags.field_reader import FieldReader
 from linkage_vibration.bags.message_types import CAN_FRAME, JOINT_STATE
 from linkage_vibration.bags.numbers import Integers, LeftOut, NumberReader, Numbers
-from linkage_vibration.bags.schemas import FieldError, Schema, SchemaField, find_path
+from linkage_vibration.bags.schemas import FieldError, Schema, find_path
 from linkage_vibration.bags.streams import Block
 from linkage_vibration.prediction.inputs.joint_state import JointReader
 from linkage_vibration.prediction.inputs.units import HitchScale, InputError, Reading, wrong_unit
@@ -23,16 +23,7 @@ FloatArray = NDArray[np.float64]
 
 HEADER_TIME, RECEIPT_TIME = TIMES = ("header", "receipt")
 
-_JOINT_LISTS = [SchemaField(n, "float64", 0) for n in ("position", "velocity", "effort")]
-_HEADER = SchemaField("header", "std_msgs/msg/Header")
-_JOINT_FIELDS = (_HEADER, SchemaField("name", "string", 0), *_JOINT_LISTS)
-_FRAME_FIELDS = (
-    _HEADER,
-    SchemaField("id", "uint32"),
-    *(SchemaField(name, "bool") for name in ("is_rtr", "is_extended", "is_error")),
-    SchemaField("dlc", "uint8"),
-    SchemaField("data", "uint8", 8),
-)
+_FRAME_FIELDS = ["header", "id", "is_rtr", "is_extended", "is_error", "dlc", "data"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,14 +67,13 @@ def _field_reader(schema: Schema, source: SourceSettings) -> NumberReader:
 def _joint_reader(schema: Schema, source: SourceSettings) -> NumberReader:
     """Return the reader of a joint's position and velocity, or the reader of another field."""
     last = find_path(schema, source.type, source.field)[-1]
-    standard = schema[source.type] == _JOINT_FIELDS
-    if standard and last.field.name == "position" and last.name:
+    if last.field.name == "position" and last.name:
         return JointReader(schema, source.type, source.field, last)
     return _field_reader(schema, source)
 
 
 def _can_reader(schema: Schema, source: SourceSettings) -> NumberReader:
-    if schema[source.type] != _FRAME_FIELDS:
+    if [field.name for field in schema[source.type]] != _FRAME_FIELDS:
         raise InputError(
             f"{source.type} is defined in another way than by can_msgs; convert the messages."
         )

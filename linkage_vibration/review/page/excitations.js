@@ -2,8 +2,8 @@
 // Draws excitations and moments of resonance over charts.
 
 const excitations = (data.excitations ?? []).map(one => ({ ...one, times: array(one.times), values: array(one.values) }));
-/** The moments of resonance, as rows of their table. */
-const moments = data.tables.find(table => table.id === "moments")?.rows ?? [];
+/** The moments of resonance, as rows of their table; the ground has no frequency. */
+const moments = (data.tables.find(table => table.id === "moments")?.rows ?? []).filter(row => row.y !== undefined);
 
 /** The points of an excitation in view; of long stretches only the lowest and the highest value. */
 function excitationPoints({ times, values }, wanted) {

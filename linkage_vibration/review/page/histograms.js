@@ -12,7 +12,7 @@ for (const { title, unit, edges, shares, limit, note } of data.histograms) {
       svg("text", { x: left - 6, y: y(v) + 4, "text-anchor": "end" }, `${Math.round(100 * v)} %`));
   }
   shares.forEach((share, i) => {
-    const near = limit !== null && edges[i + 1] <= limit + 1e-9;
+    const near = limit !== null && edges[i] >= limit - 1e-9;
     drawn.append(svg("rect", { x: x(edges[i]) + .5, width: Math.max(.5, x(edges[i + 1]) - x(edges[i]) - 1), y: y(share), height: Math.max(0, y(0) - y(share)), fill: near ? WARN : BLUE },
       svg("title", {}, `${digits(edges[i], 4)} to ${digits(edges[i + 1], 4)} ${unit}: ${(100 * share).toFixed(2)} % of the time`)));
   });

@@ -4,6 +4,7 @@
 byId("subtitle").textContent = data.subtitle;
 byId("answer").textContent = data.answer ?? "";
 byId("answer").hidden = !data.answer;
+byId("answer").classList.toggle("calm", Boolean(data.calm));
 for (const { label, value, alert } of data.summary) {
   byId("summary").append(element("div", { class: alert ? "alert" : undefined }, element("dt", {}, label), element("dd", {}, value)));
 }

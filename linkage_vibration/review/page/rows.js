@@ -51,7 +51,7 @@ if (fallChart) {
     element("span", { class: "scale-bar" }, `${digits(10 ** waterfall.low, 2)}`, bar, `${digits(10 ** waterfall.top, 2)} m/N`),
     element("span", { class: "key" }, keyItem({ label: "natural frequencies", colour: "#000000", style: "dashed" }),
       ...(excitations.length ? [keyItem({ label: "excitations (white; zoom in where too dense)", colour: "#8a8a8a" })] : []),
-      ...(moments.length ? [element("span", {}, element("span", { style: `color:${WARN}` }, "●"), "moments of resonance")] : [])),
+      ...(moments.length ? [element("span", {}, element("span", { style: `color:${WARN}` }, "●"), "warnings")] : [])),
     element("span", { class: "note", id: "pointer" }));
   fallChart.head.append(both);
   fallChart.row.append(angleBox, key);

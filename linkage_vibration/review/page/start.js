@@ -3,10 +3,10 @@
 
 showMoving();
 layout();
-const worst = data.tables.find(table => table.first)?.rows[0];
+const worst = data.tables.find(table => table.first)?.rows.find(row => row.time !== undefined);
 if (worst) {
   kept = cursor = worst.index;
-  setMode(worst.mode);
+  if (worst.mode !== undefined) setMode(worst.mode);
 }
 showCursor();
 // The page's numbers and state, for scripts and for the console of the browser.

@@ -8,32 +8,36 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.studies.plan.choice import Plan, plan
 from linkage_vibration.studies.plan.results import (
-    Costs,
     Result,
-    measure_costs,
+    frf_seconds,
+    prediction_seconds,
     result_at,
     table_errors,
     worst_errors,
 )
-from linkage_vibration.studies.plan.scene import Errors, PlanError, Scene
+from linkage_vibration.studies.plan.scene import PlanError, Scene
+from linkage_vibration.table.table import Table
 from linkage_vibration.table.tabulation import build_table
 
 _ANGLES = (0.003, 0.13, 0.31, 0.56, 0.8, 0.997)  # of the range; a plan is chosen at others
 _TRIES, _TIGHTER = 4, 0.9  # plans that are measured, and the part of the tolerance that is aimed at
-_CHECKED = 41  # angles at which FRFs and tables are compared with their own model
+_CHECKED = 41  # angles at which tables are compared with their own model
 _FINER = 6  # elements of the reference, in elements of the plan ...
 _FINEST = 96  # ... up to this number a link; beyond it, twice the plan's
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Measured:
-    """The measured errors and costs of a plan."""
+    """The measured errors of a plan, and its times in seconds."""
 
-    errors: Errors  # of the model, plus those of the table or the shortened FRFs against it
-    costs: Costs  # medians
+    errors: FloatArray  # (3,), of the model, plus those of the table against it
+    setup: float  # from the mechanism to the first prediction: kinematics, components, table
+    prediction: float  # median for natural frequencies, damping ratios and the peak at an angle
+    frfs: float  # median for the FRFs between all places at an angle; 0 without places
     points: int  # angles in the table; 0 without a table
 
 
@@ -48,7 +52,7 @@ def plan_and_measure(
     for _ in range(_TRIES):
         chosen = plan(replace(scene, tolerance=share * scene.tolerance), solved)
         measured = measure(chosen, solve_reference(chosen, solved))
-        worst = measured.errors.share(scene.allowed)
+        worst = scene.share(measured.errors)
         if worst <= 1.0:
             reasons = (*chosen.reasons, ("planned to a part of it", why)) if why else chosen.reasons
             return replace(chosen, scene=scene, reasons=reasons), measured
@@ -79,21 +83,19 @@ def solve_reference(plan: Plan, solved: Callable[[], object] = lambda: None) -> 
 
 
 def measure(plan: Plan, against: Sequence[Result]) -> Measured:
-    """Carry a plan out, and measure its errors against a reference, and its costs."""
-    scene, setups, table = plan.scene, [], None
-    for _ in range(3):
-        start = time.perf_counter()
-        model = LinkageModel(plan.mechanism, spatial=scene.spatial)
-        if plan.table_tolerance is not None:
-            table = build_table(model, plan.table_tolerance, scene.points)
-            table.interpolate(scene.angles[0])  # the first lookup also prepares the table
-        setups.append(time.perf_counter() - start)
-    results = [result_at(scene, model, exact.alpha3) for exact in against]
-    full = [result_at(scene, model, alpha3) for alpha3 in scene.spread(_CHECKED)]
-    if table is not None:
-        added = table_errors(table, full)
-    else:
-        added = worst_errors([result.shortened(plan.residual) for result in full], full)
-    errors = Errors(*(worst_errors(results, against) + added).tolist())
-    costs = measure_costs(scene, table or model, plan.residual, float(np.median(setups)))
-    return Measured(errors, costs, 0 if table is None else len(table.alpha3))
+    """Carry a plan out, and measure its errors against a reference, and its times."""
+    scene, start = plan.scene, time.perf_counter()
+    model = LinkageModel(plan.mechanism, spatial=scene.spatial)
+    source: LinkageModel | Table = model
+    if plan.table_tolerance is not None:
+        source = build_table(model, plan.table_tolerance, scene.points)
+        source.interpolate(scene.angles[0])  # the first lookup also prepares the table
+    setup = time.perf_counter() - start
+    errors = worst_errors([result_at(scene, model, exact.alpha3) for exact in against], against)
+    points = 0
+    if isinstance(source, Table):
+        angles = scene.angles_at(np.arange(0.5, _CHECKED) / _CHECKED)
+        errors += table_errors(source, [result_at(scene, model, alpha3) for alpha3 in angles])
+        points = len(source.alpha3)
+    prediction, frfs = prediction_seconds(scene, source), frf_seconds(scene, source)
+    return Measured(errors, setup, prediction, frfs, points)

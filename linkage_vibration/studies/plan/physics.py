@@ -68,8 +68,10 @@ def effects(
     plain = replace(mechanism, uncertainty=None)
     kinematics = Kinematics(plain)
 
-    def effect(name: str, described: bool, other: Mechanism) -> Effect:
-        """Return what changes from the mechanism to another one."""
+    def effect(name: str, other: Mechanism | None, advice: str, *, described: bool) -> Effect:
+        """Return what changes from the mechanism to another one; None if it is not known."""
+        if other is None:
+            return Effect(name, described, math.nan, advice)
         try:
             before, after = (LinkageModel(each, kinematics=kinematics) for each in (plain, other))
             changes = [_change(before.solve(at), after.solve(at), band[1]) for at in angles]
@@ -78,27 +80,23 @@ def effects(
         changes = [change for change in changes if not math.isnan(change)]
         if not changes:
             return Effect(name, described, math.nan, "the linkage has no mode in the band")
-        return Effect(name, described, max(changes), f"add `gravity: {GRAVITY}`")
+        return Effect(name, described, max(changes), advice)
 
-    other = replace(plain, gravity=0.0 if plain.gravity else GRAVITY)
-    parts = [effect("gravity", plain.gravity != 0.0, other)]
+    weight = replace(plain, gravity=0.0 if plain.gravity else GRAVITY)
     rigid = rigid_crank(plain)
-    if rigid is None:
-        advice = "describe what holds the crank under `springs:`, such as locked oil"
-        parts.append(Effect(CRANK, False, math.nan, advice))
-    else:
-        parts.append(effect(CRANK, True, rigid))
-    if plain.base is None:
-        advice = "describe the tractor under `base:`"
-        parts.append(Effect(TRACTOR, False, math.nan, advice))
-    else:
-        parts.append(effect(TRACTOR, True, replace(plain, base=None)))
+    still = None if plain.base is None else replace(plain, base=None)
+    springs = "describe what holds the crank under `springs:`, such as locked oil"
+    parts = [
+        effect("gravity", weight, f"add `gravity: {GRAVITY}`", described=plain.gravity != 0.0),
+        effect(CRANK, rigid, springs, described=rigid is not None),
+        effect(TRACTOR, still, "describe the tractor under `base:`", described=still is not None),
+    ]
     return sorted(parts, key=lambda part: math.inf if math.isnan(part.change) else -part.change)
 
 
-def _change(one: Solution, other: Solution, top: float) -> float:
+def _change(before: Solution, after: Solution, top: float) -> float:
     """Return the largest relative change of the natural frequencies up to a frequency, Hz."""
-    frequencies, others = _of_linkage(one), _of_linkage(other)
+    frequencies, others = _of_linkage(before), _of_linkage(after)
     frequencies = frequencies[frequencies <= top][: len(others)]
     if not len(frequencies):
         return math.nan

@@ -4,7 +4,6 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import astuple
 from pathlib import Path
 
 from linkage_vibration.studies.plan.choice import Plan
@@ -28,20 +27,23 @@ def plan_report(plan: Plan, measured: Measured) -> str:
         "",
         f"{'relative error':26}{'predicted':>12}{'measured':>12}{'allowed':>12}",
     ]
-    errors = zip(*map(astuple, (plan.predicted, measured.errors, scene.allowed)), strict=True)
+    errors = zip(plan.predicted, measured.errors, scene.allowed, strict=True)
     names = ("natural frequencies", "highest peak", "worst FRF")
     rows = 3 if scene.places else 2
     for name, values in list(zip(names, errors, strict=True))[:rows]:
         lines.append(f"{name:26}" + "".join(f"{value:12.1e}" for value in values))
-    lines += ["", f"{'time [ms]':26}{'predicted':>12}{'measured':>12}{'allowed':>12}"]
-    costs = zip(*map(astuple, (plan.cost, measured.costs)), strict=True)
-    names = ("set-up", "a prediction", f"FRFs, {FRF_LINES} lines")
     limit = scene.seconds_per_prediction
-    for name, seconds in list(zip(names, costs, strict=True))[:rows]:
-        asked = f"{1e3 * limit:12.4g}" if limit is not None and name == "a prediction" else ""
-        lines.append(f"{name:26}" + "".join(f"{1e3 * s:12.4g}" for s in seconds) + asked)
-    if plan.method == "table":
-        lines.append(f"{'points of the table':26}{plan.points:12}{measured.points:12}")
+    allowed = "" if limit is None else f"{1e3 * limit:12.4g}"
+    lines += [
+        "",
+        f"{'time [ms]':26}{'measured':>12}{'allowed':>12}",
+        f"{'set-up':26}{1e3 * measured.setup:12.4g}",
+        f"{'a prediction':26}{1e3 * measured.prediction:12.4g}{allowed}",
+    ]
+    if scene.places:
+        lines.append(f"{f'FRFs, {FRF_LINES} lines':26}{1e3 * measured.frfs:12.4g}")
+    if measured.points:
+        lines.append(f"{'points of the table':26}{measured.points:12}")
     return "\n".join(lines)
 
 
@@ -55,6 +57,8 @@ def write_planned(plan: Plan, text: str, path: Path) -> None:
         ("response", "band_hz"): mechanism.response.band,
         ("response", "modes"): [mechanism.response.modes],
     }
+    if plan.scene.mechanism.response.peak_part is not None:
+        numbers["response", "peak_band_hz"] = mechanism.response.peak_band
     for link in mechanism.links:
         numbers["links", link.name, "modes"] = [link.modes]
         if link.body.elements is not None:

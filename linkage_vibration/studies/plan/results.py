@@ -6,22 +6,18 @@ import itertools
 import math
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal
 
 import numpy as np
 
 from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.modes import MECHANISM
-from linkage_vibration.mechanics.response import PoleResidue, far_poles, in_reach
+from linkage_vibration.mechanics.response import PoleResidue
 from linkage_vibration.studies.plan.scene import PlanError, Scene
 from linkage_vibration.table.table import Table
-from linkage_vibration.table.tabulation.verification import frf_lines, worst_frf_error
-
-Residual = Literal["none", "static", "far poles", "every mode"]
-"""How an FRF represents the modes above the band."""
+from linkage_vibration.table.tabulation.frf_errors import frf_lines, worst_frf_error
 
 FRF_LINES = 2001  # frequencies over the band at which FRFs are timed
 _LOOKUPS = 1000  # that are timed; one takes microseconds
@@ -53,7 +49,7 @@ class Result:
         return lines, weights, np.asarray(weights * frf)
 
     def errors(self, exact: "Result") -> FloatArray:
-        """Return the relative errors from an exact result, (3,), in the order of `Errors`."""
+        """Return the relative errors from an exact result, (3,), as `Scene` orders them."""
         low, high = self.scene.band
         within = exact.frequencies[exact.frequencies <= high]
         oscillating = self.frequencies[np.isfinite(self.frequencies)]
@@ -71,12 +67,6 @@ class Result:
             frf = worst_frf_error(weights * self.frf.frf(lines), wanted)
         return np.array([apart.max(initial=0.0), peak, frf])
 
-    def shortened(self, residual: Residual) -> "Result":
-        """Return the result with fewer terms in its FRFs."""
-        if self.frf is None:
-            return self
-        return replace(self, frf=_shorten(self.frf, residual, self.scene.band))
-
 
 def result_at(scene: Scene, source: LinkageModel | Table, alpha3: float) -> Result:
     """Return what a scene asks for at an angle (rad), from a model or interpolated by a table."""
@@ -89,16 +79,16 @@ def result_at(scene: Scene, source: LinkageModel | Table, alpha3: float) -> Resu
     frequencies = solution.natural_frequencies
     frequencies = frequencies[frequencies >= MECHANISM / (2.0 * math.pi)]
     frf = solution.frf(places, places) if places else None
-    return Result(scene, alpha3, frequencies, solution.peak(scene.band).magnitude, frf)
+    return Result(scene, alpha3, frequencies, solution.peak(scene.peak_band).magnitude, frf)
 
 
 def worst_errors(results: Sequence[Result], exact: Sequence[Result]) -> FloatArray:
-    """Return the largest errors over all angles, (3,), in the order of `Errors`."""
+    """Return the largest errors over all angles, (3,), as `Scene` orders them."""
     return np.asarray(np.max(list(map(Result.errors, results, exact)), axis=0))
 
 
 def table_errors(table: Table, exact: Sequence[Result]) -> FloatArray:
-    """Return the errors of a table against results of its model, (3,), in the order of `Errors`.
+    """Return the errors of a table against results of its model, (3,), as `Scene` orders them.
 
     The table's own estimate counts, too.
     """
@@ -107,55 +97,31 @@ def table_errors(table: Table, exact: Sequence[Result]) -> FloatArray:
     return np.maximum(errors, [table.interpolation_error.max(), table.peak_error, frf_error])
 
 
-def _shorten(whole: PoleResidue, residual: Residual, band: tuple[float, float]) -> PoleResidue:
-    """Return FRFs with fewer terms for the modes above a band in Hz."""
-    if residual == "every mode":
-        return whole
-    kept = in_reach(whole.stiffness, band)
-    if residual == "far poles":
-        return whole.condensed(kept, far_poles(whole.stiffness[~kept], whole.decay[~kept], band))
-    static = whole.residual.copy()
-    if residual == "static":
-        static += (whole.residues[:, :, ~kept] / whole.stiffness[~kept]).sum(axis=-1)
-    near = whole.residues[:, :, kept], whole.rates[:, :, kept]
-    return PoleResidue(whole.stiffness[kept], whole.decay[kept], *near, static)
-
-
-@dataclass(frozen=True, slots=True)
-class Costs:
-    """Times in seconds."""
-
-    setup: float  # from the mechanism to the first prediction: kinematics, components, table
-    prediction: float  # natural frequencies, damping ratios and the peak at one angle
-    frfs: float  # the FRFs between all places at one angle, at `FRF_LINES` frequencies
-
-
-def measure_costs(
-    scene: Scene, source: LinkageModel | Table, residual: Residual, setup: float
-) -> Costs:
-    """Measure the median times of a prediction and of the FRFs (0 s without places).
-
-    The time of the set-up, s, is passed on.
-    """
-    places, band, lines = scene.places, scene.band, np.linspace(*scene.band, FRF_LINES)
+def prediction_seconds(scene: Scene, source: LinkageModel | Table) -> float:
+    """Return the median time of natural frequencies, damping ratios and the peak at an angle."""
     if isinstance(source, Table):
         angles = itertools.cycle(np.linspace(*scene.angles, _LOOKUPS).tolist())
         source.interpolate(scene.angles[0])  # the first lookup also prepares the table
-        prediction = _median(lambda: source.interpolate(next(angles)), _LOOKUPS)
-        frfs = _median(lambda: places and source.frf(next(angles), places, places).frf(lines))
-    else:
-        middle = scene.angles_at([0.5])[0]
-        prediction = _median(lambda: _predict(scene, source, middle))
-        solution = source.solve(middle)
-        frfs = _median(
-            lambda: places and _shorten(solution.frf(places, places), residual, band).frf(lines)
-        )
-    return Costs(setup, prediction, frfs if places else 0.0)
+        return _median(lambda: source.interpolate(next(angles)), _LOOKUPS)
+    middle = scene.angles_at([0.5])[0]
+    return _median(lambda: _predict(scene, source, middle))
+
+
+def frf_seconds(scene: Scene, source: LinkageModel | Table) -> float:
+    """Return the median time of all FRFs at one angle, at `FRF_LINES` frequencies."""
+    places, alpha3 = scene.places, scene.angles_at([0.5])[0]
+    if not places:
+        return 0.0
+    lines = np.linspace(*scene.band, FRF_LINES)
+    if isinstance(source, Table):
+        return _median(lambda: source.frf(alpha3, places, places).frf(lines))
+    solution = source.solve(alpha3)
+    return _median(lambda: solution.frf(places, places).frf(lines))
 
 
 def _predict(scene: Scene, model: LinkageModel, alpha3: float) -> None:
     solution = model.solve(alpha3)
-    _ = solution.damped, solution.peak(scene.band)  # both are computed when they are asked for
+    _ = solution.damped, solution.peak(scene.peak_band)  # both are computed when they are asked for
 
 
 def _median(run: Callable[[], object], times: int = 25) -> float:

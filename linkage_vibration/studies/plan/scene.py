@@ -3,12 +3,13 @@
 """The question that a plan answers: which results, where, and how accurate."""
 
 import math
-from collections.abc import Sequence
-from dataclasses import astuple, dataclass, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.bodies.frfs import Frfs
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.model import Place
@@ -19,19 +20,6 @@ class PlanError(LinkageVibrationError):
     """A scene is invalid, or no setting meets its tolerance."""
 
 
-@dataclass(frozen=True, slots=True)
-class Errors:
-    """The worst relative errors in a scene."""
-
-    frequency: float  # of the natural frequencies in the band
-    peak: float  # of the highest peak's magnitude
-    frf: float  # of the FRFs between the places, L2 norm over the band; 0 without places
-
-    def share(self, allowed: "Errors") -> float:
-        """Return the largest of the three errors, each divided by the allowed one."""
-        return float((np.array(astuple(self)) / astuple(allowed)).max())
-
-
 @dataclass(frozen=True)
 class Scene:
     """The results that are needed, and their tolerance.
@@ -39,7 +27,7 @@ class Scene:
     A plan replaces the mechanism's elements, modes, band, number of natural frequencies and stroke.
     The tolerance is the relative error allowed for every natural frequency in the band. A hundred
     times as much is allowed for the highest peak's magnitude (at the mechanism's own drive point)
-    and for each FRF (L2 norm over the band).
+    and for each FRF (L2 norm over the band). The errors of these three are arrays, (3,).
     """
 
     mechanism: Mechanism
@@ -55,6 +43,11 @@ class Scene:
         return self.angles[0] == self.angles[1]
 
     @property
+    def peak_band(self) -> tuple[float, float]:
+        """The band in which the highest peak is sought, Hz."""
+        return self.mechanism.response.with_band(self.band).peak_band
+
+    @property
     def spatial(self) -> bool:
         """Whether a result out of the plane of motion is needed."""
         return any(direction == "y" for _, direction in self.places)
@@ -65,19 +58,20 @@ class Scene:
         return list(dict.fromkeys(point for point, _ in self.places))
 
     @property
-    def allowed(self) -> Errors:
-        """The errors that meet the tolerance."""
-        return Errors(self.tolerance, LOOSER * self.tolerance, LOOSER * self.tolerance)
+    def allowed(self) -> FloatArray:
+        """The errors that meet the tolerance, (3,)."""
+        return self.tolerance * np.array([1.0, LOOSER, LOOSER])
 
-    def angles_at(self, fractions: Sequence[float]) -> list[float]:
+    def share(self, errors: FloatArray) -> float:
+        """Return the largest of errors, (3,), each divided by the allowed one."""
+        return float((errors / self.allowed).max())
+
+    def angles_at(self, fractions: ArrayLike) -> list[float]:
         """Return angles at fractions of the range, or the single angle."""
         low, high = self.angles
-        return [low] if self.one_angle else [low + (high - low) * part for part in fractions]
-
-    def spread(self, count: int) -> list[float]:
-        """Return evenly spaced angles within the range, without its ends, or the single angle."""
-        inner = np.linspace(*self.angles, 2 * count + 1)[1::2]
-        return [self.angles[0]] if self.one_angle else inner.tolist()
+        if self.one_angle:
+            return [low]
+        return [float(angle) for angle in low + (high - low) * np.asarray(fractions)]
 
     def with_settings(self, elements: int, modes: int, n_modes: int) -> Mechanism:
         """Return the mechanism with other settings, and with the band and range of the scene.
@@ -91,17 +85,12 @@ class Scene:
             for link in mechanism.links
         ]
         stroke = mechanism.stroke if self.one_angle else self.angles
-        response = replace(mechanism.response, band=self.band, modes=n_modes)
+        response = replace(mechanism.response.with_band(self.band), modes=n_modes)
         return replace(mechanism, links=tuple(links), stroke=stroke, response=response)
 
 
 def check_scene(scene: Scene) -> None:
-    """Refuse an invalid scene.
-
-    Raises
-    ------
-    PlanError
-    """
+    """Refuse an invalid scene by a PlanError."""
     low, high = scene.band
     if not 0.0 <= low < high < math.inf:
         what = f"The band from {low:g} to {high:g} Hz is invalid"

@@ -5,7 +5,7 @@
 `designs` reads a grid of designs, `building` builds their tables, and `output` is the file.
 """
 
-from linkage_vibration.studies.sweep.building import SweepResult, dask_executor, sweep
+from linkage_vibration.studies.sweep.building import SweepResult, sweep
 from linkage_vibration.studies.sweep.designs import Designs, SweepError, read_designs
 
-__all__ = ["Designs", "SweepError", "SweepResult", "dask_executor", "read_designs", "sweep"]
+__all__ = ["Designs", "SweepError", "SweepResult", "read_designs", "sweep"]

@@ -12,7 +12,7 @@ import json
 import shutil
 from collections.abc import Callable, Generator, Iterator
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future
-from contextlib import closing, contextmanager, nullcontext
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from queue import SimpleQueue
@@ -29,11 +29,10 @@ from linkage_vibration.studies.sweep.output import (
     GIVEN_UP,
     NOT_BUILDABLE,
     Outcome,
-    earlier_messages,
+    is_complete,
     netcdf,
 )
 from linkage_vibration.support.atomic_files import write_bytes
-from linkage_vibration.support.process_pool import LocalPool
 from linkage_vibration.table.tabulation import build_table
 
 IN_FLIGHT = 4096  # designs submitted to an executor at a time: enough for a large cluster
@@ -52,33 +51,29 @@ class SweepResult:
 def sweep(
     designs: Designs,
     output: Path,
-    executor: Executor | None = None,
+    executor: Executor,
     progress: Callable[[int], object] = lambda finished: None,
 ) -> SweepResult:
     """Build every design's table and write them, at common angles, to one netCDF file.
 
     Finished designs are kept in the folder ``OUTPUT.parts`` until the file is written; after an
-    interruption, the next run builds only what is missing there. The executor may be a Dask
-    client's, and stays open. `progress` is called with the number of designs finished since the
-    last call.
+    interruption, the next run builds only what is missing there. The executor may be that of a
+    cluster, and stays open. `progress` is called with the number of designs finished since the last
+    call.
     """
     hashes, outcomes = _model_hashes(designs)
     parts = output.with_name(f"{output.name}.parts")
     with _claimed(parts):
-        messages = earlier_messages(output, designs.digest(*hashes))
-        if messages is not None:
+        if is_complete(output, designs.digest(*hashes)):
             progress(designs.size)
             shutil.rmtree(parts)
-            return SweepResult(0, designs.size, messages, 0)
+            return SweepResult(0, designs.size, {}, 0)
         progress(len(outcomes))
         same = _equal_designs(designs, hashes)
-        loaded = {part: _load(parts / part, len(designs.alpha3)) for part in same}
+        loaded = {part: _load(parts / part) for part in same}
         kept = {part: outcome for part, outcome in loaded.items() if outcome is not None}
         tasks = ((p, designs.mechanism(same[p][0])) for p in same if p not in kept)
-        with (
-            LocalPool() if executor is None else nullcontext(executor) as pool,
-            closing(_build_all(designs, tasks, pool)) as built,
-        ):
+        with closing(_build_all(designs, tasks, executor)) as built:
             for part, outcome in itertools.chain(kept.items(), built):
                 if part not in kept and outcome.status != GIVEN_UP:
                     write_bytes(parts / part, _packed(outcome), SweepError)
@@ -91,27 +86,6 @@ def sweep(
         if not given_up:
             shutil.rmtree(parts)
     return SweepResult(len(same) - len(kept), len(kept), messages, given_up)
-
-
-@contextmanager
-def dask_executor(address: str) -> Iterator[Executor]:
-    """Connect to the Dask scheduler at an address such as ``tcp://host:8786`` within the context.
-
-    Its workers need this package.
-    """
-    try:
-        from distributed import Client
-    except ImportError:
-        raise SweepError("Dask is missing; `pip install linkage_vibration[dask]`.") from None
-    try:
-        client = Client(address, timeout=10)
-    except (OSError, ValueError) as problem:
-        raise SweepError(
-            f"{address}: no Dask scheduler answers there ({problem}); give a running scheduler's "
-            "address, such as tcp://host:8786."
-        ) from None
-    with client:
-        yield client.get_executor()
 
 
 def _model_hashes(designs: Designs) -> tuple[list[str], dict[int, Outcome]]:
@@ -157,19 +131,22 @@ def _build_all(
     try:
         while True:
             for part, mechanism in itertools.islice(tasks, IN_FLIGHT - len(running)):
-                try:
-                    future = executor.submit(_build, mechanism, designs.alpha3, designs.tolerance)
-                except RuntimeError as problem:  # the executor was shut down
-                    raise BrokenExecutor(str(problem)) from None
+                future = executor.submit(_build, mechanism, designs.alpha3, designs.tolerance)
                 running[future] = part
                 future.add_done_callback(done.put)
             if not running:
                 return
             future = done.get()
-            part, outcome = running.pop(future), _outcome(future)
+            part = running.pop(future)
+            try:
+                outcome = future.result()
+            except (BrokenExecutor, CancelledError):
+                raise
+            except Exception as problem:  # of its worker, which ends this design alone
+                outcome = Outcome(GIVEN_UP, f"{type(problem).__name__}: {problem}")
             del future  # a cluster rebuilds the results of a dead worker that are still referenced
             yield part, outcome
-    except (BrokenExecutor, CancelledError) as problem:
+    except (RuntimeError, CancelledError) as problem:  # it is broken, or was shut down
         raise SweepError(
             f"The executor has ended ({type(problem).__name__}: {problem}). Finished designs are "
             "kept: run the sweep again to continue. (A script that starts processes needs "
@@ -180,57 +157,37 @@ def _build_all(
             future.cancel()
 
 
-def _outcome(future: Future[Outcome]) -> Outcome:
-    """Return the outcome of a design; an exception of its worker ends this design alone."""
-    try:
-        return future.result()
-    except (BrokenExecutor, CancelledError):
-        raise
-    except Exception as problem:
-        expected = isinstance(problem, LinkageVibrationError)
-        return Outcome(
-            GIVEN_UP, str(problem) if expected else f"{type(problem).__name__}: {problem}"
-        )
-
-
 @contextmanager
 def _claimed(folder: Path) -> Iterator[None]:
     """Make a folder and lock it against other runs; the lock ends with the process."""
-    try:
-        folder.mkdir(exist_ok=True)
-        lock = (folder / "lock").open("w")
-    except OSError as problem:
-        raise SweepError(
-            f"{folder}: cannot be written ({problem.strerror}); choose another output."
-        ) from None
-    with lock:
+    with ExitStack() as stack:
         try:
+            folder.mkdir(exist_ok=True)
+            lock = stack.enter_context((folder / "lock").open("w"))
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError as problem:
             raise SweepError(
-                f"{folder}: is in use by another run ({problem.strerror}); let it finish, or "
-                "choose another output."
+                f"{folder}: cannot be written, or another run uses it ({problem.strerror}); let "
+                "that run finish, or choose another output."
             ) from None
         yield
 
 
 def _packed(outcome: Outcome) -> bytes:
-    """Return the content of a part: a checksum, a line of JSON and the values."""
-    head = [outcome.status, outcome.message, outcome.interpolation_error]
-    values = b"" if outcome.values is None else outcome.values.astype("<f8").tobytes()
-    content = json.dumps(head).encode() + b"\n" + values
-    return hashlib.sha256(content).digest() + content
+    """Return the content of a part: a checksum and a line of JSON, whose numbers are exact."""
+    values = None if outcome.values is None else outcome.values.tolist()
+    content = [outcome.status, outcome.message, values, outcome.interpolation_error]
+    text = json.dumps(content).encode()
+    return hashlib.sha256(text).hexdigest().encode() + b"\n" + text
 
 
-def _load(path: Path, n_angles: int) -> Outcome | None:
+def _load(path: Path) -> Outcome | None:
     """Read a part; return None if it is missing or damaged."""
     try:
-        data = path.read_bytes()
+        checksum, _, text = path.read_bytes().partition(b"\n")
     except OSError:
         return None
-    if hashlib.sha256(data[32:]).digest() != data[:32]:
+    if hashlib.sha256(text).hexdigest().encode() != checksum:
         return None
-    head, _, numbers = data[32:].partition(b"\n")
-    status, message, error = json.loads(head)
-    values = np.frombuffer(numbers, "<f8").reshape(n_angles, -1) if numbers else None
-    return Outcome(status, message, values, error)
+    status, message, values, error = json.loads(text)
+    return Outcome(status, message, None if values is None else np.array(values), error)

@@ -35,21 +35,14 @@ class Outcome:
     interpolation_error: float = math.nan  # the worst of the table
 
 
-def earlier_messages(output: Path, digest: str) -> dict[int, str] | None:
-    """Return why designs have no result, by their index, if a file holds the complete sweep.
-
-    It is None if the file is missing or damaged, or holds another sweep or designs given up.
-    """
+def is_complete(output: Path, digest: str) -> bool:
+    """Return whether a file holds the complete sweep of a digest, and nothing was given up."""
     try:
         with netcdf_file(output, mmap=False) as file:
-            same = getattr(file, "digest", b"") == digest.encode()
-            if not same or (file.variables["status"][:] == GIVEN_UP).any():
-                return None
-            text = file.variables["message"][:]
-    except (OSError, TypeError, ValueError, KeyError):
-        return None
-    messages = text.reshape(-1, text.shape[-1]).view(f"S{text.shape[-1]}")[:, 0]
-    return {i: message.decode() for i, message in enumerate(messages) if message}
+            given_up = (file.variables["status"][:] == GIVEN_UP).any()
+            return bool(file.digest == digest.encode() and not given_up)
+    except (OSError, TypeError, ValueError, KeyError, AttributeError):
+        return False  # it is missing, damaged, or another file
 
 
 def netcdf(designs: Designs, hashes: Sequence[str], outcomes: Sequence[Outcome]) -> bytes:
@@ -83,23 +76,19 @@ def _add_results(file: Any, designs: Designs, outcomes: Sequence[Outcome], n_mod
     for rows, outcome in zip(values, outcomes, strict=True):
         if outcome.values is not None:
             rows[:] = outcome.values
+    values = values.reshape(*designs.shape, *values.shape[1:])
     errors = np.array([outcome.interpolation_error for outcome in outcomes])
     status = np.array([outcome.status for outcome in outcomes], dtype=np.int8)
-    curves, angle = ("alpha3", "mode"), ("alpha3",)
+    angles, modes = (*designs.paths, "alpha3"), (*designs.paths, "alpha3", "mode")
+    _add(file, "natural_frequencies", modes, values[..., :n_modes], units="Hz")
+    _add(file, "damping_ratios", modes, values[..., n_modes:-2], units="1")
+    _add(file, "frf_peak_frequency", angles, values[..., -2], units="Hz")
+    _add(file, "frf_peak_magnitude", angles, values[..., -1], units="m/N")
     worst = {"units": "1", "long_name": "worst, of the table"}
+    _add(file, "interpolation_error", designs.paths, errors.reshape(designs.shape), **worst)
     kinds = np.array([BUILT, NOT_BUILDABLE, GIVEN_UP], dtype=np.int8)
     flags = {"flag_values": kinds, "flag_meanings": "built not_buildable given_up"}
-    columns: list[tuple[str, tuple[str, ...], NDArray[Any], dict[str, Any]]] = [
-        ("natural_frequencies", curves, values[:, :, :n_modes], {"units": "Hz"}),
-        ("damping_ratios", curves, values[:, :, n_modes:-2], {"units": "1"}),
-        ("frf_peak_frequency", angle, values[:, :, -2], {"units": "Hz"}),
-        ("frf_peak_magnitude", angle, values[:, :, -1], {"units": "m/N"}),
-        ("interpolation_error", (), errors, worst),
-        ("status", (), status, flags),
-    ]
-    for name, dims, array, attributes in columns:
-        shaped = array.reshape(designs.shape + array.shape[1:])
-        _add(file, name, designs.paths + dims, shaped, **attributes)
+    _add(file, "status", designs.paths, status.reshape(designs.shape), **flags)
 
 
 def _add_text(file: Any, designs: Designs, name: str, texts: Iterable[str], meaning: str) -> None:

@@ -6,6 +6,10 @@
 `sampling` and the modes through them from `tracking`, until their polynomials meet the tolerance
 (`accuracy`); `veering` examines apparent crossings of modes, and `peaks` finds which maxima are the
 highest. `assembly` makes the table from the pieces, and `verification` compares it with the model.
+
+Where damping couples the modes, `coupled` refines the pieces instead. It follows the poles by their
+subspaces (`subspaces`), bounds the errors of the reduced models on these (`comparison`), and
+divides each piece into cells for lookups (`cell_making`).
 """
 
 from linkage_vibration.table.tabulation.accuracy import TOLERANCE

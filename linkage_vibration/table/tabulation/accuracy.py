@@ -27,13 +27,6 @@ _SHARPER = 5.0  # Peaks change more between points than where their error is mea
 _EQUAL_AT_MOST = 0.1  # Maxima whose heights differ by this share are never equal.
 
 
-SILENT_SHARE = 1e-6
-"""Share of the drive-point FRFs of two places: an FRF between them that is only rounding."""
-
-N_LINES = 201
-"""Frequencies at which FRFs are compared, in addition to those near resonances."""
-
-
 @dataclass(frozen=True, slots=True)
 class Accuracy:
     """Relative errors that a table may have."""

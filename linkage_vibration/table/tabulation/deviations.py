@@ -86,8 +86,7 @@ def _point(
     tabulated = values[: 2 * table.n_modes].reshape(2, -1)
     oscillates = np.isfinite(tabulated[0])
     highest = _ABOVE * float(tabulated[0][oscillates].max(initial=0.0))
-    poles = sampler.pole_shapes(alpha3, highest)
-    changes = sensitivity.at(sampler.solution(alpha3), highest, poles)
+    changes = sensitivity.at(sampler.solution(alpha3), highest)
     there = np.array([changes.frequencies, changes.ratios])
     off = np.abs(np.log(tabulated[0][:, np.newaxis] / there[0])) + np.abs(
         tabulated[1][:, np.newaxis] - there[1]
@@ -96,10 +95,8 @@ def _point(
     order = linear_sum_assignment(off)[1]
     allowed = max(_SAME, 2.0 * float(table.interpolation_error.max()))
     if (off[np.arange(len(order)), order][oscillates] > allowed).any():
-        raise TableError(
-            f"The table differs from {sampler.model.mechanism.name} at "
-            f"{math.degrees(alpha3):.3f} deg; build it again."
-        )
+        name, at = sampler.model.mechanism.name, f"{math.degrees(alpha3):.3f} deg"
+        raise TableError(f"The table differs from {name} at {at}; build it again.")
     others = np.setdiff1d(np.arange(len(changes.frequencies)), order)
     return changes, np.concatenate([order, others])
 

@@ -8,10 +8,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from linkage_vibration.mechanics.arrays import FloatArray
-from linkage_vibration.table.interpolation import NearTerms, interpolate_terms, interpolation_matrix
-from linkage_vibration.table.tabulation.accuracy import SILENT_SHARE
-from linkage_vibration.table.tabulation.refinement import Piece, dense
-from linkage_vibration.table.tabulation.sampling import Sampler, Terms
+from linkage_vibration.table.interpolation import NearTerms
+from linkage_vibration.table.tabulation.frf_errors import worst_share
+from linkage_vibration.table.tabulation.sampling import Terms
 from linkage_vibration.table.tabulation.tracking import Tracked
 
 
@@ -25,30 +24,15 @@ def near_terms(terms: Sequence[Terms], tracked: Tracked) -> NearTerms:
     )
 
 
-def frf_change(sampler: Sampler, tracked: Tracked, piece: Piece) -> float:
-    """Return roughly how much the finer polynomials of a piece change FRFs; 0 without FRFs."""
-    tracked = tracked.only(tracked.at(piece.finer.fitted))
-    terms = [sampler.at(x).terms for x in tracked.variables.tolist()]
-    all_terms = [each for each in terms if each is not None]
-    if len(all_terms) < len(terms):
-        return 0.0
-    near, grid = near_terms(all_terms, tracked), dense(*piece.ends)[::2]
+def term_change(
+    terms: NearTerms, finer: NearTerms, band: tuple[float, float], n_inputs: int
+) -> FloatArray:
+    """Return roughly how much finer polynomials change FRFs in a band (Hz) at n angles, (2, n).
 
-    def through(points: list[float]) -> NearTerms:
-        """Return the terms by polynomials through some points."""
-        rows = tracked.at(points)
-        matrix = interpolation_matrix(tracked.variables[rows], grid)
-        return interpolate_terms(matrix, (near[0][rows], near[1][rows], near[2][rows]))
-
-    change = term_change(through(piece.fitted), through(piece.finer.fitted), sampler.response.band)
-    return float(change.max())
-
-
-def term_change(terms: NearTerms, finer: NearTerms, band: tuple[float, float]) -> FloatArray:
-    """Return roughly how much finer polynomials change FRFs in a band (Hz) at n angles, (n,).
+    The first row is of displacements, the second of displacements and forces.
 
     A pole that moves by d changes its term by abs(d) / (sqrt(2) w) in the L2 norm, with its
-    half-power half-width w.
+    half-power half-width w. The first so many rows of the shapes are inputs, too.
     """
     (k, c, shapes), (coarse_k, coarse_c, coarse_shapes) = finer, terms
     omega = np.sqrt(k)
@@ -58,13 +42,11 @@ def term_change(terms: NearTerms, finer: NearTerms, band: tuple[float, float]) -
     weight = np.where(omega.real < 2.0 * math.pi * band[1], omega.real**-2 / width, 0.0)
     weight, moved = weight[:, np.newaxis], moved[:, np.newaxis]
     size, change = np.abs(shapes), np.abs(coarse_shapes - shapes)
-    inputs = (size**2).swapaxes(1, 2)
-    whole = (weight * size**2) @ inputs
+    inputs, turned = (each[:, :n_inputs].swapaxes(1, 2) for each in (size, change))
+    whole = (weight * size**2) @ inputs**2
     # abs(d(s t)) <= abs(ds) abs(t) + abs(s) abs(dt) for the shapes s and t at two places
-    turned = (weight * change**2) @ inputs
-    off = turned + turned.swapaxes(1, 2) + (weight * (size * moved) ** 2) @ inputs
-    off += 2.0 * (weight * size * change) @ (size * change).swapaxes(1, 2)
-    coarse_shapes = np.sqrt(np.diagonal(whole, axis1=1, axis2=2))
-    least = SILENT_SHARE**2 * coarse_shapes[:, :, np.newaxis] * coarse_shapes[:, np.newaxis]
-    share = off / np.maximum(whole, np.maximum(least, np.finfo(float).tiny))
-    return np.asarray(np.sqrt(share.max(axis=(1, 2))))
+    off = (weight * (change**2 + (size * moved) ** 2)) @ inputs**2
+    off += (weight * size**2) @ turned**2
+    off += 2.0 * (weight * size * change) @ (inputs * turned)
+    norms = list(zip(np.sqrt(off), np.sqrt(whole), strict=True))
+    return np.array([[worst_share(o[:n], s[:n]) for o, s in norms] for n in (n_inputs, None)])

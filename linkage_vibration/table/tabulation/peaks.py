@@ -12,6 +12,7 @@ import numpy as np
 from linkage_vibration.mechanics.arrays import BoolArray, FloatArray
 from linkage_vibration.mechanics.response import RIVAL
 from linkage_vibration.table.table import widened
+from linkage_vibration.table.tabulation.accuracy import ROUNDING
 
 SILENT = float(np.finfo(float).tiny)
 """m/N; a maximum that is not higher is ignored."""
@@ -26,10 +27,31 @@ def heights(at: FloatArray, sizes: FloatArray, band: tuple[float, float]) -> Flo
     return np.where((low <= at) & (at <= high), sizes, -1.0)
 
 
-def apart(frequencies: FloatArray | float, exact: FloatArray | float) -> FloatArray:
-    """Return the relative difference of frequencies; that in Hz where the exact one is 0 Hz."""
-    scale = np.abs(exact)
-    return np.asarray(np.abs(frequencies - exact) / np.where(scale > 0.0, scale, 1.0))
+def row_errors(
+    rows: FloatArray,
+    exact: FloatArray,
+    n_modes: int,
+    band: tuple[float, float],
+    least: float = 0.0,
+) -> FloatArray:
+    """Return the largest relative errors of values and of the highest peak, (2,).
+
+    Rows are natural frequencies, damping ratios, and frequencies and heights of maxima, of which
+    the exact rows may have more; ``least`` is an error of the highest peak that is known. The
+    difference in Hz counts where the exact frequency of a peak is 0 Hz.
+    """
+    n = 2 * n_modes
+    (at, sizes), (places, exact_sizes) = (np.hsplit(each[:, n:], 2) for each in (rows, exact))
+    sizes, exact_sizes = heights(at, sizes, band), heights(places, exact_sizes, band)
+    best = sizes.argmax(axis=1)[:, np.newaxis]
+    at, size = (np.take_along_axis(each, best, 1) for each in (at, sizes))
+    height = exact_sizes.max(axis=1, keepdims=True)
+    error = max(least, float(np.abs(size / height - 1.0).max()))
+    # Either of two peaks of one height, within the error, is the highest.
+    rival = exact_sizes >= (1.0 - 2.0 * error - ROUNDING) * height
+    apart = np.abs(at - places) / np.where(places > 0.0, places, 1.0)
+    away = np.where(rival, apart, np.inf).min(axis=1)
+    return np.array([np.abs(rows[:, :n] / exact[:, :n] - 1.0).max(), max(error, away.max())])
 
 
 def notable(

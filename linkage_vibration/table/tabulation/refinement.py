@@ -10,6 +10,7 @@ from typing import TypeVar
 import numpy as np
 
 from linkage_vibration.mechanics.arrays import BoolArray, FloatArray
+from linkage_vibration.mechanics.description import Response
 from linkage_vibration.table.interpolation import (
     EVEN,
     interpolate_positive,
@@ -17,7 +18,7 @@ from linkage_vibration.table.interpolation import (
     leja_points,
 )
 from linkage_vibration.table.tabulation.accuracy import Accuracy
-from linkage_vibration.table.tabulation.peaks import apart, heights, notable
+from linkage_vibration.table.tabulation.peaks import notable, row_errors
 from linkage_vibration.table.tabulation.sampling import Sampler
 from linkage_vibration.table.tabulation.tracking import Tracked, Tracker, unclear_steps
 from linkage_vibration.table.tabulation.veering import GRID, crossing_gaps, mix_closely
@@ -122,7 +123,7 @@ def refine(tracker: Tracker, fitted: list[float], accuracy: Accuracy) -> Piece |
     returns None if the piece needs too many points, or points elsewhere, so that it must be halved.
     """
     sampler, tolerance = tracker.sampler, accuracy.frequency
-    band, n_modes = sampler.response.band, sampler.response.modes
+    response = sampler.response
     long = fitted[-1] - fitted[0] > _LONG * sampler.length
     between: set[float] = set()  # where modes could not be distinguished
     while len(fitted) <= MOST:
@@ -130,12 +131,12 @@ def refine(tracker: Tracker, fitted: list[float], accuracy: Accuracy) -> Piece |
         held = sorted(between.union(more).difference(fitted))
         tracked = tracker.follow(sorted(fitted + held))
         at, sizes = tracked.peak_frequencies, tracked.peak_magnitudes
-        maxima = notable(at, sizes, band, accuracy.equal_height, strict=long)
+        maxima = notable(at, sizes, response.peak_band, accuracy.equal_height, strict=long)
         if maxima is None:
             return None
         if mix_closely(tracked, tolerance):
             tracker.heed_veering()
-        polynomials = _Polynomials(tracked, maxima, n_modes, band, accuracy)
+        polynomials = _Polynomials(tracked, maxima, response, accuracy)
         if polynomials.misses(fitted) or polynomials.moves(fitted, fitted + more):
             fitted = sorted(fitted + more)
             continue
@@ -163,36 +164,24 @@ class _Polynomials:
 
     tracked: Tracked
     maxima: BoolArray
-    n_modes: int
-    band: tuple[float, float]
+    response: Response  # bands and number of modes of the table
     accuracy: Accuracy
 
     def misses(self, fitted: list[float]) -> bool:
         """Return whether polynomials are inaccurate at samples to which they are not fitted."""
-        at_points = self.tracked.at(fitted)
-        logarithms, ratios, at, sizes = self._between(fitted, self.tracked.variables[~at_points])
-        off = np.abs(logarithms - self.tracked.log_frequencies[~at_points])[:, : self.n_modes]
-        exact_ratios = self.tracked.ratios[~at_points]
-        apart_ratios = np.abs(ratios / exact_ratios - 1.0)[:, : self.n_modes]
-        exact_at = self.tracked.peak_frequencies[~at_points][:, self.maxima]
-        exact_sizes = self.tracked.peak_magnitudes[~at_points][:, self.maxima]
-        # Either of two peaks of one height is the highest: each is compared with itself.
-        best = heights(at, sizes, self.band).argmax(axis=1)
-        rows = np.arange(len(best))
-        height = heights(exact_at, exact_sizes, self.band).max(axis=1)
-        away = np.abs(sizes[rows, best] / height - 1.0)
-        away = np.maximum(away, apart(at[rows, best], exact_at[rows, best]))
-        return self._exceeds(np.maximum(off, apart_ratios), away)
+        others, tracked = ~self.tracked.at(fitted), self.tracked
+        exact = (
+            np.exp(tracked.log_frequencies[others, : self.response.modes]),
+            tracked.ratios[others, : self.response.modes],
+            tracked.peak_frequencies[others][:, self.maxima],
+            tracked.peak_magnitudes[others][:, self.maxima],
+        )
+        return self._differ(self._rows(fitted, tracked.variables[others]), np.hstack(exact))
 
     def moves(self, fitted: list[float], finer: list[float]) -> bool:
         """Return whether more points change the polynomials anywhere in the piece."""
         grid = np.linspace(fitted[0], fitted[-1], GRID)
-        before, ratios, at, sizes = self._between(fitted, grid)
-        after, finer_ratios, finer_at, finer_sizes = self._between(finer, grid)
-        height = heights(at, sizes, self.band).max(axis=1)
-        finer_height = heights(finer_at, finer_sizes, self.band).max(axis=1)
-        off = np.maximum(np.abs(before - after), np.abs(ratios / finer_ratios - 1.0))
-        return self._exceeds(off[:, : self.n_modes], np.abs(height / finer_height - 1.0))
+        return self._differ(self._rows(fitted, grid), self._rows(finer, grid))
 
     def worst(self, fitted: list[float], more: list[float]) -> float:
         """Return the stroke variable at which more points change a value or an FRF most.
@@ -201,31 +190,41 @@ class _Polynomials:
         half-widths, divided by sqrt(2), is the relative change of its resonance in the L2 norm.
         """
         grid = dense(fitted[0], fitted[-1])
-        before, ratios, *_ = self._between(fitted, grid)
-        after, finer_ratios, *_ = self._between([*fitted, *more], grid)
+        before, ratios = self._values(fitted, grid)
+        after, finer_ratios = self._values([*fitted, *more], grid)
         off, ratio = np.abs(before - after), np.abs(ratios / finer_ratios - 1.0)
         shift = np.hypot(off / finer_ratios, ratio) / math.sqrt(2.0) / self.accuracy.frf
-        shift[np.exp(after) > self.band[1]] = 0.0
-        off = np.maximum(off, ratio)[:, : self.n_modes] / self.accuracy.frequency
+        shift[np.exp(after) > self.response.band[1]] = 0.0
+        off = np.maximum(off, ratio)[:, : self.response.modes] / self.accuracy.frequency
         return float(grid[np.maximum(shift.max(axis=1), off.max(axis=1)).argmax()])
 
-    def _exceeds(self, relative: FloatArray, peaks: FloatArray) -> bool:
-        """Return whether relative errors of frequencies and ratios, or of peaks, are too large."""
-        value, peak = relative.max(), peaks.max()
+    def _differ(self, rows: FloatArray, exact: FloatArray) -> bool:
+        """Return whether rows differ too much from exact ones."""
+        value, peak = row_errors(rows, exact, self.response.modes, self.response.peak_band)
         return bool(value > self.accuracy.frequency or peak > self.accuracy.refined_peak)
 
-    def _between(
-        self, points: list[float], at: FloatArray
-    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Return logarithms of frequencies, ratios, and frequencies and heights of the maxima."""
+    def _rows(self, points: list[float], at: FloatArray) -> FloatArray:
+        """Return frequencies, ratios, and frequencies and heights of the maxima, as `row_errors`.
+
+        They are those of the polynomials through some points.
+        """
         rows = self.tracked.at(points)
         matrix = interpolation_matrix(self.tracked.variables[rows], at)
-        return (
-            matrix @ self.tracked.log_frequencies[rows],
-            matrix @ self.tracked.ratios[rows],
-            matrix @ self.tracked.peak_frequencies[rows][:, self.maxima],
-            interpolate_positive(matrix, self.tracked.peak_magnitudes[rows][:, self.maxima]),
+        logarithms, ratios = self._values(points, at)
+        maxima = self.tracked.peak_frequencies[rows][:, self.maxima]
+        heights = self.tracked.peak_magnitudes[rows][:, self.maxima]
+        parts = (
+            np.exp(logarithms[:, : self.response.modes]),
+            ratios[:, : self.response.modes],
+            matrix @ maxima,
         )
+        return np.hstack([*parts, interpolate_positive(matrix, heights)])
+
+    def _values(self, points: list[float], at: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return logarithms of frequencies and ratios of all tracked modes."""
+        rows = self.tracked.at(points)
+        matrix = interpolation_matrix(self.tracked.variables[rows], at)
+        return matrix @ self.tracked.log_frequencies[rows], matrix @ self.tracked.ratios[rows]
 
 
 def dense(low: float, high: float) -> FloatArray:

@@ -14,8 +14,7 @@ from linkage_vibration.mechanics.arrays import FloatArray, IntArray
 from linkage_vibration.mechanics.description import GROUND
 from linkage_vibration.mechanics.model import LinkageModel, Place, Solution
 from linkage_vibration.mechanics.modes import MECHANISM, DampedModes, Modes, ModesError
-from linkage_vibration.mechanics.response import Peak, PoleResidue, in_reach, pole_residue
-from linkage_vibration.mechanics.sensitivity import PoleShapes
+from linkage_vibration.mechanics.response import PoleResidue, in_reach
 from linkage_vibration.table.interpolation import stroke_angle, stroke_variable
 from linkage_vibration.table.pole_cells import oscillating, values_of
 from linkage_vibration.table.table import TableError
@@ -24,7 +23,6 @@ from linkage_vibration.table.tabulation.peaks import SILENT, heights
 from linkage_vibration.table.tabulation.subspaces import (
     PoleSample,
     mass_root,
-    pole_shapes,
     sample_poles,
 )
 
@@ -39,26 +37,14 @@ _CLEAR = 5.0  # Polynomials meet a tolerance of so many roundings.
 _SHORTEST = 1e-7  # No joint sensor resolves this share of the stroke, 1e-5 deg of 90 deg.
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class Terms:
     """The terms of the FRFs between the places at one angle, with every mode."""
 
     damped: DampedModes
-    rows: FloatArray  # (n_places, n_interface): matrix that turns shapes into participations
-    own: FloatArray  # (n_places, n_modes): the participations of the modes
-
-    @cached_property
-    def frf(self) -> PoleResidue:
-        """The FRFs between all places."""
-        return pole_residue(self.damped, self.own, self.own)
-
-    @cached_property
-    def triangle(self) -> PoleResidue:
-        """The same as one column: the upper triangle row by row."""
-        upper = np.triu_indices(len(self.own))
-        return pole_residue(
-            self.damped, self.own[upper[0]] * self.own[upper[1]], np.ones((1, self.own.shape[1]))
-        )
+    rows: FloatArray  # (n_rows, n): matrix that turns shapes into those at places and forces
+    own: FloatArray  # (n_rows, n_modes): the participations of the modes
+    n_inputs: int  # number of the places, which the forces follow
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,9 +67,9 @@ class Sample:
     # (2, n): frequency (Hz) and magnitude (m/N) of the maximum of the drive-point receptance near
     # each mode; NaN where there is none.
     peaks: FloatArray
-    edges: FloatArray  # (2, 2): the same at the ends of the band
+    edges: FloatArray  # (2, 2): the same at the ends of the peak's band
     drive: PoleResidue  # the drive-point receptance
-    terms: Terms | None  # None if the model has no such terms
+    terms: Terms | None = None  # None if the model has no such terms
     # (2, n): standard deviations of frequencies (Hz) and ratios by the noise of measured links.
     deviations: FloatArray | None = None
 
@@ -91,12 +77,6 @@ class Sample:
     def gaps(self) -> FloatArray:
         """Least relative gap between the first 2, 3, ... n modes."""
         return np.minimum.accumulate(np.diff(np.log(self.frequencies)))
-
-    @cached_property
-    def peak(self) -> Peak:
-        """The highest peak of the drive-point receptance in the band, found on demand."""
-        low, high = self.edges[0].tolist()
-        return self.drive.peak((low, high))
 
 
 class ModesAreCoupled(Exception):  # noqa: N818 - it is no error
@@ -132,6 +112,13 @@ class Sampler:
         # The ends of the stroke to the last bit, which the variable does not return.
         self._angles = dict(zip(self.ends, model.mechanism.stroke, strict=True))
 
+    @cached_property
+    def forces(self) -> tuple[Place, ...]:
+        """The forces for which the table has FRFs; none of a linkage that moves freely."""
+        if self._from_frfs or self.solution(self.angle(self.ends[0])).modes.mechanism.any():
+            return ()
+        return self.model.forces.places
+
     @property
     def length(self) -> float:
         """Length of the stroke, in its variable."""
@@ -162,8 +149,8 @@ class Sampler:
 
     def check_rounding(self, accuracy: Accuracy) -> None:
         """Refuse an accuracy of which rounding is more than a fifth at a point that is solved."""
-        alpha3, worst = max(self._roundings.items(), key=lambda item: item[1].values)
-        if not self._from_frfs:  # their noise is larger
+        if self._roundings:  # links that are known by FRFs have more noise than rounding
+            alpha3, worst = max(self._roundings.items(), key=lambda item: item[1].values)
             worst = worst if self.places else Rounding(worst.values)
             self.refuse_rounding(worst, alpha3, accuracy, 1.0 / _CLEAR)
 
@@ -172,13 +159,11 @@ class Sampler:
         fix = "give a larger tolerance, use fewer modes in response.modes, or end the stroke before"
         if self.free_modes:
             fix += "; or hold it (nothing does), or begin response.band_hz well above 0 Hz"
-        return TableError(
-            f"{self.model.mechanism.name}: {reason} at alpha3 = "
-            f"{math.degrees(self.angle(variable)):.4f} deg; {fix}."
-        )
+        at = f"at alpha3 = {math.degrees(self.angle(variable)):.4f} deg"
+        return TableError(f"{self.model.mechanism.name}: {reason} {at}; {fix}.")
 
     def refuse_rounding(
-        self, rounding: Rounding, alpha3: float, accuracy: Accuracy, share: float, hint: str = ""
+        self, rounding: Rounding, alpha3: float, accuracy: Accuracy, share: float
     ) -> None:
         """Refuse errors by rounding at an angle (rad) above a share of the accuracy to be met."""
         if rounding.values <= share * accuracy.frequency and rounding.frf <= share * accuracy.frf:
@@ -186,9 +171,9 @@ class Sampler:
         least = 1.1 * max(rounding.values, rounding.frf / LOOSER) / share
         raise TableError(
             f"Rounding changes a natural frequency or damping ratio of {self.model.mechanism.name} "
-            f"by {rounding.values:.0e} at alpha3 = {math.degrees(alpha3):.3f} deg, too much for a "
-            f"tolerance of {accuracy.frequency:g}; give at least {least:.1e}, {hint}or move apart "
-            "two points of a link that nearly coincide."
+            f"by {rounding.values:.0e} at alpha3 = {math.degrees(alpha3):.3f} deg, too much for "
+            f"{accuracy.frequency:g}; give at least {least:.1e}, more damping, a band_hz that ends "
+            "nearer to the lowest mode, or move apart two points of a link that nearly coincide."
         )
 
     def _note_rounding(self, solution: Solution, ratios: FloatArray) -> None:
@@ -206,47 +191,30 @@ class Sampler:
         """Refuse to solve the model more often than a table may need."""
         if self._solved >= MOST_SOLUTIONS:
             raise TableError(
-                f"{self.model.mechanism.name} was solved {MOST_SOLUTIONS} times, which is the most "
-                "for one table, and it still changes too quickly between the angles near alpha3 = "
-                f"{math.degrees(alpha3):.4f} deg; give a larger tolerance, a narrower "
-                "response.band_hz or fewer response.modes, or end the stroke before this angle."
+                f"{self.model.mechanism.name} was solved {MOST_SOLUTIONS} times, and still changes "
+                f"too quickly near alpha3 = {math.degrees(alpha3):.4f} deg; give a larger "
+                "tolerance, less response.band_hz or response.modes, or end the stroke before it."
             )
         self._solved += 1
 
     def finish(self, length: float) -> None:
-        """Count a part of the stroke, in its variable, as finished."""
-        self._unfinished = max(self._unfinished - length / self.length, 0.0)
-
-    def reopen(self, length: float) -> None:
-        """Count a part of the stroke, in its variable, as unfinished again."""
-        self._unfinished = min(self._unfinished + length / self.length, 1.0)
+        """Count a part of the stroke, in its variable, as finished; a negative one is reopened."""
+        self._unfinished = min(max(self._unfinished - length / self.length, 0.0), 1.0)
 
     def poles_at(self, variable: float) -> PoleSample:
         """Return the poles at a stroke variable of a linkage whose damping couples its modes."""
         if variable not in self._poles:
             alpha3 = self.angle(variable)
-            self._count(alpha3)
-            solution = self.solution(alpha3)
-            self.free_modes = max(self.free_modes, int(solution.modes.mechanism.sum()))
-            if len(solution.modes.omega) < self.response.modes:
-                raise self._few_modes(len(solution.modes.omega), alpha3)
-            self._check_band(solution.modes.omega[~solution.modes.mechanism], alpha3)
+            solution = self._checked_solution(alpha3)
             drive = (self.response.point, self.response.direction)
             places = (drive, *(place for place in self.places if place != drive))
             with _names_angle(alpha3):
-                sample = sample_poles(solution, self._mass_root, places)
+                sample = sample_poles(solution, self._mass_root, places, self.forces)
             self._poles[variable] = sample
             self._note_rounding(solution, values_of(oscillating(sample.poles))[1])
-            self._check(self._poles[variable])
+            self._check(sample)
             self._progress(1.0 - self._unfinished)
         return self._poles[variable]
-
-    def pole_shapes(self, alpha3: float, highest: float) -> PoleShapes | None:
-        """Return the poles up to a frequency (Hz) at an angle (rad), if they are sampled there."""
-        for sample in self._poles.values():
-            if sample.alpha3 == alpha3:
-                return pole_shapes(sample, self.solution(alpha3), self._mass_root, highest)
-        return None
 
     @property
     def solved(self) -> list[float]:
@@ -257,23 +225,29 @@ class Sampler:
     def _mass_root(self) -> FloatArray:
         return mass_root(self.model)
 
-    def _few_modes(self, count: int, alpha3: float) -> TableError:
-        return TableError(
-            f"response.modes is {self.response.modes}, but {self.model.mechanism.name} has {count} "
-            f"modes at {math.degrees(alpha3):.3f} deg; use fewer, keep more modes in each link, or "
-            "widen response.band_hz if modes are identified from FRFs."
-        )
-
-    def _check_band(self, omega: FloatArray, alpha3: float) -> None:
-        """Refuse a band above all modes, (n_modes,), rad/s."""
-        low = self.response.band[0]
-        if not len(omega) or omega.max() < 2.0 * math.pi * low:
-            highest = float(omega.max(initial=0.0)) / (2.0 * math.pi)
+    def _checked_solution(self, alpha3: float) -> Solution:
+        """Solve the model at an angle, rad, and count its modes at 0 Hz."""
+        self._count(alpha3)
+        solution = self.solution(alpha3)
+        elastic = solution.modes.omega[~solution.modes.mechanism]
+        self.free_modes = max(self.free_modes, len(solution.modes.omega) - len(elastic))
+        self._check_count(len(elastic), alpha3)
+        low, highest = self.response.band[0], float(elastic.max()) / (2.0 * math.pi)
+        if highest < low:
             raise TableError(
-                f"response.band_hz begins at {low:g} Hz, above all {len(omega)} modes of "
-                f"{self.model.mechanism.name} (the highest is at {highest:.4g} Hz at "
-                f"{math.degrees(alpha3):.3f} deg); give a lower band, or keep more modes in each "
-                "link."
+                f"response.band_hz begins at {low:g} Hz, above all {len(elastic)} modes of "
+                f"{self.model.mechanism.name} (the highest is at {highest:.4g} Hz); give a lower "
+                "band, or keep more modes in each link."
+            )
+        return solution
+
+    def _check_count(self, count: int, alpha3: float) -> None:
+        """Refuse fewer modes at an angle, rad, than a table is to have."""
+        if count < self.response.modes:
+            raise TableError(
+                f"response.modes is {self.response.modes}, but {self.model.mechanism.name} has "
+                f"{count} modes at {math.degrees(alpha3):.3f} deg; use fewer, keep more modes in "
+                "each link, or widen response.band_hz if modes are identified from FRFs."
             )
 
     def _check(self, sample: PoleSample) -> None:
@@ -286,35 +260,25 @@ class Sampler:
             raise _silent(self.model.mechanism.name)
 
     def _solve(self, alpha3: float) -> Sample:
-        self._count(alpha3)
         if self._from_frfs:
+            self._count(alpha3)
             identified = self.model.identify(alpha3)
+            self._check_count(len(identified.modes.omega), alpha3)
             every = np.arange(len(identified.modes.omega))
             sample = self._sample(
-                alpha3,
-                identified.modes,
-                identified.damping_ratios,
-                every,
-                identified.drive_point,
-                None,
+                alpha3, identified.modes, identified.damping_ratios, every, identified.drive_point
             )
             deviations = np.array([identified.frequency_stddev, identified.damping_ratio_stddev])
             return replace(sample, deviations=deviations)
-        solution = self.solution(alpha3)
-        self.free_modes = max(self.free_modes, int(solution.modes.mechanism.sum()))
+        solution = self._checked_solution(alpha3)
         with _names_angle(alpha3):
             coupled = solution.damped.shapes is not None
         if coupled:
             raise ModesAreCoupled
-        elastic = np.flatnonzero(~solution.modes.mechanism)
-        self._note_rounding(solution, solution.damping_ratios[elastic])
-        terms, drive_place = self._terms(solution), (self.response.point, self.response.direction)
-        if terms is not None and drive_place in self.places:
-            row = terms.own[[self.places.index(drive_place)]]
-            drive = pole_residue(terms.damped, row, row)
-        else:
-            drive = solution.drive_point
-        return self._sample(alpha3, solution.modes, solution.damping_ratios, elastic, drive, terms)
+        elastic, ratios = np.flatnonzero(~solution.modes.mechanism), solution.damping_ratios
+        self._note_rounding(solution, ratios[elastic])
+        sample = self._sample(alpha3, solution.modes, ratios, elastic, solution.drive_point)
+        return replace(sample, terms=self._terms(solution))
 
     def _sample(
         self,
@@ -323,15 +287,10 @@ class Sampler:
         ratios: FloatArray,
         elastic: IntArray,
         drive: PoleResidue,
-        terms: Terms | None,
     ) -> Sample:
-        band, name = self.response.band, self.model.mechanism.name
-        reach = int(in_reach(modes.omega[elastic] ** 2, band).sum())
+        band, name = self.response.peak_band, self.model.mechanism.name
+        reach = int(in_reach(modes.omega[elastic] ** 2, self.response.band).sum())
         kept = elastic[: max(self.response.modes, reach) + _SPARE]
-        if len(kept) < self.response.modes:
-            raise self._few_modes(len(kept), alpha3)
-        if not self._from_frfs:
-            self._check_band(modes.omega[elastic], alpha3)
         lost = len(modes.omega) - len(drive.decay)  # mechanism modes have no term there
         peaks = np.array(drive.local_peaks(kept - lost, band))
         edges = np.abs(drive.frf(np.array(band))[:, 0, 0])
@@ -340,25 +299,17 @@ class Sampler:
             raise _undamped(name)
         if max(edges[1].max(), heights(peaks[0], peaks[1], band).max()) <= SILENT:
             raise _silent(name)
-        return Sample(
-            alpha3,
-            modes.select(kept, np.ones(len(kept))),
-            modes.omega[kept] / (2.0 * math.pi),
-            ratios[kept],
-            reach,
-            peaks,
-            edges,
-            drive,
-            terms,
-        )
+        frequencies = modes.omega[kept] / (2.0 * math.pi)
+        shapes = modes.select(kept, np.ones(len(kept)))
+        return Sample(alpha3, shapes, frequencies, ratios[kept], reach, peaks, edges, drive)
 
     def _terms(self, solution: Solution) -> Terms | None:
         """Return the FRFs between the places, and the participations in their residues."""
         if not self.places or solution.modes.mechanism.any():
             return None
-        rows = self.model.rows(self.places, solution.configuration)
+        rows = self.model.output_rows([*self.places, *self.forces], solution.configuration)
         undamped = rows @ solution.modes.shapes[: rows.shape[1]]
-        return Terms(solution.damped, rows, undamped)
+        return Terms(solution.damped, rows, undamped, len(self.places))
 
 
 @contextmanager
@@ -371,10 +322,8 @@ def _names_angle(alpha3: float) -> Iterator[None]:
 
 
 def _undamped(name: str) -> TableError:
-    return TableError(
-        f"{name} has an undamped mode, so its receptance has no highest value; give its links "
-        "damping."
-    )
+    problem = f"{name} has an undamped mode, so its receptance has no highest value"
+    return TableError(f"{problem}; give its links damping.")
 
 
 def _silent(name: str) -> TableError:

@@ -9,14 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from linkage_vibration.mechanics.arrays import BoolArray, FloatArray, IntArray
-from linkage_vibration.mechanics.modes import Modes, align, track
+from linkage_vibration.mechanics.modes import align, track
 from linkage_vibration.table.table import TableError
 from linkage_vibration.table.tabulation.peaks import SILENT
 from linkage_vibration.table.tabulation.sampling import Sample, Sampler
 
 _VEERING = 0.03  # Once modes veer, shapes leave out coupling up to this share of the tolerance.
-
-Step = tuple[IntArray, FloatArray, FloatArray, FloatArray]
 
 UNCLEAR = 0.5
 """MAC up to which a shape may continue two: its sum over all modes of a sample is 1."""
@@ -28,12 +26,11 @@ class Tracked:
 
     variables: FloatArray  # (n,): stroke variables of the samples, ascending
     orders: list[IntArray]  # indices of the modes of each sample, (k,)
-    signs: list[FloatArray]  # 1 or -1, which align their shapes with those of the first, (k,)
     shapes: list[FloatArray]  # the aligned shapes, (n_interface, k)
     mac: FloatArray  # (n - 1, k): MAC from each sample to the next
     log_frequencies: FloatArray  # (n, k): logarithms of natural frequencies in Hz
     ratios: FloatArray  # (n, k): damping ratios
-    # (n, k + 2): maxima near each mode and at the ends of the band; NaN where there is none.
+    # (n, k + 2): maxima near each mode and at the ends of their band; NaN where there is none.
     peak_frequencies: FloatArray  # Hz
     peak_magnitudes: FloatArray  # m/N
 
@@ -48,7 +45,6 @@ class Tracked:
         return Tracked(
             self.variables[kept],
             [self.orders[i] for i in kept],
-            [self.signs[i] for i in kept],
             [self.shapes[i] for i in kept],
             self.mac[:0],
             self.log_frequencies[kept],
@@ -67,14 +63,10 @@ class Tracker:
     def __init__(self, sampler: Sampler, tolerance: float) -> None:
         self.sampler = sampler
         self._tolerance = self._left_out = tolerance
-        # The keys have the identities of arrays, which are kept so that these stay unique.
-        self._steps: dict[tuple[int, int], tuple[FloatArray, Step]] = {}
-        self._shapes: dict[tuple[int, bytes, bytes], tuple[Modes, FloatArray]] = {}
 
     def heed_veering(self) -> None:
         """From now on rotate shapes only if their coupling is negligible, since some modes veer."""
         self._left_out = _VEERING * self._tolerance
-        self._steps.clear()
 
     def follow(self, variables: Sequence[float]) -> Tracked:
         """Track the modes in reach of the band over samples in ascending order.
@@ -89,7 +81,7 @@ class Tracker:
         count = min(max(needed), most)
         base = int(np.argmax([s.gaps[:count].min(initial=math.inf) for s in samples]))
         while True:
-            orders, signs, shapes, mac = self._run(samples, base, count)
+            orders, shapes, mac = self._run(samples, base, count)
             missed = max(
                 len(set(range(few)).difference(order.tolist()))
                 for few, order in zip(needed, orders, strict=True)
@@ -97,15 +89,14 @@ class Tracker:
             if missed == 0 or count == most:
                 break
             count = min(count + missed, most)
-        turn, rank = signs[0].copy(), np.argsort(orders[0], kind="stable")
+        rank = np.argsort(orders[0], kind="stable")
         orders = [order[rank] for order in orders]
         both = list(zip(samples, orders, strict=True))
         peaks = [np.hstack([sample.peaks[:, order], sample.edges]) for sample, order in both]
         return Tracked(
             np.array(variables),
             orders,
-            [(sign * turn)[rank] for sign in signs],
-            [(shape * turn)[:, rank] for shape in shapes],
+            [shape[:, rank] for shape in shapes],
             mac[:, rank],
             np.log([sample.frequencies[order] for sample, order in both]),
             np.array([sample.ratios[order] for sample, order in both]),
@@ -115,37 +106,21 @@ class Tracker:
 
     def _run(
         self, samples: list[Sample], base: int, count: int
-    ) -> tuple[list[IntArray], list[FloatArray], list[FloatArray], FloatArray]:
+    ) -> tuple[list[IntArray], list[FloatArray], FloatArray]:
         """Track the lowest modes of one sample up and down from it."""
         n = len(samples)
-        orders = [np.arange(count)] * n
-        signs, mac = [np.ones(count)] * n, np.ones((n - 1, count))
-        shapes = [self._same(samples[base].modes, orders[base], signs[base])] * n
+        orders, mac = [np.arange(count)] * n, np.ones((n - 1, count))
+        shapes = [samples[base].modes.shapes[:, :count]] * n
         for i in (*range(base + 1, n), *range(base - 1, -1, -1)):
             before = i - 1 if i > base else i + 1
-            step = self._step(shapes[before], samples[i].modes)
-            orders[i], signs[i], mac[min(i, before)], shapes[i] = step
-        return orders, signs, shapes, mac
-
-    def _step(self, shapes: FloatArray, there: Modes) -> Step:
-        """Track modes to the next sample; return order, signs, MAC and shapes there."""
-        key = id(shapes), id(there)
-        if key not in self._steps:
-            mass = self.sampler.mass
-            order, sign, criterion = track(shapes, there, mass)
-            modes = align(shapes, there, mass, order, sign, self._left_out)
+            there, mass = samples[i].modes, self.sampler.mass
+            order, signs, criterion = track(shapes[before], there, mass)
+            modes = align(shapes[before], there, mass, order, signs, self._left_out)
             if modes is not there:
-                order, sign, criterion = track(shapes, modes, mass)
-            continued = self._same(modes, order, sign)
-            self._steps[key] = shapes, (order, sign, criterion, continued)
-        return self._steps[key][1]
-
-    def _same(self, modes: Modes, order: IntArray, signs: FloatArray) -> FloatArray:
-        """Return the shapes of some modes, each time the same array, so that steps are known."""
-        key = id(modes), order.tobytes(), signs.tobytes()
-        if key not in self._shapes:
-            self._shapes[key] = modes, modes.select(order, signs).shapes
-        return self._shapes[key][1]
+                order, signs, criterion = track(shapes[before], modes, mass)
+            orders[i], mac[min(i, before)] = order, criterion
+            shapes[i] = modes.select(order, signs).shapes
+        return orders, shapes, mac
 
 
 def unclear_steps(sampler: Sampler, tracked: Tracked) -> list[float]:

@@ -3,6 +3,7 @@
 """A table has the standard deviations by uncertain numbers, and says where they are unknown."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -110,7 +111,11 @@ def uncertain_crank(gap: float, share: float, dashpot: float | None) -> Mechanis
         for change in (-step, step)
     )
     number = UncertainNumber("stiffness", STIFFNESS, share * STIFFNESS, step, False, (low, high))
-    return replace(mechanism, uncertainty=Uncertainty((number,), ((1.0,),)))
+
+    def described(values: Sequence[float]) -> Mechanism:
+        return replace(mechanism, springs=(replace(spring, stiffness=values[0]),))
+
+    return replace(mechanism, uncertainty=Uncertainty((number,), ((1.0,),), described))
 
 
 def normal_samples(count: int) -> FloatArray:

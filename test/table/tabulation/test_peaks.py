@@ -48,6 +48,28 @@ def test_maxima_that_come_and_go(tolerance: float) -> None:
     assert np.abs(magnitude).max() <= 100.0 * tolerance
 
 
+def test_peak_in_a_part_of_the_band() -> None:
+    """It is the highest of dense lines there, also at an end, and FRFs hold in the whole band."""
+    mechanism = read_mechanism(config_file("four_bar.yaml"))
+    response = replace(mechanism.response, peak_part=(100.0, 300.0))
+    model = LinkageModel(replace(mechanism, response=response))
+    table, lines = build_table(model, 1e-4), np.linspace(100.0, 300.0, 20001)
+    frequencies = []
+    for angle in np.linspace(*table.alpha3_range, 25)[1:-1].tolist():
+        solution = model.solve(angle)
+        place = [(response.point, response.direction)]
+        sizes = np.abs(solution.frf(place, place).frf(lines))[:, 0, 0]
+        _, frequency, magnitude, _ = table.interpolate(angle)
+        assert magnitude == pytest.approx(sizes.max(), rel=1e-2)
+        assert sizes[np.abs(lines - frequency) < 0.02].max() >= 0.98 * sizes.max()
+        frequencies.append(frequency)
+        outside = np.array([50.0, 405.0, 667.0, 950.0])
+        exact = solution.frf(place, place).frf(outside)
+        np.testing.assert_allclose(table.frf(angle, place, place).frf(outside), exact, rtol=0.01)
+    assert max(frequencies) == pytest.approx(300.0)
+    assert min(frequencies) < 230.0
+
+
 def test_sharp_peaks_are_not_missed(mechanism: Mechanism) -> None:
     """With 0.02 % of damping, where 0.1 Hz lines miss most of it, the table has the peak."""
     light = replace(mechanism, damping=rayleigh_damping(2e-4, 4.0, 180.0))

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from benchmark.planes import in_plane
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.modes import track
 from linkage_vibration.readers.mechanism import read_mechanism
@@ -66,12 +67,12 @@ def test_modes_in_and_out_of_the_plane_are_not_swapped(steps: int) -> None:
     path = np.linspace(*model.mechanism.stroke, steps + 1)
     solutions = [model.solve(float(angle)) for angle in path]
     elastic = np.flatnonzero(~solutions[0].modes.mechanism)[:6]
-    shapes, plane = solutions[0].modes.shapes[:, elastic], solutions[0].in_plane[elastic]
+    shapes, plane = solutions[0].modes.shapes[:, elastic], in_plane(solutions[0])[elastic]
     assert 0 < plane.sum() < len(plane)
     for solution in solutions[1:]:
         order, signs, _ = track(shapes, solution.modes, model.system.mass)
         shapes = solution.modes.select(order, signs).shapes
-        assert (solution.in_plane[order] == plane).all()
+        assert (in_plane(solution)[order] == plane).all()
 
 
 @pytest.mark.parametrize("at", [0.0, 1e-17, 0.3137])

@@ -1,0 +1,120 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Advise at which height and ground speed the linkage would be loaded less than now."""
+
+import argparse
+import math
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from linkage_vibration.cli.arguments import SHIPPED
+
+if TYPE_CHECKING:
+    from linkage_vibration.prediction.advice import Advice
+
+_PLACES = "now", "quietest height", "quietest speed", "quietest both"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    add = parser.add_argument
+    add("angle_deg", type=float, help="present crank angle alpha3 in degrees")
+    add("speed_kmh", type=float, help="present ground speed in km/h")
+    ends: dict[str, Any] = {"nargs": 2, "type": float, "metavar": ("LOW", "HIGH")}
+    add("--angles-deg", **ends, help="permitted crank angles (default: all of the table)")
+    add("--speeds-kmh", **ends, help="permitted ground speeds (default: the present one alone)")
+    for name in ("engine", "pto"):
+        text = f"present {name} speed in rpm, which stays as it is (default: not known)"
+        add(f"--{name}-rpm", type=float, default=math.nan, help=text)
+    add("--mechanism", type=Path, help=SHIPPED)
+    add("--table", type=Path, help="table to use (default: the shipped one)")
+    add("--excitations", type=Path, help="YAML file (default: the shipped excitations)")
+    add("-o", "--output", type=Path, help="PNG picture of the map to write")
+    add("--csv", type=Path, help="CSV file of the map to write")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Print the advice, and write the map; return 1 if the present load is not known."""
+    import numpy as np
+
+    from linkage_vibration.prediction.advice import KMH, NOW, Question, advise
+    from linkage_vibration.prediction.levels import LevelTable
+    from linkage_vibration.prediction.settings import Parameters
+    from linkage_vibration.readers.served import read_loads, read_served
+    from linkage_vibration.support.atomic_files import check_output
+    from linkage_vibration.support.progress import table_bar
+
+    files = (options.mechanism, options.table, options.excitations)
+    for path, suffix in ((options.output, ".png"), (options.csv, ".csv")):
+        check_output(path, suffix, list(filter(None, files)))
+    names = ("mechanism_file", "table_file", "excitation_file")
+    settings = Parameters(**dict(zip(names, (str(path or "") for path in files), strict=True)))
+    if options.output:
+        from linkage_vibration.drawing.plots import require_matplotlib
+
+        require_matplotlib()
+    with table_bar("table") as building:
+        served = read_served(settings, lambda text: print(text, file=sys.stderr), building)
+    excitations = read_loads(settings, served, lambda text: print(text, file=sys.stderr))
+    levels = LevelTable(served.predictor, served.mechanism, excitations)
+    low, high = options.angles_deg or (math.nan, math.nan)
+    slow, fast = options.speeds_kmh or (math.nan, math.nan)
+    question = Question(
+        math.radians(options.angle_deg),
+        np.array([options.engine_rpm, options.pto_rpm, abs(options.speed_kmh) / KMH]),
+        (math.radians(low), math.radians(high)) if options.angles_deg else None,
+        (slow / KMH, fast / KMH) if options.speeds_kmh else None,
+    )
+    advice = advise(levels, excitations, question)
+    print(_described(advice))
+    if options.csv:
+        from linkage_vibration.support.atomic_files import OutputError, write_text
+
+        write_text(options.csv, _csv(advice), OutputError)
+    if options.output:
+        from linkage_vibration.drawing.advice_picture import draw_advice
+
+        draw_advice(advice, settings.warning_limits().warning, options.output)
+    written = ", ".join(str(path) for path in (options.csv, options.output) if path)
+    if written:
+        print(f"Written: {written}")
+    return 1 if math.isnan(advice.message.load_ratios[NOW]) else 0
+
+
+def _described(advice: "Advice") -> str:
+    """Return advice as lines of text: a row for each place of the message, and what is refused."""
+    import numpy as np
+
+    from linkage_vibration.prediction.advice import KMH
+
+    of, head = advice.message, ["angle [deg]", "speed [km/h]", "load ratio", "factor"]
+    head += ["velocity [mm/s]", "factor", "quieter than now [%]", "regret [%]"]
+    levels = [of.load_ratios, of.load_ratio_factors, 1e3 * of.velocities, of.velocity_factors]
+    shares = [100.0 * of.probabilities, 100.0 * advice.regrets]
+    columns = [np.degrees(of.crank_angles), KMH * of.ground_speeds, *levels, *shares]
+    lines = [" " * 16 + "".join(f"{name:>{len(name) + 2}}" for name in head)]
+    for name, row in zip(_PLACES, np.transpose(columns).tolist(), strict=True):
+        numbers = (f"{v:{len(title) + 2}.4g}" for title, v in zip(head, row, strict=True))
+        lines.append(f"{name:16}" + "".join(numbers))
+    lines.append(of.sentence)
+    if of.not_counted:
+        lines.append(f"Not counted, as their loads are not known: {of.not_counted}.")
+    counts = np.bincount(advice.reasons.ravel(), minlength=len(advice.reason_texts))
+    for text, count in list(zip(advice.reason_texts, counts.tolist(), strict=True))[1:]:
+        if count:
+            lines.append(f"Refused for {count} of {advice.reasons.size} cells: {text}")
+    return "\n".join(lines)
+
+
+def _csv(advice: "Advice") -> str:
+    """Return the map as CSV, with a line for each height and speed."""
+    import numpy as np
+
+    lines = ["crank_angle_rad,ground_speed_m_per_s,load_ratio,velocity_m_per_s,reason"]
+    for i, j in np.ndindex(advice.reasons.shape):
+        numbers = [advice.crank_angles[i], advice.ground_speeds[j]]
+        numbers += [advice.load_ratios[i, j], advice.velocities[i, j]]
+        text = advice.reason_texts[advice.reasons[i, j]]
+        lines.append(",".join([*(repr(float(v)) for v in numbers), f'"{text}"']))
+    return "\n".join(lines) + "\n"

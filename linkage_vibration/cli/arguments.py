@@ -1,0 +1,60 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""What several subcommands have in common: arguments, and the model or the parameters they name."""
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from linkage_vibration.mechanics.model import LinkageModel
+    from linkage_vibration.prediction.settings import Parameters
+
+SHIPPED = "YAML file (default: the shipped linkage)"
+
+
+def add_remap(parser: argparse.ArgumentParser) -> None:
+    """Declare the option that says which topics of bags take the place of those of the node."""
+    text = "topic in the bags for a topic of the node, such as joint_states, hitch_position, "
+    text += "engine_speed, pto_speed or ground_speed"
+    parser.add_argument("--remap", nargs="+", default=[], metavar="NAME:=TOPIC", help=text)
+
+
+def add_inputs(parser: argparse.ArgumentParser) -> None:
+    """Declare the options that say how bags are read, and of which mechanism they are."""
+    parser.add_argument("--params-file", type=Path, help="YAML file of the node's parameters")
+    text = "joint that turns the crank (default: the parameter joint_name)"
+    parser.add_argument("--joint", help=text)
+    parser.add_argument("--mechanism", type=Path, help=SHIPPED)
+    add_remap(parser)
+
+
+def read_settings(options: argparse.Namespace, **more: Any) -> "Parameters":
+    """Return the parameters that the options of `add_inputs` and others name."""
+    from linkage_vibration.prediction.parameter_files import read_parameters
+    from linkage_vibration.prediction.settings import Parameters, with_values
+
+    settings = read_parameters(options.params_file) if options.params_file else Parameters()
+    given = {"joint_name": options.joint, "mechanism_file": options.mechanism, **more}
+    values = {name: value for name, value in given.items() if value is not None}
+    return with_values(
+        settings, {name: str(v) if isinstance(v, Path) else v for name, v in values.items()}
+    )
+
+
+def mechanism_file(options: argparse.Namespace) -> Path:
+    """Return the path of the mechanism that the options name, or of the shipped one."""
+    from linkage_vibration.prediction.settings import Parameters
+
+    return Parameters(mechanism_file=str(options.mechanism or "")).mechanism_path()
+
+
+def read_model(source: Path) -> "LinkageModel":
+    """Return the model of a mechanism, after a notice about its kinematics if there is one."""
+    from linkage_vibration.mechanics.model import LinkageModel
+    from linkage_vibration.readers.mechanism import read_mechanism
+
+    model = LinkageModel(read_mechanism(source))
+    if model.kinematics.notice:
+        print(f"{source}: {model.kinematics.notice}\n")
+    return model

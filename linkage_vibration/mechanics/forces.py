@@ -1,0 +1,204 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Forces in pins, sections, springs and cylinders, as places of FRFs.
+
+A force is a row on the coordinates of the uncoupled components: the stiffness of the elements
+beside a point times their displacements, or the stiffness of a spring times its elongation. Of
+equal links or cylinders side by side, it is the force in one of them. Damping forces are left out.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.mechanics.arrays import FloatArray
+from linkage_vibration.mechanics.compatibility import CouplingError, Joining
+from linkage_vibration.mechanics.coupling import UncoupledSystem, couple
+from linkage_vibration.mechanics.description import GROUND, Link, Mechanism, PointForces
+from linkage_vibration.mechanics.dofs import InterfaceDof
+from linkage_vibration.mechanics.gravity import at_rest, weight
+from linkage_vibration.mechanics.kinematics import Configuration, rotation
+from linkage_vibration.mechanics.springs import has_force, tension_share
+
+GRAVITY = 9.80665
+"""Standard acceleration of gravity, m/s2, by which static forces are computed."""
+
+LEAST_REFERENCE = 0.1
+"""Least reference force of a place, as a share of the largest static force at that angle."""
+
+_COMPONENTS = ("force_x", "force_z")  # of the force of a pin, along the global axes
+_SECTION = ("axial", "shear", "moment")
+_STRESSES = ("stress", "stress_opposite")  # at the outer fibres on the sides of local +z and -z
+_KINDS = (*_COMPONENTS, *_SECTION, *_STRESSES)
+
+
+class ForceError(LinkageVibrationError):
+    """A place has no such force."""
+
+
+def is_force(place: tuple[str, str]) -> bool:
+    """Return whether a place is one of a force, rather than of a displacement."""
+    return place[1] not in ("x", "y", "z")
+
+
+def magnitudes(places: Sequence[tuple[str, str]], forces: FloatArray) -> FloatArray:
+    """Return magnitudes of forces at each name, (n_names, ...), from their components at places.
+
+    The components, (n_places, ...), are those of `Forces.places`.
+    """
+    names = [name for name, _ in places]
+    first = [i for i, name in enumerate(names) if name not in names[:i]]
+    return np.sqrt(np.add.reduceat(forces**2, first)) if first else forces
+
+
+def reference(static: FloatArray, given: float | None) -> FloatArray:
+    """Return what dynamic forces are compared with, (n_names, ...), N, from static ones.
+
+    It is the static force, but at least a share of the largest one, since a ratio to the force in a
+    pin that carries nearly nothing has no meaning; or one that is given.
+    """
+    if given is not None:
+        return np.full_like(static, given)
+    least = LEAST_REFERENCE * static.max(axis=0, initial=0.0)
+    return np.where(least > 0.0, np.maximum(static, least), math.nan)
+
+
+@dataclass(frozen=True, eq=False)
+class Forces:
+    """Finds the forces in a mechanism whose components have matrices."""
+
+    mechanism: Mechanism
+    system: UncoupledSystem
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Names of all force places: pins, by a link of beams, then springs and cylinders.
+
+        Both sides of a pin carry the same force, so each is named once, by the first such link; a
+        point that joins more than two bodies is named by each link.
+        """
+        named: dict[str, str] = {}  # with the point of each
+        for link in self.mechanism.links:
+            for point, _ in link.points if link.name in self._ends else ():
+                bodies = len(self.mechanism.owners(point))
+                if bodies > 2 or (bodies == 2 and point not in named.values()):
+                    named[f"{link.name}:{point}"] = point
+        return (*named, *(spring.name for spring in self.mechanism.springs if has_force(spring)))
+
+    @cached_property
+    def places(self) -> tuple[tuple[str, str], ...]:
+        """The scalar places of `names`: both components of pins, then springs."""
+        return tuple(
+            (name, direction)
+            for name in self.names
+            for direction in (_COMPONENTS if ":" in name else ("force",))
+        )
+
+    @cached_property
+    def _ends(self) -> dict[str, Mapping[str, PointForces]]:
+        """The forces at the points of each link that shows them."""
+        parts = {part.name: part for part in self.system.components}
+        links = self.mechanism.links
+        ends = {link.name: link.body.point_forces(link, parts[link.name]) for link in links}
+        return {name: forces for name, forces in ends.items() if forces}
+
+    def rows(
+        self, places: Sequence[tuple[str, str]], configuration: Configuration, joining: Joining
+    ) -> FloatArray:
+        """Return the forces at places per coordinate of the uncoupled components, (n_places, n)."""
+        rows = np.zeros((len(places), len(self.system.mass)))
+        for row, (name, direction) in zip(rows, places, strict=True):
+            at, forces = self._forces_at(name, configuration, joining)
+            if direction not in forces:
+                hint = "; add `real: true` if its section is that of the real link"
+                known = f"{', '.join(forces) or 'no force'}{hint * (direction in _STRESSES)}"
+                raise ForceError(f"{name} has no {direction}; it has: {known}.")
+            row[at] = forces[direction]
+        return rows
+
+    def _forces_at(
+        self, name: str, configuration: Configuration, joining: Joining
+    ) -> tuple[Any, dict[str, FloatArray]]:
+        """Return indices of coordinates, and rows on them of the forces at a name by direction."""
+        springs = [spring.name for spring in self.mechanism.springs]
+        if name not in springs:
+            link, point = self._end(name)
+            ends = self._ends[link.name][point]
+            pin = rotation(configuration.angle(link.name)) @ ends.pin
+            rows = [*pin, *ends.section, *(ends.stresses if ends.shape.real else ())]
+            return self.system.rows[link.name], dict(zip(_KINDS, rows, strict=False))
+        i = springs.index(name)
+        spring, at = self.mechanism.springs[i], slice(self.system.n_interface)
+        share = tension_share(spring, self.mechanism, configuration) * joining.stiffness[i]
+        return at, {"force": share * joining.elongation[i]} if has_force(spring) else {}
+
+    @cached_property
+    def sections(self) -> tuple[tuple[str, str], ...]:
+        """The places in sections at the points of links: forces and moments, and real stresses."""
+        return tuple(
+            (f"{link}:{point}", direction)
+            for link, points in self._ends.items()
+            for point, ends in points.items()
+            for direction in (*_SECTION, *(_STRESSES if ends.shape.real else ()))
+        )
+
+    def at_rest(self, configuration: Configuration, joining: Joining) -> FloatArray:
+        """Return the forces at `places` under the weight, (n_places,), N.
+
+        They are NaN where nothing carries the weight. The base rests on its mounts without it.
+        """
+        moved, load = self.moved_by_weight(configuration, joining)
+        forces = np.asarray(self.rows(self.places, configuration, joining) @ moved)
+        # What pins exert on a body; unlike elements, this counts the weight between its nodes, too.
+        reactions = self.system.stiffness @ moved - load
+        parts = {part.name: part for part in self.system.components}
+        for i, (name, direction) in enumerate(self.places):
+            if direction in _COMPONENTS:
+                link, point = self._end(name)
+                dofs = [parts[link.name].dofs.index(InterfaceDof(point, axis)) for axis in "xz"]
+                along = rotation(configuration.angle(link.name))[_COMPONENTS.index(direction)]
+                forces[i] = along @ reactions[self.system.rows[link.name][dofs]] / link.count
+        return forces
+
+    def stresses_at_rest(self, configuration: Configuration, joining: Joining) -> dict[str, float]:
+        """Return the largest stress under the weight at each point of a link, Pa, by its name.
+
+        It is NaN where the outer fibre is unknown; sections need not be real.
+        """
+        moved, _ = self.moved_by_weight(configuration, joining)
+        return {
+            f"{link}:{point}": float(np.abs(ends.stresses @ moved[self.system.rows[link]]).max())
+            for link, points in self._ends.items()
+            for point, ends in points.items()
+        }
+
+    def moved_by_weight(
+        self, configuration: Configuration, joining: Joining, *, with_base: bool = False
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return how the weight moves the components, NaN where nothing carries it, and the weight.
+
+        Both are (n,) on the coordinates, m and N. The base is without weight unless asked for.
+        """
+        parts = [part for part in self.system.components if with_base or part.name != GROUND]
+        load = weight(parts, self.system, configuration, GRAVITY)
+        try:
+            return at_rest(couple(self.system, joining), load, configuration), load
+        except CouplingError:
+            return np.full(len(load), math.nan), load
+
+    def _end(self, name: str) -> tuple[Link, str]:
+        """Return the link and the point of a name such as lower_link:E1."""
+        body, _, point = name.partition(":")
+        link = next((link for link in self.mechanism.links if link.name == body), None)
+        if link is None or point not in dict(link.points):
+            hint = f"give one of: {', '.join(self.names) or 'none'}"
+            raise ForceError(f"There is no force at {name}; {hint}.")
+        if body not in self._ends:
+            hint = f"describe it by material and section, or give one of: {', '.join(self.names)}"
+            raise ForceError(f"The matrices or FRFs of links.{body} do not show forces; {hint}.")
+        return link, point

@@ -1,0 +1,307 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Advice: at which permitted height and ground speed the linkage would be loaded less.
+
+The load is the total load ratio of all excitations. How sure a comparison is follows from the
+members of the ensemble, each of which has loads of its own. Nothing is commanded.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.mechanics.arrays import FloatArray, IntArray
+from linkage_vibration.messages.columns import MessageColumns
+from linkage_vibration.messages.fields import message_constants
+from linkage_vibration.messages.topics import ADVICE
+from linkage_vibration.prediction.excitation import Excitation, Source
+from linkage_vibration.prediction.levels import LevelTable
+from linkage_vibration.prediction.predictor import angles_in_table
+from linkage_vibration.prediction.resonance import ResonanceMonitor
+
+NOW, HEIGHT, SPEED, BOTH = message_constants(ADVICE).values()
+"""The places of the message."""
+
+KMH = 3.6
+"""1 m/s in km/h."""
+
+_SHAPE = 91, 17  # heights and speeds of a map
+_EVERY = 3, 2  # Members have their best place among each third height and each second speed.
+_LIVE_SHAPE = 19, 7  # likewise, while readings wait
+_LIVE_SPEEDS = 0.7, 1.3  # of the present speed
+_ADVISED = np.arange(4) != NOW  # The present height and speed are those of the question.
+_PERIOD = 10**9  # ns, between two live pieces of advice
+_SURE = 0.95  # of regrets
+_NOTABLE = 0.8  # A height that leaves more of the load is not worth a change.
+_GROUND = list(Source).index(Source.GROUND)
+_NO_LOAD = "No load ratio is known here."
+_LOST = (
+    "The level of an excitation is not known here: its frequency is beyond the band of the table, "
+    "or the table is not accurate enough."
+)
+_OUTSIDE = "The angle is outside the table."
+_SHARES = {0.5: "half", 1.0 / 3.0: "a third", 0.25: "a quarter"}
+
+
+class AdviceError(LinkageVibrationError):
+    """A question for advice cannot be answered."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Question:
+    """What is permitted, and how it is now.
+
+    Attributes
+    ----------
+    crank_angle : float
+        At present, rad; NaN if not known.
+    speeds : ndarray, (n_sources,)
+        At present, rpm or m/s of each `Source`; NaN where not known. All but that of the ground
+        stay as they are.
+    crank_angles, ground_speeds : tuple of float, optional
+        The lowest and the highest that is permitted, rad and m/s; None permits all angles of the
+        table, and the present speed alone.
+    """
+
+    crank_angle: float
+    speeds: FloatArray
+    crank_angles: tuple[float, float] | None = None
+    ground_speeds: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Advice:
+    """The answer.
+
+    Attributes
+    ----------
+    message : MessageColumns
+        The fields of ``Advice.msg`` but for the header and the table.
+    regrets : ndarray, (4,)
+        By how much the load ratio at each place of the message may be above the smallest that is
+        permitted, 1, at most with a probability of 95 %; NaN if not known.
+    crank_angles, ground_speeds : ndarray, (n_angles,) and (n_speeds,)
+        Rows and columns of the map, rad and m/s.
+    load_ratios, velocities : ndarray, (n_angles, n_speeds)
+        1, and m/s rms at the response point; NaN where they are refused.
+    reasons, reason_texts : ndarray of int, (n_angles, n_speeds), and tuple of str
+        Which text says why; the first one is empty.
+    """
+
+    message: MessageColumns
+    regrets: FloatArray
+    crank_angles: FloatArray
+    ground_speeds: FloatArray
+    load_ratios: FloatArray
+    velocities: FloatArray
+    reasons: NDArray[np.uint8]
+    reason_texts: tuple[str, ...]
+
+
+def advise(
+    levels: LevelTable,
+    excitations: Sequence[Excitation],
+    question: Question,
+    shape: tuple[int, int] = _SHAPE,
+    *,
+    with_regrets: bool = True,
+) -> Advice:
+    """Return the quietest permitted heights and speeds on a map of this shape.
+
+    Members of the ensemble are compared all over the map only ``with_regrets``, which takes longer
+    than all else. An invalid question raises an `AdviceError`.
+    """
+    present = float(question.speeds[_GROUND])
+    angles = _steps("angles", question.crank_angles or levels.alpha3_range, shape[0], -math.inf)
+    speeds = np.array([present])
+    if question.ground_speeds is not None:
+        speeds = _steps("ground speeds", question.ground_speeds, shape[1], 0.0)
+    # The last row and the last column of the cells are those of the present height and speed.
+    angles, speeds = np.append(angles, question.crank_angle), np.append(speeds, present)
+    cells = np.arange(len(angles) * len(speeds)).reshape(len(angles), len(speeds))
+    alpha3 = np.repeat(angles, len(speeds))
+    every = np.repeat(question.speeds[:, np.newaxis], cells.size, axis=1)
+    every[_GROUND] = np.tile(speeds, len(angles))
+    found = levels.at(alpha3, every)
+    reasons, texts = _reasons(levels, excitations, found, alpha3, every)
+    load, velocity = (
+        np.where(reasons, math.nan, total.astype(float))
+        for total in (found.total_load_ratio, found.total_velocity)
+    )
+    permitted = [cells[-1:, -1:], cells[:-1, -1:], cells[-1:, :-1], cells[:-1, :-1]]
+    chosen = np.array([_smallest(load, among.ravel()) for among in permitted])
+    rows = chosen
+    if with_regrets:
+        i, j = (
+            np.append(np.arange(0, n - 1, k), n - 1)
+            for n, k in zip(cells.shape, _EVERY, strict=True)
+        )
+        rows = np.union1d(chosen, cells[np.ix_(i, j)])
+    totals, _ = levels.member_totals(alpha3[rows], every[:, rows])
+    members = np.full((len(totals), cells.size), math.nan)
+    members[:, rows] = np.where(reasons[rows], math.nan, totals)
+    regrets = np.full(len(chosen), math.nan)
+    if with_regrets:
+        for place, among in enumerate(permitted[1:], HEIGHT):
+            regrets[place] = _regret(members[:, chosen[place]], members[:, among.ravel()])
+    factors = levels.factors(alpha3[chosen], every[:, chosen], math.inf)
+    unknown = np.isnan(load[chosen])
+    message = MessageColumns(
+        not_counted=_not_counted(excitations, question.speeds),
+        crank_angles=np.where(unknown & _ADVISED, math.nan, alpha3[chosen]),
+        ground_speeds=np.where(unknown & _ADVISED, math.nan, every[_GROUND, chosen]),
+        load_ratios=load[chosen],
+        load_ratio_factors=np.where(unknown, math.nan, factors["total_load_ratio_factor"]),
+        velocities=velocity[chosen],
+        velocity_factors=np.where(unknown, math.nan, factors["total_velocity_factor"]),
+        probabilities=_probabilities(members[:, chosen]),
+    )
+    nothing = "Nothing permitted is known to be notably quieter."
+    if math.isnan(message.load_ratios[NOW]):
+        nothing = "How strongly it is loaded now is not known."
+    message.sentence = advice_sentence(message) or nothing
+    shown = np.s_[:-1, :-1]
+    return Advice(
+        message,
+        regrets,
+        angles[:-1],
+        speeds[:-1],
+        load.reshape(cells.shape)[shown],
+        velocity.reshape(cells.shape)[shown],
+        reasons.reshape(cells.shape)[shown],
+        texts,
+    )
+
+
+def _steps(what: str, ends: tuple[float, float], n: int, least: float) -> FloatArray:
+    """Return n steps of a permitted range, or its only value."""
+    low, high = ends
+    if not least <= low <= high < math.inf or low == -math.inf:
+        above = "" if least < 0.0 else " of at least 0"
+        raise AdviceError(
+            f"The permitted {what} are {low:g} to {high:g}; give two finite numbers{above}, the "
+            "smaller one first."
+        )
+    return np.linspace(low, high, n if low < high else 1)
+
+
+def _reasons(
+    levels: LevelTable,
+    excitations: Sequence[Excitation],
+    found: MessageColumns,
+    alpha3: FloatArray,
+    speeds: FloatArray,
+) -> tuple[NDArray[np.uint8], tuple[str, ...]]:
+    """Return why levels at n angles and speeds, (n_sources, n), are refused, and the texts.
+
+    A cell is refused if a load that is at work is not known there, as it would seem to be quiet.
+    """
+    loaded = np.array([[one.load is not None] for one in excitations])
+    at_work = loaded & np.isfinite(speeds[[list(Source).index(one.source) for one in excitations]])
+    ground = found.ground_unknown
+    inside = np.isfinite(angles_in_table(alpha3, levels.alpha3_range))
+    refused = {
+        _NO_LOAD: np.isnan(found.total_load_ratio),
+        _LOST: (at_work & np.isnan(found.velocities.T)).any(axis=0),
+        **{str(text): ground == text for text in np.unique(ground) if text},
+        _OUTSIDE: ~inside,
+    }
+    reasons = np.zeros(alpha3.shape, np.uint8)
+    for number, rows in enumerate(refused.values(), 1):
+        reasons[rows] = number
+    return reasons, ("", *refused)
+
+
+def _not_counted(excitations: Sequence[Excitation], speeds: FloatArray) -> str:
+    """Return the names of the excitations whose load is nowhere known at present speeds."""
+    unknown = [math.isnan(speed) for speed in speeds]
+    return ", ".join(
+        one.name
+        for one in excitations
+        if (one.load or one.terrain) is None or unknown[list(Source).index(one.source)]
+    )
+
+
+def _smallest(load: FloatArray, rows: IntArray) -> int:
+    """Return which of some rows has the smallest load; any if none is known."""
+    return int(rows[np.where(np.isnan(load[rows]), math.inf, load[rows]).argmin()])
+
+
+def _probabilities(members: FloatArray) -> FloatArray:
+    """Return the probabilities that loads of members, (n_members, 4), are below that of now.
+
+    If all members agree, they may still be wrong: half a member on each side is added.
+    """
+    known = np.isfinite(members) & np.isfinite(members[:, :1])
+    n, quieter = known.sum(axis=0), (known & (members < members[:, :1])).sum(axis=0)
+    found = np.where(n > 0, (quieter + 0.5) / (n + 1.0), math.nan)
+    found[NOW] = math.nan
+    return np.asarray(found)
+
+
+def _regret(chosen: FloatArray, members: FloatArray) -> float:
+    """Return by how much members at a place, (n_members,), may exceed the least of each, 1."""
+    least = np.fmin.reduce(members, axis=1, initial=math.inf)
+    with np.errstate(all="ignore"):
+        regrets = np.where(chosen > least, chosen / least - 1.0, 0.0 * chosen)
+    regrets = regrets[~np.isnan(regrets)]
+    return float(np.quantile(regrets, _SURE)) if len(regrets) else math.nan
+
+
+def advice_sentence(
+    message: MessageColumns, would: str = "would shake", *, heights_only: bool = False
+) -> str:
+    """Return what is notably quieter than now, in words; empty if nothing is."""
+    now, texts = float(message.load_ratios[NOW]), []
+    angles = [f"{math.degrees(angle):.0f} deg" for angle in message.crank_angles]
+    speeds = [f"{KMH * speed:.0f} km/h" for speed in message.ground_speeds]
+    moving = "" if math.isnan(message.ground_speeds[NOW]) else f" at {speeds[NOW]}"
+    beginnings = {HEIGHT: f"Carried at {angles[HEIGHT]} instead of {angles[NOW]}{moving}"}
+    if not heights_only:
+        beginnings[SPEED] = f"At {speeds[SPEED]} instead of {speeds[NOW]}"
+    for place, beginning in beginnings.items():
+        share = float(message.load_ratios[place]) / max(now, 1e-300)
+        if share <= _NOTABLE:
+            probability = float(message.probabilities[place])
+            sure = f" ({100.0 * probability:.0f} %)"
+            if math.isnan(probability):
+                sure = "" if place == HEIGHT else " (probability not known)"
+            near = [text for value, text in _SHARES.items() if abs(share / value - 1.0) < 0.1]
+            words = near[0] if near else f"{100.0 * share:.0f} %"
+            texts.append(f"{beginning} it {would} {words} as much{sure}.")
+    return " ".join(texts)
+
+
+class Adviser:
+    """Gives advice while the total load ratio exceeds its limit, at most once a second of stamps.
+
+    It has no clock, so the same messages give the same advice, live or offline.
+    """
+
+    def __init__(self, monitor: ResonanceMonitor) -> None:
+        self._monitor = monitor
+        self._last = -_PERIOD
+
+    def due(self, load_ratios: FloatArray, stamps: IntArray) -> list[int]:
+        """Return for which of the next resonances, (n,), advice is due; stamps are in ns."""
+        rows = []
+        for row in np.flatnonzero(load_ratios > self._monitor.limits.warning).tolist():
+            if not 0 <= int(stamps[row]) - self._last < _PERIOD:
+                self._last = int(stamps[row])
+                rows.append(row)
+        return rows
+
+    def answer(self, resonance: MessageColumns) -> MessageColumns:
+        """Return the advice for a resonance of the monitor, as ``Advice.msg``."""
+        levels, ground = self._monitor.levels, float(resonance.speeds[_GROUND])
+        assert levels is not None  # without levels, no load ratio exceeds a limit
+        low, high = _LIVE_SPEEDS
+        permitted = None if math.isnan(ground) else (low * ground, high * ground)
+        question = Question(resonance.crank_angle, resonance.speeds, None, permitted)
+        found = advise(levels, self._monitor.excitations, question, _LIVE_SHAPE, with_regrets=False)
+        found.message.table_id = resonance.table_id
+        return found.message

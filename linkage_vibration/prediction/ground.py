@@ -1,0 +1,468 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""How strongly the ground under the wheels shakes the response point and loads pins and cylinders.
+
+One profile passes under all mounts of the base, one after the other. It is a random process with
+the power spectral density G(n) over the wavenumber n, so that levels are sums over frequencies.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import welch
+from scipy.special import ndtr
+
+from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray, IntArray
+from linkage_vibration.mechanics.description import Mechanism, Mount
+from linkage_vibration.mechanics.forces import is_force
+from linkage_vibration.mechanics.model import LinkageModel, ModelError, Place
+from linkage_vibration.mechanics.response import PoleResidue
+from linkage_vibration.prediction.predictor import angles_in_table
+from linkage_vibration.table.interpolation import stroke_angle, stroke_variable
+from linkage_vibration.table.table import Table
+
+Reasons = NDArray[np.int8]
+
+LINES = 512
+"""Frequencies, even in their logarithm, over which levels are summed."""
+
+SEGMENTS = 8
+"""A measured profile is divided into so many parts, and those that overlap them by half."""
+
+LOST, AIRBORNE = 0.2, 0.2
+"""Largest share of the power of the acceleration at wavelengths that are not known, and of the time
+that a tyre is off the ground, with which a level is known, 1."""
+
+REASONS = (
+    "",
+    "The mechanism has no base on two or more mounts, so the ground under them is not modelled.",
+    "A tool is in the soil (`raised: false`), and forces of the soil are not modelled.",
+    "The table has no FRFs at the mounts of the base up to the highest frequency of the terrain.",
+    "Over a fifth of the acceleration's power lies above half of the frequency of the lugs.",
+    "Over a fifth of the acceleration's power lies at waves that the measured profile lacks.",
+    "A tyre is off the ground for more than a fifth of the time, so the tyres are not springs.",
+    "The static loads of the mounts are not known, so a tyre may be off the ground.",
+    "The crank angle is outside the table.",
+    "The ground speed is not known, is negative, or is above 100 m/s.",
+    "The damping ratio of a mode in the band of the terrain is too small for a level.",
+)
+"""Why a level of the ground is not known, by the numbers in `GroundLevels.reason`."""
+
+_BASE, _SOIL, _FRFS, _LUGS, _PROFILE, _OFF, _STATIC, _ANGLE, _SPEED, _LIGHT = range(1, len(REASONS))
+_FASTEST, _SLOWEST = 100.0, 0.1  # m/s; slower, the mounts move as if they did not share a profile
+_STEP, _PHASE = 0.02, 1.5  # largest steps between speeds: of ln(speed), and of a delay's phase, rad
+_STEPS, _DEGREE = (32, 128), math.radians(1.0)  # numbers of steps between angles, one to a degree
+_MOST_LINES, _WIDTH = 4096, 1.5  # lines, and steps between them to the half-width of a resonance
+_LOADS = 19  # angles at which static loads are computed
+
+
+class GroundError(LinkageVibrationError):
+    """The vibration by the ground is not known."""
+
+
+@dataclass(frozen=True, slots=True)
+class Terrain:
+    """The ground as a random profile, the same under both wheels of an axle.
+
+    Attributes
+    ----------
+    roughness, exponent, reference : float
+        The one-sided power spectral density is roughness (n / reference)^-exponent, m3, of the
+        wavenumber n, 1/m; ISO 8608 has the exponent 2 and the reference 0.1 1/m.
+    band : (float, float)
+        The frequencies that count, Hz.
+    lug_pitch : float or None
+        Distance of the lugs on the tyre's circumference, m; None for tyres without lugs.
+    raised : bool
+        Whether no tool is in the soil.
+    relative_stddev : float
+        Standard deviation of the logarithm of an amplitude, 1.
+    spectrum : tuple of (float, float), optional
+        Wavenumbers, 1/m, ascending, and densities, m3, of a measured profile; beyond them the power
+        law continues from the last one.
+    """
+
+    roughness: float
+    exponent: float = 2.0
+    reference: float = 0.1
+    band: tuple[float, float] = (0.3, 20.0)
+    lug_pitch: float | None = None
+    raised: bool = True
+    relative_stddev: float = 0.0
+    spectrum: tuple[tuple[float, float], ...] | None = None
+
+    def psd(self, frequency: FloatArray, speed: FloatArray) -> FloatArray:
+        """Return the density of the height over frequencies in Hz, m2/Hz, at speeds in m/s."""
+        n = frequency / speed
+        if self.spectrum is None:
+            return np.asarray(self.roughness * (n / self.reference) ** -self.exponent / speed)
+        at, density = np.log(np.array(self.spectrum)).T
+        beyond = np.log(n) - np.clip(np.log(n), at[0], at[-1])
+        inside = np.interp(np.log(n), at, density)
+        return np.asarray(np.exp(inside - self.exponent * beyond) / speed)
+
+    @property
+    def wavenumbers(self) -> tuple[float, float]:
+        """Least and largest wavenumber at which the motion of the mounts is known, 1/m."""
+        ends = (self.spectrum[0][0], self.spectrum[-1][0]) if self.spectrum else (1e-9, 1e9)
+        return ends[0], ends[1] if self.lug_pitch is None else min(ends[1], 0.5 / self.lug_pitch)
+
+
+def profile_spectrum(distance: FloatArray, height: FloatArray) -> tuple[tuple[float, float], ...]:
+    """Return wavenumbers, 1/m, and power spectral densities, m3, of a profile by Welch's method.
+
+    They are means over a sixth of an octave, up to half of what the spacing could show, as shorter
+    waves may be folded back from beyond it.
+
+    Parameters
+    ----------
+    distance, height : ndarray, (n,)
+        m; the distances ascend.
+    """
+    spacing = float(np.median(np.diff(distance)))
+    even = np.arange(distance[0], distance[-1], spacing)
+    heights, length = np.interp(even, distance, height), len(even) // SEGMENTS
+    n, density = welch(heights, 1.0 / spacing, nperseg=length, detrend="linear")
+    kept = slice(2, 1 + length // 4)  # A straight line is removed, with most of the first.
+    n, density = n[kept], density[kept]
+    part = np.floor(6.0 * np.log2(n / n[0]))
+    means = [(np.exp(np.log(n[part == i]).mean()), density[part == i].mean()) for i in set(part)]
+    return tuple(sorted((float(at), float(mean)) for at, mean in means))
+
+
+def power_law(spectrum: Sequence[tuple[float, float]], reference: float) -> tuple[float, float]:
+    """Return the roughness, m3, at a reference, 1/m, and the exponent that fit a spectrum best."""
+    at, density = np.log(np.array(spectrum)).T
+    slope, offset = np.polyfit(at - math.log(reference), density, 1)
+    return math.exp(offset), -float(slope)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GroundSquares:
+    """Coefficients from which mean squares at any speed follow (`contract`)."""
+
+    terrain: Terrain
+    frequencies: FloatArray  # (n_f,), Hz, even in their logarithm
+    apart: FloatArray  # (n_pairs,), m: by how much the first mount of each pair is behind
+    values: NDArray[np.float32]  # (n_out, 1 + 2 n_pairs, n_f): of 1, cosines and sines
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GroundLevels:
+    """Levels at n angles and speeds; NaN where they are not known."""
+
+    velocity: FloatArray  # (n,), of the response point, rms, m/s
+    acceleration: FloatArray  # (n,), rms, m/s2
+    forces2: FloatArray  # (n_outputs, n): mean squares of the forces, N2
+    off_ground_share: FloatArray  # (n,), largest share of the time a tyre is off the ground, 1
+    reason: Reasons  # (n,): why they are not known, of `REASONS`
+
+
+def vertical_mounts(mechanism: Mechanism) -> tuple[Mount, ...]:
+    """Return the mounts of the base through which the ground moves it along z."""
+    mounts = () if mechanism.base is None else mechanism.base.mounts
+    return tuple(mount for mount in mounts if mount.stiffness[1] or mount.damping[1])
+
+
+def ground_lines(terrain: Terrain, count: int = LINES) -> FloatArray:
+    """Return frequencies of the band of a terrain, even in their logarithm, (count,), Hz."""
+    return np.asarray(np.geomspace(*terrain.band, count))
+
+
+def ground_transfer(
+    frf: PoleResidue, mounts: Sequence[Mount], frequencies: FloatArray
+) -> ComplexArray:
+    """Return responses per displacement of the soil under each mount, (n_out, n_mounts, n_f).
+
+    The receptances, (n_out, n_mounts), are those to forces at the mounts along z.
+    """
+    return np.asarray(frf.frf(frequencies).transpose(1, 2, 0) * _impedance(mounts, frequencies))
+
+
+def _impedance(mounts: Sequence[Mount], frequencies: FloatArray) -> ComplexArray:
+    """Return the force of each mount per displacement, (n_mounts, n_f), N/m."""
+    stiffness, damping = np.array([(m.stiffness[1], m.damping[1]) for m in mounts]).T
+    return np.asarray(
+        stiffness[:, np.newaxis] + 2j * math.pi * np.multiply.outer(damping, frequencies)
+    )
+
+
+def ground_squares(
+    transfer: ComplexArray,
+    orders: Sequence[int],
+    mounts: Sequence[Mount],
+    terrain: Terrain,
+    frequencies: FloatArray,
+) -> GroundSquares:
+    """Return the coefficients of mean squares of responses.
+
+    Parameters
+    ----------
+    transfer : complex ndarray, (n_out, n_mounts, n_f)
+        As `ground_transfer` returns it.
+    orders : sequence of int, (n_out,)
+        How often each response is differentiated: 1 for a velocity, 2 for an acceleration.
+    mounts, terrain, frequencies
+        The mounts of the columns, the terrain and its `ground_lines`.
+    """
+    transfer = transfer * (2.0 * math.pi * frequencies) ** np.reshape(orders, (-1, 1, 1))
+    pairs = list(combinations(range(len(mounts)), 2))
+    crossed = [2.0 * transfer[:, i] * transfer[:, j].conj() for i, j in pairs]
+    # |T_i exp(-i w t_i) + T_j exp(-i w t_j)|^2, with t_i - t_j = (x_j - x_i) / speed
+    values = [(np.abs(transfer) ** 2).sum(axis=1), *(x.real for x in crossed)]
+    values += [x.imag for x in crossed]
+    apart = np.array([mounts[j].at[0] - mounts[i].at[0] for i, j in pairs])
+    return GroundSquares(terrain, frequencies, apart, np.stack(values, axis=1).astype(np.float32))
+
+
+def contract(squares: GroundSquares, speeds: FloatArray, *, lost: bool = False) -> FloatArray:
+    """Return mean squares at speeds above 0 m/s, (n_out, n_speeds).
+
+    They are those of the wavelengths that the terrain knows, or with `lost` those of all others.
+    """
+    weights = _weights(squares, speeds[:, np.newaxis], lost)
+    values = squares.values.reshape(len(squares.values), -1)
+    return np.asarray((values @ weights.T).astype(np.float64))
+
+
+def _weights(squares: GroundSquares, speeds: FloatArray, lost: bool) -> NDArray[np.float32]:
+    """Return what coefficients are multiplied with at speeds, (n_speeds, 1), in their order."""
+    f, terrain = squares.frequencies, squares.terrain
+    step = math.log(f[1] / f[0])
+    # A limit between two lines cuts a part of what the nearer one stands for.
+    low, high = (np.log(n * speeds) - np.log(f) for n in terrain.wavenumbers)
+    known = np.clip(0.5 + high / step, 0.0, 1.0) * np.clip(0.5 - low / step, 0.0, 1.0)
+    size = terrain.psd(f, speeds) * f * step * (1.0 - known if lost else known)
+    size[:, [0, -1]] /= 2.0
+    parts = [size]
+    angles = 2.0 * math.pi * f * (squares.apart[:, np.newaxis, np.newaxis] / speeds)
+    # Lines that are too far apart for a delay count as if it were long, which it then is.
+    coherent = size * np.clip(2.0 - 2.0 / math.pi * step * np.abs(angles), 0.0, 1.0)
+    parts += [*(coherent * np.cos(angles)), *(coherent * np.sin(angles))]
+    return np.concatenate(parts, axis=1, dtype=np.float32)
+
+
+def ground_spectrum(
+    source: Table | LinkageModel,
+    mechanism: Mechanism,
+    terrain: Terrain,
+    place: Place,
+    alpha3: float,
+    speed: float,
+) -> tuple[FloatArray, FloatArray]:
+    """Return frequencies, (LINES,), Hz, and the power spectral density of the ground's vibration.
+
+    It is that of the velocity of a place, m2/s2/Hz, or that of a force, N2/Hz; NaN at waves that
+    the terrain does not know.
+
+    Parameters
+    ----------
+    source, mechanism : Table or LinkageModel, and Mechanism
+        What has the FRFs to the mounts of the mechanism's base.
+    terrain, place, alpha3, speed
+        The ground; the place; rad and m/s above 0.
+
+    Raises
+    ------
+    GroundError
+        If the mechanism has no base on two mounts, a tool is in the soil, or the speed is invalid.
+    """
+    mounts, f = vertical_mounts(mechanism), ground_lines(terrain)
+    refusals = (
+        (len(mounts) < 2, _BASE),
+        (not terrain.raised, _SOIL),
+        (not 0.0 < speed < math.inf, _SPEED),
+    )
+    for refused, reason in refusals:
+        if refused:
+            raise GroundError(REASONS[reason])
+    inputs = [(mount.name, "z") for mount in mounts]
+    if isinstance(source, Table):
+        frf = source.frf(alpha3, [place], inputs)
+    else:
+        frf = source.solve(alpha3).frf([place], inputs)
+    behind = np.array([[mount.at[0]] for mount in mounts])
+    delayed = np.exp(2j * math.pi * f * (behind - behind.max()) / speed)
+    response = (ground_transfer(frf, mounts, f)[0] * delayed).sum(axis=0)
+    if not is_force(place):
+        response = response * 2.0 * math.pi * f
+    low, high = terrain.wavenumbers
+    height = np.where(
+        (f >= low * speed) & (f <= high * speed), terrain.psd(f, np.array(speed)), math.nan
+    )
+    return f, np.abs(response) ** 2 * height
+
+
+class GroundTable:
+    """Levels of vibration by the ground at any angle of a table and any speed.
+
+    Parameters
+    ----------
+    table, mechanism : Table and Mechanism
+        The table, and its mechanism.
+    terrain : Terrain
+    outputs : sequence of (name, direction)
+        The forces of the table whose mean squares are wanted.
+    """
+
+    def __init__(
+        self, table: Table, mechanism: Mechanism, terrain: Terrain, outputs: Sequence[Place] = ()
+    ) -> None:
+        self._table, self._terrain = table, terrain
+        mounts = vertical_mounts(mechanism)
+        inputs = [(mount.name, "z") for mount in mounts]
+        self._n_forces, self._n_mounts = len(outputs), len(mounts)
+        self.never = 0
+        """Why no level of it is ever known, of `REASONS`, or 0."""
+        if len(mounts) < 2:
+            self.never = _BASE
+        elif not terrain.raised:
+            self.never = _SOIL
+        elif not set(inputs) <= set(table.places) or terrain.band[1] > table.band[1]:
+            self.never = _FRFS
+        else:
+            self.lines = _count(table, terrain.band)
+            self.never = _LIGHT if self.lines > _MOST_LINES else 0
+        if self.never:
+            return
+        low, high = table.alpha3_range
+        count = round(min(max(_STEPS[0], (high - low) / _DEGREE), _STEPS[1]))
+        ends = stroke_variable(np.array([low, high]), table.toggles)
+        angles = stroke_angle(np.linspace(ends[0], ends[1], count + 1), table.toggles)
+        angles[[0, -1]] = low, high
+        self._longest = max(m.at[0] for m in mounts) - min(m.at[0] for m in mounts)
+        speeds = self._speeds()
+        self._origin = np.array([[ends[0]], self._column(speeds[:1])])
+        self._steps = np.array([[(ends[1] - ends[0]) / count], [1.0]])
+        response = (mechanism.response.point, mechanism.response.direction)
+        places = [response, response, *outputs, *inputs]
+        parts = [self._squares(angle, places, mounts) for angle in angles.tolist()]
+        every = replace(parts[0], values=np.concatenate([part.values for part in parts]))
+        # The acceleration has the largest share of its power at short waves, as large as forces.
+        sharpest = replace(parts[0], values=np.stack([part.values[1] for part in parts]))
+        found = contract(every, speeds).reshape(count + 1, len(places), -1)
+        lost = contract(sharpest, speeds, lost=True)[:, np.newaxis]
+        values = np.concatenate([found, lost], axis=1) * speeds ** (1.0 - terrain.exponent)
+        loads = np.broadcast_to(
+            _static_loads(mechanism, mounts, angles)[..., np.newaxis],
+            (count + 1, len(mounts), len(speeds)),
+        )
+        rows = np.concatenate([values, loads], axis=1)
+        self._values = np.ascontiguousarray(rows.transpose(0, 2, 1), np.float32)
+
+    def _squares(
+        self, alpha3: float, places: list[Place], mounts: tuple[Mount, ...]
+    ) -> GroundSquares:
+        """Return the coefficients at an angle: of the response, forces and the forces of tyres."""
+        f, n = ground_lines(self._terrain, self.lines), len(mounts)
+        transfer = ground_transfer(self._table.frf(alpha3, places, places[-n:]), mounts, f)
+        tyres = np.eye(n)[:, :, np.newaxis] - transfer[-n:]
+        transfer[-n:] = tyres * _impedance(mounts, f)[:, np.newaxis]
+        orders = [1, 2, *[0] * (len(places) - 2)]
+        return ground_squares(transfer, orders, mounts, self._terrain, f)
+
+    def _column(self, speeds: FloatArray) -> FloatArray:
+        """Return where speeds are among those of the table, as a number of steps from a place.
+
+        Fast, the steps are even in ln(speed); slow, in the delay, as long as that matters.
+        """
+        slowness = 1.0 / speeds
+        low, high = self._terrain.band
+        period = self._longest * high
+        coherent = self.lines / (max(period, 1e-9) * math.log(high / low))
+        delays = np.minimum(slowness, coherent) * (2.0 * math.pi * period / _PHASE)
+        return np.asarray(np.log(slowness) / _STEP + delays)
+
+    def _speeds(self) -> FloatArray:
+        """Return the speeds of the table, m/s, descending."""
+        fine = np.geomspace(_FASTEST, _SLOWEST, 100_001)
+        columns = self._column(fine)
+        steps = np.arange(columns[0], columns[-1] + 1.0)
+        return np.asarray(np.exp(np.interp(steps, columns, np.log(fine))))
+
+    def at(self, alpha3: FloatArray, speed: FloatArray) -> GroundLevels:
+        """Return the levels at n angles and speeds.
+
+        Parameters
+        ----------
+        alpha3, speed : ndarray, (n,)
+            rad and m/s; NaN where they are not known.
+        """
+        angles = angles_in_table(alpha3, self._table.alpha3_range)
+        outside, unknown = np.isnan(angles), ~((speed >= 0.0) & (speed <= _FASTEST))
+        if self.never:
+            rows = np.full((3 + self._n_forces, len(alpha3)), math.nan)
+            reason = np.full(len(alpha3), self.never)
+        else:
+            angles = np.where(outside, self._table.alpha3_range[0], angles)
+            rows, reason = self._looked_up(angles, np.where(unknown, 1.0, speed))
+            rows[-1, outside | unknown] = math.nan
+            reason = np.where(outside, _ANGLE, np.where(unknown, _SPEED, reason))
+        rows[:-1, reason > 0] = math.nan
+        velocity, acceleration = np.sqrt(rows[:2])
+        return GroundLevels(velocity, acceleration, rows[2:-1], rows[-1], reason.astype(np.int8))
+
+    def _looked_up(self, angles: FloatArray, speed: FloatArray) -> tuple[FloatArray, IntArray]:
+        """Return mean squares and the share off the ground, (n_rows, n), and reasons, (n,)."""
+        moving = np.minimum(np.maximum(speed, _SLOWEST), _FASTEST)
+        place = np.stack([stroke_variable(angles, self._table.toggles), self._column(moving)])
+        first, weights = _cubic((place - self._origin) / self._steps, self._values.shape[:2])
+        around = self._values[first[:, 0, np.newaxis], first[:, 1]]
+        terms = around * (weights[:, 0, np.newaxis] * weights[:, 1])[..., np.newaxis]
+        # The order of a sum must not depend on the number of rows.
+        sums = np.add.accumulate(terms.reshape(16, *around.shape[2:]))[-1].T
+        n, m = 2 + self._n_forces, self._n_mounts
+        squares = np.maximum(sums[: n + m], 0.0) * speed ** (self._terrain.exponent - 1.0)
+        with np.errstate(divide="ignore"):  # a speed of 0 m/s
+            share = ndtr(-sums[-m:] / np.sqrt(squares[n:])).max(axis=0)
+        reason = np.where(share > AIRBORNE, _OFF, np.where(np.isnan(share), _STATIC, 0))
+        lost = sums[n + m] > LOST * (sums[1] + sums[n + m])
+        if lost.any():
+            pitch, finest = self._terrain.lug_pitch, self._terrain.wavenumbers[1]
+            lugs = pitch is not None and finest == 0.5 / pitch
+            which = np.where(lugs & (speed * finest < self._terrain.band[1]), _LUGS, _PROFILE)
+            reason = np.where(lost & (speed > 0.0), which, reason)
+        squares[n] = share
+        return squares[: n + 1], reason
+
+
+def _count(table: Table, band: tuple[float, float]) -> int:
+    """Return how many lines show the sharpest resonance in a band; a power of 2 times `LINES`."""
+    at = table.natural_frequencies
+    ratios = table.damping_ratios[(at >= band[0]) & (at <= band[1])]
+    sharpest = max(float(np.fmin.reduce(ratios, initial=1.0)), 1e-9)
+    needed = _WIDTH * math.log(band[1] / band[0]) / sharpest
+    return LINES << max(0, math.ceil(math.log2(needed / LINES)))
+
+
+def _cubic(place: FloatArray, counts: tuple[int, ...]) -> tuple[IntArray, FloatArray]:
+    """Return the indices of four neighbours of places among 0 to count - 1, and their weights.
+
+    Both are (4, n_axes, n) for places on axes, (n_axes, n), with their counts; the weights are
+    those of the cubic polynomial through the neighbours.
+    """
+    first = np.minimum(np.maximum(np.floor(place) - 1.0, 0.0), np.reshape(counts, (-1, 1)) - 4.0)
+    a = place - first
+    b, c, d = a - 1.0, a - 2.0, a - 3.0
+    weights = np.array([b * c * d / -6.0, a * c * d / 2.0, a * b * d / -2.0, a * b * c / 6.0])
+    return first.astype(np.int64) + np.arange(4)[:, np.newaxis, np.newaxis], weights
+
+
+def _static_loads(
+    mechanism: Mechanism, mounts: tuple[Mount, ...], alpha3: FloatArray
+) -> FloatArray:
+    """Return the loads of mounts under the weight at angles, (n, n_mounts), N; NaN if unknown."""
+    assert mechanism.base is not None
+    which = [mechanism.base.mounts.index(mount) for mount in mounts]
+    few = np.linspace(alpha3[0], alpha3[-1], _LOADS)
+    try:
+        model = LinkageModel(mechanism)
+        loads = np.array([model.mount_loads(angle)[which] for angle in few.tolist()])
+    except ModelError:
+        return np.full((len(alpha3), len(mounts)), math.nan)
+    return np.column_stack([np.interp(alpha3, few, load) for load in loads.T])

@@ -1,0 +1,244 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""How bad a vibration is: the states that load ratios have, and the words for them.
+
+The load ratio is the root mean square of the force in a pin or cylinder over the static force
+there. At 0.33, three times the root mean square reach the static force: pins and cylinders unload,
+and play rattles. A single harmonic unloads at 0.71.
+"""
+
+import enum
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from linkage_vibration.mechanics.arrays import BoolArray, FloatArray
+from linkage_vibration.messages.columns import MessageColumns
+from linkage_vibration.prediction.excitation import Excitation, Source
+
+Integers = NDArray[np.int64]
+
+GAP = 3.0
+"""Readings that are farther apart, s, do not belong to the same warning."""
+
+_NEVER = 2**62  # ns; a time that has not come
+
+
+class ResonanceState(enum.IntEnum):
+    """How bad an excitation is; the constants of the message."""
+
+    CLEAR = 0
+    WARNING = 1
+    STALE = 2
+    NOTE = 3
+
+
+RANKS = np.array([0, 2, -1, 1])
+"""Order of the states by their numbers; the highest is reported."""
+
+CLEAR, WARNING, STALE, NOTE = np.arange(4, dtype=np.uint8)
+
+
+@dataclass(frozen=True, slots=True)
+class WarningLimits:
+    """When excitations warn.
+
+    Attributes
+    ----------
+    warning, note : float
+        Load ratios from which there is a warning and a note, 1.
+    dwell : float
+        A warning begins when its limit has been exceeded for so long, s, and ends when the load
+        ratio has been below it for so long.
+    near : float
+        Relative margin to the nearest mode below which there is a note if the load ratio is not
+        known, 1.
+    """
+
+    warning: float = 0.33
+    note: float = 0.1
+    dwell: float = 1.0
+    near: float = 0.1
+
+
+DEFAULT_LIMITS = WarningLimits()
+"""The limits of the default parameters."""
+
+
+class WarningTimer:
+    """Turns exceeded limits into warnings, which begin and end only after the dwell time.
+
+    Times come from the readings. A gap of more than 3 s, and a clock that jumps back, end all
+    warnings.
+    """
+
+    def __init__(self, n: int) -> None:
+        self._warns = np.zeros(n, np.bool_)
+        self._since = np.full(n, _NEVER)  # ns, from when on the limit says otherwise than a warning
+        self._last = 0  # ns
+
+    def follow(self, exceeds: BoolArray, time: Integers, dwell: float) -> BoolArray:
+        """Return which of n_limits warn at n times, (n_limits, n).
+
+        Parameters
+        ----------
+        exceeds : ndarray of bool, (n_limits, n)
+            Which limits are exceeded.
+        time : ndarray of int, (n,)
+            ns.
+        dwell : float
+            The dwell time, s.
+        """
+        warns = np.zeros(exceeds.shape, np.bool_)
+        least = round(1e9 * dwell)
+        for row, now in enumerate(time.tolist()):
+            if not 0 <= now - self._last <= 1e9 * GAP:
+                self._warns[:], self._since[:] = False, _NEVER
+            self._last = now
+            differs = exceeds[:, row] != self._warns
+            self._since = np.where(differs, np.minimum(self._since, now), _NEVER)
+            changes = differs & (now - self._since >= least)
+            self._warns ^= changes
+            self._since[changes] = _NEVER
+            warns[:, row] = self._warns
+        return warns
+
+
+def states(
+    load_ratio: FloatArray,
+    apart: FloatArray,
+    known: BoolArray,
+    warns: BoolArray,
+    limits: WarningLimits,
+) -> NDArray[np.uint8]:
+    """Return the states of excitations, all arrays (n_excitations, n).
+
+    Parameters
+    ----------
+    load_ratio, apart : ndarray
+        Load ratios, NaN if not known, and magnitudes of the relative margins to the nearest modes.
+    known, warns : ndarray of bool
+        Whether the speed is known, and what `WarningTimer` says.
+    limits : WarningLimits
+    """
+    notable = np.where(np.isnan(load_ratio), apart < limits.near, load_ratio > limits.note)
+    calm = np.where(notable, NOTE, CLEAR)
+    return np.asarray(np.where(known, np.where(warns, WARNING, calm), STALE))
+
+
+def severities(load_ratio: FloatArray, apart: FloatArray, limits: WarningLimits) -> FloatArray:
+    """Return by what excitations in the same state are ordered, the largest first.
+
+    Load ratios come first, then, where they are not known, the smallest margin.
+    """
+    nearness = limits.near / np.maximum(limits.near + apart, 1e-300)
+    return np.asarray(np.where(np.isnan(load_ratio), nearness, 1.0 + load_ratio))
+
+
+def source_words(source: Source) -> str:
+    """Return how sentences name a speed."""
+    return "PTO" if source is Source.PTO else source.value
+
+
+def speed_words(source: Source, value: float) -> str:
+    """Return a speed with its unit: "1850 rpm" or "4.2 m/s"."""
+    form = ".0f" if source.unit == "rpm" and value < 1e6 else ".3g"
+    return f"{value:{form}} {source.unit}"
+
+
+def unknown_speed_words(names: str) -> str:
+    """Return the subject and verb of a sentence about speeds, named as in the message."""
+    words = [source_words(Source(name)) for name in names.split(", ")]
+    text = " and ".join(filter(None, [", ".join(words[:-1]), words[-1]]))
+    return f"the {text} speed is" if len(words) == 1 else f"the {text} speeds are"
+
+
+def no_load_words(resonance: MessageColumns, excitations: Sequence[Excitation]) -> str:
+    """Return why a ``Resonance`` has no load ratio, although an excitation is at work."""
+    unknown = resonance.unknown_speeds.split(", ")
+    if math.isfinite(resonance.total_velocity):
+        return "no static force is known to compare with"
+    if any(one.load and one.source.value not in unknown for one in excitations):
+        return "the excitations with an amplitude are beyond the frequencies of the table"
+    return f"no {'order' if resonance.ground_unknown else 'excitation'} at work has an amplitude"
+
+
+def all_unknown(unknown_speeds: str, excitations: Sequence[Excitation]) -> bool:
+    """Return whether the speeds of all excitations are among the unknown ones."""
+    return {one.source.value for one in excitations} <= set(unknown_speeds.split(", ")) - {""}
+
+
+def only_ground(unknown_speeds: str, excitations: Sequence[Excitation]) -> bool:
+    """Return whether no order has a known speed, so that the ground alone could have a level."""
+    unknown = unknown_speeds.split(", ")
+    return all(one.terrain or one.source.value in unknown for one in excitations)
+
+
+def ratio_words(ratio: float) -> str:
+    """Return a load ratio with two digits, or without decimals above 10: "0.33" or "207"."""
+    return f"{ratio:.0f}" if 10.0 <= ratio < 1e6 else f"{ratio:.2g}"
+
+
+def load_words(ratio: float, factor: float, place: str) -> str:
+    """Return a load ratio with its place and its standard deviation, a factor, if it is known."""
+    deviation = "not known" if math.isnan(factor) else f"a factor of {factor:.3g}"
+    return (
+        f"{ratio_words(ratio)} of the static force in {place or 'the pins'} "
+        f"(standard deviation {deviation})"
+    )
+
+
+def cause_words(resonance: MessageColumns) -> str:
+    """Return the excitation of a ``Resonance`` with its frequency; the ground with its speed."""
+    if not math.isnan(resonance.excitation_frequency):
+        return f"{resonance.excitation} at {resonance.excitation_frequency:.1f} Hz"
+    return f"{resonance.excitation} at {speed_words(Source.GROUND, resonance.excitation_speed)}"
+
+
+def unknown_ground(why: str) -> str:
+    """Return a sentence that names why the ground is not counted."""
+    return f"The level of the ground is not known: {why[0].lower()}{why[1:]}"
+
+
+def present_sentence(resonance: MessageColumns, excitations: Sequence[Excitation]) -> str:
+    """Return what one ``Resonance`` says: the load, and what ends a warning.
+
+    The excitations are those that were monitored.
+    """
+    speeds = resonance.unknown_speeds
+    unknown = f"{unknown_speed_words(speeds)} not known or not fresh" if speeds else ""
+    blind = all_unknown(speeds, excitations)
+    if resonance.state == ResonanceState.STALE and (blind or not only_ground(speeds, excitations)):
+        lost = "the prediction for this crank angle has no natural frequencies"
+        return f"No load is known, as {unknown if blind else lost}."
+    tail = f" {unknown[0].upper()}{unknown[1:]}." if unknown else ""
+    if resonance.ground_unknown and Source.GROUND.value not in speeds.split(", "):
+        tail += f" {unknown_ground(resonance.ground_unknown)}"
+    if math.isnan(resonance.total_load_ratio):
+        return f"No load is known, as {no_load_words(resonance, excitations)}.{tail}"
+    if resonance.state != ResonanceState.WARNING:
+        total = ratio_words(resonance.total_load_ratio)
+        return f"All loads are {total} of the static forces.{tail}"
+    return f"{_warning(resonance, excitations)}{tail}"
+
+
+def _warning(resonance: MessageColumns, excitations: Sequence[Excitation]) -> str:
+    """Return what loads the linkage, and what ends this."""
+    load = load_words(resonance.load_ratio, resonance.load_ratio_factor, resonance.load_place)
+    does = f"exerts {load}, all excitations together {ratio_words(resonance.total_load_ratio)}"
+    if math.isnan(resonance.load_ratio):
+        does = f"lifts a tyre off the ground for {resonance.off_ground_share:.2g} of the time"
+    text = f"{cause_words(resonance)} {does}."
+    source = next((e.source for e in excitations if e.name == resonance.excitation), None)
+    changes = []
+    if source is not None and not math.isnan(resonance.quiet_speed):
+        speed = speed_words(source, resonance.quiet_speed)
+        changes.append(f"a {source_words(source)} speed of {speed}")
+    if not math.isnan(resonance.quiet_angle):
+        changes.append(f"a crank angle of {math.degrees(resonance.quiet_angle):.1f} deg")
+    if not changes:
+        return f"{text} No single change of speed or height within reach ends it."
+    return f"{text} It ends at {' or '.join(changes)}."

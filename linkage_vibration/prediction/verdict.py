@@ -1,0 +1,482 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a drive did to the linkage: its warnings, its excitations by load, and the words for them.
+
+A message holds until the next one. If that is more than `severity.GAP` later, or earlier, then a
+message holds for a median step, and a warning ends.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from linkage_vibration.mechanics.arrays import BoolArray, FloatArray
+from linkage_vibration.messages.columns import MessageColumns
+from linkage_vibration.prediction.excitation import Excitation, Source
+from linkage_vibration.prediction.ground import AIRBORNE
+from linkage_vibration.prediction.levels import LevelTable
+from linkage_vibration.prediction.predictor import angles_in_table
+from linkage_vibration.prediction.severity import (
+    GAP,
+    ResonanceState,
+    WarningLimits,
+    all_unknown,
+    cause_words,
+    load_words,
+    no_load_words,
+    only_ground,
+    ratio_words,
+    source_words,
+    speed_words,
+    unknown_ground,
+    unknown_speed_words,
+)
+
+_TRIED = 31, 121  # what occurred in the drive, and what is tried instead
+_MOST_RANGES = 3  # in a sentence
+_BEYOND = 0.3, 1.7  # speeds that are tried: of the lowest and of the highest of the drive
+_MOST_NAMES = 3  # in a list
+_SHORT = 0.1  # s, that is not worth a sentence
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Drive:
+    """The messages on ``~/resonance`` of a drive, in the order in which they were written.
+
+    Attributes
+    ----------
+    times, held : ndarray, (n,)
+        When each was made, s since the start of the log, and for how long it holds, s.
+    broken : ndarray of bool, (n,)
+        Whether a gap or a jump of the clock precedes a message.
+    resonances : MessageColumns
+        The messages.
+    angles : ndarray, (n,)
+        Crank angles, rad.
+    names : tuple of str
+        Names of the excitations in the order of the sequences in the messages.
+    predictions : ndarray of int, (n,)
+        The prediction of the log to which each message belongs.
+    with_loads : bool
+        Whether the messages have load ratios, which those of older versions lack.
+    """
+
+    times: FloatArray
+    held: FloatArray
+    broken: BoolArray
+    resonances: MessageColumns
+    angles: FloatArray
+    names: tuple[str, ...]
+    predictions: NDArray[np.int64]
+    with_loads: bool = True
+
+    def severity(self) -> FloatArray:
+        """Return by what moments are ordered, (n,): the total load ratio, 0 if not known."""
+        return np.asarray(np.nan_to_num(self.resonances.total_load_ratio.astype(float)))
+
+    def time_in(self, flags: BoolArray) -> float:
+        """Return how long flags, (n,), are true, s."""
+        return float(self.held[flags].sum())
+
+
+@dataclass(frozen=True, slots=True)
+class Episode:
+    """One warning."""
+
+    start: float  # s, as `Drive.times`
+    duration: float  # s
+    worst: int  # the message with the largest total load ratio in it
+
+
+@dataclass(frozen=True, slots=True)
+class Contribution:
+    """What one excitation did in a drive."""
+
+    name: str
+    load_ratio: float  # the largest; NaN if it was never known
+    worst: int  # message with that load ratio
+    warning_time: float  # s
+    note_time: float  # s
+    warnings: int
+
+
+def drive_of(
+    stamps: NDArray[np.int64],
+    start: int,
+    resonances: MessageColumns,
+    angles: FloatArray,
+    names: Sequence[str],
+    predictions: NDArray[np.int64],
+    with_loads: bool = True,
+) -> Drive:
+    """Return a drive from the stamps of its messages, ns, (n,); ``start`` is the time 0."""
+    steps = np.diff(stamps) / 1e9
+    broken = (steps < 0.0) | (steps > GAP)
+    usual = steps[~broken] if not broken.all() else steps[steps > 0.0]
+    median = float(np.median(usual)) if len(usual) else 0.0
+    held = np.append(np.where(broken, median, steps), median)
+    n_names = resonances.states.shape[1]
+    all_names = [*names, *(f"excitation {i + 1}" for i in range(len(names), n_names))]
+    return Drive(
+        (stamps - start) / 1e9,
+        held,
+        np.concatenate([[True], broken]),
+        resonances,
+        angles,
+        tuple(all_names[:n_names]),
+        predictions,
+        with_loads,
+    )
+
+
+def episodes(drive: Drive) -> list[Episode]:
+    """Return the warnings in the order in which they were written."""
+    severity, found = drive.severity(), []
+    for first, last in _runs(drive.resonances.state == ResonanceState.WARNING, drive.broken):
+        worst = first + int(severity[first:last].argmax())
+        duration = float(drive.held[first:last].sum())
+        found.append(Episode(float(drive.times[first]), duration, worst))
+    return found
+
+
+def worst_message(drive: Drive) -> int:
+    """Return the message with the largest total load ratio."""
+    return int(drive.severity().argmax())
+
+
+def main_cause(drive: Drive, row: int) -> str:
+    """Return the excitation with the largest load ratio in a message, and its frequency if known.
+
+    It is not always the one that the message is about, as an excitation in `no_warning` has none.
+    """
+    at, ratios = drive.resonances.message(row), drive.resonances.load_ratios[row].astype(float)
+    if not np.isfinite(ratios).any() or at.load_ratio >= (1.0 - 1e-6) * np.nanmax(ratios):
+        return cause_words(at)
+    return drive.names[int(np.nanargmax(ratios))]
+
+
+def ground_and_orders(
+    drive: Drive, excitations: Sequence[Excitation]
+) -> tuple[FloatArray, FloatArray] | None:
+    """Return load ratios of the ground and of all orders together, (n,); None without a terrain.
+
+    The latter is an upper bound, as each order loads another pin most.
+    """
+    rolls = np.array([one.terrain is not None for one in excitations], np.bool_)
+    if len(rolls) != len(drive.names) or not rolls.any():
+        return None
+    ratios = drive.resonances.load_ratios.astype(float)
+    orders = np.sqrt(np.nansum(ratios[:, ~rolls] ** 2, axis=1))
+    return ratios[:, rolls][:, 0], np.minimum(orders, drive.severity())
+
+
+def contributions(drive: Drive) -> list[Contribution]:
+    """Return what each excitation did, the largest load ratio first, then the longest note."""
+    every = []
+    for i, name in enumerate(drive.names):
+        state, ratio = drive.resonances.states[:, i], drive.resonances.load_ratios[:, i]
+        warning = state == ResonanceState.WARNING
+        known = np.isfinite(ratio)
+        worst = int(np.where(known, ratio, -1.0).argmax())
+        every.append(
+            Contribution(
+                name,
+                float(ratio[worst]) if known.any() else math.nan,
+                worst,
+                drive.time_in(warning),
+                drive.time_in(state == ResonanceState.NOTE),
+                len(_runs(warning, drive.broken)),
+            )
+        )
+    return sorted(every, key=_rank)
+
+
+def _rank(part: Contribution) -> tuple[float, float]:
+    """Return by what excitations are sorted: known load ratios first, the largest before others."""
+    return -1.0 if math.isnan(part.load_ratio) else -2.0 - part.load_ratio, -part.note_time
+
+
+def drive_sentence(
+    drive: Drive,
+    limits: WarningLimits,
+    mode_label: Callable[[int], str],
+    avoid: str,
+    excitations: Sequence[Excitation],
+) -> str:
+    """Return what a drive did to the linkage, how bad and how sure that is, and what to do.
+
+    Parameters
+    ----------
+    drive : Drive
+    limits : WarningLimits
+    mode_label : callable
+        Returns how a mode, counted from 0, is called.
+    avoid : str
+        What `avoidance` returns; it is used if there were warnings.
+    excitations : sequence of Excitation
+        What was monitored.
+    """
+    resonances = drive.resonances
+    if not drive.with_loads:
+        return (
+            "What the drive did to the linkage is not known, as an older version of this package, "
+            "without load ratios, made the log; replay the log to get them."
+        )
+    if (resonances.state == ResonanceState.STALE).all():
+        speeds = max(resonances.unknown_speeds, key=len)
+        blind = bool(speeds) and all_unknown(speeds, excitations)
+        verb = "was" if ", " not in speeds else "were"
+        why = f"{_subject(speeds)} {verb} never known" if blind else "no crank angle was valid"
+        if blind or not only_ground(speeds, excitations):
+            return f"What the drive did to the linkage is not known, as {why}."
+    if not np.isfinite(resonances.total_load_ratio).any():
+        return f"{_nearest(drive, mode_label, excitations)} {_no_ground(drive)}".rstrip()
+    loads = _loads(drive, limits, avoid, excitations)
+    return " ".join(filter(None, [loads, _not_counted(drive)]))
+
+
+def _loads(
+    drive: Drive, limits: WarningLimits, avoid: str, excitations: Sequence[Excitation]
+) -> str:
+    """Return whether loads exceeded the limit, how large they were, and what to avoid."""
+    warnings, worst = episodes(drive), worst_message(drive)
+    largest = drive.severity()[worst]
+    limit = f"{limits.warning:g} of the static force"
+    what = f"The largest was {_load_at(drive, worst)}." if largest else "All loads were zero."
+    parts = ground_and_orders(drive, excitations)
+    if parts is not None and parts[0][worst] ** 2 > 0.5 * largest**2:
+        what += f" Without the ground it would have been at most {ratio_words(parts[1][worst])}."
+    if not warnings:
+        shortly = f" for {limits.dwell:g} s" if largest > limits.warning else ""
+        sparse = shortly and bool(drive.broken.all()) and len(drive.broken) > 1
+        why = f" Readings more than {GAP:g} s apart cannot warn." if sparse else ""
+        return f"No load exceeded the limit of {limit}{shortly}. {what}{why}"
+    total = sum(episode.duration for episode in warnings)
+    often = "once" if len(warnings) == 1 else f"{len(warnings)} times"
+    whose = f"Loads exceeded {limit}"
+    if largest <= limits.warning:
+        whose = f"Tyres were off the ground for more than {AIRBORNE:g} of the time"
+    return f"{whose} {often}, for {total:.1f} s in all. {what} {avoid}".rstrip()
+
+
+def _not_counted(drive: Drive) -> str:
+    """Return whose loads are not in the total, and for how long no load is known."""
+    resonances, texts = drive.resonances, []
+    known = np.isfinite(resonances.load_ratios).any(axis=0)
+    silent = [name for name, its in zip(drive.names, known, strict=True) if not its]
+    if silent:
+        more = len(silent) - _MOST_NAMES
+        names = [*silent[:_MOST_NAMES], f"{more} more"] if more > 1 else silent
+        text = " and ".join(filter(None, [", ".join(names[:-1]), names[-1]]))
+        texts.append(f"The loads of {text} are not known and not counted.")
+    lost = drive.time_in(~np.isfinite(resonances.total_load_ratio))
+    if lost >= _SHORT:
+        texts.append(f"No load is known for {lost:.1f} s.")
+    for source in Source:
+        without = _without(drive, source)
+        lost = drive.time_in(without & np.isfinite(resonances.total_load_ratio))
+        if lost >= _SHORT and not without.all():
+            texts.append(f"The {source_words(source)} speed was not known for {lost:.1f} s.")
+    return " ".join(filter(None, [*texts, _no_ground(drive)]))
+
+
+def _without(drive: Drive, source: Source) -> BoolArray:
+    """Return when a speed was not known, (n,)."""
+    unknown = drive.resonances.unknown_speeds
+    return np.array([source.value in str(speeds).split(", ") for speeds in unknown])
+
+
+def _no_ground(drive: Drive) -> str:
+    """Return for how long the level of the ground was not known, and why; empty if it was."""
+    reasons, rolls, texts = drive.resonances.ground_unknown, ~_without(drive, Source.GROUND), []
+    for why in np.unique(reasons[rolls]).tolist():
+        lost = drive.time_in(rolls & (reasons == why))
+        if why and lost >= _SHORT:
+            texts.append(f"{unknown_ground(why).rstrip('.')} (for {lost:.1f} s).")
+    return " ".join(texts)
+
+
+def _subject(speeds: str) -> str:
+    return unknown_speed_words(speeds).rsplit(" ", 1)[0]
+
+
+def _load_at(drive: Drive, row: int) -> str:
+    """Return the load at a message in words: how much, where, when, and by what."""
+    at = drive.resonances.message(row)
+    total = load_words(at.total_load_ratio, at.total_load_ratio_factor, at.total_load_place)
+    angle = math.degrees(drive.angles[row])
+    return (
+        f"{total} at {drive.times[row]:.2f} s and {angle:.1f} deg, mostly by "
+        f"{main_cause(drive, row)}"
+    )
+
+
+def _nearest(
+    drive: Drive, mode_label: Callable[[int], str], excitations: Sequence[Excitation]
+) -> str:
+    """Return what came nearest to a mode, where no load is known."""
+    margins = np.abs(drive.resonances.relative_margin)
+    row = int(np.nanargmin(np.where(np.isfinite(margins), margins, np.inf)))
+    at = drive.resonances.message(row)
+    text = f"How large the loads were is not known, as {no_load_words(at, excitations)}."
+    if not margins[row] < 1.0:
+        return f"{text} No excitation came within 100 % of a natural frequency."
+    near = drive.time_in(drive.resonances.state == ResonanceState.NOTE)
+    return (
+        f"{text} {at.excitation} came nearest to a natural frequency: {100.0 * margins[row]:.2g} % "
+        f"from {mode_label(int(at.mode))} at {drive.times[row]:.2f} s. Excitations were near a "
+        f"mode for {near:.1f} s."
+    )
+
+
+def avoidance(
+    drive: Drive,
+    limits: WarningLimits,
+    excitations: Sequence[Excitation],
+    levels: LevelTable,
+    speeds: dict[Source, FloatArray],
+) -> str:
+    """Return sentences that say which speeds, or which angles, cause the warnings of a drive.
+
+    There is one for each source of speed that caused the most in a warning. It holds for all angles
+    that occurred, or for all speeds that occurred, while the other speeds are those of the worst
+    moment of these warnings.
+
+    Parameters
+    ----------
+    drive, limits, excitations, levels
+        What was monitored, and how.
+    speeds : dict of Source to ndarray
+        The speeds of the drive, rpm or m/s, at its messages, (n,); NaN where not known.
+    """
+    by_name, severity = {one.name: one for one in excitations}, drive.severity()
+    rows: dict[Source, list[int]] = {}
+    for row in sorted((e.worst for e in episodes(drive)), key=lambda row: -severity[row]):
+        cause = by_name.get(str(drive.resonances.excitation[row]))
+        if cause is not None and cause.source in speeds:
+            rows.setdefault(cause.source, []).append(row)
+    texts = []
+    for source, worst in rows.items():
+        ours = np.array([x.source is source for x in excitations])
+        occurred = speeds[source][speeds[source] > 0.0]
+        fixed = np.array([speeds[s][worst[0]] if s in speeds else math.nan for s in Source])
+        tried = _Tried(levels, limits, source, fixed, ours)
+        occurred = tried.within_table(float(drive.angles[worst[0]]), np.unique(occurred))
+        if occurred.size:
+            texts.append(_avoided(tried, drive.angles, occurred, drive.angles[worst]))
+    return " ".join(filter(None, texts))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Tried:
+    """Speeds of a source and angles that are tried, while the other speeds stay."""
+
+    levels: LevelTable
+    limits: WarningLimits
+    source: Source
+    speeds: FloatArray  # (n_sources,), rpm or m/s
+    ours: BoolArray  # (n_excitations,), those of the source
+
+    def within_table(self, angle: float, speeds: FloatArray) -> FloatArray:
+        """Return the speeds at which a load is known, which are not beyond all frequencies."""
+        every = np.repeat(self.speeds[:, np.newaxis], len(speeds), axis=1)
+        every[list(Source).index(self.source)] = speeds
+        loads = self.levels.at(np.full(len(speeds), angle), every).load_ratios[:, self.ours]
+        return np.asarray(speeds[np.isfinite(loads).any(axis=1)])
+
+    def exceeding(self, angles: FloatArray, speeds: FloatArray) -> FloatArray:
+        """Return where the limit is exceeded, (n_angles, n_speeds); NaN where it is not known."""
+        every = np.repeat(self.speeds[:, np.newaxis], len(angles) * len(speeds), axis=1)
+        every[list(Source).index(self.source)] = np.tile(speeds, len(angles))
+        found = self.levels.at(np.repeat(angles, len(speeds)), every)
+        exceeds = (found.total_load_ratio > self.limits.warning).astype(float)
+        loads = found.load_ratios[:, self.ours]
+        known = np.isfinite(loads) | np.isnan(loads).all(axis=0)  # some never have a load
+        exceeds[(exceeds == 0.0) & ~known.all(axis=1)] = math.nan
+        return np.asarray(exceeds.reshape(len(angles), len(speeds)))
+
+
+def _avoided(tried: _Tried, angles: FloatArray, speeds: FloatArray, worst: FloatArray) -> str:
+    """Return which speeds of a source, or which angles, to avoid, in words.
+
+    Parameters
+    ----------
+    tried : _Tried
+    angles, speeds : ndarray, (n,) and (m,)
+        What occurred in the drive, rad, and rpm or m/s.
+    worst : ndarray
+        Angles of the worst moments of the warnings, rad.
+    """
+    lowest, highest = tried.levels.alpha3_range
+    # A crank that turns around has angles of other turns.
+    inside, worst = (angles_in_table(at, (lowest, highest)) for at in (angles, worst))
+    inside = inside[(inside >= lowest) & (inside <= highest)]
+    ends, (low, high) = (inside.min(), inside.max()), (float(speeds.min()), float(speeds.max()))
+    at_angles = np.union1d(np.linspace(*ends, _TRIED[0]), inside[np.isin(inside, worst)])
+    other_speeds = np.linspace(_BEYOND[0] * low, _BEYOND[1] * high, _TRIED[1])
+    other_angles = np.linspace(lowest, highest, _TRIED[1])
+    by_speed = tried.exceeding(at_angles, other_speeds)
+    by_angle = tried.exceeding(other_angles, np.linspace(low, high, _TRIED[0]))
+    reach = np.isfinite(by_speed).all(axis=0)
+    other_speeds = other_speeds[reach]
+    bad_speeds: BoolArray = np.any(by_speed[:, reach], axis=0)
+    bad_angles: BoolArray = np.any(by_angle, axis=1)  # also where it is not known
+
+    def speed(value: float) -> str:
+        return speed_words(tried.source, value)
+
+    def angle(value: float) -> str:
+        return f"{math.degrees(value):.0f} deg"
+
+    words, answers = source_words(tried.source), []
+    if text := _ranges(other_speeds, bad_speeds, speed, open_ends=True):
+        answers.append(f"{words} speeds {text} at {_span(angle(ends[0]), angle(ends[1]))}")
+    if text := _ranges(other_angles, bad_angles, angle, open_ends=False):
+        answers.append(f"angles {text} at {words} speeds of {_span(speed(low), speed(high))}")
+    if answers:
+        return f"Avoid {', or '.join(answers)}."
+    if not (bad_speeds.any() and bad_angles.any()):
+        return ""
+    return f"Another {words} speed alone, or another angle alone, does not avoid this."
+
+
+def _ranges(
+    values: FloatArray, bad: BoolArray, words: Callable[[float], str], *, open_ends: bool
+) -> str:
+    """Return the ranges of ascending values that are bad; empty if none is, or if all are.
+
+    With open ends, a range that reaches the first or the last value may go on.
+    """
+    if bad.all():
+        return ""
+    runs = _runs(bad, np.zeros(len(bad), np.bool_))
+    if len(runs) > _MOST_RANGES:
+        runs = [(runs[0][0], runs[-1][1])]
+    texts = []
+    for first, after in runs:
+        begin = words(float(values[max(first - 1, 0)]))
+        end = words(float(values[min(after, len(values) - 1)]))
+        if open_ends and after == len(values):
+            texts.append(f"above {begin}")
+        elif open_ends and first == 0:
+            texts.append(f"below {end}")
+        else:
+            texts.append(f"of {_span(begin, end)}")
+    return " and ".join(texts)
+
+
+def _span(first: str, last: str) -> str:
+    """Return a range in words; one value if both ends read alike."""
+    return first if first == last else f"{first} to {last}"
+
+
+def _runs(flags: BoolArray, broken: BoolArray) -> list[tuple[int, int]]:
+    """Return the first row of each run of true flags, (n,), and the row after its last one."""
+    starts = flags & (broken | ~np.concatenate([[False], flags[:-1]]))
+    ends = flags & np.concatenate([broken[1:] | ~flags[1:], [True]])
+    return list(
+        zip(np.flatnonzero(starts).tolist(), (np.flatnonzero(ends) + 1).tolist(), strict=True)
+    )

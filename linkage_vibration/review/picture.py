@@ -1,0 +1,244 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Draws a log as a PNG picture: frequencies over time, and below them the load ratio."""
+
+import io
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from linkage_vibration.drawing import palette
+from linkage_vibration.drawing.intervals import gap_starts, runs
+from linkage_vibration.drawing.plots import (
+    PlotError,
+    plain,
+    require_matplotlib,
+    shaded,
+    tidy,
+)
+from linkage_vibration.mechanics.arrays import BoolArray, FloatArray
+from linkage_vibration.prediction.predictor import Status
+from linkage_vibration.prediction.severity import WarningLimits
+from linkage_vibration.prediction.verdict import ground_and_orders
+from linkage_vibration.review.findings import log_limits, speeds_at_drive
+from linkage_vibration.review.log import Log
+from linkage_vibration.support.atomic_files import write_bytes
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+_ABOVE, _ABOVE_SHADE = "#CC3311", "#f8ddd6"  # where a load ratio exceeds its limit
+_FAINT = 0.02  # An order whose load ratio stays below this share of the limit is drawn in grey.
+_LEAST_LOAD = 0.1  # A smaller share of the limit is drawn as a smaller width.
+_FAINT_COLOUR = "#bdbdbd"
+_WIDEST = 7.0  # points, the width of the line of the largest load
+_LABELLED = 4  # So many orders, those of the largest loads, have their names beside them.
+_LEAST_APART = 0.045  # of the height: names of modes are at least so far apart
+
+
+def plot_log(log: Log, picture: Path) -> None:
+    """Write the picture of a log; a `PlotError` is raised if that is not possible."""
+    require_matplotlib()
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(10.0, 7.6), dpi=150, layout="constrained")
+    draw_log(figure, log)
+    png = io.BytesIO()
+    figure.savefig(png, format="png")
+    write_bytes(picture, png.getvalue(), PlotError)
+
+
+def draw_log(figure: "Figure", log: Log) -> None:
+    """Draw modes and excitations over time, and below them the total load ratio, if it is known."""
+    loaded = log.drive is not None and bool(np.isfinite(_total(log)).any())
+    panels = figure.subplots(
+        2 if loaded else 1, sharex=True, squeeze=False, height_ratios=[2.2, 1.0][: 1 + loaded]
+    )[:, 0]
+    upper, lower = panels[0], panels[-1]
+    limits, above = log_limits(log), list[tuple[int, int]]()
+    _draw_modes(upper, log)
+    if loaded:
+        _draw_excitations(upper, log, limits)
+        _draw_total(lower, log, limits)
+        above = runs(_total(log) > limits.warning)
+    for ax in panels:
+        if above:
+            times = _resonance_times(log)
+            shaded(ax, [(times[i], times[j]) for i, j in above], color=_ABOVE_SHADE)
+        _shade_what_is_missing(ax, log)
+        tidy(ax)
+        ax.tick_params(labelsize=12)
+    lower.set_xlim(log.times[0], max(log.times[-1], log.times[0] + 1e-3))
+    lower.set_xlabel("time [s]", fontsize=13)
+
+
+def _total(log: Log) -> FloatArray:
+    """Return the total load ratio of each resonance, (n,)."""
+    assert log.drive is not None
+    return np.asarray(log.drive.resonances.total_load_ratio, dtype=float)
+
+
+def _resonance_times(log: Log) -> list[float]:
+    """Return when the resonances were made, s, (n,), and when the last one ends."""
+    assert log.drive is not None
+    times = log.drive.times
+    return [*times.tolist(), float(times[-1] + log.drive.held[-1])]
+
+
+def _broken(log: Log, values: FloatArray) -> FloatArray:
+    """Return values of predictions, (n,), with NaN where a line breaks: before gaps and jumps."""
+    last = np.union1d(gap_starts(log.times), log.passes - 1)
+    values = values.astype(float)
+    values[last] = np.nan
+    return values
+
+
+def _draw_modes(ax: "Axes", log: Log) -> None:
+    """Draw each mode as a band of its standard deviation, with its name at the right."""
+    from matplotlib.ticker import LogLocator, NullLocator
+
+    ax.set_yscale("log")
+    ends, names = [], []
+    for mode, colour in enumerate(palette.mode_colours(log.n_modes)):
+        values = _broken(log, log.natural_frequencies[:, mode])
+        deviation = np.nan_to_num(log.frequency_stddev[:, mode])
+        low, high = np.maximum(values - deviation, 0.5 * values), values + deviation
+        ax.fill_between(log.times, low, high, color=colour, alpha=0.3, linewidth=0)
+        ax.plot(log.times, values, color=colour, linewidth=1.6)
+        valid = np.flatnonzero(np.isfinite(values))
+        if len(valid):
+            ends.append(float(values[valid[-1]]))
+            names.append((log.mode_name(mode) or f"mode {mode + 1}", colour))
+    ax.set_ylabel("frequency [Hz]", fontsize=13)
+    ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    ax.yaxis.set_major_formatter("{x:g}")
+    ax.yaxis.set_minor_locator(NullLocator())
+    if ends:
+        ax.set_ylim(0.6 * min(ends), 2.0 * max(ends))
+    low, high = np.log(ax.get_ylim())
+    heights = (np.log(ends) - low) / (high - low)
+    for height, (name, colour) in zip(spread(heights, _LEAST_APART), names, strict=True):
+        style: dict[str, Any] = {"color": colour, "fontsize": 12, "va": "center"}
+        ax.text(
+            1.01, float(height), plain(name), transform=ax.transAxes, fontweight="bold", **style
+        )
+    ax.set_title(
+        "Where the linkage resonates (coloured, with one standard deviation), and what\n"
+        "excites it (black, as wide as the load that it causes; red above the limit)",
+        loc="left",
+        fontsize=13,
+    )
+
+
+def spread(heights: FloatArray, least: float) -> FloatArray:
+    """Return heights, (n,), moved up so that no two are closer than the least distance."""
+    moved, lowest = np.array(heights, dtype=float), -np.inf
+    for i in np.argsort(heights):
+        moved[i] = lowest = max(float(heights[i]), lowest + least)
+    return moved
+
+
+def _draw_excitations(ax: "Axes", log: Log, limits: WarningLimits) -> None:
+    """Draw the orders as lines as wide as their load ratio, red where it exceeds the limit."""
+    from matplotlib.collections import LineCollection
+
+    drive = log.drive
+    assert drive is not None
+    times, speeds = drive.times, speeds_at_drive(log)
+    loads = np.nan_to_num(np.asarray(drive.resonances.load_ratios, dtype=float))
+    largest = max(float(loads.max(initial=0.0)), _LEAST_LOAD * limits.warning)
+    loudest = np.argsort(-loads.max(axis=0, initial=0.0))[:_LABELLED].tolist()
+    shown = [i for i in loudest if loads[:, i].max(initial=0.0) >= _FAINT * limits.warning]
+    low, high = ax.get_ylim()
+    for i, (order, load) in enumerate(zip(log.excitations, loads.T, strict=True)):
+        if order.source not in speeds or order.terrain:
+            continue
+        frequencies = order.ratio * speeds[order.source]
+        frequencies = np.where(frequencies > 0.0, frequencies, np.nan)
+        ends = np.column_stack([times, frequencies])
+        segments = np.stack([ends[:-1], ends[1:]], axis=1)
+        segments[drive.broken[1:]] = np.nan
+        faint = load[1:] < _FAINT * limits.warning
+        colours = np.where(faint, _FAINT_COLOUR, palette.INK)
+        colours = np.where(load[1:] > limits.warning, _ABOVE, colours)
+        widths = 0.7 + _WIDEST * load[1:] / largest
+        style: dict[str, Any] = {"capstyle": "round", "zorder": 1.5 if faint.all() else 3.0}
+        lines = LineCollection(list(segments), linewidths=widths, colors=colours.tolist(), **style)
+        ax.add_collection(lines, autolim=False)
+        visible = (frequencies > low) & (frequencies < high)
+        if i in shown and visible.any():
+            at = int(np.where(visible, load, -1.0).argmax())
+            style = {
+                "xytext": (0, 7),
+                "textcoords": "offset points",
+                "fontsize": 11,
+                "ha": "center",
+            }
+            back = {"boxstyle": "round,pad=0.1", "color": "white", "alpha": 0.75}
+            place = float(times[at]), float(frequencies[at])
+            ax.annotate(plain(order.name), place, bbox=back, zorder=4, **style)
+
+
+def _draw_total(ax: "Axes", log: Log, limits: WarningLimits) -> None:
+    """Draw the total load ratio with its limit, red where it exceeds that."""
+    drive, total = log.drive, _total(log)
+    assert drive is not None
+    total[np.flatnonzero(drive.broken[1:])] = np.nan
+    factor = np.asarray(drive.resonances.total_load_ratio_factor, dtype=float)
+    known = np.isfinite(factor) & np.isfinite(total)
+    if known.any():
+        low, high = total / factor, total * factor
+        ax.fill_between(drive.times, low, high, where=known, color=palette.GREY, alpha=0.3, lw=0)
+    above = total > limits.warning
+    parts = ground_and_orders(drive, log.excitations) or ()
+    labels = "the ground", "all orders together, at most"
+    for values, label, colour in zip(parts, labels, palette.COLOURS[1:3], strict=False):
+        broken = np.where(np.isnan(total), np.nan, values)
+        ax.plot(drive.times, broken, color=colour, linewidth=1.2, label=label)
+    ax.plot(drive.times, total, color=palette.INK, linewidth=1.6, label="total")
+    if parts:
+        ax.legend(loc="upper right", fontsize=10, ncols=3)
+    ax.plot(drive.times, np.where(above, total, np.nan), color=_ABOVE, linewidth=3.0)
+    ax.axhline(limits.warning, color=_ABOVE, linestyle="--", linewidth=1.2)
+    ax.text(
+        1.01,
+        limits.warning,
+        "limit",
+        color=_ABOVE,
+        fontsize=12,
+        va="center",
+        transform=ax.get_yaxis_transform(),
+    )
+    room = 1.4 if parts else 1.15
+    ax.set_ylim(0.0, room * max(float(np.nanmax(total)), limits.warning))
+    ax.set_ylabel("load ratio", fontsize=13)
+    ax.set_title(
+        "Load ratio: vibration over static force, in the pin or cylinder where it is largest",
+        loc="left",
+        fontsize=13,
+    )
+
+
+def _shade_what_is_missing(ax: "Axes", log: Log) -> None:
+    """Shade the times without predictions, and those whose predictions have no numbers."""
+    times, starts = log.times, gap_starts(log.times)
+    if len(starts):
+        style: dict[str, Any] = {
+            "facecolor": palette.GAP_SHADE,
+            "edgecolor": palette.GREY,
+            "hatch": "//",
+        }
+        shaded(ax, np.column_stack([times[starts], times[starts + 1]]).tolist(), lw=0, **style)
+    for i in log.passes:
+        ax.axvline(times[i], color=palette.INK, lw=1.2, linestyle=(0, (1, 2)))
+    invalid = np.isin(log.status, (Status.OUT_OF_RANGE, Status.INVALID_ANGLE))
+    if spans := _spans(times, invalid):
+        shaded(ax, spans, color=palette.INVALID_SHADE)
+
+
+def _spans(times: FloatArray, flags: BoolArray) -> list[tuple[float, float]]:
+    """Return the start and the end of each run of flagged predictions, s."""
+    last = len(times) - 1
+    return [(float(times[start]), float(times[min(end, last)])) for start, end in runs(flags)]

@@ -1,0 +1,65 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Errors of FRFs in the L2 norm over a band."""
+
+import numpy as np
+
+from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray
+from linkage_vibration.mechanics.response import PoleResidue
+
+SILENT_SHARE = 1e-6
+"""Share of the drive-point FRFs of two places: an FRF between them that is only rounding."""
+
+FORCE_WEIGHT = 0.1
+"""An error of a force counts by so much, as load ratios need fewer digits than resonances; it is
+relative to the largest force that the same input causes."""
+
+N_LINES = 201
+"""Frequencies at which FRFs are compared, in addition to those near resonances."""
+
+
+def frf_lines(exact: PoleResidue, band: tuple[float, float]) -> tuple[FloatArray, FloatArray]:
+    """Return where FRFs are compared, Hz, (n_freq,), and weights, (n_freq, 1, 1).
+
+    The sum of the squares of weighted values is the integral of the squares over the band. The
+    resonances of the exact FRFs have more lines.
+    """
+    lines = exact.lines(band, N_LINES)
+    return lines, np.sqrt(np.gradient(lines))[:, np.newaxis, np.newaxis]
+
+
+def frf_norms(
+    approximate: PoleResidue, exact: PoleResidue, band: tuple[float, float]
+) -> tuple[FloatArray, FloatArray]:
+    """Return the L2 norms over a band of the errors of FRFs, and of the exact FRFs."""
+    lines, weights = frf_lines(exact, band)
+    right = exact.frf(lines)
+    off = np.linalg.norm(weights * (approximate.frf(lines) - right), axis=0)
+    return off, np.linalg.norm(weights * right, axis=0)
+
+
+def frf_norm(exact: PoleResidue, band: tuple[float, float]) -> FloatArray:
+    """Return the L2 norms of FRFs over a band, (n_rows, n_inputs)."""
+    lines, weights = frf_lines(exact, band)
+    return np.asarray(np.linalg.norm(weights * exact.frf(lines), axis=0))
+
+
+def worst_share(off: FloatArray, size: FloatArray) -> float:
+    """Return the largest ratio of norms of errors to those of FRFs, (n_rows, n_inputs).
+
+    The first rows are those of the inputs, which forces follow.
+    """
+    n, drives = size.shape[1], np.sqrt(np.diag(size))
+    # A response that is only rounding has no relative error.
+    moved = np.maximum(size[:n], SILENT_SHARE * np.outer(drives, drives))
+    forces = np.tile(size[n:].max(axis=0, initial=0.0) / FORCE_WEIGHT, (len(size) - n, 1))
+    size = np.vstack([moved, forces])
+    return float((off[size > 0.0] / size[size > 0.0]).max(initial=0.0))
+
+
+def worst_frf_error(frfs: ComplexArray, exact: ComplexArray) -> float:
+    """Return the largest relative L2 error of FRFs, (n_freq, n_rows, n_inputs).
+
+    They are weighted as `frf_lines` says.
+    """
+    return worst_share(np.linalg.norm(frfs - exact, axis=0), np.linalg.norm(exact, axis=0))

@@ -1,0 +1,335 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Forces in pins, sections and cylinders, against statics, closed forms and finer models."""
+
+import copy
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from linkage_vibration.mechanics.description import MechanismError
+from linkage_vibration.mechanics.forces import ForceError, reference
+from linkage_vibration.mechanics.model import LinkageModel, ModelError
+from linkage_vibration.mechanics.parsing import mechanism_from_mapping
+from linkage_vibration.readers.mechanism import read_mechanism
+from linkage_vibration.support.resources import config_file
+
+Array = NDArray[np.float64]
+G = 9.80665
+STEEL = {"youngs_modulus": 210e9, "density": 7800.0, "poisson_ratio": 0.3}
+SECTION = {"shape": "rectangle", "width": 0.02, "height": 0.03}
+CANTILEVER: dict[str, Any] = {
+    "name": "cantilever",
+    "ground": {"P": [0.0, 0.0]},
+    "links": {
+        "bar": {
+            "points": {"P": 0.0, "M": 0.3, "E": 0.8},
+            "clamped": "P",
+            "section": SECTION,
+            "material": STEEL,
+        }
+    },
+    "input": {"link": "bar", "range_deg": [10.0, 60.0]},
+    "assembly": {"alpha3_deg": 30.0},
+    "damping": {"ratio": 0.02, "at_hz": [5.0, 500.0]},
+    "response": {"drive_point": "E", "direction": "z", "band_hz": [0.0, 200.0], "modes": 1},
+}
+MASS, INERTIA, ARM, STIFFNESS = 12.0, 3.0, 0.8, 4e4
+LEVER: dict[str, Any] = {
+    "name": "lever",
+    "ground": {"P": [0.0, 0.0], "Q": [1.0, 2.0]},
+    "links": {},
+    "rigid_bodies": {
+        "bob": {
+            "points": {"P": [0.0, 0.0], "E": [1.0, 0.0]},
+            "centre_of_gravity": [ARM, 0.0],
+            "mass": MASS,
+            "inertia": INERTIA,
+        }
+    },
+    "springs": {"strut": {"between": ["Q", "E"], "stiffness": STIFFNESS}},
+    "input": {"link": "bob", "range_deg": [-10.0, 10.0]},
+    "assembly": {"alpha3_deg": 0.0},
+    "damping": {"ratio": 0.02, "at_hz": [1.0, 10.0]},
+    "response": {"drive_point": "E", "direction": "z", "band_hz": [0.0, 20.0], "modes": 1},
+}
+
+
+def model_of(mapping: dict[str, Any], path: str = "", value: Any = None) -> LinkageModel:
+    """Return the model of a mapping with one value changed; the path has dots."""
+    mapping = copy.deepcopy(mapping)
+    *folders, last = path.split(".") if path else [""]
+    place = mapping
+    for folder in folders:
+        place = place[folder]
+    if path:
+        place[last] = value
+    return LinkageModel(mechanism_from_mapping(mapping))
+
+
+@pytest.fixture(scope="module")
+def tractor() -> LinkageModel:
+    """Return the model of the linkage on its tractor."""
+    return LinkageModel(read_mechanism(config_file("three_point_linkage_on_tractor.yaml")))
+
+
+def meeting(a: Array, radius: float, b: Array, other: float, *, left: bool) -> Array:
+    """Return where circles about a and b meet, on the left of the way from a to b or right."""
+    way = b - a
+    distance = math.hypot(*way)
+    along = (distance**2 + radius**2 - other**2) / (2.0 * distance)
+    across = math.sqrt(radius**2 - along**2) * (1.0 if left else -1.0)
+    unit = way / distance
+    return np.asarray(a + along * unit + across * np.array([-unit[1], unit[0]]))
+
+
+def rigid_statics(alpha3: float) -> dict[str, float]:
+    """Return the pin and cylinder forces of one side of the tractor's linkage, of rigid bodies.
+
+    Three equations for each of five bodies have as unknowns the forces of seven pins and the moment
+    of the cylinders on the crank.
+    """
+    p1, p2, p3 = np.array([0.0, 0.0]), np.array([-0.334, 0.403]), np.array([-0.064, 0.385])
+    v2 = p3 + 0.203 * np.array([math.cos(alpha3), math.sin(alpha3)])
+    v1 = meeting(p1, 0.366, v2, 0.534, left=True)
+    e1 = p1 + (v1 - p1) * 0.810 / 0.366
+    e2 = meeting(p2, 0.520, e1, 0.438, left=False)
+    centre = meeting(e1, 1.020, e2, 1.095, left=True)
+    pins = {"P1": p1, "P2": p2, "P3": p3, "V1": v1, "V2": v2, "E1": e1, "E2": e2}
+    steel = 7800.0
+    bodies: list[tuple[float, Array, dict[str, float]]] = [  # mass, centre, and signs of pins
+        (2 * steel * 0.05 * 0.032 * 0.81, (p1 + e1) / 2, {"P1": 1, "V1": 1, "E1": 1}),
+        (
+            steel * math.pi / 4 * (0.08**2 - 0.04**2) * 0.52,
+            (p2 + e2) / 2,
+            {"P2": 1, "E2": 1},
+        ),
+        (2 * steel * 0.02 * 0.036 * 0.203, (p3 + v2) / 2, {"P3": 1, "V2": 1}),
+        (2 * steel * math.pi / 4 * 0.029**2 * 0.534, (v2 + v1) / 2, {"V2": -1, "V1": -1}),
+        (800.0, centre, {"E1": -1, "E2": -1}),
+    ]
+    names, matrix, load = list(pins), np.zeros((15, 15)), np.zeros(15)
+    for i, (mass, middle, signs) in enumerate(bodies):
+        for name, sign in signs.items():
+            x, z = pins[name]
+            column = 2 * names.index(name)
+            matrix[3 * i, column] = matrix[3 * i + 1, column + 1] = sign
+            matrix[3 * i + 2, column : column + 2] = -sign * z, sign * x
+        load[3 * i + 1], load[3 * i + 2] = mass * G, mass * G * middle[0]
+    matrix[8, 14] = 1.0
+    forces = np.linalg.solve(matrix, load)
+    sizes = np.hypot(forces[:14:2], forces[1:14:2])
+    shares = {"P2": 1.0, "E2": 1.0}
+    result = {name: size * shares.get(name, 0.5) for name, size in zip(names, sizes, strict=True)}
+    turn = np.array([[math.cos(alpha3), -math.sin(alpha3)], [math.sin(alpha3), math.cos(alpha3)]])
+    foot, head = np.array([0.100, 0.050]), p3 + turn @ np.array([0.030, 0.100])
+    way, arm = head - foot, head - p3
+    lever = abs(arm[0] * way[1] - arm[1] * way[0]) / math.hypot(*way)
+    return {**result, "lift_cylinders": abs(forces[14]) / lever / 2.0}
+
+
+@pytest.mark.parametrize("angle", [92.0, 120.0, 150.0, 178.0])
+def test_static_forces_are_those_of_rigid_statics(tractor: LinkageModel, angle: float) -> None:
+    """Under the weight, rigid bodies in equilibrium give the same forces of pins and cylinders."""
+    expected = rigid_statics(math.radians(angle))
+    static = tractor.static_forces(math.radians(angle))
+    assert tractor.force_places == (
+        "lower_link:P1",
+        "lower_link:V1",
+        "lower_link:E1",
+        "upper_link:P2",
+        "upper_link:E2",
+        "input_crank:P3",
+        "input_crank:V2",
+        "lift_cylinders",
+    )
+    for name, force in zip(tractor.force_places, static, strict=True):
+        assert force == pytest.approx(expected[name.split(":")[-1]], rel=1e-6), name
+
+
+def test_forces_hold_the_implement(tractor: LinkageModel) -> None:
+    """At 0 Hz the pins E1 and E2 pass a force on the implement into the links."""
+    solution = tractor.solve(math.radians(120.0))
+    outputs = [(pin, f"force_{d}") for pin in ("lower_link:E1", "upper_link:E2") for d in "xz"]
+    lower_x, lower_z, upper_x, upper_z = (
+        solution.frf(outputs, [("E1", "z")]).frf(np.array([0.0]))[0, :, 0].real
+    )
+    assert 2.0 * lower_x + upper_x == pytest.approx(0.0, abs=1e-6)
+    assert 2.0 * lower_z + upper_z == pytest.approx(1.0, abs=1e-6)
+
+
+def test_forces_accelerate_a_link(tractor: LinkageModel) -> None:
+    """In each mode the pin forces on a link are its mass times its acceleration.
+
+    The mass of half an element beside each pin belongs to the pin. Many fixed-interface modes are
+    kept, as the mass that moves with the pins along the link excites modes that are otherwise left
+    out.
+    """
+    mechanism = tractor.mechanism
+    link = mechanism.links[0]
+    fine = replace(link, body=link.body.with_elements(120), modes=300)
+    links = fine, *mechanism.links[1:]
+    solution = LinkageModel(replace(mechanism, links=links)).solve(math.radians(120.0))
+    pins = [f"lower_link:{point}" for point in ("P1", "V1", "E1")]
+    for i, direction in enumerate("xz"):
+        forces = solution.participation([(pin, f"force_{direction}") for pin in pins]).sum(axis=0)
+        for mode in range(2, 8):
+            places, moved = solution.link_shapes(mode)["lower_link"]
+            along = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(places, axis=0), axis=1)))
+            width = np.convolve(np.diff(along), [0.5, 0.5])
+            width[[int(np.abs(along - x).argmin()) for x in (0.0, 0.366, 0.81)]] = 0.0
+            mass = 7800.0 * 0.05 * 0.032 * width
+            expected = -(solution.modes.omega[mode] ** 2) * float(mass @ moved[:, 2 * i])
+            size = solution.modes.omega[mode] ** 2 * float(mass @ np.abs(moved).max(axis=1))
+            assert forces[mode] == pytest.approx(expected, abs=2e-3 * size), (direction, mode)
+
+
+def test_reduction_keeps_the_forces(tractor: LinkageModel) -> None:
+    """Twenty modes of each link give the forces of unreduced links."""
+    full = LinkageModel(tractor.mechanism, reduced=False)
+    lines, errors = np.linspace(0.5, 200.0, 200), []
+    for angle in np.radians([95.0, 140.0, 175.0]):
+        outputs, into = tractor.forces.places, [("E1", "z"), ("rear_axle", "z")]
+        exact = full.solve(angle).frf(outputs, into).frf(lines)
+        reduced = tractor.solve(angle).frf(outputs, into).frf(lines)
+        size = np.linalg.norm(exact, axis=0)
+        off = np.linalg.norm(reduced - exact, axis=0)
+        pins = slice(0, 14, 2), slice(1, 14, 2)  # both components of each
+        off, size = (np.vstack([np.hypot(*(v[pin] for pin in pins)), v[14:]]) for v in (off, size))
+        errors.append(off / size)
+    assert np.max(errors) < 3e-3  # at V1, in the middle of a link
+    assert np.median(errors) < 1e-4
+
+
+def test_spring_passes_a_force_on() -> None:
+    """A lever on a strut: k L^2 / (k L^2 - J w^2 + i w a J), and m g d / L at rest."""
+    model = model_of(LEVER)
+    inertia = INERTIA + MASS * ARM**2
+    first, second = 2.0 * math.pi * 1.0, 2.0 * math.pi * 10.0
+    decay = 2.0 * 0.02 * first * second / (first + second)
+    lines = np.linspace(0.0, 20.0, 41)
+    omega = 2.0 * math.pi * lines
+    frf = model.solve(0.0).frf([("strut", "force")], [("E", "z")]).frf(lines)[:, 0, 0]
+    stiffness = STIFFNESS * 1.0**2
+    expected = stiffness / (stiffness - inertia * omega**2 + 1j * omega * decay * inertia)
+    np.testing.assert_allclose(frf, -expected, rtol=1e-9)  # it shortens the strut
+    assert model.force_places == ("strut",)
+    assert model.static_forces(0.0)[0] == pytest.approx(MASS * G * ARM, rel=1e-9)
+
+
+def test_sections_of_a_cantilever() -> None:
+    """A force F across the tip: shear F, moment F times the distance, stress M c / I."""
+    model, angle = model_of(CANTILEVER, "links.bar.section.real", True), math.radians(30.0)
+    solution, zero = model.solve(angle), np.array([0.0])
+
+    def by_force(point: str, direction: str, along: tuple[float, float]) -> float:
+        frf = solution.frf([(f"bar:{point}", direction)], [("E", "x"), ("E", "z")]).frf(zero)
+        return float(frf[0, 0].real @ along)
+
+    along, across = (math.cos(angle), math.sin(angle)), (-math.sin(angle), math.cos(angle))
+    second_moment = 0.02 * 0.03**3 / 12.0
+    for point, distance in (("P", 0.8), ("M", 0.5)):
+        assert abs(by_force(point, "moment", across)) == pytest.approx(distance, rel=1e-6)
+        assert abs(by_force(point, "shear", across)) == pytest.approx(1.0, rel=1e-6)
+        assert by_force(point, "axial", along) == pytest.approx(1.0, rel=1e-6)
+        stress = distance * 0.015 / second_moment
+        # The force lifts the tip, so the fibres on the upper side are shortened.
+        assert by_force(point, "stress", across) == pytest.approx(-stress, rel=1e-6)
+        assert by_force(point, "stress_opposite", across) == pytest.approx(stress, rel=1e-6)
+        assert by_force(point, "stress", along) == pytest.approx(1.0 / (0.02 * 0.03), rel=1e-6)
+    assert by_force("P", "force_x", along) == pytest.approx(-math.cos(angle), rel=1e-6)
+    assert by_force("P", "force_z", across) == pytest.approx(-math.cos(angle), rel=1e-6)
+
+
+def test_forces_of_equal_links_are_those_of_one() -> None:
+    """Of two equal links each carries half."""
+    angle, output = math.radians(30.0), [("bar:P", "force_z")]
+    single, double = (model_of(CANTILEVER, "links.bar.count", count) for count in (1, 2))
+    one, half = (
+        float(model.solve(angle).frf(output, [("E", "z")]).frf(np.array([0.0]))[0, 0, 0].real)
+        for model in (single, double)
+    )
+    assert half == pytest.approx(one / 2.0, rel=1e-9)
+    assert double.static_forces(angle) == pytest.approx(single.static_forces(angle), rel=1e-9)
+
+
+def test_reference_is_a_tenth_of_the_largest_at_least(tractor: LinkageModel) -> None:
+    """The force in a pin that carries little is compared with a tenth of the largest."""
+    expected = reference(np.array([50.0, 2000.0, 200.0, 199.0]), None)
+    np.testing.assert_allclose(expected, [200.0, 2000.0, 200.0, 200.0])
+    static = tractor.static_forces(2.0)
+    np.testing.assert_array_equal(
+        tractor.reference_forces(2.0), np.maximum(static, 0.1 * static.max())
+    )
+
+
+def test_linkage_that_nothing_carries_has_no_static_forces() -> None:
+    """A lever that swings freely has NaN, unless its file gives a reference."""
+    links = {"bar": {key: v for key, v in CANTILEVER["links"]["bar"].items() if key != "clamped"}}
+    free = model_of(CANTILEVER, "links", links)
+    assert free.force_places == ("bar:P",)
+    assert np.isnan(free.static_forces(0.5)).all()
+    assert np.isnan(free.reference_forces(0.5)).all()
+    given = model_of({**CANTILEVER, "links": links}, "response.reference_force", 5000.0)
+    np.testing.assert_array_equal(given.reference_forces(0.5), [5000.0])
+    assert np.isnan(given.static_forces(0.5)).all()
+    for wrong in (0.0, -1.0, "much"):
+        with pytest.raises(MechanismError, match=r"response\.reference_force"):
+            model_of(CANTILEVER, "response.reference_force", wrong)
+
+
+def test_reference_and_real_sections_leave_the_model_as_it_is() -> None:
+    """Only a given reference force changes the hash: tables contain it."""
+    plain = model_of(CANTILEVER).mechanism.model_hash
+    assert model_of(CANTILEVER, "links.bar.section.real", True).mechanism.model_hash == plain
+    given = model_of(CANTILEVER, "response.reference_force", 5e3).mechanism
+    assert given.model_hash != plain
+
+
+@pytest.mark.parametrize(
+    ("place", "message"),
+    [
+        (("bar:Q", "force_x"), "no force at bar:Q; give one of: bar:P"),
+        (("rod:P", "force_x"), "no force at rod:P"),
+        (("bar:P", "force"), "bar:P has no force; it has: force_x, force_z, axial"),
+        (("bar:P", "stress"), r"`real: true`"),
+    ],
+)
+def test_places_without_a_force_are_refused(place: tuple[str, str], message: str) -> None:
+    """The error names the place, and what there is."""
+    with pytest.raises(ForceError, match=message):
+        model_of(CANTILEVER).solve(0.5).frf([place], [("E", "z")])
+
+
+def test_forces_are_no_inputs() -> None:
+    """A force inside the linkage is refused as an input, and as an output of LM-FBS."""
+    model, force = model_of(CANTILEVER), ("bar:P", "force_z")
+    with pytest.raises(ModelError, match="force_z at bar:P is an output"):
+        model.solve(0.5).frf([("E", "z")], [force])
+    with pytest.raises(ModelError, match="force_z at bar:P is an output"):
+        model.coupled_frf(0.5, np.array([5.0]), [force], [("E", "z")])
+
+
+def test_springs_without_a_force_are_refused() -> None:
+    """A spring on a joint has a moment, and is left out of the names."""
+    spring = {"hinge": {"joint": "P", "stiffness": 1e4}}
+    bar = {key: v for key, v in CANTILEVER["links"]["bar"].items() if key != "clamped"}
+    model = model_of({**CANTILEVER, "springs": spring}, "links", {"bar": bar})
+    assert model.force_places == ("bar:P",)
+    with pytest.raises(ForceError, match="hinge has no force; it has: no force"):
+        model.solve(0.5).frf([("hinge", "force")], [("E", "z")])
+    assert model.static_forces(0.5)[0] == pytest.approx(7800 * 0.02 * 0.03 * 0.8 * G, rel=1e-6)
+
+
+def test_real_sections_need_the_outer_fibre() -> None:
+    """A section given by its properties has stresses only with the distance of its outer fibre."""
+    section = {"shape": "general", "area": 6e-4, "second_moment": 4.5e-8, "real": True}
+    with pytest.raises(MechanismError, match=r"section\.real: stresses also need outer_fibre"):
+        model_of(CANTILEVER, "links.bar.section", section)
+    with pytest.raises(MechanismError, match="neither true nor false"):
+        model_of(CANTILEVER, "links.bar.section.real", "yes please")
+    model_of(CANTILEVER, "links.bar.section", {**section, "outer_fibre": 0.015})

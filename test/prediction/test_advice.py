@@ -1,0 +1,248 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Advice agrees with a search of every cell, for loads in closed form and the shipped model."""
+
+import math
+from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from linkage_vibration.messages.columns import MessageColumns
+from linkage_vibration.prediction.advice import (
+    BOTH,
+    HEIGHT,
+    NOW,
+    SPEED,
+    AdviceError,
+    Adviser,
+    Question,
+    advice_sentence,
+    advise,
+)
+from linkage_vibration.prediction.excitation import excitations_from_mapping
+from linkage_vibration.prediction.levels import LevelTable
+from linkage_vibration.prediction.severity import WarningLimits
+from linkage_vibration.readers.excitations import read_excitations
+from linkage_vibration.support.resources import config_file
+from test.support.served import shipped
+
+ENGINE, PTO, GROUND = range(3)
+SOIL = "A tool is in the soil."
+EXCITATIONS = excitations_from_mapping(
+    {
+        "shaft": {"speed": "pto", "orders": [1], "force": [1.0], "at": "E1.z", "at_speed": 1.0},
+        "tyre": {
+            "speed": "ground",
+            "orders": [1],
+            "rolling_radius": 0.8,
+            "force": [1.0],
+            "at": "E1.z",
+            "at_speed": 1.0,
+        },
+    }
+)
+
+
+def load(angle: float, speed: float, shift: float = 0.0, steepness: float = 1.0) -> float:
+    """Return a load that has a valley over the angle and grows with the speed."""
+    return (0.05 + (angle - 2.0 - shift) ** 2) * (0.2 + 0.1 * abs(speed - 3.0) ** steepness)
+
+
+MEMBERS = [(0.3 * math.sin(k), 0.6 + 0.05 * (k % 17)) for k in range(64)]
+
+
+class Levels:
+    """Loads in closed form: those beyond 20 m/s, of a pin at 2.9 rad or in the soil are unknown."""
+
+    alpha3_range = 1.5, 3.0
+
+    def __init__(self, n_members: int = 64) -> None:
+        self.members = MEMBERS[:n_members]
+
+    def at(self, alpha3: Any, speeds: Any) -> MessageColumns:
+        """Return what `LevelTable.at` returns."""
+        inside = (alpha3 >= 1.5) & (alpha3 <= 3.0)
+        v = speeds[GROUND]
+        total = np.array([load(a, b) for a, b in zip(alpha3, v, strict=True)])
+        total[~inside | (alpha3 > 2.9)] = math.nan
+        tyre = np.where(v > 20.0, math.nan, 1.0)
+        shaft = np.where(np.isnan(speeds[PTO]), math.nan, 1.0)
+        return MessageColumns(
+            total_load_ratio=total.astype(np.float32),
+            total_velocity=(2.0 * total).astype(np.float32),
+            velocities=np.column_stack([shaft, tyre]),
+            ground_unknown=np.where((alpha3 < 1.6) & inside, SOIL, ""),
+        )
+
+    def member_totals(self, alpha3: Any, speeds: Any) -> Any:
+        """Return what `LevelTable.member_totals` returns."""
+        rows = [
+            [load(a, b, *one) for a, b in zip(alpha3, speeds[GROUND], strict=True)]
+            for one in self.members
+        ]
+        totals = np.array(rows).reshape(len(rows), len(alpha3))
+        return totals, 2.0 * totals
+
+    def factors(self, alpha3: Any, speeds: Any, limit: float) -> Any:
+        """Return what `LevelTable.factors` returns."""
+        with np.errstate(all="ignore"):
+            totals, _ = self.member_totals(alpha3, speeds)
+            factor = np.exp(np.std(np.log(totals), axis=0)) if len(totals) else np.nan * alpha3
+        return {"total_load_ratio_factor": factor, "total_velocity_factor": factor}
+
+
+def ask(angle: float = 2.7, speed: float = 8.0, n_members: int = 64, **permitted: Any) -> Any:
+    """Return the advice about the loads in closed form."""
+    levels: Any = Levels(n_members)
+    return advise(
+        levels, EXCITATIONS, Question(angle, np.array([1800.0, 540.0, speed]), **permitted)
+    )
+
+
+def known(angle: float, speed: float) -> bool:
+    """Return whether a load is known, as the docstring of `Levels` says."""
+    return 1.6 <= angle <= 2.9 and speed <= 20.0
+
+
+def test_the_whole_grid_by_brute_force() -> None:
+    """Choices, probabilities and regrets are those of loops over all cells and members."""
+    angles, speeds = np.linspace(1.5, 3.0, 91), np.linspace(1.0, 25.0, 17)
+    found = ask(crank_angles=(1.5, 3.0), ground_speeds=(1.0, 25.0))
+    message, present = found.message, (2.7, 8.0)
+    among = {
+        HEIGHT: [(a, 8.0) for a in angles],
+        SPEED: [(2.7, v) for v in speeds],
+        BOTH: [(a, v) for a in angles for v in speeds],
+    }
+    for place, cells in among.items():
+        cells = [cell for cell in cells if known(*cell)]
+        best = min(cells, key=lambda cell: np.float32(load(*cell)))
+        at = message.crank_angles[place], message.ground_speeds[place]
+        assert at == pytest.approx(best)
+        assert message.load_ratios[place] == pytest.approx(load(*best), rel=1e-6)
+        assert message.velocities[place] == pytest.approx(2.0 * load(*best), rel=1e-6)
+        quieter = sum(load(*best, *one) < load(*present, *one) for one in MEMBERS)
+        assert message.probabilities[place] == pytest.approx((quieter + 0.5) / 65.0)
+        # Members have their best place among each third height and each second speed.
+        kept = [c for c in cells if c[0] in (*angles[::3], 2.7) and c[1] in (*speeds[::2], 8.0)]
+        kept.append(best)
+        regrets = [load(*best, *one) / min(load(*c, *one) for c in kept) - 1.0 for one in MEMBERS]
+        assert found.regrets[place] == pytest.approx(np.quantile(regrets, 0.95), rel=1e-6)
+    assert message.load_ratios[NOW] == pytest.approx(load(*present), rel=1e-6)
+    assert np.isnan([message.probabilities[NOW], found.regrets[NOW]]).all()
+    for i, angle in enumerate(angles):
+        for j, speed in enumerate(speeds):
+            assert math.isnan(found.load_ratios[i, j]) != known(angle, speed)
+            assert (found.reasons[i, j] == 0) == known(angle, speed)
+
+
+@pytest.mark.parametrize(
+    ("angle", "speed", "reason"),
+    [
+        (1.4999, 8.0, "outside the table"),
+        (1.5, 8.0, SOIL),
+        (1.5999, 8.0, SOIL),
+        (1.6, 8.0, ""),
+        (2.9, 20.0, ""),
+        (2.9, 20.001, "beyond the band"),
+        (2.9001, 20.0, "No load ratio is known"),
+        (3.0001, 8.0, "outside the table"),
+    ],
+)
+def test_both_sides_of_each_refusal(angle: float, speed: float, reason: str) -> None:
+    """A single permitted cell is refused with its reason, or advised, at any present place."""
+    found = ask(crank_angles=(angle, angle), ground_speeds=(speed, speed))
+    assert found.load_ratios.shape == (1, 1)
+    text = found.reason_texts[found.reasons[0, 0]]
+    assert reason in text
+    assert bool(reason) == bool(text)
+    assert math.isnan(found.message.load_ratios[BOTH]) == bool(reason)
+    assert math.isnan(found.message.crank_angles[BOTH]) == bool(reason)
+
+
+@pytest.mark.parametrize(
+    ("permitted", "words"),
+    [
+        ({"crank_angles": (2.5, 2.4)}, "angles are 2.5 to 2.4"),
+        ({"crank_angles": (math.nan, 2.4)}, "angles are nan"),
+        ({"crank_angles": (-math.inf, 2.4)}, "angles are -inf"),
+        ({"ground_speeds": (9.0, 1.0)}, "ground speeds are 9 to 1"),
+        ({"ground_speeds": (-0.1, 1.0)}, "of at least 0"),
+        ({"ground_speeds": (1.0, math.inf)}, "ground speeds are 1 to inf"),
+    ],
+)
+def test_invalid_ranges(permitted: Any, words: str) -> None:
+    """A range that is reversed, infinite or not a number is refused by its name."""
+    with pytest.raises(AdviceError, match=words):
+        ask(**permitted)
+
+
+def test_what_is_not_known_is_not_advised() -> None:
+    """Without members, a present height or a speed, numbers are NaN, and sentences say so."""
+    certain = ask(ground_speeds=(1.0, 10.0), n_members=0)
+    assert np.isnan(certain.message.probabilities).all()
+    assert np.isnan(certain.message.load_ratio_factors).all()
+    assert np.isnan(certain.regrets).all()
+    assert "(probability not known)" in certain.message.sentence
+    outside = ask(angle=3.2, ground_speeds=(1.0, 10.0)).message
+    assert np.isnan(outside.load_ratios[[NOW, SPEED]]).all()
+    assert np.isfinite(outside.load_ratios[[HEIGHT, BOTH]]).all()
+    assert np.isnan(outside.probabilities).all()
+    assert outside.sentence == "How strongly it is loaded now is not known."
+    still = ask(speed=math.nan).message
+    assert "tyre 1" in still.not_counted
+    assert "shaft 1" not in still.not_counted
+
+
+def test_a_load_that_is_known_only_elsewhere_is_no_quiet_place() -> None:
+    """The shipped model at 100 m/s: lugs are beyond the band, so nothing is advised there."""
+    served, excitations = shipped(), read_excitations(config_file("excitations.yaml"))
+    levels = LevelTable(served.predictor, served.mechanism, excitations)
+    speeds = np.array([1800.0, math.nan, 5.0])
+    question = Question(math.radians(165.0), speeds, None, (0.0, 100.0))
+    found = advise(levels, excitations, question, (5, 3), with_regrets=False)
+    assert (found.reasons[:, :2] == 0).all()
+    assert (found.reasons[:, 2] > 0).all()
+    assert "pto_shaft 1" in found.message.not_counted
+    # Each cell is what one row of the level table says.
+    for i, angle in enumerate(found.crank_angles.tolist()):
+        for j, speed in enumerate(found.ground_speeds[:2].tolist()):
+            row = levels.at(np.array([angle]), np.array([[1800.0], [math.nan], [speed]]))
+            assert found.load_ratios[i, j] == row.total_load_ratio[0]
+
+
+def test_sentences() -> None:
+    """Only what is notably quieter is named: heights plainly, speeds with their probability."""
+
+    def said(height: float, speed: float, probability: float = 0.991) -> str:
+        return advice_sentence(
+            MessageColumns(
+                load_ratios=np.array([1.0, height, speed, 0.1]),
+                crank_angles=np.radians([165.0, 130.0, 165.0, 130.0]),
+                ground_speeds=np.array([30.0, 30.0, 24.0, 24.0]) / 3.6,
+                probabilities=np.array([math.nan, probability, probability, 1.0]),
+            )
+        )
+
+    carried = "Carried at 130 deg instead of 165 deg at 30 km/h it would shake"
+    assert said(0.5, 1.0) == f"{carried} half as much (99 %)."
+    assert said(0.8, 1.0) == f"{carried} 80 % as much (99 %)."
+    assert said(0.801, 0.9) == ""
+    assert said(0.34, 0.25, math.nan) == (
+        f"{carried} a third as much. At 24 km/h instead of 30 km/h it would shake a quarter as "
+        "much (probability not known)."
+    )
+
+
+def test_advice_is_due_once_a_second_above_the_limit() -> None:
+    """Stamps decide, on both sides of the limit and of a second; a clock may jump back."""
+    monitor: Any = SimpleNamespace(limits=WarningLimits(warning=0.33))
+    due: Callable[..., list[int]] = Adviser(monitor).due
+    stamps = np.array([0, 1, 999_999_999, 10**9, 10**9 + 1, 5, 6])
+    ratios = np.array([0.33, 0.331, 0.4, 0.4, 0.4, 0.4, math.nan])
+    assert due(ratios, stamps) == [1, 4, 5]
+    assert due(np.array([0.4]), np.array([10**9 + 4])) == []
+    assert due(np.array([0.4]), np.array([10**9 + 5])) == [0]

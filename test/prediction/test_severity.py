@@ -1,0 +1,138 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Load ratios, states and warnings: both sides of each limit, and both ends of the dwell time."""
+
+import math
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from linkage_vibration.prediction.excitation import Source, excitations_from_mapping
+from linkage_vibration.prediction.levels import LevelTable
+from linkage_vibration.prediction.predictor import Predictor
+from linkage_vibration.prediction.resonance import ResonanceMonitor
+from linkage_vibration.prediction.severity import (
+    WarningLimits,
+    WarningTimer,
+    present_sentence,
+    states,
+)
+from linkage_vibration.readers.mechanism import read_mechanism
+from linkage_vibration.support.resources import DEFAULT_MECHANISM, DEFAULT_TABLE, config_file
+from linkage_vibration.table.table import load_table
+
+SECOND = 10**9  # ns
+CLEAR, WARNING, STALE, NOTE = range(4)
+
+
+def followed(times: Iterable[float], exceeds: Iterable[bool], dwell: float = 1.0) -> list[bool]:
+    """Return when a limit warns that is exceeded at some of the times, s."""
+    nanoseconds = np.array([round(time * SECOND) for time in times])
+    flags = np.array([list(exceeds)])
+    result: list[bool] = WarningTimer(1).follow(flags, nanoseconds, dwell)[0].tolist()
+    return result
+
+
+def test_a_warning_begins_and_ends_after_the_dwell_time() -> None:
+    """At 10 Hz, ten readings later there is a warning, and ten readings after its end none."""
+    exceeds = [False] * 5 + [True] * 20 + [False] * 20
+    warns = followed(np.arange(45) / 10.0, exceeds)
+    assert warns == [False] * 15 + [True] * 20 + [False] * 10
+
+
+def test_short_excesses_and_short_pauses_change_nothing() -> None:
+    """What lasts less than the dwell time neither begins nor ends a warning."""
+    short = [True] * 9 + [False] + [True] * 9 + [False]
+    assert not any(followed(np.arange(20) / 10.0, short))
+    pauses = [True] * 15 + ([False] * 9 + [True]) * 3
+    assert followed(np.arange(45) / 10.0, pauses) == [False] * 10 + [True] * 35
+
+
+def test_without_a_dwell_time_each_reading_decides() -> None:
+    """With a dwell time of 0, a warning is there exactly where the limit is exceeded."""
+    exceeds = [False, True, False, True, True]
+    assert followed(range(5), exceeds, dwell=0.0) == exceeds
+
+
+@pytest.mark.parametrize(("gap", "expected"), [(2.9, True), (3.1, False), (-0.1, False)])
+def test_a_gap_or_a_jump_back_ends_a_warning(gap: float, expected: bool) -> None:
+    """A warning goes on after 2.9 s without a reading, and ends after 3.1 s or a jump back."""
+    times = [*(k / 10.0 for k in range(20)), 1.9 + gap]
+    assert followed(times, [True] * 21)[19:] == [True, expected]
+
+
+@given(st.lists(st.booleans(), min_size=1, max_size=80), st.integers(1, 40))
+def test_blocks_follow_each_other(exceeds: list[bool], size: int) -> None:
+    """Where a block ends changes no warning, and no warning or pause is shorter than the dwell."""
+    times = np.arange(len(exceeds)) * SECOND // 10
+    whole = WarningTimer(1).follow(np.array([exceeds]), times, 0.5)[0]
+    timer, parts = WarningTimer(1), []
+    for start in range(0, len(exceeds), size):
+        rows = slice(start, start + size)
+        parts.append(timer.follow(np.array([exceeds[rows]]), times[rows], 0.5)[0])
+    np.testing.assert_array_equal(np.concatenate(parts), whole)
+    changes = np.flatnonzero(np.diff(whole.astype(int))) + 1
+    assert (np.diff(changes) >= 5).all()
+
+
+def test_states_on_both_sides_of_each_limit() -> None:
+    """Notes begin above 0.1 of the load ratio, and where it is not known below the margin."""
+    ratio = np.array([0.1, 0.1001, 0.5, math.nan, math.nan, 0.5, math.nan])
+    apart = np.array([0.0, 0.5, 0.5, 0.1, 0.0999, 0.5, math.inf])
+    known = np.array([True] * 5 + [True, False])
+    warns = np.array([False] * 5 + [True, False])
+    ratio, apart, known, warns = (v[:, np.newaxis] for v in (ratio, apart, known, warns))
+    found = states(ratio, apart, known, warns, WarningLimits())[:, 0]
+    assert found.tolist() == [CLEAR, NOTE, NOTE, CLEAR, NOTE, WARNING, STALE]
+
+
+def shaken(force: float, limits: WarningLimits = WarningLimits()) -> ResonanceMonitor:  # noqa: B008
+    """Return a monitor of the linkage on its tractor, with a force at the implement by the PTO."""
+    mechanism = read_mechanism(config_file(DEFAULT_MECHANISM))
+    load = {"force": [force], "at": "E1.z", "at_speed": 540.0, "exponent": 2}
+    excitations = excitations_from_mapping({"rotor": {"speed": "pto", "orders": [1], **load}})
+    predictor = Predictor(load_table(config_file(DEFAULT_TABLE), mechanism))
+    levels = LevelTable(predictor, mechanism, excitations)
+    return ResonanceMonitor(excitations, limits, levels=levels)
+
+
+def assessed(monitor: ResonanceMonitor, alpha3: float, speed: float, seconds: float) -> Any:
+    """Return the resonance after so many seconds at an angle and a PTO speed."""
+    assert monitor.levels is not None
+    predictor = monitor.levels._predictor
+    monitor.set_fixed(Source.PTO, speed)
+    for k in range(round(10.0 * seconds) + 1):
+        resonance = monitor.assess(predictor.predict(alpha3), 0.0, k * SECOND // 10)
+    return resonance
+
+
+def test_the_load_ratio_grows_with_the_force_and_warns_above_its_limit() -> None:
+    """The load ratio is proportional to the force; below 0.33 is a note, above it a warning."""
+    small = assessed(shaken(100.0), 2.0, 540.0, 0.0)
+    per_newton = float(small.load_ratio) / 100.0
+    assert small.load_place in load_table(config_file(DEFAULT_TABLE)).force_places
+    for share, state in ((0.329, NOTE), (0.331, WARNING), (0.0999, CLEAR), (0.1001, NOTE)):
+        found = assessed(shaken(share / per_newton), 2.0, 540.0, 1.0)
+        assert found.load_ratio == pytest.approx(share, rel=1e-6)
+        assert found.total_load_ratio == pytest.approx(share, rel=1e-6)
+        assert (found.state, found.states.tolist()) == (state, [state])
+        assert found.load_ratio_factor == pytest.approx(small.load_ratio_factor)
+
+
+def test_a_warning_names_what_ends_it() -> None:
+    """At the named speed, and at the named angle, the warning is gone after the dwell time."""
+    monitor = shaken(6000.0)
+    found = assessed(monitor, 2.0, 540.0, 2.0)
+    assert found.state == WARNING
+    sentence = present_sentence(found, monitor.excitations)
+    assert f"{found.quiet_speed:.0f} rpm" in sentence
+    assert assessed(shaken(6000.0), 2.0, float(found.quiet_speed), 2.0).state != WARNING
+    assert not math.isnan(found.quiet_speed)
+    if not math.isnan(found.quiet_angle):
+        assert assessed(shaken(6000.0), float(found.quiet_angle), 540.0, 2.0).state != WARNING
+    calm = assessed(shaken(1.0), 2.0, 540.0, 2.0)
+    assert math.isnan(calm.quiet_speed)

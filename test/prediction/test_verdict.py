@@ -1,0 +1,233 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""The sentence about a drive is true for speeds and loads that nobody expects."""
+
+import math
+import re
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from linkage_vibration.messages.columns import MessageColumns
+from linkage_vibration.prediction.excitation import Excitation, Source, excitations_from_mapping
+from linkage_vibration.prediction.levels import LevelTable
+from linkage_vibration.prediction.predictor import Predictor
+from linkage_vibration.prediction.resonance import ResonanceMonitor
+from linkage_vibration.prediction.severity import (
+    WarningLimits,
+    load_words,
+    no_load_words,
+    present_sentence,
+    speed_words,
+)
+from linkage_vibration.prediction.verdict import Drive, avoidance, drive_of, drive_sentence
+from linkage_vibration.readers.mechanism import read_mechanism
+from linkage_vibration.support.resources import DEFAULT_MECHANISM, DEFAULT_TABLE, config_file
+from linkage_vibration.table.table import load_table
+
+CLEAR, WARNING, STALE, NOTE = range(4)
+LIMITS = WarningLimits()
+GROWING = {"exponent": 4}
+SHAKER = {"speed": "pto", "orders": [1], "force": [9000.0], "at": "E1.z", "at_speed": 540.0}
+ENGINE = {"speed": "engine", "orders": [6], "force": [3e4], "at": "E2.x", "at_speed": 2000.0}
+
+
+@pytest.fixture(scope="module")
+def excitations() -> tuple[Excitation, ...]:
+    """Return an excitation by the PTO, and one by the engine."""
+    return excitations_from_mapping({"shaker": SHAKER | GROWING, "high": ENGINE | GROWING})
+
+
+@pytest.fixture(scope="module")
+def levels(excitations: tuple[Excitation, ...]) -> LevelTable:
+    """Return their levels on the shipped tractor."""
+    mechanism = read_mechanism(config_file(DEFAULT_MECHANISM))
+    predictor = Predictor(load_table(config_file(DEFAULT_TABLE), mechanism))
+    return LevelTable(predictor, mechanism, excitations)
+
+
+def drive(states: list[int], totals: list[float], step: float = 1.0, **fields: Any) -> Drive:
+    """Return a drive at 120 deg, the first of whose two excitations does everything."""
+    n, total = len(states), np.array(totals, np.float32)
+    columns: dict[str, Any] = {
+        "state": np.array(states),
+        "states": np.stack([np.array(states), np.full(n, STALE)], axis=1),
+        "excitation": np.full(n, "shaker 1"),
+        "excitation_frequency": np.full(n, 9.0),
+        "mode": np.zeros(n, int),
+        "relative_margin": np.full(n, 0.5),
+        "total_velocity": np.full(n, math.nan),
+        "load_ratio": total.astype(float),
+        "load_ratios": np.stack([total, np.full(n, np.nan, np.float32)], axis=1),
+        "total_load_ratio": total,
+        "total_load_ratio_factor": np.full(n, np.nan, np.float32),
+        "total_load_place": np.full(n, "lower_link:V1"),
+        "unknown_speeds": np.full(n, "engine"),
+        "ground_unknown": np.full(n, ""),
+    }
+    stamps = np.round(np.arange(n) * step * 1e9).astype(np.int64)
+    names = ("shaker 1", "high 6")
+    messages = MessageColumns(**(columns | fields))
+    return drive_of(stamps, 0, messages, np.full(n, math.radians(120.0)), names, np.arange(n))
+
+
+def sentence(found: Drive, excitations: tuple[Excitation, ...], avoid: str = "") -> str:
+    """Return the sentence about a drive."""
+    return drive_sentence(found, LIMITS, str, avoid, excitations)
+
+
+def test_the_largest_load_may_be_too_short_to_warn(excitations: tuple[Excitation, ...]) -> None:
+    """A load of 7 for one message is the largest, although only a load of 0.4 warned."""
+    text = sentence(drive([NOTE, NOTE, WARNING, CLEAR], [7.0, 0.05, 0.4, 0.0]), excitations)
+    assert "exceeded 0.33 of the static force once, for 1.0 s" in text
+    assert "The largest was 7 of the static force in lower_link:V1" in text
+    assert "at 0.00 s and 120.0 deg" in text
+
+
+def test_the_main_cause_is_the_largest_load(excitations: tuple[Excitation, ...]) -> None:
+    """An excitation that never warns may load most, though the message is about another one."""
+    ratios = np.array([[0.4, 5.0]], np.float32)
+    found = drive([WARNING], [5.02], load_ratio=np.array([0.4]), load_ratios=ratios)
+    assert "mostly by high 6." in sentence(found, excitations)
+
+
+def test_what_is_not_counted_is_said(excitations: tuple[Excitation, ...]) -> None:
+    """Loads that were never known, and times without a load, are named."""
+    text = sentence(drive([CLEAR, STALE, CLEAR], [0.0, math.nan, 0.0]), excitations)
+    assert text == (
+        "No load exceeded the limit of 0.33 of the static force. All loads were zero. The loads of "
+        "high 6 are not known and not counted. No load is known for 1.0 s."
+    )
+    speeds = np.array(["", "engine", ""])
+    both = np.full((3, 2), 0.1, np.float32)
+    found = drive([CLEAR] * 3, [0.14] * 3, unknown_speeds=speeds, load_ratios=both)
+    assert sentence(found, excitations).endswith("The engine speed was not known for 1.0 s.")
+
+
+def test_sparse_readings_cannot_warn(excitations: tuple[Excitation, ...]) -> None:
+    """Readings every 5 s never warn, and the sentence says why."""
+    text = sentence(drive([NOTE] * 4, [2.0] * 4, step=5.0), excitations)
+    assert "Readings more than 3 s apart cannot warn." in text
+    assert "cannot warn" not in sentence(drive([NOTE] * 4, [2.0] * 4), excitations)
+
+
+def test_why_no_load_is_known(excitations: tuple[Excitation, ...]) -> None:
+    """Frequencies beyond the table, missing static forces and missing amplitudes are told apart."""
+    unknown, silent = [math.nan] * 2, excitations_from_mapping({"a": {**SHAKER, "force": [1.0]}})
+    beyond = drive([CLEAR] * 2, unknown)
+    assert "are beyond the frequencies of the table" in sentence(beyond, excitations)
+    moving = drive([CLEAR] * 2, unknown, total_velocity=np.ones(2))
+    assert "no static force is known to compare with" in sentence(moving, excitations)
+    bare = excitations_from_mapping({"shaker": {"speed": "pto", "orders": [1]}})
+    at = drive([CLEAR] * 2, unknown).resonances.message(0)
+    assert no_load_words(at, (*bare, excitations[1])) == "no excitation at work has an amplitude"
+    assert "beyond" in no_load_words(at, silent)
+    far = drive([CLEAR] * 2, unknown, relative_margin=np.full(2, 1e300))
+    assert sentence(far, excitations).endswith("within 100 % of a natural frequency.")
+
+
+def test_logs_of_older_versions_have_no_loads(excitations: tuple[Excitation, ...]) -> None:
+    """The sentence says what to do about it, instead of naming a wrong reason."""
+    found = replace(drive([WARNING] * 2, [math.nan] * 2), with_loads=False)
+    assert "an older version" in sentence(found, excitations)
+    assert "replay the log" in sentence(found, excitations)
+
+
+@pytest.mark.parametrize(
+    ("ratio", "text"), [(0.334, "0.33"), (9.94, "9.9"), (207.04, "207"), (1e12, "1e+12")]
+)
+def test_load_ratios_are_short(ratio: float, text: str) -> None:
+    """Large ones have no exponent below a million."""
+    assert load_words(ratio, math.nan, "pin").startswith(f"{text} of the static force in pin ")
+
+
+def test_a_stale_message_says_what_is_missing(excitations: tuple[Excitation, ...]) -> None:
+    """It is the speeds if all are missing, and otherwise the prediction."""
+    one = drive([STALE], [math.nan]).resonances.message(0)
+    assert "has no natural frequencies" in present_sentence(one, excitations)
+    speeds = np.array(["engine, pto"])
+    both = drive([STALE], [math.nan], unknown_speeds=speeds)
+    text = "the engine and PTO speeds are not known or not fresh"
+    assert text in present_sentence(both.resonances.message(0), excitations)
+    assert "the engine and PTO speeds were never known" in sentence(both, excitations)
+    assert "no crank angle was valid" in sentence(drive([STALE], [math.nan]), excitations)
+
+
+@pytest.mark.parametrize("value", [1e6, 1e300])
+def test_numbers_are_short(value: float) -> None:
+    """No speed has more than seven digits."""
+    assert len(speed_words(Source.ENGINE, value)) < 14
+    assert speed_words(Source.PTO, 540.2) == "540 rpm"
+    assert speed_words(Source.GROUND, 12.34) == "12.3 m/s"
+
+
+def test_the_range_to_avoid_ends_where_the_warning_ends(
+    excitations: tuple[Excitation, ...], levels: LevelTable
+) -> None:
+    """Speeds just outside do not exceed the limit, and a speed of 1e300 rpm changes nothing."""
+    found = drive([WARNING] * 4, [0.7, 0.7, 0.7, math.nan])
+    unknown = np.full(4, math.nan)
+    texts = [
+        avoidance(
+            found,
+            LIMITS,
+            excitations,
+            levels,
+            {Source.PTO: np.array([540.0, 540.0, 540.0, last]), Source.ENGINE: unknown},
+        )
+        for last in (math.nan, 540.0, 1e300)
+    ]
+    assert texts[0] == texts[1] == texts[2]
+    limits = re.match(
+        r"Avoid PTO speeds of (\d+) rpm to (\d+) rpm and above (\d+) rpm at 120 deg[.,]", texts[0]
+    )
+    assert limits is not None
+    first, last, begin = map(float, limits.groups())
+    quiet, loud = [0.3 * 540.0, first, last, begin], [(first + last) / 2.0, 1.03 * begin, 1.7 * 540]
+    for speed in quiet + loud:
+        at = np.array([[math.nan], [speed], [math.nan]])
+        ratio = levels.at(np.radians([120.0]), at).total_load_ratio[0]
+        assert (ratio > LIMITS.warning) == (speed in loud)
+
+
+def test_each_source_that_warned_is_to_be_avoided(
+    excitations: tuple[Excitation, ...], levels: LevelTable
+) -> None:
+    """A warning by the engine is not forgotten beside a stronger one by the PTO."""
+    names = np.array(["shaker 1", "shaker 1", "high 6"])
+    ratios = np.array([[0.7, np.nan], [0.0, np.nan], [np.nan, 0.5]], np.float32)
+    states = [WARNING, CLEAR, WARNING]
+    found = drive(states, [0.7, 0.0, 0.5], excitation=names, load_ratios=ratios)
+    nan = math.nan
+    speeds = {
+        Source.PTO: np.array([540.0, nan, nan]),
+        Source.ENGINE: np.array([nan, nan, 1990.0]),
+    }
+    text = avoidance(found, LIMITS, excitations, levels, speeds)
+    assert "Avoid PTO speeds of " in text
+    assert "Avoid engine speeds of " in text
+    assert text.count(" above ") == 2  # 2001 rpm and more are beyond the 200 Hz of the table
+
+
+def test_an_unknown_load_is_not_quiet() -> None:
+    """Beyond the band of the table the load is not known, which does not end a warning.
+
+    The engine's order is at 199 Hz. From 2000 rpm on, it is above the band of 200 Hz, and the total
+    of what is known there is small.
+    """
+    weak, strong = SHAKER | {"force": [10.0]}, ENGINE | {"force": [1e6]}
+    excitations = excitations_from_mapping({"shaker": weak, "high": strong})
+    mechanism = read_mechanism(config_file(DEFAULT_MECHANISM))
+    predictor = Predictor(load_table(config_file(DEFAULT_TABLE), mechanism))
+    levels = LevelTable(predictor, mechanism, excitations)
+    monitor = ResonanceMonitor(excitations, WarningLimits(dwell=0.0), levels=levels)
+    monitor.set_fixed(Source.PTO, 540.0)
+    for speed, state, known in ((2010.0, CLEAR, False), (1990.0, WARNING, True)):
+        monitor.set_fixed(Source.ENGINE, speed)
+        found = monitor.assess(predictor.predict(math.radians(120.0)), 0.0, 0)
+        assert (found.state, np.isfinite(found.load_ratios[1])) == (state, known)
+        assert found.load_ratios[0] < LIMITS.note
+    assert found.excitation == "high 6"
+    assert not found.quiet_speed > 1990.0

@@ -1,0 +1,71 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Measured profiles are read from CSV files, and errors name the place and the fix."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from linkage_vibration.mechanics.arrays import FloatArray
+from linkage_vibration.readers.profiles import ProfileError, read_profile
+
+DISTANCE = 0.1 * np.arange(300)
+HEIGHT = 0.01 * np.sin(DISTANCE)
+
+
+def write(path: Path, *columns: FloatArray) -> Path:
+    """Write columns as a CSV file with names, and return its path."""
+    np.savetxt(path, np.column_stack(columns), delimiter=",", header="distance,height", comments="")
+    return path
+
+
+def test_an_axle_feels_the_mean_of_both_tracks(tmp_path: Path) -> None:
+    """With one track, it is the height of that."""
+    path = write(tmp_path / "one.csv", DISTANCE, HEIGHT)
+    np.testing.assert_allclose(read_profile(path), [DISTANCE, HEIGHT])
+    path = write(tmp_path / "two.csv", DISTANCE, HEIGHT, 3.0 * HEIGHT + 0.2)
+    np.testing.assert_allclose(read_profile(path), [DISTANCE, 2.0 * HEIGHT + 0.1])
+
+
+def changed(values: FloatArray, at: int, value: float) -> FloatArray:
+    """Return values with another one at an index."""
+    result = values.copy()
+    result[at] = value
+    return result
+
+
+SMALL_GAP = DISTANCE + np.where(np.arange(300) > 149, 0.19, 0.0)
+FAULTS = {
+    "NaN": ((DISTANCE, changed(HEIGHT, 7, np.nan)), "sample 8 is not finite"),
+    "endless": ((DISTANCE, changed(HEIGHT, 7, np.inf)), "sample 8 is not finite"),
+    "unsorted": ((changed(DISTANCE, 8, 0.65), HEIGHT), "0.65 m follows 0.7 m; sort"),
+    "twice": ((changed(DISTANCE, 8, 0.7), HEIGHT), "0.7 m follows 0.7 m; sort"),
+    "gap": ((SMALL_GAP + np.where(np.arange(300) > 149, 0.02, 0.0), HEIGHT), "gap from 14.9 m"),
+    "constant": ((DISTANCE, 0.0 * HEIGHT + 0.3), "the height is constant"),
+    "opposite tracks": ((DISTANCE, HEIGHT, -HEIGHT), "the height is constant"),
+    "short": ((DISTANCE[:255], HEIGHT[:255]), "has 255 samples; give at least 256"),
+    "one column": ((DISTANCE,), "has 1 columns; give the distance"),
+    "four columns": ((DISTANCE, HEIGHT, HEIGHT, HEIGHT), "has 4 columns; give the distance"),
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_faults_are_named(tmp_path: Path, fault: str) -> None:
+    """Each error names the file, where it is wrong, and what to do."""
+    columns, message = FAULTS[fault]
+    path = write(tmp_path / "road.csv", *columns)
+    with pytest.raises(ProfileError, match=rf"road\.csv: .*{message}"):
+        read_profile(path)
+
+
+def test_just_enough_is_read(tmp_path: Path) -> None:
+    """256 samples are enough, and a step of less than three others is no gap."""
+    assert len(read_profile(write(tmp_path / "a.csv", DISTANCE[:256], HEIGHT[:256]))[0]) == 256
+    assert len(read_profile(write(tmp_path / "b.csv", SMALL_GAP, HEIGHT))[0]) == 300
+
+
+def test_missing_file(tmp_path: Path) -> None:
+    """A file that does not exist is named."""
+    with pytest.raises(ProfileError, match=r"none\.csv: cannot be read"):
+        read_profile(tmp_path / "none.csv")

@@ -1,0 +1,119 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""What page, summary and comparison say about random logs is what follows from their messages."""
+
+import html
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from linkage_vibration.cli.main import main
+from linkage_vibration.prediction.verdict import contributions, episodes, worst_message
+from linkage_vibration.review.findings import first_sentence
+from linkage_vibration.review.log import read_log
+from test.support.random_resonances import (
+    Message,
+    holding_times,
+    random_drive,
+    rows_of,
+    warnings_of,
+    worst_of,
+    write_drive,
+)
+
+SEEDS = range(12)
+SINGLE = 1e-6  # relative, of float32
+
+
+@pytest.fixture(scope="module", params=SEEDS)
+def drive(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
+) -> tuple[list[Message], Path]:
+    """Return the messages of a random drive and its log."""
+    messages = random_drive(request.param)
+    path = tmp_path_factory.mktemp("random") / "drive.mcap"
+    return messages, write_drive(path, messages)
+
+
+def test_verdict(drive: tuple[list[Message], Path]) -> None:
+    """Warnings, their durations, the order of the rows and the worst moment are those of a loop."""
+    messages, path = drive
+    log = read_log(path)
+    assert log.drive is not None
+    assert log.drive.held == pytest.approx(holding_times(messages), abs=1e-9)
+    found = [
+        (e.start, e.duration, float(log.drive.severity()[e.worst])) for e in episodes(log.drive)
+    ]
+    expected = warnings_of(messages)
+    assert len(found) == len(expected)
+    for one, other in zip(found, expected, strict=True):
+        assert one == pytest.approx(other, rel=SINGLE, abs=1e-9)
+    for part, row in zip(contributions(log.drive), rows_of(messages), strict=True):
+        assert (part.name, part.warnings) == (row.name, row.warnings)
+        numbers = part.load_ratio, part.warning_time, part.note_time
+        assert numbers == pytest.approx(
+            (row.largest, row.warning, row.note), rel=SINGLE, abs=1e-9, nan_ok=True
+        )
+    if (worst := worst_of(messages)) is not None:
+        at = worst_message(log.drive)
+        assert log.drive.times[at] == pytest.approx(1e-9 * (worst.stamp - messages[0].stamp))
+        assert log.drive.angles[at] == pytest.approx(worst.angle)
+
+
+def test_summary(drive: tuple[list[Message], Path], capsys: Any) -> None:
+    """The command `summary` prints the same numbers with six digits."""
+    messages, path = drive
+    assert main(["summary", str(path)]) == 0
+    [found] = json.loads(capsys.readouterr().out)
+    warnings, worst = warnings_of(messages), worst_of(messages)
+    assert found["warnings"] == len(warnings)
+    assert found["in_warning_s"] == pytest.approx(sum(w[1] for w in warnings), rel=1e-5)
+    keys = "name", "load_ratio", "in_warning_s", "in_note_s"
+    shown = [tuple(one[key] for key in keys) for one in found["excitations"]]
+    for one, row in zip(shown, rows_of(messages), strict=True):
+        largest = None if math.isnan(row.largest) else pytest.approx(row.largest, rel=1e-5)
+        assert one[:2] == (row.name, largest)
+        assert one[2:] == pytest.approx((row.warning, row.note), rel=1e-5, abs=1e-9)
+    assert (found["worst"] is None) == (worst is None)
+    if worst is not None:
+        assert found["worst"]["load_ratio"] == pytest.approx(worst.total, rel=1e-5)
+        assert found["worst"]["excitation"] == worst.excitation
+        time = 1e-9 * (worst.stamp - messages[0].stamp)
+        assert found["worst"]["time_s"] == pytest.approx(time, rel=1e-5, abs=1e-9)
+
+
+def test_page(drive: tuple[list[Message], Path], tmp_path: Path) -> None:
+    """The page begins with the sentence, whose numbers are the same, and has rows in this order."""
+    messages, path = drive
+    sentence = first_sentence(read_log(path))
+    warnings, worst = warnings_of(messages), worst_of(messages)
+    if worst is None:
+        assert "not known" in sentence
+    else:
+        time = 1e-9 * (worst.stamp - messages[0].stamp)
+        assert f"{worst.total:.2g} of the static force" in sentence
+        assert f"at {time:.2f} s" in sentence
+        if warnings:
+            total = sum(duration for _, duration, _ in warnings)
+            often = "once" if len(warnings) == 1 else f"{len(warnings)} times"
+            assert f"{often}, for {total:.1f} s in all" in sentence
+        else:
+            assert sentence.startswith("No load exceeded")
+    page = tmp_path / "page.html"
+    assert main(["review", str(path), "-o", str(page)]) == 0
+    text = page.read_text()
+    assert sentence in html.unescape(text)
+    begin = text.index('"tables": ') + len('"tables": ')
+    tables = {one["id"]: one["rows"] for one in json.JSONDecoder().raw_decode(text[begin:])[0]}
+    shown = [line["cells"] for line in tables["contributions"]]
+    for cells, row in zip(shown, rows_of(messages), strict=True):
+        known = "not known" if math.isnan(row.largest) else f"{row.largest:.3f}"
+        assert [cells[0], cells[1], cells[4]] == [row.name, known, str(row.warnings)]
+        assert float(cells[3]) == pytest.approx(row.warning, abs=0.0051)
+        assert float(cells[5]) == pytest.approx(row.note, abs=0.0051)
+    lengths = sorted(line["length"] for line in tables.get("moments", ()))
+    expected = sorted(duration for _, duration, _ in warnings)
+    assert lengths == pytest.approx(expected, abs=1e-6)

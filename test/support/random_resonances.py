@@ -1,0 +1,225 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Logs of random Resonance messages, and what they say, by loops over the messages alone.
+
+Nothing here calls the verdict of the package, which is compared with it. A message holds until the
+next one; if that is more than 3 s later, or earlier, it holds for the median of all other steps.
+The last message holds for this median as well.
+"""
+
+import itertools
+import math
+import statistics
+from dataclasses import dataclass
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from linkage_vibration.bags.log_writer import LogWriter
+from linkage_vibration.bags.writing import Attachment, Topic, offered_qos_profiles
+from linkage_vibration.messages.definitions import message_definition, type_hash
+from linkage_vibration.messages.encoding import encode_message
+from linkage_vibration.messages.fields import message_fields
+from linkage_vibration.messages.topics import PREDICTION, RESONANCE
+from linkage_vibration.prediction.predictor import Predictor
+from linkage_vibration.support.resources import PAPER_MECHANISM, PAPER_TABLE, config_file
+from linkage_vibration.table.table import load_table, table_bytes
+
+START = 1_767_225_600 * 10**9  # ns
+CLEAR, WARNING, STALE, NOTE = range(4)  # as in Resonance.msg
+SEVEREST_LAST = STALE, CLEAR, NOTE, WARNING
+LONGEST = 3_000_000_000  # ns, a step that is no gap
+NAMES = "engine 1", "engine 3", "engine 6", "rotor 1"
+EXCITATIONS = b"""
+engine: {speed: engine, orders: [1, 3, 6]}
+rotor: {speed: pto, ratio: 0.45, orders: [1]}
+"""
+TOPICS = {
+    "/linkage_vibration/prediction": "linkage_vibration_interfaces/msg/VibrationPrediction",
+    "/linkage_vibration/resonance": "linkage_vibration_interfaces/msg/Resonance",
+}
+
+
+@dataclass(frozen=True)
+class Message:
+    """What a verdict uses of one message."""
+
+    stamp: int  # ns
+    angle: float  # rad
+    state: int
+    states: tuple[int, ...]
+    ratios: tuple[float, ...]  # float32; NaN if not known
+    total: float
+    excitation: str  # the most severe one
+
+
+@dataclass(frozen=True)
+class Row:
+    """What one excitation did."""
+
+    name: str
+    largest: float  # NaN if it was never known
+    warning: float  # s
+    note: float  # s
+    warnings: int
+
+
+def random_drive(seed: int) -> list[Message]:
+    """Return messages with gaps, jumps of the clock, rates of 1 to 50 Hz, notes and warnings."""
+    rng = np.random.default_rng(seed)
+    messages: list[Message] = []
+    now, known = START, rng.random(len(NAMES)) < 0.75  # whose amplitude is known
+    for _ in range(int(rng.integers(2, 7))):
+        step = round(1e9 / rng.choice([1.0, 10.0, 50.0]))
+        for _ in range(int(rng.integers(1, 5))):
+            states = rng.choice([CLEAR, NOTE, WARNING, STALE], len(NAMES), p=[0.4, 0.3, 0.2, 0.1])
+            for _ in range(int(rng.integers(1, 40))):
+                messages.append(_message(rng, now, states, known))
+                now += step + int(rng.integers(-step // 20, step // 20 + 1))
+        change = rng.random()
+        if change < 0.4:
+            now += int(rng.integers(LONGEST + 1, 4000 * 10**9))  # a gap
+        elif change < 0.6:
+            now -= int(rng.integers(2 * step, 30 * 10**9))  # the clock jumps back
+    return messages
+
+
+def _message(
+    rng: np.random.Generator,
+    now: int,
+    states: NDArray[Any],
+    known: NDArray[Any],
+) -> Message:
+    """Return a message whose excitations have these states."""
+    drawn = np.float32(rng.lognormal(-1.5, 1.0, len(states)))
+    moving = states != STALE
+    ratios = np.where(known & moving, drawn, np.float32(np.nan)).astype(np.float32)
+    total = float(np.float32(np.sqrt(np.nansum(ratios**2)))) if (known & moving).any() else math.nan
+    of_total = int(rng.choice([CLEAR, NOTE, WARNING])) if total == total else STALE
+    state = max([*states.tolist(), of_total], key=SEVEREST_LAST.index)
+    order = [
+        (SEVEREST_LAST.index(int(one)), -1.0 if math.isnan(ratio) else float(ratio))
+        for one, ratio in zip(states, ratios, strict=True)
+    ]
+    worst = order.index(max(order))
+    return Message(
+        now,
+        float(rng.uniform(1.6, 3.1)),
+        state,
+        tuple(map(int, states)),
+        tuple(map(float, ratios)),
+        total,
+        "" if state == STALE else NAMES[worst],
+    )
+
+
+def write_drive(path: Path, messages: list[Message]) -> Path:
+    """Write the log of a node that published these messages."""
+    table = load_table(config_file(PAPER_TABLE))
+    predictor, qos = Predictor(table), offered_qos_profiles(reliable=True, depth=10)
+    topics = [Topic(n, k, message_definition(k), type_hash(k), qos) for n, k in TOPICS.items()]
+    files = {
+        "mechanism.yaml": config_file(PAPER_MECHANISM).read_bytes(),
+        f"{table.table_id}.npz": table_bytes(table),
+        "excitations.yaml": EXCITATIONS,
+        "parameters.yaml": b"linkage_vibration:\n  ros__parameters: {}\n",
+    }
+    attachments = [Attachment(name, "application/yaml", data) for name, data in files.items()]
+    with LogWriter(path, topics, attachments) as log:
+        for message in messages:
+            header = (*divmod(message.stamp, 10**9), "")
+            prediction = predictor.predict(message.angle)
+            data = encode_message(PREDICTION, prediction, *header)
+            log.write("/linkage_vibration/prediction", data, message.stamp, message.stamp)
+            data = encode_message(RESONANCE, _resonance(message, table.table_id), *header)
+            log.write("/linkage_vibration/resonance", data, message.stamp, message.stamp)
+    return path
+
+
+def _resonance(message: Message, table_id: str) -> Any:
+    """Return all fields of a message; those that no verdict uses are not known."""
+    values: dict[str, Any] = {}
+    for field in message_fields(RESONANCE):
+        if field.is_sequence:
+            values[field.name] = np.full(len(NAMES), np.nan, np.float32)
+        else:
+            values[field.name] = "" if field.type == "string" else 0
+            if field.type.startswith("float"):
+                values[field.name] = math.nan
+    worst = NAMES.index(message.excitation) if message.excitation else 0
+    values |= {
+        "state": message.state,
+        "excitation": message.excitation,
+        "excitation_frequency": 10.0,
+        "relative_margin": 0.3,
+        "table_id": table_id,
+        "load_ratio": message.ratios[worst] if message.excitation else math.nan,
+        "states": np.array(message.states, np.uint8),
+        "load_ratios": np.array(message.ratios, np.float32),
+        "total_load_ratio": np.float32(message.total),
+    }
+    return SimpleNamespace(**values)
+
+
+def holding_times(messages: list[Message]) -> list[float]:
+    """Return for how long each message holds, s."""
+    steps = [later.stamp - one.stamp for one, later in itertools.pairwise(messages)]
+    usual = [step for step in steps if 0 <= step <= LONGEST]
+    median = statistics.median(usual) if usual else 0
+    held = [step if 0 <= step <= LONGEST else median for step in steps]
+    return [1e-9 * step for step in [*held, median]]
+
+
+def warnings_of(messages: list[Message]) -> list[tuple[float, float, float]]:
+    """Return start, s, duration, s, and largest total of each warning of the whole."""
+    found: list[list[float]] = []
+    held, inside, last = holding_times(messages), False, START
+    for message, time in zip(messages, held, strict=True):
+        broken = not 0 <= message.stamp - last <= LONGEST
+        last = message.stamp
+        if message.state != WARNING:
+            inside = False
+            continue
+        if broken or not inside:
+            found.append([1e-9 * (message.stamp - messages[0].stamp), 0.0, 0.0])
+        inside = True
+        found[-1][1] += time
+        if message.total > found[-1][2]:
+            found[-1][2] = message.total
+    return [(a, b, c) for a, b, c in found]
+
+
+def rows_of(messages: list[Message]) -> list[Row]:
+    """Return what each excitation did: the largest load ratio first, then the longest note."""
+    rows, held = [], holding_times(messages)
+    for i, name in enumerate(NAMES):
+        largest, warning, note, count = math.nan, 0.0, 0.0, 0
+        inside, last = False, START
+        for message, time in zip(messages, held, strict=True):
+            ratio, state = message.ratios[i], message.states[i]
+            if ratio == ratio and not ratio <= largest:
+                largest = ratio
+            if state == NOTE:
+                note += time
+            if state == WARNING:
+                warning += time
+                count += not inside or not 0 <= message.stamp - last <= LONGEST
+            inside, last = state == WARNING, message.stamp
+        rows.append(Row(name, largest, warning, note, count))
+    known = [row for row in rows if row.largest == row.largest]
+    others = [row for row in rows if row.largest != row.largest]
+    known.sort(key=lambda row: -row.largest)
+    others.sort(key=lambda row: -row.note)
+    return known + others
+
+
+def worst_of(messages: list[Message]) -> Message | None:
+    """Return the first message with the largest total; None if no total is known."""
+    worst = None
+    for message in messages:
+        if message.total == message.total and (worst is None or message.total > worst.total):
+            worst = message
+    return worst
