@@ -50,11 +50,11 @@ def mechanism_file(options: argparse.Namespace) -> Path:
 
 
 def read_model(source: Path) -> "LinkageModel":
-    """Return the model of a mechanism, after a notice about its kinematics if there is one."""
+    """Return the model of a mechanism, after what is doubtful about it."""
     from linkage_vibration.mechanics.model import LinkageModel
     from linkage_vibration.readers.mechanism import read_mechanism
 
     model = LinkageModel(read_mechanism(source))
-    if model.kinematics.notice:
-        print(f"{source}: {model.kinematics.notice}\n")
+    if model.notice:
+        print(f"{source}: {model.notice}\n")
     return model

@@ -14,7 +14,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.linalg import eigvalsh
 
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.compatibility import CouplingError, InterfaceMap, Joining
@@ -22,7 +21,7 @@ from linkage_vibration.mechanics.components import Component, FrfComponent
 from linkage_vibration.mechanics.coupling import CoupledSystem, UncoupledSystem, congruent, couple
 from linkage_vibration.mechanics.description import Mechanism, MechanismError
 from linkage_vibration.mechanics.kinematics import Configuration
-from linkage_vibration.mechanics.modes import MECHANISM
+from linkage_vibration.mechanics.modes import MECHANISM, lowest_square
 
 _SINGULAR = 1e-13  # Nothing holds a motion whose scaled singular value, of the largest, is smaller.
 _BALANCED = 1e-6  # A larger part of the weight that nothing carries is more than rounding.
@@ -106,10 +105,9 @@ def with_prestress(
     coupled: CoupledSystem, system: UncoupledSystem, added: FloatArray, alpha3: float
 ) -> CoupledSystem:
     """Return an assembly with the stiffness that gravity adds; refuse one that buckles or falls."""
-    stiffness = coupled.stiffness + congruent(system, added, coupled.basis)
-    lowest = float(eigvalsh(stiffness, coupled.mass, subset_by_index=[0, 0])[0])
-    if lowest < -(MECHANISM**2):
+    loaded = replace(coupled, stiffness=coupled.stiffness + congruent(system, added, coupled.basis))
+    if lowest_square(loaded) < -(MECHANISM**2):
         at = f"alpha3 = {math.degrees(alpha3):.3f} deg"
         hint = "make springs and links stiffer, or remove gravity"
         raise CouplingError(f"Under its weight the linkage does not stay at {at}; {hint}.")
-    return replace(coupled, stiffness=stiffness)
+    return loaded

@@ -22,6 +22,7 @@ from linkage_vibration.mechanics.coupling import (
     uncoupled_system,
 )
 from linkage_vibration.mechanics.description import Mechanism
+from linkage_vibration.mechanics.doubts import doubts
 from linkage_vibration.mechanics.fbs import couple_frfs, couple_frfs_with_error, held_frf
 from linkage_vibration.mechanics.forces import Forces, is_force, magnitudes, reference
 from linkage_vibration.mechanics.gravity import check_gravity, prestress, with_prestress
@@ -86,6 +87,16 @@ class LinkageModel:
         self.interface = InterfaceMap(mechanism, self.components, spatial=spatial)
         # The frequencies at which FRFs of the components were computed last, and these FRFs.
         self._frfs: tuple[bytes | None, list[ComplexArray | MeasuredFrfs]] = None, []
+
+    @property
+    def notice(self) -> str:
+        """What is doubtful about the description, in sentences; empty if there is nothing to say.
+
+        It is how the assembled pose differs from the angles given (`kinematics.notice`), and which
+        numbers of rigid bodies are probably mistakes.
+        """
+        at = self.kinematics.at(self.mechanism.assembly_alpha3)
+        return " ".join([self.kinematics.notice, *doubts(self.mechanism, at)]).strip()
 
     @cached_property
     def system(self) -> UncoupledSystem:

@@ -70,9 +70,11 @@ def mechanism_from_mapping(mapping: Any, read_body: BodyReader = _no_files) -> M
         points[body.name] = dict(body.points)
     grounded = [name for name in points if name != GROUND and points[name].keys() & ground.keys()]
     input_body = top["input"].choice("link", grounded)
-    low, high = top["input"].interval("range_deg")
     assembly = top["assembly"]
     others = [name for name in points if name not in (GROUND, input_body)]
+    alpha3 = assembly.number("alpha3_deg")
+    angles = [assembly["angles_deg"].number(name) for name in others]
+    low, high = _stroke(top["input"], alpha3, angles)
     mechanism = Mechanism(
         name=top.text("name"),
         ground=tuple(ground.items()),
@@ -84,10 +86,8 @@ def mechanism_from_mapping(mapping: Any, read_body: BodyReader = _no_files) -> M
         ),
         input_body=input_body,
         stroke=(math.radians(low), math.radians(high)),
-        assembly_alpha3=math.radians(assembly.number("alpha3_deg")),
-        assembly_angles=tuple(
-            (name, math.radians(assembly["angles_deg"].number(name))) for name in others
-        ),
+        assembly_alpha3=math.radians(alpha3),
+        assembly_angles=tuple(zip(others, map(math.radians, angles), strict=True)),
         damping=_damping(top["damping"]),
         response=_response(top["response"], points, base=base is not None),
         base=base,
@@ -96,6 +96,20 @@ def mechanism_from_mapping(mapping: Any, read_body: BodyReader = _no_files) -> M
     top.refuse_unknown()
     _check_topology(mechanism)
     return mechanism
+
+
+def _stroke(keys: Keys, alpha3: float, angles: list[float]) -> tuple[float, float]:
+    """Read the stroke, deg, with the angles of the assembly; one in radians is refused."""
+    low, high = keys.interval("range_deg")
+    turn = 2.0 * math.pi
+    if -turn <= low and high <= turn:
+        small = all(abs(angle) <= turn for angle in (alpha3, *angles))
+        if small or not low <= alpha3 <= high:
+            given = f"[{low:g}, {high:g}] is a stroke of {high - low:.3g} deg"
+            hint = f"if these are radians, write [{math.degrees(low):g}, {math.degrees(high):g}]"
+            hint += ", and if not, give assembly.alpha3_deg within them"
+            raise keys.error("range_deg", f"{given}; {hint}.")
+    return low, high
 
 
 def _uncertain(keys: Keys, mapping: dict[str, Any], read_body: BodyReader) -> Mechanism:
@@ -293,10 +307,18 @@ def _ends(keys: Keys, owners: dict[str, list[str]]) -> tuple[tuple[str, ...], tu
 
 
 def _check_topology(mechanism: Mechanism) -> None:
+    used = {mechanism.response.point, *(p for each in mechanism.springs for p in each.points)}
+    places = [(point, body.name) for body in mechanism.bodies for point, _ in body.points]
+    lonely = [(p, body) for p, body in places if len(mechanism.owners(p)) == 1 and p not in used]
+    once = ", ".join(f"{point} of {body}" for point, body in lonely) or "none"
     for name, _ in mechanism.ground:
-        springs = [spring for spring in mechanism.springs if name in spring.points]
-        if len(mechanism.owners(name)) == 1 and not springs:
-            raise MechanismError(f"ground.{name}", "no body has a point of this name; remove it.")
+        if len(mechanism.owners(name)) == 1 and name not in used:
+            hint = f"remove it, or correct a name (points that only one body has: {once})"
+            raise MechanismError(f"ground.{name}", f"no body has a point of this name; {hint}.")
+    for link, spring in itertools.product(mechanism.links, mechanism.springs):
+        if spring.points == (link.clamped,) and set(spring.bodies) == {GROUND, link.name}:
+            problem = f"the clamp locks the joint on which springs.{spring.name} acts"
+            raise MechanismError(f"links.{link.name}.clamped", f"{problem}; remove one of them.")
     freedom = 3 * len(mechanism.bodies) - 2 * len(mechanism.joints)
     shared: dict[tuple[str, ...], list[str]] = {}
     for point in dict.fromkeys(point for point, _, _ in mechanism.joints):
@@ -306,8 +328,11 @@ def _check_topology(mechanism: Mechanism) -> None:
     problem = (
         f"{len(mechanism.bodies)} bodies with {len(mechanism.joints)} pins leave {freedom} degrees "
         "of freedom where one input angle needs exactly 1; points are joined where their names are "
-        "the same, so look for a misspelt one."
+        f"the same (points that only one body has: {once})."
     )
+    if freedom == 2:  # a missing pin leaves 3
+        problem += " Describe a second input, such as a cylinder as upper link, as a link, with one"
+        problem += " file for each of its lengths."
     if freedom < 1 and twice:
         (first, second), points = next(iter(twice.items()))
         problem = (

@@ -3,6 +3,7 @@
 """Reads mechanisms from YAML files."""
 
 import hashlib
+import itertools
 import json
 from collections.abc import Hashable
 from dataclasses import asdict, replace
@@ -135,6 +136,12 @@ class _StrictLoader(yaml.SafeLoader):
                         None, None, f"the key {key!r} occurs twice; remove one", key_node.start_mark
                     )
                 seen.add(key)
+        for (_, before), (key, value) in itertools.pairwise(node.value):
+            tags = before.tag.rpartition(":")[2], value.tag.rpartition(":")[2]
+            if tags == ("int", "null") and str(key.value).isdecimal():
+                number = f"{before.value}.{key.value}"
+                hint = f"a comma ends a number; write {number} with a decimal point"
+                raise yaml.constructor.ConstructorError(None, None, hint, key.start_mark)
         return super().construct_mapping(node, deep)
 
 

@@ -33,7 +33,7 @@ def read_served(
 ) -> Served:
     """Return a mechanism with its table, which is built if the parameters name none for it.
 
-    `report` is called with a sentence before a table is built and with a notice of the assembly,
+    `report` is called with a sentence before a table is built and with what is doubtful,
     `progress` with the finished fraction of the stroke (it may raise an error to stop), and
     `remembered` returns an implement that replaces that of the parameters, or None.
     """
@@ -52,8 +52,8 @@ def read_served(
         "then loads at once."
     )
     model = LinkageModel(mechanism)
-    if model.kinematics.notice:
-        report(f"{path}: {model.kinematics.notice}")
+    if model.notice:
+        report(f"{path}: {model.notice}")
     table = build_table(model, progress=progress)
     return described.served(Predictor(table))
 

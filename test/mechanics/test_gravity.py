@@ -89,6 +89,28 @@ def test_linkage_that_falls_is_refused() -> None:
             soft.solve(math.pi / 2.0)
 
 
+def test_linkage_that_falls_fast_is_refused() -> None:
+    """Upside down, m g l / (J + m l^2) of a short pendulum is 79 (rad/s)^2, above (2 pi)^2."""
+    bob = {**PENDULUM["rigid_bodies"]["bob"], "centre_of_gravity": [0.12, 0.0], "inertia": 0.006}
+    short = pendulum(
+        rigid_bodies={"bob": bob}, springs={"spring": {"joint": "P", "stiffness": 1e-6}}
+    )
+    with pytest.raises(CouplingError, match=r"does not stay at alpha3 = 90\.000 deg"):
+        short.solve(math.pi / 2.0)
+
+
+def test_light_and_stiff_link_is_not_refused(mapping: Any) -> None:
+    """A lift rod of 1e-6 kg/m3 and 1e15 Pa is a rigid bar without mass, as one of 1e13 Pa is."""
+    mapping["gravity"] = G
+    first = []
+    for modulus, density in ((1e13, 1e-3), (1e15, 1e-6)):
+        light = {**STEEL, "youngs_modulus": modulus, "density": density}
+        mapping["links"]["lift_rod"]["material"] = light
+        model = LinkageModel(mechanism_from_mapping(mapping))
+        first.append(model.solve(2.3).natural_frequencies[:3])
+    np.testing.assert_allclose(first[0], first[1], rtol=1e-3)
+
+
 def test_hanging_ribbon_has_the_frequencies_of_a_chain() -> None:
     """A thin ribbon swings at j / 2 sqrt(g / L), with the zeros j of the Bessel function J0."""
     thin = {"shape": "rectangle", "width": 0.01, "height": 1e-6}

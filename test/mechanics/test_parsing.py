@@ -106,7 +106,34 @@ def test_i_section_is_read(mapping: Any) -> None:
         (change("links", "upper_link", "points", to={"P2": 0, "E2": -0.52}), "E2", "beyond"),
         (change("links", "upper_link", "points", to={"P2": 0}), "upper_link.points", "two points"),
         (change("links", "upper_link", "points", to=[0, 1]), "upper_link.points", "mapping"),
-        (change("links", "upper_link", "points", to={"P2": 0, "E3": 0.5}), "links", "freedom"),
+        (
+            change("links", "upper_link", "points", to={"P2": 0, "E3": 0.5}),
+            "links",
+            "leave 3 degrees of freedom where one input angle needs exactly 1; points are joined "
+            "where their names are the same (points that only one body has: E3 of upper_link, E2 "
+            "of implement).",
+        ),
+        (
+            change("links", "upper_link", "points", to={"P4": 0, "E2": 0.5}),
+            "ground.P2",
+            "correct a name (points that only one body has: P4 of upper_link)",
+        ),
+        (
+            change("springs", to={"lift": {"joint": "P3", "stiffness": 3e5}}),
+            "links.input_crank.clamped",
+            "locks the joint on which springs.lift acts; remove one",
+        ),
+        (change("rigid_bodies", "implement", "mass", to="2200 kg"), "mass", "its unit, 2200."),
+        (change("rigid_bodies", "implement", "mass", to="2,2e3kg"), "mass", "its unit, 2.2e3."),
+        (change("rigid_bodies", "implement", "mass", to="0,300"), "mass", "decimal point, 0.300,"),
+        (change("rigid_bodies", "implement", "mass", to="21e10"), "mass", "needs 2.1e+11"),
+        (change("rigid_bodies", "implement", "mass", to="heavy"), "mass", "give a number."),
+        (change("ground", "P1", to=[0, 25, 0, 5]), "ground.P1", "write decimals with a point"),
+        (
+            change("input", "range_deg", to=[1.571, 3.1416]),
+            "input.range_deg",
+            "a stroke of 1.57 deg; if these are radians, write [90.0117, 180]",
+        ),
         (change("links", "upper_link", "modes", to=-1), "upper_link.modes", "whole number"),
         (change("links", "upper_link", "modes", to=2.5), "upper_link.modes", "whole number"),
         (change("links", "input_crank", "clamped", to="V2"), "input_crank.clamped", "P3"),
@@ -314,3 +341,60 @@ def test_springs_that_are_refused(mapping: Any, spring: dict[str, float], place:
     mapping["springs"] = {"one": {"joint": "P1", **spring}}
     with pytest.raises(MechanismError, match=rf"springs\.one\.{place}"):
         mechanism_from_mapping(mapping)
+
+
+def test_stroke_in_radians_beside_an_assembly_in_radians(mapping: Any) -> None:
+    """It is refused, too; a small stroke around the crank's zero is read, as one above a turn."""
+    mapping["input"]["range_deg"] = [1.571, 3.1416]
+    degrees = dict(mapping["assembly"]["angles_deg"])
+    radians = {name: math.radians(value) for name, value in degrees.items()}
+    mapping["assembly"] = {"alpha3_deg": 2.4435, "angles_deg": radians}
+    with pytest.raises(MechanismError, match="if these are radians"):
+        mechanism_from_mapping(mapping)
+    mapping["assembly"] = {"alpha3_deg": 0.0, "angles_deg": degrees}
+    for stroke in ([-3.0, 3.0], [-6.28, 6.28], [6.0, 6.3]):
+        mapping["input"]["range_deg"] = stroke
+        assert mechanism_from_mapping(mapping).stroke[1] == math.radians(stroke[1])
+
+
+def test_spring_beside_a_clamp_on_another_joint(mapping: Any) -> None:
+    """A clamp and a spring are not refused where both act: on other bodies, or along a line."""
+    other = {"joint": "V2", "stiffness": 1e3}
+    mapping["springs"] = {"other": other, "line": {"between": ["P3", "V1"], "stiffness": 1e3}}
+    assert len(mechanism_from_mapping(mapping).springs) == 2
+
+
+def test_second_input_is_named(mapping: Any) -> None:
+    """Without the upper link, 4 bodies and 5 pins leave 12 - 10 = 2; a missing pin leaves 3."""
+    for table in (mapping["links"], mapping["assembly"]["angles_deg"]):
+        del table["upper_link"]
+    mapping["springs"] = {"top": {"between": ["P2", "E2"], "stiffness": 1e6}}
+    with pytest.raises(
+        MechanismError, match=r"leave 2 degrees.*: none\)\. Describe a second input"
+    ):
+        mechanism_from_mapping(mapping)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({}, ""),
+        # A solid bar of steel, 6 m wide: J / m = r^2 / 2 = m / (2 pi rho 6 m), 0.0520 m for 800 kg.
+        ({"inertia": 800.0 * 0.0521**2}, ""),
+        ({"inertia": 800.0 * 0.0519**2}, "radius of gyration of 0.052 m, below the 0.052 m"),
+        ({"inertia": 800.0 * 0.02**2}, "radius of gyration of 0.02 m, below the 0.052 m"),
+        ({"mass": 10.0, "inertia": 10.0 * 0.02**2}, ""),
+        ({"centre_of_gravity": {"E1": 1.020, "E2": 1.095, "side": "right"}}, "1 m from the line"),
+        ({"centre_of_gravity": [0.2, 0.6]}, ""),
+        ({"centre_of_gravity": [0.2, -0.6]}, "0.6 m from the line of E1 and E2 towards the ground"),
+        # Between the pins, a little ahead of the mast: half the mast of 0.438 m is the limit.
+        ({"centre_of_gravity": [0.2, -0.218]}, ""),
+        ({"centre_of_gravity": [0.2, -0.220]}, "0.22 m from the line"),
+    ],
+)
+def test_doubtful_rigid_bodies_are_noticed(mapping: Any, changes: Any, words: str) -> None:
+    """The notice names a body that is too compact, or that lies where the tractor is."""
+    mapping["rigid_bodies"]["implement"].update(changes)
+    notice = LinkageModel(mechanism_from_mapping(mapping)).notice
+    assert words in notice
+    assert bool(notice) == bool(words)

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from linkage_vibration.mechanics.description import Mechanism, MechanismError
+from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.readers.mechanism import read_mechanism
 
 
@@ -28,6 +29,10 @@ def test_the_printed_linkage_differs_by_one_length(
         (b"name: a\nlinks: {}\nname: b\n", "line 3: the key 'name' occurs twice"),
         (b"\xff\xfe\x00", "UTF-8"),
         (b"!!python/object:os.system {}", "valid YAML"),
+        (
+            b"a:\n  {P1: 0, V1: -0,085, E1: 0,810}",
+            "line 2: a comma ends a number; write -0.085 with",
+        ),
         (b"", "mapping"),
         (b"? [1]\n: 2\n", "unhashable key"),
         (b"2026-99-99: 1", "YAML"),
@@ -41,6 +46,19 @@ def test_invalid_files(tmp_path: Path, text: bytes, words: str) -> None:
     with pytest.raises(MechanismError, match=r"bad.yaml") as raised:
         read_mechanism(path)
     assert words in str(raised.value)
+
+
+def shipped_mechanisms() -> list[Path]:
+    """Return every mechanism file of the repository."""
+    root = Path(__file__).parents[2]
+    files = [p for top in ("config", "examples", "docs") for p in (root / top).rglob("*.yaml")]
+    return [path for path in files if "\nassembly:" in path.read_text()]
+
+
+@pytest.mark.parametrize("path", shipped_mechanisms(), ids=lambda path: path.stem)
+def test_shipped_files_have_no_notice(path: Path) -> None:
+    """Nothing is doubtful about any mechanism that comes with the package."""
+    assert LinkageModel(read_mechanism(path)).notice == ""
 
 
 def test_no_file(tmp_path: Path) -> None:
