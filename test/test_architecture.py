@@ -52,7 +52,7 @@ ROS = {
 }
 # The mechanics take numbers and give numbers, so they need no more of the standard library.
 PURE = {"__future__", "collections", "dataclasses", "difflib", "enum", "functools", "hashlib"}
-PURE |= {"copy", "itertools", "json", "math", "numpy", "scipy", "typing"}
+PURE |= {"copy", "itertools", "json", "math", "numpy", "re", "scipy", "typing"}
 
 
 def imports(path: Path) -> set[str]:
