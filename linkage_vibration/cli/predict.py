@@ -28,7 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Print one row for each angle; return 1 if one of them has no prediction."""
-    from linkage_vibration.prediction.predictor import Status
+    from linkage_vibration.prediction.predictor import Status, fault
     from linkage_vibration.prediction.settings import Parameters
     from linkage_vibration.readers.served import read_served
     from linkage_vibration.support.progress import table_bar
@@ -55,6 +55,8 @@ def run(options: argparse.Namespace) -> int:
             + f"{prediction.frf_peak_frequency:13.4f}{prediction.frf_peak_magnitude:13.4e}"
             + ("" if prediction.status is Status.OK else f"  {prediction.status.name}")
         )
+        if problem := fault(prediction, predictor.table.alpha3_range):
+            print(f"  The {problem}.".replace("?.", "?"))
         if options.shares:
             stddev = math.radians(options.angle_stddev_deg)
             print(_described(predictor.shares(math.radians(angle), stddev)))

@@ -58,16 +58,15 @@ class KinematicsError(LinkageVibrationError):
     """The linkage cannot close at the requested angle alpha3, rad.
 
     `nearest` is the end of the range in which it closes, on that side; None if the linkage closes
-    at every angle and the requested value is not an angle.
+    at every angle and the requested value is not an angle. `question` is that of `unit_question`.
     """
 
-    def __init__(self, alpha3: float, nearest: Toggle | None) -> None:
+    def __init__(self, alpha3: float, nearest: Toggle | None, question: str = "") -> None:
         advice = "give a finite angle."
         if nearest is not None:
             advice = f"the nearest angle at which it can is its toggle at {nearest}."
-        super().__init__(
-            f"The linkage cannot close at alpha3 = {math.degrees(alpha3):.3f} deg; {advice}"
-        )
+        problem = f"The linkage cannot close at alpha3 = {math.degrees(alpha3):.3f} deg"
+        super().__init__(f"{problem}; {advice} {question}".rstrip())
         self.alpha3 = alpha3
         self.nearest = nearest
 
@@ -106,6 +105,16 @@ class Configuration:
         i = self.bodies.index(body)
         turning = rotation_derivative(self.angle(body)) @ np.array(local)
         return np.asarray(self.origin_rates[i] + self.velocity_ratios[i] * turning)
+
+
+def unit_question(alpha3: float, low: float, high: float) -> str:
+    """Ask whether an angle in rad was given in the other unit; empty if neither is in a range."""
+    degrees = math.degrees(alpha3)
+    if abs(alpha3) > 2.0 * math.pi and low <= math.radians(alpha3) <= high:
+        return f"{alpha3:.7g} deg is in range, so were degrees given in place of rad?"
+    if low <= degrees <= high:
+        return f"{degrees:.7g} rad is in range, so were radians given in place of degrees?"
+    return ""
 
 
 def rotation(angle: float) -> FloatArray:
@@ -188,6 +197,9 @@ class Kinematics:
 
     def at(self, alpha3: float) -> Configuration:
         """Return the configuration at an input angle in rad; refuse an angle where none closes."""
+        if np.ndim(alpha3):
+            hint = "call it for each of them, or `build_table` and give all to `Predictor.predict`"
+            raise LinkageVibrationError(f"alpha3 is an array, but one angle is solved; {hint}.")
         low, high = self.closable_range
         if not low < alpha3 < high:
             raise self._out_of_reach(alpha3)
@@ -231,7 +243,8 @@ class Kinematics:
             return KinematicsError(alpha3, None)
         low, high = self.toggles
         below = alpha3 - low.alpha3 < high.alpha3 - alpha3
-        return KinematicsError(alpha3, low if below else high)
+        question = unit_question(alpha3, low.alpha3, high.alpha3)
+        return KinematicsError(alpha3, low if below else high, question)
 
     def _close(
         self, pose: FloatArray, direction: FloatArray, target: float

@@ -6,10 +6,12 @@ import enum
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import overload
 
 import numpy as np
 from numpy.typing import NDArray
 
+from linkage_vibration.mechanics.kinematics import unit_question
 from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.table.table import Table
 
@@ -157,7 +159,9 @@ def fault(prediction: Prediction, alpha3_range: tuple[float, float]) -> str:
         text = f"crank angle {angle:.7g} deg is not in the table's {first:.7g} to {last:.7g} deg"
         turned = first + (angle - first) % 360.0
         if turned <= last and abs(angle) < _FARTHEST_ANGLE:
-            text += f", but {turned:.7g} deg is: is the joint's zero a turn off?"
+            return f"{text}, but {turned:.7g} deg is: is the joint's zero a turn off?"
+        if question := unit_question(prediction.crank_angle, *alpha3_range):
+            text += f"; {question}"
         return text
     if prediction.status is Status.NEAR_TOGGLE:
         return (
@@ -222,14 +226,23 @@ class Predictor:
             angle = float(angles_in_table(np.array([alpha3]), self.table.alpha3_range)[0])
         return None if math.isnan(angle) else angle
 
-    def predict(self, alpha3: float, stddev: float = 0.0) -> Prediction:
-        """Predict at an angle; every float gives a prediction, possibly without numbers.
+    @overload
+    def predict(self, alpha3: float, stddev: float = 0.0) -> Prediction: ...
+
+    @overload
+    def predict(self, alpha3: FloatArray, stddev: float | FloatArray = 0.0) -> MessageColumns: ...
+
+    def predict(
+        self, alpha3: float | FloatArray, stddev: float | FloatArray = 0.0
+    ) -> Prediction | MessageColumns:
+        """Predict at an angle or at many; every float has a prediction, possibly without numbers.
 
         Parameters
         ----------
-        alpha3 : float
-            rad.
-        stddev : float
+        alpha3 : float, or ndarray, (n,)
+            rad. An array gives columns with the names of the attributes of `Prediction`, which have
+            n rows.
+        stddev : float, or ndarray, (n,)
             Standard deviation of alpha3, rad. That of the frequencies is computed to first order,
             abs(df/dalpha3) stddev. This is too small at an extremum of a frequency, where only the
             second-order term abs(d2f/dalpha3^2) stddev^2 / sqrt(2) is left. At a distance d from
@@ -237,7 +250,13 @@ class Predictor:
             7/16 (stddev / d)^2; within a few stddev it is meaningless. The other parts (`Shares`)
             are added as the root of the sum of squares.
         """
-        alpha3 = float(alpha3)  # a NumPy number of another precision would change the arithmetic
+        if not isinstance(alpha3, float) and np.ndim(alpha3) == 1:
+            from linkage_vibration.prediction.batch import predict_many
+
+            angles = np.asarray(alpha3, dtype=float)
+            return predict_many(self, angles, np.broadcast_to(stddev, angles.shape))
+        # NumPy numbers of another precision would change the arithmetic.
+        alpha3, stddev = float(alpha3), float(stddev)
         angle = self.angle_in_table(alpha3)
         if angle is None:
             return self._refuse(alpha3)

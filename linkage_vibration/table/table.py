@@ -21,6 +21,7 @@ from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import BoolArray, ComplexArray, FloatArray
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.forces import magnitudes, reference
+from linkage_vibration.mechanics.kinematics import unit_question
 from linkage_vibration.mechanics.model import Place
 from linkage_vibration.mechanics.response import FarPoles, PoleResidue, sum_of_modes
 from linkage_vibration.support.atomic_files import write_bytes
@@ -335,6 +336,9 @@ class Table:
         error : float
             Bound of the relative errors of both in this piece.
         """
+        first, last = self.alpha3_range
+        if not first <= alpha3 <= last:
+            self._refuse_outside(np.array([alpha3]))
         n, n_peaks, low, high = self._layout
         values = self.cells.values(alpha3)
         frequency = magnitude = -1.0
@@ -352,11 +356,18 @@ class Table:
         ndarray, (n, 2 n_modes + 2)
             Natural frequencies (Hz), damping ratios (1), frequency (Hz) and magnitude (m/N) of the
             highest peak; the same bits as `interpolate` gives.
+
+        Raises
+        ------
+        TableError
+            If an angle is outside the range.
         """
+        alpha3 = np.asarray(alpha3, dtype=float)
+        self._refuse_outside(alpha3)
         n, n_peaks, low, high = self._layout
         result = np.empty((len(alpha3), n + 2))
         for start in range(0, len(alpha3), _CHUNK):
-            chunk = np.asarray(alpha3[start : start + _CHUNK], dtype=float)
+            chunk = alpha3[start : start + _CHUNK]
             values = self.cells.many_values(chunk)
             at, size = values[:, n : n + n_peaks], values[:, n + n_peaks :]
             best = np.where((low <= at) & (at <= high), size, -1.0).argmax(axis=1)[:, np.newaxis]
@@ -364,6 +375,17 @@ class Table:
             result[rows, :n] = values[:, :n]
             result[rows, n:] = np.hstack([np.take_along_axis(x, best, 1) for x in (at, size)])
         return result
+
+    def _refuse_outside(self, alpha3: FloatArray) -> None:
+        """Refuse angles, (n,), rad, that are not in the range."""
+        low, high = self.alpha3_range
+        inside = (low <= alpha3) & (alpha3 <= high)
+        if not inside.all():
+            first = float(alpha3[~inside][0])
+            ends = f"{math.degrees(low):g} to {math.degrees(high):g} deg"
+            problem = f"alpha3 = {math.degrees(first):.3f} deg is outside the table ({ends})"
+            hint = unit_question(first, low, high) or "choose an angle within it."
+            raise TableError(f"{problem}; {hint}")
 
     def polynomials(self, piece: int, alpha3: FloatArray) -> FloatArray:
         """Evaluate the values of a piece without cells, (n, 2 n_modes + 2 n_peaks).
@@ -396,6 +418,7 @@ class Table:
 
     def evaluate_slopes(self, alpha3: FloatArray) -> FloatArray:
         """Return the same at many angles, (n, 2 n_modes), equal to the last bit."""
+        self._refuse_outside(alpha3)
         return self.cells.many_slopes(alpha3)[:, : 2 * self.n_modes]
 
     def frf(self, alpha3: float, outputs: Sequence[Place], inputs: Sequence[Place]) -> PoleResidue:
@@ -413,11 +436,10 @@ class Table:
         TableError
             If the angle is outside the range, or the table does not know one of the places.
         """
-        low, high = self.alpha3_range
-        if not low <= alpha3 <= high:
-            ends = f"{math.degrees(low):g} to {math.degrees(high):g} deg"
-            problem = f"alpha3 = {math.degrees(alpha3):.3f} deg is outside the table ({ends})"
-            raise TableError(f"{problem}; choose an angle within it.")
+        if np.ndim(alpha3):
+            hint = "call `frf` for each of them"
+            raise TableError(f"alpha3 is an array, but FRFs belong to one angle; {hint}.")
+        self._refuse_outside(np.array([alpha3]))
         rows = (*self.places, *self.forces)
         for place, valid in (*((o, rows) for o in outputs), *((i, self.places) for i in inputs)):
             if place not in valid:
@@ -454,6 +476,7 @@ class Table:
         alpha3 : ndarray, (n,)
             rad, within the range.
         """
+        self._refuse_outside(alpha3)
         forces = np.empty((len(self.forces), len(alpha3)))
         bounds = np.array([self._piece(angle) for angle in alpha3.tolist()], dtype=np.int64)
         for piece in np.unique(bounds).tolist():

@@ -67,9 +67,11 @@ def test_predict_prints_what_the_predictor_says(tmp_path: Path) -> None:
     expected = predictor.shares(140.0 * 3.141592653589793 / 180.0, 3.141592653589793 / 180.0)
     rows = [line.split()[1:] for line in shares.splitlines() if line.strip().startswith("angle")]
     assert rows == [[f"{value:.3g}" for value in row] for row in expected.angle.tolist()]
-    outside = run("predict", "200", folder=tmp_path)
+    outside = run("predict", "200", "2.3", folder=tmp_path)
     assert outside.returncode == 1
     assert "OUT_OF_RANGE" in outside.stdout
+    assert "angle 200 deg is not in the table's 90 to 180 deg.\n" in outside.stdout
+    assert "; 2.3 rad is in range, so were radians given in place of degrees?\n" in outside.stdout
 
 
 @pytest.mark.parametrize(

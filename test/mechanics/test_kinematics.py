@@ -13,6 +13,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.description import Mechanism, MechanismError
 from linkage_vibration.mechanics.kinematics import Configuration, Kinematics, KinematicsError
 from linkage_vibration.mechanics.model import LinkageModel
@@ -157,6 +158,17 @@ def test_angles_out_of_reach_tell_the_nearest(mechanism: Mechanism, alpha3_deg: 
         kinematics.at(math.radians(alpha3_deg))
     assert raised.value.nearest is not None
     assert raised.value.nearest in (kinematics.toggles or ())
+    assert "were degrees" not in str(raised.value)
+
+
+def test_degrees_and_arrays_in_place_of_an_angle(model: LinkageModel) -> None:
+    """The error of 130 asks whether degrees were given; that of an array names what takes many."""
+    with pytest.raises(KinematicsError, match=r"130 deg is in range, so were degrees given"):
+        model.solve(130)
+    for solve in (model.solve, model.static_forces, model.kinematics.at):
+        with pytest.raises(LinkageVibrationError, match=r"one angle .* `Predictor.predict`"):
+            solve(np.array([2.2, 2.3]))
+    assert model.solve(np.float32(2.3)).natural_frequencies[0] > 3.0
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,13 @@ from hypothesis import strategies as st
 
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.prediction.batch import predict_many
-from linkage_vibration.prediction.predictor import Predictor, Status, fault, uncertain_modes
+from linkage_vibration.prediction.predictor import (
+    Prediction,
+    Predictor,
+    Status,
+    fault,
+    uncertain_modes,
+)
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.resources import config_file
 from linkage_vibration.table.table import load_table
@@ -220,6 +226,8 @@ def test_modes_that_are_uncertain(frequency: float, ratio: float, uncertain: boo
         (400.0, "400 deg is not in the table's 90 to 180 deg"),
         (480.0, "but 120 deg is: is the joint's zero a turn off?"),
         (-240.0, "but 120 deg is: is the joint's zero a turn off?"),
+        (2.3, "table's 90 to 180 deg; 2.3 rad is in range, so were radians given"),
+        (math.degrees(150.0), "; 150 deg is in range, so were degrees given in place of rad?"),
         (math.nan, "is not a finite number"),
         (120.0, ""),
     ],
@@ -234,6 +242,18 @@ def test_faults_of_angles(predictor: Predictor, degrees: float, words: str) -> N
     assert "a turn off" not in fault(far, predictor.table.alpha3_range)
     near = predictor.predict(math.radians(120.0 + 360.0 * 2777))
     assert "a turn off" in fault(near, predictor.table.alpha3_range)
+
+
+def test_arrays_of_angles(predictor: Predictor) -> None:
+    """An array gives a row for each angle, with the numbers that each angle gives alone."""
+    angles, stddev = np.radians([95.0, 179.9, 200.0]), np.array([0.0, 0.01, 0.0])
+    many = predictor.predict(angles, stddev)
+    alone = [predictor.predict(a, s) for a, s in zip(angles, stddev, strict=True)]
+    for field in ("status", "natural_frequencies", "frequency_stddev", "frf_peak_magnitude"):
+        rows = [getattr(each, field) for each in alone]
+        np.testing.assert_array_equal(getattr(many, field), np.array(rows))
+    assert len(predictor.predict([2.3])) == 1
+    assert isinstance(predictor.predict(np.float32(2.3)), Prediction)
 
 
 def test_parts_of_a_deviation(predictor: Predictor) -> None:

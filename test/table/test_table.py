@@ -87,6 +87,24 @@ def test_frf_that_the_table_does_not_have(small: Table) -> None:
         small.frf(4.0, [("E1", "z")], [("E1", "z")])
 
 
+def test_angles_outside_are_refused(small: Table) -> None:
+    """No value is extrapolated, and the error has the range and what was probably meant."""
+    low, high = small.alpha3_range
+    ends = np.array([low, high])
+    assert np.isfinite(small.evaluate(ends)).all()
+    for angle in (np.nextafter(low, 0.0), np.nextafter(high, 4.0), math.nan, -4.9):
+        many = np.array([2.3, angle])
+        for function in (small.evaluate, small.evaluate_slopes, small.forces_at_rest):
+            with pytest.raises(TableError, match=r"outside the table \(90 to 180 deg\); choose"):
+                function(many)
+        with pytest.raises(TableError, match="outside the table"):
+            small.interpolate(angle)
+    with pytest.raises(TableError, match=r"131\.8 deg is in range, so were degrees given"):
+        small.evaluate([131.8])
+    with pytest.raises(TableError, match="FRFs belong to one angle; call `frf` for each"):
+        small.frf(ends, [("E1", "z")], [("E1", "z")])
+
+
 def test_round_trip(small: Table, file: Path, mechanism: Mechanism) -> None:
     """What is saved is what is loaded, to the last bit, and the file is small."""
     loaded = load_table(file, mechanism)
