@@ -9,6 +9,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import linkage_vibration as lv
@@ -76,13 +77,27 @@ def test_a_first_result_takes_three_lines() -> None:
     assert solution.natural_frequencies[2:4] == pytest.approx([2.84, 6.92], abs=0.01)
 
 
+def test_objects_are_shown_in_a_line() -> None:
+    """The text of each object is a line that names what it is of."""
+    model, table = lv.LinkageModel(lv.read_mechanism()), lv.load_table()
+    predictor = lv.Predictor(table)
+    shown = [model, model.mechanism, model.solve(2.3), table, predictor]
+    texts = [*map(repr, shown), repr(predictor.predict(np.array([2.2, 2.3])))]
+    assert all("\n" not in text and len(text) < 250 for text in texts)
+    assert all("three_point_linkage_on_tractor" in text for text in texts[:-1])
+    assert texts[4].endswith("_tractor: 6 modes, 90 to 180 deg))")
+    assert texts[5].startswith("MessageColumns(2 of crank_angle, status, natural_frequencies,")
+
+
 def test_paths_may_be_strings(tmp_path: Path) -> None:
     """Every public function that takes a path takes it as text, too."""
     drive = str(Path(__file__).parents[1] / "config/drives/hitch_duty_cycle.mcap")
     predicted = str(tmp_path / "predicted.mcap")
     done = lv.replay([drive], predicted)
     assert done.predictions > 1000
-    assert len(lv.read_log(predicted).stamps) == done.predictions
+    log = lv.read_log(predicted)
+    assert len(log.stamps) == done.predictions
+    assert repr(log) == f"Log({predicted}: {done.predictions} predictions of 6 modes)"
     assert lv.check_bag(predicted, lv.Limits(gap=1.0)).passed
     table = Path(__file__).parents[1] / "config/tables/three_point_linkage_on_tractor.npz"
     assert lv.load_table(str(table)).table_id == lv.load_table().table_id

@@ -370,6 +370,10 @@ class Mechanism:
     gravity: float = field(default=0.0, metadata=_LATER)  # m/s2, downwards; 0 leaves it out
     uncertainty: Uncertainty | None = field(default=None, metadata=_LATER)
 
+    def __repr__(self) -> str:
+        """Return its name and its bodies, in a line."""
+        return f"Mechanism({self.name}: {', '.join(body.name for body in self.bodies)})"
+
     @cached_property
     def bodies(self) -> tuple[Link | RigidBody, ...]:
         """Links, then rigid bodies, each in the order of the description."""

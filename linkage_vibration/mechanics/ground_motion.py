@@ -16,7 +16,7 @@ import numpy as np
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.base import mount_springs
 from linkage_vibration.mechanics.description import Mechanism
-from linkage_vibration.mechanics.model import ModelError, Place, Solution
+from linkage_vibration.mechanics.model import ModelError, Place, Solution, pairs
 from linkage_vibration.mechanics.response import PoleResidue, pole_residue
 
 MOTION = "base"
@@ -33,9 +33,29 @@ def soil_places(mechanism: Mechanism) -> tuple[Place, ...]:
     return tuple((name, direction) for name in names for direction in ("x", "z"))
 
 
-def transmissibility(solution: Solution, outputs: Sequence[Place], soil: Place) -> PoleResidue:
-    """Return the displacement of points per displacement of the soil at a place, (n_out, 1)."""
+def transmissibility(
+    solution: Solution, outputs: Sequence[Place | str], soil: Place | str
+) -> PoleResidue:
+    """Return how points follow a motion of the soil: displacement per displacement, (n_out, 1).
+
+    It is also acceleration per acceleration.
+
+    Parameters
+    ----------
+    solution : Solution
+        The linkage at an angle.
+    outputs : sequence of (point, direction)
+        Along the global axes; "E1.z" is ("E1", "z").
+    soil : (motion, direction)
+        "base.z" moves all of the soil, "base:rear_axle.z" that under one mount.
+
+    Raises
+    ------
+    ModelError
+        If the soil has no such motion, or a place does not exist.
+    """
     mechanism = solution.model.mechanism
+    outputs, [soil] = pairs(outputs), pairs([soil])
     if soil not in soil_places(mechanism):
         places = ", ".join(".".join(place) for place in soil_places(mechanism))
         raise ModelError(f"The soil has no motion {'.'.join(soil)}; name one of: {places}.")

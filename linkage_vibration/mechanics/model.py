@@ -45,11 +45,24 @@ _NOISE = 0.5  # Coupled FRFs with a larger share of noise, root mean square over
 _ROUNDING = 1e-9
 
 Place = tuple[str, str]
-"""A point and a direction along the global axes, ("E1", "z"), or a force (see `forces`)."""
+"""A point and a direction along the global axes, ("E1", "z"), or a force (see `forces`).
+
+Where places are arguments, "E1.z" names the same one.
+"""
 
 
 class ModelError(LinkageVibrationError):
     """The model cannot answer the request."""
+
+
+def pairs(places: Sequence[Place | str]) -> list[Place]:
+    """Return places as pairs, of which some may be written like "E1.z"."""
+    found = [p.rpartition(".")[::2] if isinstance(p, str) else tuple(p) for p in places]
+    for place, pair in zip(places, found, strict=True):
+        if len(pair) != 2 or not pair[0]:
+            hint = 'give a list of places, such as ["E1.z"] or [("E1", "z")]'
+            raise ModelError(f"{place!r} is not a place; {hint}.")
+    return [(point, direction) for point, direction in found]
 
 
 class LinkageModel:
@@ -88,6 +101,10 @@ class LinkageModel:
         # The frequencies at which FRFs of the components were computed last, and these FRFs.
         self._frfs: tuple[bytes | None, list[ComplexArray | MeasuredFrfs]] = None, []
 
+    def __repr__(self) -> str:
+        """Return the mechanism, in a line."""
+        return f"LinkageModel({self.mechanism})"
+
     @property
     def notice(self) -> str:
         """What is doubtful about the description, in sentences; empty if there is nothing to say.
@@ -114,7 +131,7 @@ class LinkageModel:
                 raise ModelError(f"links.{component.name} is known by its FRFs alone; {hint}.")
         return uncoupled_system(parts)
 
-    def rows(self, places: Sequence[Place], configuration: Configuration) -> FloatArray:
+    def rows(self, places: Sequence[Place | str], configuration: Configuration) -> FloatArray:
         """Return the displacements at places per interface DoF, (n_places, n_interface).
 
         Parameters
@@ -130,7 +147,7 @@ class LinkageModel:
         """
         directions = ("x", "y", "z") if self.interface.out_of_plane.any() else ("x", "z")
         rows = []
-        for point, direction in places:
+        for point, direction in pairs(places):
             if is_force((point, direction)):
                 problem = f"The {direction} at {point} is an output of FRFs of matrices, no input"
                 raise ModelError(f"{problem}; give a point with x or z.")
@@ -200,7 +217,9 @@ class LinkageModel:
         """
         return reference(self.static_forces(alpha3), self.mechanism.response.reference_force)
 
-    def output_rows(self, places: Sequence[Place], configuration: Configuration) -> FloatArray:
+    def output_rows(
+        self, places: Sequence[Place | str], configuration: Configuration
+    ) -> FloatArray:
         """Return displacements or forces at places per coordinate of the components, (n_places, n).
 
         Without forces among them, n is the number of interface DoFs, as in `rows`.
@@ -210,6 +229,7 @@ class LinkageModel:
         places, configuration
             Points with directions, or forces; where the bodies are.
         """
+        places = pairs(places)
         forces = [i for i, place in enumerate(places) if is_force(place)]
         if not forces:
             return self.rows(places, configuration)
@@ -263,8 +283,8 @@ class LinkageModel:
         self,
         alpha3: float,
         frequencies: FloatArray,
-        outputs: Sequence[Place],
-        inputs: Sequence[Place],
+        outputs: Sequence[Place | str],
+        inputs: Sequence[Place | str],
     ) -> ComplexArray:
         """Couple the components by their FRFs (LM-FBS), whether they have matrices or FRFs.
 
@@ -277,7 +297,7 @@ class LinkageModel:
             have matrices, the assembly is solved at lines where LM-FBS loses digits: at and near
             0 Hz, and at an undamped resonance of a component.
         outputs, inputs : sequence of (point, direction)
-            Along the global axes.
+            Along the global axes; "E1.z" is ("E1", "z").
 
         Returns
         -------
@@ -495,6 +515,11 @@ class Solution:
     vectors: FloatArray
     prestress: FloatArray
 
+    def __repr__(self) -> str:
+        """Return the mechanism and the angle, in a line."""
+        angle = math.degrees(self.configuration.alpha3)
+        return f"Solution({self.model.mechanism.name} at {angle:g} deg)"
+
     @cached_property
     def natural_frequencies(self) -> FloatArray:
         """Natural frequencies, Hz, ascending: one for each of the `modes`, 0 Hz for a mechanism.
@@ -539,7 +564,7 @@ class Solution:
         """Damping ratios that belong to `natural_frequencies`, 1; NaN at 0 Hz."""
         return self.damped.damping_ratios
 
-    def mode_shapes(self, places: Sequence[Place]) -> FloatArray:
+    def mode_shapes(self, places: Sequence[Place | str]) -> FloatArray:
         """Displacement of the shape of each of the `natural_frequencies`, (n_places, n).
 
         Where damping couples the modes, it is the real part of the complex shape.
@@ -547,15 +572,15 @@ class Solution:
         shapes = self.participation(places)
         return shapes if self.damped.shapes is None else shapes @ self.damped.real_shapes
 
-    def participation(self, places: Sequence[Place]) -> FloatArray:
+    def participation(self, places: Sequence[Place | str]) -> FloatArray:
         """Displacement or force of each undamped, mass-normalised shape, (n_places, n_modes)."""
         rows = self.model.output_rows(places, self.configuration)
         return np.asarray(rows @ self.modes.shapes[: rows.shape[1]])
 
     def frf(
         self,
-        outputs: Sequence[Place],
-        inputs: Sequence[Place],
+        outputs: Sequence[Place | str],
+        inputs: Sequence[Place | str],
         band: tuple[float, float] | None = None,
     ) -> PoleResidue:
         """Receptances between points, or forces at places per force at points.
@@ -563,8 +588,8 @@ class Solution:
         Parameters
         ----------
         outputs, inputs : sequence of (point, direction)
-            Along the global axes; an output may also be a force, such as ("lower_link:E1",
-            "force_x"), or ("lift_cylinders", "force").
+            Along the global axes; "E1.z" is ("E1", "z"). An output may also be a force, such as
+            "lower_link:E1.force_x" or "lift_cylinders.force".
         band : tuple of float, optional
             Hz. With a band, `FarPoles` replace the modes above it, which is faster for many lines
             and valid within the band only; without, the sum has every mode.

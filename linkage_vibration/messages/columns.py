@@ -24,6 +24,10 @@ class MessageColumns(SimpleNamespace):
         """Return the number of messages."""
         return len(next(column for column in vars(self).values() if not isinstance(column, str)))
 
+    def __repr__(self) -> str:
+        """Return the number of messages and the names of the columns."""
+        return f"MessageColumns({len(self)} of {', '.join(vars(self))})"
+
     def rows(self, which: Rows) -> "MessageColumns":
         """Return the messages with these indices."""
         return MessageColumns(**self._at(which))

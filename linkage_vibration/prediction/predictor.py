@@ -218,6 +218,10 @@ class Predictor:
         self._table_id = table.table_id
         table.interpolate(self._low)  # the table prepares itself at the first use
 
+    def __repr__(self) -> str:
+        """Return the table by which it predicts, in a line."""
+        return f"Predictor({self.table})"
+
     def angle_in_table(self, alpha3: float) -> float | None:
         """Return the angle of the table, rad, as `angles_in_table` does; None if there is none."""
         if self._low <= alpha3 <= self._high:

@@ -130,6 +130,10 @@ class Log:
     metadata: dict[str, dict[str, str]]
     passes: IntArray
 
+    def __repr__(self) -> str:
+        """Return the file and its size, in a line."""
+        return f"Log({self.path}: {len(self.stamps)} predictions of {self.n_modes} modes)"
+
     @property
     def n_modes(self) -> int:
         """Number of modes."""

@@ -22,7 +22,7 @@ from linkage_vibration.mechanics.arrays import BoolArray, ComplexArray, FloatArr
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.forces import magnitudes, reference
 from linkage_vibration.mechanics.kinematics import unit_question
-from linkage_vibration.mechanics.model import Place
+from linkage_vibration.mechanics.model import Place, pairs
 from linkage_vibration.mechanics.response import FarPoles, PoleResidue, sum_of_modes
 from linkage_vibration.support.atomic_files import write_bytes
 from linkage_vibration.support.resources import DEFAULT_TABLE, config_file
@@ -216,6 +216,11 @@ class Table:
     ensemble_mounts: NDArray[np.float32] = field(default_factory=_nothing)
     forces: tuple[Place, ...] = ()
     reference_force: float | None = None
+
+    def __repr__(self) -> str:
+        """Return what it is a table of, in a line."""
+        low, high = map(math.degrees, self.alpha3_range)
+        return f"Table({self.mechanism_name}: {self.n_modes} modes, {low:g} to {high:g} deg)"
 
     @property
     def n_modes(self) -> int:
@@ -421,7 +426,9 @@ class Table:
         self._refuse_outside(alpha3)
         return self.cells.many_slopes(alpha3)[:, : 2 * self.n_modes]
 
-    def frf(self, alpha3: float, outputs: Sequence[Place], inputs: Sequence[Place]) -> PoleResidue:
+    def frf(
+        self, alpha3: float, outputs: Sequence[Place | str], inputs: Sequence[Place | str]
+    ) -> PoleResidue:
         """Return receptances between places at an angle, or forces there, valid within the band.
 
         Parameters
@@ -429,7 +436,7 @@ class Table:
         alpha3 : float
             rad, within the range.
         outputs, inputs : sequence of (point, direction)
-            Places of the table; an output may also be one of its forces.
+            Places of the table, ("E1", "z") or "E1.z"; an output may also be one of its forces.
 
         Raises
         ------
@@ -440,6 +447,7 @@ class Table:
             hint = "call `frf` for each of them"
             raise TableError(f"alpha3 is an array, but FRFs belong to one angle; {hint}.")
         self._refuse_outside(np.array([alpha3]))
+        outputs, inputs = pairs(outputs), pairs(inputs)
         rows = (*self.places, *self.forces)
         for place, valid in (*((o, rows) for o in outputs), *((i, self.places) for i in inputs)):
             if place not in valid:
@@ -644,8 +652,11 @@ def save_table(table: Table, path: str | Path) -> None:
     Raises
     ------
     TableError
-        If it cannot be written.
+        If the name does not end in `.npz`, or the file cannot be written.
     """
+    if Path(path).suffix != ".npz":
+        hint = "name it .npz; `table.to_xarray().to_dataframe()` gives rows for a CSV file"
+        raise TableError(f"{path}: a table is written as .npz alone; {hint}.")
     write_bytes(Path(path), table_bytes(table), TableError)
 
 

@@ -305,6 +305,24 @@ def test_places_without_a_force_are_refused(place: tuple[str, str], message: str
         model_of(CANTILEVER).solve(0.5).frf([place], [("E", "z")])
 
 
+def test_places_by_their_names() -> None:
+    """A place is a pair or a text, everywhere; what is neither is refused with the fix."""
+    model, lines = model_of(CANTILEVER), np.array([5.0])
+    solution, texts = model.solve(0.5), ["E.z", "bar:P.force_x"]
+    places = [("E", "z"), ("bar:P", "force_x")]
+    for function in (solution.participation, solution.mode_shapes):
+        np.testing.assert_array_equal(function(texts), function(places))
+    found = solution.frf(texts, ["E.z"]).frf(lines)
+    np.testing.assert_array_equal(found, solution.frf(places, [("E", "z")]).frf(lines))
+    found = model.coupled_frf(0.5, lines, ["E.x"], ["E.z"])
+    np.testing.assert_array_equal(found, model.coupled_frf(0.5, lines, [("E", "x")], [("E", "z")]))
+    for wrong in ("E.z", ("E", "z"), [".z"], [("E", "x", "z")]):
+        with pytest.raises(
+            ModelError, match=r'not a place; give a list of places, such as \["E1.z'
+        ):
+            solution.frf(wrong, ["E.z"])
+
+
 def test_forces_are_no_inputs() -> None:
     """A force inside the linkage is refused as an input, and as an output of LM-FBS."""
     model, force = model_of(CANTILEVER), ("bar:P", "force_z")

@@ -88,3 +88,5 @@ def test_unknown_motion_is_refused() -> None:
     assert len(soil_places(solution.model.mechanism)) == 6
     with pytest.raises(ModelError, match=r"base:rear_axle\.z"):
         transmissibility(solution, OUTPUTS, ("base:axle", "z"))
+    with pytest.raises(ModelError, match=r"no motion E1\.y"):
+        transmissibility(solution, OUTPUTS, "E1.y")

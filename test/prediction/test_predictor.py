@@ -5,6 +5,7 @@
 import math
 import sys
 from dataclasses import fields, replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -74,7 +75,7 @@ def test_any_float_is_answered(predictor: Predictor, alpha3: float) -> None:
 
 def test_numpy_numbers_are_answered_as_floats(predictor: Predictor) -> None:
     """An angle of another precision is predicted with the arithmetic of a float."""
-    angle = np.float32(2.3)
+    angle: Any = np.float32(2.3)
     answer, expected = predictor.predict(angle), predictor.predict(float(angle))
     assert type(answer.crank_angle) is float
     np.testing.assert_array_equal(answer.natural_frequencies, expected.natural_frequencies)
@@ -252,8 +253,11 @@ def test_arrays_of_angles(predictor: Predictor) -> None:
     for field in ("status", "natural_frequencies", "frequency_stddev", "frf_peak_magnitude"):
         rows = [getattr(each, field) for each in alone]
         np.testing.assert_array_equal(getattr(many, field), np.array(rows))
-    assert len(predictor.predict([2.3])) == 1
-    assert isinstance(predictor.predict(np.float32(2.3)), Prediction)
+    row: Any
+    for row in ([2.3], np.array([2.3], dtype=np.float32)):
+        assert len(predictor.predict(row)) == 1
+    for row in (2, np.float32(2.3), np.array(2.3)):
+        assert isinstance(predictor.predict(row), Prediction)
 
 
 def test_parts_of_a_deviation(predictor: Predictor) -> None:

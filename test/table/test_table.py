@@ -105,6 +105,14 @@ def test_angles_outside_are_refused(small: Table) -> None:
         small.frf(ends, [("E1", "z")], [("E1", "z")])
 
 
+@pytest.mark.parametrize("name", ["t.csv", "t", "t.npz.gz"])
+def test_table_of_another_kind_is_not_written(small: Table, tmp_path: Path, name: str) -> None:
+    """A name that promises another format is refused, and no file is left."""
+    with pytest.raises(TableError, match=r"written as \.npz alone; name it \.npz"):
+        save_table(small, tmp_path / name)
+    assert not list(tmp_path.iterdir())
+
+
 def test_round_trip(small: Table, file: Path, mechanism: Mechanism) -> None:
     """What is saved is what is loaded, to the last bit, and the file is small."""
     loaded = load_table(file, mechanism)
