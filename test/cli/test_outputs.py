@@ -34,6 +34,7 @@ OVERWRITES = {
     "replay": ["log.mcap", "--params-file", "fit.yaml", "-o", "fit.yaml"],
     "review": ["log.mcap", "-o", "log.mcap"],
     "diff": ["log.mcap", "drive.mcap", "-o", "log.mcap"],
+    "advise": ["165", "30", "--mechanism", "linkage.yaml", "-o", "linkage.yaml"],
     "pose": ["linkage.yaml", "-o", "linkage.yaml"],
     "export": ["table.npz", "--fmu", "table.npz"],
     "inclinometer": ["drive.mcap", "--mechanism", "linkage.yaml", "-o", "linkage.yaml"],
