@@ -9,6 +9,7 @@ import shutil
 import subprocess
 import sys
 from array import array
+from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -80,6 +81,15 @@ def resident() -> int:
     return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
 
 
+def own_objects() -> Counter[str]:
+    """Return how many objects of this package exist, by class."""
+    gc.collect()
+    kinds = (type(one) for one in gc.get_objects())
+    return Counter(
+        kind.__qualname__ for kind in kinds if str(kind.__module__).startswith("linkage_vibration.")
+    )
+
+
 def entities(node: Any) -> dict[str, int]:
     """Return how many entities of each kind a node has, with those of its readings' node."""
     kinds = ("publishers", "subscriptions", "services", "clients", "timers", "guards", "waitables")
@@ -91,7 +101,11 @@ def entities(node: Any) -> dict[str, int]:
 def test_many_lifecycles_leave_nothing_behind(
     managed: Callable[..., Any], tmp_path: Path, count: int
 ) -> None:
-    """After many lifecycles the node has as many entities, files and bytes as before."""
+    """After many lifecycles the node has as many entities, objects, files and bytes as before.
+
+    Bytes are compared in the longer run only, which has its process for itself: beside other tests
+    the middleware and the C library keep some that have nothing to do with the node.
+    """
     node = managed("-p", "record:=true", "-p", f"log_directory:={tmp_path}")
     before = entities(node)
     assert not list(node.timers)
@@ -108,10 +122,12 @@ def test_many_lifecycles_leave_nothing_behind(
         for path in tmp_path.iterdir():
             path.unlink()
         if i % 5 == 4:
-            sizes.append((open_files(), resident()))
+            sizes.append((open_files(), resident(), own_objects()))
     # The middleware opens and closes files of its own at any moment; a leak is one each time.
     assert sizes[-1][0] - sizes[0][0] < count - 5
-    assert sizes[-1][1] - sizes[0][1] < 5 * 2**20  # a table alone has half of that, each time
+    assert sizes[-1][2] == sizes[0][2]
+    if count > 20:
+        assert sizes[-1][1] - sizes[0][1] < 5 * 2**20  # a table alone has half of that, each time
     assert node.trigger_configure() is SUCCESS
     assert node.trigger_shutdown() is SUCCESS
     assert entities(node) == before
