@@ -17,10 +17,9 @@ import numpy as np
 from benchmark.report import machine, publish, table
 from linkage_vibration.bags.recorder import Provenance, Recorder
 from linkage_vibration.bags.writing import Topic
-from linkage_vibration.prediction.batch import predict_many
 from linkage_vibration.prediction.excitation import Excitation, Source, excitations_from_mapping
 from linkage_vibration.prediction.levels import LevelTable
-from linkage_vibration.prediction.predictor import Predictor
+from linkage_vibration.prediction.predictor import Predictor, predict_many
 from linkage_vibration.prediction.resonance import ReportedSpeed, ResonanceMonitor
 from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.readers.mechanism import read_mechanism

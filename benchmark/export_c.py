@@ -22,8 +22,7 @@ from linkage_vibration.export.constants import Constants, constants_of, fewer_ce
 from linkage_vibration.export.evaluation import NUMBERS, ExportErrors, exported
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.playback.replay import replay
-from linkage_vibration.prediction.batch import predict_many
-from linkage_vibration.prediction.predictor import Predictor
+from linkage_vibration.prediction.predictor import Predictor, predict_many
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.review.log import Log, read_log
 from linkage_vibration.support.resources import DEFAULT_TABLE, PAPER_TABLE, config_file

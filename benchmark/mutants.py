@@ -46,7 +46,6 @@ TESTS = {
     "prediction/inputs": ("prediction/test_inputs.py",),
     "prediction/loads.py": ("prediction/test_loads.py", "prediction/test_levels.py"),
     "prediction/predictor.py": ("prediction/test_predictor.py",),
-    "prediction/batch.py": ("prediction/test_predictor.py",),
     "prediction/resonance.py": (
         "prediction/test_fast_passes.py",
         "prediction/test_resonance.py",

@@ -37,13 +37,12 @@ from linkage_vibration.playback.remapping import (
 )
 from linkage_vibration.prediction.advice import Adviser
 from linkage_vibration.prediction.answers import Implement, Served, with_implement
-from linkage_vibration.prediction.batch import predict_many
 from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.inputs.presets import HITCH
 from linkage_vibration.prediction.inputs.sources import CrankInput, Readings, SpeedInput
 from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.prediction.motion import crank_filter, crank_resolution
-from linkage_vibration.prediction.predictor import Predictor, Status
+from linkage_vibration.prediction.predictor import Predictor, Status, predict_many
 from linkage_vibration.prediction.provenance import attachments, implement_facts
 from linkage_vibration.prediction.resonance import ReportedSpeed, ResonanceMonitor
 from linkage_vibration.prediction.settings import NODE_NAME, Parameters

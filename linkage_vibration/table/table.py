@@ -24,7 +24,7 @@ from linkage_vibration.mechanics.forces import magnitudes, reference
 from linkage_vibration.mechanics.kinematics import unit_question
 from linkage_vibration.mechanics.model import Place, pairs
 from linkage_vibration.mechanics.response import FarPoles, PoleResidue, sum_of_modes
-from linkage_vibration.support.atomic_files import write_bytes
+from linkage_vibration.support.atomic_files import check_suffix, write_bytes
 from linkage_vibration.support.resources import DEFAULT_TABLE, config_file
 from linkage_vibration.table.cells import Cells, spline_cells
 from linkage_vibration.table.interpolation import (
@@ -652,11 +652,11 @@ def save_table(table: Table, path: str | Path) -> None:
     Raises
     ------
     TableError
-        If the name does not end in `.npz`, or the file cannot be written.
+        If it cannot be written.
+    OutputError
+        If the name is that of another format, such as CSV.
     """
-    if Path(path).suffix != ".npz":
-        hint = "name it .npz; `table.to_xarray().to_dataframe()` gives rows for a CSV file"
-        raise TableError(f"{path}: a table is written as .npz alone; {hint}.")
+    check_suffix(Path(path), ".npz")
     write_bytes(Path(path), table_bytes(table), TableError)
 
 

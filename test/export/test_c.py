@@ -31,8 +31,7 @@ from linkage_vibration.export.constants import (
 from linkage_vibration.export.evaluation import NUMBERS, compare, evaluate, exported
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
-from linkage_vibration.prediction.batch import predict_many
-from linkage_vibration.prediction.predictor import Predictor
+from linkage_vibration.prediction.predictor import Predictor, predict_many
 from linkage_vibration.support.resources import (
     DEFAULT_TABLE,
     PAPER_MECHANISM,

@@ -15,14 +15,13 @@ from linkage_vibration.cli.export import orders_of
 from linkage_vibration.cli.main import main
 from linkage_vibration.export.c_source import c_files, description_of
 from linkage_vibration.export.constants import constants_of, single
-from linkage_vibration.prediction.batch import predict_many
 from linkage_vibration.prediction.excitation import (
     Excitation,
     Source,
     excitations_from_mapping,
 )
 from linkage_vibration.prediction.levels import LevelTable
-from linkage_vibration.prediction.predictor import Predictor
+from linkage_vibration.prediction.predictor import Predictor, predict_many
 from linkage_vibration.prediction.resonance import ResonanceMonitor, ResonanceState
 from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.readers.mechanism import read_mechanism

@@ -14,8 +14,7 @@ from linkage_vibration.mechanics.assembly_poles import Assembly
 from linkage_vibration.mechanics.description import Spring
 from linkage_vibration.mechanics.identification import IdentificationError
 from linkage_vibration.mechanics.model import LinkageModel
-from linkage_vibration.prediction.batch import predict_many
-from linkage_vibration.prediction.predictor import Predictor
+from linkage_vibration.prediction.predictor import Predictor, predict_many
 from linkage_vibration.table.table import load_table, save_table
 from linkage_vibration.table.tabulation.building import build_table
 

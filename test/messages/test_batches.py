@@ -13,9 +13,8 @@ from hypothesis import strategies as st
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.messages.encoding import encode_columns, encode_message
 from linkage_vibration.messages.topics import PREDICTION, RESONANCE
-from linkage_vibration.prediction.batch import predict_many
 from linkage_vibration.prediction.excitation import Source
-from linkage_vibration.prediction.predictor import Predictor
+from linkage_vibration.prediction.predictor import Predictor, predict_many
 from linkage_vibration.prediction.resonance import ReportedSpeed, ResonanceMonitor
 from linkage_vibration.prediction.severity import WarningLimits
 from linkage_vibration.readers.excitations import read_excitations

@@ -13,12 +13,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from linkage_vibration.mechanics.model import LinkageModel
-from linkage_vibration.prediction.batch import predict_many
 from linkage_vibration.prediction.predictor import (
     Prediction,
     Predictor,
     Status,
     fault,
+    predict_many,
     uncertain_modes,
 )
 from linkage_vibration.readers.mechanism import read_mechanism

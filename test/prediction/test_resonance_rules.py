@@ -8,10 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from linkage_vibration.prediction.batch import predict_many
 from linkage_vibration.prediction.excitation import Source, excitations_from_mapping
 from linkage_vibration.prediction.levels import LevelTable
-from linkage_vibration.prediction.predictor import Predictor
+from linkage_vibration.prediction.predictor import Predictor, predict_many
 from linkage_vibration.prediction.resonance import ReportedSpeed, ResonanceMonitor
 from linkage_vibration.prediction.severity import WarningLimits
 from linkage_vibration.readers.mechanism import read_mechanism

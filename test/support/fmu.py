@@ -8,8 +8,7 @@ from typing import Any
 import fmpy
 import numpy as np
 
-from linkage_vibration.prediction.batch import predict_many
-from linkage_vibration.prediction.predictor import Predictor
+from linkage_vibration.prediction.predictor import Predictor, predict_many
 from linkage_vibration.review.log import Log
 
 FIRST = 0.5  # s; the comparison begins after the first steps

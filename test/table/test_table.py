@@ -13,6 +13,7 @@ import pytest
 
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.model import LinkageModel
+from linkage_vibration.support.atomic_files import OutputError
 from linkage_vibration.support.resources import config_file
 from linkage_vibration.table.table import Table, TableError, load_table, save_table, table_bytes
 from linkage_vibration.table.tabulation import build_table
@@ -105,11 +106,10 @@ def test_angles_outside_are_refused(small: Table) -> None:
         small.frf(ends, [("E1", "z")], [("E1", "z")])
 
 
-@pytest.mark.parametrize("name", ["t.csv", "t", "t.npz.gz"])
-def test_table_of_another_kind_is_not_written(small: Table, tmp_path: Path, name: str) -> None:
+def test_table_of_another_kind_is_not_written(small: Table, tmp_path: Path) -> None:
     """A name that promises another format is refused, and no file is left."""
-    with pytest.raises(TableError, match=r"written as \.npz alone; name it \.npz"):
-        save_table(small, tmp_path / name)
+    with pytest.raises(OutputError, match=r"t\.csv: the output is a \.npz file; use .*t\.npz"):
+        save_table(small, tmp_path / "t.csv")
     assert not list(tmp_path.iterdir())
 
 

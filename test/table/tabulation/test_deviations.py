@@ -22,8 +22,7 @@ from linkage_vibration.mechanics.description import Mechanism, UncertainNumber, 
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
 from linkage_vibration.mechanics.sensitivity import Sensitivity
-from linkage_vibration.prediction.batch import predict_many
-from linkage_vibration.prediction.predictor import Predictor
+from linkage_vibration.prediction.predictor import Predictor, predict_many
 from linkage_vibration.support.resources import config_file
 from linkage_vibration.table.table import load_table, save_table
 from linkage_vibration.table.tabulation import build_table
