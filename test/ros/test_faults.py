@@ -44,7 +44,7 @@ class Tractor:
     def __post_init__(self) -> None:
         """Make the publishers and the subscription."""
         node = self.peer.node
-        self.joints = node.create_publisher(JointState, "joint_states", SENSOR)
+        self.joints = self.peer.publisher
         self.speeds = {
             name: node.create_publisher(Float64, f"{name}_speed", SENSOR)
             for name in ("engine", "pto", "ground")
@@ -88,7 +88,7 @@ class Tractor:
             count += 1
             self.peer.pause(1.0 / rate)
 
-        until(found, f"{part}: {words}; last {[s.message for s in self.received[-5:]]}", step)
+        until(found, f"{part}: {words}", step)
 
 
 @pytest.fixture(scope="module")

@@ -409,13 +409,19 @@ def test_table_that_comes_too_late(bench: Bench, monkeypatch: pytest.MonkeyPatch
     assert len(bench.served) == 2
 
 
-def test_manual(environment: dict[str, str], tmp_path: Path) -> None:
+def test_manual(environment: dict[str, str], domain: int, tmp_path: Path) -> None:
     """The manual's examples run one after the other, and print what the manual says."""
     text = (share_directory() / "docs" / "services.md").read_text()
     script = tmp_path / "examples.py"
     script.write_text("".join(re.findall(r"```python\n(.*?)```", text, re.DOTALL)))
     node = serving_node(environment, tmp_path, "--ros-args", "-r", "__node:=linkage_vibration")
     try:
+        with own_context(domain) as context:  # The examples wait for 20 s only.
+            peer = rclpy.create_node("asking", context=context, start_parameter_services=False)
+            assert peer.create_client(
+                PredictVibration, "/linkage_vibration/predict"
+            ).wait_for_service(LIMIT)
+            peer.destroy_node()
         done = subprocess.run(
             [sys.executable, script],
             env=environment,
