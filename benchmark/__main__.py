@@ -24,6 +24,7 @@ STEPS = (
     "own_hitch",
     "uncertainty",
     "ensemble",
+    "advice",
     "budget",
     "speed",
     "speed.paper_job",

@@ -4,7 +4,8 @@
 
 import math
 import time
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,13 +13,19 @@ from typing import Any
 import numpy as np
 import yaml
 from numpy.typing import NDArray
+from scipy.integrate import trapezoid
+from tqdm import tqdm
 
 from benchmark.report import machine, publish, table
-from benchmark.uncertainty import coarse, described, draws
+from benchmark.uncertainty import described, draws
 from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.mechanics.description import Mount, Uncertainty
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.paths import split_paths, with_numbers
+from linkage_vibration.mechanics.response import PoleResidue
+from linkage_vibration.prediction.ensemble import draws as member_factors
 from linkage_vibration.prediction.excitation import Excitation, Source, excitations_from_mapping
+from linkage_vibration.prediction.ground import Terrain, vertical_mounts
 from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.prediction.loads import load_input
 from linkage_vibration.prediction.predictor import Predictor
@@ -26,10 +33,12 @@ from linkage_vibration.readers.mechanism import load_yaml, mechanism_of
 from linkage_vibration.support.resources import config_file
 from linkage_vibration.table.table import Table, table_bytes
 from linkage_vibration.table.tabulation import build_table
+from linkage_vibration.table.tabulation.ensemble import member_numbers
 
 FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
 
-SAMPLES, PARTS = 1000, 4
+SAMPLES, PARTS = 1000, 20
 SPEEDS = {
     Source.ENGINE: np.linspace(850.0, 2200.0, 10),
     Source.PTO: np.linspace(300.0, 1000.0, 10),
@@ -37,6 +46,7 @@ SPEEDS = {
 }
 SHARES = 0.07, 0.37, 0.81  # of the stroke
 QUANTILES = 0.0, 0.05, 0.5, 0.95, 1.0
+NEAR, WORST = 0.15, 4  # what is asked of ratios, and how many of the worst are listed
 LIMITS = 0.1, 0.3, 0.5, 0.7, 0.9  # probabilities of limits, among the samples
 BARE = """
 pto_shaft: {speed: pto, orders: [1, 2], force: [42.0, 20.0], at: E1.z, at_speed: 1000.0,
@@ -105,6 +115,7 @@ crankshaft: {speed: engine, orders: [1], force: [340.0], at: front_axle.z, at_sp
 bucket: {speed: pto, orders: [1, 2], force: [42.0, 20.0], at: C.z, at_speed: 1000.0, exponent: 2}
 tyre_lugs: {speed: ground, rolling_radius: 0.8, orders: [1, 5], base_displacement: [1.4e-3, 0.1e-3],
             at: base:rear_axle.z, at_speed: 5.0, frequency_stddev: 0.02}
+ground: {speed: ground, terrain: {class: C}, raised: true, lugs: 20, rolling_radius: 0.8}
 """
 
 
@@ -145,76 +156,204 @@ def scenes() -> dict[str, Scene]:
     }
 
 
-def model_levels(
-    model: LinkageModel, scene: Scene, built: Table, amplitudes: FloatArray, frequencies: FloatArray
+def model_squares(
+    model: LinkageModel,
+    scene: Scene,
+    built: Table,
+    amplitudes: FloatArray,
+    frequencies: FloatArray,
 ) -> FloatArray:
-    """Return velocities, then load ratios, of each excitation and of all, (2, m + 1, n).
+    """Return squares of velocities, then of load ratios of each pin, (1 + n_pins, m, n).
 
     They come from all modes of the model; the table only names places. The factors of amplitudes
-    and frequencies are (m,).
+    and frequencies are (m,). Without a speed or beyond the band of the table they are NaN.
     """
     response, m = model.mechanism.response, len(scene.excitations)
     loads = [load_input(one, built, model.mechanism) for one in scene.excitations]
+    mounts = vertical_mounts(model.mechanism)
     inputs = list(dict.fromkeys(place for load in loads for place in load.places))
     outputs = [(response.point, response.direction), *model.forces.places]
     names = [name for name, _ in model.forces.places]
     first = [names.index(name) for name in dict.fromkeys(names)]
-    levels = np.full((2, m + 1, len(scene.alpha3)), math.nan)
+    squares = np.full((1 + len(first), m, len(scene.alpha3)), math.nan)
     for angle in np.unique(scene.alpha3).tolist():
         columns = np.flatnonzero(scene.alpha3 == angle)
-        frf = model.solve(angle).frf(outputs, inputs)
-        reference = model.reference_forces(angle)[:, np.newaxis]
-        squares = np.zeros((1 + len(first), m, len(columns)))
+        solution = model.solve(angle)
+        frf = solution.frf(outputs, inputs)
+        references = model.reference_forces(angle)[:, np.newaxis]
         for i, (one, unit) in enumerate(zip(scene.excitations, loads, strict=True)):
-            load = one.load
-            assert load is not None
             speed = scene.speeds[list(Source).index(one.source), columns]
-            lines = one.ratio * speed * frequencies[i]
-            s = 2j * math.pi * lines
-            w, v = unit.weights(angle)
-            at = [inputs.index(place) for place in unit.places]
-            force = w + s[:, np.newaxis, np.newaxis] * v
-            size = load.amplitude / math.sqrt(2.0) * amplitudes[i]
-            size = size * (speed / load.speed) ** load.exponent
-            size = np.where(one.ratio * speed <= scene.band, size, math.nan)
-            found = (frf.frf(lines)[:, :, at] * force).sum(axis=2).T * size
-            squares[0, i] = np.abs(found[0] * s) ** 2
-            squares[1:, i] = np.add.reduceat(np.abs(found[1:]) ** 2, first) / reference**2
-        totals = np.nansum(squares, axis=1)
-        levels[:, :m, columns] = np.sqrt([squares[0], squares[1:].max(axis=0)])
-        levels[:, m, columns] = np.sqrt([totals[0], totals[1:].max(axis=0)])
-    return levels
+            if one.terrain is not None:
+                receptance = solution.frf(outputs, [(mount.name, "z") for mount in mounts])
+                found = ground_squares(receptance, one.terrain, mounts, speed)
+                found *= amplitudes[i] ** 2
+            else:
+                load = one.load
+                assert load is not None
+                lines = one.ratio * speed * frequencies[i]
+                s = 2j * math.pi * lines
+                w, v = unit.weights(angle)
+                force = w + s[:, np.newaxis, np.newaxis] * v
+                size = load.amplitude / math.sqrt(2.0) * amplitudes[i]
+                size = size * (speed / load.speed) ** load.exponent
+                size = np.where(one.ratio * speed <= scene.band, size, math.nan)
+                at = [inputs.index(place) for place in unit.places]
+                found = np.abs((frf.frf(lines)[:, :, at] * force).sum(axis=2).T * size) ** 2
+                found[0] *= np.abs(s) ** 2
+            squares[0, i, columns] = found[0]
+            squares[1:, i, columns] = np.add.reduceat(found[1:], first) / references**2
+    return squares
 
 
-def sampled(scene: Scene, built: Table, count: int, seed: int) -> FloatArray:
-    """Return the levels of whole models with other numbers, (count, 2, m + 1, n)."""
-    mechanism = mechanism_of(scene.mapping, Path("description"))
-    assert mechanism.uncertainty is not None
-    exact = {key: value for key, value in scene.mapping.items() if key != "uncertainty"}
-    relative, m = set(scene.mapping["uncertainty"].get("relative", {})), len(scene.excitations)
-    numbers = draws(mechanism.uncertainty, relative, count, seed)
-    normal = np.random.default_rng(seed + 1000).standard_normal((2, count, m))
-    spread = [one.load.relative_stddev if one.load else 0.0 for one in scene.excitations]
-    amplitudes = np.exp(spread * normal[0])
-    frequencies = 1.0 + normal[1] * [one.relative_stddev for one in scene.excitations]
-    found = np.full((count, 2, m + 1, len(scene.alpha3)), math.nan)
-    for row, values, *own in zip(found, numbers, amplitudes, frequencies, strict=True):
-        pairs = zip(mechanism.uncertainty.numbers, values.tolist(), strict=True)
-        changed = [(path, value) for number, value in pairs for path in split_paths(number.path)]
-        try:
-            other = coarse(mechanism_of(with_numbers(exact, changed), Path("sample")))
-            row[:] = model_levels(LinkageModel(other), scene, built, *own)
-        except LinkageVibrationError:  # such as a cylinder that is too short
-            continue
+def ground_squares(
+    frf: PoleResidue, terrain: Terrain, mounts: Sequence[Mount], speeds: FloatArray
+) -> FloatArray:
+    """Return mean squares by the ground at speeds, of the velocity, then of forces, (n_out, n).
+
+    They are integrals over 256 frequencies of the response to one profile under all mounts, which
+    arrives later at those behind, times its density by ISO 8608. Only wavelengths above two lugs
+    count, because a tyre does not follow shorter ones.
+    """
+    f = np.geomspace(*terrain.band, 256)
+    s, step = 2j * math.pi * f, math.log(f[1] / f[0])
+    transfer = frf.frf(f).transpose(1, 2, 0)
+    transfer *= np.array([mount.stiffness[1] + s * mount.damping[1] for mount in mounts])
+    transfer[0] *= s
+    behind = np.array([mount.at[0] for mount in mounts])
+    behind = behind.max() - behind
+    shortest = 0.0 if terrain.lug_pitch is None else 2.0 * terrain.lug_pitch
+    found = np.full((len(transfer), len(speeds)), math.nan)
+    for speed in np.unique(speeds).tolist():
+        delayed = np.exp(-s * behind[:, np.newaxis] / speed)
+        density = terrain.roughness * (f / speed / terrain.reference) ** -terrain.exponent / speed
+        density *= np.clip(0.5 - np.log(f * max(shortest, 1e-9) / speed) / step, 0.0, 1.0)
+        power = np.abs((transfer * delayed).sum(axis=1)) ** 2
+        mean = trapezoid(power * density * f, dx=step)
+        found[:, speeds == speed] = mean[:, np.newaxis]
     return found
 
 
-def compared(name: str, scene: Scene) -> tuple[list[str], list[str]]:
-    """Return the rows of both tables of the page for a scene."""
+def models(
+    scene: Scene, count: int, seed: int
+) -> Iterator[tuple[LinkageModel, FloatArray, FloatArray] | None]:
+    """Yield whole models with other numbers, and factors of amplitudes and frequencies, (m,).
+
+    One that is not possible, such as a cylinder that is too short, is None.
+    """
     mechanism = mechanism_of(scene.mapping, Path("description"))
-    model = LinkageModel(mechanism)
+    assert mechanism.uncertainty is not None
+    relative, m = set(scene.mapping["uncertainty"].get("relative", {})), len(scene.excitations)
+    numbers = draws(mechanism.uncertainty, relative, count, seed)
+    normal = np.random.default_rng(seed + 1000).standard_normal((2, count, m))
+    spread = [getattr(one.load or one.terrain, "relative_stddev", 0.0) for one in scene.excitations]
+    amplitudes = np.exp(spread * normal[0])
+    frequencies = 1.0 + normal[1] * [one.relative_stddev for one in scene.excitations]
+    for values, *factors in zip(numbers, amplitudes, frequencies, strict=True):
+        model = with_values(scene, mechanism.uncertainty, values)
+        yield None if model is None else (model, factors[0], factors[1])
+
+
+def with_values(scene: Scene, uncertainty: Uncertainty, values: FloatArray) -> LinkageModel | None:
+    """Return the model with other values of its uncertain numbers; None if it is not possible."""
+    exact = {key: value for key, value in scene.mapping.items() if key != "uncertainty"}
+    pairs = zip(uncertainty.numbers, values.tolist(), strict=True)
+    changed = [(path, value) for number, value in pairs for path in split_paths(number.path)]
+    try:
+        return LinkageModel(mechanism_of(with_numbers(exact, changed), Path("sample")))
+    except LinkageVibrationError:
+        return None
+
+
+def levels_of(
+    given: Iterable[tuple[LinkageModel, FloatArray, FloatArray] | None],
+    scene: Scene,
+    built: Table,
+    refused: BoolArray,
+) -> FloatArray:
+    """Return the levels of models, (count, 2, m + 1, n); NaN if one is not possible.
+
+    They are velocities, then load ratios, of each excitation and of all. Where the table refuses
+    the level of the ground, (n,), they are without it.
+    """
+    rows = []
+    for one in given:
+        row = np.full((2, len(scene.excitations) + 1, len(scene.alpha3)), math.nan)
+        rows.append(row)
+        if one is None:
+            continue
+        try:
+            squares = model_squares(one[0], scene, built, *one[1:])
+        except LinkageVibrationError:
+            continue
+        for i, each in enumerate(scene.excitations):
+            squares[:, i, refused & (each.terrain is not None)] = math.nan
+        squares = np.concatenate([squares, np.nansum(squares, axis=1, keepdims=True)], axis=1)
+        row[:] = np.sqrt([squares[0], squares[1:].max(axis=0)])
+    return np.array(rows)
+
+
+def sampled(scene: Scene, built: Table, refused: BoolArray, count: int, seed: int) -> FloatArray:
+    """Return the levels of whole models with other numbers, as `levels_of` does."""
+    return levels_of(models(scene, count, seed), scene, built, refused)
+
+
+def members(scene: Scene, built: Table, refused: BoolArray) -> FloatArray:
+    """Return the levels of the members of an ensemble, each solved as a whole at every angle."""
+    uncertainty = mechanism_of(scene.mapping, Path("description")).uncertainty
+    assert uncertainty is not None
+    numbers = member_numbers(uncertainty)
+    amplitudes, frequencies = member_factors(scene.excitations, len(numbers))
+    found = (with_values(scene, uncertainty, row) for row in numbers)
+    given = [
+        None if model is None else (model, amplitudes[:, k], frequencies[:, k])
+        for k, model in enumerate(found)
+    ]
+    return levels_of(given, scene, built, refused)
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """How uncertain levels are, by whole models, by the table, and by its members in full.
+
+    Levels are velocities, then load ratios, (2, m + 1, n), of each excitation and of all.
+    """
+
+    deviations: FloatArray  # standard deviations of ln(level) of the models; NaN without a level
+    errors: FloatArray  # standard errors of these, as a share
+    stated: FloatArray  # by the table, over them
+    solved: FloatArray  # by its members, if each is solved at these angles, over them
+    probabilities: FloatArray  # stated minus true ones
+
+
+def compare(scene: Scene, levels: LevelTable, true: FloatArray, solved: FloatArray) -> Comparison:
+    """Compare the levels of whole models, and of members solved as a whole, with a table's."""
+    found = levels.factors(scene.alpha3, scene.speeds, 1.0)
+    stated = [
+        np.vstack([found[f"{each}_factors"].T, found[f"total_{each}_factor"]])
+        for each in ("velocity", "load_ratio")
+    ]
+    with np.errstate(all="ignore"):
+        logs = np.log(true)
+        deviations = np.nanstd(logs, axis=0)
+        deviations = np.where(deviations > 0.0, deviations, math.nan)
+        kurtosis = np.nanmean((logs - np.nanmean(logs, axis=0)) ** 4, axis=0) / deviations**4
+        errors = np.sqrt((kurtosis - 1.0) / np.isfinite(logs).sum(axis=0)) / 2.0
+        known = np.log(np.array(stated, float)) / deviations
+        own = np.nanstd(np.log(solved), axis=0) / deviations
+    off = []
+    for share in LIMITS:
+        limits = np.nanquantile(true[:, 1, -1], 1.0 - share, axis=0)
+        for i, limit in enumerate(limits.tolist()):
+            at = scene.alpha3[[i]], scene.speeds[:, [i]]
+            off.append(float(levels.factors(*at, limit)["warning_probability"][0]) - share)
+    return Comparison(deviations, errors, known, own, np.array(off))
+
+
+def compared(name: str, scene: Scene) -> tuple[list[str], list[str], list[list[str]]]:
+    """Return the rows of the tables of the page for a scene."""
+    mechanism = mechanism_of(scene.mapping, Path("description"))
     begin = time.process_time()
-    built = build_table(model)
+    built = build_table(LinkageModel(mechanism))
     seconds = time.process_time() - begin
     exact = {key: value for key, value in scene.mapping.items() if key != "uncertainty"}
     begin = time.process_time()
@@ -222,47 +361,64 @@ def compared(name: str, scene: Scene) -> tuple[list[str], list[str]]:
     without = time.process_time() - begin
     grown = len(table_bytes(built)) - len(table_bytes(plain))
     levels = LevelTable(Predictor(built), mechanism, scene.excitations)
-    with ProcessPoolExecutor() as pool:
-        count = SAMPLES // PARTS
-        waiting = [pool.submit(sampled, scene, built, count, seed) for seed in range(PARTS)]
+    refused = levels.at(scene.alpha3, scene.speeds).ground_unknown != ""
+    count = SAMPLES // PARTS
+    with ProcessPoolExecutor() as pool, tqdm(desc=name, total=SAMPLES) as bar:
+        parts = [(scene, built, refused, count, seed) for seed in range(PARTS)]
+        waiting = [pool.submit(sampled, *part) for part in parts]
+        for _ in as_completed(waiting):
+            bar.update(count)
         true = np.concatenate([one.result() for one in waiting])
+    found = compare(scene, levels, true, members(scene, built, refused))
     begin = time.process_time()
-    found = levels.factors(scene.alpha3, scene.speeds, 1.0)
+    levels.factors(scene.alpha3, scene.speeds, 1.0)
     lookup = (time.process_time() - begin) / len(scene.alpha3)
-    names = ("velocity", "load_ratio")
-    stated = [
-        np.vstack([found[f"{each}_factors"].T, found[f"total_{each}_factor"]]) for each in names
-    ]
-    with np.errstate(all="ignore"):
-        deviations = np.nanstd(np.log(true), axis=0)
-        ratio = np.log(np.array(stated, float)) / np.where(deviations > 0.0, deviations, math.nan)
-    off = []
-    for share in LIMITS:
-        limits = np.nanquantile(true[:, 1, -1], 1.0 - share, axis=0)
-        for i, limit in enumerate(limits.tolist()):
-            at = scene.alpha3[[i]], scene.speeds[:, [i]]
-            off.append(float(levels.factors(*at, limit)["warning_probability"][0]) - share)
-    expected = np.isfinite(deviations) & (deviations > 0.0)
-    known = np.isfinite(ratio)[expected].mean()
+    known = np.isfinite(found.deviations)
 
     def quantiles(values: FloatArray) -> str:
         return ", ".join(f"{x:.2f}" for x in np.nanquantile(values, QUANTILES))
 
-    probabilities = np.array(off)
+    def outside(ratio: FloatArray) -> str:
+        return f"{(np.abs(ratio[known] - 1.0) > NEAR).sum()}"
+
+    share = np.isfinite(found.stated[known]).mean()
     first = [name, str(len(mechanism.uncertainty.numbers) if mechanism.uncertainty else 0)]
-    first += [f"{100.0 * known:.0f} % of {expected.sum()}", f"{np.nanmedian(deviations):.2f}"]
-    first += [quantiles(ratio[0, :-1]), quantiles(ratio[1, :-1]), quantiles(ratio[:, -1])]
-    first += [
-        f"{np.sqrt(np.nanmean(probabilities**2)):.3f}, {np.nanmax(np.abs(probabilities)):.2f}"
-    ]
-    nodes = str(len(built.ensemble_alpha3))
-    second = [name, nodes, f"{without:.1f}", f"{seconds:.1f}", f"{grown / 1e6:.2f}"]
-    return first, [*second, f"{1e3 * lookup:.2f}"]
+    first += [f"{100.0 * share:.0f} % of {known.sum()}", f"{np.nanmedian(found.deviations):.2f}"]
+    first += [quantiles(found.stated[i, :-1]) for i in (0, 1)] + [quantiles(found.stated[:, -1])]
+    first += [outside(found.stated), outside(found.solved)]
+    off = found.probabilities
+    first += [f"{np.sqrt(np.nanmean(off**2)):.3f}, {np.nanmax(np.abs(off)):.2f}"]
+    second = [name, str(len(built.ensemble_alpha3)), f"{without:.1f}", f"{seconds:.1f}"]
+    second += [f"{grown / 1e6:.2f}", f"{1e3 * lookup:.2f}"]
+    return first, second, worst(name, scene, found)
+
+
+def worst(name: str, scene: Scene, found: Comparison) -> list[list[str]]:
+    """Return the levels with the largest errors, the largest first."""
+    size = np.nan_to_num(np.abs(np.log(found.stated)))
+    rows = []
+    for place in np.argsort(-size, axis=None, kind="stable")[:WORST].tolist():
+        what, i, k = np.unravel_index(place, size.shape)
+        speeds = scene.speeds[:, k]
+        where = f"all, engine {speeds[list(Source).index(Source.ENGINE)]:.0f} rpm"
+        if i < len(scene.excitations):
+            one = scene.excitations[i]
+            speed = speeds[list(Source).index(one.source)]
+            where = f"{one.name}, {one.ratio * speed:.1f} Hz"
+            if one.terrain is not None:
+                where = f"{one.name}, {speed:.1f} m/s"
+        row = [name, ("velocity", "load ratio")[what], where]
+        row += [f"{math.degrees(scene.alpha3[k]):.0f}", f"{found.deviations[what, i, k]:.2f}"]
+        ratios = found.stated, found.solved
+        rows.append([*row, *(f"{each[what, i, k]:.2f}" for each in ratios)])
+        rows[-1].append(f"{found.errors[what, i, k]:.2f}")
+    return rows
 
 
 def main() -> None:
     """Compare all scenes, and publish the page."""
     rows = [compared(name, each) for name, each in scenes().items()]
+    limits = f"{1.0 - NEAR:.2f} to {1.0 + NEAR:.2f}"
     publish(
         "ensemble",
         "How uncertain levels are",
@@ -273,10 +429,12 @@ def main() -> None:
             "without a table. There are three angles and ten speeds for each excitation. Numbers "
             "are the reported standard deviation of the logarithm over the sampled one: least, "
             f"5 %, median, 95 % and largest of all levels; {SAMPLES} models leave an error of "
-            "2 to 4 % themselves. The last column compares `warning_probability` with the share of "
-            "the models at limits that 10, 30, 50, 70 and 90 % of them exceed: root mean square of "
-            "the difference, and the largest. The excitations are in `config/excitations.yaml`, "
-            "or others in `benchmark/ensemble.py`.",
+            "2 to 4 % themselves, and more where few of them decide. `outside` counts levels whose "
+            f"number is not {limits}; `solved`, those of the same members without a table, each of "
+            "which is described and solved at these angles. The last column compares "
+            "`warning_probability` with the share of the models at limits that 10, 30, 50, 70 and "
+            "90 % of them exceed: root mean square of the difference, and the largest. The "
+            "excitations are in `config/excitations.yaml`, or others in `benchmark/ensemble.py`.",
             table(
                 [
                     "description",
@@ -286,16 +444,26 @@ def main() -> None:
                     "velocities",
                     "load ratios",
                     "totals",
+                    "outside",
+                    "solved",
                     "probability",
                 ],
-                [first for first, _ in rows],
+                [first for first, _, _ in rows],
+            ),
+            "The levels that are furthest off: their angle (deg), the standard deviation of their "
+            "logarithm by the models, that of the table over it, that of the same members without "
+            "a table over it, and the standard error of the models' own, as a share. Where members "
+            "without a table are as far off, no table would help: they are too few for this level.",
+            table(
+                ["description", "level", "excitation", "angle", "sd", "table", "solved", "error"],
+                [row for _, _, each in rows for row in each],
             ),
             "The cost on one core: to build the table without and with `uncertainty` (s of CPU "
             "time), by how much its file grows (MB), and to evaluate all factors once (ms), which "
             "happens five times a second.",
             table(
                 ["description", "angles", "without", "with", "larger by", "evaluation"],
-                [second for _, second in rows],
+                [second for _, second, _ in rows],
             ),
         ],
         machine(),

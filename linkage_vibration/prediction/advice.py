@@ -30,12 +30,13 @@ KMH = 3.6
 """1 m/s in km/h."""
 
 _SHAPE = 91, 17  # heights and speeds of a map
-_EVERY = 3, 2  # Members have their best place among each third height and each second speed.
+_AMONG = 31, 9  # Members have their best place among about so many heights and speeds.
 _LIVE_SHAPE = 19, 7  # likewise, while readings wait
 _LIVE_SPEEDS = 0.7, 1.3  # of the present speed
 _ADVISED = np.arange(4) != NOW  # The present height and speed are those of the question.
 _PERIOD = 10**9  # ns, between two live pieces of advice
 _SURE = 0.95  # of regrets
+_SAME = 1.0 + 1e-6  # Loads that differ by less are the same, and the first one is chosen.
 _NOTABLE = 0.8  # A height that leaves more of the load is not worth a change.
 _GROUND = list(Source).index(Source.GROUND)
 _NO_LOAD = "No load ratio is known here."
@@ -133,12 +134,12 @@ def advise(
         for total in (found.total_load_ratio, found.total_velocity)
     )
     permitted = [cells[-1:, -1:], cells[:-1, -1:], cells[-1:, :-1], cells[:-1, :-1]]
-    chosen = np.array([_smallest(load, among.ravel()) for among in permitted])
+    chosen = np.array([smallest(load, among.ravel()) for among in permitted])
     rows = chosen
     if with_regrets:
         i, j = (
-            np.append(np.arange(0, n - 1, k), n - 1)
-            for n, k in zip(cells.shape, _EVERY, strict=True)
+            np.append(np.arange(0, n - 1, max(1, round(n / among))), n - 1)
+            for n, among in zip(cells.shape, _AMONG, strict=True)
         )
         rows = np.union1d(chosen, cells[np.ix_(i, j)])
     totals, _ = levels.member_totals(alpha3[rows], every[:, rows])
@@ -226,9 +227,10 @@ def _not_counted(excitations: Sequence[Excitation], speeds: FloatArray) -> str:
     )
 
 
-def _smallest(load: FloatArray, rows: IntArray) -> int:
-    """Return which of some rows has the smallest load; any if none is known."""
-    return int(rows[np.where(np.isnan(load[rows]), math.inf, load[rows]).argmin()])
+def smallest(load: FloatArray, rows: IntArray) -> int:
+    """Return the first of some rows with the smallest load but for rounding; any without one."""
+    values = np.where(np.isnan(load[rows]), math.inf, load[rows])
+    return int(rows[(values <= _SAME * values.min()).argmax()])
 
 
 def _probabilities(members: FloatArray) -> FloatArray:

@@ -21,6 +21,7 @@ from linkage_vibration.prediction.advice import (
     Question,
     advice_sentence,
     advise,
+    smallest,
 )
 from linkage_vibration.prediction.excitation import excitations_from_mapping
 from linkage_vibration.prediction.levels import LevelTable
@@ -139,6 +140,14 @@ def test_the_whole_grid_by_brute_force() -> None:
             assert (found.reasons[i, j] == 0) == known(angle, speed)
 
 
+@pytest.mark.parametrize(("less", "row"), [(9e-7, 3), (1.2e-6, 5)])
+def test_the_last_bit_does_not_choose(less: float, row: int) -> None:
+    """Loads within a millionth of the smallest are the same, and the first row is chosen."""
+    load = np.array([math.nan, 0.1, 0.3, 0.2, 0.2, 0.2 * (1.0 - less), 0.2])
+    assert smallest(load, np.array([0, 2, 3, 4, 5, 6])) == row
+    assert smallest(np.full(3, math.nan), np.array([2, 1])) == 2
+
+
 @pytest.mark.parametrize(
     ("angle", "speed", "reason"),
     [
@@ -212,6 +221,17 @@ def test_a_load_that_is_known_only_elsewhere_is_no_quiet_place() -> None:
         for j, speed in enumerate(found.ground_speeds[:2].tolist()):
             row = levels.at(np.array([angle]), np.array([[1800.0], [math.nan], [speed]]))
             assert found.load_ratios[i, j] == row.total_load_ratio[0]
+
+
+def test_regrets_of_a_small_map_are_about_all_of_it() -> None:
+    """On 31 heights and 9 speeds, a member's best place is among all, as loops find it."""
+    levels: Any = Levels()
+    question = Question(2.7, np.array([1800.0, 540.0, 8.0]), (1.6, 2.9), (1.0, 9.0))
+    found = advise(levels, EXCITATIONS, question, (31, 9))
+    cells = [(a, v) for a in found.crank_angles for v in found.ground_speeds]
+    best = min(cells, key=lambda cell: np.float32(load(*cell)))
+    regrets = [load(*best, *x) / min(load(*cell, *x) for cell in cells) - 1.0 for x in MEMBERS]
+    assert found.regrets[BOTH] == pytest.approx(np.quantile(regrets, 0.95), rel=1e-6)
 
 
 def test_sentences() -> None:

@@ -17,7 +17,7 @@ from scipy.optimize import linear_sum_assignment
 
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray, IntArray
-from linkage_vibration.mechanics.description import Cylinder, Mechanism
+from linkage_vibration.mechanics.description import Cylinder, Mechanism, Uncertainty
 from linkage_vibration.mechanics.model import LinkageModel, Place, Solution
 from linkage_vibration.mechanics.modes import MECHANISM
 from linkage_vibration.mechanics.response import reach
@@ -35,6 +35,7 @@ _ALL = 10**6
 _COARSER = (4, 2), (8, 4), (_ALL, _ALL)  # elements and modes of links that are tried for members
 _SEED = 7
 _N_NODES = 8, 15, 29  # angles at which members are solved
+_SAME = 1.0 - 1e-6  # of a gap between modes; a smaller difference is rounding
 _BETWEEN = 0.5  # Between them, a pole may be off by this share of its decay.
 _NEAR = 0.03  # A pole of coarser bodies may be off by this share of its decay.
 _BEYOND = 0.1  # of the stroke of a cylinder, by which that of a member may be beyond it
@@ -71,8 +72,7 @@ def with_ensemble(table: Table, sampler: Sampler) -> Table:
     uncertainty = mechanism.uncertainty
     if uncertainty is None or not uncertainty.numbers or not table.places:
         return table
-    half = rotation(len(uncertainty.numbers), _SEED)
-    drawn = uncertainty.draw(np.vstack([half, -half])).tolist()
+    drawn = member_numbers(uncertainty).tolist()
     for n_nodes in _N_NODES:
         solver = _Solver(table, sampler, n_nodes)
         members = [solver.member(mechanism)]
@@ -93,6 +93,12 @@ def with_ensemble(table: Table, sampler: Sampler) -> Table:
     names = [field.name for field in fields(_Member)]
     arrays: dict[str, Any] = {f"ensemble_{name}": single(name) for name in names}
     return replace(table, ensemble_alpha3=solver.nodes, **arrays)
+
+
+def member_numbers(uncertainty: Uncertainty) -> FloatArray:
+    """Return the uncertain numbers of the members, (n_members, n); opposite ones in each half."""
+    half = rotation(len(uncertainty.numbers), _SEED)
+    return uncertainty.draw(np.vstack([half, -half]))
 
 
 class _Solver:
@@ -118,7 +124,7 @@ class _Solver:
         solved = [self._solved(model, angle) for angle in self.nodes.tolist()]
         count = max(table.n_modes, *(int((np.abs(x.poles) < self._limit).sum()) for x in solved))
         gaps = [np.diff(np.log(np.abs(x.poles[: count + 1]))).min(initial=math.inf) for x in solved]
-        self._base = int(np.argmax(gaps))
+        self._base = first_widest(np.array(gaps))
         self._start = solved[self._base].shapes[:, :count]
         self._checked, self.rough = 0, False
 
@@ -212,6 +218,11 @@ class _Solver:
             own / solution.modes.omega**2 @ own[: len(self._table.places)].T,
             model.forces.at_rest(solution.configuration, solution.joining),
         )
+
+
+def first_widest(gaps: FloatArray) -> int:
+    """Return the index of the first gap that is the widest but for rounding."""
+    return int((gaps >= _SAME * gaps.max()).argmax())
 
 
 def _nodes(table: Table, n: int) -> FloatArray:
