@@ -38,9 +38,10 @@ EXTRAS = {
     "fe": ["meshio", "scikit-fem"],
     "uff": ["pyuff"],
     "plots": ["matplotlib>=3.6.3"],
+    "xarray": ["xarray"],
     "docs": ["furo", "myst-parser", "numpydoc", "sphinx"],
 }
-_USED = ("bags", "can", "fe", "uff", "plots")
+_USED = ("bags", "can", "fe", "uff", "plots", "xarray")
 OPTIONAL = [name for extra in _USED for name in EXTRAS[extra]]
 # colcon runs the tests with pytest because the extra "test" names it.
 TEST = [
@@ -57,7 +58,6 @@ TEST = [
     "ruff",
     "types-PyYAML",
     "types-tqdm",
-    "xarray",
 ]
 # The benchmarks need "ros" too; CalculiX comes with `apt-get install calculix-ccx`.
 BENCH = [

@@ -58,6 +58,7 @@ DISTRIBUTIONS = {
     "setuptools": (None, None),  # comes with pip and with colcon
     "skfem": ("scikit-fem", None),
     "tqdm": ("tqdm", "python3-tqdm"),
+    "xarray": ("xarray", None),
     "yaml": ("pyyaml", "python3-yaml"),
     "zstandard": ("zstandard", "mcap-ros2-support"),
 }
@@ -76,7 +77,7 @@ for name in [
     DISTRIBUTIONS[name] = (f"ros-{name.replace('_', '-')}", name)
 
 # What a folder needs when it is used: lists of setup.py, and whether package.xml installs it.
-USER = {"bags", "can", "fe", "plots", "ros", "uff"}
+USER = {"bags", "can", "fe", "plots", "ros", "uff", "xarray"}
 FOLDERS = {
     "linkage_vibration": (USER, "exec_depend"),
     "launch": (USER, "exec_depend"),

@@ -86,7 +86,7 @@ def test_objects_are_shown_in_a_line() -> None:
     assert all("\n" not in text and len(text) < 250 for text in texts)
     assert all("three_point_linkage_on_tractor" in text for text in texts[:-1])
     assert texts[4].endswith("_tractor: 6 modes, 90 to 180 deg))")
-    assert texts[5].startswith("MessageColumns(2 of crank_angle, status, natural_frequencies,")
+    assert texts[5].startswith("MessageColumns(crank_angle, status, natural_frequencies,")
 
 
 def test_paths_may_be_strings(tmp_path: Path) -> None:

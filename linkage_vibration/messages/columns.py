@@ -4,10 +4,19 @@
 
 from collections.abc import Sequence
 from types import SimpleNamespace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.messages.definitions import OWN_PACKAGE
+from linkage_vibration.messages.fields import message_fields
+
+if TYPE_CHECKING:
+    import xarray
+
+_TYPES = "VibrationPrediction", "Resonance"  # of which columns have units
 
 Rows = slice | NDArray[np.int64] | NDArray[np.bool_]
 
@@ -25,8 +34,8 @@ class MessageColumns(SimpleNamespace):
         return len(next(column for column in vars(self).values() if not isinstance(column, str)))
 
     def __repr__(self) -> str:
-        """Return the number of messages and the names of the columns."""
-        return f"MessageColumns({len(self)} of {', '.join(vars(self))})"
+        """Return the names of the columns, in a line."""
+        return f"MessageColumns({', '.join(vars(self))})"
 
     def rows(self, which: Rows) -> "MessageColumns":
         """Return the messages with these indices."""
@@ -35,6 +44,36 @@ class MessageColumns(SimpleNamespace):
     def message(self, row: int) -> "MessageColumns":
         """Return one message, whose attributes have no axis of rows."""
         return MessageColumns(**self._at(row))
+
+    def to_xarray(self) -> "xarray.Dataset":
+        """Return the messages as an `xarray.Dataset`, with units; it needs the extra `xarray`.
+
+        Its dimensions are ``row``, for which ``crank_angle`` is a coordinate, and ``mode``, counted
+        from 1. Other sequences have a dimension of their own, and texts are attributes.
+
+        Raises
+        ------
+        LinkageVibrationError
+            If xarray is not installed.
+        """
+        try:
+            import xarray
+        except ImportError:
+            hint = "install it with `pip install linkage_vibration[xarray]`"
+            raise LinkageVibrationError(f"xarray is not installed; {hint}.") from None
+        kinds = [message_fields(f"{OWN_PACKAGE}/msg/{kind}") for kind in _TYPES]
+        modal = {"frequency_slopes", *(field.name for field in kinds[0] if field.is_sequence)}
+        units = {f.name: f.unit for kind in kinds for f in kind if f.type.startswith("float")}
+        columns, texts = {}, {}
+        for name, column in vars(self).items():
+            if isinstance(column, str):
+                texts[name] = column
+                continue
+            axes = ("row", "mode" if name in modal else f"{name}_index")[: column.ndim]
+            columns[name] = axes, column, {"units": units[name]} if name in units else {}
+        data = xarray.Dataset(columns, attrs=texts)
+        modes = {"mode": np.arange(1, data.sizes["mode"] + 1)} if "mode" in data.dims else {}
+        return data.assign_coords(modes).set_coords({"crank_angle"} & data.keys())
 
     def _at(self, which: Rows | int) -> dict[str, Any]:
         return {

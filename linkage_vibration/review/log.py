@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import yaml
@@ -47,6 +47,9 @@ from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.atomic_files import write_text
 from linkage_vibration.table.table import Table, TableError, load_table
+
+if TYPE_CHECKING:
+    import xarray
 
 IntArray = NDArray[np.int64]
 
@@ -138,6 +141,11 @@ class Log:
     def n_modes(self) -> int:
         """Number of modes."""
         return int(self.natural_frequencies.shape[1])
+
+    def to_xarray(self) -> "xarray.Dataset":
+        """Return the predictions over ``time``, their stamps, as an `xarray.Dataset`."""
+        data = MessageColumns(**_predictions(self)).to_xarray().rename(row="time")
+        return data.assign_coords(time=self.stamps.astype("datetime64[ns]"))
 
     def mode_label(self, mode: int) -> str:
         """Return how a mode, counted from 0, is called, as in "mode 4 (implement heave)"."""
@@ -276,9 +284,10 @@ def write_csv(log: Log, path: Path) -> None:
     raised if the file cannot be written.
     """
     table: dict[str, NDArray[Any]] = {"stamp_ns": log.stamps}
+    predictions = _predictions(log)
     for field in message_fields(PREDICTION):
-        if not field.name.startswith("header.") and field.name != "table_id":
-            values = getattr(log, field.name.removeprefix("frf_"))
+        if field.name in predictions:
+            values = predictions[field.name]
             if field.is_sequence:
                 name = _singular(field.name)
                 for mode in range(log.n_modes):
@@ -298,6 +307,13 @@ def write_csv(log: Log, path: Path) -> None:
     lines.writerow(table)
     lines.writerows(zip(*(column.tolist() for column in table.values()), strict=True))
     write_text(path, text.getvalue(), ReviewError)
+
+
+def _predictions(log: Log) -> dict[str, NDArray[Any]]:
+    """Return the columns of the predictions by the names of their fields."""
+    names = [field.name for field in message_fields(PREDICTION)]
+    kept = [n for n in names if not n.startswith("header.") and n != "table_id"]
+    return {name: getattr(log, name.removeprefix("frf_")) for name in kept}
 
 
 def _suffix(field: Field) -> str:

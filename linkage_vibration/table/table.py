@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,7 @@ from linkage_vibration.mechanics.forces import magnitudes, reference
 from linkage_vibration.mechanics.kinematics import unit_question
 from linkage_vibration.mechanics.model import Place, pairs
 from linkage_vibration.mechanics.response import FarPoles, PoleResidue, sum_of_modes
+from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.support.atomic_files import check_suffix, write_bytes
 from linkage_vibration.support.resources import DEFAULT_TABLE, config_file
 from linkage_vibration.table.cells import Cells, spline_cells
@@ -37,6 +38,9 @@ from linkage_vibration.table.interpolation import (
 )
 from linkage_vibration.table.pole_cells import PoleFinder, PolePiece
 from linkage_vibration.table.reduced import Numbers, ReducedModels, from_pairs
+
+if TYPE_CHECKING:
+    import xarray
 
 IntArray = NDArray[np.int64]
 
@@ -391,6 +395,21 @@ class Table:
             problem = f"alpha3 = {math.degrees(first):.3f} deg is outside the table ({ends})"
             hint = unit_question(first, low, high) or "choose an angle within it."
             raise TableError(f"{problem}; {hint}")
+
+    def to_xarray(self) -> "xarray.Dataset":
+        """Return the values over alpha3, at the points of the table, as an `xarray.Dataset`.
+
+        It has natural frequencies, damping ratios and the highest peak of the FRF, with units.
+        """
+        values, n = self.evaluate(self.alpha3), self.n_modes
+        data = MessageColumns(
+            natural_frequencies=values[:, :n],
+            damping_ratios=values[:, n : 2 * n],
+            frf_peak_frequency=values[:, -2],
+            frf_peak_magnitude=values[:, -1],
+        )
+        rows = data.to_xarray().rename(row="alpha3")
+        return rows.assign_coords(alpha3=self.alpha3, mode_name=("mode", list(self.mode_names)))
 
     def polynomials(self, piece: int, alpha3: FloatArray) -> FloatArray:
         """Evaluate the values of a piece without cells, (n, 2 n_modes + 2 n_peaks).

@@ -260,6 +260,16 @@ def test_arrays_of_angles(predictor: Predictor) -> None:
         assert isinstance(predictor.predict(row), Prediction)
 
 
+def test_dataset_of_predictions(predictor: Predictor) -> None:
+    """It has a row for each angle, which is a coordinate, and the modes are counted from 1."""
+    pytest.importorskip("xarray", reason="xarray is not installed")
+    many = predictor.predict(np.array([1.7, 2.3]))
+    data = many.to_xarray()
+    np.testing.assert_array_equal(data.frequency_slopes.sel(mode=3), many.frequency_slopes[:, 2])
+    np.testing.assert_array_equal(data.crank_angle, [1.7, 2.3])
+    assert data.attrs == {"table_id": predictor.table.table_id}
+
+
 def test_parts_of_a_deviation(predictor: Predictor) -> None:
     """A deviation is the root of the sum of the squares of its parts, of which two are known here.
 

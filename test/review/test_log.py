@@ -4,12 +4,14 @@
 
 import csv
 import math
+import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.messages.fields import message_fields
 from linkage_vibration.messages.topics import RESONANCE
 from linkage_vibration.playback.replay import replay
@@ -101,6 +103,29 @@ def test_csv_gives_the_same_floats_again(drive: Path, tmp_path: Path) -> None:
         np.testing.assert_array_equal([float(row[name]) for row in rows], values)
     assert log.resonances is not None
     assert [row["excitation"] for row in rows] == log.resonances.excitation.tolist()
+
+
+def test_datasets_of_logs(drive: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A dataset has the log's numbers over time and mode with units; without xarray it is named."""
+    pytest.importorskip("xarray", reason="xarray is not installed")
+    log = read_log(drive)
+    data = log.to_xarray()
+    assert data.sizes == {"time": len(log.stamps), "mode": log.n_modes}
+    np.testing.assert_array_equal(
+        data.natural_frequencies.sel(mode=2), log.natural_frequencies[:, 1]
+    )
+    np.testing.assert_array_equal(data.frf_peak_magnitude, log.peak_magnitude)
+    np.testing.assert_array_equal(data.time.astype(np.int64), log.stamps)
+    np.testing.assert_array_equal(data.crank_angle, log.crank_angle)
+    found = {name: data[name].attrs.get("units") for name in ("damping_ratios", "status")}
+    assert found == {"damping_ratios": "1", "status": None}
+    assert log.drive is not None
+    every = log.drive.resonances.to_xarray()
+    assert every.load_ratios.dims == ("row", "load_ratios_index")
+    assert every.excitation_frequency.attrs == {"units": "Hz"}
+    monkeypatch.setitem(sys.modules, "xarray", None)
+    with pytest.raises(LinkageVibrationError, match=r"`pip install linkage_vibration\[xarray\]`"):
+        log.to_xarray()
 
 
 def test_bare_log(write_log: Any, tmp_path: Path) -> None:

@@ -106,6 +106,21 @@ def test_angles_outside_are_refused(small: Table) -> None:
         small.frf(ends, [("E1", "z")], [("E1", "z")])
 
 
+def test_dataset_of_a_table(small: Table) -> None:
+    """It has the values at the points over alpha3 and mode, with their names and units."""
+    pytest.importorskip("xarray", reason="xarray is not installed")
+    data = small.to_xarray()
+    at = data.sel(mode=2).isel(alpha3=3)
+    assert float(at.alpha3) == small.alpha3[3]
+    assert float(at.natural_frequencies) == pytest.approx(small.natural_frequencies[3, 1])
+    assert float(at.damping_ratios) == pytest.approx(small.damping_ratios[3, 1])
+    highest = small.peak_magnitudes[3].argmax()
+    assert float(at.frf_peak_frequency) == pytest.approx(small.peak_frequencies[3, highest])
+    assert str(at.mode_name.values) == small.mode_names[1]
+    assert data.frf_peak_magnitude.attrs == {"units": "m/N"}
+    assert len(data.to_dataframe()) == len(small.alpha3) * small.n_modes
+
+
 def test_table_of_another_kind_is_not_written(small: Table, tmp_path: Path) -> None:
     """A name that promises another format is refused, and no file is left."""
     with pytest.raises(OutputError, match=r"t\.csv: the output is a \.npz file; use .*t\.npz"):
