@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from linkage_vibration.mechanics.arrays import BoolArray, FloatArray
 from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.prediction.excitation import Excitation, Source
+from linkage_vibration.prediction.ground import AIRBORNE
 
 Integers = NDArray[np.int64]
 
@@ -163,6 +164,8 @@ def no_load_words(resonance: MessageColumns, excitations: Sequence[Excitation]) 
         return "no static force is known to compare with"
     if any(one.load and one.source.value not in unknown for one in excitations):
         return "the excitations with an amplitude are beyond the frequencies of the table"
+    if resonance.ground_unknown and only_ground(resonance.unknown_speeds, excitations):
+        return "the level of the ground is not known"
     return f"no {'order' if resonance.ground_unknown else 'excitation'} at work has an amplitude"
 
 
@@ -215,13 +218,18 @@ def present_sentence(resonance: MessageColumns, excitations: Sequence[Excitation
         lost = "the prediction for this crank angle has no natural frequencies"
         return f"No load is known, as {unknown if blind else lost}."
     tail = f" {unknown[0].upper()}{unknown[1:]}." if unknown else ""
-    if resonance.ground_unknown and Source.GROUND.value not in speeds.split(", "):
+    rolls = resonance.ground_unknown and Source.GROUND.value not in speeds.split(", ")
+    if rolls:
         tail += f" {unknown_ground(resonance.ground_unknown)}"
+    airborne = resonance.off_ground_share > AIRBORNE
+    if resonance.state == ResonanceState.WARNING and airborne:
+        return f"{_warning(resonance, excitations)}{tail}"
     if math.isnan(resonance.total_load_ratio):
         return f"No load is known, as {no_load_words(resonance, excitations)}.{tail}"
     if resonance.state != ResonanceState.WARNING:
         total = ratio_words(resonance.total_load_ratio)
-        return f"All loads are {total} of the static forces.{tail}"
+        known = "known " if rolls else ""
+        return f"All {known}loads are {total} of the static forces.{tail}"
     return f"{_warning(resonance, excitations)}{tail}"
 
 

@@ -40,6 +40,7 @@ _MOST_RANGES = 3  # in a sentence
 _BEYOND = 0.3, 1.7  # speeds that are tried: of the lowest and of the highest of the drive
 _MOST_NAMES = 3  # in a list
 _SHORT = 0.1  # s, that is not worth a sentence
+_LATE = 1.0  # s without a message at the start of a log that are worth one
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -233,7 +234,9 @@ def drive_sentence(
         if blind or not only_ground(speeds, excitations):
             return f"What the drive did to the linkage is not known, as {why}."
     if not np.isfinite(resonances.total_load_ratio).any():
-        return f"{_nearest(drive, mode_label, excitations)} {_no_ground(drive)}".rstrip()
+        off = f"{_exceeded(drive, limits)}." if episodes(drive) else ""
+        near = _nearest(drive, mode_label, excitations)
+        return " ".join(filter(None, [off, near, _no_ground(drive)]))
     loads = _loads(drive, limits, avoid, excitations)
     return " ".join(filter(None, [loads, _not_counted(drive)]))
 
@@ -247,24 +250,37 @@ def _loads(
     limit = f"{limits.warning:g} of the static force"
     what = f"The largest was {_load_at(drive, worst)}." if largest else "All loads were zero."
     parts = ground_and_orders(drive, excitations)
-    if parts is not None and parts[0][worst] ** 2 > 0.5 * largest**2:
+    if parts is not None and parts[0][worst] ** 2 > 0.5 * largest**2 and parts[1][worst]:
         what += f" Without the ground it would have been at most {ratio_words(parts[1][worst])}."
     if not warnings:
         shortly = f" for {limits.dwell:g} s" if largest > limits.warning else ""
         sparse = shortly and bool(drive.broken.all()) and len(drive.broken) > 1
         why = f" Readings more than {GAP:g} s apart cannot warn." if sparse else ""
-        return f"No load exceeded the limit of {limit}{shortly}. {what}{why}"
+        known = "known " if _not_counted(drive) else ""
+        return f"No {known}load exceeded the limit of {limit}{shortly}. {what}{why}"
+    return f"{_exceeded(drive, limits)}. {what} {avoid}".rstrip()
+
+
+def _exceeded(drive: Drive, limits: WarningLimits) -> str:
+    """Return what the warnings of a drive were about, how many there were and how long."""
+    warnings, parts = episodes(drive), []
+    if drive.severity().max() > limits.warning:
+        parts.append(f"loads exceeded {limits.warning:g} of the static force")
+    warned = drive.resonances.state == ResonanceState.WARNING
+    if not parts or (drive.resonances.off_ground_share[warned] > AIRBORNE).any():
+        parts.append(f"tyres were off the ground for more than {AIRBORNE:g} of the time,")
+    text = " or ".join(parts).rstrip("," if len(parts) == 1 else "")
     total = sum(episode.duration for episode in warnings)
     often = "once" if len(warnings) == 1 else f"{len(warnings)} times"
-    whose = f"Loads exceeded {limit}"
-    if largest <= limits.warning:
-        whose = f"Tyres were off the ground for more than {AIRBORNE:g} of the time"
-    return f"{whose} {often}, for {total:.1f} s in all. {what} {avoid}".rstrip()
+    return f"{text[0].upper()}{text[1:]} {often}, for {total:.1f} s in all"
 
 
 def _not_counted(drive: Drive) -> str:
     """Return whose loads are not in the total, and for how long no load is known."""
     resonances, texts = drive.resonances, []
+    if drive.times[0] >= _LATE:
+        late = f"{drive.times[0]:.1f} s"
+        texts.append(f"No load is known for the first {late}, as no speed was known until then.")
     known = np.isfinite(resonances.load_ratios).any(axis=0)
     silent = [name for name, its in zip(drive.names, known, strict=True) if not its]
     if silent:
@@ -277,7 +293,7 @@ def _not_counted(drive: Drive) -> str:
         texts.append(f"No load is known for {lost:.1f} s.")
     for source in Source:
         without = _without(drive, source)
-        lost = drive.time_in(without & np.isfinite(resonances.total_load_ratio))
+        lost = drive.time_in(without)
         if lost >= _SHORT and not without.all():
             texts.append(f"The {source_words(source)} speed was not known for {lost:.1f} s.")
     return " ".join(filter(None, [*texts, _no_ground(drive)]))
@@ -322,6 +338,8 @@ def _nearest(
     row = int(np.nanargmin(np.where(np.isfinite(margins), margins, np.inf)))
     at = drive.resonances.message(row)
     text = f"How large the loads were is not known, as {no_load_words(at, excitations)}."
+    if not np.isfinite(margins).any():
+        return text
     if not margins[row] < 1.0:
         return f"{text} No excitation came within 100 % of a natural frequency."
     near = drive.time_in(drive.resonances.state == ResonanceState.NOTE)

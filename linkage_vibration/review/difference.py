@@ -147,9 +147,8 @@ def sentence(found: Difference) -> str:
     if not problems(found):
         return "The logs have equal predictions."
     if not compared:
-        return (
-            "The natural frequencies are equal; the logs differ in other quantities or in status."
-        )
+        others = "the logs differ in other quantities or in status"
+        return f"The natural frequencies are equal; {others}{_loads(found)}."
     most = max(compared, key=lambda q: q.largest_relative)
     at = most.farthest or 0
     change, times = most.largest, found.times
@@ -162,18 +161,22 @@ def sentence(found: Difference) -> str:
 
 
 def _loads(found: Difference) -> str:
-    """Return the largest load ratios of both logs, in words; empty if one is not known."""
-    loads = next((q for q in found.quantities if q.key == "load"), None)
-    if loads is None or not np.isfinite(loads.a).any() or not np.isfinite(loads.b).any():
+    """Return the largest load ratios of both logs, in words; empty if neither is known."""
+    texts = []
+    for log, rows in ((found.a, found.rows_a), (found.b, found.rows_b)):
+        ratios = np.empty(0) if log.resonances is None else log.resonances.total_load_ratio[rows]
+        known = ratios[np.isfinite(ratios)]
+        texts.append(f"{known.max():.2g}" if len(known) else "not known")
+    if set(texts) == {"not known"}:
         return ""
-    largest, other = float(np.nanmax(loads.a)), float(np.nanmax(loads.b))
-    return f"; the largest load ratio is {largest:.2g} in A and {other:.2g} in B"
+    return f"; the largest load ratio is {texts[0]} in A and {texts[1]} in B"
 
 
 def problems(found: Difference) -> list[str]:
     """Return a sentence that says that the logs differ, if they do."""
     n = len(found.stamps)
     same = len(found.a.stamps) == len(found.b.stamps) == n and not found.status_changes
+    same &= (found.a.resonances is None) == (found.b.resonances is None)
     if same and not any(q.differs or q.one_sided for q in found.quantities):
         return []
     return ["The logs differ."]

@@ -209,7 +209,7 @@ def test_an_unknown_ground_is_not_clear(predictor: Predictor) -> None:
     assert math.isnan(found.total_load_ratio)
     assert "A tool is in the soil" in found.ground_unknown
     text = present_sentence(found, working)
-    assert "no order at work has an amplitude" in text
+    assert "as the level of the ground is not known" in text
     assert "The level of the ground is not known: a tool is in the soil" in text
     with_shaft = described(raised=False)
     assert assessed(predictor, with_shaft, SPEED).total_load_ratio == 0.0

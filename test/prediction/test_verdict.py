@@ -29,6 +29,7 @@ from linkage_vibration.table.table import load_table
 
 CLEAR, WARNING, STALE, NOTE = range(4)
 LIMITS = WarningLimits()
+RAISED = {"raised": True}
 GROWING = {"exponent": 4}
 SHAKER = {"speed": "pto", "orders": [1], "force": [9000.0], "at": "E1.z", "at_speed": 540.0}
 ENGINE = {"speed": "engine", "orders": [6], "force": [3e4], "at": "E2.x", "at_speed": 2000.0}
@@ -66,6 +67,7 @@ def drive(states: list[int], totals: list[float], step: float = 1.0, **fields: A
         "total_load_place": np.full(n, "lower_link:V1"),
         "unknown_speeds": np.full(n, "engine"),
         "ground_unknown": np.full(n, ""),
+        "off_ground_share": np.full(n, math.nan),
     }
     stamps = np.round(np.arange(n) * step * 1e9).astype(np.int64)
     names = ("shaker 1", "high 6")
@@ -97,13 +99,62 @@ def test_what_is_not_counted_is_said(excitations: tuple[Excitation, ...]) -> Non
     """Loads that were never known, and times without a load, are named."""
     text = sentence(drive([CLEAR, STALE, CLEAR], [0.0, math.nan, 0.0]), excitations)
     assert text == (
-        "No load exceeded the limit of 0.33 of the static force. All loads were zero. The loads of "
-        "high 6 are not known and not counted. No load is known for 1.0 s."
+        "No known load exceeded the limit of 0.33 of the static force. All loads were zero. The "
+        "loads of high 6 are not known and not counted. No load is known for 1.0 s."
     )
     speeds = np.array(["", "engine", ""])
     both = np.full((3, 2), 0.1, np.float32)
     found = drive([CLEAR] * 3, [0.14] * 3, unknown_speeds=speeds, load_ratios=both)
     assert sentence(found, excitations).endswith("The engine speed was not known for 1.0 s.")
+    found = drive([CLEAR] * 3, [0.14] * 3, unknown_speeds=np.full(3, ""), load_ratios=both)
+    assert sentence(found, excitations).startswith("No load exceeded the limit")
+    lost = [0.14, math.nan, 0.14]
+    found = drive([CLEAR, STALE, CLEAR], lost, unknown_speeds=speeds, load_ratios=both)
+    missing = "No load is known for 1.0 s. The engine speed was not known for 1.0 s."
+    assert sentence(found, excitations).endswith(missing)
+
+
+@pytest.mark.parametrize(("start", "said"), [(0.9, False), (1.1, True)])
+def test_the_time_before_the_first_speed_is_said(
+    excitations: tuple[Excitation, ...], start: float, said: bool
+) -> None:
+    """A log begins with predictions; its messages begin when the first speed is known."""
+    found = drive([NOTE] * 3, [0.14] * 3)
+    text = sentence(replace(found, times=found.times + start), excitations)
+    assert ("No load is known for the first 1.1 s, as no speed was known" in text) is said
+
+
+def test_a_tyre_off_the_ground_is_no_load_that_is_known() -> None:
+    """Warnings of tyres are named as such, alone and beside loads, in a drive and live."""
+    rolls = excitations_from_mapping({"g": {"speed": "ground", "terrain": {"class": "C"}} | RAISED})
+    off = "A tyre is off the ground for more than a fifth of the time."
+    hops: dict[str, Any] = {"load_ratios": np.full((4, 2), np.nan, np.float32)}
+    hops |= {"excitation": np.full(4, "g (class C)")}
+    hops |= {"unknown_speeds": np.full(4, ""), "relative_margin": np.full(4, math.nan)}
+    hops |= {"excitation_frequency": np.full(4, math.nan), "excitation_speed": np.full(4, 50.0)}
+    hops |= {"quiet_speed": np.full(4, math.nan), "quiet_angle": np.full(4, math.nan)}
+    hops |= {"load_ratio_factor": np.full(4, math.nan), "load_place": np.full(4, "")}
+    share = np.array([0.1, 0.1, 0.3, 0.3])
+    reasons = np.where(share > 0.2, off, "")
+    hops |= {"ground_unknown": reasons, "off_ground_share": share}
+    both = drive([WARNING] * 4, [0.4, 0.4, math.nan, math.nan], **hops)
+    assert sentence(both, rolls).startswith(
+        "Loads exceeded 0.33 of the static force or tyres were off the ground for more than 0.2 of "
+        "the time, once, for 4.0 s in all. The largest was 0.4 "
+    )
+    alone = hops | {"ground_unknown": np.full(4, off), "off_ground_share": np.full(4, 0.3)}
+    never = drive([WARNING] * 4, [math.nan] * 4, **alone)
+    text = sentence(never, rolls)
+    assert text.startswith("Tyres were off the ground for more than 0.2 of the time once, for 4.0")
+    assert "amplitude" not in text
+    assert "natural frequency" not in text
+    live = present_sentence(never.resonances.message(0), rolls)
+    assert live.startswith("g (class C) at 50 m/s lifts a tyre off the ground for 0.3 of the time.")
+    calm = never.resonances.message(0)
+    calm.state = NOTE
+    assert "No load is known, as the level of the ground is not known." in present_sentence(
+        calm, rolls
+    )
 
 
 def test_sparse_readings_cannot_warn(excitations: tuple[Excitation, ...]) -> None:

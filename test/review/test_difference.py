@@ -88,6 +88,19 @@ def test_load_ratios_are_compared(heavier: tuple[Path, Path]) -> None:
     assert sentence(compare(*heavier)).endswith(expected)
 
 
+def test_a_log_without_loads_differs(write_log: Any, tmp_path: Path) -> None:
+    """Equal predictions with loads in one log only are no equal logs, and the sentence says so."""
+    times, alpha3 = hitch_duty_cycle()
+    a = write_log(tmp_path / "a.mcap", times[:100], alpha3[:100], False)
+    b = write_log(tmp_path / "b.mcap", times[:100], alpha3[:100])
+    messages = read_messages(b, "/linkage_vibration/resonance")
+    largest = max(message.total_load_ratio for _, message in messages)
+    text = sentence(compare(a, b))
+    assert text.startswith("The natural frequencies are equal; the logs differ")
+    assert text.endswith(f"; the largest load ratio is not known in A and {largest:.2g} in B.")
+    assert sentence(compare(a, a)) == "The logs have equal predictions."
+
+
 def test_difference_in_one_sentence(heavier: tuple[Path, Path]) -> None:
     """The sentence names what differs most and by how much."""
     text = sentence(compare(*heavier))
