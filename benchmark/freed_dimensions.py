@@ -43,10 +43,10 @@ from linkage_vibration.paper.figures import (
 from linkage_vibration.paper.numbers import (
     GEOMETRY,
     OVER_THE_SWEEP,
-    PLACES,
     SUBSTRUCTURING,
     Number,
     frequencies,
+    printed_numbers,
 )
 from linkage_vibration.paper.reproduction import FILES, PRINTED_FILE
 from linkage_vibration.readers.mechanism import load_yaml
@@ -55,9 +55,10 @@ from linkage_vibration.support.resources import config_file
 Closed = dict[float, tuple[Kinematics, list[Configuration]]]
 """Kinematics and configurations by the value of the freed dimension, because they take longest."""
 
-FITTED = (*SUBSTRUCTURING, *OVER_THE_SWEEP)
+FITTED = (*printed_numbers(SUBSTRUCTURING), *printed_numbers(OVER_THE_SWEEP))
 """The nine natural frequencies that a choice of sections has to meet."""
-FREED = tuple(number.key for number in GEOMETRY[2:16])
+DIMENSIONS = {number.key: number for number in printed_numbers(GEOMETRY)}
+FREED = tuple(DIMENSIONS)[2:16]
 PICTURE = Path(__file__).parents[1] / "docs/reproduction/freed_dimensions.png"
 _UPRIGHT = math.radians(10.0)  # a well-built hitch keeps its mast this near to the vertical
 
@@ -117,7 +118,7 @@ def _free(described: Any, key: str, evaluations: int) -> FreedFit:
 
     The valley is not convex, so that a fit from the printed value alone may miss the best one.
     """
-    at = number_at(described, PLACES[key])
+    at = number_at(described, DIMENSIONS[key].place)
     reach = _REACH * (0.5 if key.endswith((".x", ".z")) else abs(at))
     held = [
         _fit_held(described, key, start, value, evaluations)
@@ -197,7 +198,7 @@ def _straight_beams(described: Any, key: str, x: FloatArray) -> Mechanism:
     ``x`` holds the logarithms of the sections' properties and of the spring's stiffness, and the
     value of the freed dimension, if there is one.
     """
-    mapping = with_numbers(described, [(PLACES[key], float(x[-1]))] if key else [])
+    mapping = with_numbers(described, [(DIMENSIONS[key].place, float(x[-1]))] if key else [])
     values = np.exp(x[: 2 * len(_SECTIONS) + 1])
     sections = {
         name: {"shape": "general", "area": float(a), "second_moment": float(a * r**2)}
@@ -222,9 +223,8 @@ def draw(fits: Sequence[FreedFit]) -> Figure:
     note = "fitted with all sections; degrees: how far the mast leans, orange: up to 10 deg"
     """Draw the cost of each fit, with how far the mast leans."""
     figure = titled_figure(title, note, (8, 5.6))
-    printed = {number.key: number for number in GEOMETRY}
     ordered = sorted(fits, key=lambda fit: fit.cost, reverse=True)
-    names = ["none" if not fit.key else _change(printed[fit.key], fit.value) for fit in ordered]
+    names = ["none" if not fit.key else _change(DIMENSIONS[fit.key], fit.value) for fit in ordered]
     ax = figure.subplots()
     colours = [COLOURS[1] if fit.lean < _UPRIGHT else GREY for fit in ordered]
     ax.barh(names, [fit.cost for fit in ordered], color=colours, height=0.7)

@@ -15,7 +15,7 @@ from linkage_vibration.drawing.palette import COLOURS, GREY, INK
 from linkage_vibration.drawing.plots import PlotError, legend_below, tidy
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.model import Solution
-from linkage_vibration.paper.numbers import OVER_THE_SWEEP, SUBSTRUCTURING
+from linkage_vibration.paper.numbers import OVER_THE_SWEEP, SUBSTRUCTURING, printed_numbers
 from linkage_vibration.support.atomic_files import write_bytes
 
 if TYPE_CHECKING:
@@ -203,13 +203,13 @@ def _natural_frequencies(sweeps: Sweeps) -> "Figure":
         "First three natural frequencies over the stroke (figure 6)", note, (8, 8)
     )
     axes = figure.subplots(3, sharex=True)
-    printed = {number.key.split("over_the_sweep.")[-1]: number.value for number in OVER_THE_SWEEP}
+    over = [number.value for number in printed_numbers(OVER_THE_SWEEP)]
     for row, ax in enumerate(axes[::-1]):
         for solutions, style in styled(sweeps):
             curve = [solution.natural_frequencies[row] for solution in solutions]
             ax.plot(_degrees(solutions), curve, **style)
-        at = {140.0: SUBSTRUCTURING[row].value}
-        ends = (printed[f"mode_{row + 1}.0"], printed[f"mode_{row + 1}.1"])
+        at = {140.0: printed_numbers(SUBSTRUCTURING)[row].value}
+        ends = over[2 * row], over[2 * row + 1]
         if row < 2:
             at |= {90.0: ends[0], 180.0: ends[1]}
         else:

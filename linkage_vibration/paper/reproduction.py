@@ -22,7 +22,7 @@ from linkage_vibration.mechanics.model import LinkageModel, Solution
 from linkage_vibration.mechanics.paths import number_at
 from linkage_vibration.mechanics.response import pole_residue
 from linkage_vibration.paper.figures import draw_figures
-from linkage_vibration.paper.numbers import NUMBERS, PLACES, SOURCE, Number, frequencies
+from linkage_vibration.paper.numbers import GEOMETRY, SOURCE, Number, frequencies, printed_numbers
 from linkage_vibration.readers.mechanism import load_yaml, mechanism_of
 from linkage_vibration.support.atomic_files import make_folder, write_text
 from linkage_vibration.support.resources import PAPER_MECHANISM, config_file
@@ -88,7 +88,7 @@ def reproduce(output: Path, progress: Progress = lambda what, done, total: None)
 
 def geometry(mapping: Any) -> dict[str, float]:
     """Return the numbers of Table 1 as the description of a linkage has them."""
-    return {key: number_at(mapping, place) for key, place in PLACES.items()}
+    return {number.key: number_at(mapping, number.place) for number in printed_numbers(GEOMETRY)}
 
 
 def _sweep(
@@ -130,7 +130,7 @@ def _write_numbers(output: Path, numbers: Mapping[str, Mapping[str, float]]) -> 
         "| where | what | unit | printed |" + "".join(f" {name} | diff. |" for name in numbers),
         "|---|---|---|---:|" + "---:|---:|" * len(numbers),
     ]
-    for number in NUMBERS:
+    for number in printed_numbers():
         about = [number.source, number.quantity, number.unit]
         cells = [_cells(number, ours.get(number.key)) for ours in numbers.values()]
         exact = [cell for value, difference, _, _ in cells for cell in (value, difference)]
