@@ -14,7 +14,7 @@ import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from xml.etree.ElementTree import Element, SubElement, indent, tostring
+from xml.sax.saxutils import escape
 
 from linkage_vibration.export.c_source import SOURCES, Description, c_files, filled, literal
 from linkage_vibration.export.constants import Constants, ExportError
@@ -26,18 +26,6 @@ from linkage_vibration.support.version import VERSION
 FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-fPIC", "-shared")
 """How the library of an FMU is compiled."""
 
-# The base units of each unit that the fields of the messages have.
-_UNITS: dict[str, dict[str, str]] = {
-    "1": {},
-    "s": {"s": "1"},
-    "rad": {"rad": "1"},
-    "Hz": {"s": "-1"},
-    "Hz/rad": {"s": "-1", "rad": "-1"},
-    "m/N": {"kg": "-1", "s": "2"},
-    "m/s": {"m": "1", "s": "-1"},
-    "m/s^2": {"m": "1", "s": "-2"},
-    "rpm": {"rad": "1", "s": "-1", "factor": "0.10471975511965977"},
-}
 _SPEEDS = {
     "engine": "rpm, speed of the engine; 0 if it is not known",
     "pto": "rpm, speed of the PTO; 0 if it is not known",
@@ -84,6 +72,23 @@ class _Variable:
             if value is not None:
                 attributes[name] = str(int(value)) if self.is_integer else repr(float(value))
         return attributes
+
+    def xml(self, reference: int) -> str:
+        """Return the element of the variable with a value reference."""
+        variability = "discrete" if self.is_integer else "continuous"
+        about = {
+            "name": self.name,
+            "valueReference": str(reference),
+            "description": self.description,
+            "causality": self.causality,
+            "variability": "tunable" if self.causality == "parameter" else variability,
+        }
+        kind = "Integer" if self.is_integer else "Real"
+        return (
+            f"    <ScalarVariable{_attributes(about)}>\n"
+            f"      <{kind}{_attributes(self.attributes)} />\n"
+            "    </ScalarVariable>"
+        )
 
 
 def fmu_bytes(description: Description, constants: Constants, *, compiled: bool) -> bytes:
@@ -168,64 +173,29 @@ def _outputs(kind: str, names: Sequence[str], labels: Sequence[str] = ()) -> lis
 def _model_description(
     description: Description, token: str, variables: Sequence[_Variable], sources: Sequence[str]
 ) -> bytes:
-    name, errors = _printable(description.mechanism_name), _printable(description.errors)
-    root = Element(
-        "fmiModelDescription",
-        fmiVersion="2.0",
-        guid=token,
-        numberOfEventIndicators="0",
-        modelName=name,
-        description=f"Predicted vibration, by table {description.table_id}. {errors}",
-        version=VERSION,
-        generationTool=f"linkage_vibration {VERSION}",
-        variableNamingConvention="structured",
-    )
-    steps = {"canHandleVariableCommunicationStepSize": "true"}
-    for interface, more in (("ModelExchange", {}), ("CoSimulation", steps)):
-        attributes = {"modelIdentifier": description.prefix, **more}
-        attributes["canNotUseMemoryManagementFunctions"] = "true"
-        files = SubElement(SubElement(root, interface, attributes), "SourceFiles")
-        for source in sources:
-            SubElement(files, "File", name=source)
-    units = SubElement(root, "UnitDefinitions")
-    for unit, base in _UNITS.items():
-        SubElement(SubElement(units, "Unit", name=unit), "BaseUnit", base)
-    # What an importer simulates unless it is asked for something else.
-    SubElement(root, "DefaultExperiment", startTime="0", stopTime="1", stepSize="0.01")
-    listed, outputs = SubElement(root, "ModelVariables"), []
-    for reference, variable in enumerate(variables):
-        if variable.causality == "independent":
-            continue
-        scalar = SubElement(
-            listed,
-            "ScalarVariable",
-            name=variable.name,
-            valueReference=str(reference),
-            description=_printable(variable.description),
-            causality=variable.causality,
-            variability=_variability(variable),
-        )
-        SubElement(scalar, "Integer" if variable.is_integer else "Real", variable.attributes)
-        if variable.causality == "output":
-            outputs.append(len(listed))
-    structure = SubElement(root, "ModelStructure")
-    for part in ("Outputs", "InitialUnknowns"):
-        unknowns = SubElement(structure, part)
-        for index in outputs:
-            SubElement(unknowns, "Unknown", index=str(index))
-    indent(root)
-    return bytes(tostring(root, encoding="utf-8", xml_declaration=True)) + b"\n"
+    listed = [pair for pair in enumerate(variables) if pair[1].causality != "independent"]
+    outputs = [i for i, (_, variable) in enumerate(listed, 1) if variable.causality == "output"]
+    about = f"Predicted vibration, by table {description.table_id}. {description.errors}"
+    values = {
+        "name": _escaped(description.mechanism_name),
+        "about": _escaped(about),
+        "prefix": description.prefix,
+        "token": token,
+        "version": VERSION,
+        "files": "\n".join(f'      <File name="{name}" />' for name in sources),
+        "variables": "\n".join(variable.xml(reference) for reference, variable in listed),
+        "unknowns": "\n".join(f'      <Unknown index="{i}" />' for i in outputs),
+    }
+    return filled("modelDescription.xml.in", values).encode()
 
 
-def _variability(variable: _Variable) -> str:
-    if variable.causality == "parameter":
-        return "tunable"
-    return "discrete" if variable.is_integer else "continuous"
+def _attributes(values: Mapping[str, str]) -> str:
+    return "".join(f' {name}="{_escaped(value)}"' for name, value in values.items())
 
 
-def _printable(text: str) -> str:
-    """Return a text without characters that XML does not allow."""
-    return "".join(c if c.isprintable() else "?" for c in text)
+def _escaped(text: str) -> str:
+    """Return a text for an attribute, without characters that XML does not allow."""
+    return escape("".join(c if c.isprintable() else "?" for c in text), {'"': "&quot;"})
 
 
 def _library(sources: Mapping[str, str]) -> bytes:
