@@ -446,6 +446,18 @@ class Mechanism:
         points.update(other.clamped for other in self.links if other.name == link and other.clamped)
         return frozenset(points)
 
+    def coarser(self, elements: int, modes: int) -> "Mechanism":
+        """Return the mechanism with at most so many elements and modes in each link."""
+        links = (
+            dataclasses.replace(
+                link,
+                body=link.body.with_elements(min(elements, link.body.elements or elements)),
+                modes=min(modes, link.modes),
+            )
+            for link in self.links
+        )
+        return dataclasses.replace(self, links=tuple(links))
+
     def components(
         self, *, spatial: bool = False, reduced: bool = True
     ) -> tuple[Component | FrfComponent, ...]:

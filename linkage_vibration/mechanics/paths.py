@@ -8,7 +8,7 @@ A number is named by its path: keys joined by dots, with positions in lists coun
 
 import copy
 import functools
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from linkage_vibration.mechanics.description import MechanismError
@@ -43,6 +43,19 @@ def with_numbers(mapping: dict[str, Any], numbers: Iterable[tuple[str, float]]) 
         parent = functools.reduce(_below, keys, changed)
         parent[int(last) if isinstance(parent, list) else last] = number
     return changed
+
+
+def refuse_shared(mapping: dict[str, Any], names: Sequence[str], where: str) -> None:
+    """Refuse two parameters that are one number, perhaps by an alias."""
+    marks = [(path, float(i)) for i, name in enumerate(names) for path in split_paths(name)]
+    for path, _ in marks:
+        number_at(mapping, path)  # it has to exist
+    marked = with_numbers(mapping, marks)
+    for path, mark in marks:
+        other = int(number_at(marked, path))
+        if other != mark:
+            problem = "are one number, perhaps by an alias; remove one of them"
+            raise MechanismError(where, f"{path} and {names[other]} {problem}.")
 
 
 def number_paths(data: Any, above: str = "") -> Iterator[str]:

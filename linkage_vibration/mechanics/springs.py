@@ -39,12 +39,11 @@ def spring_stiffness(spring: Spring, mechanism: Mechanism, configuration: Config
         return spring.stiffness
     if isinstance(spring.stiffness, StiffnessCurve):
         return float(_spline(spring.stiffness)(configuration.alpha3))
-    unit, length = spring_line(spring, mechanism, configuration)
+    _, length = spring_line(spring, mechanism, configuration)
     axial = _column(spring.name, spring.stiffness, length, configuration)
     if spring.stiffness.ends is None:
         return axial
-    lever, _ = _lever(_arm(spring, mechanism, configuration), unit, length)
-    return axial * lever**2
+    return axial * _lever(spring, mechanism, configuration)[0] ** 2
 
 
 def spring_prestress(
@@ -59,8 +58,7 @@ def spring_prestress(
         return force / spring_line(spring, mechanism, configuration)[1]
     if not isinstance(spring.stiffness, Cylinder):
         return 0.0
-    unit, length = spring_line(spring, mechanism, configuration)
-    lever, rate = _lever(_arm(spring, mechanism, configuration), unit, length)
+    lever, rate = _lever(spring, mechanism, configuration)
     return force / lever * rate
 
 
@@ -76,9 +74,7 @@ def tension_share(spring: Spring, mechanism: Mechanism, configuration: Configura
         return 1.0
     if spring.stiffness.ends is None:
         return 1.0 / spring.stiffness.count
-    unit, length = spring_line(spring, mechanism, configuration)
-    lever, _ = _lever(_arm(spring, mechanism, configuration), unit, length)
-    return 1.0 / (spring.stiffness.count * lever)
+    return 1.0 / (spring.stiffness.count * _lever(spring, mechanism, configuration)[0])
 
 
 def read_stiffness(keys: Keys, stroke: tuple[float, float]) -> float | StiffnessCurve | Cylinder:
@@ -97,51 +93,37 @@ def _spline(curve: StiffnessCurve) -> CubicSpline:
 def _read_curve(keys: Keys, stroke: tuple[float, float]) -> StiffnessCurve:
     angles, values = keys.numbers("alpha3_deg"), keys.numbers("values")
     if len(angles) < 2 or len(angles) != len(values):
-        raise keys.error(
-            "values",
-            f"{len(values)} values belong to {len(angles)} angles; give one for each of at least "
-            "two angles.",
-        )
+        problem = f"{len(values)} values belong to {len(angles)} angles"
+        raise keys.error("values", f"{problem}; give one for each of at least two angles.")
     if not (np.diff(angles) > 0.0).all():
         raise keys.error("alpha3_deg", "the angles do not ascend; sort them.")
     if stroke[0] < angles[0] or angles[-1] < stroke[1]:
-        raise keys.error(
-            "alpha3_deg",
-            f"[{angles[0]:g}, {angles[-1]:g}] does not cover input.range_deg "
-            f"([{stroke[0]:g}, {stroke[1]:g}]); add angles.",
-        )
+        used = f"input.range_deg ([{stroke[0]:g}, {stroke[1]:g}])"
+        problem = f"[{angles[0]:g}, {angles[-1]:g}] does not cover {used}; add angles."
+        raise keys.error("alpha3_deg", problem)
     curve = StiffnessCurve(tuple(np.radians(angles).tolist()), tuple(values))
     between = np.linspace(curve.angles[0], curve.angles[-1], _DENSE * len(angles))
     low = int(_spline(curve)(between).argmin())
     if not _spline(curve)(between[low]) > 0.0:
-        raise keys.error(
-            "values",
-            f"the curve through them is not above zero at {math.degrees(between[low]):.1f} deg; "
-            "give more angles there, or positive values.",
-        )
+        at = f"{math.degrees(between[low]):.1f} deg"
+        problem = f"the curve through them is not above zero at {at}"
+        raise keys.error("values", f"{problem}; give more angles there, or positive values.")
     keys.refuse_outside("values", max(values), 0.0, STIFFEST, RIGID)
     return curve
 
 
 def _read_cylinder(keys: Keys, *, on_joint: bool) -> Cylinder:
-    bore = keys.number("bore", positive=True)
+    closed = keys.number("closed_length", positive=True)
+    bore, stroke = (
+        keys.number(key, positive=True, most=_LONGER * closed, hint="lengths are in m")
+        for key in ("bore", "stroke")
+    )
     rod = keys.number("rod", positive=True) if "rod" in keys else None
     if rod is not None and rod >= bore:
         raise keys.error("rod", f"{rod:g} m does not fit into a bore of {bore:g} m; check both.")
-    closed = keys.number("closed_length", positive=True)
-    stroke = keys.number("stroke", positive=True)
-    for key, length in (("bore", bore), ("stroke", stroke)):
-        if length > _LONGER * closed:
-            raise keys.error(
-                key,
-                f"{length:g} m does not fit to a closed length of {closed:g} m; lengths are in m.",
-            )
-    hose, swept = keys.number("hose_volume", default=0.0), math.pi / 4.0 * bore**2 * stroke
-    if not 0.0 <= hose <= _MOST_HOSE * swept:
-        raise keys.error(
-            "hose_volume",
-            f"{hose:g} m3 does not fit to the {swept:.3g} m3 of the cylinder; a litre is 1.0e-3.",
-        )
+    most = _MOST_HOSE * math.pi / 4.0 * bore**2 * stroke
+    hint = f"the cylinder has {most / _MOST_HOSE:.3g} m3, and a litre is 1.0e-3"
+    hose = keys.number("hose_volume", default=0.0, least=0.0, most=most, hint=hint)
     modulus = keys.number("bulk_modulus", least=_SOFTEST, hint="mineral oil has 1.6e+9 Pa")
     return Cylinder(
         ends=(keys.point("base_end"), keys.point("rod_end")) if on_joint else None,
@@ -179,19 +161,15 @@ def spring_line(
     return away / length, length
 
 
-def _arm(spring: Spring, mechanism: Mechanism, configuration: Configuration) -> FloatArray:
-    """Return the way from a joint to the second end of the cylinder that turns it, (2,), m."""
-    first, pin = spring.bodies[0], spring.points[0]
-    start = configuration.place(first, mechanism.local_points(first)[pin])
-    return configuration.place(*_ends(spring, mechanism)[1]) - start
-
-
-def _lever(arm: FloatArray, unit: FloatArray, length: float) -> tuple[float, float]:
-    """Return the lever of a cylinder about a pin, m, and its derivative by the pin's angle.
-
-    ``arm`` leads from the pin to the end that turns, ``unit`` along the cylinder to that end.
-    """
-    across = np.array([-arm[1], arm[0]])  # how the end moves as the pin turns
+def _lever(
+    spring: Spring, mechanism: Mechanism, configuration: Configuration
+) -> tuple[float, float]:
+    """Return the lever of a cylinder about its pin, m, and its derivative by the pin's angle."""
+    unit, length = spring_line(spring, mechanism, configuration)
+    body, pin = spring.bodies[0], spring.points[0]
+    start = configuration.place(body, mechanism.local_points(body)[pin])
+    arm = configuration.place(*_ends(spring, mechanism)[1]) - start  # to the end that turns
+    across = np.array([-arm[1], arm[0]])  # how this end moves as the pin turns
     lever = float(unit @ across)
     return lever, (float(across @ across) - lever**2) / length - float(unit @ arm)
 

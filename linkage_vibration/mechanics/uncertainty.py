@@ -18,7 +18,13 @@ from linkage_vibration.mechanics.description import (
     Uncertainty,
 )
 from linkage_vibration.mechanics.keys import Keys
-from linkage_vibration.mechanics.paths import number_at, number_paths, split_paths, with_numbers
+from linkage_vibration.mechanics.paths import (
+    number_at,
+    number_paths,
+    refuse_shared,
+    split_paths,
+    with_numbers,
+)
 
 _ROOTS = ("base", "damping", "ground", "links", "rigid_bodies", "springs")
 _COUNTS = ("count", "elements", "modes")
@@ -53,7 +59,7 @@ def read_uncertainty(
             if path in numbers:
                 raise keys[kind].error(path, "it is also under relative; give it once.")
             numbers[path] = _number(keys[kind], path, mapping, parse, relative=kind == "relative")
-    _check_places(keys, list(numbers), mapping)
+    refuse_shared(mapping, list(numbers), keys.path)
     correlation = _correlation(keys, list(numbers))
     kept = [i for i, number in enumerate(numbers.values()) if number.deviation > 0.0]
     rows = correlation[np.ix_(kept, kept)].tolist()
@@ -115,17 +121,6 @@ def _number(
     return UncertainNumber(path, values[0], deviation, step, relative, (low, high))
 
 
-def _check_places(keys: Keys, paths: list[str], mapping: dict[str, Any]) -> None:
-    """Refuse two paths that lead to one number, perhaps by an alias."""
-    marks = [(place, float(i)) for i, path in enumerate(paths) for place in split_paths(path)]
-    marked = with_numbers(mapping, marks)
-    for place, mark in marks:
-        other = int(number_at(marked, place))
-        if other != mark:
-            problem = "are one number, perhaps by an alias; remove one of them"
-            raise MechanismError(keys.path, f"{place} and {paths[other]} {problem}.")
-
-
 def _most_like(path: str, paths: list[str]) -> str:
     return ", ".join(difflib.get_close_matches(path, paths, 3, 0.0))
 
@@ -134,7 +129,8 @@ def _correlation(keys: Keys, paths: list[str]) -> FloatArray:
     """Read the correlations of the numbers, (n, n)."""
     matrix = np.eye(len(paths))
     for entry in keys.items("correlations") if "correlations" in keys else ():
-        pair, value = entry.words("between"), entry.number("value")
+        pair = entry.words("between")
+        value = entry.number("value", least=-1.0, most=1.0, hint="it is between -1 and 1")
         for path in pair:
             if path not in paths:
                 near = f"those that are most like it are {_most_like(path, paths)}"
@@ -144,8 +140,6 @@ def _correlation(keys: Keys, paths: list[str]) -> FloatArray:
         i, j = (paths.index(path) for path in pair)
         if matrix[i, j] != 0.0:
             raise entry.error("between", "these two have a correlation already; remove one.")
-        if not -1.0 < value < 1.0:
-            raise entry.error("value", f"{value:g} is not between -1 and 1.")
         matrix[i, j] = matrix[j, i] = value
     values, vectors = np.linalg.eigh(matrix)
     if len(paths) and values[0] < _SINGULAR:

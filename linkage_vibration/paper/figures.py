@@ -16,6 +16,7 @@ from linkage_vibration.drawing.plots import PlotError, legend_below, tidy
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.model import Solution
 from linkage_vibration.paper.numbers import OVER_THE_SWEEP, SUBSTRUCTURING, printed_numbers
+from linkage_vibration.studies.pose import pin_places
 from linkage_vibration.support.atomic_files import write_bytes
 
 if TYPE_CHECKING:
@@ -105,14 +106,9 @@ def _draw_mode(
 def _points(solution: Solution) -> dict[str, FloatArray]:
     """Return the places of the named points and of the centre of gravity M."""
     mechanism, configuration = solution.model.mechanism, solution.configuration
-    points = {
-        point: configuration.place(body.name, local)
-        for body in mechanism.bodies
-        for point, local in body.points
-    }
     rigid = mechanism.rigid_bodies[0]
-    points["M"] = configuration.place(rigid.name, rigid.centre_of_gravity)
-    return points | {point: np.array(place) for point, place in mechanism.ground}
+    centre = configuration.place(rigid.name, rigid.centre_of_gravity)
+    return {**pin_places(mechanism, configuration), "M": centre}
 
 
 _NAMES = {  # at these offsets from their points, in points of text

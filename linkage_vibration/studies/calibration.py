@@ -19,7 +19,7 @@ Where the targets say little, the bounds limit the errors, as those of a uniform
 import itertools
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -243,16 +243,6 @@ def _natural_frequencies(model: LinkageModel, targets: Sequence[Target]) -> Floa
     return np.array(frequencies)
 
 
-def _coarse(mechanism: Mechanism) -> Mechanism:
-    """Return a mechanism whose beams are meshed no finer than a fit needs."""
-    links = list(mechanism.links)
-    for i, link in enumerate(links):
-        if link.body.elements is not None:
-            body = link.body.with_elements(min(link.body.elements, COARSE_ELEMENTS))
-            links[i] = replace(link, body=body, modes=min(link.modes, COARSE_MODES))
-    return replace(mechanism, links=tuple(links))
-
-
 def _numbers(calibration: CalibrationTask, values: Sequence[float]) -> list[tuple[str, float]]:
     """List the path of every place that holds a parameter, with its value."""
     pairs = zip(calibration.parameters, values, strict=True)
@@ -278,7 +268,8 @@ def _residuals(calibration: CalibrationTask, logs: FloatArray) -> FloatArray:
 
 def _misfits(calibration: CalibrationTask, mechanism: Mechanism) -> FloatArray:
     """Return ln(frequency / wanted) / deviation, (n_targets,), of a coarse mesh."""
-    mechanism, closed = _coarse(mechanism), calibration.kinematics
+    mechanism = mechanism.coarser(COARSE_ELEMENTS, COARSE_MODES)
+    closed = calibration.kinematics
     geometry = mechanism.ground, tuple((body.name, body.points) for body in mechanism.bodies)
     if geometry not in closed:
         closed.clear()

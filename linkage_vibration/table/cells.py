@@ -73,26 +73,24 @@ class Cells:
         """Return the values at angles in rad, (n, k)."""
         i, cell, t = self._at(alpha3)
         values = ((cell[:, 0] * t + cell[:, 1]) * t + cell[:, 2]) * t + cell[:, 3]
-        for row in np.flatnonzero(self._direct[i]):
-            without = np.isposinf(cell[row, 3])
-            exact = np.array(self._poles.values(int(i[row]), float(alpha3[row])))
-            values[row, without] = exact[without]
-        return np.asarray(values)
+        return self._completed(values, i, alpha3, slopes=False)
 
     def many_slopes(self, alpha3: FloatArray) -> FloatArray:
         """Return the slopes at angles in rad, (n, k), per rad."""
         i, cell, t = self._at(alpha3)
         slopes = (3.0 * cell[:, 0] * t + 2.0 * cell[:, 1]) * t + cell[:, 2]
-        for row in np.flatnonzero(self._direct[i]):
-            without = np.isposinf(cell[row, 3])
-            exact = np.array(self._poles.slopes(int(i[row]), float(alpha3[row])))
-            slopes[row, without] = exact[without]
-        return np.asarray(slopes)
+        return self._completed(slopes, i, alpha3, slopes=True)
 
-    @property
-    def _poles(self) -> PoleFinder:
-        assert self._finder is not None
-        return self._finder
+    def _completed(
+        self, numbers: FloatArray, cells: IntArray, alpha3: FloatArray, *, slopes: bool
+    ) -> FloatArray:
+        """Return numbers at angles, (n, k), with those of the finder where cells lack cubics."""
+        for row in np.flatnonzero(self._direct[cells]):
+            assert self._finder is not None
+            find = self._finder.slopes if slopes else self._finder.values
+            without = np.isposinf(self._cells[cells[row], 3])
+            numbers[row, without] = np.array(find(int(cells[row]), float(alpha3[row])))[without]
+        return numbers
 
     def _cell(self, alpha3: float) -> tuple[list[list[float]] | None, float]:
         starts, cells = self._plain

@@ -27,7 +27,6 @@ from linkage_vibration.studies.calibration import (
     Parameter,
     Target,
     _apply,
-    _coarse,
     _covariance,
     _extreme,
     _natural_frequencies,
@@ -55,7 +54,7 @@ def measured(mechanism: Mechanism) -> list[Target]:
     """Return the frequencies that a measurement of the linkage would give, meshed as in a fit."""
     asked = [Target(mode, math.radians(a), 1.0, 0.01) for mode in (1, 2, 3) for a in (90, 130, 175)]
     asked += [Target(3, "lowest", 1.0, 0.01), Target(2, "highest", 1.0, 0.01)]
-    found = _natural_frequencies(LinkageModel(_coarse(mechanism)), asked)
+    found = _natural_frequencies(LinkageModel(mechanism.coarser(10, 4)), asked)
     return [
         Target(target.mode, target.at, float(hz), target.deviation)
         for target, hz in zip(asked, found, strict=True)

@@ -414,7 +414,7 @@ def test_two_parameters_that_are_one_number(space: Callable[..., Path], tmp_path
     assert read_designs(path).shape == (2, 2)
     shipped = config_file("four_bar.yaml").read_text()  # its links share a material by an alias
     (tmp_path / "four_bar.yaml").write_text(shipped)
-    with pytest.raises(SweepError, match="same number"):
+    with pytest.raises(SweepError, match="are one number"):
         read_designs(path)
     text = path.read_text()
     path.write_text(yaml.safe_dump({**yaml.safe_load(text), "parameters": {DENSITY: [7900.0]}}))

@@ -8,6 +8,7 @@ design. ``config/sweeps/implement.yaml`` shows every key.
 """
 
 import hashlib
+import itertools
 import json
 import math
 from collections.abc import Mapping
@@ -21,7 +22,7 @@ from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.description import Mechanism, MechanismError
 from linkage_vibration.mechanics.keys import Keys
-from linkage_vibration.mechanics.paths import number_at, split_paths, with_numbers
+from linkage_vibration.mechanics.paths import refuse_shared, split_paths, with_numbers
 from linkage_vibration.readers.mechanism import load_yaml, mechanism_of
 from linkage_vibration.support.version import VERSION
 from linkage_vibration.table.tabulation import TOLERANCE
@@ -103,7 +104,10 @@ def _read(path: Path) -> Designs:
     alpha3 = np.array([math.radians(angle) for angle in _linspace(keys["angles_deg"])])
     tolerance = keys.number("tolerance", positive=True, default=TOLERANCE)
     keys.refuse_unknown()
-    _check_places(mapping, names)
+    refuse_shared(mapping, names, "parameters")
+    if "response.modes" in itertools.chain(*map(split_paths, names)):
+        what = "all designs need the same number of modes; set it in the mechanism."
+        raise MechanismError("parameters.response.modes", what)
     if not names:
         raise MechanismError("parameters", "is empty; name at least one.")
     if alpha3.min() < base.stroke[0] or alpha3.max() > base.stroke[1]:
@@ -136,18 +140,3 @@ def _values(value: Any, path: str) -> tuple[float, ...]:
 def _linspace(keys: Keys) -> list[float]:
     ends = keys.number("from"), keys.number("to")
     return [float(x) for x in np.linspace(*ends, keys.integer("points"))]
-
-
-def _check_places(mapping: dict[str, Any], paths: tuple[str, ...]) -> None:
-    """Refuse places that hold no number, and two parameters that are one number."""
-    marks = [(place, float(i)) for i, path in enumerate(paths) for place in split_paths(path)]
-    for place, _ in marks:
-        number_at(mapping, place)
-        if place == "response.modes":
-            what = "all designs need the same number of modes; set it in the mechanism."
-            raise MechanismError(f"parameters.{place}", what)
-    marked = with_numbers(mapping, marks)
-    for place, mark in marks:
-        if number_at(marked, place) != mark:
-            what = "another parameter is the same number, perhaps by an alias; remove one of them."
-            raise MechanismError(f"parameters.{place}", what)

@@ -187,22 +187,13 @@ class _Solver:
 
     def _coarse(self, mechanism: Mechanism) -> LinkageModel:
         """Return the model of a member."""
-        elements, modes = self._mesh
-        links = tuple(
-            replace(
-                link,
-                body=link.body.with_elements(min(elements, link.body.elements or elements)),
-                modes=min(modes, link.modes),
-            )
-            for link in mechanism.links
-        )
         springs = tuple(
             replace(s, stiffness=replace(s.stiffness, margin=_BEYOND * s.stiffness.stroke))
             if isinstance(s.stiffness, Cylinder)
             else s
             for s in mechanism.springs
         )
-        mechanism = replace(mechanism, links=links, springs=springs)
+        mechanism = replace(mechanism.coarser(*self._mesh), springs=springs)
         return LinkageModel(mechanism, kinematics=self._model.kinematics.nearby(mechanism))
 
     def _solved(self, model: LinkageModel, alpha3: float) -> _Modes:

@@ -4,7 +4,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -25,8 +25,8 @@ class Tracked:
     """The modes of each of n samples that continue the k modes of the first, and their values."""
 
     variables: FloatArray  # (n,): stroke variables of the samples, ascending
-    orders: list[IntArray]  # indices of the modes of each sample, (k,)
-    shapes: list[FloatArray]  # the aligned shapes, (n_interface, k)
+    orders: IntArray  # (n, k): indices of the modes of each sample
+    shapes: FloatArray  # (n, n_interface, k): the aligned shapes
     mac: FloatArray  # (n - 1, k): MAC from each sample to the next
     log_frequencies: FloatArray  # (n, k): logarithms of natural frequencies in Hz
     ratios: FloatArray  # (n, k): damping ratios
@@ -41,17 +41,9 @@ class Tracked:
 
     def only(self, rows: BoolArray) -> "Tracked":
         """Return the modes at some of the samples, (n,), as tracked through all of them."""
-        kept = np.flatnonzero(rows)
-        return Tracked(
-            self.variables[kept],
-            [self.orders[i] for i in kept],
-            [self.shapes[i] for i in kept],
-            self.mac[:0],
-            self.log_frequencies[kept],
-            self.ratios[kept],
-            self.peak_frequencies[kept],
-            self.peak_magnitudes[kept],
-        )
+        arrays = {each.name: getattr(self, each.name) for each in fields(self)}
+        mac = arrays.pop("mac")[:0]
+        return Tracked(mac=mac, **{name: array[rows] for name, array in arrays.items()})
 
 
 class Tracker:
@@ -95,8 +87,8 @@ class Tracker:
         peaks = [np.hstack([sample.peaks[:, order], sample.edges]) for sample, order in both]
         return Tracked(
             np.array(variables),
-            orders,
-            [shape[:, rank] for shape in shapes],
+            np.array(orders),
+            np.array([shape[:, rank] for shape in shapes]),
             mac[:, rank],
             np.log([sample.frequencies[order] for sample, order in both]),
             np.array([sample.ratios[order] for sample, order in both]),
