@@ -35,8 +35,8 @@ _NOTHING = 1e-15  # Smaller residues, as shares of the largest, are rounding.
 _GRID = 200  # number of frequencies over the band at which a peak is sought first
 _STEPS = 12  # Each maximum is then found in so many steps.
 _BESIDE = 1e-6  # relative distance from 0 Hz at which a slope is evaluated
-# places, in half-power half-widths, between which the maximum of a resonance is sought
-_WIDER = np.linspace(-8.0, 8.0, 33)
+# half-power half-widths up to which the maximum of a resonance is sought, at so many places first
+_FARTHEST, _WIDER = 8.0, 33
 _AROUND = np.linspace(-2.0, 2.0, 9)  # lines about each resonance, in half-power half-widths
 
 
@@ -261,9 +261,11 @@ class PoleResidue:
         k, width = np.abs(self.stiffness[modes]), self._half_widths(modes)
         start = np.sqrt(np.maximum(k - 2.0 * width**2, 0.0))
         # Other modes may have shifted the maximum.
-        grid = np.maximum(start[:, np.newaxis] + np.multiply.outer(width, _WIDER), 0.0)
+        ends = np.maximum(start - _FARTHEST * width, 0.0), start + _FARTHEST * width
+        grid = np.linspace(*ends, _WIDER, axis=1)
         size = np.abs(self._value(grid.ravel())).reshape(grid.shape)
         row, omega, turns = find_maxima(grid, size, lambda _, w: self._slope(w), 0.0)
+        turns |= omega == 0.0
         row, omega = row[turns], omega[turns]
         order = np.lexsort((np.abs(omega - start[row]), row))
         first = order[np.unique(row[order], return_index=True)[1]]
@@ -291,13 +293,13 @@ class PoleResidue:
         return np.asarray(self._terms(omega)[1].sum(axis=1) + self.residual[0, 0])
 
     def _slope(self, omega: FloatArray) -> FloatArray:
-        """Return d(abs(H)^2)/dw / 2 of the only FRF, at angular frequencies, (n_freq,)."""
+        """Return d(abs(H)^2)/d(w^2) of the only FRF, at angular frequencies, (n_freq,)."""
         below, terms = self._terms(omega)
+        value = terms.sum(axis=1) + self.residual[0, 0]
         with np.errstate(divide="ignore", invalid="ignore"):
             rates = terms * (1j * self.decay - 2.0 * omega[:, np.newaxis])
             derivative = ((1j * self.rates[0, 0] - rates) / below).sum(axis=1)
-        value = terms.sum(axis=1) + self.residual[0, 0]
-        return np.asarray((value.conj() * derivative).real)
+            return np.asarray((value.conj() * derivative).real / omega)
 
 
 def find_maxima(
