@@ -152,19 +152,6 @@ class PoleResidue:
             self.residual + weights[:, :, 0],
         )
 
-    def between(self, output: int, into: int) -> "PoleResidue":
-        """Return a single FRF.
-
-        Parameters
-        ----------
-        output, into : int
-            Indices.
-        """
-        at = slice(output, output + 1), slice(into, into + 1)
-        return replace(
-            self, residues=self.residues[at], rates=self.rates[at], residual=self.residual[at]
-        )
-
     def driven(self, w: FloatArray, v: FloatArray) -> tuple["PoleResidue", ComplexArray]:
         """Return the response to w + s v at the inputs together, where s is i omega.
 

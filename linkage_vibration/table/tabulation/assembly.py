@@ -15,7 +15,6 @@ from linkage_vibration.support.version import VERSION
 from linkage_vibration.table.reduced import frf_pairs, shortened
 from linkage_vibration.table.table import POINTWISE, UNITS, Table
 from linkage_vibration.table.tabulation.accuracy import Accuracy, Bounds
-from linkage_vibration.table.tabulation.near_terms import near_terms
 from linkage_vibration.table.tabulation.peaks import SILENT, notable
 from linkage_vibration.table.tabulation.refinement import Piece
 from linkage_vibration.table.tabulation.sampling import Sampler, Terms
@@ -121,12 +120,9 @@ def _with_frfs(
 
     Terms have the same indices as the modes, since there is no mechanism mode.
     """
-    stiffness, decay, participations = near_terms(terms, tracked)
-    others = [
-        np.delete(np.arange(len(each.damped.decay)), order)
-        for each, order in zip(terms, tracked.orders, strict=True)
-    ]
-    both = list(zip(terms, others, strict=True))
+    own = list(zip(terms, tracked.orders, tracked.shapes, strict=True))
+    both = [(each, np.delete(np.arange(len(each.damped.decay)), order)) for each, order, _ in own]
+    shapes = [each.rows @ shapes[: each.rows.shape[1]] for each, _, shapes in own]
     far = far_poles(
         np.concatenate([each.damped.stiffness[rest] for each, rest in both]),
         np.concatenate([each.damped.decay[rest] for each, rest in both]),
@@ -137,9 +133,9 @@ def _with_frfs(
         table,
         places=sampler.places,
         forces=sampler.forces,
-        term_stiffness=stiffness,
-        term_decay=decay,
-        participations=participations,
+        term_stiffness=np.array([each.damped.stiffness[order] for each, order, _ in own]),
+        term_decay=np.array([each.damped.decay[order] for each, order, _ in own]),
+        participations=np.array(shapes).astype(complex),
         far_stiffness=far.stiffness,
         far_decay=far.decay,
         far_residues=shortened(

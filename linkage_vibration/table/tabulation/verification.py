@@ -2,17 +2,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """Compares a table with the model, at points to which it was not fitted."""
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.response import pole_residue
-from linkage_vibration.table.interpolation import stroke_angle
+from linkage_vibration.table.interpolation import NearTerms, stroke_angle
 from linkage_vibration.table.table import CELLS, Table
 from linkage_vibration.table.tabulation.accuracy import MARGIN, ROUNDING, Bounds
 from linkage_vibration.table.tabulation.frf_errors import frf_norms, worst_share
-from linkage_vibration.table.tabulation.near_terms import term_change
 from linkage_vibration.table.tabulation.peaks import row_errors
 from linkage_vibration.table.tabulation.refinement import Piece, dense
 from linkage_vibration.table.tabulation.sampling import Sampler
@@ -83,7 +84,7 @@ def _frf_error(
     angles = stroke_angle(dense(*piece.ends)[::2], table.toggles).clip(*table.alpha3_range)
     coarse_terms, finer_terms = (each.terms(index, angles) for each in (table, finer))
     highest: set[int] = set()
-    for change in term_change(coarse_terms, finer_terms, table.band, len(table.places)):
+    for change in _term_change(coarse_terms, finer_terms, table.band, len(table.places)):
         rises, falls = np.diff(change, prepend=-1.0) > 0.0, np.diff(change, append=-1.0) <= 0.0
         tops = np.flatnonzero(rises & falls)
         highest.update(tops[np.argsort(change[tops])[-_FRF_ANGLES:]].tolist())
@@ -93,3 +94,31 @@ def _frf_error(
         worst = max(worst, worst_share(np.hypot(off, far), norms))
         worst_far = max(worst_far, worst_share(far, norms))
     return worst, worst_far
+
+
+def _term_change(
+    terms: NearTerms, finer: NearTerms, band: tuple[float, float], n_inputs: int
+) -> FloatArray:
+    """Return roughly how much finer polynomials change FRFs in a band (Hz) at n angles, (2, n).
+
+    The first row is of displacements, the second of displacements and forces.
+
+    A pole that moves by d changes its term by abs(d) / (sqrt(2) w) in the L2 norm, with its
+    half-power half-width w. The first so many rows of the shapes are inputs, too.
+    """
+    (k, c, shapes), (coarse_k, coarse_c, coarse_shapes) = finer, terms
+    omega = np.sqrt(k)
+    width = c / 2.0 + omega.imag
+    moved = np.abs(np.sqrt(coarse_k) - omega + 0.5j * (coarse_c - c)) / (math.sqrt(2.0) * width)
+    # The squared L2 norm of a term over the band is pi abs(r)^2 / (4 omega^2 w).
+    weight = np.where(omega.real < 2.0 * math.pi * band[1], omega.real**-2 / width, 0.0)
+    weight, moved = weight[:, np.newaxis], moved[:, np.newaxis]
+    size, change = np.abs(shapes), np.abs(coarse_shapes - shapes)
+    inputs, turned = (each[:, :n_inputs].swapaxes(1, 2) for each in (size, change))
+    whole = (weight * size**2) @ inputs**2
+    # abs(d(s t)) <= abs(ds) abs(t) + abs(s) abs(dt) for the shapes s and t at two places
+    off = (weight * (change**2 + (size * moved) ** 2)) @ inputs**2
+    off += (weight * size**2) @ turned**2
+    off += 2.0 * (weight * size * change) @ (inputs * turned)
+    norms = list(zip(np.sqrt(off), np.sqrt(whole), strict=True))
+    return np.array([[worst_share(o[:n], s[:n]) for o, s in norms] for n in (n_inputs, None)])
