@@ -93,19 +93,9 @@ class _Change:
     steps: float  # how many steps to the larger number are one standard deviation
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _JoinRate:
-    """How one standard deviation of a number changes what joins the components."""
-
-    stiffness: FloatArray
-    damping: FloatArray
-    angles: FloatArray  # (n_bodies,), rad
-    compatibility: FloatArray
-    elongation: FloatArray
-    prestress: FloatArray  # of all components, (n, n)
-
-
-Joins = list[_JoinRate | None]
+# How one standard deviation of each number changes the arrays of a `Joining`, the ``angles`` of the
+# bodies, (n_bodies,), rad, and the ``prestress`` of all components, (n, n).
+Joins = list[dict[str, FloatArray] | None]
 
 
 class Sensitivity:
@@ -211,13 +201,14 @@ class Sensitivity:
                         form += weight * (shapes[rows].T @ block @ shapes[rows])
             if rate is None:
                 continue
-            stiffer = np.outer(rate.damping, weights[1]) + np.outer(rate.stiffness, weights[2])
+            damping, stiffness = rate["damping"], rate["stiffness"]
+            stiffer = np.outer(damping, weights[1]) + np.outer(stiffness, weights[2])
             form += stretch.T @ (stiffer * stretch)
-            gap = multipliers.T @ (rate.compatibility @ moved)
-            more = rate.elongation @ moved
+            gap = multipliers.T @ (rate["compatibility"] @ moved)
+            more = rate["elongation"] @ moved
             form += gap + gap.T
             form += stretch.T @ (springs * more) + more.T @ (springs * stretch)
-            form += weights[2] * (shapes.T @ rate.prestress @ shapes)
+            form += weights[2] * (shapes.T @ rate["prestress"] @ shapes)
         return np.concatenate([np.zeros((0, k, k)), forms])
 
     def _mixing(
@@ -260,7 +251,7 @@ class Sensitivity:
         turns = np.zeros(len(joins))
         for i, rate in enumerate(joins):
             if rate is not None:
-                turns[i] = rate.angles @ rates[:-1] / (rates @ rates)
+                turns[i] = rate["angles"] @ rates[:-1] / (rates @ rates)
         return float(np.linalg.norm(self._root.T @ turns))
 
     def _change(self, number: UncertainNumber, bases: dict[str, FloatArray]) -> _Change:
@@ -348,7 +339,7 @@ def _spread(number: UncertainNumber) -> float:
     return math.sqrt(grown * (grown - 1.0)) / share
 
 
-def _join_rates(change: _Change, solution: Solution) -> _JoinRate | None:
+def _join_rates(change: _Change, solution: Solution) -> dict[str, FloatArray] | None:
     """Return how a number changes what joins the components in a configuration."""
     if change.other is None:
         return None
@@ -356,14 +347,11 @@ def _join_rates(change: _Change, solution: Solution) -> _JoinRate | None:
     moves = other.kinematics is not solution.model.kinematics
     there = other.kinematics.at(here.alpha3) if moves else here
     high = other.interface.join(there)
-    return _JoinRate(
-        change.steps * (high.stiffness - low.stiffness),
-        change.steps * (high.damping - low.damping),
-        change.steps * (there.angles - here.angles),
-        change.steps * (high.compatibility - low.compatibility),
-        change.steps * (high.elongation - low.elongation),
-        change.steps * (other.prestress(there, high) - solution.prestress),
-    )
+    names = ("stiffness", "damping", "compatibility", "elongation")
+    rates = {name: getattr(high, name) - getattr(low, name) for name in names}
+    rates["angles"] = there.angles - here.angles
+    rates["prestress"] = other.prestress(there, high) - solution.prestress
+    return {name: change.steps * rate for name, rate in rates.items()}
 
 
 def _stacked(component: Component) -> FloatArray:
