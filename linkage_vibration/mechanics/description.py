@@ -446,18 +446,6 @@ class Mechanism:
         points.update(other.clamped for other in self.links if other.name == link and other.clamped)
         return frozenset(points)
 
-    def coarser(self, elements: int, modes: int) -> "Mechanism":
-        """Return the mechanism with at most so many elements and modes in each link."""
-        links = (
-            dataclasses.replace(
-                link,
-                body=link.body.with_elements(min(elements, link.body.elements or elements)),
-                modes=min(modes, link.modes),
-            )
-            for link in self.links
-        )
-        return dataclasses.replace(self, links=tuple(links))
-
     def components(
         self, *, spatial: bool = False, reduced: bool = True
     ) -> tuple[Component | FrfComponent, ...]:
@@ -477,6 +465,19 @@ class Mechanism:
         """Make the component of every rigid body, and of the base."""
         rigid = [body.component(self.damping) for body in self.rigid_bodies]
         return (*rigid, *([] if self.base is None else [self.base.component()]))
+
+
+def coarser(mechanism: Mechanism, elements: int, modes: int) -> Mechanism:
+    """Return a mechanism with at most so many elements and modes in each link."""
+    links = (
+        dataclasses.replace(
+            link,
+            body=link.body.with_elements(min(elements, link.body.elements or elements)),
+            modes=min(modes, link.modes),
+        )
+        for link in mechanism.links
+    )
+    return dataclasses.replace(mechanism, links=tuple(links))
 
 
 def rayleigh_damping(ratio: float, low: float, high: float) -> Rayleigh:

@@ -29,7 +29,7 @@ from scipy.special import chdtri
 
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import BoolArray, FloatArray, IntArray
-from linkage_vibration.mechanics.description import Mechanism, MechanismError
+from linkage_vibration.mechanics.description import Mechanism, MechanismError, coarser
 from linkage_vibration.mechanics.keys import Keys
 from linkage_vibration.mechanics.kinematics import Kinematics
 from linkage_vibration.mechanics.model import LinkageModel
@@ -268,7 +268,7 @@ def _residuals(calibration: CalibrationTask, logs: FloatArray) -> FloatArray:
 
 def _misfits(calibration: CalibrationTask, mechanism: Mechanism) -> FloatArray:
     """Return ln(frequency / wanted) / deviation, (n_targets,), of a coarse mesh."""
-    mechanism = mechanism.coarser(COARSE_ELEMENTS, COARSE_MODES)
+    mechanism = coarser(mechanism, COARSE_ELEMENTS, COARSE_MODES)
     closed = calibration.kinematics
     geometry = mechanism.ground, tuple((body.name, body.points) for body in mechanism.bodies)
     if geometry not in closed:

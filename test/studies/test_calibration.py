@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import yaml
 
-from linkage_vibration.mechanics.description import Mechanism
+from linkage_vibration.mechanics.description import Mechanism, coarser
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
 from linkage_vibration.mechanics.paths import with_numbers
@@ -54,7 +54,7 @@ def measured(mechanism: Mechanism) -> list[Target]:
     """Return the frequencies that a measurement of the linkage would give, meshed as in a fit."""
     asked = [Target(mode, math.radians(a), 1.0, 0.01) for mode in (1, 2, 3) for a in (90, 130, 175)]
     asked += [Target(3, "lowest", 1.0, 0.01), Target(2, "highest", 1.0, 0.01)]
-    found = _natural_frequencies(LinkageModel(mechanism.coarser(10, 4)), asked)
+    found = _natural_frequencies(LinkageModel(coarser(mechanism, 10, 4)), asked)
     return [
         Target(target.mode, target.at, float(hz), target.deviation)
         for target, hz in zip(asked, found, strict=True)

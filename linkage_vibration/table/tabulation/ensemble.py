@@ -17,7 +17,7 @@ from scipy.optimize import linear_sum_assignment
 
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray, IntArray
-from linkage_vibration.mechanics.description import Cylinder, Mechanism, Uncertainty
+from linkage_vibration.mechanics.description import Cylinder, Mechanism, Uncertainty, coarser
 from linkage_vibration.mechanics.model import LinkageModel, Place, Solution
 from linkage_vibration.mechanics.modes import MECHANISM
 from linkage_vibration.mechanics.response import reach
@@ -193,7 +193,7 @@ class _Solver:
             else s
             for s in mechanism.springs
         )
-        mechanism = replace(mechanism.coarser(*self._mesh), springs=springs)
+        mechanism = replace(coarser(mechanism, *self._mesh), springs=springs)
         return LinkageModel(mechanism, kinematics=self._model.kinematics.nearby(mechanism))
 
     def _solved(self, model: LinkageModel, alpha3: float) -> _Modes:
