@@ -14,6 +14,8 @@ from linkage_vibration.support.version import VERSION, check_versions
 if TYPE_CHECKING:
     from linkage_vibration.errors import LinkageVibrationError
     from linkage_vibration.mechanics.description import Mechanism
+    from linkage_vibration.mechanics.ground_motion import transmissibility
+    from linkage_vibration.mechanics.kinematics import Configuration, Kinematics, Toggle
     from linkage_vibration.mechanics.model import IdentifiedSolution, LinkageModel, Solution
     from linkage_vibration.mechanics.response import Peak, PoleResidue
     from linkage_vibration.messages.columns import MessageColumns
@@ -30,6 +32,8 @@ if TYPE_CHECKING:
 _MODULES = {
     "errors": ["LinkageVibrationError"],
     "mechanics.description": ["Mechanism"],
+    "mechanics.ground_motion": ["transmissibility"],
+    "mechanics.kinematics": ["Configuration", "Kinematics", "Toggle"],
     "mechanics.model": ["IdentifiedSolution", "LinkageModel", "Solution"],
     "mechanics.response": ["Peak", "PoleResidue"],
     "messages.columns": ["MessageColumns"],
@@ -48,10 +52,11 @@ _HOMES = {name: f"{__name__}.{module}" for module, names in _MODULES.items() for
 __version__ = VERSION
 # fmt: off
 __all__ = [
-    "Failure", "IdentifiedSolution", "Limits", "LinkageModel", "LinkageVibrationError", "Log",
-    "Mechanism", "MessageColumns", "Parameters", "Peak", "PoleResidue", "Prediction", "Predictor",
-    "Replayed", "Report", "Solution", "Status", "Table", "WhatIf", "build_table", "check_bag",
-    "load_table", "read_log", "read_mechanism", "read_parameters", "replay", "save_table",
+    "Configuration", "Failure", "IdentifiedSolution", "Kinematics", "Limits", "LinkageModel",
+    "LinkageVibrationError", "Log", "Mechanism", "MessageColumns", "Parameters", "Peak",
+    "PoleResidue", "Prediction", "Predictor", "Replayed", "Report", "Solution", "Status", "Table",
+    "Toggle", "WhatIf", "build_table", "check_bag", "load_table", "read_log", "read_mechanism",
+    "read_parameters", "replay", "save_table", "transmissibility",
 ]
 # fmt: on
 

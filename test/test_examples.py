@@ -3,6 +3,7 @@
 """Every example runs, and prints what it should."""
 
 import importlib.util
+import json
 import subprocess
 import sys
 from collections.abc import Iterator, Sequence
@@ -31,6 +32,7 @@ EXPECTED = {
     "test_my_drive.py": "2 passed",
 }
 REPLAY_TEST = "replay_testing_drive.py"  # needs ROS 2 packages that PyPI does not have
+NOTEBOOK = "first_look.ipynb"
 WRITTEN = {"simulated_hammer.py": {"95.csv", "115.csv", "135.csv", "155.csv", "175.csv"}}
 
 
@@ -38,7 +40,7 @@ def test_every_example_is_run_and_listed() -> None:
     """The scripts in the folder, the list above and the table for readers agree."""
     assert {path.name for path in EXAMPLES.glob("*.py")} == {REPLAY_TEST, *EXPECTED}
     text = (EXAMPLES / "README.md").read_text()
-    assert all(f"]({name})" in text for name in (REPLAY_TEST, *EXPECTED))
+    assert all(f"]({name})" in text for name in (REPLAY_TEST, NOTEBOOK, *EXPECTED))
 
 
 @pytest.mark.parametrize("name", EXPECTED)
@@ -51,6 +53,24 @@ def test_example(name: str, tmp_path: Path) -> None:
     assert run.returncode == 0, run.stdout + run.stderr
     assert EXPECTED[name] in run.stdout
     assert {path.name for path in tmp_path.iterdir()} == WRITTEN.get(name, set())
+
+
+def test_notebook(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Its cells run one after the other from any folder, and print the texts that it shows."""
+    pytest.importorskip("matplotlib", reason="the extra plots is not installed")
+    monkeypatch.setenv("MPLBACKEND", "Agg")
+    monkeypatch.chdir(tmp_path)
+    cells = json.loads((EXAMPLES / NOTEBOOK).read_text())["cells"]
+    names: dict[str, Any] = {}
+    for cell in (cell for cell in cells if cell["cell_type"] == "code"):
+        exec("".join(cell["source"]), names)
+        texts = ["".join(each["text"]) for each in cell["outputs"] if "text" in each]
+        assert capsys.readouterr().out == "".join(texts)
+        names["plt"].close("all")
+    assert sum("data" in each for cell in cells for each in cell.get("outputs", ())) == 2
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.fixture

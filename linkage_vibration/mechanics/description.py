@@ -353,21 +353,50 @@ class Uncertainty:
 
 @dataclass(frozen=True)
 class Mechanism:
-    """A planar linkage with one input angle, alpha3."""
+    """A planar linkage with one input angle, alpha3.
+
+    Attributes
+    ----------
+    name : str
+        What tables and logs call it.
+    ground : tuple of (name, (x, z))
+        Points of the ground, global, m.
+    links, rigid_bodies, springs : tuple
+        Elastic bodies, rigid ones, and springs, dampers and cylinders between them, with their
+        names as `name`.
+    input_body : str
+        The body whose angle is alpha3.
+    stroke : (float, float)
+        The range of alpha3 that is used, rad.
+    assembly_alpha3 : float
+        rad, where the angles below select the branch.
+    assembly_angles : tuple of (name, angle)
+        Rough direction of each other body there, rad.
+    damping
+        The damping rule of links that have none of their own.
+    response
+        The drive point and its direction, the band and the number of modes of a prediction.
+    base : optional
+        What carries the ground, with its mounts; None if the ground does not move.
+    gravity : float
+        m/s2, downwards; 0 leaves out what the weight changes.
+    uncertainty : optional
+        The standard deviations of its numbers, and their correlations.
+    """
 
     name: str
-    ground: tuple[tuple[str, Point], ...]  # name and global x, z in m
+    ground: tuple[tuple[str, Point], ...]
     links: tuple[Link, ...]
     rigid_bodies: tuple[RigidBody, ...]
     springs: tuple[Spring, ...]
     input_body: str
-    stroke: tuple[float, float]  # rad, the range of alpha3 that is used
-    assembly_alpha3: float  # rad, where the angles below select the branch
-    assembly_angles: tuple[tuple[str, float], ...]  # rad, rough direction of each other body there
+    stroke: tuple[float, float]
+    assembly_alpha3: float
+    assembly_angles: tuple[tuple[str, float], ...]
     damping: Damping
     response: Response
-    base: Base | None = field(default=None, metadata=_LATER)  # None: the ground does not move
-    gravity: float = field(default=0.0, metadata=_LATER)  # m/s2, downwards; 0 leaves it out
+    base: Base | None = field(default=None, metadata=_LATER)
+    gravity: float = field(default=0.0, metadata=_LATER)
     uncertainty: Uncertainty | None = field(default=None, metadata=_LATER)
 
     def __repr__(self) -> str:

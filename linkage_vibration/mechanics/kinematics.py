@@ -40,11 +40,21 @@ _TOLERANCE = 1e-13  # size of a Newton step, in the same scale, that ends the it
 
 @dataclass(frozen=True, slots=True)
 class Toggle:
-    """An input angle at which the linkage locks and turns back, or may take another branch."""
+    """An input angle at which the linkage locks and turns back, or may take another branch.
 
-    alpha3: float  # rad
-    aligned: tuple[str, ...]  # joints in line; empty if more than two bodies lock one another
-    bodies: tuple[str, ...]  # those that could move there with the input held still
+    Attributes
+    ----------
+    alpha3 : float
+        rad.
+    aligned : tuple of str
+        Joints in line; empty if more than two bodies lock one another.
+    bodies : tuple of str
+        Bodies that could move there with the input held still.
+    """
+
+    alpha3: float
+    aligned: tuple[str, ...]
+    bodies: tuple[str, ...]
 
     def __str__(self) -> str:
         """Return where it is and why."""
@@ -73,15 +83,30 @@ class KinematicsError(LinkageVibrationError):
 
 @dataclass(frozen=True, slots=True)
 class Configuration:
-    """The pose of every body at one input angle, and its rate of change with that angle."""
+    """The pose of every body at one input angle, and its rate of change with that angle.
 
-    alpha3: float  # input angle, rad
-    bodies: tuple[str, ...]  # (n,): names, in the order of the rows below
-    origins: FloatArray  # (n, 2): global x and z of each body's own origin, m
-    angles: FloatArray  # (n,): angle of each body's own x axis, rad, continuous between the toggles
-    origin_rates: FloatArray  # (n, 2): d(origin)/d(alpha3), m/rad
-    velocity_ratios: FloatArray  # (n,): d(angle)/d(alpha3), 1
-    toggle_distance: float  # rad, between alpha3 and the nearer toggle; infinite without toggles
+    Attributes
+    ----------
+    alpha3 : float
+        Input angle, rad.
+    bodies : tuple of str, (n,)
+        Names, in the order of the rows below.
+    origins, origin_rates : ndarray, (n, 2)
+        Global x and z of each body's own origin, m, and their derivatives by alpha3, m/rad.
+    angles, velocity_ratios : ndarray, (n,)
+        Angle of each body's own x axis, rad, continuous between the toggles, and its derivative by
+        alpha3, 1.
+    toggle_distance : float
+        rad, between alpha3 and the nearer toggle; infinite without toggles.
+    """
+
+    alpha3: float
+    bodies: tuple[str, ...]
+    origins: FloatArray
+    angles: FloatArray
+    origin_rates: FloatArray
+    velocity_ratios: FloatArray
+    toggle_distance: float
 
     def angle(self, body: str) -> float:
         """Return the angle of a body's own x axis, rad; that of the ground is 0."""
@@ -92,14 +117,30 @@ class Configuration:
         return 0.0 if body == GROUND else float(self.velocity_ratios[self.bodies.index(body)])
 
     def place(self, body: str, local: Point) -> FloatArray:
-        """Return the global x and z, (2,), m, of a point in a body's axes, or the ground's."""
+        """Return the global x and z, (2,), m, of a point.
+
+        Parameters
+        ----------
+        body : str
+            Its name, or "ground".
+        local : (float, float)
+            x and z in its axes, m.
+        """
         if body == GROUND:
             return np.array(local)
         arm = rotation(self.angle(body)) @ np.array(local)
         return np.asarray(self.origins[self.bodies.index(body)] + arm)
 
     def place_rate(self, body: str, local: Point) -> FloatArray:
-        """Return d(place)/d(alpha3) of a point, (2,), m/rad."""
+        """Return d(place)/d(alpha3) of a point, (2,), m/rad.
+
+        Parameters
+        ----------
+        body : str
+            Its name, or "ground".
+        local : (float, float)
+            x and z in its axes, m.
+        """
         if body == GROUND:
             return np.zeros(2)
         i = self.bodies.index(body)
@@ -160,8 +201,22 @@ def _same_place(pose: FloatArray, other: FloatArray) -> bool:
 class Kinematics:
     """The closed positions of one mechanism on the branch of its assembly that it describes.
 
-    `toggles` are those below and above; None where the input can turn all the way. `notice` says
-    how the assembled pose differs from the angles given; it is empty if those are clear.
+    Parameters
+    ----------
+    mechanism : Mechanism
+        Its links may be described in any way, as only points and pins count.
+
+    Attributes
+    ----------
+    toggles : tuple of two Toggle, or None
+        Those below and above; None where the input can turn all the way.
+    notice : str
+        How the assembled pose differs from the angles given; empty if those are clear.
+
+    Raises
+    ------
+    MechanismError
+        If the linkage cannot close over its stroke.
     """
 
     def __init__(self, mechanism: Mechanism) -> None:
@@ -196,7 +251,13 @@ class Kinematics:
         return self.toggles[0].alpha3, self.toggles[1].alpha3
 
     def at(self, alpha3: float) -> Configuration:
-        """Return the configuration at an input angle in rad; refuse an angle where none closes."""
+        """Return the configuration at an input angle in rad.
+
+        Raises
+        ------
+        KinematicsError, LinkageVibrationError
+            If the linkage cannot close there, or alpha3 is an array.
+        """
         if np.ndim(alpha3):
             hint = "call it for each of them, or `build_table` and give all to `Predictor.predict`"
             raise LinkageVibrationError(f"alpha3 is an array, but one angle is solved; {hint}.")
