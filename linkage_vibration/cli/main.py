@@ -20,6 +20,7 @@ SUBCOMMANDS = (
     "build",
     "pose",
     "predict",
+    "plot",
     "advise",
     "inclinometer",
     "measure",

@@ -5,7 +5,11 @@
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Literal
 
+import numpy as np
+
+from linkage_vibration.drawing import palette
 from linkage_vibration.errors import LinkageVibrationError
+from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.support.version import check_versions
 
 if TYPE_CHECKING:
@@ -60,6 +64,45 @@ def tidy(ax: "Axes") -> None:
     ax.grid(color="#dddddd", linewidth=0.6)
     ax.set_axisbelow(True)
     ax.spines[["top", "right"]].set_visible(False)
+
+
+def frequency_axis(ax: "Axes", frequencies: FloatArray) -> None:
+    """Give an axis decades of frequency, Hz, that contain all known ones of these."""
+    from matplotlib.ticker import LogLocator, NullLocator
+
+    ax.set_yscale("log")
+    ax.set_ylabel("frequency [Hz]")
+    ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    ax.yaxis.set_major_formatter("{x:g}")
+    ax.yaxis.set_minor_locator(NullLocator())
+    known = frequencies[np.isfinite(frequencies) & (frequencies > 0.0)]
+    if len(known):
+        ax.set_ylim(0.6 * float(known.min()), 2.0 * float(known.max()))
+
+
+def name_modes(
+    ax: "Axes", ends: FloatArray, names: Sequence[str], *, least: float = 0.06, fontsize: int = 12
+) -> None:
+    """Write the names of modes at the right of where their curves end, Hz, (n_modes,).
+
+    Names are apart by at least a share of the height. A mode that ends with NaN has none.
+    """
+    low, high = np.log(ax.get_ylim())
+    known = np.flatnonzero(np.isfinite(ends))
+    heights = spread((np.log(ends[known]) - low) / (high - low), least)
+    colours = palette.mode_colours(len(names))
+    for i, height in zip(known.tolist(), heights.tolist(), strict=True):
+        style: dict[str, Any] = {"color": colours[i], "fontsize": fontsize, "va": "center"}
+        name = plain(names[i] or f"mode {i + 1}")
+        ax.text(1.01, height, name, transform=ax.transAxes, fontweight="bold", **style)
+
+
+def spread(heights: FloatArray, least: float) -> FloatArray:
+    """Return heights, (n,), moved up so that no two are closer than the least distance."""
+    moved, lowest = np.array(heights, dtype=float), -np.inf
+    for i in np.argsort(heights):
+        moved[i] = lowest = max(float(heights[i]), lowest + least)
+    return moved
 
 
 def plain(text: str) -> str:

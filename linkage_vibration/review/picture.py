@@ -12,6 +12,8 @@ from linkage_vibration.drawing import palette
 from linkage_vibration.drawing.intervals import gap_starts, runs
 from linkage_vibration.drawing.plots import (
     PlotError,
+    frequency_axis,
+    name_modes,
     plain,
     require_matplotlib,
     shaded,
@@ -97,47 +99,25 @@ def _broken(log: Log, values: FloatArray) -> FloatArray:
 
 def _draw_modes(ax: "Axes", log: Log) -> None:
     """Draw each mode as a band of its standard deviation, with its name at the right."""
-    from matplotlib.ticker import LogLocator, NullLocator
-
-    ax.set_yscale("log")
-    ends, names = [], []
+    frequencies = np.column_stack([_broken(log, values) for values in log.natural_frequencies.T])
+    ends = np.full(log.n_modes, np.nan)
     for mode, colour in enumerate(palette.mode_colours(log.n_modes)):
-        values = _broken(log, log.natural_frequencies[:, mode])
+        values = frequencies[:, mode]
         deviation = np.nan_to_num(log.frequency_stddev[:, mode])
         low, high = np.maximum(values - deviation, 0.5 * values), values + deviation
         ax.fill_between(log.times, low, high, color=colour, alpha=0.3, linewidth=0)
         ax.plot(log.times, values, color=colour, linewidth=1.6)
-        valid = np.flatnonzero(np.isfinite(values))
-        if len(valid):
-            ends.append(float(values[valid[-1]]))
-            names.append((log.mode_name(mode) or f"mode {mode + 1}", colour))
-    ax.set_ylabel("frequency [Hz]", fontsize=13)
-    ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-    ax.yaxis.set_major_formatter("{x:g}")
-    ax.yaxis.set_minor_locator(NullLocator())
-    if ends:
-        ax.set_ylim(0.6 * min(ends), 2.0 * max(ends))
-    low, high = np.log(ax.get_ylim())
-    heights = (np.log(ends) - low) / (high - low)
-    for height, (name, colour) in zip(spread(heights, _LEAST_APART), names, strict=True):
-        style: dict[str, Any] = {"color": colour, "fontsize": 12, "va": "center"}
-        ax.text(
-            1.01, float(height), plain(name), transform=ax.transAxes, fontweight="bold", **style
-        )
+        if np.isfinite(values).any():
+            ends[mode] = values[np.isfinite(values)][-1]
+    frequency_axis(ax, ends)
+    ax.yaxis.label.set_size(13)
+    name_modes(ax, ends, [log.mode_name(mode) for mode in range(log.n_modes)], least=_LEAST_APART)
     ax.set_title(
         "Where the linkage resonates (coloured, with one standard deviation), and what\n"
         "excites it (black, as wide as the load that it causes; red above the limit)",
         loc="left",
         fontsize=13,
     )
-
-
-def spread(heights: FloatArray, least: float) -> FloatArray:
-    """Return heights, (n,), moved up so that no two are closer than the least distance."""
-    moved, lowest = np.array(heights, dtype=float), -np.inf
-    for i in np.argsort(heights):
-        moved[i] = lowest = max(float(heights[i]), lowest + least)
-    return moved
 
 
 def _draw_excitations(ax: "Axes", log: Log, limits: WarningLimits) -> None:

@@ -35,6 +35,7 @@ OVERWRITES = {
     "review": ["log.mcap", "-o", "log.mcap"],
     "diff": ["log.mcap", "drive.mcap", "-o", "log.mcap"],
     "advise": ["165", "30", "--mechanism", "linkage.yaml", "-o", "linkage.yaml"],
+    "plot": ["linkage.yaml", "-o", "linkage.yaml"],
     "pose": ["linkage.yaml", "-o", "linkage.yaml"],
     "export": ["table.npz", "--fmu", "table.npz"],
     "inclinometer": ["drive.mcap", "--mechanism", "linkage.yaml", "-o", "linkage.yaml"],

@@ -14,11 +14,11 @@ import pytest
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
-from linkage_vibration.drawing.plots import PlotError
+from linkage_vibration.drawing.plots import PlotError, spread
 from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.review.log import Log, ReviewError, read_log
-from linkage_vibration.review.picture import draw_log, plot_log, spread
+from linkage_vibration.review.picture import draw_log, plot_log
 from test.support.drive import engine_and_pto_speed, hitch_duty_cycle
 
 WriteLog = Callable[..., Path]

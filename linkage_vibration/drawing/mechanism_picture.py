@@ -1,0 +1,156 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Draws a mechanism over its stroke: modes, orders of its excitations, and the loads they cause."""
+
+import io
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from linkage_vibration.drawing import palette
+from linkage_vibration.drawing.plots import PlotError, frequency_axis, name_modes, plain, tidy
+from linkage_vibration.mechanics.arrays import FloatArray
+from linkage_vibration.messages.columns import MessageColumns
+from linkage_vibration.prediction.batch import predict_many
+from linkage_vibration.prediction.excitation import Excitation, Source
+from linkage_vibration.prediction.levels import LevelTable
+from linkage_vibration.prediction.predictor import Predictor
+from linkage_vibration.support.atomic_files import write_bytes
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+SPEEDS = {  # what is drawn of each source: its name, the lowest and the highest speed, SI per unit
+    Source.ENGINE: ("engine speed [rpm]", 700.0, 2300.0, 1.0),
+    Source.PTO: ("PTO speed [rpm]", 200.0, 1100.0, 1.0),
+    Source.GROUND: ("ground speed [km/h]", 2.0, 50.0, 1.0 / 3.6),
+}
+
+_ANGLES, _MAP = 181, (91, 161)  # angles of a curve; angles and speeds of a map
+
+
+def draw_mechanism(
+    predictor: Predictor,
+    levels: LevelTable,
+    excitations: Sequence[Excitation],
+    limit: float,
+    picture: Path,
+) -> list[str]:
+    """Draw modes, orders and load ratios into a PNG file; return a sentence for each source.
+
+    ``limit`` is the load ratio of a warning.
+    """
+    from matplotlib.figure import Figure
+
+    sources = [source for source in SPEEDS if any(one.source is source for one in excitations)]
+    figure = Figure(figsize=(11.0, 3.6 * (1 + len(sources))), dpi=110, layout="constrained")
+    rows = figure.subfigures(1 + len(sources), 1, squeeze=False)[:, 0]
+    angles = np.linspace(*levels.alpha3_range, _ANGLES)
+    predictions = predict_many(predictor, angles, np.zeros(_ANGLES))
+    _draw_modes(rows[0].subplots(), predictor.table.mode_names, predictions)
+    sentences = []
+    for row, source in zip(rows[1:], sources, strict=True):
+        left, right = row.subplots(1, 2)
+        orders = [one for one in excitations if one.source is source and not one.terrain]
+        _draw_orders(left, source, orders, predictions)
+        sentences.append(_draw_loads(right, source, levels, limit))
+    png = io.BytesIO()
+    figure.savefig(png, format="png")
+    write_bytes(picture, png.getvalue(), PlotError)
+    return sentences
+
+
+def _draw_modes(ax: "Axes", names: Sequence[str], predictions: MessageColumns) -> None:
+    """Draw each natural frequency with its standard deviation over the crank angle."""
+    angles, frequencies = np.degrees(predictions.crank_angle), predictions.natural_frequencies
+    deviations = np.nan_to_num(predictions.frequency_stddev)
+    for mode, colour in enumerate(palette.mode_colours(len(names))):
+        values, deviation = frequencies[:, mode], deviations[:, mode]
+        low = np.maximum(values - deviation, 0.5 * values)
+        ax.fill_between(angles, low, values + deviation, color=colour, alpha=0.3, linewidth=0)
+        ax.plot(angles, values, color=colour, linewidth=1.8)
+    frequency_axis(ax, frequencies)
+    name_modes(ax, frequencies[-1], names, fontsize=10)
+    ax.set(xlabel="crank angle α₃ [deg]", xlim=(angles[0], angles[-1]))
+    ax.set_title("Natural frequencies over the stroke, with one standard deviation", loc="left")
+    tidy(ax)
+
+
+def _draw_orders(
+    ax: "Axes", source: Source, orders: Sequence[Excitation], predictions: MessageColumns
+) -> None:
+    """Draw a Campbell plot: the orders over their speed, and the range of each mode."""
+    label, low, high, unit = SPEEDS[source]
+    frequencies = predictions.natural_frequencies
+    for values, colour in zip(
+        frequencies.T, palette.mode_colours(frequencies.shape[1]), strict=True
+    ):
+        if np.isfinite(values).any():
+            ends = float(np.nanmin(values)), float(np.nanmax(values))
+            ax.axhspan(*ends, color=colour, alpha=0.3, linewidth=1.0)
+    frequency_axis(ax, frequencies)
+    speeds, (bottom, top) = np.linspace(low, high, 181), ax.get_ylim()
+    for i, order in enumerate(sorted(orders, key=lambda order: order.ratio)):
+        lines = order.ratio * unit * speeds
+        ax.plot(speeds, lines, color=palette.INK, linewidth=1.0)
+        shown = np.flatnonzero((lines > bottom) & (lines < top))
+        if len(shown):
+            at = shown[int(len(shown) * (i + 0.5) / len(orders))]  # so that no two names overlap
+            back = {"boxstyle": "round,pad=0.1", "color": "white", "alpha": 0.8}
+            place = float(speeds[at]), float(lines[at])
+            ax.annotate(plain(order.name), place, ha="center", va="center", fontsize=8, bbox=back)
+    ax.set(xlabel=label, xlim=(low, high))
+    ax.set_title("Orders, and the range of each mode", loc="left")
+    tidy(ax)
+
+
+def _draw_loads(ax: "Axes", source: Source, levels: LevelTable, limit: float) -> str:
+    """Draw the load ratio by one source over height and speed; return where it is largest."""
+    label, low, high, unit = SPEEDS[source]
+    angles = np.linspace(*levels.alpha3_range, _MAP[0])
+    speeds = np.linspace(low, high, _MAP[1])
+    ratios = _load_ratios(source, levels, angles, unit * speeds)
+    degrees, name = np.degrees(angles), label.split(" speed")[0]
+    ax.set(xlabel=label, ylabel="crank angle α₃ [deg]", facecolor=palette.GAP_SHADE)
+    ax.set_title("Load ratio by this source alone (grey: not known)", loc="left")
+    if not np.isfinite(ratios).any():
+        ax.set(xlim=(low, high), ylim=(degrees[0], degrees[-1]))
+        return f"The load ratio by the {name} is not known: no amplitude, or no force at rest."
+    drawn = ax.pcolormesh(speeds, degrees, ratios, cmap="cividis", vmin=0.0, shading="nearest")
+    assert ax.figure is not None
+    ax.figure.colorbar(drawn, ax=ax)
+    i, j = np.unravel_index(np.nanargmax(ratios), ratios.shape)
+    unit_name = label.partition("[")[2][:-1]
+    text = (
+        f"In the map, the {name} alone loads a pin or cylinder by up to {ratios[i, j]:.2g} of its "
+        f"force at rest, at {degrees[i]:.0f} deg and {speeds[j]:.0f} {unit_name}"
+    )
+    above = np.isfinite(ratios) & (ratios > limit)
+    if not above.any():
+        return f"{text}, which is not above the limit of {limit:g}."
+    lines = ax.contour(speeds, degrees, ratios, [limit], colors="white", linewidths=1.5)
+    ax.clabel(lines, fmt=f"{limit:g}", fontsize=9)
+    avoided = degrees[above.any(axis=1)], speeds[above.any(axis=0)]
+    (first, last), (slow, fast) = ((values[0], values[-1]) for values in avoided)
+    return (
+        f"{text}. Above the limit of {limit:g} are speeds from {slow:.0f} to {fast:.0f} "
+        f"{unit_name} between {first:.0f} and {last:.0f} deg; the map shows where."
+    )
+
+
+def _load_ratios(
+    source: Source, levels: LevelTable, angles: FloatArray, speeds: FloatArray
+) -> FloatArray:
+    """Return the load ratios by one source, (n_angles, n_speeds), NaN where a part is not known.
+
+    Speeds are in rpm or m/s.
+    """
+    every = np.full((len(Source), len(angles) * len(speeds)), math.nan)
+    every[list(Source).index(source)] = np.tile(speeds, len(angles))
+    found = levels.at(np.repeat(angles, len(speeds)), every)
+    unknown = (found.ground_unknown != "") & (source is Source.GROUND)
+    ratios = np.where(unknown, math.nan, found.total_load_ratio.astype(float))
+    return np.asarray(ratios.reshape(len(angles), len(speeds)))
