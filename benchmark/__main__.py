@@ -32,7 +32,6 @@ STEPS = (
     "fuzz",
     "measured_faults",
     "properties",
-    "campbell",
     "working_hour",
     "motion",
     "tutorial",

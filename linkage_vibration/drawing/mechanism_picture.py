@@ -14,10 +14,9 @@ from linkage_vibration.drawing import palette
 from linkage_vibration.drawing.plots import PlotError, frequency_axis, name_modes, plain, tidy
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.messages.columns import MessageColumns
-from linkage_vibration.prediction.batch import predict_many
 from linkage_vibration.prediction.excitation import Excitation, Source
 from linkage_vibration.prediction.levels import LevelTable
-from linkage_vibration.prediction.predictor import Predictor
+from linkage_vibration.prediction.predictor import Predictor, predict_many
 from linkage_vibration.support.atomic_files import write_bytes
 
 if TYPE_CHECKING:

@@ -184,6 +184,26 @@ def test_file_that_does_not_exist(tmp_path: Path, command: str) -> None:
     assert done.stderr.count("nope") == 1
 
 
+def test_plot(tmp_path: Path, capsys: Any) -> None:
+    """The PTO loads most where its tines meet the implement's heave; without loads it says so."""
+    picture = tmp_path / "linkage.png"
+    assert main(["plot", "-o", str(picture)]) == 0
+    engine, pto, ground, _ = capsys.readouterr().out.splitlines()
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    found = re.search(r"up to (\S+) of its force at rest, at (\d+) deg and (\d+) rpm", pto)
+    assert found is not None
+    assert main(["predict", found[2]]) == 0
+    heave = float(capsys.readouterr().out.splitlines()[1].split()[4])
+    assert 2 * 0.45 * float(found[3]) / 60.0 == pytest.approx(heave, rel=0.03)
+    assert "Above the limit of 0.33 are speeds" in pto
+    assert "which is not above the limit of 0.33." in engine
+    assert "km/h" in ground
+    alone = tmp_path / "engine.yaml"
+    alone.write_text("engine: {speed: engine, orders: [3]}\n")
+    assert main(["plot", "--excitations", str(alone), "-o", str(picture)]) == 0
+    assert capsys.readouterr().out.startswith("The load ratio by the engine is not known")
+
+
 def test_advise(tmp_path: Path, capsys: Any) -> None:
     """Table, CSV and picture show the same advice; a reversed range is refused."""
     csv, png = tmp_path / "map.csv", tmp_path / "map.png"
