@@ -110,7 +110,7 @@ def _draw_modes(ax: "Axes", log: Log) -> None:
         if np.isfinite(values).any():
             ends[mode] = values[np.isfinite(values)][-1]
     frequency_axis(ax, ends)
-    ax.yaxis.label.set_size(13)
+    ax.yaxis.label.set_fontsize(13)
     name_modes(ax, ends, [log.mode_name(mode) for mode in range(log.n_modes)], least=_LEAST_APART)
     ax.set_title(
         "Where the linkage resonates (coloured, with one standard deviation), and what\n"
