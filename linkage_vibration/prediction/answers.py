@@ -15,11 +15,18 @@ from numpy.typing import NDArray
 
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.description import GROUND, Mechanism
+from linkage_vibration.mechanics.forces import is_force
 from linkage_vibration.mechanics.ground_motion import soil_places, transmissibility
 from linkage_vibration.mechanics.model import LinkageModel, Place
 from linkage_vibration.mechanics.modes import MECHANISM
 from linkage_vibration.mechanics.parsing import again_from_mapping
 from linkage_vibration.prediction.excitation import Excitation
+from linkage_vibration.prediction.ground import (
+    REASONS,
+    GroundTable,
+    ground_lines,
+    ground_spectrum,
+)
 from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.table.table import Table
@@ -32,6 +39,8 @@ Places = tuple[Place, ...]
 MAX_FREQUENCIES = 10_000
 MAX_VALUES = 100_000
 """Numbers in one answer; as a message they are 1.6 MB."""
+MAX_GROUND_PLACES = 8
+"""Places in one answer about the ground, each of which takes some tenths of a second."""
 
 _LINES = 401  # over the band, if no frequencies are given
 
@@ -85,6 +94,19 @@ class FrfAnswer:
     inputs: Places
     frequencies: FloatArray  # (n_freq,), Hz
     frf: ComplexArray  # (n_freq, n_out, n_in), m/N
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GroundAnswer:
+    """Vibration of places by the ground at one angle and speed; NaN where it is not known."""
+
+    outputs: Places
+    levels: FloatArray  # (n_out,), rms of velocities, m/s, or forces, N
+    accelerations: FloatArray  # (n_out,), rms, m/s2; NaN for forces
+    reasons: tuple[str, ...]  # why levels are not known; empty if they are
+    off_ground_share: float
+    frequencies: FloatArray  # (n_freq,), Hz
+    densities: FloatArray  # (n_out, n_freq), of velocities, m2/s2/Hz, or forces, N2/Hz
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -198,6 +220,49 @@ def _solved_frf(
             "known by its FRFs alone; give points instead."
         )
     return served.model.coupled_frf(alpha3, frequencies, outputs, inputs)
+
+
+def answer_ground(
+    served: Served,
+    excitations: Sequence[Excitation],
+    alpha3: float,
+    speed: float,
+    outputs: Sequence[str],
+) -> GroundAnswer:
+    """Return levels and spectra by the ground among excitations, at an angle (rad) and speed (m/s).
+
+    Places are those of the table, named as for `answer_frf`. Invalid requests raise `ServingError`.
+    """
+    terrain = next((one.terrain for one in excitations if one.terrain), None)
+    if terrain is None:
+        raise ServingError("No excitation has a terrain; describe one in excitation_file.")
+    if len(outputs) > MAX_GROUND_PLACES:
+        raise ServingError(f"outputs has {len(outputs)} places; name at most {MAX_GROUND_PLACES}.")
+    _check_angle(alpha3)
+    table, mechanism = served.table, served.mechanism
+    drive = mechanism.response
+    valid = (*table.places, *table.forces) if table.places else ()
+    places = _places("outputs", outputs, valid, True) or ((drive.point, drive.direction),)
+    lines, rows, reasons, densities = ground_lines(terrain), [], [], []
+    for place in places:
+        force = is_force(place)
+        point = None if force else place
+        ground = GroundTable(table, mechanism, terrain, [place] if force else [], point)
+        found = ground.at(np.array([alpha3]), np.array([speed]))
+        level, acceleration = found.velocity[0], found.acceleration[0]
+        if force:
+            level, acceleration = math.sqrt(found.forces2[0, 0]), math.nan
+        rows.append((level, acceleration, found.off_ground_share[0]))
+        reasons.append(REASONS[found.reason[0]])
+        density = np.full(len(lines), 0.0 * level)  # NaN where the level is not known
+        angle = served.predictor.angle_in_table(alpha3)
+        if level > 0.0 and angle is not None:
+            _, density = ground_spectrum(table, mechanism, terrain, place, angle, speed)
+        densities.append(density)
+    levels, accelerations, shares = np.array(rows).T
+    return GroundAnswer(
+        places, levels, accelerations, tuple(reasons), shares[0], lines, np.array(densities)
+    )
 
 
 def answer_mode_shapes(served: Served, alpha3: float) -> ModeShapes:

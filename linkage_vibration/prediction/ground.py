@@ -308,10 +308,17 @@ class GroundTable:
     terrain : Terrain
     outputs : sequence of (name, direction)
         The forces of the table whose mean squares are wanted.
+    point : (name, direction), optional
+        The place of the table that moves; the response point by default.
     """
 
     def __init__(
-        self, table: Table, mechanism: Mechanism, terrain: Terrain, outputs: Sequence[Place] = ()
+        self,
+        table: Table,
+        mechanism: Mechanism,
+        terrain: Terrain,
+        outputs: Sequence[Place] = (),
+        point: Place | None = None,
     ) -> None:
         self._table, self._terrain = table, terrain
         mounts = vertical_mounts(mechanism)
@@ -339,7 +346,7 @@ class GroundTable:
         speeds = self._speeds()
         self._origin = np.array([[ends[0]], self._column(speeds[:1])])
         self._steps = np.array([[(ends[1] - ends[0]) / count], [1.0]])
-        response = (mechanism.response.point, mechanism.response.direction)
+        response = point or (mechanism.response.point, mechanism.response.direction)
         places = [response, response, *outputs, *inputs]
         parts = [self._squares(angle, places, mounts) for angle in angles.tolist()]
         every = replace(parts[0], values=np.concatenate([part.values for part in parts]))

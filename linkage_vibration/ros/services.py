@@ -43,6 +43,7 @@ from linkage_vibration_interfaces.msg import Advice, VibrationPrediction
 from linkage_vibration_interfaces.srv import (
     Advise,
     GetFrf,
+    GetGroundLevels,
     GetModeShapes,
     GetTable,
     PredictVibration,
@@ -94,6 +95,7 @@ class Services:
         self._services = [
             offer(PredictVibration, "~/predict", _reporting(self._predict)),
             offer(GetFrf, "~/get_frf", _reporting(self._get_frf)),
+            offer(GetGroundLevels, "~/get_ground_levels", _reporting(self._get_ground_levels)),
             offer(GetModeShapes, "~/get_mode_shapes", _reporting(self._get_mode_shapes)),
             offer(GetTable, "~/get_table", self._get_table),
             offer(Advise, "~/advise", _reporting(self._advise)),
@@ -175,6 +177,21 @@ class Services:
         response.inputs = [place_name(place) for place in answer.inputs]
         response.frequencies = _doubles(answer.frequencies)
         response.real, response.imaginary = _doubles(answer.frf.real), _doubles(answer.frf.imag)
+
+    async def _get_ground_levels(
+        self, request: GetGroundLevels.Request, response: GetGroundLevels.Response
+    ) -> None:
+        served, speed = self._served(), abs(request.ground_speed)
+        asked = request.crank_angle, speed, request.outputs
+        answer = await self._away(answers.answer_ground, served, self._excitations, *asked)
+        response.table_id = served.table.table_id
+        response.outputs = [place_name(place) for place in answer.outputs]
+        response.levels = _doubles(answer.levels)
+        response.accelerations = _doubles(answer.accelerations)
+        response.reasons = list(answer.reasons)
+        response.off_ground_share = answer.off_ground_share
+        response.frequencies = _doubles(answer.frequencies)
+        response.densities = _doubles(answer.densities)
 
     async def _get_mode_shapes(
         self, request: GetModeShapes.Request, response: GetModeShapes.Response

@@ -3,6 +3,7 @@
 """Levels by the ground against closed forms, sums over many lines, and simulations in time."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from statistics import NormalDist
 
@@ -14,7 +15,15 @@ from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray
 from linkage_vibration.mechanics.description import Mechanism, Mount
 from linkage_vibration.mechanics.model import LinkageModel, Place
 from linkage_vibration.mechanics.response import PoleResidue
+from linkage_vibration.prediction.answers import (
+    GroundAnswer,
+    Served,
+    ServingError,
+    answer_ground,
+)
+from linkage_vibration.prediction.excitation import excitations_from_mapping
 from linkage_vibration.prediction.ground import (
+    AIRBORNE,
     REASONS,
     GroundError,
     GroundLevels,
@@ -28,10 +37,12 @@ from linkage_vibration.prediction.ground import (
     power_law,
     profile_spectrum,
 )
+from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.resources import config_file
 from linkage_vibration.table.table import Table, load_table
 from linkage_vibration.table.tabulation import build_table
+from test.support.served import shipped
 
 MASS, STIFFNESS, DAMPING = 1000.0, 400.0e3, 2000.0  # of one mass on two mounts, kg, N/m and N s/m
 
@@ -246,6 +257,66 @@ def test_spectrum_at_any_place_sums_up_to_the_level_of_the_model(tractor: Tracto
         for source in (tractor.table, tractor.model):
             f, density = ground_spectrum(source, tractor.mechanism, CLASS_C, place, alpha3, speed)
             np.testing.assert_allclose(density[::50], np.interp(f[::50], FINE, exact[i]), rtol=0.01)
+
+
+@pytest.fixture(scope="module")
+def asking(tractor: Tractor) -> Callable[..., GroundAnswer]:
+    """Return what answers a question at an angle, deg, a speed, m/s, and places about class C."""
+    served = Served(Predictor(tractor.table), tractor.mechanism, "")
+    field = {"speed": "ground", "terrain": {"class": "C"}, "raised": True}
+    lugs = {"lugs": 20, "rolling_radius": 0.8}
+    excitations = excitations_from_mapping({"field": field | lugs})
+
+    def ask(degrees: float, speed: float, *places: str) -> GroundAnswer:
+        return answer_ground(served, excitations, math.radians(degrees), speed, places)
+
+    return ask
+
+
+def test_answer_has_levels_and_spectra_at_any_place(
+    tractor: Tractor, asking: Callable[..., GroundAnswer]
+) -> None:
+    """They are those of the model without reduction, and each has a reason of its own."""
+    exact = tractor.densities([("E1", "z"), ("V1", "x"), CYLINDERS], 150.0, 11.0)
+    w = 2.0 * math.pi * FINE
+    exact[:2] *= w**2
+    names = "E1.z", "V1.x", "lift_cylinders.force"
+    answer = asking(150.0, 11.0, *names)
+    np.testing.assert_allclose(answer.levels, trapezoid(exact, FINE) ** 0.5, rtol=1e-3)
+    accelerations = trapezoid(exact[:2] * w**2, FINE) ** 0.5
+    np.testing.assert_allclose(answer.accelerations, [*accelerations, math.nan], rtol=1e-3)
+    for density, fine in zip(answer.densities, exact, strict=True):
+        near = np.interp(answer.frequencies, FINE, fine)
+        np.testing.assert_allclose(density[::50], near[::50], rtol=0.01)
+    assert answer.reasons == ("", "", "")
+    assert 0.0 < answer.off_ground_share < AIRBORNE
+    assert asking(150.0, 11.0).levels.tolist() == answer.levels[:1].tolist()  # the drive point
+
+
+def test_answer_says_why_a_place_is_not_known(
+    tractor: Tractor, asking: Callable[..., GroundAnswer]
+) -> None:
+    """At 3 m/s half of the frequency of the lugs is 6 Hz, which V1 exceeds less than E1."""
+    squares = tractor.densities([("E1", "z"), ("V1", "x")], 150.0, 3.0) * FINE**4
+    above = 0.5 * 3.0 * 20.0 / (2.0 * math.pi * 0.8) < FINE
+    lost = trapezoid(squares * above, FINE) / trapezoid(squares, FINE)
+    assert (lost > 0.2).tolist() == [True, False]
+    slow = asking(150.0, 3.0, "E1.z", "V1.x")
+    assert ["frequency of the lugs" in reason for reason in slow.reasons] == [True, False]
+    assert np.isnan(slow.levels).tolist() == [True, False]
+    assert np.isnan(slow.densities).all(axis=1).tolist() == [True, False]
+    assert asking(150.0, math.nan).reasons[0].startswith("The ground speed")
+    assert asking(250.0, 8.0).reasons[0].startswith("The crank angle")
+    still = asking(150.0, 0.0)
+    assert (still.levels[0], still.densities.max()) == (0.0, 0.0)
+    for refused, places in (
+        ("outputs has 9 places", ("E1.z",) * 9),
+        (r"outputs\[1\] is 'Q.z'; name one of E1.z", ("E1.z", "Q.z")),
+    ):
+        with pytest.raises(ServingError, match=refused):
+            asking(150.0, 8.0, *places)
+    with pytest.raises(ServingError, match="No excitation has a terrain"):
+        answer_ground(shipped(), (), 2.0, 8.0, [])
 
 
 def test_spectrum_is_not_known_beyond_the_lugs_or_without_a_base(tractor: Tractor) -> None:

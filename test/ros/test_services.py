@@ -20,6 +20,7 @@ import pytest
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.task import Future
+from scipy.integrate import trapezoid
 
 from linkage_vibration.prediction.answers import Served
 from linkage_vibration.prediction.levels import LevelTable
@@ -31,6 +32,7 @@ from linkage_vibration.table.table import load_table
 from linkage_vibration_interfaces.srv import (
     Advise,
     GetFrf,
+    GetGroundLevels,
     GetModeShapes,
     GetTable,
     PredictVibration,
@@ -43,6 +45,7 @@ NODE = "serving"
 SERVICES = {
     "predict": PredictVibration,
     "get_frf": GetFrf,
+    "get_ground_levels": GetGroundLevels,
     "get_mode_shapes": GetModeShapes,
     "get_table": GetTable,
     "set_implement": SetImplement,
@@ -212,6 +215,31 @@ def test_get_frf(bench: Bench) -> None:
     refused = bench.call("get_frf", crank_angle=2.3, outputs=["Q.z"], inputs=["E1.z"])
     assert not refused.success
     assert refused.message.startswith("outputs[0] is 'Q.z'; name one of E1.z, E1.x")
+
+
+def test_get_ground_levels(bench: Bench) -> None:
+    """Levels are the roots of what the spectra sum up to, and a place that is missing is refused.
+
+    A reverse speed is one forwards, and where the tyres do not touch nothing is known.
+    """
+    outputs = ["E1.z", "lower_link:E1.force_x"]
+    asked = {"crank_angle": 2.3, "outputs": outputs}
+    answer = bench.call("get_ground_levels", ground_speed=-10.0, **asked)
+    assert (answer.success, answer.outputs, answer.reasons) == (True, outputs, ["", ""])
+    assert answer.table_id == bench.served[0].table.table_id
+    densities = np.reshape(answer.densities, (2, len(answer.frequencies)))
+    known = np.nan_to_num(densities)  # above half of the frequency of the lugs nothing is known
+    np.testing.assert_allclose(
+        np.array(answer.levels) ** 2, trapezoid(known, answer.frequencies), rtol=0.01
+    )
+    assert np.isfinite(answer.accelerations).tolist() == [True, False]
+    assert 0.0 < answer.off_ground_share < 0.2
+    fast = bench.call("get_ground_levels", ground_speed=200.0, **asked)
+    assert fast.success
+    assert fast.reasons[0].startswith("The ground speed")
+    assert np.isnan([*fast.levels, *fast.densities]).all()
+    refused = bench.call("get_ground_levels", crank_angle=2.3, outputs=["Q.z"])
+    assert refused.message.startswith("outputs[0] is 'Q.z'; name one of E1.z")
 
 
 def test_get_mode_shapes(bench: Bench) -> None:
