@@ -125,9 +125,9 @@ def advise(
     angles, speeds = np.append(angles, question.crank_angle), np.append(speeds, present)
     cells = np.arange(len(angles) * len(speeds)).reshape(len(angles), len(speeds))
     alpha3 = np.repeat(angles, len(speeds))
-    every = np.repeat(question.speeds[:, np.newaxis], cells.size, axis=1)
-    every[_GROUND] = np.tile(speeds, len(angles))
-    found = levels.at(alpha3, every)
+    columns = np.repeat(question.speeds[:, np.newaxis], len(speeds), axis=1)
+    columns[_GROUND] = speeds
+    found, every = levels.over(angles, columns), np.tile(columns, len(angles))
     reasons, texts = _reasons(levels, excitations, found, alpha3, every)
     load, velocity = (
         np.where(reasons, math.nan, total.astype(float))

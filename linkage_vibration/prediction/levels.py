@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -212,25 +213,76 @@ class LevelTable:
             rad, and rpm or m/s of each `Source`; NaN where it is not known.
         """
         m, n = len(self._inputs), len(alpha3)
-        numbers, places = _unknown(m, n), np.zeros((m + 1, n), np.int64)
-        reasons = np.zeros(n, np.int8)
+        found = _unknown(m, n), np.zeros((m + 1, n), np.int64), np.zeros(n, np.int8)
         if self._cells is not None:
             angles = angles_in_table(alpha3, self._predictor.table.alpha3_range)
             for start in range(0, n, _CHUNK):
                 rows = slice(start, start + _CHUNK)
                 parts = self._layout.split(self._values(angles[rows]))
-                forcing, levels = self._forcing(speeds[:, rows]), numbers[:, rows]
-                found = self._responses(parts, forcing.omega)
-                found *= found
-                squares, static = found[0] + found[1], parts[3].take(self._inputs, axis=0)
-                magnitude = np.sqrt(squares[0]) * forcing.defined
-                np.divide(magnitude, static, out=levels[_rows(m)["amplifications"]])
-                ground = None
-                if self._ground is not None:
-                    ground = self._ground.at(angles[rows], speeds[_GROUND, rows])
-                    reasons[rows] = ground.reason
-                self._evaluate(levels, places[:, rows], squares, parts[4], forcing, ground)
-        return _level_columns(numbers, places, reasons)
+                forcing = self._forcing(speeds[:, rows])
+                squares = _squares(self._responses(parts, forcing.omega, self._inputs))
+                levels = [part[..., rows] for part in found]
+                self._levels(levels, squares, parts, forcing, angles[rows], speeds[_GROUND, rows])
+        return _level_columns(*found)
+
+    def over(self, alpha3: FloatArray, speeds: FloatArray) -> MessageColumns:
+        """Return the levels `at` each of n angles with each of k speeds, (n k), angle by angle.
+
+        What does not change with the speeds is computed once for each angle.
+
+        Parameters
+        ----------
+        alpha3, speeds : ndarray, (n,) and (n_sources, k)
+            As those of `at`.
+        """
+        m, n, k = len(self._inputs), len(alpha3), speeds.shape[1]
+        found = _unknown(m, n * k), np.zeros((m + 1, n * k), np.int64), np.zeros(n * k, np.int8)
+        if self._cells is not None:
+            angles, forced = angles_in_table(alpha3, self.alpha3_range), self._forcing_at(speeds)
+            omega = forced.omega
+            changes = np.flatnonzero((omega != omega[:, :1]).any(axis=1))
+            for start in range(0, n, _CHUNK):
+                here = angles[start : start + _CHUNK]
+                parts = self._layout.split(self._values(here))
+                first = _squares(self._responses(parts, omega[:, :1], self._inputs))
+                squares = np.repeat(first[..., np.newaxis], k, axis=-1)
+                for i in range(k if len(changes) else 0):
+                    w, inputs = omega[changes, i, np.newaxis], self._inputs[changes]
+                    squares[..., i][:, changes] = _squares(self._responses(parts, w, inputs))
+                tiled = [np.tile(x, len(here)) for x in (omega, forced.defined, forced.size)]
+                self._levels(
+                    [part[..., start * k : (start + len(here)) * k] for part in found],
+                    squares.reshape(*first.shape[:2], -1),
+                    [np.repeat(part, k, axis=-1) for part in parts[3:]],
+                    _Forcing(*tiled),
+                    np.repeat(here, k),
+                    np.tile(speeds[_GROUND], len(here)),
+                )
+        return _level_columns(*found)
+
+    def _levels(
+        self,
+        found: Sequence[NDArray[Any]],
+        squares: FloatArray,
+        parts: Sequence[FloatArray],
+        forcing: _Forcing,
+        angles: FloatArray,
+        ground_speed: FloatArray,
+    ) -> None:
+        """Compute rows of levels, places and reasons of the ground, each (..., n), in place.
+
+        The squares are those of responses to unit loads, (n_outputs, n_excitations, n), and the
+        last parts are those of `_Layout`.
+        """
+        numbers, places, reasons = found
+        *_, static, reference = parts
+        magnitude, at = np.sqrt(squares[0]) * forcing.defined, _rows(len(self._inputs))
+        np.divide(magnitude, static.take(self._inputs, axis=0), out=numbers[at["amplifications"]])
+        ground = None
+        if self._ground is not None:
+            ground = self._ground.at(angles, ground_speed)
+            reasons[:] = ground.reason
+        self._evaluate(numbers, places, squares, reference, forcing, ground)
 
     def members(self, alpha3: FloatArray, speeds: FloatArray) -> FloatArray:
         """Return the rows of all levels of each member of the ensemble, (n_rows, n_members, n).
@@ -331,20 +383,22 @@ class LevelTable:
             size = np.where(speed == 0.0, 0.0 * self._rms, size)
             return _Forcing(omega, defined, size * defined)
 
-    def _responses(self, parts: Sequence[FloatArray], w: FloatArray) -> FloatArray:
+    def _responses(
+        self, parts: Sequence[FloatArray], w: FloatArray, inputs: IntArray
+    ) -> FloatArray:
         """Return responses to unit loads, (2, n_outputs, n_excitations, n): both parts.
 
         They are sums of terms (a + i w b) / D with D = k - w^2 + i w c, at n angles, whose poles,
         numerators and residuals come first in the parts of `_Layout`, and angular frequencies w,
-        (n_excitations, n).
+        (n_excitations, n or 1), of excitations that act at these inputs.
         """
         poles, above, rest, *_ = parts
-        poles, above = poles[:, :, np.newaxis, np.newaxis], above.take(self._inputs, axis=3)
+        poles, above = poles[:, :, np.newaxis, np.newaxis], above.take(inputs, axis=3)
         above[2] *= w
         above[1] += above[2]
         terms = _quotient(above[:2], poles[0] - w * w, poles[2] * w + poles[1])
         sums = np.add.accumulate(terms, axis=1)[:, -1]
-        rest = rest.take(self._inputs, axis=2)
+        rest = rest.take(inputs, axis=2)
         sums += rest[:2]
         sums[1] += rest[2] * w
         return np.asarray(sums)
@@ -352,7 +406,7 @@ class LevelTable:
     def _table_responses(self, alpha3: float, omega: FloatArray) -> ComplexArray:
         """Return responses to unit loads at an angle, (n_outputs, n_excitations), at rad/s."""
         parts = self._layout.split(self._values(np.array([alpha3])))
-        real, imaginary = self._responses(parts, omega[:, np.newaxis])[..., 0]
+        real, imaginary = self._responses(parts, omega[:, np.newaxis], self._inputs)[..., 0]
         return np.asarray(real + 1j * imaginary)
 
     def _evaluate(
@@ -403,6 +457,12 @@ class LevelTable:
         np.sqrt(np.maximum.reduce(ratios), out=numbers[at["load_ratios"]])
         lost = 0.0 * np.maximum.reduce(reference)  # NaN where nothing is known to refer to
         numbers[at["total_load_ratio"]] = np.sqrt(np.maximum.reduce(total)) + unknown + lost
+
+
+def _squares(responses: FloatArray) -> FloatArray:
+    """Return squares of magnitudes, (...), of real and imaginary parts, (2, ...), in place."""
+    responses *= responses
+    return np.asarray(responses[0] + responses[1])
 
 
 def first_largest(values: FloatArray) -> IntArray:

@@ -407,9 +407,9 @@ class _Tried:
 
     def exceeding(self, angles: FloatArray, speeds: FloatArray) -> FloatArray:
         """Return where the limit is exceeded, (n_angles, n_speeds); NaN where it is not known."""
-        every = np.repeat(self.speeds[:, np.newaxis], len(angles) * len(speeds), axis=1)
-        every[list(Source).index(self.source)] = np.tile(speeds, len(angles))
-        found = self.levels.at(np.repeat(angles, len(speeds)), every)
+        every = np.repeat(self.speeds[:, np.newaxis], len(speeds), axis=1)
+        every[list(Source).index(self.source)] = speeds
+        found = self.levels.over(angles, every)
         exceeds = (found.total_load_ratio > self.limits.warning).astype(float)
         loads = found.load_ratios[:, self.ours]
         known = np.isfinite(loads) | np.isnan(loads).all(axis=0)  # some never have a load

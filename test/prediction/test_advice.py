@@ -63,8 +63,9 @@ class Levels:
     def __init__(self, n_members: int = 64) -> None:
         self.members = MEMBERS[:n_members]
 
-    def at(self, alpha3: Any, speeds: Any) -> MessageColumns:
-        """Return what `LevelTable.at` returns."""
+    def over(self, alpha3: Any, speeds: Any) -> MessageColumns:
+        """Return what `LevelTable.over` returns."""
+        alpha3, speeds = np.repeat(alpha3, speeds.shape[1]), np.tile(speeds, len(alpha3))
         inside = (alpha3 >= 1.5) & (alpha3 <= 3.0)
         v = speeds[GROUND]
         total = np.array([load(a, b) for a, b in zip(alpha3, v, strict=True)])

@@ -3,13 +3,22 @@
 """Warnings in two minutes of work, beside forces that are integrated over time."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from benchmark.force_integration import PinForces, Run, running
-from benchmark.working_hour import KINDS, RATE, Outcome, Work, outcome, write_excitations
+from benchmark.working_hour import (
+    KINDS,
+    RATE,
+    Outcome,
+    Work,
+    limits_table,
+    outcome,
+    write_excitations,
+)
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.prediction.excitation import Source
@@ -119,6 +128,20 @@ def test_each_warning_names_what_ends_it(flat: Outcome, tmp_path: Path) -> None:
             after = states([(angle, speeds), (float(message.quiet_angle), speeds)])
             assert after[1] != ResonanceState.WARNING
     assert changes > 3
+
+
+def test_limits_that_are_asked_are_met_or_not(flat: Outcome) -> None:
+    """A machine that warns for too long, or misses warnings, does not meet what is asked."""
+    quiet = np.zeros_like(flat.drive.resonances.state)
+    resonances = flat.drive.resonances.rows(slice(None))
+    resonances.state = quiet
+    silent = replace(flat, drive=replace(flat.drive, resonances=resonances))
+    found = limits_table({"healthy": flat, FLAT: flat, "bent cardan shaft": silent})
+    healthy, faulty, missed = found.splitlines()[2:]
+    assert flat.share(ResonanceState.WARNING) > 0.1
+    assert healthy.count("not met") == 1  # warned for more than a tenth of the time
+    assert (faulty.count(", met"), faulty.count("not met")) == (2, 0)
+    assert "100.0 %, not met" in missed
 
 
 @pytest.mark.parametrize("name", ["engine 3", "tines 2", "tyre_lugs 1"])
