@@ -39,7 +39,10 @@ _SURE = 0.95  # of regrets
 _SAME = 1.0 + 1e-6  # Loads that differ by less are the same, and the first one is chosen.
 _NOTABLE = 0.8  # A height that leaves more of the load is not worth a change.
 _GROUND = list(Source).index(Source.GROUND)
-_NO_LOAD = "No load ratio is known here."
+_NO_LOAD = (
+    "No excitation with an amplitude is at work here, or the table has no FRFs or no static force "
+    "to compare with."
+)
 _LOST = (
     "The level of an excitation is not known here: its frequency is beyond the band of the table, "
     "or the table is not accurate enough."
@@ -116,11 +119,18 @@ def advise(
     Members of the ensemble are compared all over the map only ``with_regrets``, which takes longer
     than all else. An invalid question raises an `AdviceError`.
     """
-    present = float(question.speeds[_GROUND])
-    angles = _steps("angles", question.crank_angles or levels.alpha3_range, shape[0], -math.inf)
+    present = abs(float(question.speeds[_GROUND]))  # negative in reverse
+    for source, speed in zip(Source, question.speeds.tolist(), strict=True):
+        if speed < 0.0 and source is not Source.GROUND:
+            hint = "give one of at least 0, or NaN if it is not known"
+            raise AdviceError(f"The {source.value} speed is {speed:g} rpm; {hint}.")
+    ends = question.crank_angles or levels.alpha3_range
+    angles = _steps("angles", ends, shape[0], -math.inf, ("rad", math.degrees(1.0), "deg"))
     speeds = np.array([present])
     if question.ground_speeds is not None:
-        speeds = _steps("ground speeds", question.ground_speeds, shape[1], 0.0)
+        speeds = _steps(
+            "ground speeds", question.ground_speeds, shape[1], 0.0, ("m/s", KMH, "km/h")
+        )
     # The last row and the last column of the cells are those of the present height and speed.
     angles, speeds = np.append(angles, question.crank_angle), np.append(speeds, present)
     cells = np.arange(len(angles) * len(speeds)).reshape(len(angles), len(speeds))
@@ -162,8 +172,11 @@ def advise(
         probabilities=_probabilities(members[:, chosen]),
     )
     nothing = "Nothing permitted is known to be notably quieter."
+    if message.load_ratios[NOW] == 0.0:
+        nothing = "Nothing that is known loads it now."
     if math.isnan(message.load_ratios[NOW]):
-        nothing = "How strongly it is loaded now is not known."
+        why = texts[reasons[chosen[NOW]]]
+        nothing = f"How strongly it is loaded now is not known: {why[0].lower()}{why[1:]}"
     message.sentence = advice_sentence(message) or nothing
     shown = np.s_[:-1, :-1]
     return Advice(
@@ -178,14 +191,20 @@ def advise(
     )
 
 
-def _steps(what: str, ends: tuple[float, float], n: int, least: float) -> FloatArray:
-    """Return n steps of a permitted range, or its only value."""
+def _steps(
+    what: str, ends: tuple[float, float], n: int, least: float, units: tuple[str, float, str]
+) -> FloatArray:
+    """Return n steps of a permitted range, or its only value.
+
+    The units are the SI unit, how many of the unit that people type are in it, and that unit.
+    """
     low, high = ends
     if not least <= low <= high < math.inf or low == -math.inf:
         above = "" if least < 0.0 else " of at least 0"
+        unit, factor, typed = units
         raise AdviceError(
-            f"The permitted {what} are {low:g} to {high:g}; give two finite numbers{above}, the "
-            "smaller one first."
+            f"The permitted {what} are {low:g} to {high:g} {unit} ({factor * low:g} to "
+            f"{factor * high:g} {typed}); give two finite numbers{above}, the smaller one first."
         )
     return np.linspace(low, high, n if low < high else 1)
 
@@ -255,7 +274,7 @@ def _regret(chosen: FloatArray, members: FloatArray) -> float:
 
 
 def advice_sentence(
-    message: MessageColumns, would: str = "would shake", *, heights_only: bool = False
+    message: MessageColumns, would: str = "would be loaded", *, heights_only: bool = False
 ) -> str:
     """Return what is notably quieter than now, in words; empty if nothing is."""
     now, texts = float(message.load_ratios[NOW]), []
@@ -267,13 +286,14 @@ def advice_sentence(
         beginnings[SPEED] = f"At {speeds[SPEED]} instead of {speeds[NOW]}"
     for place, beginning in beginnings.items():
         share = float(message.load_ratios[place]) / max(now, 1e-300)
-        if share <= _NOTABLE:
+        if now > 0.0 and share <= _NOTABLE:
             probability = float(message.probabilities[place])
             sure = f" ({100.0 * probability:.0f} %)"
             if math.isnan(probability):
                 sure = "" if place == HEIGHT else " (probability not known)"
             near = [text for value, text in _SHARES.items() if abs(share / value - 1.0) < 0.1]
             words = near[0] if near else f"{100.0 * share:.0f} %"
+            words = words if share >= 0.005 else "less than 1 %"
             texts.append(f"{beginning} it {would} {words} as much{sure}.")
     return " ".join(texts)
 

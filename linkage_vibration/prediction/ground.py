@@ -397,9 +397,10 @@ class GroundTable:
 
         Parameters
         ----------
-        alpha3, speed : ndarray, (n,)
+        alpha3, speed : ndarray, (n,), or float
             rad and m/s; NaN where they are not known.
         """
+        alpha3, speed = np.broadcast_arrays(np.atleast_1d(alpha3), np.atleast_1d(speed) + 0.0)
         angles = angles_in_table(alpha3, self._table.alpha3_range)
         outside, unknown = np.isnan(angles), ~((speed >= 0.0) & (speed <= _FASTEST))
         if self.never:

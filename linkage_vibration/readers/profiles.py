@@ -8,10 +8,13 @@ import numpy as np
 
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import FloatArray
+from linkage_vibration.prediction.ground import profile_spectrum
 from linkage_vibration.readers.recordings import RecordingError, read_numbers
 
 _COLUMNS = 2, 3  # the distance, and the height of one track or of two
 _FEWEST = 256  # samples
+_LONGEST, _SMOOTH = 1e9, 1e-12  # m, and of the largest number
+_LINE = 5.0  # of the density beside it: random profiles stay below 3.2
 _GAP = 3.0  # of the median distance between samples
 
 
@@ -62,6 +65,21 @@ def _problem(table: FloatArray) -> str:
             f"there is a gap from {distance[gap]:g} m to {distance[gap + 1]:g} m; give a part "
             "without gaps."
         )
-    if not np.ptp(table[:, 1:].mean(axis=1)) > 0.0:
-        return "the height is constant, so it has no spectrum; give a measured profile."
+    if np.abs(table).max() > _LONGEST:
+        return f"a number is beyond {_LONGEST:g}; distances and heights are in m."
+    heights = table[:, 1:].mean(axis=1)
+    straight = np.polyval(np.polyfit(distance - distance[0], heights, 1), distance - distance[0])
+    if not np.ptp(heights - straight) > _SMOOTH * (1.0 + np.abs(table).max()):
+        whose = "mean of both heights" if columns == max(_COLUMNS) else "height"
+        return f"the {whose} is a straight line, so it has no spectrum; give a measured profile."
+    at, density = np.array(profile_spectrum(distance, heights)).T
+    with np.errstate(all="ignore"):
+        height = density[2:-2] / np.sqrt(density[:-4] * density[4:])
+    most = int(height.argmax())
+    if height[most] > _LINE:
+        return (
+            f"waves of about {1.0 / at[2 + most]:.3g} m repeat evenly, for which a spectrum of "
+            "random waves gives a wrong level; give them as an order with `base_displacement`, and "
+            "a profile without them."
+        )
     return ""

@@ -52,7 +52,7 @@ def first_sentence(log: Log) -> str:
             speeds = speeds_at_drive(log)
             avoid = avoidance(log.drive, limits, log.excitations, levels, speeds)
         message = drive_advice(log, levels, _HEIGHTS).message
-        advice = advice_sentence(message, "would have shaken", heights_only=True)
+        advice = advice_sentence(message, "would have been loaded", heights_only=True)
     verdict = drive_sentence(log.drive, limits, log.mode_label, avoid, log.excitations)
     return f"{verdict} {advice}".rstrip()
 

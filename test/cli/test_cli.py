@@ -222,6 +222,9 @@ def test_advise(tmp_path: Path, capsys: Any) -> None:
     assert printed[6].startswith("Not counted, as their loads are not known: pto_shaft 1")
     assert png.read_bytes().startswith(b"\x89PNG")
     assert main(["advise", "165", "30", "--speeds-kmh", "40", "10"]) == 1
-    assert "The permitted ground speeds are 11.1111 to 2.77778" in capsys.readouterr().err
+    assert (
+        "The permitted ground speeds are 11.1111 to 2.77778 m/s (40 to 10 km/h)"
+        in capsys.readouterr().err
+    )
     assert main(["advise", "200", "30"]) == 1
-    assert "How strongly it is loaded now is not known." in capsys.readouterr().out
+    assert "How strongly it is loaded now is not known: " in capsys.readouterr().out

@@ -158,7 +158,7 @@ def test_the_last_bit_does_not_choose(less: float, row: int) -> None:
         (1.6, 8.0, ""),
         (2.9, 20.0, ""),
         (2.9, 20.001, "beyond the band"),
-        (2.9001, 20.0, "No load ratio is known"),
+        (2.9001, 20.0, "No excitation with an amplitude is at work"),
         (3.0001, 8.0, "outside the table"),
     ],
 )
@@ -176,10 +176,10 @@ def test_both_sides_of_each_refusal(angle: float, speed: float, reason: str) -> 
 @pytest.mark.parametrize(
     ("permitted", "words"),
     [
-        ({"crank_angles": (2.5, 2.4)}, "angles are 2.5 to 2.4"),
+        ({"crank_angles": (2.5, 2.4)}, r"angles are 2.5 to 2.4 rad \(143.239 to 137.51 deg\)"),
         ({"crank_angles": (math.nan, 2.4)}, "angles are nan"),
         ({"crank_angles": (-math.inf, 2.4)}, "angles are -inf"),
-        ({"ground_speeds": (9.0, 1.0)}, "ground speeds are 9 to 1"),
+        ({"ground_speeds": (9.0, 1.0)}, r"ground speeds are 9 to 1 m/s \(32.4 to 3.6 km/h\)"),
         ({"ground_speeds": (-0.1, 1.0)}, "of at least 0"),
         ({"ground_speeds": (1.0, math.inf)}, "ground speeds are 1 to inf"),
     ],
@@ -201,7 +201,8 @@ def test_what_is_not_known_is_not_advised() -> None:
     assert np.isnan(outside.load_ratios[[NOW, SPEED]]).all()
     assert np.isfinite(outside.load_ratios[[HEIGHT, BOTH]]).all()
     assert np.isnan(outside.probabilities).all()
-    assert outside.sentence == "How strongly it is loaded now is not known."
+    reason = "the angle is outside the table."
+    assert outside.sentence == f"How strongly it is loaded now is not known: {reason}"
     still = ask(speed=math.nan).message
     assert "tyre 1" in still.not_counted
     assert "shaft 1" not in still.not_counted
@@ -248,14 +249,41 @@ def test_sentences() -> None:
             )
         )
 
-    carried = "Carried at 130 deg instead of 165 deg at 30 km/h it would shake"
+    carried = "Carried at 130 deg instead of 165 deg at 30 km/h it would be loaded"
     assert said(0.5, 1.0) == f"{carried} half as much (99 %)."
     assert said(0.8, 1.0) == f"{carried} 80 % as much (99 %)."
     assert said(0.801, 0.9) == ""
     assert said(0.34, 0.25, math.nan) == (
-        f"{carried} a third as much. At 24 km/h instead of 30 km/h it would shake a quarter as "
+        f"{carried} a third as much. At 24 km/h instead of 30 km/h it would be loaded a quarter as "
         "much (probability not known)."
     )
+
+
+@pytest.mark.parametrize(("now", "least", "words"), [(0.0, 0.0, ""), (1.0, 0.0, "less than 1 %")])
+def test_sentences_at_rest(now: float, least: float, words: str) -> None:
+    """Nothing is quieter than no load, and no load is less than a percent of any other."""
+    message = MessageColumns(
+        load_ratios=np.array([now, least, least, least]),
+        crank_angles=np.full(4, 2.0),
+        ground_speeds=np.array([5.0, 5.0, 0.0, 0.0]),
+        probabilities=np.array([math.nan, 0.5, 0.5, 0.5]),
+    )
+    assert (f" {words} as much" in advice_sentence(message)) is bool(words)
+    assert bool(advice_sentence(message)) is bool(words)
+
+
+@pytest.mark.parametrize("source", [ENGINE, PTO])
+def test_negative_speeds_of_shafts_are_refused(source: int) -> None:
+    """At rest there is an answer, and in reverse; a shaft that turns backwards is a mistake."""
+    levels: Any = Levels()
+    speeds = np.array([1800.0, 540.0, 8.0])
+    speeds[[source, GROUND]] = 0.0, -8.0
+    assert math.isfinite(
+        advise(levels, EXCITATIONS, Question(2.7, speeds)).message.load_ratios[NOW]
+    )
+    speeds[source] = -1e-3
+    with pytest.raises(AdviceError, match=r"speed is -0\.001"):
+        advise(levels, EXCITATIONS, Question(2.7, speeds))
 
 
 def test_advice_is_due_once_a_second_above_the_limit() -> None:

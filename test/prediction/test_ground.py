@@ -511,6 +511,14 @@ def test_one_row_equals_many(tractor: Tractor) -> None:
         one = lookup.at(alpha3[i : i + 1], speeds[i : i + 1])
         for name in ("velocity", "acceleration", "forces2", "off_ground_share", "reason"):
             np.testing.assert_array_equal(getattr(one, name)[..., 0], getattr(many, name)[..., i])
+    single = lookup.at(2.3, 5.0)
+    assert (single.velocity, single.reason) == (
+        lookup.at(np.array([2.3]), np.array([5.0])).velocity,
+        0,
+    )
+    rest = lookup.at(np.array([2.3, 2.4]), -0.0)
+    assert (rest.velocity == 0.0).all()
+    assert (rest.reason == 0).all()
 
 
 def test_levels_are_those_of_a_simulation_in_time() -> None:

@@ -42,8 +42,13 @@ FAULTS = {
     "unsorted": ((changed(DISTANCE, 8, 0.65), HEIGHT), "0.65 m follows 0.7 m; sort"),
     "twice": ((changed(DISTANCE, 8, 0.7), HEIGHT), "0.7 m follows 0.7 m; sort"),
     "gap": ((SMALL_GAP + np.where(np.arange(300) > 149, 0.02, 0.0), HEIGHT), "gap from 14.9 m"),
-    "constant": ((DISTANCE, 0.0 * HEIGHT + 0.3), "the height is constant"),
-    "opposite tracks": ((DISTANCE, HEIGHT, -HEIGHT), "the height is constant"),
+    "constant": ((DISTANCE, 0.0 * HEIGHT + 0.3), "the height is a straight line"),
+    "slope": ((DISTANCE, 0.05 * DISTANCE), "the height is a straight line"),
+    "opposite tracks": ((DISTANCE, HEIGHT, -HEIGHT), "the mean of both heights is a straight line"),
+    "unit": (
+        (DISTANCE, changed(HEIGHT, 7, -1.1e9)),
+        "beyond 1e.09; distances and heights are in m",
+    ),
     "short": ((DISTANCE[:255], HEIGHT[:255]), "has 255 samples; give at least 256"),
     "one column": ((DISTANCE,), "has 1 columns; give the distance"),
     "four columns": ((DISTANCE, HEIGHT, HEIGHT, HEIGHT), "has 4 columns; give the distance"),
@@ -63,9 +68,27 @@ def test_just_enough_is_read(tmp_path: Path) -> None:
     """256 samples are enough, and a step of less than three others is no gap."""
     assert len(read_profile(write(tmp_path / "a.csv", DISTANCE[:256], HEIGHT[:256]))[0]) == 256
     assert len(read_profile(write(tmp_path / "b.csv", SMALL_GAP, HEIGHT))[0]) == 300
+    far = write(tmp_path / "c.csv", DISTANCE, changed(HEIGHT, 7, -1e9))
+    assert read_profile(far)[1].min() == -1e9
 
 
 def test_missing_file(tmp_path: Path) -> None:
     """A file that does not exist is named."""
     with pytest.raises(ProfileError, match=r"none\.csv: cannot be read"):
         read_profile(tmp_path / "none.csv")
+
+
+@pytest.mark.parametrize(("amplitude", "refused"), [(0.0, False), (0.001, False), (0.01, True)])
+def test_waves_that_repeat_evenly_are_refused(
+    tmp_path: Path, amplitude: float, refused: bool
+) -> None:
+    """A wave of 1 m on a random walk, whose density falls with the square of the wavenumber."""
+    rng = np.random.default_rng(5)
+    distance = 0.05 * np.arange(8000)
+    walk = 0.0023 * np.cumsum(rng.standard_normal(8000))  # about class C
+    path = write(tmp_path / "road.csv", distance, walk + amplitude * np.sin(2.0 * np.pi * distance))
+    if not refused:
+        assert len(read_profile(path)[0]) == 8000
+        return
+    with pytest.raises(ProfileError, match=r"waves of about (0\.9|1\.0).* m repeat evenly"):
+        read_profile(path)

@@ -64,7 +64,7 @@ def test_map_and_sentence_are_about_the_worst_moment(log: Log) -> None:
     assert 0.45 < share < 0.55
     sentence = first_sentence(log)
     carried = f"Carried at {shown['best'][1]:.0f} deg instead of 165 deg at {3.6 * speed:.0f} km/h"
-    assert f"{carried} it would have shaken half as much (" in sentence
+    assert f"{carried} it would have been loaded half as much (" in sentence
     assert drive_summary(log)["sentence"] == sentence
 
 
