@@ -68,6 +68,10 @@ SLOW = {
 }
 
 
+# Pages whose commands print what the blocks of text below them show.
+PRINTED = {"docs/calibration.md", "docs/measure_your_hitch.md"}
+
+
 @dataclass(frozen=True)
 class Block:
     """A code block: its language, its text, and the line on which it begins."""
@@ -85,8 +89,13 @@ def blocks_of(page: Path) -> list[Block]:
 
 
 def commands_of(page: Path) -> list[str]:
-    """Return the command lines of a page, without comments and with continued lines joined."""
-    text = "".join(block.text for block in blocks_of(page) if block.language == "console")
+    """Return the command lines of a page."""
+    return [line for block in blocks_of(page) for line in commands_in(block)]
+
+
+def commands_in(block: Block) -> list[str]:
+    """Return the command lines of a block, without comments and with continued lines joined."""
+    text = block.text if block.language == "console" else ""
     lines = text.replace("\\\n", " ").splitlines()
     return [line.partition("    #")[0].strip() for line in lines if line.strip()]
 
@@ -149,10 +158,26 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def run(command: list[Any], folder: Path, environment: dict[str, str]) -> None:
-    """Run a command of a page; fail with all that it printed."""
+def run(command: list[Any], folder: Path, environment: dict[str, str]) -> str:
+    """Run a command of a page, and return what it printed; fail with all of it."""
     done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True)
     assert done.returncode == 0, f"{command}\n{done.stdout}{done.stderr}"
+    return done.stdout
+
+
+def compare_printed(page: Path, printed: dict[str, str]) -> None:
+    """Compare each text of a page with what the commands above it printed, line by line.
+
+    The lines stand in the order of the output; a line of three dots stands for others.
+    """
+    output: list[str] = []
+    for block in blocks_of(page):
+        if block.language == "console":
+            output = "".join(printed[line] for line in commands_in(block)).splitlines()
+        elif block.language == "text":
+            for line in block.text.splitlines():
+                assert line in ["...", *output], f"{page}:{block.line}: {line}"
+                output = output[output.index(line) + 1 :] if line in output else output
 
 
 @contextmanager
@@ -189,14 +214,16 @@ def test_blocks_run(
     commands = [line for line in commands_of(page) if not line.startswith(tuple(NOT_RUN))]
     if not commands and all(block.language != "python" for block in blocks_of(page)):
         return  # none of its blocks runs here
-    environment = environment_of(page)
+    environment, printed = environment_of(page), dict[str, str]()
     python = Path(environment["VIRTUAL_ENV"]) / "bin" / "python"
     with ExitStack() as stack:
         for line in commands:
             if line == NODE:
                 stack.enter_context(running_node(folder, environment))
             else:
-                run(shlex.split(line), folder, environment)
+                printed[line] = run(shlex.split(line), folder, environment)
+        if str(page) in PRINTED:
+            compare_printed(page, printed)
         run([python, "-m", "doctest", ROOT / page], folder, environment)
         plain = [b.text for b in blocks_of(page) if b.language == "python" and ">>>" not in b.text]
         tests = [text for text in plain if "def test_" in text]
@@ -206,6 +233,16 @@ def test_blocks_run(
         if len(plain) > len(tests):
             (folder / "page.py").write_text("".join(t for t in plain if t not in tests))
             run([python, "page.py"], folder, environment)
+
+
+def test_texts_are_compared(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A line that no command above it printed, or in another order, is found."""
+    texts = [Block("console", "a\nb\n", 1), Block("text", "1\n...\n3\n", 4)]
+    monkeypatch.setitem(globals(), "blocks_of", lambda page: texts)
+    compare_printed(Path("page"), {"a": "1\n2\n", "b": "3\n"})
+    for printed in ({"a": "3\n", "b": "1\n"}, {"a": "1\n", "b": "4\n"}):
+        with pytest.raises(AssertionError, match="page:4: 3"):
+            compare_printed(Path("page"), printed)
 
 
 def read_part(block: dict[str, Any]) -> None:

@@ -4,7 +4,8 @@
 
 At a pole p of the assembly the joints transmit forces without a gap, (B H(p) B^T + S(p)) z = 0. A
 change dH of the receptances moves the pole by -z^T B dH B^T z / (z^T D z), where D is the
-derivative of B H B^T + S. So the noise of measured links gives the variances of the poles.
+derivative of B H B^T + S. So the noise of measured links gives the variances of the poles, and so
+does an error of a gain that all receptances of a link share, dH = g H.
 
 The fit of a measured link has real poles at rates that the fit chooses. Noise can join two of them
 to a strongly damped pole of the assembly. Such a pole is not there if the rates are others.
@@ -16,7 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from linkage_vibration.mechanics.arrays import BoolArray, ComplexArray
+from linkage_vibration.mechanics.arrays import BoolArray, ComplexArray, FloatArray
 from linkage_vibration.mechanics.compatibility import Joining
 from linkage_vibration.mechanics.components import Component, FrfComponent
 from linkage_vibration.mechanics.fbs import held_frf, independent_rows
@@ -85,21 +86,25 @@ class Assembly:
             pole, size = mode.pole, abs(mode.pole)
             if any(abs(pole - other) <= _SAME * size for other, _, _ in self.modes):
                 continue
-            frequency_stddev, ratio_stddev = self._deviations(mode)
-            if frequency_stddev <= _UNCERTAIN * size / (2.0 * math.pi) and self._stays(mode):
+            noise, gain = self._variances(mode)
+            if noise[0] <= (_UNCERTAIN * size / (2.0 * math.pi)) ** 2 and self._stays(mode):
                 kept[i] = True
-                self.modes.append((pole, frequency_stddev, ratio_stddev))
+                self.modes.append((pole, *np.sqrt(noise + gain).tolist()))
         return kept
 
-    def _deviations(self, mode: AssemblyPole) -> tuple[float, float]:
-        """Return standard deviations of the natural frequency (Hz) and the damping ratio."""
-        power = np.zeros(2)
+    def _variances(self, mode: AssemblyPole) -> FloatArray:
+        """Return variances of the natural frequency (Hz) and the damping ratio, (2, 2).
+
+        Those in the first row are caused by noise, those in the second by errors of gain.
+        """
+        power = np.zeros((2, 2))
         for component, _, rows in self._parts:
             if isinstance(component, FrfComponent):
-                forces = rows.T @ mode.forces
-                variances = component.measured.fit.variances(mode.pole, forces, mode.turns())
-                power += component.noise**2 * variances
-        return math.sqrt(power[0]), math.sqrt(power[1])
+                forces, fit = rows.T @ mode.forces, component.measured.fit
+                power[0] += component.noise**2 * fit.variances(mode.pole, forces, mode.turns())
+                change = forces @ fit.at(np.array([mode.pole]))[0] @ forces
+                power[1] += (component.gain * (mode.turns() * change).real) ** 2
+        return power
 
     def _stays(self, mode: AssemblyPole) -> bool:
         """Return whether a pole is there as well with other real poles in the measured links."""

@@ -70,3 +70,4 @@ class FrfComponent:
     frequencies: FloatArray  # (n_freq,), Hz, ascending, above 0
     measured: RegularisedFrfs  # receptances of the free body
     noise: float  # relative noise of the receptances as they were measured, 1
+    gain: float  # relative standard deviation of a gain that all of them share, 1

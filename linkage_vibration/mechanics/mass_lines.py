@@ -10,12 +10,14 @@ directions of the forces: four numbers describe every FRF.
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray, symmetric
+from linkage_vibration.mechanics.dofs import InterfaceDof
+from linkage_vibration.mechanics.regularisation import rigid_motions
 
 _RATIO = 2.5  # least ratio of the last line to the first, so that no resonance hides below them
 _LEAST_LINES = 6
@@ -109,6 +111,18 @@ def _doubt(omega: FloatArray, drive: ComplexArray) -> float | None:
         if not (values <= limit).all():
             return None
     return float((spread + smooth).max())
+
+
+def shown_mass(
+    dofs: Sequence[InterfaceDof], lines: MassLines, points: Mapping[str, tuple[float, float]]
+) -> tuple[float, float] | None:
+    """Return what `fit_rigid_body` does by the DoFs in the plane, or None if they are too few."""
+    used = [i for i, dof in enumerate(dofs) if dof.direction != "y" and dof.point in points]
+    planar = [dofs[i] for i in used]
+    if len(planar) < 3 or not {"x", "z"} <= {dof.direction for dof in planar}:
+        return None
+    motions = rigid_motions(planar, list(points.items()))[:, :3]
+    return fit_rigid_body(lines.accelerance[np.ix_(used, used)], motions)
 
 
 def fit_rigid_body(accelerance: FloatArray, motions: FloatArray) -> tuple[float, float]:

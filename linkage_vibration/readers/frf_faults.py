@@ -18,9 +18,9 @@ from linkage_vibration.mechanics.dofs import InterfaceDof
 from linkage_vibration.mechanics.mass_lines import (
     MassLines,
     find_mass_lines,
-    fit_rigid_body,
+    shown_mass,
 )
-from linkage_vibration.mechanics.regularisation import noise_level, rigid_motions
+from linkage_vibration.mechanics.regularisation import noise_level
 from linkage_vibration.readers.component_files import FileError
 
 _RECIPROCITY = 0.8  # |H_ij - H_ji| / |H_ij + H_ji|; 1 if they are unrelated
@@ -166,12 +166,10 @@ def _check_mass(
     dofs: Sequence[InterfaceDof], lines: MassLines, points: Mapping[str, Point], mass: float
 ) -> None:
     """Refuse FRFs of a planar rigid body with these points that has another mass, kg."""
-    used = [i for i, dof in enumerate(dofs) if dof.direction != "y" and dof.point in points]
-    planar = [dofs[i] for i in used]
-    if len(planar) < 3 or not {"x", "z"} <= {dof.direction for dof in planar}:
+    weighed = shown_mass(dofs, lines, points)
+    if weighed is None:
         return
-    motions = rigid_motions(planar, list(points.items()))[:, :3]
-    shown, misfit = fit_rigid_body(lines.accelerance[np.ix_(used, used)], motions)
+    shown, misfit = weighed
     if abs(math.log(shown / mass)) > _WEIGHED + 2.0 * misfit:
         raise FileError(
             f"the FRFs show a mass of {shown:.3g} kg between {lines.first:.3g} and "

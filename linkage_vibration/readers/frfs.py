@@ -20,6 +20,7 @@ The time dependence is exp(i omega t), as in all analysers.
 import math
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -88,7 +89,7 @@ def read_frfs(
         frfs = _read_npz(path, dofs) if kind == ".npz" else _read_uff(path, dofs, nodes or {})
         _check_values(frfs)
         check_faults(frfs, points, mass)
-    return frfs
+    return replace(frfs, mass=mass)
 
 
 def _read_npz(path: Path, wanted: Sequence[InterfaceDof] | None) -> Frfs:

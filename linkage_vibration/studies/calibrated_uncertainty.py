@@ -2,10 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Writes what a calibration leaves uncertain into the text of a mechanism.
 
-The section ``uncertainty`` of the mechanism gets the standard deviations of the fitted numbers, and
-their correlations with one another and with the other uncertain numbers of the mechanism.
+The section ``uncertainty`` of the mechanism gets the standard deviations of all uncertain numbers
+and their correlations.
 """
 
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -14,7 +15,7 @@ import numpy as np
 import yaml
 
 from linkage_vibration.errors import LinkageVibrationError
-from linkage_vibration.mechanics.arrays import FloatArray
+from linkage_vibration.mechanics.arrays import BoolArray, FloatArray
 from linkage_vibration.mechanics.paths import number_at, split_paths, with_numbers
 
 KINDS = ("relative", "absolute")
@@ -24,42 +25,44 @@ _LEAST = 1e-6  # eigenvalue of the correlations that are written, which rounding
 _NOTE = "# `linkage-vibration calibrate` wrote this section.\n"
 
 
-def other_claims(mapping: Mapping[str, Any], paths: Sequence[str]) -> dict[str, Any]:
-    """Return a description's section ``uncertainty`` without the numbers of some paths.
+def prior_section(mapping: Mapping[str, Any], names: Sequence[str]) -> dict[str, Any]:
+    """Return a description's section ``uncertainty`` in which parameters have their own names.
 
-    Numbers that the section names by an alias are left out, too.
+    A parameter takes the deviation of any of its places, also if the section names it by an alias.
+    Other places of that number keep a deviation of their own.
     """
     claims = mapping.get("uncertainty", {})
-    places = [place for path in paths for place in split_paths(path)]
     exact = {key: value for key, value in mapping.items() if key != "uncertainty"}
-    marked = with_numbers(exact, [(place, math.nan) for place in places])
-    names = {}  # of the numbers that stay, by their names now
-    for kind in KINDS:
-        for path in claims.get(kind, {}):
-            kept = [p for p in split_paths(path) if not math.isnan(number_at(marked, p))]
-            names[path] = ", ".join(kept)
-    left: dict[str, Any] = {
-        kind: {names[path]: value for path, value in claims.get(kind, {}).items() if names[path]}
-        for kind in KINDS
+    marked = {
+        name: with_numbers(exact, [(at, math.nan) for at in split_paths(name)]) for name in names
     }
-    left["correlations"] = [
-        {"between": [names[path] for path in pair["between"]], "value": pair["value"]}
+    prior: dict[str, Any] = {kind: {} for kind in KINDS}
+    renamed = {}
+    for kind in KINDS:
+        for path, value in claims.get(kind, {}).items():
+            rest, new = list(split_paths(path)), []
+            for name, other in marked.items():
+                kept = [place for place in rest if not math.isnan(number_at(other, place))]
+                new += [name] * (len(kept) < len(rest))
+                rest = kept
+            new += [", ".join(rest)] * bool(rest)
+            new = [name for name in new if not any(name in prior[each] for each in KINDS)]
+            prior[kind] |= dict.fromkeys(new, value)
+            renamed[path] = next(iter(new), "")
+    prior["correlations"] = [
+        {"between": [renamed[path] for path in pair["between"]], "value": pair["value"]}
         for pair in claims.get("correlations", [])
-        if all(names.get(path) for path in pair["between"])
+        if all(renamed[path] for path in pair["between"])
     ]
-    return {key: value for key, value in left.items() if value}
+    return {key: value for key, value in prior.items() if value}
 
 
-def with_fitted(
-    claims: Mapping[str, Any],
-    fitted: Sequence[str],
-    others: Sequence[str],
-    covariance: FloatArray,
+def posterior_section(
+    names: Sequence[str], relative: Sequence[bool] | BoolArray, covariance: FloatArray
 ) -> dict[str, Any]:
-    """Return a section ``uncertainty``, which lacks the fitted numbers, with them.
+    """Return a section ``uncertainty`` of numbers with a covariance, (n, n).
 
-    The covariance, (n, n), is that of the logarithms of the numbers of both lists of paths, each
-    divided by its own standard deviation.
+    It is that of the logarithms of the numbers that are relative.
     """
     deviations = np.sqrt(np.diag(covariance))
     correlation = covariance / np.outer(deviations, deviations)
@@ -67,18 +70,17 @@ def with_fitted(
     least = float(np.linalg.eigvalsh(correlation)[0])
     if least < _LEAST:
         correlation *= (1.0 - _LEAST) / (1.0 - least)
-    relative = dict(claims.get("relative", {}))
-    relative |= {path: _digits(value) for path, value in zip(fitted, deviations, strict=False)}
-    names = [*fitted, *others]
-    n = len(fitted)
-    pairs = [
+    section: dict[str, Any] = {kind: {} for kind in KINDS}
+    for name, share, deviation in zip(names, relative, deviations.tolist(), strict=True):
+        # A mechanism takes no relative deviation above 1.
+        kind, value = (KINDS[0], min(deviation, 1.0)) if share else (KINDS[1], deviation)
+        section[kind][name] = float(f"{value:.6g}")
+    section["correlations"] = [
         {"between": [names[i], names[j]], "value": round(float(correlation[i, j]), 8)}
-        for i, j in zip(*np.triu_indices(len(names), 1), strict=True)
-        if correlation[i, j] != 0.0 and i < n
+        for i, j in itertools.combinations(range(len(names)), 2)
+        if correlation[i, j] != 0.0
     ]
-    section = {**claims, "relative": relative}
-    pairs = [*claims.get("correlations", []), *pairs]
-    return section | ({"correlations": pairs} if pairs else {})
+    return {key: value for key, value in section.items() if value}
 
 
 def replace_section(
@@ -110,7 +112,3 @@ def _end(node: Any) -> int:
         return int(node.end_mark.index)
     last = node.value[-1]
     return _end(last[1] if isinstance(node, yaml.MappingNode) else last)
-
-
-def _digits(value: float) -> float:
-    return float(f"{value:.3g}")

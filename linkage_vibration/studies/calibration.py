@@ -7,13 +7,13 @@ A calibration is a YAML file with three keys: ``mechanism`` (a path beside the f
 frequencies of modes, at an angle or as an extreme over the stroke).
 ``config/calibrations/paper.yaml`` shows every key.
 
-The fit minimises the squares of the logarithms of the frequency ratios. Its variables are the
-logarithms of the parameters. It begins at several points within the bounds.
+The fit finds the most probable numbers (maximum a posteriori). It minimises the squares of the
+logarithms of the frequency ratios, over their deviations, and of the changes of all numbers that
+the description states as uncertain, over theirs. So it changes these, too, whether they are
+parameters or not. A parameter without a stated deviation has a uniform prior between its bounds.
 
-The errors of the fitted logarithms have two causes. The targets scatter by their deviations; if the
-residuals contradict these (sum of squares above its 95 % quantile), by as much as the residuals
-show. And an error of a number that is uncertain and not fitted makes others of the fitted ones.
-Where the targets say little, the bounds limit the errors, as those of a uniform distribution.
+The covariance is that of the linearised fit. If the residuals contradict the deviations (sum of
+squares above its 95 % quantile), those of the targets are multiplied by what the residuals show.
 """
 
 import itertools
@@ -24,12 +24,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.optimize import least_squares
+from scipy.optimize import OptimizeResult, least_squares
 from scipy.special import chdtri
 
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import BoolArray, FloatArray, IntArray
-from linkage_vibration.mechanics.description import Mechanism, MechanismError, coarser
+from linkage_vibration.mechanics.description import (
+    Mechanism,
+    MechanismError,
+    UncertainNumber,
+    coarser,
+)
 from linkage_vibration.mechanics.keys import Keys
 from linkage_vibration.mechanics.kinematics import Kinematics
 from linkage_vibration.mechanics.model import LinkageModel
@@ -37,9 +42,9 @@ from linkage_vibration.mechanics.parsing import mechanism_from_mapping
 from linkage_vibration.mechanics.paths import number_at, split_paths, with_numbers
 from linkage_vibration.readers.mechanism import load_yaml
 from linkage_vibration.studies.calibrated_uncertainty import (
-    other_claims,
+    posterior_section,
+    prior_section,
     replace_section,
-    with_fitted,
 )
 from linkage_vibration.studies.yaml_editing import edit_text
 from linkage_vibration.support.atomic_files import write_text
@@ -49,7 +54,11 @@ STROKE_ANGLES = 13  # angles at which an extreme is sought, before a parabola re
 UNDETERMINED = 0.5  # standard deviation of a logarithm above which a direction is undetermined
 SHARE = 0.3  # component of a direction above which a parameter belongs to it
 _LIKELY = 0.95  # share of sums of squared residuals that do not contradict the deviations
-_STEP = 1e-4  # of the logarithms, in the central differences of the covariance
+_STEP = 1e-4  # of the logarithms, in differences
+_STEP_OTHER = 1e-3  # of the other uncertain numbers, in units of their standard deviations
+_FARTHEST = 5.0  # standard deviations by which these may change
+_DOUBTFUL = 3.0  # stated deviations beyond which a change contradicts what was stated
+_ENOUGH = 1e-7  # relative change of the cost at which a search ends
 _EQUAL = 1e-6, 1e-9  # of a cost, and costs; only the end of a search may distinguish such costs
 
 
@@ -105,17 +114,64 @@ class CalibrationTask:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CalibrationResult:
-    """The result of a fit."""
+    """The result of a fit: the parameters, then all other uncertain numbers."""
 
-    values: FloatArray  # (n_parameters,), SI, as in the description
+    names: tuple[str, ...]  # (n,), their paths
+    values: FloatArray  # (n,), SI, as in the description
+    relative: BoolArray  # (n,): whether the deviation is that of the logarithm, as for parameters
+    covariance: FloatArray  # (n, n), of logarithms where relative
+    stated: FloatArray  # (n,): the standard deviations before the fit; NaN if none was stated
+    moved: FloatArray  # (n,): changes by the fit, in these deviations
     frequencies: FloatArray  # (n_targets,), Hz, from the full model of the calibrated mechanism
-    # (n, n), of the errors of the parameters' logarithms, then of those of the other uncertain
-    # numbers, each in units of its own standard deviation.
-    covariance: FloatArray
-    others: tuple[str, ...]  # the paths of the other uncertain numbers
-    scatter: float  # of the residuals, over what deviations and uncertain numbers explain; from 1
+    scatter: float  # of the residuals, over what the deviations explain; from 1
     undetermined: tuple[tuple[str, ...], ...]  # can change together without an effect on targets
-    on_bound: tuple[str, ...]  # parameters that the fit pushed to a bound
+    on_bound: tuple[str, ...]  # numbers that the fit pushed to a bound
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Unknowns:
+    """All numbers that a fit changes, and what is known of them before.
+
+    The variables are the logarithms of the parameters, and the changes of the other uncertain
+    numbers in units of their standard deviations.
+    """
+
+    parameters: tuple[Parameter, ...]
+    others: tuple[UncertainNumber, ...]
+    claims: tuple[tuple[int, UncertainNumber], ...]  # the variable of each number with a deviation
+    whitening: FloatArray  # inverse of the Cholesky factor of the correlations of these numbers
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The paths of the numbers."""
+        return (*(p.path for p in self.parameters), *(number.path for number in self.others))
+
+    @property
+    def bounds(self) -> FloatArray:
+        """The bounds of the variables, (2, n)."""
+        logs = [(math.log(each.low), math.log(each.high)) for each in self.parameters]
+        return np.array([*logs, *[(-_FARTHEST, _FARTHEST)] * len(self.others)]).T
+
+    @property
+    def flat(self) -> IntArray:
+        """The variables without a stated deviation."""
+        return np.setdiff1d(np.arange(len(self.parameters)), [at for at, _ in self.claims])
+
+    def values(self, x: FloatArray) -> FloatArray:
+        """Return the numbers, (n,), SI."""
+        fitted, steps = np.split(x, [len(self.parameters)])
+        others = [_moved(number, step) for number, step in zip(self.others, steps, strict=True)]
+        return np.concatenate([np.exp(fitted), others])
+
+    def changes(self, x: FloatArray) -> FloatArray:
+        """Return the change of each number that has a deviation, in units of it."""
+        values = self.values(x)
+        return np.array([_change(number, values[at]) for at, number in self.claims])
+
+    def numbers(self, x: FloatArray) -> list[tuple[str, float]]:
+        """List the path of every place that holds one of the numbers, with its value."""
+        pairs = zip(self.names, self.values(x).tolist(), strict=True)
+        return [(path, value) for name, value in pairs for path in split_paths(name)]
 
 
 def read_calibration(path: Path) -> CalibrationTask:
@@ -148,22 +204,23 @@ def calibrate(
     starts: int = 8,
     finished: Callable[[float], object] = lambda cost: None,
 ) -> CalibrationResult:
-    """Fit the parameters to the targets, from the description and random points within the bounds.
+    """Fit the uncertain numbers to the targets, from the description and random parameters.
 
-    The random points are the same each time. Of equally good fits, that from the first point is
-    taken. `finished` is called after each start with the lowest
-    cost so far: half the sum of squares of log frequency ratios, each divided by its deviation.
+    The random points are the same each time, and within the bounds. Of equally good fits, that from
+    the first point is taken. `finished` is called after each start with the lowest cost so far:
+    half the sum of squares.
     """
-    low, high = np.log([(p.low, p.high) for p in calibration.parameters]).T
+    unknowns = _unknowns(calibration)
+    n = len(calibration.parameters)
+    low, high = unknowns.bounds
     described = [number_at(calibration.mapping, p.paths[0]) for p in calibration.parameters]
     random = np.random.default_rng(0)
     best, problem = None, ""
     for start in range(starts):
-        guess = np.clip(np.log(described), low, high) if start == 0 else random.uniform(low, high)
+        logs = np.log(described) if start == 0 else random.uniform(low[:n], high[:n])
+        guess = np.clip(np.append(logs, np.zeros(len(unknowns.others))), low, high)
         try:
-            wider = (low - 1e-12, high + 1e-12)
-            options = {"bounds": wider, "x_scale": "jac", "max_nfev": 60}
-            fit = least_squares(lambda x: _residuals(calibration, x), guess, **options)
+            fit = _fit(calibration, unknowns, guess)
         except LinkageVibrationError as error:
             problem = str(error)
         else:
@@ -175,52 +232,69 @@ def calibrate(
             "The mechanism could be solved from no starting point; narrow the bounds or correct "
             f"the description. The last problem: {problem}"
         )
-    logs = np.clip(best.x, low, high)
-    return _result(calibration, logs, (logs - low < 1e-6) | (high - logs < 1e-6))
+    return _result(calibration, unknowns, best)
 
 
 def fit_report(calibration: CalibrationTask, result: CalibrationResult) -> str:
     """Return tables of the targets and of the parameters, and what the targets leave open."""
     lines = [f"{'target':24}{'wanted [Hz]':>12}{'found [Hz]':>12}{'difference':>12}"]
     for target, frequency in zip(calibration.targets, result.frequencies, strict=True):
-        share = frequency / target.frequency - 1.0
+        share = round(frequency / target.frequency - 1.0, 3) + 0.0  # no -0.0
         lines.append(f"{target!s:24}{target.frequency:12.4g}{frequency:12.4g}{share:12.1%}")
-    lines += ["", f"{'parameter':44}{'value':>12}{'deviation':>12}"]
+    names, n = result.names, len(calibration.parameters)
     deviations = np.sqrt(np.diag(result.covariance))
-    unknown = {*itertools.chain(*result.undetermined), *result.on_bound}
-    rows = zip(calibration.names, result.values, deviations, strict=False)
-    for name, value, deviation in rows:
-        certainty = f"{deviation:.1%}" if name not in unknown else "unknown"
-        certainty = "on a bound" if name in result.on_bound else certainty
-        lines.append(f"{name:44}{value:12.5g}{certainty:>12}")
+    unknown = {*itertools.chain(*result.undetermined)}
+    for heading, rows in (("parameter", range(n)), ("other number", range(n, len(names)))):
+        if rows:
+            columns = f"{'value':>12}{'stated':>9}{'change/stated':>15}{'deviation':>12}"
+            lines += ["", f"{heading:44}{columns}"]
+        for i in rows:
+            form = ".1%" if result.relative[i] else ".2g"
+            stated, change = f"{result.stated[i]:{form}}", f"{round(result.moved[i], 1) + 0.0:+.1f}"
+            if math.isnan(result.stated[i]):
+                stated, change = "none", ""
+            found = "unknown" if names[i] in unknown else f"{deviations[i]:{form}}"
+            found = "on a bound" if names[i] in result.on_bound else found
+            first, *more = split_paths(names[i])
+            name = first + ", ..." * bool(more)
+            lines.append(f"{name:44}{result.values[i]:12.4g}{stated:>9}{change:>15}{found:>12}")
+    if far := [names[i] for i in np.flatnonzero(np.abs(result.moved) > _DOUBTFUL)]:
+        lines.append(
+            f"\nThe fit changes {', '.join(far)} by more than {_DOUBTFUL:g} stated deviations; "
+            "check the number, its deviation, and which modes the targets belong to."
+        )
+    if np.isnan(result.stated).any():
+        lines.append(
+            "\nThe mechanism states no deviation of some parameters (none). Before the fit, all "
+            "values within their bounds count as equally likely, on a logarithmic scale."
+        )
     if result.scatter > 1.0:
         lines.append(
-            f"\nThe differences are {result.scatter:.2g} times as large as the deviations of the "
-            "targets explain, so the deviations of the parameters are larger, too."
+            f"\nThe differences are {result.scatter:.2g} times as large as the deviations "
+            "explain, so the targets count with deviations that are larger by this factor."
         )
     for together in result.undetermined:
         lines.append(f"\nThe targets do not determine, or do not separate: {', '.join(together)}.")
     return "\n".join(lines)
 
 
-def _apply(calibration: CalibrationTask, values: Sequence[float]) -> dict[str, Any]:
-    """Return the description with other values of the parameters, SI, without uncertainty."""
-    exact = {key: value for key, value in calibration.mapping.items() if key != "uncertainty"}
-    return with_numbers(exact, _numbers(calibration, values))
-
-
 def write_mechanism(calibration: CalibrationTask, result: CalibrationResult, path: Path) -> None:
-    """Write the description with the fitted parameters; its comments and order stay.
+    """Write the description with the fitted numbers; its comments and order stay.
 
     The section ``uncertainty`` is new, and comes last. A `CalibrationError` is raised if an alias
     in the file makes one number of two parameters.
     """
-    pairs = _numbers(calibration, result.values.tolist())
-    numbers = [(at.split("."), [f"{value:.6g}"]) for at, value in pairs]
-    text = edit_text(calibration.text, numbers, CalibrationError)
-    claims = other_claims(calibration.mapping, calibration.names)
-    claims = with_fitted(claims, calibration.names, result.others, result.covariance)
-    write_text(path, replace_section(text, claims, CalibrationError), CalibrationError)
+    edits = []
+    for i, (name, value) in enumerate(zip(result.names, result.values.tolist(), strict=True)):
+        word = f"{value:.6g}"
+        places = split_paths(name)
+        if i < len(calibration.parameters) or float(word) != number_at(
+            calibration.mapping, places[0]
+        ):
+            edits += [(place.split("."), [word]) for place in places]
+    text = edit_text(calibration.text, edits, CalibrationError)
+    section = posterior_section(result.names, result.relative, result.covariance)
+    write_text(path, replace_section(text, section, CalibrationError), CalibrationError)
 
 
 def _natural_frequencies(model: LinkageModel, targets: Sequence[Target]) -> FloatArray:
@@ -243,12 +317,6 @@ def _natural_frequencies(model: LinkageModel, targets: Sequence[Target]) -> Floa
     return np.array(frequencies)
 
 
-def _numbers(calibration: CalibrationTask, values: Sequence[float]) -> list[tuple[str, float]]:
-    """List the path of every place that holds a parameter, with its value."""
-    pairs = zip(calibration.parameters, values, strict=True)
-    return [(path, float(value)) for parameter, value in pairs for path in parameter.paths]
-
-
 def _target(keys: Keys) -> Target:
     at: float | str
     if "at_deg" in keys:
@@ -260,67 +328,142 @@ def _target(keys: Keys) -> Target:
     return Target(keys.integer("mode"), at, frequency, deviation)
 
 
-def _residuals(calibration: CalibrationTask, logs: FloatArray) -> FloatArray:
-    """Return the misfits, (n_targets,), with logarithms of the parameters."""
-    mechanism = mechanism_from_mapping(_apply(calibration, np.exp(logs).tolist()))
-    return _misfits(calibration, mechanism)
+def _unknowns(calibration: CalibrationTask) -> _Unknowns:
+    """Return what a fit changes; a `MechanismError` is raised if the description is invalid."""
+    mapping, names = calibration.mapping, list(calibration.names)
+    mechanism_from_mapping(mapping)
+    prior = prior_section(mapping, names)
+    shared = [
+        (path, number_at(mapping, p.paths[0])) for p in calibration.parameters for path in p.paths
+    ]
+    described = with_numbers(_exact(mapping) | ({"uncertainty": prior} if prior else {}), shared)
+    uncertainty = mechanism_from_mapping(described).uncertainty
+    if uncertainty is None:
+        return _Unknowns(calibration.parameters, (), (), np.zeros((0, 0)))
+    others = tuple(number for number in uncertainty.numbers if number.path not in names)
+    names += [number.path for number in others]
+    claims = tuple((names.index(number.path), number) for number in uncertainty.numbers)
+    correlation = np.array(uncertainty.correlation).reshape(2 * [len(claims)])
+    return _Unknowns(
+        calibration.parameters, others, claims, np.linalg.inv(np.linalg.cholesky(correlation))
+    )
 
 
-def _misfits(calibration: CalibrationTask, mechanism: Mechanism) -> FloatArray:
-    """Return ln(frequency / wanted) / deviation, (n_targets,), of a coarse mesh."""
-    mechanism = coarser(mechanism, COARSE_ELEMENTS, COARSE_MODES)
-    closed = calibration.kinematics
+def _exact(mapping: dict[str, Any]) -> dict[str, Any]:
+    """Return a description without uncertainty."""
+    return {key: value for key, value in mapping.items() if key != "uncertainty"}
+
+
+def _moved(number: UncertainNumber, steps: float) -> float:
+    """Return a number that has changed by so many of its standard deviations."""
+    change = number.deviation * steps
+    return (
+        number.value * math.exp(change / number.value) if number.relative else number.value + change
+    )
+
+
+def _change(number: UncertainNumber, value: float) -> float:
+    """Return the change of a number to a value, in units of its standard deviation."""
+    change = value - number.value
+    if number.relative:
+        change = number.value * math.log(value / number.value)
+    return change / number.deviation
+
+
+def _fit(
+    calibration: CalibrationTask, unknowns: _Unknowns, guess: FloatArray, scatter: float = 1.0
+) -> OptimizeResult:
+    """Return the most probable variables, with deviations of the targets times `scatter`."""
+    exact = _exact(calibration.mapping)
+    steps = np.full(len(guess), _STEP_OTHER)
+    steps[: len(unknowns.parameters)] = _STEP
+
+    def residuals(x: FloatArray, near: Kinematics | None = None) -> FloatArray:
+        mechanism = mechanism_from_mapping(with_numbers(exact, unknowns.numbers(x)))
+        misfits = _misfits(calibration, mechanism, near) / scatter
+        return np.concatenate([misfits, unknowns.whitening @ unknowns.changes(x)])
+
+    def jacobian(x: FloatArray) -> FloatArray:
+        here = residuals(x)
+        [near] = calibration.kinematics.values()
+        columns = [(residuals(x + step, near) - here) / step.sum() for step in np.diag(steps)]
+        return np.array(columns).T
+
+    low, high = unknowns.bounds
+    bounds = low - 1e-12, high + 1e-12
+    return least_squares(
+        residuals, guess, jacobian, bounds, ftol=_ENOUGH, x_scale="jac", max_nfev=60
+    )
+
+
+def _misfits(
+    calibration: CalibrationTask, mechanism: Mechanism, near: Kinematics | None
+) -> FloatArray:
+    """Return ln(frequency / wanted) / deviation, (n_targets,), of a coarse mesh.
+
+    `near` is the kinematics of a mechanism that differs little, if they are known.
+    """
+    mechanism, closed = coarser(mechanism, COARSE_ELEMENTS, COARSE_MODES), calibration.kinematics
     geometry = mechanism.ground, tuple((body.name, body.points) for body in mechanism.bodies)
-    if geometry not in closed:
+    if near is None and geometry not in closed:
         closed.clear()
         closed[geometry] = Kinematics(mechanism)
-    model = LinkageModel(mechanism, kinematics=closed[geometry])
+    kinematics = closed[geometry] if near is None else near.nearby(mechanism)
+    model = LinkageModel(mechanism, kinematics=kinematics)
     frequencies = _natural_frequencies(model, calibration.targets)
     wanted, deviations = np.array([(t.frequency, t.deviation) for t in calibration.targets]).T
     return np.asarray(np.log(frequencies / wanted) / deviations)
 
 
-def _result(calibration: CalibrationTask, logs: FloatArray, bound: BoolArray) -> CalibrationResult:
-    columns = []
-    for step in _STEP * np.eye(len(logs)):
-        before, after = (_residuals(calibration, end) for end in (logs - step, logs + step))
-        columns.append((after - before) / (2.0 * _STEP))
-    jacobian = np.array(columns).T
-    free, names = np.flatnonzero(~bound), calibration.names
-    groups = _undetermined(jacobian[:, free])
-    undetermined = tuple(tuple(names[i] for i in free[group]) for group in groups)
-    mapping = _apply(calibration, np.exp(logs).tolist())
+def _result(
+    calibration: CalibrationTask, unknowns: _Unknowns, fit: OptimizeResult
+) -> CalibrationResult:
+    flat, scatter = unknowns.flat, _scatter(fit, len(calibration.targets), unknowns.flat)
+    if scatter > 1.0:
+        fit = _fit(calibration, unknowns, fit.x, scatter)
+    low, high = unknowns.bounds
+    x = np.clip(fit.x, low, high)
+    names = unknowns.names
+    bound = (x - low < 1e-6) | (high - x < 1e-6)
+    free = flat[~bound[flat]]
+    # What the other numbers cannot undo; they have priors, so they do not lack any direction.
+    basis = np.linalg.qr(np.delete(fit.jac, flat, axis=1))[0]
+    rest = fit.jac[:, free] - basis @ (basis.T @ fit.jac[:, free])
+    undetermined = tuple(tuple(names[i] for i in free[group]) for group in _undetermined(rest))
+    widths = (high - low)[flat]
+    information = fit.jac.T @ fit.jac
+    information[flat, flat] += 12.0 / widths**2
+    units, stated, moved = np.ones(len(x)), np.full(len(x), math.nan), np.full(len(x), math.nan)
+    for (at, number), change in zip(unknowns.claims, unknowns.changes(x), strict=True):
+        logarithmic = number.relative or at < len(unknowns.parameters)
+        stated[at] = number.deviation / (abs(number.value) if logarithmic else 1.0)
+        moved[at] = change
+        units[at] = stated[at] if at >= len(unknowns.parameters) else 1.0
+    mapping = with_numbers(_exact(calibration.mapping), unknowns.numbers(x))
     model = LinkageModel(mechanism_from_mapping(mapping))
-    others, effects = _others(calibration, mapping)
-    widths = np.log([p.high / p.low for p in calibration.parameters])
-    residuals = _residuals(calibration, logs)
-    covariance, scatter = _covariance(jacobian, residuals, effects, widths)
-    on_bound = tuple(names[i] for i in np.flatnonzero(bound))
-    frequencies = _natural_frequencies(model, calibration.targets)
     return CalibrationResult(
-        np.exp(logs), frequencies, covariance, others, scatter, undetermined, on_bound
+        names,
+        unknowns.values(x),
+        np.array([True] * len(unknowns.parameters) + [each.relative for each in unknowns.others]),
+        np.linalg.inv(information) * np.outer(units, units),
+        stated,
+        moved,
+        _natural_frequencies(model, calibration.targets),
+        scatter,
+        undetermined,
+        tuple(names[i] for i in np.flatnonzero(bound)),
     )
 
 
-def _others(
-    calibration: CalibrationTask, fitted: dict[str, Any]
-) -> tuple[tuple[str, ...], tuple[FloatArray, FloatArray]]:
-    """Return the paths of the uncertain numbers that are not fitted, and their effects.
+def _scatter(fit: OptimizeResult, n_targets: int, flat: IntArray) -> float:
+    """Return by how much the residuals exceed their deviations, 1 if these are not contradicted.
 
-    These are the changes of the misfits of a fitted description by one standard deviation of each,
-    (n_targets, n), and the correlations of the numbers, (n, n).
+    Every prior is one more residual and one more variable, so only flat variables count.
     """
-    claims = other_claims(calibration.mapping, calibration.names)
-    if not claims:
-        return (), (np.zeros((len(calibration.targets), 0)), np.zeros((0, 0)))
-    uncertainty = mechanism_from_mapping({**fitted, "uncertainty": claims}).uncertainty
-    assert uncertainty is not None
-    columns = []
-    for number in uncertainty.numbers:
-        low, high = (_misfits(calibration, side) for side in number.sides)
-        columns.append((high - low) * number.deviation / (2.0 * number.step))
-    paths = tuple(number.path for number in uncertainty.numbers)
-    return paths, (np.array(columns).T, np.array(uncertainty.correlation))
+    spare = n_targets - int(np.linalg.matrix_rank(fit.jac[:, flat])) if len(flat) else n_targets
+    square = 2.0 * float(fit.cost)
+    likely = spare <= 0 or square < chdtri(spare, 1.0 - _LIKELY)
+    return 1.0 if likely else math.sqrt(square / spare)
 
 
 def _undetermined(jacobian: FloatArray) -> list[IntArray]:
@@ -331,31 +474,6 @@ def _undetermined(jacobian: FloatArray) -> list[IntArray]:
     values = np.pad(values, (0, jacobian.shape[1] - len(values)))
     weak = directions[values <= 1.0 / UNDETERMINED]
     return [np.flatnonzero(np.abs(direction) > SHARE) for direction in weak]
-
-
-def _covariance(
-    jacobian: FloatArray,
-    residuals: FloatArray,
-    others: tuple[FloatArray, FloatArray],
-    widths: FloatArray,
-) -> tuple[FloatArray, float]:
-    """Return `covariance` and `scatter` of a `CalibrationResult`.
-
-    They follow from the Jacobian, (n_targets, n_parameters), and the residuals at the optimum, from
-    what `_others` returns without paths, and from the logarithmic widths of the bounds.
-    """
-    changes, correlation = others
-    explained = np.eye(len(residuals)) + changes @ correlation @ changes.T
-    spare = len(residuals) - int(np.linalg.matrix_rank(jacobian))
-    square = float(residuals @ np.linalg.solve(explained, residuals))
-    likely = spare == 0 or square < chdtri(spare, 1.0 - _LIKELY)
-    scatter = 1.0 if likely else math.sqrt(square / spare)
-    inverse = np.linalg.inv(jacobian.T @ jacobian / scatter**2 + np.diag(12.0 / widths**2))
-    # An error e of the others shifts the optimum by -into e.
-    into = inverse @ jacobian.T @ changes / scatter**2
-    mixed = -into @ correlation
-    fitted = inverse + into @ correlation @ into.T
-    return np.block([[fitted, mixed], [mixed.T, correlation]]), scatter
 
 
 def _extreme(curve: FloatArray, lowest: bool) -> float:

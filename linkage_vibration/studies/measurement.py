@@ -37,6 +37,8 @@ class ComparedMode:
     mode: int | None  # from 0; None if it belongs to no mode of the mechanism
     predicted: float  # Hz; NaN if it belongs to none
     deviation: float  # relative standard deviation of the measured frequency
+    # If the pair is doubtful: the mode to which it belongs nearly as well, None if to no mode.
+    rival: tuple[int | None, ...] = ()
 
 
 def compare(
@@ -57,8 +59,10 @@ def compare(
     return [
         ComparedMode(alpha3, mode, None, math.nan, math.nan)
         if j is None
-        else ComparedMode(alpha3, mode, j, float(predicted[j]), float(deviations[i, j]))
-        for i, (mode, j) in enumerate(zip(measured, modes, strict=True))
+        else ComparedMode(
+            alpha3, mode, j, float(predicted[j]), float(deviations[i, j]), tuple(rival)
+        )
+        for i, (mode, (j, *rival)) in enumerate(zip(measured, modes, strict=True))
     ]
 
 
@@ -77,7 +81,8 @@ def _steps(model: LinkageModel, alpha3: float) -> list[float]:
 def calibration_text(modes: Sequence[ComparedMode], mechanism: Path, output: Path) -> str:
     """Return the text of a calibration (written to output) of rigid bodies to modes at all heights.
 
-    It raises MeasurementError if no measured mode belongs to one of the mechanism.
+    Doubtful pairs are left out. It raises MeasurementError if no measured mode belongs to one of
+    the mechanism.
     """
     targets = [
         {
@@ -87,12 +92,13 @@ def calibration_text(modes: Sequence[ComparedMode], mechanism: Path, output: Pat
             "deviation": float(f"{each.deviation:.3g}"),
         }
         for each in modes
-        if each.mode is not None
+        if each.mode is not None and not each.rival
     ]
     if not targets:
         raise MeasurementError(
-            f"No measured frequency is within a factor of {FARTHEST:g} of a mode of the mechanism; "
-            "check the angles, and the masses and springs of the mechanism."
+            f"No measured frequency is within a factor of {FARTHEST:g} of one mode of the "
+            "mechanism, and clearly nearer to it than to another; check the angles, and the masses "
+            "and springs of the mechanism."
         )
     mapping = load_yaml(mechanism)[0]
     content = {
@@ -123,6 +129,8 @@ def comparison_table(modes: Sequence[ComparedMode], names: Sequence[str]) -> str
         label = "belongs to no mode of the model" if each.mode is None else f"mode {each.mode + 1}"
         if each.mode is not None and each.mode < len(names):
             label += f" ({names[each.mode]})"
+        for rival in each.rival:
+            label += f", or {'no mode' if rival is None else f'mode {rival + 1}'}: not a target"
         lines.append(
             f"{math.degrees(each.alpha3):12.2f}"
             f"{_with_deviation(measured.frequency, measured.frequency_stddev, 3):>22}"

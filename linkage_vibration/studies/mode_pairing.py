@@ -6,6 +6,8 @@ Every measured mode has a cost between 0 and 1: 1 if it is not paired, and other
 to its mode of the model. The pairing with the lowest sum is found by dynamic programming, among
 those that keep the order of the modes. As a pair never costs more than 1, and a measured mode that
 fits well costs almost nothing, a mode that belongs to none cannot push another off its place.
+
+A pair is doubtful if the best pairing without it costs hardly more.
 """
 
 import math
@@ -20,6 +22,8 @@ FARTHEST = 1.5  # ratio of the frequencies of a pair: beyond it they are not pai
 _SIGMAS = 3.0  # standard deviations at which a distance is 1
 _MODEL = math.log(FARTHEST) / _SIGMAS  # standard deviation of log(frequency) of a model
 _MODEL_DAMPING = math.log(10.0) / _SIGMAS  # the same of log(damping ratio), which is hardly known
+# A pair whose absence costs less is doubtful: an error of the model of 8 % would undo it.
+_DOUBT = 0.2
 _EQUAL = 1e-9  # difference of costs that rounding may cause
 
 
@@ -28,19 +32,33 @@ def pair_modes(
     frequencies: FloatArray,
     damping_ratios: FloatArray,
     deviations: FloatArray,
-) -> list[int | None]:
+) -> list[tuple[int | None, ...]]:
     """Return the mode of the model (from 0) of each measured mode, None if it has none.
 
+    If a pair is doubtful, the mode follows to which the measured mode belongs otherwise.
     Frequencies are in Hz, ascending, and the deviations relative ones of each possible pair,
     (n_measured, n_modes). Of equally good pairings the one with most pairs is taken, and of these
     the one whose first pairs have the lowest modes.
     """
     costs = _costs(measured, frequencies, damping_ratios, deviations)
+    lowest, pairs = _pairing(costs)
+    modes: list[tuple[int | None, ...]] = [(j,) for j in pairs]
+    for i, j in enumerate(pairs):
+        if j is not None:
+            others = costs.copy()
+            others[i, j] = math.inf
+            cost, rivals = _pairing(others)
+            modes[i] += (rivals[i],) * (cost - lowest < _DOUBT)
+    return modes
+
+
+def _pairing(costs: FloatArray) -> tuple[float, tuple[int | None, ...]]:
+    """Return cost and modes of the best pairing."""
     # best[j]: cost and modes of the best pairing of the later measured modes with modes from j.
-    best: list[tuple[float, tuple[int | None, ...]]] = [(0.0, ())] * (len(frequencies) + 1)
+    best: list[tuple[float, tuple[int | None, ...]]] = [(0.0, ())] * (costs.shape[1] + 1)
     for row in reversed(costs.tolist()):
         best = [_best(row, first, best) for first in range(len(best))]
-    return list(best[0][1])
+    return best[0]
 
 
 def _best(

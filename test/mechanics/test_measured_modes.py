@@ -11,6 +11,7 @@ import pytest
 
 from benchmark.noise import ALPHA3, scatter, with_noise
 from linkage_vibration.mechanics.assembly_poles import Assembly
+from linkage_vibration.mechanics.bodies.frfs import Frfs
 from linkage_vibration.mechanics.description import Spring
 from linkage_vibration.mechanics.identification import IdentificationError
 from linkage_vibration.mechanics.model import LinkageModel
@@ -89,6 +90,48 @@ def test_damping_is_not_biased(model: LinkageModel) -> None:
     found = with_noise(model, "upper_link", 1e-3, 0, LINES).identify(ALPHA3)
     assert found.damping_ratio_stddev[1] < 0.06 * exact
     assert abs(found.damping_ratios[1] - exact) < 3.0 * found.damping_ratio_stddev[1]
+
+
+@pytest.mark.parametrize("gain", [0.95, 1.05])
+def test_an_error_of_gain_is_in_the_deviations(model: LinkageModel, gain: float) -> None:
+    """All FRFs of a link are 5 % off; its frequencies are up to 2 % off, within their intervals.
+
+    Without a scale nothing shows the error. The mass is that of the two steel bars, each 50 mm by
+    32 mm by 810 mm.
+    """
+    exact = model.solve(ALPHA3).natural_frequencies[:3]
+    mixed = with_noise(model, "lower_link", 1e-4, 0, LINES)
+    links, weight = mixed.mechanism.links, 7800.0 * 0.050 * 0.032 * 0.810
+    at = next(i for i, link in enumerate(links) if link.name == "lower_link")
+    body = links[at].body
+    assert isinstance(body, Frfs)
+    errors = {}
+    for mass in (None, weight):
+        weighed = replace(links[at], body=replace(body, frf=gain * body.frf, mass=mass))
+        mechanism = replace(mixed.mechanism, links=(*links[:at], weighed, *links[at + 1 :]))
+        found = LinkageModel(mechanism, kinematics=model.kinematics).identify(ALPHA3)
+        shift = found.natural_frequencies - exact
+        assert 0.015 < np.abs(shift / exact).max() < 0.03
+        errors[mass] = np.abs(shift / found.frequency_stddev)
+    assert errors[None].min() > 1.96
+    assert errors[weight].max() < 1.96
+    assert errors[weight].min() > 0.5  # the deviations are not much too large
+
+
+def test_the_gain_of_a_link_that_was_weighed(model: LinkageModel) -> None:
+    """Its deviation is the logarithm of the ratio of the masses, or the doubt of the FRFs' mass."""
+    mixed = with_noise(model, "lower_link", 0.0, 0, LINES)
+    weight = 7800.0 * 0.050 * 0.032 * 0.810
+    link = next(link for link in mixed.mechanism.links if link.name == "lower_link")
+    body = link.body
+    assert isinstance(body, Frfs)
+    for mass, expected in ((weight, 0.0), (1.1 * weight, math.log(1.1)), (None, 0.0)):
+        weighed = replace(body, mass=mass)
+        component = weighed.component(link, mixed.mechanism, spatial=False, reduced=True)
+        assert component.gain == pytest.approx(expected, abs=2e-3)
+    high = replace(body, mass=weight, frequencies=LINES[200:], frf=body.frf[200:])
+    part = high.component(link, mixed.mechanism, spatial=False, reduced=True)
+    assert part.gain == 0.0  # no line shows the mass
 
 
 def test_spurious_modes(model: LinkageModel) -> None:

@@ -12,24 +12,23 @@ import numpy as np
 import pytest
 import yaml
 
+from benchmark.calibrations import scores
 from linkage_vibration.mechanics.description import Mechanism, coarser
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
-from linkage_vibration.mechanics.paths import with_numbers
-from linkage_vibration.mechanics.sensitivity import Sensitivity
+from linkage_vibration.mechanics.paths import number_at, with_numbers
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.studies import calibration as study
-from linkage_vibration.studies.calibrated_uncertainty import with_fitted
+from linkage_vibration.studies.calibrated_uncertainty import posterior_section, prior_section
 from linkage_vibration.studies.calibration import (
     CalibrationError,
     CalibrationResult,
     CalibrationTask,
     Parameter,
     Target,
-    _apply,
-    _covariance,
     _extreme,
     _natural_frequencies,
+    _scatter,
     _undetermined,
     calibrate,
     fit_report,
@@ -75,14 +74,14 @@ def test_known_parameters_are_recovered(mapping: Any, mechanism: Mechanism) -> N
     assert (np.sqrt(np.diag(result.covariance)) < 0.1).all()
     text = fit_report(wrong, result)
     assert "mode 3 lowest" in text
-    assert f"{HEIGHT:44}{0.032:12.5g}" in text
+    assert f"{HEIGHT:44}{0.032:12.4g}" in text
 
 
 def test_parameters_with_the_same_effect_are_reported(mapping: Any) -> None:
     """The width and the modulus of a massless crank both scale its stiffness alone."""
     crank = mapping["links"]["input_crank"]
     crank["material"] = dict(crank["material"], density=1e-3)
-    targets = [Target(1, math.radians(a), 3.0, 0.01) for a in (90.0, 135.0, 175.0)]
+    targets = [each for each in measured(mechanism_from_mapping(mapping)) if each.mode == 1]
     width = "links.input_crank.section.width"
     both = calibration(
         mapping, targets, Parameter(width, 0.001, 1.0), Parameter(MODULUS, 1e10, 1e12)
@@ -123,10 +122,14 @@ def yaml_number(mapping: Any, path: str) -> float:
     return float(mapping)
 
 
-def fitted(values: list[float]) -> CalibrationResult:
-    """Return a result with these values, known to 1 %."""
-    covariance = 1e-4 * np.eye(len(values))
-    return CalibrationResult(np.array(values), np.array([]), covariance, (), 1.0, (), ())
+def fitted(fit: CalibrationTask, values: list[float], **more: Any) -> CalibrationResult:
+    """Return a result with these values of the parameters, known to 1 %, without priors."""
+    n = len(values)
+    none, nan = np.array([]), np.full(n, math.nan)
+    known = np.ones(n, dtype=bool), 1e-4 * np.eye(n), nan, nan
+    return replace(
+        CalibrationResult(fit.names, np.array(values), *known, none, 1.0, (), ()), **more
+    )
 
 
 def sections(path: Path) -> tuple[list[str], Any]:
@@ -146,17 +149,17 @@ def test_written_mechanism_keeps_its_comments(mapping: Any, tmp_path: Path) -> N
         Parameter("links.lower_link.material.youngs_modulus", 1e9, 1e12),
     )
     path = tmp_path / "mine.yaml"
-    write_mechanism(fit, fitted([0.0351234, 912.5, 2.05e11]), path)
+    write_mechanism(fit, fitted(fit, [0.0351234, 912.5, 2.05e11]), path)
     before, (after, section) = fit.text.splitlines(), sections(path)
     assert len(before) == len(after)
     assert section["relative"] == dict.fromkeys([p.path for p in fit.parameters], 0.01)
     assert sum(a != b for a, b in zip(before, after, strict=True)) == 3
-    changed = _apply(fit, [0.0351234, 912.5, 2.05e11])
+    changed = with_numbers(mapping, zip(fit.names, [0.0351234, 912.5, 2.05e11], strict=True))
     # An alias makes the links share one material, in the file and in the data read from it.
     changed["uncertainty"] = section
     assert read_mechanism(path).model_hash == mechanism_from_mapping(changed).model_hash
     with pytest.raises(CalibrationError, match="cannot be written"):
-        write_mechanism(fit, fitted([0.03, 900.0, 2e11]), tmp_path / "none" / "mine.yaml")
+        write_mechanism(fit, fitted(fit, [0.03, 900.0, 2e11]), tmp_path / "none" / "mine.yaml")
 
 
 @pytest.mark.parametrize(
@@ -184,7 +187,7 @@ def test_invalid_calibrations_are_refused(tmp_path: Path, text: str, words: str)
 
 def test_linkage_that_never_closes_is_refused(mapping: Any) -> None:
     """If no starting point can be solved, the error gives the last problem."""
-    mapping = yaml.safe_load(yaml.safe_dump(mapping))
+    mapping = yaml.safe_load(yaml.safe_dump(mapping, sort_keys=False))
     mapping["links"]["lift_rod"]["points"]["V1"] = 0.1
     target = Target(1, math.radians(100.0), 3.0, 0.01)
     with pytest.raises(CalibrationError, match="from no starting point"):
@@ -198,13 +201,13 @@ def test_numbers_with_anchors_and_aliases(mapping: Any, tmp_path: Path) -> None:
     text = text.replace("width: 0.020, height: 0.036", "width: *w, height: 0.036")
     width = "links.lower_link.section.width"
     one = CalibrationTask(yaml.safe_load(text), text, (Parameter(width, 0.01, 0.1),), ())
-    write_mechanism(one, fitted([0.043]), tmp_path / "mine.yaml")
+    write_mechanism(one, fitted(one, [0.043]), tmp_path / "mine.yaml")
     assert "width: &w 0.043, height" in (tmp_path / "mine.yaml").read_text()
     assert read_mechanism(tmp_path / "mine.yaml").name == "three_point_linkage"
     crank = Parameter("links.input_crank.section.width", 0.01, 0.1)
     two = CalibrationTask(one.mapping, text, (*one.parameters, crank), ())
     with pytest.raises(CalibrationError, match="one number"):
-        write_mechanism(two, fitted([0.043, 0.044]), tmp_path / "other.yaml")
+        write_mechanism(two, fitted(two, [0.043, 0.044]), tmp_path / "other.yaml")
 
 
 def test_mode_that_the_model_does_not_have(mapping: Any) -> None:
@@ -216,17 +219,27 @@ def test_mode_that_the_model_does_not_have(mapping: Any) -> None:
 
 COUPLER, ROCKER, CRANK = (f"links.{link}.section.height" for link in ("coupler", "rocker", "crank"))
 NOISE = 0.01  # of measured natural frequencies
-CRANK_STDDEV = 0.03  # of the logarithm of the crank's height, which is not fitted
+STATED = {COUPLER: 0.1, CRANK: 0.03}  # of the logarithms; the crank's height is no parameter
 
 
-def four_bar() -> CalibrationTask:
-    """Return the calibration of two heights of a coarse four-bar, and its uncertain crank."""
+def four_bar(stated: dict[str, float] = STATED) -> CalibrationTask:
+    """Return the calibration of two heights of a coarse four-bar with uncertain numbers."""
     text = config_file("four_bar.yaml").read_text().replace("[0.0, 360.0]", "[40.0, 80.0]")
     text = text.replace("material:", "elements: 3\n    modes: 2\n    material:")
-    text += f"uncertainty: {{relative: {{{CRANK}: {CRANK_STDDEV}}}}}\n"
+    text += f"uncertainty: {{relative: {stated}}}\n"
     targets = [Target(m, math.radians(a), 1.0, NOISE) for m in (1, 2) for a in (45.0, 60.0, 75.0)]
-    parameters = Parameter(COUPLER, 0.01, 0.04), Parameter(ROCKER, 0.01, 0.05)
+    parameters = Parameter(COUPLER, 0.01, 0.04), Parameter(ROCKER, 0.015, 0.04)
     return CalibrationTask(yaml.safe_load(text), text, parameters, tuple(targets))
+
+
+def measured_four_bar(factor: float = 1.0, **options: Any) -> CalibrationTask:
+    """Return a calibration whose targets are exact for a coupler that is higher by a factor."""
+    fit = four_bar(**options)
+    exact = {key: value for key, value in fit.mapping.items() if key != "uncertainty"}
+    own = with_numbers(exact, [(COUPLER, factor * number_at(exact, COUPLER))])
+    found = _natural_frequencies(LinkageModel(mechanism_from_mapping(own)), fit.targets)
+    pairs = zip(fit.targets, found.tolist(), strict=True)
+    return replace(fit, targets=tuple(replace(t, frequency=hz) for t, hz in pairs))
 
 
 @pytest.mark.parametrize(
@@ -244,55 +257,71 @@ def test_the_first_of_equally_good_fits(
     monkeypatch: pytest.MonkeyPatch, costs: tuple[float, float], chosen: int
 ) -> None:
     """The fit from the file's values stays unless a cost is lower by 1e-6 of it and 1e-9."""
-    ends = [np.log([0.02, 0.025]), np.log([0.03, 0.04])]
-    fits = iter([SimpleNamespace(cost=c, x=x) for c, x in zip(costs, ends, strict=True)])
+    ends = [np.append(np.log(ends), 0.0) for ends in ([0.02, 0.025], [0.03, 0.04])]
+    jac = np.eye(7, 3)
+    fits = iter([SimpleNamespace(cost=c, x=x, jac=jac) for c, x in zip(costs, ends, strict=True)])
     monkeypatch.setattr(study, "least_squares", lambda *_, **__: next(fits))
     found = calibrate(four_bar(), starts=2)
-    assert found.values == pytest.approx(np.exp(ends[chosen]))
-
-
-def recalibrated(seed: int) -> tuple[CalibrationTask, CalibrationResult, Any]:
-    """Measure a random four-bar with noise, and fit it; return its own description as well."""
-    random, fit = np.random.default_rng(seed), four_bar()
-    heights = np.array([0.02, 0.025, 0.03]) * np.exp(
-        [0.1, 0.1, CRANK_STDDEV] * random.normal(size=3)
-    )
-    exact = {key: value for key, value in fit.mapping.items() if key != "uncertainty"}
-    own = with_numbers(exact, zip((COUPLER, ROCKER, CRANK), heights.tolist(), strict=True))
-    model = LinkageModel(mechanism_from_mapping(own))
-    found = _natural_frequencies(model, fit.targets) * np.exp(NOISE * random.normal(size=6))
-    targets = [replace(t, frequency=hz) for t, hz in zip(fit.targets, found.tolist(), strict=True)]
-    fit = replace(fit, targets=tuple(targets))
-    return fit, calibrate(fit, starts=1), own
+    assert found.values[:2] == pytest.approx(np.exp(ends[chosen][:2]))
 
 
 @pytest.mark.parametrize("count", [12, pytest.param(150, marks=pytest.mark.nightly)])
-def test_fitted_numbers_have_their_deviations(count: int, tmp_path: Path) -> None:
-    """Of noisy measurements of random linkages, 95 % of the intervals contain the own heights.
+def test_intervals_hold(count: int) -> None:
+    """Of random linkages, 95 % of the intervals contain the true numbers and frequencies.
 
-    The written file predicts the natural frequencies of the own linkage as well as it says. It
-    needs the correlations, as the error of the crank and those that it causes cancel.
+    The numbers are drawn from their priors: a parameter with a stated deviation, one without, and
+    an uncertain number that is no parameter. The written file predicts the natural frequencies of
+    the own linkage as well as it says. It needs the correlations, as errors of numbers cancel.
     """
-    errors, alpha3 = [], math.radians(50.0)
-    for seed in range(count):
-        fit, result, own = recalibrated(seed)
-        truth = [yaml_number(own, path) for path in (COUPLER, ROCKER)]
-        heights = np.log(result.values / truth) / np.sqrt(np.diag(result.covariance))[:2]
-        write_mechanism(fit, result, tmp_path / "fitted.yaml")
-        model = LinkageModel(read_mechanism(tmp_path / "fitted.yaml"))
-        solution = model.solve(alpha3)
-        exact = LinkageModel(mechanism_from_mapping(own)).solve(alpha3).natural_frequencies
-        off = np.log(solution.natural_frequencies[:2] / exact[:2])
-        stddev = Sensitivity(model).at(solution, 1e4).stddev[0, :2]
-        errors.append([*heights, *(off / stddev)])
-    scatter, inside = np.std(errors, axis=0), (np.abs(errors) < 1.96).mean(axis=0)
-    room = 4.0 / math.sqrt(2.0 * count)
+    found = scores(four_bar(), range(count), math.radians(50.0), 2)
+    assert found.names == (COUPLER, ROCKER, CRANK, "predicted mode 1", "predicted mode 2")
+    stated = np.isfinite(found.stated)
+    assert (found.deviations <= found.stated)[:, stated].all()
+    scatter, room = found.errors.std(axis=0), 4.0 / math.sqrt(2.0 * count)
     assert (np.abs(scatter - 1.0) < room).all()
-    assert (np.abs(inside - 0.95) < 0.5 * room).all()
+    assert (np.abs(found.coverage - 0.95) < 0.5 * room).all()
 
 
-def test_other_uncertain_numbers_stay(tmp_path: Path) -> None:
-    """A fitted number replaces its old claim, also by an alias; the others keep theirs."""
+def test_exact_targets_leave_less_uncertain() -> None:
+    """No number is less certain than stated, and a number that targets show is more certain."""
+    fit = measured_four_bar()
+    result = calibrate(fit, starts=1)
+    assert result.names == (COUPLER, ROCKER, CRANK)
+    assert result.stated == pytest.approx([0.1, math.nan, 0.03], nan_ok=True)
+    stddev = np.sqrt(np.diag(result.covariance))
+    assert stddev[0] < 0.5 * 0.1
+    assert stddev[2] < 0.03
+    assert result.values == pytest.approx([0.02, 0.025, 0.03], rel=1e-5)
+    text = fit_report(fit, result)
+    assert f"{COUPLER:44}        0.02    10.0%           +0.0" in text
+    assert f"{CRANK:44}        0.03     3.0%" in text
+    assert f"{ROCKER:44}       0.025     none" in text
+    assert "states no deviation of some parameters" in text
+    assert "states no deviation" not in fit_report(fit, replace(result, stated=np.full(3, 0.1)))
+
+
+def test_prior_and_targets_are_weighed() -> None:
+    """One number, known before with s and by targets with t, moves by s^2 / (s^2 + t^2) of a gap.
+
+    Then its variance is s^2 t^2 / (s^2 + t^2). The deviation t follows from a fit with s = 1.
+    """
+    gap, stated = 0.02, 0.01
+    loose = measured_four_bar(math.exp(gap), stated={COUPLER: 1.0})
+    loose = replace(loose, parameters=loose.parameters[:1])
+    by_targets = 1.0 / (1.0 / float(calibrate(loose, starts=1).covariance[0, 0]) - 1.0)
+    tight = replace(
+        loose, mapping={**loose.mapping, "uncertainty": {"relative": {COUPLER: stated}}}
+    )
+    result = calibrate(tight, starts=1)
+    share = stated**2 / (stated**2 + by_targets)
+    assert 0.2 < share < 0.98
+    assert math.log(result.values[0] / 0.02) == pytest.approx(share * gap, rel=0.02)
+    assert result.moved[0] == pytest.approx(share * gap / stated, rel=0.02)
+    assert result.covariance[0, 0] == pytest.approx(share * by_targets, rel=0.02)
+
+
+def test_claims_of_parameters(tmp_path: Path) -> None:
+    """A parameter takes the claim on its number, also by an alias; all are written again."""
     text = config_file("three_point_linkage_on_tractor.yaml").read_text()
     text = text.replace("uncertainty:", "uncertainty:  # old") + "# the end\n"
     names = (
@@ -303,37 +332,60 @@ def test_other_uncertain_numbers_stay(tmp_path: Path) -> None:
     fit = CalibrationTask(
         yaml.safe_load(text), text, tuple(Parameter(n, 0.1, 1e12) for n in names), ()
     )
-    mass, correlation = "rigid_bodies.implement.mass", np.eye(4)
-    correlation[1, 3] = correlation[3, 1] = 0.4
-    steps = np.array([0.01, 0.02, 0.03, 1.0])
-    covariance = correlation * np.outer(steps, steps)
-    values = np.array([2e11, 1.0, 6e5])
-    result = CalibrationResult(values, np.array([]), covariance, (mass,), 1.0, (), ())
+    prior = prior_section(fit.mapping, fit.names)
+    old = fit.mapping["uncertainty"]
+    both = {kind: set(prior[kind]) - set(old[kind]) for kind in ("relative", "absolute")}
+    # A parameter has the deviation of the number that it shares, and the rest keeps it.
+    pair = "base.mounts.rear_axle.stiffness.0, base.mounts.rear_axle.stiffness.1"
+    modulus = "links.lower_link.material.youngs_modulus"
+    second = "base.mounts.rear_axle.stiffness.1"
+    assert both == {"relative": {names[0], names[2], second}, "absolute": set()}
+    gone = {kind: set(old[kind]) - set(prior[kind]) for kind in ("relative", "absolute")}
+    assert gone == {"relative": {modulus, pair}, "absolute": set()}
+    assert (prior["relative"][names[0]], prior["relative"][names[2]]) == (0.03, 0.2)
+    assert prior["relative"][second] == 0.2
+    assert prior["correlations"] == old["correlations"]
+    mass = "rigid_bodies.implement.mass"
+    result = fitted(fit, [2e11, 1.0, 6e5])
+    result = replace(
+        result,
+        names=(*names, mass),
+        values=np.append(result.values, 812.5),
+        relative=np.array([True, True, True, True]),
+        covariance=np.diag([1e-4, 4e-4, 9e-4, 25e-4])
+        + 1e-4 * np.eye(4, k=2)
+        + 1e-4 * np.eye(4, k=-2),
+    )
     write_mechanism(fit, result, tmp_path / "fitted.yaml")
     assert "# old" not in (tmp_path / "fitted.yaml").read_text()
-    old, (_, new) = fit.mapping["uncertainty"], sections(tmp_path / "fitted.yaml")
-    both = {kind: set(new[kind]) - set(old[kind]) for kind in ("relative", "absolute")}
-    assert both == {"relative": {*names, "base.mounts.rear_axle.stiffness.1"}, "absolute": set()}
-    gone = {kind: set(old[kind]) - set(new[kind]) for kind in ("relative", "absolute")}
-    modulus = "links.lower_link.material.youngs_modulus"
-    pair = "base.mounts.rear_axle.stiffness.0, base.mounts.rear_axle.stiffness.1"
-    assert gone == {"relative": {modulus, pair}, "absolute": {names[1]}}
-    assert new["correlations"] == [{"between": [names[1], mass], "value": 0.4}]
+    new = sections(tmp_path / "fitted.yaml")[1]
+    assert new["relative"] == dict(zip(result.names, [0.01, 0.02, 0.03, 0.05], strict=True))
+    assert [pair["between"] for pair in new["correlations"]] == [
+        [names[0], names[2]],
+        [names[1], mass],
+    ]
+    assert new["correlations"][1]["value"] == pytest.approx(0.1)
     uncertainty = read_mechanism(tmp_path / "fitted.yaml").uncertainty
     assert uncertainty is not None
-    assert {n.path: n.deviation for n in uncertainty.numbers}[names[1]] == 0.02
+    assert {n.path: n.value for n in uncertainty.numbers}[mass] == 812.5
 
 
 def test_residuals_that_are_too_large_count() -> None:
     """Targets that are claimed ten times too exact give the deviations that their scatter shows."""
-    fit, result, _ = recalibrated(0)
-    claimed = replace(fit, targets=tuple(replace(t, deviation=NOISE / 10.0) for t in fit.targets))
-    bold = calibrate(claimed, starts=1)
-    assert result.scatter == 1.0
-    assert 4.0 < bold.scatter < 20.0
-    shares = np.diag(bold.covariance)[:2] / np.diag(result.covariance)[:2]
+    fit = measured_four_bar(1.05)
+    errors = 0.01 * np.array([1.2, -0.8, 0.3, -1.1, 0.9, 0.4])
+    targets = [
+        replace(t, frequency=t.frequency * (1.0 + error), deviation=0.001)
+        for t, error in zip(fit.targets, errors.tolist(), strict=True)
+    ]
+    bold = replace(fit, targets=tuple(targets))
+    fair = replace(fit, targets=tuple(replace(t, deviation=0.01) for t in targets))
+    first, second = calibrate(fair, starts=1), calibrate(bold, starts=1)
+    assert first.scatter == 1.0
+    assert 4.0 < second.scatter < 20.0
+    shares = np.diag(second.covariance)[:2] / np.diag(first.covariance)[:2]
     assert (np.abs(np.log(shares)) < math.log(4.0)).all()
-    assert "times as large as the deviations" in fit_report(claimed, bold)
+    assert "times as large as the deviations" in fit_report(bold, second)
 
 
 def test_what_targets_leave_open_is_known_to_the_bounds(mapping: Any) -> None:
@@ -365,30 +417,18 @@ def test_extreme_of_a_parabola() -> None:
 
 @pytest.mark.parametrize(("factor", "contradicts"), [(0.99, False), (1.01, True)])
 def test_scatter_that_contradicts_the_deviations(factor: float, contradicts: bool) -> None:
-    """It does beyond the 95 % quantile: 5.991 for five targets and three parameters, of a table."""
-    jacobian = np.vstack([np.eye(3), np.zeros((2, 3))])
-    residuals = math.sqrt(factor * 5.991) * np.array([0.0, 0.0, 0.0, 0.6, 0.8])
-    none = np.zeros((5, 0)), np.zeros((0, 0))
-    covariance, scatter = _covariance(jacobian, residuals, none, np.full(3, 1e6))
-    expected = math.sqrt(factor * 5.991 / 2.0) if contradicts else 1.0
-    assert scatter == pytest.approx(expected)
-    np.testing.assert_allclose(covariance, expected**2 * np.eye(3), rtol=1e-6)
+    """It does beyond the 95 % quantile: 5.991 for five targets and three parameters, of a table.
 
-
-def test_bounds_and_other_numbers_in_the_covariance() -> None:
-    """A bound of the width b gives the variance b^2 / 12; an error of another number adds its own.
-
-    With one parameter and one target of the slope 2, an error of the other number that changes the
-    residual by 1 shifts the parameter by -1 / 2.
+    A number with a prior is one more residual and one more variable.
     """
-    free = np.zeros((1, 1))
-    none = np.zeros((1, 0)), np.zeros((0, 0))
-    covariance, _ = _covariance(free, np.zeros(1), none, np.array([0.6]))
-    assert covariance[0, 0] == pytest.approx(0.6**2 / 12.0)
-    other = np.array([[1.0]]), np.eye(1)
-    covariance, scatter = _covariance(np.array([[2.0]]), np.zeros(1), other, np.array([1e6]))
-    assert scatter == 1.0
-    np.testing.assert_allclose(covariance, [[0.25 + 0.25, -0.5], [-0.5, 1.0]], rtol=1e-6)
+    jacobian = np.eye(6, 4)
+    fit = SimpleNamespace(jac=jacobian, cost=0.5 * factor * 5.991)
+    expected = math.sqrt(factor * 5.991 / 2.0) if contradicts else 1.0
+    assert _scatter(fit, 5, np.array([0, 1, 2])) == pytest.approx(expected)
+    assert _scatter(fit, 3, np.array([0, 1, 2])) == 1.0  # no target is left to show scatter
+    fit = SimpleNamespace(jac=jacobian, cost=0.5 * factor * 11.070)  # the quantile for five
+    expected = math.sqrt(factor * 11.070 / 5.0) if contradicts else 1.0
+    assert _scatter(fit, 5, np.array([], dtype=int)) == pytest.approx(expected)
 
 
 @pytest.mark.parametrize(("slope", "count"), [(1.99, 1), (2.01, 0)])
@@ -409,18 +449,22 @@ def test_what_the_report_says() -> None:
     """It has the deviations of parameters that are known, and says why others are not."""
     fit = four_bar()
     frequencies = np.array([1.02] * len(fit.targets))
-    matrix = np.diag([1e-4, 4e-4])
-    result = CalibrationResult(np.array([0.02, 0.03]), frequencies, matrix, (), 1.0, (), ())
+    matrix, moved = np.diag([1e-4, 4e-4]), np.array([2.9, math.nan])
+    stated = np.array([0.1, math.nan])
+    more = {"frequencies": frequencies, "covariance": matrix, "stated": stated, "moved": moved}
+    result = fitted(fit, [0.02, 0.03], **more)
     text = fit_report(fit, result)
     assert text.splitlines()[1].split() == ["mode", "1", "at", "45", "deg", "1", "1.02", "2.0%"]
-    assert [line.split()[-1] for line in text.splitlines() if line.startswith("links.")] == [
-        "1.0%",
-        "2.0%",
-    ]
+    rows = [line.split()[1:] for line in text.splitlines() if line.startswith("links.")]
+    assert rows == [["0.02", "10.0%", "+2.9", "1.0%"], ["0.03", "none", "2.0%"]]
     assert "times as large" not in text
+    assert "stated deviations;" not in text
+    assert "other number" not in text
     assert "on a bound" in fit_report(fit, replace(result, on_bound=(COUPLER,)))
     assert "unknown" in fit_report(fit, replace(result, undetermined=((ROCKER,),)))
     assert "are 1.5 times as large" in fit_report(fit, replace(result, scatter=1.5))
+    far = replace(result, moved=np.array([-3.1, math.nan]))
+    assert f"changes {COUPLER} by more than 3 stated" in fit_report(fit, far)
 
 
 def test_small_correlations_are_not_written() -> None:
@@ -428,28 +472,38 @@ def test_small_correlations_are_not_written() -> None:
     covariance = np.array([[1.0, 0.0009, 0.5], [0.0009, 1.0, 0.0011], [0.5, 0.0011, 1.0]]) * 1e-4
     covariance[2] *= 100.0
     covariance[:, 2] *= 100.0
-    found = with_fitted({"relative": {"c": 0.1}}, ["a", "b"], ["c"], covariance)
-    assert found["relative"] == {"c": 0.1, "a": 0.01, "b": 0.01}
+    found = posterior_section(["a", "b", "c"], [True, True, False], covariance)
+    assert found["relative"] == {"a": 0.01, "b": 0.01}
+    assert found["absolute"] == {"c": 1.0}
     assert found["correlations"] == [
         {"between": ["a", "c"], "value": 0.5},
         {"between": ["b", "c"], "value": 0.0011},
     ]
     exact = np.array([[1.0, 1.0], [1.0, 1.0]])
-    [pair] = with_fitted({}, ["a", "b"], [], exact)["correlations"]
+    [pair] = posterior_section(["a", "b"], [True, True], exact)["correlations"]
     assert 0.999998 < pair["value"] < 1.0
+    wide = posterior_section(["a", "b"], [True, False], np.diag([4.0, 4.0]))
+    assert wide == {"relative": {"a": 1.0}, "absolute": {"b": 2.0}}  # no relative one above 1
 
 
-def test_correlations_of_other_numbers_stay_as_they_are() -> None:
-    """The section keeps its own correlations of other numbers, and gets those of fitted ones."""
-    correlation = np.array([[1.0, 0.2, 0.3], [0.2, 1.0, 0.6], [0.3, 0.6, 1.0]])
-    pair = {"between": ["b", "c"], "value": 0.6}
-    claims = {"relative": {"b": 0.1, "c": 0.1}, "correlations": [pair]}
-    found = with_fitted(claims, ["a"], ["b", "c"], correlation)
-    assert found["correlations"] == [
-        pair,
-        {"between": ["a", "b"], "value": 0.2},
-        {"between": ["a", "c"], "value": 0.3},
-    ]
+def test_correlations_of_claims_are_renamed() -> None:
+    """Those of a number that a parameter shares are the parameter's; a second claim is dropped."""
+    mapping = {
+        "ground": {"P": [1.0, 2.0], "Q": [3.0, 4.0]},
+        "uncertainty": {
+            "relative": {"ground.P.0": 0.1, "ground.P.1": 0.2},
+            "absolute": {"ground.Q.0": 0.3},
+            "correlations": [
+                {"between": ["ground.P.0", "ground.Q.0"], "value": 0.5},
+                {"between": ["ground.P.1", "ground.Q.0"], "value": 0.4},
+            ],
+        },
+    }
+    both = "ground.P.0, ground.P.1"
+    found = prior_section(mapping, [both])
+    assert found["relative"] == {both: 0.1}
+    assert found["absolute"] == {"ground.Q.0": 0.3}
+    assert found["correlations"] == [{"between": [both, "ground.Q.0"], "value": 0.5}]
 
 
 def test_targets_of_a_file(tmp_path: Path) -> None:

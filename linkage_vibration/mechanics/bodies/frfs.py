@@ -2,12 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Links known by their frequency response functions alone."""
 
+import math
 from dataclasses import dataclass
 
 from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray
 from linkage_vibration.mechanics.components import FrfComponent
 from linkage_vibration.mechanics.description import Body, Link, Mechanism, MechanismError
 from linkage_vibration.mechanics.dofs import InterfaceDof
+from linkage_vibration.mechanics.mass_lines import find_mass_lines, shown_mass
 from linkage_vibration.mechanics.regularisation import (
     RegularisationError,
     noise_level,
@@ -23,6 +25,7 @@ class Frfs(Body):
     dofs: tuple[InterfaceDof, ...]  # (n_dofs,): rows (responses) and columns (forces)
     frequencies: FloatArray  # (n_freq,), Hz, ascending
     frf: ComplexArray  # (n_freq, n_dofs, n_dofs): receptances of the free body in its axes, m/N
+    mass: float | None = None  # kg, on a scale
 
     def component(
         self, link: Link, mechanism: Mechanism, *, spatial: bool, reduced: bool
@@ -43,4 +46,20 @@ class Frfs(Body):
             measured = regularise(wanted, frequencies, frf, rigid_motions(wanted, link.points))
         except RegularisationError as error:
             raise RegularisationError(f"links.{link.name}: {error}") from None
-        return FrfComponent(link.name, wanted, frequencies, measured, noise_level(frequencies, frf))
+        noise, gain = noise_level(frequencies, frf), self._gain_stddev(link)
+        return FrfComponent(link.name, wanted, frequencies, measured, noise, gain)
+
+    def _gain_stddev(self, link: Link) -> float:
+        """Return the relative standard deviation of a gain that all FRFs share; 0 if not known.
+
+        It is the logarithm of the ratio of the mass by the FRFs to that on the scale, together with
+        the misfit of the mass by the FRFs.
+        """
+        if self.mass is None:
+            return 0.0
+        moving = self.frequencies > 0.0
+        lines = find_mass_lines(self.frequencies[moving], self.frf[moving])
+        weighed = None if lines is None else shown_mass(self.dofs, lines, dict(link.points))
+        if weighed is None or not math.isfinite(weighed[1]):
+            return 0.0
+        return math.hypot(math.log(weighed[0] / self.mass), weighed[1])
