@@ -3,6 +3,7 @@
 """A calibration recovers parameters, reports what stays open, and keeps the layout of files."""
 
 import math
+import re
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -280,6 +281,17 @@ def test_intervals_hold(count: int) -> None:
     scatter, room = found.errors.std(axis=0), 4.0 / math.sqrt(2.0 * count)
     assert (np.abs(scatter - 1.0) < room).all()
     assert (np.abs(found.coverage - 0.95) < 0.5 * room).all()
+
+
+def test_the_page_has_the_coverage_of_the_benchmark() -> None:
+    """The page about calibration and the results of the benchmark print the same range."""
+    root = Path(__file__).parents[2]
+    pages = (root / "docs/calibration.md", root / "benchmark/results/calibrations.md")
+    found = [
+        re.findall(r"Coverage is between ([\d.]+) and ([\d.]+) %", p.read_text()) for p in pages
+    ]
+    assert found[0] == found[1]
+    assert len(found[0]) == 1
 
 
 def test_exact_targets_leave_less_uncertain() -> None:
