@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from linkage_vibration.mechanics.description import GROUND, Mechanism, RigidBody
+from linkage_vibration.mechanics.description import Mechanism, RigidBody
 from linkage_vibration.mechanics.kinematics import Configuration
 
 _STEEL, _WIDEST = 7850.0, 6.0  # kg/m3 and m: no implement is a solid bar of steel of this width
@@ -29,18 +29,16 @@ def doubts(mechanism: Mechanism, configuration: Configuration) -> Iterator[str]:
 
 def _overlap(mechanism: Mechanism, body: RigidBody, at: Configuration) -> Iterator[str]:
     """Yield a sentence if a body that links carry by upright pins lies on the ground's side."""
-    pins = [point for point, _ in body.points if len(mechanism.owners(point)) > 1]
-    ground = [at.place(GROUND, place) for _, place in mechanism.ground]
-    if len(pins) != 2 or not ground:
+    pins = [place for point, place in body.points if len(mechanism.owners(point)) > 1]
+    if len(pins) != 2:
         return
-    local = mechanism.local_points(body.name)
-    first, second = (at.place(body.name, local[point]) for point in pins)
-    along = second - first
-    across = np.array([-along[1], along[0]]) / math.hypot(*along)
-    centre = float(across @ (at.place(body.name, body.centre_of_gravity) - first))
-    carrier = float(across @ (np.mean(ground, axis=0) - first))
+    places = [at.place(body.name, place) for place in (*pins, body.centre_of_gravity)]
+    places.append(np.mean([place for _, place in mechanism.ground], axis=0))
+    along, size = places[1] - places[0], math.dist(*pins)
+    across = np.array([-along[1], along[0]]) / size
+    centre, carrier = (float(across @ (place - places[0])) for place in places[2:])
     upright = abs(along[1]) > abs(along[0])
-    if upright and centre * carrier > 0.0 and abs(centre) > _BESIDE * math.hypot(*along):
-        places = f"{abs(centre):.2g} m from the line of {pins[0]} and {pins[1]} towards the ground"
-        hint = "check `side`, or the signs of its coordinates"
-        yield f"The centre of gravity of {body.name} is {places}, where its carrier is; {hint}."
+    if upright and centre * carrier > 0.0 and abs(centre) > _BESIDE * size:
+        problem = f"is {abs(centre):.2g} m from the line of its pins towards the ground"
+        hint = "where its carrier is; check `side`, or the signs of its coordinates"
+        yield f"The centre of gravity of {body.name} {problem}, {hint}."

@@ -4,7 +4,7 @@
 
 from collections.abc import Sequence
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,9 +12,6 @@ from numpy.typing import NDArray
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.messages.definitions import OWN_PACKAGE
 from linkage_vibration.messages.fields import message_fields
-
-if TYPE_CHECKING:
-    import xarray
 
 _TYPES = "VibrationPrediction", "Resonance"  # of which columns have units
 
@@ -45,7 +42,7 @@ class MessageColumns(SimpleNamespace):
         """Return one message, whose attributes have no axis of rows."""
         return MessageColumns(**self._at(row))
 
-    def to_xarray(self) -> "xarray.Dataset":
+    def to_xarray(self) -> Any:
         """Return the messages as an `xarray.Dataset`, with units; it needs the extra `xarray`.
 
         Its dimensions are ``row``, for which ``crank_angle`` is a coordinate, and ``mode``, counted
@@ -64,16 +61,16 @@ class MessageColumns(SimpleNamespace):
         kinds = [message_fields(f"{OWN_PACKAGE}/msg/{kind}") for kind in _TYPES]
         modal = {"frequency_slopes", *(field.name for field in kinds[0] if field.is_sequence)}
         units = {f.name: f.unit for kind in kinds for f in kind if f.type.startswith("float")}
-        columns, texts = {}, {}
+        texts = {name: text for name, text in vars(self).items() if isinstance(text, str)}
+        columns = {}
         for name, column in vars(self).items():
-            if isinstance(column, str):
-                texts[name] = column
+            if name in texts:
                 continue
             axes = ("row", "mode" if name in modal else f"{name}_index")[: column.ndim]
             columns[name] = axes, column, {"units": units[name]} if name in units else {}
-        data = xarray.Dataset(columns, attrs=texts)
-        modes = {"mode": np.arange(1, data.sizes["mode"] + 1)} if "mode" in data.dims else {}
-        return data.assign_coords(modes).set_coords({"crank_angle"} & data.keys())
+        data = xarray.Dataset(columns, attrs=texts).set_coords({"crank_angle"} & columns.keys())
+        modes = np.arange(1, data.sizes.get("mode", 0) + 1)
+        return data.assign_coords(mode=modes) if len(modes) else data
 
     def _at(self, which: Rows | int) -> dict[str, Any]:
         return {

@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import yaml
@@ -47,9 +47,6 @@ from linkage_vibration.readers.excitations import read_excitations
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.atomic_files import write_text
 from linkage_vibration.table.table import Table, TableError, load_table
-
-if TYPE_CHECKING:
-    import xarray
 
 IntArray = NDArray[np.int64]
 
@@ -142,7 +139,7 @@ class Log:
         """Number of modes."""
         return int(self.natural_frequencies.shape[1])
 
-    def to_xarray(self) -> "xarray.Dataset":
+    def to_xarray(self) -> Any:
         """Return the predictions over ``time``, their stamps, as an `xarray.Dataset`."""
         data = MessageColumns(**_predictions(self)).to_xarray().rename(row="time")
         return data.assign_coords(time=self.stamps.astype("datetime64[ns]"))

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,9 +38,6 @@ from linkage_vibration.table.interpolation import (
 )
 from linkage_vibration.table.pole_cells import PoleFinder, PolePiece
 from linkage_vibration.table.reduced import Numbers, ReducedModels, from_pairs
-
-if TYPE_CHECKING:
-    import xarray
 
 IntArray = NDArray[np.int64]
 
@@ -396,7 +393,7 @@ class Table:
             hint = unit_question(first, low, high) or "choose an angle within it."
             raise TableError(f"{problem}; {hint}")
 
-    def to_xarray(self) -> "xarray.Dataset":
+    def to_xarray(self) -> Any:
         """Return the values over alpha3, at the points of the table, as an `xarray.Dataset`.
 
         It has natural frequencies, damping ratios and the highest peak of the FRF, with units.

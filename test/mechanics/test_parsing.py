@@ -386,7 +386,7 @@ def test_second_input_is_named(mapping: Any) -> None:
         ({"mass": 10.0, "inertia": 10.0 * 0.02**2}, ""),
         ({"centre_of_gravity": {"E1": 1.020, "E2": 1.095, "side": "right"}}, "1 m from the line"),
         ({"centre_of_gravity": [0.2, 0.6]}, ""),
-        ({"centre_of_gravity": [0.2, -0.6]}, "0.6 m from the line of E1 and E2 towards the ground"),
+        ({"centre_of_gravity": [0.2, -0.6]}, "0.6 m from the line of its pins towards the ground"),
         # Between the pins, a little ahead of the mast: half the mast of 0.438 m is the limit.
         ({"centre_of_gravity": [0.2, -0.218]}, ""),
         ({"centre_of_gravity": [0.2, -0.220]}, "0.22 m from the line"),

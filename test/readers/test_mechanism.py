@@ -2,12 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Mechanism files: the ones that come with the package, and invalid ones."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
+import yaml
 
+from benchmark.ensemble import LOADER
 from linkage_vibration.mechanics.description import Mechanism, MechanismError
 from linkage_vibration.mechanics.model import LinkageModel
+from linkage_vibration.mechanics.parsing import mechanism_from_mapping
 from linkage_vibration.readers.mechanism import read_mechanism
 
 
@@ -59,6 +63,15 @@ def shipped_mechanisms() -> list[Path]:
 def test_shipped_files_have_no_notice(path: Path) -> None:
     """Nothing is doubtful about any mechanism that comes with the package."""
     assert LinkageModel(read_mechanism(path)).notice == ""
+
+
+def test_plausible_machines_have_no_notice() -> None:
+    """Nor is anything doubtful about a front loader, whose bucket lies ahead of upright pins."""
+    machine = mechanism_from_mapping(yaml.safe_load(LOADER))
+    assert LinkageModel(machine).notice == ""
+    bucket = replace(machine.rigid_bodies[0], centre_of_gravity=(-0.4, 0.1))
+    wrong = LinkageModel(replace(machine, rigid_bodies=(bucket,)))
+    assert "gravity of bucket is 0.4 m from the line of its pins towards the ground" in wrong.notice
 
 
 def test_no_file(tmp_path: Path) -> None:

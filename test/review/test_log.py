@@ -122,6 +122,7 @@ def test_datasets_of_logs(drive: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert log.drive is not None
     every = log.drive.resonances.to_xarray()
     assert every.load_ratios.dims == ("row", "load_ratios_index")
+    assert "mode" not in every.dims
     assert every.excitation_frequency.attrs == {"units": "Hz"}
     monkeypatch.setitem(sys.modules, "xarray", None)
     with pytest.raises(LinkageVibrationError, match=r"`pip install linkage_vibration\[xarray\]`"):
