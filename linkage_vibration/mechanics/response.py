@@ -32,11 +32,12 @@ FREE_FROM = 0.01
 """Share of a band from which a mechanism's peak is sought where damping couples the modes."""
 
 _NOTHING = 1e-15  # Smaller residues, as shares of the largest, are rounding.
+_NEWTON = 6  # largest number of steps to a maximum; three or four are enough
 _GRID = 200  # number of frequencies over the band at which a peak is sought first
 _STEPS = 12  # Each maximum is then found in so many steps.
 _BESIDE = 1e-6  # relative distance from 0 Hz at which a slope is evaluated
-# half-power half-widths up to which the maximum of a resonance is sought, at so many places first
-_FARTHEST, _WIDER = 8.0, 33
+# places, in quarter half-widths, at which a maximum is sought if Newton's method fails
+_WIDER = np.arange(-32.0, 33.0)
 _AROUND = np.linspace(-2.0, 2.0, 9)  # lines about each resonance, in half-power half-widths
 
 
@@ -231,13 +232,15 @@ class PoleResidue:
         every = np.clip([*np.linspace(low, high, count), *near.ravel()], low, high)
         return np.asarray(np.unique(every) / (2.0 * math.pi))
 
-    def local_peaks(self, modes: IntArray) -> tuple[FloatArray, FloatArray]:
+    def local_peaks(
+        self, modes: IntArray, band: tuple[float, float] = (0.0, math.inf)
+    ) -> tuple[FloatArray, FloatArray]:
         """Return the maximum near the resonance of some modes, of a single FRF.
 
         Parameters
         ----------
-        modes
-            Indices, (n,).
+        modes, band
+            Indices, (n,), and Hz: maxima that other modes shifted are only sought in the band.
 
         Returns
         -------
@@ -247,26 +250,49 @@ class PoleResidue:
         """
         k, width = np.abs(self.stiffness[modes]), self._half_widths(modes)
         start = np.sqrt(np.maximum(k - 2.0 * width**2, 0.0))
-        # Other modes may have shifted the maximum.
-        ends = np.maximum(start - _FARTHEST * width, 0.0), start + _FARTHEST * width
-        grid = np.linspace(*ends, _WIDER, axis=1)
-        size = np.abs(self._value(grid.ravel())).reshape(grid.shape)
-        row, omega, turns = find_maxima(grid, size, lambda _, w: self._slope(w), 0.0)
-        turns |= omega == 0.0
-        row, omega = row[turns], omega[turns]
-        order = np.lexsort((np.abs(omega - start[row]), row))
-        first = order[np.unique(row[order], return_index=True)[1]]
-        nearest, sizes = np.full((2, len(start)), np.nan)
-        nearest[row[first]], sizes[row[first]] = omega[first], np.abs(self._value(omega[first]))
+        omega, settled = self._climb(start, width, 3.0 * width)
+        inside = (start >= 2.0 * math.pi * band[0]) & (start <= 2.0 * math.pi * band[1])
+        lost = np.flatnonzero(~settled & inside)
+        if len(lost):
+            # Other modes have shifted the maximum: look for the nearest one.
+            step = width[lost] / 4.0
+            around = np.maximum(start[lost] + np.multiply.outer(_WIDER, step), 0.0)
+            size = np.abs(self._value(around.ravel())).reshape(around.shape)
+            top = np.zeros(size.shape, dtype=bool)
+            top[1:-1] = (size[1:-1] > size[:-2]) & (size[1:-1] >= size[2:])
+            nearest = np.where(top, np.abs(_WIDER)[:, np.newaxis], np.inf).argmin(axis=0)
+            begin = around[nearest, np.arange(len(lost))]
+            again, found_again = self._climb(begin, step, 2.0 * step)
+            settled[lost], omega[lost] = found_again & top.any(axis=0), again
+        omega[~settled] = np.nan
+        sizes, finite = np.full(len(omega), np.nan), np.isfinite(omega)
+        sizes[finite] = np.abs(self._value(omega[finite]))
         driven = (self.residues[0, 0, modes] != 0.0) | (self.rates[0, 0, modes] != 0.0)
         endless = (width <= 0.0) & driven
-        nearest[endless], sizes[endless] = start[endless], np.inf
-        return nearest / (2.0 * math.pi), sizes
+        omega[endless], sizes[endless] = start[endless], np.inf
+        return omega / (2.0 * math.pi), sizes
 
     def _half_widths(self, modes: IntArray | BoolArray) -> FloatArray:
         """Return half of the half-power bandwidths of some modes, rad/s."""
         omega = np.sqrt(np.abs(self.stiffness[modes]))
         return np.asarray((self.decay[modes] + self.stiffness.imag[modes] / omega) / 2.0)
+
+    def _climb(
+        self, start: FloatArray, stride: FloatArray, reach: FloatArray
+    ) -> tuple[FloatArray, BoolArray]:
+        """Return maxima of abs(H) by Newton's method, rad/s, and whether each was found."""
+        omega = start.copy()
+        for _ in range(_NEWTON):
+            value, first, second = self._single(omega)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                slope = (value.conj() * first).real
+                bend = np.abs(first) ** 2 + (value.conj() * second).real
+                step = np.where(bend < 0.0, slope / bend, 0.0)
+            omega = omega - np.clip(step, -stride, stride)
+            if (np.abs(step) <= 1e-12 * start).all():
+                break
+        settled = (np.abs(omega - start) < reach) & (np.abs(step) <= 1e-6 * stride) & (bend < 0.0)
+        return omega, settled
 
     def _terms(self, omega: FloatArray) -> tuple[ComplexArray, ComplexArray]:
         """Return denominators and terms of the only FRF, (n_freq, n_modes)."""
@@ -279,32 +305,32 @@ class PoleResidue:
         """Return the only FRF at angular frequencies, (n_freq,)."""
         return np.asarray(self._terms(omega)[1].sum(axis=1) + self.residual[0, 0])
 
-    def _slope(self, omega: FloatArray) -> FloatArray:
-        """Return d(abs(H)^2)/d(w^2) of the only FRF, at angular frequencies, (n_freq,)."""
-        below, terms = self._terms(omega)
-        value = terms.sum(axis=1) + self.residual[0, 0]
+    def _single(self, omega: FloatArray) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
+        """Return H, dH/dw and d2H/dw2 of the only FRF, at angular frequencies, (n_freq,)."""
+        below, value = self._terms(omega)
+        rate, below_rate = 1j * self.rates[0, 0], 1j * self.decay - 2.0 * omega[:, np.newaxis]
         with np.errstate(divide="ignore", invalid="ignore"):
-            rates = terms * (1j * self.decay - 2.0 * omega[:, np.newaxis])
-            derivative = ((1j * self.rates[0, 0] - rates) / below).sum(axis=1)
-            return np.asarray((value.conj() * derivative).real / omega)
+            first = (rate - value * below_rate) / below
+            second = 2.0 * (value - first * below_rate) / below
+        return value.sum(axis=1) + self.residual[0, 0], first.sum(axis=1), second.sum(axis=1)
+
+    def _slope(self, omega: FloatArray) -> FloatArray:
+        """Return d(abs(H)^2)/dw / 2 of the only FRF, at angular frequencies, (n_freq,)."""
+        value, derivative, _ = self._single(omega)
+        return np.asarray((value.conj() * derivative).real)
 
 
 def find_maxima(
-    grid: FloatArray,
-    size: FloatArray,
-    slope: Callable[[IntArray, FloatArray], FloatArray],
-    least: float = RIVAL,
+    grid: FloatArray, size: FloatArray, slope: Callable[[IntArray, FloatArray], FloatArray]
 ) -> tuple[IntArray, FloatArray, BoolArray]:
     """Find the maxima of curves that are nearly the highest, from their sizes on a grid, (n, k).
-
-    On the grid they have at least this share of the highest value.
 
     `slope` returns the slopes of curves, by their indices, at places. The result is, for each
     maximum, the index of its curve, its place, and whether the curve turns there.
     """
     rises = np.diff(size, axis=1, prepend=-1.0) > 0.0
     falls = np.diff(size, axis=1, append=-1.0) <= 0.0
-    row, top = np.nonzero(rises & falls & (size >= least * size.max(axis=1)[:, np.newaxis]))
+    row, top = np.nonzero(rises & falls & (size >= RIVAL * size.max(axis=1)[:, np.newaxis]))
     low = grid[row, np.maximum(top - 1, 0)]
     high = grid[row, np.minimum(top + 1, grid.shape[1] - 1)]
     low = np.maximum(low, _BESIDE * high)  # at 0 Hz itself the slope is zero

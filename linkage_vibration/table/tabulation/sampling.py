@@ -292,7 +292,7 @@ class Sampler:
         reach = int(in_reach(modes.omega[elastic] ** 2, self.response.band).sum())
         kept = elastic[: max(self.response.modes, reach) + _SPARE]
         lost = len(modes.omega) - len(drive.decay)  # mechanism modes have no term there
-        peaks = np.array(drive.local_peaks(kept - lost))
+        peaks = np.array(drive.local_peaks(kept - lost, band))
         edges = np.abs(drive.frf(np.array(band))[:, 0, 0])
         edges = np.array([band, np.where(np.isfinite(edges), edges, 0.0)])
         if np.isinf(peaks).any():
