@@ -226,7 +226,7 @@ def _ground(keys: Keys, name: str, read_profile: ReadProfile) -> Excitation:
             raise ground.error(
                 "profile", f"{file} is not beside this file, where a log finds it; copy it there."
             )
-        spectrum = read_profile(file)
+        spectrum, name = read_profile(file), f"{name} ({file})"
         roughness, exponent = power_law(spectrum, reference)
     elif "roughness" in ground:
         roughness = _in_range(ground, "roughness", ground.number("roughness"), 1e-9, 1.0)

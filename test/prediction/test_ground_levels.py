@@ -116,6 +116,7 @@ def test_profile(tmp_path: Path) -> None:
     path.write_text("field: {speed: ground, terrain: {profile: road.csv}, raised: true}\n")
     [one] = read_excitations(path)
     assert one.terrain is not None
+    assert one.name == "field (road.csv)"
     # The density of a random walk with steps of variance s^2 is 2 s^2 / (step (2 pi n)^2).
     n, expected = 0.5, 2.0 * 1e-6 / (step * (math.tau * 0.5) ** 2)
     density = one.terrain.psd(np.array([n * SPEED]), np.array(SPEED))[0] * SPEED
