@@ -113,7 +113,7 @@ def _write_cost() -> float:
         recorder.start()
         for k in range(MESSAGES):
             before = time.perf_counter()
-            recorder.write("/a", data, k, k)
+            recorder.write([("/a", data, k, k)])
             times.append(time.perf_counter() - before)
             time.sleep(1e-4)
         recorder.stop()

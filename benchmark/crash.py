@@ -69,7 +69,7 @@ def record(folder: Path) -> None:
     recorder.start()
     for number in itertools.count():
         now = time.time_ns()
-        recorder.write(topic.name, _BODY.pack(now, number), now, now)
+        recorder.write([(topic.name, _BODY.pack(now, number), now, now)])
         time.sleep(PERIOD)
 
 

@@ -48,7 +48,7 @@ def topic(name: str, type_name: str) -> Topic:
         type_name,
         message_definition(type_name),
         type_hash(type_name),
-        offered_qos_profiles(reliable=True, depth=100),
+        offered_qos_profiles(),
     )
 
 
@@ -73,9 +73,9 @@ def record(folder: Path, compression: str, limits: LogLimits) -> None:
         )
         at = 10**9 * sec + nanosec
         data = bytes(store.serialize_cdr(message, JOINT_STATE))
-        recorder.write("/joint_states", data, at, at - 1000)
+        recorder.write([("/joint_states", data, at, at - 1000)])
         data = encode_message(PREDICTION, predictor.predict(alpha3), sec, nanosec, "hitch")
-        recorder.write("/prediction", data, at + 500, at + 400)
+        recorder.write([("/prediction", data, at + 500, at + 400)])
     recorder.stop()
 
 

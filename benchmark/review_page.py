@@ -129,7 +129,7 @@ def write_bag(path: Path, minutes: float) -> None:
             (schema, channel.topic, message.log_time, message.data)
             for schema, channel, message in make_reader(file).iter_messages()
         ]
-    qos = offered_qos_profiles(reliable=True, depth=10)
+    qos = offered_qos_profiles()
     kinds = {topic: schema for schema, topic, *_ in messages if schema is not None}
     topics = [
         Topic(topic, schema.name, schema.data.decode(), "", qos) for topic, schema in kinds.items()

@@ -22,6 +22,7 @@ from linkage_vibration.bags.cdr import Layout, Layouts
 from linkage_vibration.bags.dbc import dbc_signal
 from linkage_vibration.bags.message_types import CAN_FRAME
 from linkage_vibration.bags.numbers import (
+    MAX_NAMES,
     Integers,
     LeftOut,
     MessageNumber,
@@ -32,7 +33,6 @@ from linkage_vibration.bags.schemas import FieldError
 from linkage_vibration.bags.streams import Block, Bytes
 
 _FIRST = np.zeros(1, np.int64)
-_MAX_NAMES = 20
 _LAST_ADDRESS = 253  # 254 is that of a sender without an address, and 255 stands for all
 
 
@@ -71,15 +71,16 @@ def find_signal(field: str, database: str) -> CanSignal:
 class CanReader(NumberReader):
     """Reads a signal of a CAN bus."""
 
-    has_header = True
+    kind, has_header = "frame", True
 
     def __init__(self, signal: CanSignal) -> None:
-        self._signal = signal
+        self._signal, self.what = signal, f"CAN signal {signal.name}"
+        page = " whose multiplexer selects it" if signal.selectors else ""
+        self.remedy = (
+            f"It is in frames of {_name(signal.key)}{page}; check the source address and the "
+            "channel, or choose another signal."
+        )
         self._layouts = Layouts(CAN_FRAME, frame_places)
-
-    def describe(self) -> str:
-        """Return the name of the signal."""
-        return f"CAN signal {self._signal.name}"
 
     def read_one(self, data: bytes) -> MessageNumber | None:
         """Return the value of the signal in a frame, NaN for none; see `NumberReader.read_one`."""
@@ -127,22 +128,11 @@ class CanReader(NumberReader):
         """Return which frame a message is."""
         return [_name(frame_key(self._layouts.find(data), data))]
 
-    def explain_missing(self, topic: str, names: Sequence[str]) -> str:
-        """Return that no frame contains the signal, which frames there are, and the remedy."""
-        if not names:
-            return f"{topic} has no frames at all; check its publisher, or choose another topic."
-        listing = ", ".join(sorted(names)[:_MAX_NAMES])
-        page = " whose multiplexer selects it" if self._signal.selectors else ""
-        return (
-            f"{topic} has no frame with {self._signal.name} ({_name(self._signal.key)}{page}); it "
-            f"has {listing}. Check the source address and the channel, or choose another signal."
-        )
-
 
 def _names(keys: NDArray[np.uint32]) -> list[str]:
     """Return what frames with these keys are, at most 20."""
     distinct = np.unique(np.where(keys & EXTENDED, keys & ~np.uint32(0xFF), keys))
-    return [_name(key) for key in distinct[:_MAX_NAMES].tolist()]
+    return [_name(key) for key in distinct[:MAX_NAMES].tolist()]
 
 
 def _name(key: int) -> str:

@@ -14,6 +14,7 @@ import numpy as np
 
 from linkage_vibration.bags.cdr import ORIGIN, STAMP, CdrMessage, Layouts
 from linkage_vibration.bags.numbers import (
+    MAX_NAMES,
     CdrError,
     Integers,
     LeftOut,
@@ -32,7 +33,6 @@ from linkage_vibration.bags.schemas import (
 )
 from linkage_vibration.bags.streams import Block
 
-_MAX_NAMES = 20
 _STRUCT = {"f8": "d", "f4": "f", "i1": "b", "i2": "h", "i4": "i", "i8": "q"}
 _STRUCT |= {"u1": "B", "u2": "H", "u4": "I", "u8": "Q"}
 _SIZES = {name: int(code[1]) for name, code in NUMBERS.items()} | {"bool": 1}
@@ -61,6 +61,7 @@ class FieldReader(NumberReader):
     def __init__(self, schema: Schema, type_name: str, path: str, rates: str = "") -> None:
         self.has_header = has_header(schema, type_name)
         self._schema, self._type, self._path = schema, type_name, path
+        self.what = f"field {path}"
         self._steps = find_path(schema, type_name, path)
         self._code = NUMBERS[self._steps[-1].field.type]
         self._rate_steps: tuple[Step, ...] = ()
@@ -68,10 +69,6 @@ class FieldReader(NumberReader):
             last = replace(self._steps[-1], field=SchemaField(rates, "float64", 0))
             self._rate_steps = (*self._steps[:-1], last)
         self._layouts = Layouts(type_name, self._places)
-
-    def describe(self) -> str:
-        """Return the path of the field, in words."""
-        return f"field {self._path}"
 
     def read_one(self, data: bytes) -> MessageNumber | None:
         """Return the number of a message; see `NumberReader.read_one`."""
@@ -115,13 +112,6 @@ class FieldReader(NumberReader):
         """Return the names in a message, at most 20."""
         return self._layouts.find(data).places.names
 
-    def explain_missing(self, topic: str, names: Sequence[str]) -> str:
-        """Return that the name is missing, which names are there, and the remedy."""
-        if not names:
-            return ""
-        listing = ", ".join(sorted(names)[:_MAX_NAMES])
-        return f"{topic} has no {self._path}; it has {listing}. Choose one of them."
-
     def _places(self, message: CdrMessage) -> _Places:
         """Return where the numbers of a message are."""
         frame_id = ""
@@ -132,7 +122,7 @@ class FieldReader(NumberReader):
         rate = -1
         if self._rate_steps and value >= 0:
             rate, _, _ = self._place(message, self._rate_steps)
-        return _Places(frame_id, value, rate, fault, names[:_MAX_NAMES])
+        return _Places(frame_id, value, rate, fault, names[:MAX_NAMES])
 
     def _place(self, message: CdrMessage, steps: Sequence[Step]) -> tuple[int, Sequence[str], str]:
         """Return where the number of a path is (-1 for none), the names beside it, and a fault."""

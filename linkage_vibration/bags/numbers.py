@@ -17,6 +17,9 @@ from linkage_vibration.errors import LinkageVibrationError
 FloatArray = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
+MAX_NAMES = 20
+"""What messages contain instead is listed up to so many names."""
+
 
 class CdrError(ValueError):
     """Bytes that are not a message in plain CDR."""
@@ -90,18 +93,23 @@ class NumberReader(ABC):
 
     Attributes
     ----------
+    what : str
+        What is read, in words, such as "joint boom".
+    kind : str
+        What messages contain instead, such as "joint"; empty if they do not say it.
+    remedy : str
+        What to do if messages contain others of this kind only.
     has_header : bool
         Whether the messages begin with a header.
     note : str
         Why the last number, or the first of many, is NaN; empty if the message does not say it.
     """
 
+    what: str
+    kind: str = ""
+    remedy: str = "Choose one of them."
     has_header: bool = False
     note: str = ""
-
-    @abstractmethod
-    def describe(self) -> str:
-        """Return what is read, in words, such as "joint boom"."""
 
     @abstractmethod
     def read_one(self, data: bytes) -> MessageNumber | None:
@@ -127,4 +135,10 @@ class NumberReader(ABC):
 
         The names are those that `other_names` returns for messages on the topic.
         """
+        if names:
+            listing = ", ".join(sorted(names)[:MAX_NAMES])
+            return f"{topic} has no {self.what}; it has {listing}. {self.remedy}"
+        if self.kind:
+            fix = "check its publisher, or choose another topic"
+            return f"{topic} has no {self.kind} at all; {fix}."
         return ""

@@ -172,16 +172,12 @@ class Recorder:
         self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
         self._thread.start()
 
-    def write(self, topic: str, data: bytes, log_time: int, publish_time: int) -> None:
-        """Queue a message in CDR, or count it as dropped if the queue is full.
+    def write(self, messages: Sequence[tuple[str, bytes, int, int]]) -> None:
+        """Queue messages in CDR, all or none of them, or count them as dropped if it is full.
 
-        It is ignored if nothing is recorded. Its times of receiving and of sending, ns, need not
-        ascend.
+        Each has its topic, its bytes, and its times of receiving and of sending, ns, which need not
+        ascend. Messages are ignored if nothing is recorded, whichever thread calls `stop`.
         """
-        self.write_together([(topic, data, log_time, publish_time)])
-
-    def write_together(self, messages: Sequence[tuple[str, bytes, int, int]]) -> None:
-        """Queue messages as `write` does, all or none of them, whichever thread calls `stop`."""
         size = sum(len(data) for _, data, _, _ in messages)
         with self._lock:
             if not self.active:

@@ -35,7 +35,6 @@ from linkage_vibration.bags.mcap_records import (
     MESSAGE_INDEX,
     MESSAGE_RECORD,
     RECORD,
-    split_records,
 )
 from linkage_vibration.bags.reading import (
     BagError,
@@ -268,11 +267,17 @@ def _parts(
             yield from _gathered_parts(_by_rosbags(bag, names), number, names)
             return
         summaries = [make_reader(file).get_summary() or Summary() for file in files]
-        if all(summary.chunk_indexes and summary.channels for summary in summaries):
+        if all(map(_is_indexed, summaries)):
             pairs = list(zip(files, summaries, strict=True))
             yield from _mcap_parts(path, pairs, number, names, as_written)
         else:
             yield from _gathered_parts(_by_mcap(files, names, as_written), number, names)
+
+
+def _is_indexed(summary: Summary) -> bool:
+    """Return whether an MCAP file has an index of its messages."""
+    indexed = any(chunk.message_index_offsets for chunk in summary.chunk_indexes)
+    return indexed and bool(summary.channels)
 
 
 def _by_rosbags(bag: "Reader1 | Reader2", names: Sequence[str]) -> Iterator[_Message]:
@@ -310,8 +315,7 @@ def _mcap_parts(
         defined = summary.channels.values()
         channels = {c.id: names.index(c.topic) for c in defined if c.topic in names}
         for chunk in summary.chunk_indexes:
-            # A chunk without message indexes may hold any topic.
-            if not chunk.message_index_offsets or channels.keys() & chunk.message_index_offsets:
+            if channels.keys() & chunk.message_index_offsets:
                 chunks.append((file, chunk, channels))
     ordered = list(enumerate(chunks))
     if not as_written:
@@ -338,11 +342,8 @@ def _uncompressed(file: BinaryIO, chunk: ChunkIndex) -> bytes:
     return data
 
 
-def _indexed(file: BinaryIO, chunk: ChunkIndex, channels: dict[int, int]) -> Integers | None:
-    """Return the positions of the messages of these channels in a chunk, in its order.
-
-    None means that the chunk has no index, so that only a scan finds them.
-    """
+def _indexed(file: BinaryIO, chunk: ChunkIndex, channels: dict[int, int]) -> Integers:
+    """Return the positions of the messages of these channels in a chunk, in its order."""
     positions = [np.zeros(0, np.int64)]
     for channel, position in chunk.message_index_offsets.items():
         if channel in channels:
@@ -353,16 +354,12 @@ def _indexed(file: BinaryIO, chunk: ChunkIndex, channels: dict[int, int]) -> Int
             size = MESSAGE_INDEX.unpack_from(head, RECORD.size)[1]
             pairs = np.frombuffer(file.read(size), "<u8").reshape(-1, 2)
             positions.append(pairs[:, 1].astype(np.int64))
-    return np.sort(np.concatenate(positions)) if chunk.message_index_offsets else None
+    return np.sort(np.concatenate(positions))
 
 
-def _chunk_block(data: bytes, channels: dict[int, int], begins: Integers | None) -> Block:
-    """Return the messages of these channels (with their topics) that begin there in a chunk.
-
-    All records are scanned if it is not known where they begin.
-    """
+def _chunk_block(data: bytes, channels: dict[int, int], begins: Integers) -> Block:
+    """Return the messages of these channels (with their topics) that begin there in a chunk."""
     buffer = np.frombuffer(data, np.uint8)
-    begins = _scanned(data) if begins is None else begins
     if not len(begins):
         return Block(buffer, *np.zeros((5, 0), np.int64))
     if begins[0] < 0 or begins[-1] + MESSAGE_RECORD.itemsize > len(data):
@@ -379,15 +376,6 @@ def _chunk_block(data: bytes, channels: dict[int, int], begins: Integers | None)
     times = _time(heads["log_time"]), _time(heads["publish_time"])
     block = Block(buffer, starts, sizes, topic, *times)
     return block if (topic >= 0).all() else block.rows(np.flatnonzero(topic >= 0))
-
-
-def _scanned(data: bytes) -> Integers:
-    """Return the positions of the messages among the records of a chunk."""
-    records = list(split_records(data))
-    if data and (not records or records[-1][2] != len(data)):
-        raise ValueError("a record is longer than the rest of its chunk")
-    begins = [start - RECORD.size for kind, start, _ in records if kind == Opcode.MESSAGE]
-    return np.array(begins, np.int64)
 
 
 def _time(column: NDArray[np.uint64]) -> Integers:

@@ -74,8 +74,8 @@ class Attachment:
         return AttachmentRecord(0, 0, self.name, self.media_type, self.data)
 
 
-def offered_qos_profiles(*, reliable: bool, depth: int, latched: bool = False) -> str:
-    """Return the QoS of one publisher, which keeps ``depth`` messages, as rosbag2 stores it.
+def offered_qos_profiles(*, latched: bool = False) -> str:
+    """Return the QoS of one reliable publisher, with the queue of the node, as rosbag2 stores it.
 
     The policies in this YAML list are the integers of ``rmw/types.h``, as rosbag2 wrote them up to
     Iron. Humble and Iron read only these; Jazzy and later read both these and names.
@@ -83,8 +83,8 @@ def offered_qos_profiles(*, reliable: bool, depth: int, latched: bool = False) -
     infinite = dict(zip(("sec", "nsec"), divmod(2**63 - 1, 10**9), strict=True))
     profile = {
         "history": 1,
-        "depth": depth,
-        "reliability": 1 if reliable else 2,
+        "depth": QUEUE_DEPTH,
+        "reliability": 1,
         "durability": 1 if latched else 2,
         "deadline": infinite.copy(),  # a copy, as YAML would refer to an object that it has already
         "lifespan": infinite.copy(),

@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from linkage_vibration.cli.arguments import SHIPPED
+from linkage_vibration.cli.arguments import add_table, read_settings, read_table
 
 if TYPE_CHECKING:
     from linkage_vibration.prediction.advice import Advice
@@ -27,8 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     for name in ("engine", "pto"):
         text = f"present {name} speed in rpm, which stays as it is (default: not known)"
         add(f"--{name}-rpm", type=float, default=math.nan, help=text)
-    add("--mechanism", type=Path, help=SHIPPED)
-    add("--table", type=Path, help="table to use (default: the shipped one)")
+    add_table(parser)
     add("--excitations", type=Path, help="YAML file (default: the shipped excitations)")
     add("-o", "--output", type=Path, help="PNG picture of the map to write")
     add("--csv", type=Path, help="CSV file of the map to write")
@@ -40,22 +39,18 @@ def run(options: argparse.Namespace) -> int:
 
     from linkage_vibration.prediction.advice import KMH, NOW, Question, advise
     from linkage_vibration.prediction.levels import LevelTable
-    from linkage_vibration.prediction.settings import Parameters
-    from linkage_vibration.readers.served import read_loads, read_served
+    from linkage_vibration.readers.served import read_loads
     from linkage_vibration.support.atomic_files import check_output
-    from linkage_vibration.support.progress import table_bar
 
     files = (options.mechanism, options.table, options.excitations)
     for path, suffix in ((options.output, ".png"), (options.csv, ".csv")):
         check_output(path, suffix, list(filter(None, files)))
-    names = ("mechanism_file", "table_file", "excitation_file")
-    settings = Parameters(**dict(zip(names, (str(path or "") for path in files), strict=True)))
+    settings = read_settings(options, table_file=options.table, excitation_file=options.excitations)
     if options.output:
         from linkage_vibration.drawing.plots import require_matplotlib
 
         require_matplotlib()
-    with table_bar("table") as building:
-        served = read_served(settings, lambda text: print(text, file=sys.stderr), building)
+    served = read_table(settings)
     excitations = read_loads(settings, served, lambda text: print(text, file=sys.stderr))
     levels = LevelTable(served.predictor, served.mechanism, excitations)
     low, high = options.angles_deg or (math.nan, math.nan)

@@ -3,11 +3,13 @@
 """What several subcommands have in common: arguments, and the model or the parameters they name."""
 
 import argparse
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from linkage_vibration.mechanics.model import LinkageModel
+    from linkage_vibration.prediction.answers import Served
     from linkage_vibration.prediction.settings import Parameters
 
 SHIPPED = "YAML file (default: the shipped linkage)"
@@ -30,12 +32,13 @@ def add_inputs(parser: argparse.ArgumentParser) -> None:
 
 
 def read_settings(options: argparse.Namespace, **more: Any) -> "Parameters":
-    """Return the parameters that the options of `add_inputs` and others name."""
+    """Return the parameters that the options of `add_inputs` or `add_table` and others name."""
     from linkage_vibration.prediction.parameter_files import read_parameters
     from linkage_vibration.prediction.settings import Parameters, with_values
 
-    settings = read_parameters(options.params_file) if options.params_file else Parameters()
-    given = {"joint_name": options.joint, "mechanism_file": options.mechanism, **more}
+    file = getattr(options, "params_file", None)
+    settings = read_parameters(file) if file else Parameters()
+    given = {"mechanism_file": options.mechanism, **more}
     values = {name: value for name, value in given.items() if value is not None}
     return with_values(
         settings, {name: str(v) if isinstance(v, Path) else v for name, v in values.items()}
@@ -47,6 +50,21 @@ def mechanism_file(options: argparse.Namespace) -> Path:
     from linkage_vibration.prediction.settings import Parameters
 
     return Parameters(mechanism_file=str(options.mechanism or "")).mechanism_path()
+
+
+def add_table(parser: argparse.ArgumentParser) -> None:
+    """Declare the options that name a mechanism and its table."""
+    parser.add_argument("--mechanism", type=Path, help=SHIPPED)
+    parser.add_argument("--table", type=Path, help="table to use (default: the shipped one)")
+
+
+def read_table(settings: "Parameters") -> "Served":
+    """Return the mechanism and the table that parameters name, with a bar while one is built."""
+    from linkage_vibration.readers.served import read_served
+    from linkage_vibration.support.progress import table_bar
+
+    with table_bar("table") as building:
+        return read_served(settings, lambda text: print(text, file=sys.stderr), building)
 
 
 def read_model(source: Path) -> "LinkageModel":

@@ -44,7 +44,7 @@ def run(options: argparse.Namespace) -> int:
 
     if options.times and not options.bags:
         raise study.InclinometerError("--times needs the bag in which the moments are; give it.")
-    settings = read_settings(options)
+    settings = read_settings(options, joint_name=options.joint)
     source = settings.mechanism_path()
     inputs = [source, *options.bags, *filter(None, [options.params_file])]
     check_output(options.output, ".yaml", inputs)

@@ -4,11 +4,9 @@
 
 import argparse
 import math
-import sys
-from pathlib import Path
 from typing import TYPE_CHECKING
 
-from linkage_vibration.cli.arguments import SHIPPED
+from linkage_vibration.cli.arguments import add_table, read_settings, read_table
 
 if TYPE_CHECKING:
     from linkage_vibration.prediction.predictor import Shares
@@ -18,8 +16,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     add = parser.add_argument
     add("angle_deg", nargs="+", type=float, help="crank angle alpha3 in degrees")
-    add("--mechanism", type=Path, help=SHIPPED)
-    add("--table", type=Path, help="table to use (default: the shipped one)")
+    add_table(parser)
     text = "also print the standard deviations, and the share of each of their causes"
     add("--shares", action="store_true", help=text)
     text = "standard deviation of the angle in degrees, for --shares (default: %(default)s)"
@@ -29,15 +26,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Print one row for each angle; return 1 if one of them has no prediction."""
     from linkage_vibration.prediction.predictor import Status, fault
-    from linkage_vibration.prediction.settings import Parameters
-    from linkage_vibration.readers.served import read_served
-    from linkage_vibration.support.progress import table_bar
 
-    mechanism, table = str(options.mechanism or ""), str(options.table or "")
-    settings = Parameters(mechanism_file=mechanism, table_file=table)
-    with table_bar("table") as building:
-        served = read_served(settings, lambda text: print(text, file=sys.stderr), building)
-    predictor = served.predictor
+    predictor = read_table(read_settings(options, table_file=options.table)).predictor
     modes = "".join(f"{f'mode {k + 1} [Hz]':>13}" for k in range(predictor.table.n_modes))
     print(f"{'alpha3 [deg]':>12}{modes}{'peak [Hz]':>13}{'peak [m/N]':>13}")
     good = True

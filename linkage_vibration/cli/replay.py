@@ -39,7 +39,8 @@ def run(options: argparse.Namespace) -> int:
     inputs = [*options.bags, *filter(None, [options.params_file])]
     check_output(options.output, ".mcap", inputs)
     given = {name: getattr(options, name) for name in ("sign", "scale", "offset")}
-    settings = read_settings(options, table_file=options.table, **given)
+    given |= {"joint_name": options.joint, "table_file": options.table}
+    settings = read_settings(options, **given)
     what_if = WhatIf(options.implement_mass, options.implement_inertia)
     if what_if != WhatIf() or settings.table_path() is None:
         print("The table of this mechanism is built first.")

@@ -5,8 +5,12 @@
 import argparse
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from linkage_vibration.support.exit_codes import add_strict, exit_code
+
+if TYPE_CHECKING:
+    from linkage_vibration.review.log import Log
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -24,9 +28,10 @@ def run(options: argparse.Namespace) -> int:
     """Write the page and what else was asked for; return the exit code."""
     from tqdm import tqdm
 
-    from linkage_vibration.review.log import ReviewError
-    from linkage_vibration.review.overview import logs_of
-    from linkage_vibration.support.atomic_files import check_outputs, check_suffix
+    from linkage_vibration.errors import LinkageVibrationError
+    from linkage_vibration.review.log import ReviewError, problems
+    from linkage_vibration.review.overview import drive_summary, logs_of, overview_html
+    from linkage_vibration.support.atomic_files import check_outputs, check_suffix, write_text
 
     logs, extra = logs_of(options.logs), [path for path in (options.csv, options.png) if path]
     several = len(logs) > 1 or logs != options.logs
@@ -34,19 +39,52 @@ def run(options: argparse.Namespace) -> int:
         raise ReviewError("--csv and --png take one log; give one, or leave them out.")
     single = Path("overview.html") if several else logs[0].with_suffix(".html")
     output = options.output or single
-    pages = _pages(logs, output) if several else []
-    check_outputs([output, *extra, *pages], logs)
+    pages = _pages(logs, output) if several else [output]
+    outputs = [output, *extra, *(pages if several else [])]
+    check_outputs(outputs, logs)
     for path, suffix in ((output, ".html"), (options.csv, ".csv"), (options.png, ".png")):
         if path is not None:
             check_suffix(path, suffix)
+    drives: list[tuple[dict[str, Any], str]] = []
+    faults, failures = list[str](), list[str]()
     with tqdm(disable=None, total=2 * len(logs) + len(extra), unit="step", delay=1.0) as bar:
-        if several:
-            problems = _write_pages(logs, pages, output, bar.update)
-        else:
-            problems = _write_page(logs[0], output, options, bar.update)
-    written = ", ".join(map(str, [output, *extra, *pages]))
-    print(f"Written: {written}")
-    return exit_code(problems, options.strict)
+        for path, page in zip(logs, pages, strict=True):
+            try:
+                log = _review(path, page, options, bar.update)
+            except LinkageVibrationError as error:
+                failures.append(str(error))
+                continue
+            faults += [f"{path}: {text}" if several else text for text in problems(log)]
+            if several:
+                drives.append((drive_summary(log), page.name))
+    if len(failures) == len(logs):
+        raise ReviewError(failures[0])
+    if several:
+        write_text(output, overview_html(drives, failures), ReviewError)
+    print(f"Written: {', '.join(map(str, outputs))}")
+    return exit_code(failures + faults, options.strict)
+
+
+def _review(
+    path: Path, page: Path, options: argparse.Namespace, step: Callable[[int], object]
+) -> "Log":
+    """Write the page of a log, and its table and its picture if they were asked for."""
+    from linkage_vibration.review.html import write_page
+    from linkage_vibration.review.log import read_log, write_csv
+    from linkage_vibration.review.picture import plot_log
+    from linkage_vibration.review.review_page import review_page
+
+    log = read_log(path)
+    step(1)
+    write_page(review_page(log), page)
+    step(1)
+    if options.csv:
+        write_csv(log, options.csv)
+        step(1)
+    if options.png:
+        plot_log(log, options.png)
+        step(1)
+    return log
 
 
 def _pages(logs: Sequence[Path], output: Path) -> list[Path]:
@@ -59,55 +97,3 @@ def _pages(logs: Sequence[Path], output: Path) -> list[Path]:
             name = f"{log.stem}_{number}"
         pages.append(page)
     return pages
-
-
-def _write_page(
-    path: Path, output: Path, options: argparse.Namespace, step: Callable[[int], object]
-) -> list[str]:
-    """Write the page, the table and the picture of one log; return its problems."""
-    from linkage_vibration.review.html import write_page
-    from linkage_vibration.review.log import problems, read_log, write_csv
-    from linkage_vibration.review.picture import plot_log
-    from linkage_vibration.review.review_page import review_page
-
-    log = read_log(path)
-    step(1)
-    write_page(review_page(log), output)
-    step(1)
-    if options.csv:
-        write_csv(log, options.csv)
-        step(1)
-    if options.png:
-        plot_log(log, options.png)
-        step(1)
-    return problems(log)
-
-
-def _write_pages(
-    logs: Sequence[Path], pages: Sequence[Path], output: Path, step: Callable[[int], object]
-) -> list[str]:
-    """Write the overview and a page for each log that can be read; return their problems."""
-    from linkage_vibration.errors import LinkageVibrationError
-    from linkage_vibration.review.html import write_page
-    from linkage_vibration.review.log import ReviewError, problems, read_log
-    from linkage_vibration.review.overview import drive_summary, overview_html
-    from linkage_vibration.review.review_page import review_page
-    from linkage_vibration.support.atomic_files import write_text
-
-    drives, failures, faults = [], [], []
-    for path, page in zip(logs, pages, strict=True):
-        try:
-            log = read_log(path)
-        except LinkageVibrationError as error:
-            failures.append(str(error))
-            step(2)
-            continue
-        step(1)
-        write_page(review_page(log), page)
-        step(1)
-        drives.append((drive_summary(log), page.name))
-        faults += [f"{path}: {text}" for text in problems(log)]
-    if not drives:
-        raise ReviewError(failures[0])
-    write_text(output, overview_html(drives, failures), ReviewError)
-    return failures + faults

@@ -2,16 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Draws a map of the load ratio over height and ground speed, with the advice in it."""
 
-import io
 from pathlib import Path
 
 import numpy as np
 
 from linkage_vibration.drawing import palette
-from linkage_vibration.drawing.plots import PlotError
+from linkage_vibration.drawing.plots import write_png
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.prediction.advice import BOTH, HEIGHT, KMH, NOW, Advice
-from linkage_vibration.support.atomic_files import write_bytes
 
 _MARKS = {NOW: ("X", "now"), HEIGHT: ("o", "quietest height"), BOTH: ("*", "quietest of all")}
 
@@ -37,9 +35,7 @@ def draw_advice(advice: Advice, limit: float, picture: Path) -> None:
     ax.legend(loc="upper left", framealpha=0.9)
     ax.set(xlabel="ground speed [km/h]", ylabel="crank angle α₃ [deg]")
     ax.set_title(advice.message.sentence, loc="left", fontsize=10, wrap=True)
-    png = io.BytesIO()
-    figure.savefig(png, format="png")
-    write_bytes(picture, png.getvalue(), PlotError)
+    write_png(figure, picture)
 
 
 def _edges(values: FloatArray) -> FloatArray:

@@ -2,7 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Helps to draw pictures with matplotlib."""
 
+import io
 from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -10,6 +12,7 @@ import numpy as np
 from linkage_vibration.drawing import palette
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import FloatArray
+from linkage_vibration.support.atomic_files import write_bytes
 from linkage_vibration.support.version import check_versions
 
 if TYPE_CHECKING:
@@ -39,6 +42,13 @@ def require_matplotlib() -> None:
         raise PlotError(
             "Drawing needs matplotlib; `pip install linkage_vibration[plots]`."
         ) from None
+
+
+def write_png(figure: "Figure", picture: Path, **style: Any) -> None:
+    """Write a figure to a PNG file, which is replaced if it exists."""
+    png = io.BytesIO()
+    figure.savefig(png, format="png", **style)
+    write_bytes(picture, png.getvalue(), PlotError)
 
 
 def legend_below(

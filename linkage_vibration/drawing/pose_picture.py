@@ -2,17 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Draws a linkage at one angle, with the names of its pins."""
 
-import io
 import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from linkage_vibration.drawing import palette
 from linkage_vibration.drawing.geometry import scene
-from linkage_vibration.drawing.plots import PlotError, plain, require_matplotlib, tidy
+from linkage_vibration.drawing.plots import plain, require_matplotlib, tidy, write_png
 from linkage_vibration.mechanics.description import GROUND
 from linkage_vibration.mechanics.model import LinkageModel
-from linkage_vibration.support.atomic_files import write_bytes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -28,9 +26,7 @@ def draw_pose(model: LinkageModel, alpha3: float, picture: Path) -> None:
     draw_linkage(ax, model, alpha3)
     ax.legend(frameon=False, loc="best")
     ax.set_title(f"{plain(model.mechanism.name)} at α₃ = {math.degrees(alpha3):.2f}°", loc="left")
-    png = io.BytesIO()
-    figure.savefig(png, format="png", bbox_inches="tight")
-    write_bytes(picture, png.getvalue(), PlotError)
+    write_png(figure, picture, bbox_inches="tight")
 
 
 def draw_linkage(ax: "Axes", model: LinkageModel, alpha3: float) -> None:

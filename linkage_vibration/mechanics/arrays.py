@@ -1,7 +1,8 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Types of arrays, and what stacks of matrices need."""
+"""Types of arrays, runs of flags, and what stacks of matrices need."""
 
+import itertools
 from typing import Any
 
 import numpy as np
@@ -31,3 +32,14 @@ def solve_stack(matrices: NDArray[Any], right: NDArray[Any]) -> NDArray[Any]:
     """
     right = np.broadcast_to(right, (len(matrices), *right.shape[-2:]))
     return np.asarray(np.linalg.solve(matrices, right))
+
+
+def runs(flags: BoolArray, *columns: NDArray[Any]) -> list[tuple[int, int]]:
+    """Return the start and the end (exclusive) of each run of true flags, (n,).
+
+    A run also ends where the value of a column, (n,), changes.
+    """
+    changed = np.ones(len(flags) + 1, dtype=bool)
+    changed[1:-1] = np.any([c[1:] != c[:-1] for c in (flags, *columns)], axis=0)
+    edges = np.flatnonzero(changed).tolist()
+    return [(i, j) for i, j in itertools.pairwise(edges) if flags[i]]

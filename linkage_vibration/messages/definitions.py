@@ -7,14 +7,12 @@ installed, or else from rosbags.
 """
 
 import json
-import os
 import re
-import sys
 from contextlib import suppress
 from pathlib import Path
 
 from linkage_vibration.errors import LinkageVibrationError
-from linkage_vibration.support.resources import share_directory
+from linkage_vibration.support.resources import prefixes, share_directory
 
 OWN_PACKAGE = "linkage_vibration_interfaces"
 SEPARATOR = "=" * 80
@@ -75,7 +73,7 @@ def message_text(type_name: str) -> str:
         file = f"share/{package}/msg/{name}.msg"
         raise DefinitionError(
             f"The definition of {type_name} ({file}) was not found under "
-            f"{', '.join(map(str, _prefixes()))}; install {package}, or source the ROS 2 that has "
+            f"{', '.join(map(str, prefixes()))}; install {package}, or source the ROS 2 that has "
             "it. For a standard type, `pip install rosbags` is enough."
         )
     text, _ = known.generate_msgdef(type_name, ros_version=2)
@@ -122,7 +120,7 @@ def _event_text(package: str, service: str, part: str) -> str:
     if path is None:
         raise DefinitionError(
             f"The definition of {package}/srv/{service} was not found under "
-            f"{', '.join(map(str, _prefixes()))}; source the ROS 2 workspace that has it."
+            f"{', '.join(map(str, prefixes()))}; source the ROS 2 workspace that has it."
         )
     request, _, response = path.read_text(encoding="utf-8").partition("\n---\n")
     if request.startswith("---\n"):
@@ -165,11 +163,5 @@ def _shipped(type_name: str) -> Path | None:
 def _installed(type_name: str) -> Path | None:
     """Return the path of the ``.msg`` or ``.srv`` that a package has installed, if any."""
     package, kind, name = type_name.split("/")
-    paths = (prefix / "share" / package / kind / f"{name}.{kind}" for prefix in _prefixes())
+    paths = (prefix / "share" / package / kind / f"{name}.{kind}" for prefix in prefixes())
     return next((path for path in paths if path.is_file()), None)
-
-
-def _prefixes() -> list[Path]:
-    """Return the folders in which ROS 2 packages are installed."""
-    sourced = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
-    return [Path(prefix) for prefix in (*sourced, sys.prefix) if prefix]

@@ -117,5 +117,5 @@ def log_topic(name: str, type_name: str, *, latched: bool = False) -> Topic:
         If the type is not installed, and rosbags does not know it either.
     """
     # `ros2 bag play` then publishes as reliable, which reaches subscribers of both kinds.
-    qos = offered_qos_profiles(reliable=True, depth=QUEUE_DEPTH, latched=latched)
+    qos = offered_qos_profiles(latched=latched)
     return Topic(name, type_name, message_definition(type_name), type_hash(type_name), qos)

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Draws counterparts of the paper's figures 3 to 9."""
 
-import io
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -12,12 +11,11 @@ import numpy as np
 
 from linkage_vibration.drawing.geometry import curves, largest, mode_curves
 from linkage_vibration.drawing.palette import COLOURS, GREY, INK
-from linkage_vibration.drawing.plots import PlotError, legend_below, tidy
+from linkage_vibration.drawing.plots import legend_below, tidy, write_png
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.model import Solution
 from linkage_vibration.paper.numbers import OVER_THE_SWEEP, SUBSTRUCTURING, printed_numbers
 from linkage_vibration.studies.pose import pin_places
-from linkage_vibration.support.atomic_files import write_bytes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -58,9 +56,7 @@ def draw_figures(
     }
     for done, (name, draw) in enumerate(drawings.items()):
         progress(done, len(drawings))
-        png = io.BytesIO()
-        draw().savefig(png, format="png")
-        write_bytes(output / name, png.getvalue(), PlotError)
+        write_png(draw(), output / name)
     progress(len(drawings), len(drawings))
 
 

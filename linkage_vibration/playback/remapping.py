@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from linkage_vibration.bags.message_types import FLOAT64
 from linkage_vibration.bags.schemas import Schema, schema_of_text
 from linkage_vibration.bags.streams import Bags, BagTopic
-from linkage_vibration.bags.writing import QUEUE_DEPTH, Topic, offered_qos_profiles
+from linkage_vibration.bags.writing import Topic, offered_qos_profiles
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.messages.definitions import DefinitionError, message_definition
 from linkage_vibration.messages.topics import log_topic
@@ -117,8 +117,7 @@ def logged_topic(bags: Bags, topic: BagTopic) -> Topic:
         if defined is None or standard.type_hash == defined[1]:
             return standard
     text, type_hash, _ = defined
-    qos = offered_qos_profiles(reliable=True, depth=QUEUE_DEPTH)
-    return Topic(topic.name, topic.type, text, type_hash, qos)
+    return Topic(topic.name, topic.type, text, type_hash, offered_qos_profiles())
 
 
 def _bag_topic(bags: Bags, name: str, kind: str, remap: str) -> BagTopic:

@@ -36,7 +36,7 @@ from linkage_vibration.playback.remapping import (
     topic_schema,
 )
 from linkage_vibration.prediction.advice import Adviser
-from linkage_vibration.prediction.answers import Implement, Served, with_implement
+from linkage_vibration.prediction.answers import Described, Implement, Served, with_implement
 from linkage_vibration.prediction.excitation import Source
 from linkage_vibration.prediction.inputs.presets import HITCH
 from linkage_vibration.prediction.inputs.sources import CrankInput, Readings, SpeedInput
@@ -241,7 +241,7 @@ class _Replay:
         self._monitor = monitor
         self._adviser: Adviser | None = None
         self._motion = crank_filter()
-        missing = {each.reader.describe() for each in self._speed_inputs.values()}
+        missing = {each.reader.what for each in self._speed_inputs.values()}
         self.done = Replayed(topic=topics[HITCH].name, missing=missing)
 
     def messages(self, block: Block) -> list[Messages]:
@@ -292,7 +292,7 @@ class _Replay:
             left_out = LeftOut()
             for rows, values, times in each.read_block(block, of_topic, left_out):
                 used.append(rows)
-                self.done.missing.discard(each.reader.describe())
+                self.done.missing.discard(each.reader.what)
                 columns = rows.tolist(), values.tolist(), times.tolist()
                 speeds += [(row, source, v, time) for row, v, time in zip(*columns, strict=True)]
             self.done.unreadable += left_out.unreadable
@@ -422,7 +422,7 @@ def _served(settings: Parameters, what_if: WhatIf, building: Callable[[float], o
     implement = Implement(body.name, mass, inertia, ())
     changed, text = with_implement(mechanism, described.mechanism_text, implement)
     table = build_table(LinkageModel(changed), progress=building)
-    return Served(Predictor(table), changed, text)
+    return Described(changed, text).served(Predictor(table))
 
 
 def _refuse_repeated(paths: Sequence[Path]) -> None:

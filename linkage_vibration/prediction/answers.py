@@ -4,7 +4,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -50,14 +50,24 @@ class ServingError(LinkageVibrationError):
 
 
 @dataclass(frozen=True, eq=False)
-class Served:
-    """A mechanism and its table, which are always replaced together."""
+class Described:
+    """A mechanism without its table."""
 
-    predictor: Predictor
     mechanism: Mechanism
     mechanism_text: str  # the mechanism as YAML
     implement: "Implement | None" = None  # in use, if it is not that of the mechanism file
     implements: "Implements | None" = None  # can be chosen by name
+
+    def served(self, predictor: Predictor) -> "Served":
+        """Return the mechanism with what looks up its table."""
+        return Served(**vars(self), predictor=predictor)
+
+
+@dataclass(frozen=True, eq=False)
+class Served(Described):
+    """A mechanism and its table, which are always replaced together."""
+
+    predictor: Predictor = field(kw_only=True)
 
     @property
     def table(self) -> Table:
@@ -68,22 +78,6 @@ class Served:
     def model(self) -> LinkageModel:
         """The model of the mechanism, which is created when it is first used."""
         return LinkageModel(self.mechanism)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Described:
-    """A mechanism without its table; the attributes are those of `Served`."""
-
-    mechanism: Mechanism
-    mechanism_text: str
-    implement: "Implement | None" = None
-    implements: "Implements | None" = None
-
-    def served(self, predictor: Predictor) -> Served:
-        """Return the mechanism with what looks up its table."""
-        return Served(
-            predictor, self.mechanism, self.mechanism_text, self.implement, self.implements
-        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -99,16 +99,24 @@ def uncertain_modes(
     label : callable
         Returns how a mode, counted from 0, is called, as `Table.mode_label` does.
     """
-    worst = []
-    for values, stddev in ((frequencies, frequency_stddev), (ratios, ratio_stddev)):
-        shares = np.divide(stddev, values, out=np.zeros(np.shape(values)), where=values > 0.0)
-        worst.append(np.fmax.reduce(shares.reshape(-1, shares.shape[-1]), axis=0, initial=0.0))
+    pairs = (frequencies, frequency_stddev), (ratios, ratio_stddev)
+    worst = [largest_deviations(*pair) for pair in pairs]
     return [
         f"M{label(mode)[1:]} is uncertain: the standard deviation is {frequency:.2g} % of its "
         f"natural frequency and {ratio:.2g} % of its damping ratio."
-        for mode, (frequency, ratio) in enumerate(100.0 * np.transpose(worst))
+        for mode, (frequency, ratio) in enumerate(np.transpose(worst))
         if frequency > _UNCERTAIN_FREQUENCY or ratio > _UNCERTAIN_RATIO
     ]
+
+
+def largest_deviations(values: FloatArray, stddev: FloatArray) -> FloatArray:
+    """Return the largest relative standard deviation of each mode, %, (n_modes,); 0 if unknown.
+
+    Values and their standard deviations are (..., n_modes).
+    """
+    shares = np.divide(stddev, values, out=np.zeros(np.shape(values)), where=values > 0.0)
+    every = shares.reshape(-1, shares.shape[-1])
+    return np.asarray(100.0 * np.fmax.reduce(every, axis=0, initial=0.0))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from linkage_vibration.mechanics.arrays import BoolArray, FloatArray
+from linkage_vibration.mechanics.arrays import BoolArray, FloatArray, runs
 from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.prediction.excitation import Excitation, Source
 from linkage_vibration.prediction.ground import AIRBORNE
@@ -61,8 +61,6 @@ class Drive:
         Names of the excitations in the order of the sequences in the messages.
     predictions : ndarray of int, (n,)
         The prediction of the log to which each message belongs.
-    with_loads : bool
-        Whether the messages have load ratios, which those of older versions lack.
     """
 
     times: FloatArray
@@ -72,7 +70,11 @@ class Drive:
     angles: FloatArray
     names: tuple[str, ...]
     predictions: NDArray[np.int64]
-    with_loads: bool = True
+
+    @property
+    def passes(self) -> NDArray[np.int64]:
+        """Number of the messages between two gaps or jumps of the clock to which each belongs."""
+        return np.cumsum(self.broken)
 
     def severity(self) -> FloatArray:
         """Return by what moments are ordered, (n,): the total load ratio, 0 if not known."""
@@ -111,7 +113,6 @@ def drive_of(
     angles: FloatArray,
     names: Sequence[str],
     predictions: NDArray[np.int64],
-    with_loads: bool = True,
 ) -> Drive:
     """Return a drive from the stamps of its messages, ns, (n,); ``start`` is the time 0."""
     steps = np.diff(stamps) / 1e9
@@ -129,14 +130,13 @@ def drive_of(
         angles,
         tuple(all_names[:n_names]),
         predictions,
-        with_loads,
     )
 
 
 def episodes(drive: Drive) -> list[Episode]:
     """Return the warnings in the order in which they were written."""
     severity, found = drive.severity(), []
-    for first, last in _runs(drive.resonances.state == ResonanceState.WARNING, drive.broken):
+    for first, last in runs(drive.resonances.state == ResonanceState.WARNING, drive.passes):
         worst = first + int(severity[first:last].argmax())
         duration = float(drive.held[first:last].sum())
         found.append(Episode(float(drive.times[first]), duration, worst))
@@ -189,7 +189,7 @@ def contributions(drive: Drive) -> list[Contribution]:
                 worst,
                 drive.time_in(warning),
                 drive.time_in(state == ResonanceState.NOTE),
-                len(_runs(warning, drive.broken)),
+                len(runs(warning, drive.passes)),
             )
         )
     return sorted(every, key=_rank)
@@ -221,11 +221,6 @@ def drive_sentence(
         What was monitored.
     """
     resonances = drive.resonances
-    if not drive.with_loads:
-        return (
-            "What the drive did to the linkage is not known, as an older version of this package, "
-            "without load ratios, made the log; replay the log to get them."
-        )
     if (resonances.state == ResonanceState.STALE).all():
         speeds = max(resonances.unknown_speeds, key=len)
         blind = bool(speeds) and all_unknown(speeds, excitations)
@@ -470,11 +465,11 @@ def _ranges(
     """
     if bad.all():
         return ""
-    runs = _runs(bad, np.zeros(len(bad), np.bool_))
-    if len(runs) > _MOST_RANGES:
-        runs = [(runs[0][0], runs[-1][1])]
+    ranges = runs(bad)
+    if len(ranges) > _MOST_RANGES:
+        ranges = [(ranges[0][0], ranges[-1][1])]
     texts = []
-    for first, after in runs:
+    for first, after in ranges:
         begin = words(float(values[max(first - 1, 0)]))
         end = words(float(values[min(after, len(values) - 1)]))
         if open_ends and after == len(values):
@@ -489,12 +484,3 @@ def _ranges(
 def _span(first: str, last: str) -> str:
     """Return a range in words; one value if both ends read alike."""
     return first if first == last else f"{first} to {last}"
-
-
-def _runs(flags: BoolArray, broken: BoolArray) -> list[tuple[int, int]]:
-    """Return the first row of each run of true flags, (n,), and the row after its last one."""
-    starts = flags & (broken | ~np.concatenate([[False], flags[:-1]]))
-    ends = flags & np.concatenate([broken[1:] | ~flags[1:], [True]])
-    return list(
-        zip(np.flatnonzero(starts).tolist(), (np.flatnonzero(ends) + 1).tolist(), strict=True)
-    )

@@ -77,17 +77,19 @@ def _parts(page: Page) -> Iterator[str]:
         "uplot_js": f"/*{page_file('uPlot.LICENSE.txt')}*/\n{page_file('uPlot.iife.min.js')}",
         "js": f'"use strict";\n(() => {{\n{script}}})();\n',
     }
-    filled = (
-        re.sub(r"{{(\w+)}}", lambda name: texts[name[1]], part)
-        for part in page_file("page.html").split("{{data}}")
-    )
-    yield next(filled)
+    begin, end = page_file("page.html").split("{{data}}")
+    yield filled(begin, texts)
     before = '{"columns": {'
     for name, values in page.columns.items():
         yield f"{before}{_json(name)}: {_json(_column(values))}"
         before = ", "
     yield "}, " + _json(data).removeprefix("{")
-    yield next(filled)
+    yield filled(end, texts)
+
+
+def filled(template: str, texts: Mapping[str, str]) -> str:
+    """Return a template with texts in place of their names in double braces."""
+    return re.sub(r"{{(\w+)}}", lambda name: texts[name[1]], template)
 
 
 def _json(value: object) -> str:

@@ -39,7 +39,7 @@ from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.messages.fields import Field, message_fields
 from linkage_vibration.messages.topics import PREDICTION, RESONANCE
 from linkage_vibration.prediction.excitation import Excitation, Source
-from linkage_vibration.prediction.predictor import Status
+from linkage_vibration.prediction.predictor import Status, angles_in_table, covers_a_turn
 from linkage_vibration.prediction.provenance import EXCITATIONS, PARAMETERS
 from linkage_vibration.prediction.severity import ResonanceState
 from linkage_vibration.prediction.verdict import Drive, drive_of
@@ -50,7 +50,6 @@ from linkage_vibration.table.table import Table, TableError, load_table
 
 IntArray = NDArray[np.int64]
 
-_TURN = 2.0 * np.pi
 _EACH = "states", "load_ratios"  # what a log keeps of each excitation
 _MISSING: dict[str, Any] = {"f": np.nan, "O": "", "i": 0}
 
@@ -161,11 +160,10 @@ class Log:
     @property
     def table_angle(self) -> FloatArray:
         """The crank angle without the whole turns of a crank that turns around, rad, (n,)."""
-        if self.table is None or np.ptp(self.table.alpha3_range) < _TURN * (1.0 - 1e-12):
+        if self.table is None or not covers_a_turn(self.table.alpha3_range):
             return self.crank_angle
-        low = self.table.alpha3_range[0]
         with np.errstate(invalid="ignore"):
-            return np.asarray(low + (self.crank_angle - low) % _TURN)
+            return angles_in_table(self.crank_angle, self.table.alpha3_range)
 
 
 def read_log(path: str | Path) -> Log:
@@ -184,21 +182,7 @@ def read_log(path: str | Path) -> Log:
         If it holds no prediction, or if it is damaged.
     """
     path = Path(path)
-    types = topic_types(path)
-    topics = [first_topic(types, kind) for kind in (PREDICTION, RESONANCE)]
-    speeds = {
-        topic: source
-        for source in Source
-        for topic, kind in types.items()
-        if topic.endswith(f"/{source.value}_speed") and kind == FLOAT64
-    }
-    wanted = {topic: types[topic] for topic in [*topics, *speeds] if topic}
-    sequences = {field.name for field in message_fields(RESONANCE) if field.is_sequence}
-    unused = ["header.frame_id", *(sequences - {*_EACH})]
-    columns = read_columns(path, wanted, as_written=True, unused=unused)
-    predictions, resonances = (columns.get(topic, {}) for topic in topics)
-    if not len(predictions.get("status", ())):
-        raise ReviewError(f"{path} holds no prediction; was the joint ever published?")
+    predictions, resonances, speeds = _read_messages(path)
     order, passes = in_passes(header_stamps(predictions))
     if (np.diff(order) != 1).any():  # a copy takes time and memory
         predictions = {name: column[order] for name, column in predictions.items()}
@@ -226,9 +210,9 @@ def read_log(path: str | Path) -> Log:
         drive=drive,
         resonances=at_predictions,
         speeds={
-            source: (_speed_times(columns[topic], predictions, passes), columns[topic]["data"])
-            for topic, source in speeds.items()
-            if len(columns[topic]["data"])
+            source: (_speed_times(columns, predictions, passes), columns["data"])
+            for source, columns in speeds.items()
+            if len(columns["data"])
         },
         excitations=excitations,
         table=table,
@@ -240,6 +224,26 @@ def read_log(path: str | Path) -> Log:
         metadata=metadata,
         passes=passes,
     )
+
+
+def _read_messages(path: Path) -> tuple[Columns, Columns, dict[Source, Columns]]:
+    """Return the columns of predictions, resonances and speeds, in the order of the file."""
+    types = topic_types(path)
+    topics = [first_topic(types, kind) for kind in (PREDICTION, RESONANCE)]
+    speeds = {
+        source: topic
+        for source in Source
+        for topic, kind in types.items()
+        if topic.endswith(f"/{source.value}_speed") and kind == FLOAT64
+    }
+    wanted = {topic: types[topic] for topic in [*topics, *speeds.values()] if topic}
+    sequences = {field.name for field in message_fields(RESONANCE) if field.is_sequence}
+    unused = ["header.frame_id", *(sequences - {*_EACH})]
+    columns = read_columns(path, wanted, as_written=True, unused=unused)
+    predictions, resonances = (columns.get(topic, {}) for topic in topics)
+    if not len(predictions.get("status", ())):
+        raise ReviewError(f"{path} holds no prediction; was the joint ever published?")
+    return predictions, resonances, {source: columns[topic] for source, topic in speeds.items()}
 
 
 def gaps(log: Log) -> list[tuple[float, float]]:
@@ -363,8 +367,7 @@ def _resonances(
     every = {field.name: _typed(columns, field, (len(taken), len(names))) for field in fields}
     messages = MessageColumns(**every).rows(order)
     angles, start = predictions["crank_angle"][predicted[order]], int(stamps[0])
-    with_loads = "total_load_ratio" in columns
-    drive = drive_of(taken[order], start, messages, angles, names, predicted[order], with_loads)
+    drive = drive_of(taken[order], start, messages, angles, names, predicted[order])
     values: dict[str, Any] = {}
     for field in resonance_fields():
         column = every[field.name][rows]

@@ -16,7 +16,7 @@ from linkage_vibration.prediction.predictor import Status
 from linkage_vibration.prediction.severity import ResonanceState
 from linkage_vibration.prediction.verdict import contributions, episodes, worst_message
 from linkage_vibration.review.findings import first_sentence
-from linkage_vibration.review.html import page_file
+from linkage_vibration.review.html import filled, page_file
 from linkage_vibration.review.log import Log, ReviewError, gaps
 
 _TIME = "in_warning_s"
@@ -107,25 +107,15 @@ def overview_html(drives: Sequence[tuple[dict[str, Any], str]], failures: Sequen
     head += ["start, UTC", "duration [s]", "model"]
     files = [Path(drive["log"]) for drive, _ in drives]
     alike = len({file.name for file in files}) < len(files)
-    texts = [str(file) if alike else file.name for file in files]
+    names = [str(file) if alike else file.name for file in files]
     rows = "".join(
-        f"<tr>{_cells(drive, page, text)}</tr>\n"
-        for (drive, page), text in zip(drives, texts, strict=True)
+        f"<tr>{_cells(drive, page, name)}</tr>\n"
+        for (drive, page), name in zip(drives, names, strict=True)
     )
     columns = "".join(f'<th scope="col">{html.escape(text)}</th>' for text in head)
     notes = "".join(f'<p class="failure">{html.escape(text)}</p>\n' for text in failures)
-    return (
-        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f'<link rel="icon" href="data:,">\n<title>Drives</title>\n<style>{page_file("page.css")}'
-        "main.drives { display: block; } .drives td { border-top: 1px solid var(--line); }\n"
-        ".drives .scroll { max-height: none; } .drives td:nth-child(2) { min-width: 16em; }\n"
-        "</style>\n</head>\n<body>\n<header>\n<h1>Drives</h1>\n"
-        "<p>Each row is a drive. Choose its name to see its page.</p>\n</header>\n"
-        f'<main class="drives">\n{notes}<div class="scroll" tabindex="0" aria-label="Drives">'
-        f"<table><thead><tr>{columns}</tr></thead><tbody>\n{rows}</tbody></table></div>\n"
-        "</main>\n</body>\n</html>\n"
-    )
+    texts = {"css": page_file("page.css"), "notes": notes, "columns": columns, "rows": rows}
+    return filled(page_file("overview.html"), texts)
 
 
 def _cells(drive: dict[str, Any], page: str, name: str) -> str:

@@ -2,30 +2,28 @@
 # SPDX-License-Identifier: Apache-2.0
 """Draws a log as a PNG picture: frequencies over time, and below them the load ratio."""
 
-import io
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from linkage_vibration.drawing import palette
-from linkage_vibration.drawing.intervals import gap_starts, runs
+from linkage_vibration.drawing.intervals import gap_starts
 from linkage_vibration.drawing.plots import (
-    PlotError,
     frequency_axis,
     name_modes,
     plain,
     require_matplotlib,
     shaded,
     tidy,
+    write_png,
 )
-from linkage_vibration.mechanics.arrays import BoolArray, FloatArray
+from linkage_vibration.mechanics.arrays import BoolArray, FloatArray, runs
 from linkage_vibration.prediction.predictor import Status
 from linkage_vibration.prediction.severity import WarningLimits
 from linkage_vibration.prediction.verdict import ground_and_orders
 from linkage_vibration.review.findings import log_limits, speeds_at_drive
 from linkage_vibration.review.log import Log
-from linkage_vibration.support.atomic_files import write_bytes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -47,9 +45,7 @@ def plot_log(log: Log, picture: Path) -> None:
 
     figure = Figure(figsize=(10.0, 7.6), dpi=150, layout="constrained")
     draw_log(figure, log)
-    png = io.BytesIO()
-    figure.savefig(png, format="png")
-    write_bytes(picture, png.getvalue(), PlotError)
+    write_png(figure, picture)
 
 
 def draw_log(figure: "Figure", log: Log) -> None:

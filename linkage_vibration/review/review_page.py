@@ -10,10 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linkage_vibration.drawing import palette
-from linkage_vibration.drawing.intervals import runs
-from linkage_vibration.mechanics.arrays import FloatArray
+from linkage_vibration.mechanics.arrays import FloatArray, runs
 from linkage_vibration.prediction.excitation import Source
-from linkage_vibration.prediction.predictor import Status, angles_in_table, uncertain_modes
+from linkage_vibration.prediction.predictor import (
+    Status,
+    angles_in_table,
+    largest_deviations,
+    uncertain_modes,
+)
 from linkage_vibration.prediction.severity import ResonanceState, load_words
 from linkage_vibration.prediction.verdict import (
     Contribution,
@@ -441,14 +445,9 @@ def _static_force(log: Log, place: str, alpha3: float) -> str:
 
 def _largest_deviations(log: Log) -> str:
     """Return the largest relative standard deviations of the modes in words."""
-    largest = []
-    for values, stddev in (
-        (log.natural_frequencies, log.frequency_stddev),
-        (log.damping_ratios, log.damping_ratio_stddev),
-    ):
-        shares = np.divide(stddev, values, out=np.zeros(values.shape), where=values > 0.0)
-        largest.append(100.0 * float(np.fmax.reduce(shares, axis=None, initial=0.0)))
-    return f"standard deviation up to {largest[0]:.2g} % (frequency), {largest[1]:.2g} % (damping)"
+    frequency = largest_deviations(log.natural_frequencies, log.frequency_stddev).max()
+    ratio = largest_deviations(log.damping_ratios, log.damping_ratio_stddev).max()
+    return f"standard deviation up to {frequency:.2g} % (frequency), {ratio:.2g} % (damping)"
 
 
 def _span(seconds: float) -> str:

@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""The node's command line: its help, and errors that name the closest valid argument."""
+"""The node's command line: its help, and errors about invalid arguments."""
 
 import ast
 import os
@@ -8,7 +8,6 @@ import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import fields
-from difflib import get_close_matches
 from itertools import pairwise
 from pathlib import Path
 from textwrap import fill
@@ -16,7 +15,6 @@ from textwrap import fill
 from rclpy.exceptions import NameValidationException
 
 from linkage_vibration.errors import LinkageVibrationError
-from linkage_vibration.prediction.inputs.topics import INPUT_TOPICS
 from linkage_vibration.prediction.parameter_files import has_parameters, missing_section
 from linkage_vibration.prediction.settings import ParameterError, Parameters
 
@@ -24,20 +22,6 @@ USAGE = """\
 usage: linkage_vibration_node [--help] [--ros-args [-p PARAMETER:=VALUE] [--params-file FILE]
                               [-r OLD:=NEW] [--log-level LEVEL] [-e ENCLAVE]]
 """
-_PARAMETERS = [parameter.name for parameter in fields(Parameters)]
-_VALID = {
-    "help": "--help",
-    "ros-args": "--ros-args",
-    "param": "--ros-args -p PARAMETER:=VALUE",
-    "params-file": "--ros-args --params-file FILE",
-    "remap": "--ros-args -r OLD:=NEW",
-    "log-level": "--ros-args --log-level LEVEL",
-    "enclave": "--ros-args -e ENCLAVE",
-    "__node": "--ros-args -r __node:=NAME",
-    "__ns": "--ros-args -r __ns:=NAMESPACE",
-    **{topic.name: f"--ros-args -r {topic.name}:=TOPIC" for topic in INPUT_TOPICS},
-    **{name: f"--ros-args -p {name}:=VALUE" for name in _PARAMETERS},
-}
 
 
 class StartError(LinkageVibrationError):
@@ -74,11 +58,11 @@ def check_arguments(arguments: Sequence[str]) -> None:
 
 
 def _unknown(argument: str) -> StartError:
-    """Return the error that an argument is unknown, which names the closest valid one."""
-    name = re.split(r":?=", argument.lstrip("-"))[0]
-    similar = get_close_matches(name, _VALID, 1)
-    hint = f"did you mean `{_VALID[similar[0]]}`?" if similar else "`--help` lists what is valid."
-    return StartError(f"Argument {argument} is unknown; {hint}")
+    """Return the error that an argument is unknown."""
+    return StartError(
+        f"Argument {argument} is unknown; write parameters as `--ros-args -p PARAMETER:=VALUE` and "
+        "topics as `--ros-args -r OLD:=NEW`, or see `--help`."
+    )
 
 
 def unused_files(arguments: Sequence[str], node_name: str) -> list[str]:

@@ -20,7 +20,7 @@ from rclpy.qos import QoSProfile
 from rclpy.service_introspection import ServiceIntrospectionState
 from std_msgs.msg import String
 
-from linkage_vibration.bags.recorder import Provenance, Recorder, package_versions
+from linkage_vibration.bags.recorder import LogLimits, Provenance, Recorder, package_versions
 from linkage_vibration.bags.writing import QUEUE_DEPTH
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.prediction.answers import Served, place_name
@@ -41,7 +41,7 @@ from linkage_vibration.ros.endpoints import Throttle, advertise, publisher
 from linkage_vibration.ros.interface_check import check_interfaces
 from linkage_vibration.ros.listener import Listener
 from linkage_vibration.ros.live_inputs import LiveTopic, check_output_topics, live_topics
-from linkage_vibration.ros.log_control import Recording, log_folder, log_limits
+from linkage_vibration.ros.log_control import Recording, log_folder
 from linkage_vibration.ros.markers import Markers
 from linkage_vibration.ros.memory import Memory
 from linkage_vibration.ros.message_path import Predicting, input_topics, output_topics
@@ -261,7 +261,8 @@ class LinkageVibrationNode(LifecycleNode):
         topics = [*input_topics(inputs), *output_topics(self)]
         extra_topics = self._extra_topics() - {topic.name for topic in topics}
         provenance = self._provenance(served)
-        limits = log_limits(settings)
+        sizes = settings.split_size, settings.split_duration, settings.disk_limit
+        limits = LogLimits(*sizes, settings.delete_oldest)
         recorder = Recorder(folder, topics, provenance, limits, settings.compression)
         self._recording = recording = Recording(self, recorder, extra_topics, self._throttle)
         self._markers = markers = Markers(self, self._serving, self._settings)
@@ -299,11 +300,10 @@ class LinkageVibrationNode(LifecycleNode):
             try:
                 names.add(self.resolve_topic_name(name))
             except RuntimeError:  # of rcl; the names themselves were checked
-                problem = (
+                raise ParameterError(
                     f"Parameter extra_topics has a name of {len(name)} characters, {name[:40]}..., "
                     "which is too long; ROS 2 allows 247 with the namespace."
-                )
-                raise ParameterError(problem) from None
+                ) from None
         return names
 
     def _activate(self) -> None:

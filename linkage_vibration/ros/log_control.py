@@ -12,7 +12,7 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from std_srvs.srv import Trigger
 
-from linkage_vibration.bags.recorder import LogLimits, Recorder
+from linkage_vibration.bags.recorder import Recorder
 from linkage_vibration.bags.writing import LogError
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.messages.topics import log_topic
@@ -29,13 +29,6 @@ def log_folder(settings: Parameters) -> Path:
             f"{folder}; create it, or name another one."
         )
     return folder
-
-
-def log_limits(settings: Parameters) -> LogLimits:
-    """Return the limits of the size of the logs."""
-    return LogLimits(
-        settings.split_size, settings.split_duration, settings.disk_limit, settings.delete_oldest
-    )
 
 
 class Recording:
@@ -87,7 +80,7 @@ class Recording:
             now = time.time_ns()
             replies = [(name, answer, received, now) for name, answer in answers]
             sent = info["source_timestamp"] or received
-            self.recorder.write_together([(topic, data, received, sent), *replies])
+            self.recorder.write([(topic, data, received, sent), *replies])
 
     def watch(self) -> None:
         """Subscribe to topics whose type is known by now, and report a failure; once a second."""

@@ -3,14 +3,13 @@
 """Remembers the implement in use over a restart, in a file below ``ROS_HOME``."""
 
 import os
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import yaml
 from rclpy.impl.rcutils_logger import RcutilsLogger
 
 from linkage_vibration.errors import LinkageVibrationError
-from linkage_vibration.mechanics.keys import Keys
 from linkage_vibration.prediction.answers import Implement, Implements, with_implement
 from linkage_vibration.prediction.settings import Parameters
 from linkage_vibration.readers.mechanism import load_yaml
@@ -60,13 +59,10 @@ class Memory:
         return implement
 
     def keep(self, implement: Implement) -> None:
-        """Write the implement in use: its name, or its properties if it has none."""
+        """Write the implement in use."""
         if not self._used:
             return
-        values = {"name": implement.name}
-        if not implement.name:
-            values = asdict(implement) | {"centre_of_gravity": [*implement.centre_of_gravity]}
-            del values["name"]
+        values = asdict(implement) | {"centre_of_gravity": [*implement.centre_of_gravity]}
         text = yaml.safe_dump({"parameters": self._given, "implement": values}, sort_keys=False)
         text = (
             f"# The node reads this when it is configured. Delete it to use the parameters.\n{text}"
@@ -81,17 +77,16 @@ class Memory:
         """Return the implement of the file; None if the parameters have changed since."""
         try:
             content = load_yaml(self.path)[0]
-            top = Keys("", content)
-            given, keys = top["parameters"], top["implement"]
-            if {key: content["parameters"][key] for key in given} != self._given:
+            implement = Implement(**content["implement"])
+            if content["parameters"] != self._given:
                 return None
-            if "name" in keys:
-                return implements.find(keys.text("name"))
-            centre = tuple(keys.pair("centre_of_gravity"))
-            numbers = keys.number("mass", positive=True), keys.number("inertia", positive=True)
-            implement = Implement(keys.text("rigid_body"), *numbers, centre)
+            if implement.name:
+                return implements.find(implement.name)
+            implement = replace(implement, centre_of_gravity=(*implement.centre_of_gravity,))
             with_implement(implements.mechanism, implements.mechanism_text, implement)
         except LinkageVibrationError as error:
             where = "" if str(self.path) in str(error) else f"{self.path}: "
             raise _MemoryError(f"{where}{error}") from None
+        except (KeyError, TypeError) as error:
+            raise _MemoryError(f"{self.path}: is damaged ({error!r}); delete it.") from None
         return implement

@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 import numpy as np
 from rclpy.node import Node
 
-from linkage_vibration.bags.numbers import CdrError, ReadingError
+from linkage_vibration.bags.numbers import MAX_NAMES, CdrError, ReadingError
 from linkage_vibration.bags.writing import Topic
 from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.messages.encoding import encode_message
@@ -40,7 +40,6 @@ from linkage_vibration.ros.live_inputs import LiveTopic
 from linkage_vibration.ros.statistics import Statistics
 
 MISSING_AFTER = 5.0  # s without the joint, before a warning says that it is missing
-MAX_NAMES = 20  # of other joints, in that warning
 
 _Value = TypeVar("_Value")
 _Message = tuple[str, bytes, int, MessageInfo]  # topic, bytes, time of receipt (ns), origin

@@ -32,15 +32,20 @@ def share_directory() -> Path:
     checkout = Path(__file__).resolve().parents[2]
     if (checkout / "package.xml").is_file():
         return checkout
-    prefixes = [p for p in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if p]
-    for prefix in [*prefixes, sys.prefix]:
-        share = Path(prefix) / "share" / PACKAGE
+    for prefix in prefixes():
+        share = prefix / "share" / PACKAGE
         if (share / "config").is_dir():
             return share
     raise ResourceError(
-        f"No share/{PACKAGE}/config was found under {', '.join([*prefixes, sys.prefix])}; "
+        f"No share/{PACKAGE}/config was found under {', '.join(map(str, prefixes()))}; "
         "install the package again, or source the workspace that holds it."
     )
+
+
+def prefixes() -> list[Path]:
+    """Return the folders in which a sourced ROS 2 and Python install packages, in their order."""
+    sourced = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
+    return [Path(prefix) for prefix in (*sourced, sys.prefix) if prefix]
 
 
 def config_file(name: str) -> Path:

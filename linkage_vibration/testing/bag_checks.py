@@ -208,9 +208,9 @@ def _signals(bag: Path, log: Path, limits: Limits) -> _Signals:
     if limits.load_ratio is not None and not np.isfinite(ratio).any():
         raise TestKitError(
             f"{bag} contains no load ratio: no speed is known, no excitation at work has an "
-            "amplitude within the frequencies of the table, or an older version made the log; "
-            "record engine_speed, pto_speed or ground_speed too, or give settings, with which the "
-            "bag is replayed, such as a fixed speed."
+            "amplitude within the frequencies of the table; record engine_speed, pto_speed or "
+            "ground_speed too, or give settings, with which the bag is replayed, such as a fixed "
+            "speed."
         )
     n = len(predictions["log_time"])
     return _Signals(

@@ -13,7 +13,7 @@ from linkage_vibration.bags.chunks import ChunkLog, Messages
 from linkage_vibration.bags.log_writer import LogWriter
 from linkage_vibration.bags.writing import Attachment, Topic, offered_qos_profiles
 
-QOS = offered_qos_profiles(reliable=True, depth=1)
+QOS = offered_qos_profiles()
 TOPICS = [
     Topic(name, "std_msgs/msg/Float64", "float64 data\n", "RIHS01_0", QOS) for name in ("/a", "/b")
 ]

@@ -233,4 +233,5 @@ def test_reasons(tmp_path: Path) -> None:
     signal = dbc_signal(written(tmp_path / "a.dbc", MULTIPLEXED), "Arm.Force")
     assert signal.explain(8, b"\4" + b"\xff" * 7) == "Arm.Force is not a finite number (nan)."
     words = CanReader(signal).explain_missing("/can0", ["identifier 0x200"])
-    assert "Arm.Force (identifier 0x200 whose multiplexer selects it); it has" in words
+    assert "no CAN signal Arm.Force; it has identifier 0x200. It is in frames of id" in words
+    assert "identifier 0x200 whose multiplexer selects it;" in words

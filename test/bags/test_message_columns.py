@@ -17,7 +17,7 @@ from linkage_vibration.support.resources import config_file
 from test.support.messages import read_messages, resonance
 
 RESONANCE = "linkage_vibration_interfaces/msg/Resonance"
-QOS = offered_qos_profiles(reliable=True, depth=10)
+QOS = offered_qos_profiles()
 
 
 def topic(name: str, definition: str | None = None) -> Topic:

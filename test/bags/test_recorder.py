@@ -59,7 +59,7 @@ def recorder(
 def write(log: Recorder, numbers: range, size: int = 12) -> None:
     """Write numbered messages to the two topics in turn."""
     for k in numbers:
-        log.write(TOPICS[k % 2].name, cdr(k, size), k, k)
+        log.write([(TOPICS[k % 2].name, cdr(k, size), k, k)])
 
 
 def logs(folder: Path) -> list[Path]:
@@ -137,7 +137,7 @@ def test_every_message_arrives_in_order(tmp_path: Path, compression: str) -> Non
     log.start()
     times = [(k * 7919) % 1000 for k in range(5000)]
     for k, at in enumerate(times):
-        log.write("/a", cdr(k), at, at + 1)
+        log.write([("/a", cdr(k), at, at + 1)])
     assert (log.active, log.recording) == (True, True)
     log.stop()
     assert (log.active, log.recording, log.error) == (False, False, None)
@@ -298,7 +298,7 @@ def test_disk_limit_ends_the_recording(tmp_path: Path) -> None:
     log = recorder(tmp_path, LogLimits(split_size=200_000, disk_limit=500_000), "none")
     log.start()
     # At once, because a recording that has ended does not count messages.
-    log.write_together([(TOPICS[k % 2].name, cdr(k, 100), k, k) for k in range(20_000)])
+    log.write([(TOPICS[k % 2].name, cdr(k, 100), k, k) for k in range(20_000)])
     wait(lambda: not log.active)
     assert not log.recording
     assert "reached disk_limit, 500000 bytes; delete logs, set delete_oldest" in str(log.error)
@@ -341,7 +341,7 @@ def test_message_larger_than_a_log_may_be(tmp_path: Path) -> None:
     """It is dropped with an error, and the messages after it are recorded."""
     log = recorder(tmp_path, LogLimits(split_size=100_000))
     log.start()
-    log.write("/a", bytes(10**6), 1, 1)
+    log.write([("/a", bytes(10**6), 1, 1)])
     write(log, range(5))
     log.stop()
     assert (log.written, log.dropped) == (5, 1)
@@ -354,13 +354,13 @@ def test_topic_that_is_added_later(tmp_path: Path) -> None:
     log.start()
     write(log, range(4))
     log.add_topic(Topic("/c", FLOAT, "float64 data\n", "", ""))
-    log.write("/c", cdr(4), 4, 4)
+    log.write([("/c", cdr(4), 4, 4)])
     log.change_provenance(Provenance())
-    log.write("/b", cdr(5), 5, 5)
+    log.write([("/b", cdr(5), 5, 5)])
     log.stop()
     with pytest.raises(KeyError):
         log.start()
-        log.write("/nobody", b"", 0, 0)
+        log.write([("/nobody", b"", 0, 0)])
     log.stop()
     first, second, _ = logs(tmp_path)
     assert (numbers(first), numbers(second)) == ([0, 1, 2, 3, 4], [5])
@@ -395,7 +395,7 @@ def test_messages_that_belong_together_stay_together(tmp_path: Path) -> None:
         nonlocal number
         while not ended.is_set():
             number += 1
-            log.write_together([(topic.name, cdr(number), number, number) for topic in TOPICS])
+            log.write([(topic.name, cdr(number), number, number) for topic in TOPICS])
 
     thread = threading.Thread(target=write_pairs)
     thread.start()
@@ -620,7 +620,7 @@ def test_killed_process_loses_a_second_at_most(tmp_path: Path) -> None:
         "log = recorder.Recorder(Path(sys.argv[1]), [topic], recorder.Provenance())\n"
         "log.start()\n"
         "for k in range(1700):\n"
-        "    log.write('/a', cdr(k), k, k)\n"
+        "    log.write([('/a', cdr(k), k, k)])\n"
         "    clock.now = 1e-3 * k\n"
         "    if k % 100 == 0:\n"
         "        clock.wait_for_looks(300)\n"

@@ -32,7 +32,7 @@ TOPICS = [
         FLOAT,
         message_definition(FLOAT),
         type_hash(FLOAT),
-        offered_qos_profiles(reliable=True, depth=10),
+        offered_qos_profiles(),
     )
     for name in ("/a", "/b")
 ]

@@ -45,7 +45,7 @@ def topic(name: str, type_name: str) -> Topic:
         type=type_name,
         definition=message_definition(type_name),
         type_hash=type_hash(type_name),
-        offered_qos_profiles=offered_qos_profiles(reliable=True, depth=10),
+        offered_qos_profiles=offered_qos_profiles(),
     )
 
 
@@ -183,19 +183,20 @@ def test_rosbag2_metadata(tmp_path: Path) -> None:
         }
 
 
-@pytest.mark.parametrize("reliable", [True, False])
-def test_offered_qos(tmp_path: Path, reliable: bool) -> None:
+@pytest.mark.parametrize("latched", [True, False])
+def test_offered_qos(tmp_path: Path, latched: bool) -> None:
     """An independent reader understands the QoS, and its policies are integers."""
-    text = offered_qos_profiles(reliable=reliable, depth=7)
+    text = offered_qos_profiles(latched=latched)
     assert {type(yaml.safe_load(text)[0][key]) for key in ("history", "reliability")} == {int}
     one = Topic("/a", JOINT_STATE, message_definition(JOINT_STATE), "", text)
     LogWriter(tmp_path / "log.mcap", [one]).close()
     with Reader(tmp_path / "log.mcap") as reader:
         [qos] = reader.connections[0].ext.offered_qos_profiles  # type: ignore[union-attr]
     assert qos.history is QosHistory.KEEP_LAST
-    assert qos.depth == 7
-    assert qos.reliability is (QosReliability.RELIABLE if reliable else QosReliability.BEST_EFFORT)
-    assert qos.durability is QosDurability.VOLATILE
+    assert qos.depth == 1000
+    assert qos.reliability is QosReliability.RELIABLE
+    durability = QosDurability.TRANSIENT_LOCAL if latched else QosDurability.VOLATILE
+    assert qos.durability is durability
     assert qos.liveliness is QosLiveliness.AUTOMATIC
     # RMW_DURATION_INFINITE of rmw/time.h
     assert (qos.deadline.sec, qos.deadline.nsec) == (9223372036, 854775807)

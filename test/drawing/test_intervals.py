@@ -1,33 +1,10 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Runs and gaps are found where they are, also at the ends of a log."""
+"""Gaps are found where they are, also at the ends of a log."""
 
 import numpy as np
-import pytest
 
-from linkage_vibration.drawing.intervals import gap_starts, runs
-
-
-@pytest.mark.parametrize(
-    ("flags", "expected"),
-    [
-        ([True, True, False, True], [(0, 2), (3, 4)]),
-        ([False, True, True, False], [(1, 3)]),
-        ([False], []),
-        ([], []),
-    ],
-)
-def test_runs_of_flags(flags: list[bool], expected: list[tuple[int, int]]) -> None:
-    """Each run of true flags is found with its start and its exclusive end."""
-    assert runs(np.array(flags, dtype=bool)) == expected
-
-
-def test_runs_end_where_a_column_changes() -> None:
-    """A run ends where one of the columns has another value."""
-    found = runs(
-        np.array([True] * 5), np.array(["a", "a", "b", "b", "b"]), np.array([1, 1, 1, 1, 2])
-    )
-    assert found == [(0, 2), (2, 4), (4, 5)]
+from linkage_vibration.drawing.intervals import gap_starts
 
 
 def test_gaps_are_long_steps() -> None:

@@ -170,8 +170,8 @@ FAULTS: dict[str, tuple[dict[str, str], str]] = {
     ),
     "not there": (
         {"hitch_field": "front_hitch_position"},
-        r"/can0 has no frame with front_hitch_position \(parameter group 65094\); it has parameter "
-        r"group 61444, parameter group 65093",
+        r"/can0 has no CAN signal front_hitch_position; it has parameter group 61444, parameter "
+        r"group 65093. It is in frames of parameter group 65094;",
     ),
 }
 

@@ -19,6 +19,7 @@ from linkage_vibration.mechanics.description import Mechanism, MechanismError
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.prediction.answers import (
     MAX_FREQUENCIES,
+    Described,
     Implement,
     Served,
     ServingError,
@@ -42,7 +43,7 @@ DRIVE: dict[str, Any] = {"outputs": [], "inputs": [], "frequencies": np.array([]
 def served(mechanism: Mechanism, mechanism_file: Path) -> Served:
     """Return the mechanism and the table of the package."""
     table = load_table(config_file("tables/three_point_linkage.npz"), mechanism)
-    return Served(Predictor(table), mechanism, mechanism_file.read_text())
+    return Described(mechanism, mechanism_file.read_text()).served(Predictor(table))
 
 
 @pytest.mark.parametrize("alpha3", [1.6, 2.0, 2.6, 3.1])
@@ -65,14 +66,14 @@ def test_motion_of_the_base_is_an_input(mechanism_file: Path) -> None:
     path = config_file("three_point_linkage_on_tractor.yaml")
     tractor = read_mechanism(path)
     table = load_table(config_file("tables/three_point_linkage_on_tractor.npz"), tractor)
-    served = Served(Predictor(table), tractor, path.read_text())
+    served = Described(tractor, path.read_text()).served(Predictor(table))
     line, inputs = np.array([0.0]), ["base.z", "base:front_axle.z", "front_axle.z"]
     answer = answer_frf(served, 2.0, ["rear_axle.z"], inputs, line, exact=True)
     np.testing.assert_allclose(answer.frf[0, 0, :2], [1.0, 0.0], atol=1e-6)
     assert answer.frf[0, 0, 2].real == pytest.approx(0.0, abs=1e-9)
     mechanism = read_mechanism(mechanism_file)
     table = load_table(config_file("tables/three_point_linkage.npz"))
-    clamped = Served(Predictor(table), mechanism, mechanism_file.read_text())
+    clamped = Described(mechanism, mechanism_file.read_text()).served(Predictor(table))
     answer = answer_frf(clamped, 2.0, ["E1.z"], ["base.z"], line, exact=True)
     assert answer.frf[0, 0, 0] == pytest.approx(1.0)
     with pytest.raises(ServingError, match=r"base\.z"):
@@ -144,7 +145,7 @@ def test_frf_of_a_crank_that_turns_all_the_way() -> None:
     path = config_file("four_bar.yaml")
     mechanism = read_mechanism(path)
     table = build_table(LinkageModel(mechanism), 1e-2)
-    turning = Served(Predictor(table), mechanism, path.read_text())
+    turning = Described(mechanism, path.read_text()).served(Predictor(table))
     here = answer_frf(turning, math.radians(10.0), exact=False, **DRIVE)
     for degrees in (370.0, -350.0, 3610.0):
         answer = answer_frf(turning, math.radians(degrees), exact=False, **DRIVE)

@@ -14,10 +14,9 @@ from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_typestore
 
 from linkage_vibration.bags.message_types import FLOAT64, JOINT_STATE
-from linkage_vibration.bags.numbers import MessageNumber, ReadingError
+from linkage_vibration.bags.numbers import MessageNumber, NumberReader, ReadingError
 from linkage_vibration.bags.schemas import schema_of_store
 from linkage_vibration.prediction.excitation import Source
-from linkage_vibration.prediction.inputs.joint_state import JointReader
 from linkage_vibration.prediction.inputs.presets import PRESETS
 from linkage_vibration.prediction.inputs.units import (
     PERCENT_STEP,
@@ -44,11 +43,9 @@ def state(names: list[str], positions: list[float], velocities: list[float] | No
     )
 
 
-def joint_reader(name: str) -> JointReader:
+def joint_reader(name: str) -> NumberReader:
     """Return a reader of the position of a joint."""
-    reader = Parameters(joint_name=name).crank_input(JOINTS).reader
-    assert isinstance(reader, JointReader)
-    return reader
+    return Parameters(joint_name=name).crank_input(JOINTS).reader
 
 
 def float64(value: float) -> bytes:

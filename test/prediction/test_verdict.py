@@ -179,13 +179,6 @@ def test_why_no_load_is_known(excitations: tuple[Excitation, ...]) -> None:
     assert sentence(far, excitations).endswith("within 100 % of a natural frequency.")
 
 
-def test_logs_of_older_versions_have_no_loads(excitations: tuple[Excitation, ...]) -> None:
-    """The sentence says what to do about it, instead of naming a wrong reason."""
-    found = replace(drive([WARNING] * 2, [math.nan] * 2), with_loads=False)
-    assert "an older version" in sentence(found, excitations)
-    assert "replay the log" in sentence(found, excitations)
-
-
 @pytest.mark.parametrize(
     ("ratio", "text"), [(0.334, "0.33"), (9.94, "9.9"), (207.04, "207"), (1e12, "1e+12")]
 )

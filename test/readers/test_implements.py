@@ -10,7 +10,7 @@ import yaml
 
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.description import Mechanism
-from linkage_vibration.prediction.answers import Implements, Served, ServingError, replaced
+from linkage_vibration.prediction.answers import Described, Implements, ServingError, replaced
 from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.prediction.settings import Parameters
 from linkage_vibration.readers.implements import read_implements
@@ -151,9 +151,9 @@ def test_a_named_implement_replaces_that_of_the_file(tmp_path: Path) -> None:
             "other": {**PLOUGH, "rigid_body": "pendulum", "inertia": 500.0},
         },
     )
-    by_name = read_implements(implements, mechanism)
+    known = Implements(mechanism, text, read_implements(implements, mechanism))
     table = load_table(config_file("tables/three_point_linkage.npz"))  # of no importance here
-    served = Served(Predictor(table), mechanism, text, None, Implements(mechanism, text, by_name))
+    served = Described(mechanism, text, None, known).served(Predictor(table))
     first = replaced(served, "one")
     second = replaced(first.served(Predictor(table)), "other")
     assert second.mechanism.rigid_bodies[0] == mechanism.rigid_bodies[0]

@@ -65,7 +65,7 @@ def write_log() -> WriteLog:
         excitations = excitations_from_mapping(yaml.safe_load(EXCITATIONS))
         levels = LevelTable(predictor, read_mechanism(config_file(PAPER_MECHANISM)), excitations)
         monitor = ResonanceMonitor(excitations, LIMITS, levels=levels)
-        qos = offered_qos_profiles(reliable=True, depth=10)
+        qos = offered_qos_profiles()
         topics = [
             Topic(name, kind, message_definition(kind), type_hash(kind), qos)
             for name, kind in TOPICS.items()

@@ -25,23 +25,16 @@ DRIVE = config_file("drives/hitch_duty_cycle.mcap")
 
 
 @pytest.mark.parametrize(
-    ("arguments", "words"),
+    ("arguments", "unknown"),
     [
-        (["joint_name:=boom"], "did you mean `--ros-args -p joint_name:=VALUE`"),
-        (["--recrod"], "did you mean `--ros-args -p record:=VALUE`"),
-        (["joint_states:=arm"], "did you mean `--ros-args -r joint_states:=TOPIC`"),
-        (["__ns:=/a"], "did you mean `--ros-args -r __ns:=NAMESPACE`"),
-        (["--params-file", "x"], "did you mean `--ros-args --params-file FILE`"),
-        (
-            ["--ros-args", "-p", "sign:=1", "--", "--hlep"],
-            "--hlep is unknown; did you mean `--help`",
-        ),
-        (["7"], "`--help` lists what is valid"),
+        (["joint_name:=boom"], "joint_name:=boom"),
+        (["--params-file", "x"], "--params-file"),
+        (["--ros-args", "-p", "sign:=1", "--", "--hlep"], "--hlep"),
     ],
 )
-def test_unknown_arguments(arguments: list[str], words: str) -> None:
-    """Whatever is not behind --ros-args is refused, with the closest valid argument."""
-    with pytest.raises(StartError, match=words):
+def test_unknown_arguments(arguments: list[str], unknown: str) -> None:
+    """Whatever is not behind --ros-args is refused, with the form that ROS 2 reads."""
+    with pytest.raises(StartError, match=f"Argument {unknown} is unknown; .* `--ros-args -p PARA"):
         check_arguments(arguments)
     check_arguments(["--ros-args", "-p", "joint_name:=boom", "--"])
 
@@ -50,9 +43,7 @@ def test_errors_of_rcl_are_sentences() -> None:
     """The places in rcl's source code are left out, and lines become one."""
     error = RuntimeError("no security.\nPlease compile it, at /a/b.cpp:4, at /c.c:20")
     assert str(refusal(error)) == "ROS 2 cannot start: no security.; Please compile it."
-    assert "did you mean `--ros-args --params-file FILE`?" in str(
-        refusal(RuntimeError("['--params_file']"))
-    )
+    assert "Argument --params_file is unknown" in str(refusal(RuntimeError("['--params_file']")))
 
 
 def test_help_lists_every_parameter(capsys: pytest.CaptureFixture[str]) -> None:
@@ -79,7 +70,7 @@ def test_refusals_end_the_process(start: Callable[..., Any]) -> None:
         (["-r", f"__node:={256 * 'a'}"], "cannot start: error creating node: invalid node"),
         (["-r", f"__node:={240 * 'a'}"], "cannot start: Invalid service name: topic length"),
         (["-r", f"__ns:=/{240 * 'a'}"], "choose another name."),
-        (["--params_file", "x"], "did you mean `--ros-args --params-file FILE`?"),
+        (["--params_file", "x"], "--params_file is unknown; write"),
         (["-p", "calibration:=[]"], "given without a value, for example as an empty list"),
         (["-p", "use_simtime:=true"], "did you mean use_sim_time?"),
         (["-p", "use_sim_time:=1"], "Parameter use_sim_time must be true or false, not 1"),

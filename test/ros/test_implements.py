@@ -143,7 +143,7 @@ def test_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, implements: Imp
         b"{parameters: {}, implement: 7}",
         b"{parameters: {mechanism_file: '', implement_file: i.yaml, implement: ''}}",
         b"{parameters: {mechanism_file: '', implement_file: i.yaml, implement: ''}, "
-        b"implement: {name: gone}}",
+        b"implement: {name: gone, rigid_body: '', mass: 1, inertia: 3, centre_of_gravity: []}}",
         b"{parameters: {mechanism_file: '', implement_file: i.yaml, implement: ''}, "
         b"implement: {rigid_body: implement, mass: -1, inertia: 3, centre_of_gravity: [0, 0]}}",
         b"{parameters: {mechanism_file: '', implement_file: i.yaml, implement: ''}, "

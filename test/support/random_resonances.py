@@ -119,7 +119,7 @@ def _message(
 def write_drive(path: Path, messages: list[Message]) -> Path:
     """Write the log of a node that published these messages."""
     table = load_table(config_file(PAPER_TABLE))
-    predictor, qos = Predictor(table), offered_qos_profiles(reliable=True, depth=10)
+    predictor, qos = Predictor(table), offered_qos_profiles()
     topics = [Topic(n, k, message_definition(k), type_hash(k), qos) for n, k in TOPICS.items()]
     files = {
         "mechanism.yaml": config_file(PAPER_MECHANISM).read_bytes(),

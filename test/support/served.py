@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The shipped mechanism and its table, as the node serves them."""
 
-from linkage_vibration.prediction.answers import Served
+from linkage_vibration.prediction.answers import Described, Served
 from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.resources import DEFAULT_MECHANISM, DEFAULT_TABLE, config_file
@@ -14,4 +14,4 @@ def shipped() -> Served:
     path = config_file(DEFAULT_MECHANISM)
     mechanism = read_mechanism(path)
     table = load_table(config_file(DEFAULT_TABLE), mechanism)
-    return Served(Predictor(table), mechanism, path.read_text())
+    return Described(mechanism, path.read_text()).served(Predictor(table))

@@ -16,7 +16,6 @@ from linkage_vibration.bags.message_types import CAN_FRAME, JOINT_STATE
 from linkage_vibration.bags.numbers import Integers, LeftOut, NumberReader, Numbers
 from linkage_vibration.bags.schemas import FieldError, Schema, find_path
 from linkage_vibration.bags.streams import Block
-from linkage_vibration.prediction.inputs.joint_state import JointReader
 from linkage_vibration.prediction.inputs.units import HitchScale, InputError, Reading, wrong_unit
 
 FloatArray = NDArray[np.float64]
@@ -67,9 +66,12 @@ def _field_reader(schema: Schema, source: SourceSettings) -> NumberReader:
 def _joint_reader(schema: Schema, source: SourceSettings) -> NumberReader:
     """Return the reader of a joint's position and velocity, or the reader of another field."""
     last = find_path(schema, source.type, source.field)[-1]
-    if last.field.name == "position" and last.name:
-        return JointReader(schema, source.type, source.field, last)
-    return _field_reader(schema, source)
+    if last.field.name != "position" or not last.name:
+        return _field_reader(schema, source)
+    reader = FieldReader(schema, source.type, source.field, rates="velocity")
+    reader.what, reader.kind = f"joint {last.name}", "joint"
+    reader.remedy = "Set joint_name (`--joint`) to one of them, or choose another topic."
+    return reader
 
 
 def _can_reader(schema: Schema, source: SourceSettings) -> NumberReader:
@@ -117,7 +119,7 @@ class InputReader:
 
     def describe(self, topic: str) -> str:
         """Return what is read from a topic, in words."""
-        return f"{self.reader.describe()} on {topic}"
+        return f"{self.reader.what} on {topic}"
 
     def available(self, number: float) -> bool:
         """Return whether a number means that there is a value."""
@@ -130,7 +132,7 @@ class InputReader:
             wrong = ~((self.settings.low <= value) & (value <= self.settings.high))
             if wrong.any():
                 value[wrong] = math.nan
-                note = self.reader.note or self.reader.describe()
+                note = self.reader.note or self.reader.what
                 left_out.unavailable[note] = left_out.unavailable.get(note, 0) + int(wrong.sum())
             yield numbers
 
