@@ -7,7 +7,6 @@ COLOURS = ("#0072B2", "#D55E00", "#009E73", "#56B4E9", "#E69F00")
 INK, GREY = "#222222", "#6b6b6b"
 PEAK = "#AA4499"  # the FRF peak
 GAP_SHADE, INVALID_SHADE, TOGGLE_SHADE = "#e4e4e4", "#f9e08b", "#d9e6f2"
-OVERDAMPED_SHADE = "#eedcec"
 
 
 def mode_colours(n_modes: int) -> list[str]:
