@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Draws a mechanism over its stroke: modes, orders of its excitations, and the loads they cause."""
 
-import io
 import math
 from collections.abc import Sequence
 from pathlib import Path
@@ -11,13 +10,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from linkage_vibration.drawing import palette
-from linkage_vibration.drawing.plots import PlotError, frequency_axis, name_modes, plain, tidy
+from linkage_vibration.drawing.plots import frequency_axis, name_modes, plain, tidy, write_png
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.prediction.excitation import Excitation, Source
 from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.prediction.predictor import Predictor, predict_many
-from linkage_vibration.support.atomic_files import write_bytes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -56,9 +54,7 @@ def draw_mechanism(
         orders = [one for one in excitations if one.source is source and not one.terrain]
         _draw_orders(left, source, orders, predictions)
         sentences.append(_draw_loads(right, source, levels, limit))
-    png = io.BytesIO()
-    figure.savefig(png, format="png")
-    write_bytes(picture, png.getvalue(), PlotError)
+    write_png(figure, picture)
     return sentences
 
 
