@@ -22,6 +22,7 @@ STEPS = (
     "ground_map",
     "tyres_and_damping",
     "own_hitch",
+    "measured_modes",
     "uncertainty",
     "ensemble",
     "advice",

@@ -7,6 +7,7 @@ phone. `calibrate` fits the mechanism to what this command writes.
 """
 
 import argparse
+import math
 from pathlib import Path
 
 from linkage_vibration.cli.arguments import SHIPPED, mechanism_file, read_model
@@ -19,16 +20,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("recordings", nargs="+", metavar="ANGLE:FILE", help=text)
     add("--topic", help="IMU in the bags (default: the only one)")
     add("--mechanism", type=Path, help=SHIPPED)
+    text = "the sensor has an anti-aliasing filter, so that no mode is folded"
+    add("--filtered", action="store_true", help=text)
     text = "calibration to write (default: only print the modes)"
     add("-o", "--output", type=Path, help=text)
 
 
 def run(options: argparse.Namespace) -> int:
     """Print the modes, and write the calibration; return the exit code."""
+    import numpy as np
     from tqdm import tqdm
 
     from linkage_vibration.readers.recordings import read_recording
     from linkage_vibration.studies import measurement as study
+    from linkage_vibration.studies.folding import doubt_folds
     from linkage_vibration.studies.ringdown import RingdownError, measure_modes
     from linkage_vibration.support.atomic_files import check_output, write_text
 
@@ -37,15 +42,33 @@ def run(options: argparse.Namespace) -> int:
     check_output(options.output, ".yaml", [mechanism, *(path for _, path in words)])
     model = read_model(mechanism)
     compared: list[study.ComparedMode] = []
+    notes, rate = list[str](), math.inf
     for alpha3, path in tqdm(words, disable=None, unit="recording", delay=1.0):
+        times, signals = read_recording(path, options.topic)
         try:
-            modes = measure_modes(*read_recording(path, options.topic))
+            modes = measure_modes(times, signals)
         except RingdownError as error:
             raise RingdownError(f"{path}: {error}") from None
-        if not modes:
-            raise RingdownError(f"{path}: its decays show no common mode; record more blows.")
-        compared += study.compare(model, alpha3, modes)
+        if not options.filtered:
+            rate = 1.0 / float(np.median(np.diff(times)))
+            modes = doubt_folds(modes, model, alpha3, rate)
+        sure = [mode for mode in modes if not mode.doubt]
+        if not sure:
+            raise RingdownError(f"{path}: its decays show no mode that is sure; record more blows.")
+        compared += study.compare(model, alpha3, sure)
+        notes += [
+            f"{math.degrees(alpha3):.2f} deg: {mode.frequency:.3f} Hz is not sure: {mode.doubt}."
+            for mode in modes
+            if mode.doubt
+        ]
     print(study.comparison_table(compared, model.mechanism.response.mode_names or ()))
+    if notes:
+        print("", *notes, sep="\n")
+    if not options.filtered:
+        print(
+            f"\nWithout an anti-aliasing filter, modes above {rate / 2.0:.4g} Hz appear below it, "
+            "also some that the model does not have. If the sensor has a filter, give --filtered."
+        )
     if options.output:
         text = study.calibration_text(compared, mechanism, options.output)
         write_text(options.output, text, study.MeasurementError)

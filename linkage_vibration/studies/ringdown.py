@@ -3,23 +3,32 @@
 """Finds natural frequencies and damping ratios in recordings of free vibration after blows.
 
 A blow is a hit with a hammer, or the sudden end of a lowering. After it each channel is a sum of
-decaying oscillations, exp(s t) with the same poles s. The matrix pencil finds these from all
-channels together (Hua and Sarkar, 1990). Several blows at one height tell how sure the result is.
+decaying oscillations, exp(s t) with the same poles s, which are fitted to all blows together. How
+sure they are follows from the noise, from leaving out one blow after another, and from other
+windows and numbers of poles.
 """
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 from scipy.interpolate import CubicSpline
-from scipy.linalg import hankel
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
+from scipy.stats import chi2
 from scipy.stats import t as student
 
 from linkage_vibration.errors import LinkageVibrationError
-from linkage_vibration.mechanics.arrays import BoolArray, ComplexArray, FloatArray
+from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray
+from linkage_vibration.studies.decay_fit import (
+    DecayFit,
+    Decays,
+    fit_decays,
+    gains,
+    refined,
+    variance,
+    without_faint,
+)
 
 _SLOW = 1.0  # s, over which a mean is removed: gravity, and the motion of the hitch
 _BLOW = 5.0  # times the level between blows: a level that only a blow reaches
@@ -32,13 +41,14 @@ _SLOWEST = 20.0  # Hz: a lower rate shows no blow
 _PAUSE = 0.5  # s without samples, which a spline cannot bridge
 _OVERLOADED = 20  # samples at the largest value of a channel, which a clipped one has
 _FAR = 4.0  # times the median deviation: largest values that are no noise
-_LARGEST = 250  # columns of a pencil; more would take long and change little
 _CONSTANT = 1e-9  # of the largest value: a channel that varies by less shows rounding alone
-_NOISE = 2.858  # medians of the singular values of noise: the optimal threshold of Gavish, Donoho
-_STRONG = 100.0  # times the energy that noise gives to an oscillation: weaker ones are left out
-_HIGHEST = 0.8  # of half the rate: oscillations above are distorted by the resampling
-_MOST_DAMPED = 0.5  # damping ratio; beyond it there is hardly an oscillation
-_SAME = 0.05  # relative difference of frequencies of one mode in two decays
+_FORCED = 0.04  # s after the largest value that are not fitted: the blow, and what decays at once
+_EARLIER = 0.6  # share of a decay that a shorter window keeps
+_RARE = 1e-6  # probability that noise makes a mode that a fit of fewer poles keeps
+_SHOWN = 1e-3  # the same in a single decay that shows a mode
+_MOVES = 0.03  # relative: a frequency that a window changes by more is not reported
+_UNSURE = 0.02  # relative deviation of a frequency that is not reported
+_INTERVAL = 1.96  # standard deviations that a 95 % interval reaches to either side
 
 
 class RingdownError(LinkageVibrationError):
@@ -47,10 +57,10 @@ class RingdownError(LinkageVibrationError):
 
 @dataclass(frozen=True, slots=True)
 class MeasuredMode:
-    """A mode that most of the decays show.
+    """A mode of decays.
 
-    The standard deviations are those of the means over the decays, enlarged by Student's
-    distribution; NaN from less than three decays, which cannot tell.
+    The standard deviations are NaN from less than three decays, which cannot tell. A mode with a
+    doubt is not sure; its deviations do not hold.
     """
 
     frequency: float  # Hz
@@ -58,6 +68,7 @@ class MeasuredMode:
     frequency_stddev: float  # Hz
     ratio_stddev: float
     decays: int  # that show it
+    doubt: str = ""  # why it is not reported, such as "1 of 5 blows show it"
 
 
 def measure_modes(times: FloatArray, signals: FloatArray) -> list[MeasuredMode]:
@@ -81,7 +92,7 @@ def measure_modes(times: FloatArray, signals: FloatArray) -> list[MeasuredMode]:
             f"No blow stands out of the {len(signals) / rate:.0f} s; hit harder, or leave a second "
             "of rest before and several after each blow."
         )
-    return common_modes([fit_decay(signals[part], rate) for part in decays])
+    return modes_of_decays([signals[part] for part in decays], rate)
 
 
 def _refuse_overload(signals: FloatArray) -> None:
@@ -129,7 +140,7 @@ def find_decays(signals: FloatArray, rate: float) -> list[slice]:
     """
     level = np.linalg.norm(signals, axis=1)
     quiet = float(np.median(level))
-    gap, longest = int(_APART * rate), int(_LONGEST * rate)
+    gap, longest, forced = (int(each * rate) for each in (_APART, _LONGEST, _FORCED))
     half, rise = gap // 2, max(int(_RISE * rate), 1)
     before = maximum_filter1d(level, 2 * half + 1, origin=half)  # of half a second up to here
     before = np.concatenate([np.full(rise, quiet), before[:-rise]])
@@ -139,7 +150,7 @@ def find_decays(signals: FloatArray, rate: float) -> list[slice]:
             starts.append(i)
     decays = []
     for start, following in pairwise([*starts, len(level)]):
-        top = start + int(level[start : min(start + gap, following)].argmax()) + 2
+        top = start + int(level[start : min(start + gap, following)].argmax()) + max(forced, 2)
         end = min(top + longest, following - 2)
         ended = np.flatnonzero(level[top:end] > 2.0 * quiet)
         end = top + int(ended[-1]) + 1 if len(ended) else top
@@ -148,72 +159,77 @@ def find_decays(signals: FloatArray, rate: float) -> list[slice]:
     return decays
 
 
-def fit_decay(signals: FloatArray, rate: float) -> ComplexArray:
-    """Return the upper pole of each oscillation in a decay, rad/s, ascending.
-
-    The unit of the signals, (n, n_channels), is the noise of each channel.
-    """
-    signals = signals - signals.mean(axis=0)  # what remains of a constant is a pole at zero
-    n = len(signals)
-    columns = min(n // 2, _LARGEST)
-    stacked = np.vstack(
-        [hankel(each[: n - columns], each[n - columns - 1 :]) for each in signals.T]
-    )
-    _, sizes, right = np.linalg.svd(stacked, full_matrices=False)
-    kept = right[sizes > _NOISE * np.median(sizes)].T  # (columns, order)
-    if not kept.size:
-        return np.zeros(0, dtype=complex)
-    shift = np.linalg.lstsq(kept[:-1], kept[1:], rcond=None)[0]
-    turns = np.linalg.eigvals(shift)
-    turns = turns[np.abs(turns) > 0.0].astype(complex)
-    poles = np.log(turns[turns != 1.0]) * rate
-    strong = _energies(signals, poles, rate) > _STRONG * signals.shape[1]
-    return np.asarray(np.sort_complex(poles[_oscillates(poles, rate) & strong]))
-
-
-def _oscillates(poles: ComplexArray, rate: float) -> BoolArray:
-    """Return which poles are decaying oscillations that the rate resolves."""
-    ratios = -poles.real / np.abs(poles)
-    high = poles.imag < _HIGHEST * math.pi * rate
-    return np.asarray((poles.imag > 0.0) & high & (ratios > 0.0) & (ratios < _MOST_DAMPED))
-
-
-def _energies(signals: FloatArray, poles: ComplexArray, rate: float) -> FloatArray:
-    """Return the energy of each pole in the signals, (n_poles,), in that of a sample of noise."""
-    at = np.arange(len(signals)) / rate
-    terms = np.exp(np.multiply.outer(at, np.minimum(poles.real, 0.0) + 1j * poles.imag))
-    weights = np.linalg.lstsq(terms, signals.astype(complex), rcond=None)[0]
-    return np.asarray((np.abs(terms) ** 2).sum(axis=0) * (np.abs(weights) ** 2).sum(axis=1))
-
-
-def common_modes(decays: Sequence[ComplexArray]) -> list[MeasuredMode]:
-    """Return the modes that more than half of the decays show by their poles, rad/s, ascending."""
-    left = [list(poles) for poles in decays]
+def modes_of_decays(decays: Decays, rate: float) -> list[MeasuredMode]:
+    """Return the modes of decays, (n_samples, n_channels) each, at a rate in Hz, ascending."""
+    fit = fit_decays(decays, rate)
+    if not len(fit.poles):
+        return []
+    fit = refined(decays, fit.poles[np.argsort(np.abs(fit.poles))], rate)
+    values, channels = _values(fit.poles), decays[0].shape[1]
+    shown = (gains(decays, fit, rate) > chi2.isf(_SHOWN, 2 * channels)).sum(axis=0)
+    changes = _changes(decays, fit, rate)
+    stddevs = np.maximum(_stddevs(decays, fit), np.sqrt((changes**2).mean(axis=0)))
     modes = []
-    while any(left):
-        every = sorted(abs(pole) for poles in left for pole in poles)
-        near = [sum(abs(math.log(a / b)) < _SAME for b in every) for a in every]
-        centre = every[int(np.argmax(near))]
-        group = []
-        for poles in left:
-            if not poles:
-                continue
-            best = min(poles, key=lambda pole: abs(math.log(abs(pole) / centre)))
-            if abs(math.log(abs(best) / centre)) < _SAME:
-                group.append(best)
-                poles.remove(best)
-        if 2 * len(group) > len(decays):
-            modes.append(_mean(np.array(group)))
-    return sorted(modes, key=lambda mode: mode.frequency)
+    for i, (frequency, ratio) in enumerate(values.T.tolist()):
+        moved = np.abs(changes[:, 0, i]).max() / frequency
+        unsure = stddevs[0, i] / frequency
+        doubt = ""
+        if math.isnan(moved):
+            continue  # It may be noise.
+        if 2 * shown[i] <= len(decays):
+            doubt = f"{shown[i]} of {len(decays)} blows show it"
+        elif moved > _MOVES:
+            doubt = f"it changes by {100.0 * moved:.2g} % with the window or order of the fit"
+        elif unsure > _UNSURE:
+            doubt = f"its deviation is {100.0 * unsure:.2g} %"
+        spread = stddevs[:, i].tolist() if len(decays) > 2 else [math.nan, math.nan]
+        modes.append(MeasuredMode(frequency, ratio, *spread, int(shown[i]), doubt))
+    return modes
 
 
-def _mean(poles: ComplexArray) -> MeasuredMode:
-    """Return the mode that is the mean of some poles, rad/s."""
-    values = np.array([np.abs(poles) / (2.0 * math.pi), -poles.real / np.abs(poles)])
-    n = len(poles)
-    spread = np.full(2, math.nan)
-    if n > 2:
-        # So many deviations contain 68 % of the means, as one does of a known distribution.
-        spread = values.std(axis=1, ddof=1) / math.sqrt(n) * float(student.ppf(0.8413, n - 1))
-    frequency, ratio = values.mean(axis=1).tolist()
-    return MeasuredMode(frequency, ratio, float(spread[0]), float(spread[1]), n)
+def _values(poles: ComplexArray) -> FloatArray:
+    """Return the frequencies, Hz, and damping ratios of poles, (2, n_poles)."""
+    return np.array([np.abs(poles) / (2.0 * math.pi), -poles.real / np.abs(poles)])
+
+
+def _changes(decays: Decays, fit: DecayFit, rate: float) -> FloatArray:
+    """Return how far other windows and fewer poles move the values, (n_variants, 2, n_poles).
+
+    A pole that fewer poles do without is NaN.
+    """
+    late = min(int(_FORCED * rate), min(map(len, decays)) // 4)
+    windows = [
+        [each[late:] for each in decays],
+        [each[: int(_EARLIER * len(each))] for each in decays],
+    ]
+    fewer = without_faint(decays, fit, rate, _RARE).poles
+    found = [refined(window, fit.poles, rate).poles for window in windows]
+    same = np.full(len(fit.poles), math.nan, dtype=complex)
+    if len(fewer):
+        apart = np.abs(np.log(fewer / fit.poles[:, np.newaxis]))
+        nearest = apart.argmin(axis=1)
+        mutual = apart.argmin(axis=0)[nearest] == np.arange(len(same))
+        same[mutual] = fewer[nearest[mutual]]
+    found.append(same)
+    return np.asarray(np.array([_values(poles) for poles in found]) - _values(fit.poles))
+
+
+def _stddevs(decays: Decays, fit: DecayFit) -> FloatArray:
+    """Return standard deviations of frequencies and damping ratios, (2, n_poles).
+
+    They are the larger of what white noise makes, and of what leaving out a decay changes.
+    """
+    n, count, size = len(decays), len(fit.poles), np.abs(fit.poles)
+    curvature = fit.curvatures.sum(axis=0)
+    along, across = fit.poles.real / size, fit.poles.imag / size
+    slopes = np.array([[along, across], [-(across**2), along * across] / size])
+    slopes[0] /= 2.0 * math.pi  # of frequency and damping ratio, to real and imaginary parts
+    parts = np.linalg.pinv(curvature).reshape(2, count, 2, count).diagonal(axis1=1, axis2=3)
+    white = np.einsum("vai,abi,vbi->vi", slopes, parts, slopes) * variance(decays, fit)
+    if n < 2:
+        return np.sqrt(white)
+    steps = np.linalg.pinv(curvature - fit.curvatures) @ fit.gradients[:, :, np.newaxis]
+    without = np.einsum("vai,nai->nvi", slopes, steps.reshape(n, 2, count))
+    widened = float(student.ppf(0.975, n - 1)) / _INTERVAL  # few decays do not tell their spread
+    jackknife = (n - 1) / n * ((without - without.mean(axis=0)) ** 2).sum(axis=0)
+    return np.sqrt(np.maximum(white, widened**2 * jackknife))

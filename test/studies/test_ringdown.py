@@ -8,13 +8,12 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray
+from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.studies.ringdown import (
     RingdownError,
-    common_modes,
     find_decays,
-    fit_decay,
     measure_modes,
+    modes_of_decays,
 )
 
 RATE = 100.0  # Hz
@@ -69,16 +68,30 @@ def test_a_channel_that_does_not_move_changes_nothing() -> None:
 
 
 def test_deviations_hold() -> None:
-    """The intervals of 95 % contain the truth in 85 to 100 % of 30 recordings of five blows."""
+    """The intervals of 95 % contain the truth in 90 to 100 % of 20 recordings of five blows."""
     inside = []
-    for seed in range(30):
+    for seed in range(20):
         found = measure_modes(*recording(np.random.default_rng(seed)))
         assert len(found) == len(MODES)
         for mode, (frequency, ratio) in zip(found, MODES, strict=True):
             inside.append(abs(mode.frequency - frequency) < 1.96 * mode.frequency_stddev)
             inside.append(abs(mode.ratio - ratio) < 1.96 * mode.ratio_stddev)
             assert mode.frequency_stddev < 0.01 * frequency
-    assert np.mean(inside) >= 0.85
+    assert np.mean(inside) >= 0.9
+
+
+def test_deviations_hold_near_one_hertz() -> None:
+    """A tractor on its tyres: modes with 7 % near 1 Hz, one of which is hardly excited."""
+    inside = []
+    for seed in range(10):
+        modes = ((1.1, 0.07), (1.7, 0.07), (5.3, 0.02))
+        found = measure_modes(*recording(np.random.default_rng(seed), modes, seconds=6.0))
+        for mode in (each for each in found if not each.doubt):
+            frequency, ratio = min(modes, key=lambda each: abs(each[0] - mode.frequency))
+            inside.append(abs(mode.frequency - frequency) < 1.96 * mode.frequency_stddev)
+            inside.append(abs(mode.ratio - ratio) < 1.96 * mode.ratio_stddev)
+    assert len(inside) >= 50
+    assert np.mean(inside) >= 0.9
 
 
 def test_one_blow_has_no_deviation() -> None:
@@ -117,10 +130,10 @@ def shaken(height: float, begins: Sequence[int], tau: float = 100.0, n: int = 15
 
 @pytest.mark.parametrize(("height", "found"), [(4.9, False), (5.1, True)])
 def test_a_blow_is_five_times_the_level(height: float, found: bool) -> None:
-    """Its decay begins after the largest value, and ends where it falls below twice the level."""
+    """Its decay begins 0.04 s after the largest value, and ends below twice the level."""
     decays = find_decays(shaken(height, [500]), RATE)
     last = 500 + math.floor(100.0 * math.log(height / 2.0))
-    assert decays == ([slice(502, last + 1)] if found else [])
+    assert decays == ([slice(504, last + 1)] if found else [])
 
 
 def test_how_far_blows_are_apart() -> None:
@@ -138,10 +151,10 @@ def test_how_far_blows_are_apart() -> None:
         assert len(find_decays(both, RATE)) == count
 
 
-@pytest.mark.parametrize(("tau", "length"), [(39.5, None), (41.5, 40), (1e4, 400)])
+@pytest.mark.parametrize(("tau", "length"), [(41.5, None), (43.5, 40), (1e4, 400)])
 def test_lengths_of_decays(tau: float, length: int | None) -> None:
     """A decay has 40 samples or more, of which those of 4 s are used."""
-    # From the third sample to the last one above 2, which is tau ln(e) after the first one.
+    # From the fifth sample to the last one above 2, which is tau ln(e) after the first one.
     signals = shaken(2.0 * math.e, [500], tau=tau)
     signals[1100:] = 1.0
     decays = find_decays(signals, RATE)
@@ -149,82 +162,43 @@ def test_lengths_of_decays(tau: float, length: int | None) -> None:
     assert found == ([] if length is None else [length])
 
 
-def decay(hertz: float, ratio: float, size: float, rate: float = RATE, n: int = 400) -> FloatArray:
-    """Return three channels with one oscillation in noise of size 1, (n, 3)."""
-    omega, random = 2.0 * math.pi * hertz, np.random.default_rng(4)
-    pole = omega * (-ratio + 1j * math.sqrt(abs(1.0 - ratio**2)))
-    wave = size * np.exp(pole * np.arange(n) / rate)
-    return np.outer(wave, [1.0, 0.5j, -0.3]).real + random.normal(size=(n, 3))
+def decays_of(
+    shares: Sequence[float], hertz: float = 19.0, seed: int = 0, noise: float = 1.0
+) -> list[FloatArray]:
+    """Return decays of a mode at 7 Hz, and of another one with a share of its size in each."""
+    random = np.random.default_rng(seed)
+    times = np.arange(300)[:, np.newaxis] / RATE
+    waves = []
+    for share in shares:
+        phases = random.uniform(0.0, 2.0 * math.pi, (2, 2))
+        first = 50.0 * np.exp(-1.5 * times) * np.cos(2.0 * math.pi * 7.0 * times + phases[0])
+        other = 50.0 * np.exp(-2.0 * times) * np.cos(2.0 * math.pi * hertz * times + phases[1])
+        waves.append(first + share * other + random.normal(0.0, noise, (300, 2)))
+    return waves
 
 
-@pytest.mark.parametrize(
-    ("hertz", "ratio", "kept"),
-    [
-        (7.0, 0.03, True),
-        (3.0, 0.45, True),
-        (3.0, 0.55, False),  # hardly an oscillation
-        (39.0, 0.01, True),
-        (41.0, 0.01, False),  # above 0.8 of half the rate
-        (7.0, -0.005, False),  # it grows
-    ],
-)
-def test_oscillations_that_are_kept(hertz: float, ratio: float, kept: bool) -> None:
-    """The pole of a strong oscillation is that of the simulation, if it can be trusted."""
-    poles = fit_decay(decay(hertz, ratio, 1e4 if ratio > 0.0 else 100.0), RATE)
-    near = poles[np.abs(np.abs(poles) / (2.0 * math.pi * hertz) - 1.0) < 0.05]
-    assert len(near) == kept
-    assert -near.real / np.abs(near) == pytest.approx([ratio] * len(near), rel=0.01)
+@pytest.mark.parametrize(("blows", "doubt"), [(2, "2 of 5 blows show it"), (3, "")])
+def test_more_than_half_of_the_blows_show_a_mode(blows: int, doubt: str) -> None:
+    """A mode of less blows, such as clatter, is not sure; the others are not changed by it."""
+    modes = modes_of_decays(decays_of([1.0] * blows + [0.0] * (5 - blows)), RATE)
+    assert [mode.frequency for mode in modes] == pytest.approx([7.0, 19.0], rel=5e-3)
+    assert [mode.doubt for mode in modes] == ["", doubt]
+    assert [mode.decays for mode in modes] == [5, blows]
 
 
-@pytest.mark.parametrize(("share", "kept"), [(0.4, False), (2.5, True)])
-def test_weak_oscillations_are_left_out(share: float, kept: bool) -> None:
-    """They are kept with 100 times the energy that noise gives to one in each channel.
-
-    A wave with the size a that decays has the energy (a / 2)^2 sum(exp(-2 zeta omega t)).
-    """
-    hertz, ratio = 7.0, 0.01
-    terms = (np.exp(-4.0 * math.pi * hertz * ratio * np.arange(400) / RATE)).sum()
-    size = math.sqrt(share * 100.0 * 3.0 * 4.0 / terms / (1.0 + 0.5**2 + 0.3**2))
-    poles = fit_decay(decay(hertz, ratio, size), RATE)
-    assert np.any(np.abs(np.abs(poles) / (2.0 * math.pi * hertz) - 1.0) < 0.05) == kept
+@pytest.mark.parametrize(("share", "count"), [(0.01, 1), (0.03, 2)])
+def test_a_mode_has_to_exceed_noise(share: float, count: int) -> None:
+    """An amplitude of half the noise is not reported; one of 1.5 times in each of 300 samples is."""
+    sure = [
+        mode for mode in modes_of_decays(decays_of([share] * 5, seed=2), RATE) if not mode.doubt
+    ]
+    assert [mode.frequency for mode in sure] == pytest.approx([7.0, 19.0][:count], rel=5e-3)
 
 
-def poles_of(*hertz: float, ratio: float = 0.02) -> ComplexArray:
-    """Return poles with a damping ratio."""
-    omega = 2.0 * math.pi * np.array(hertz)
-    return np.asarray(omega * (-ratio + 1j * math.sqrt(1.0 - ratio**2)))
-
-
-@pytest.mark.parametrize(("count", "factor"), [(3, 1.32), (4, 1.20), (5, 1.14)])
-def test_deviation_of_a_mean(count: int, factor: float) -> None:
-    """It is s / sqrt(n) times the factor of table G.2 of the GUM for 68.27 % and n - 1."""
-    values = np.linspace(6.9, 7.1, count)
-    ratios = np.linspace(0.03, 0.02, count)
-    decays = [poles_of(f, ratio=r) for f, r in zip(values, ratios, strict=True)]
-    [mode] = common_modes(decays)
-    assert (mode.frequency, mode.ratio) == (pytest.approx(7.0), pytest.approx(0.025))
-    for found, sample in ((mode.frequency_stddev, values), (mode.ratio_stddev, ratios)):
-        spread = math.sqrt(((sample - sample.mean()) ** 2).sum() / (count - 1))
-        assert found == pytest.approx(factor * spread / math.sqrt(count), rel=4e-3)
-    assert mode.decays == count
-
-
-def test_modes_of_most_decays() -> None:
-    """More than half of the decays have to show a mode; two of them do not tell a deviation."""
-    assert len(common_modes([poles_of(7.0)] * 2 + [poles_of(19.0)] * 2)) == 0
-    [mode] = common_modes([poles_of(7.0)] * 2 + [poles_of(19.0)])
-    assert (mode.frequency, mode.decays) == (pytest.approx(7.0), 2)
-    assert math.isnan(mode.frequency_stddev)
-    first, second = common_modes([poles_of(7.0, 19.0), poles_of(19.0, 7.0), poles_of(7.0)])
-    assert (first.frequency, second.frequency) == (pytest.approx(7.0), pytest.approx(19.0))
-    assert (first.decays, second.decays) == (3, 2)
-
-
-@pytest.mark.parametrize(("apart", "count"), [(0.049, 1), (0.051, 0)])
-def test_frequencies_of_one_mode(apart: float, count: int) -> None:
-    """They differ by 5 % at most."""
-    found = common_modes([poles_of(7.0), poles_of(7.0 * math.exp(apart))])
-    assert len(found) == count
+def test_noise_alone_has_no_mode() -> None:
+    """White noise of any size gives none, neither sure nor doubtful."""
+    random = np.random.default_rng(5)
+    assert modes_of_decays([random.normal(size=(300, 2)) for _ in range(5)], RATE) == []
 
 
 def test_limits_of_recordings() -> None:
