@@ -120,8 +120,9 @@ def simulate(
     force = IMPULSE * turning / 2.0 * np.where(during, np.sin(turning * times), 0.0)
     driven = -each * np.sin(turning * times) - turning * np.cos(turning * times)
     late = turning * np.exp(each * np.maximum(times - CONTACT, 0.0))
-    response = turning * np.exp(each * np.maximum(times, 0.0)) + np.where(during, driven, late)
-    response *= (times >= 0.0) * IMPULSE * turning / 2.0 / (each**2 + turning**2)
+    shape = turning * np.exp(each * np.maximum(times, 0.0)) + np.where(during, driven, late)
+    scale = (times >= 0.0) * IMPULSE * turning / 2.0
+    response = shape * scale / (each**2 + turning**2)
     blows = []
     for angle in random.uniform(0.0, math.pi, BLOWS):
         along = np.einsum("oip,i->op", residues, [math.cos(angle), math.sin(angle)])

@@ -75,7 +75,7 @@ def gains(decays: Decays, fit: DecayFit, rate: float) -> FloatArray:
 def variance(decays: Decays, fit: DecayFit) -> float:
     """Return the variance of the residuals."""
     free = sum(each.size - each.shape[1] * (2 * len(fit.poles) + 1) for each in decays)
-    return max(fit.squares / max(free - 2 * len(fit.poles), 1), _EXACT)
+    return float(max(fit.squares / max(free - 2 * len(fit.poles), 1), _EXACT))
 
 
 def without_faint(decays: Decays, fit: DecayFit, rate: float, chance: float) -> DecayFit:

@@ -30,8 +30,8 @@ def doubt_folds(
     doubted = []
     for mode in measured:
         folds = possible_folds(mode, frequencies, ratios, rate)
-        names = " or ".join(f"mode {i + 1} of the model, {frequencies[i]:.4g} Hz" for i in folds)
-        doubt = f"it may be {names}, folded at {rate:.4g} samples a second"
+        names = " or ".join(f"mode {i + 1} ({frequencies[i]:.4g} Hz)" for i in folds)
+        doubt = f"it may be {names} of the model, folded at {rate:.4g} samples a second"
         doubted.append(replace(mode, doubt=mode.doubt or doubt) if folds else mode)
     return doubted
 

@@ -182,8 +182,8 @@ def modes_of_decays(decays: Decays, rate: float) -> list[MeasuredMode]:
             doubt = f"it changes by {100.0 * moved:.2g} % with the window or order of the fit"
         elif unsure > _UNSURE:
             doubt = f"its deviation is {100.0 * unsure:.2g} %"
-        spread = stddevs[:, i].tolist() if len(decays) > 2 else [math.nan, math.nan]
-        modes.append(MeasuredMode(frequency, ratio, *spread, int(shown[i]), doubt))
+        first, second = stddevs[:, i].tolist() if len(decays) > 2 else (math.nan, math.nan)
+        modes.append(MeasuredMode(frequency, ratio, first, second, int(shown[i]), doubt))
     return modes
 
 
@@ -227,9 +227,9 @@ def _stddevs(decays: Decays, fit: DecayFit) -> FloatArray:
     parts = np.linalg.pinv(curvature).reshape(2, count, 2, count).diagonal(axis1=1, axis2=3)
     white = np.einsum("vai,abi,vbi->vi", slopes, parts, slopes) * variance(decays, fit)
     if n < 2:
-        return np.sqrt(white)
+        return np.asarray(np.sqrt(white))
     steps = np.linalg.pinv(curvature - fit.curvatures) @ fit.gradients[:, :, np.newaxis]
     without = np.einsum("vai,nai->nvi", slopes, steps.reshape(n, 2, count))
     widened = float(student.ppf(0.975, n - 1)) / _INTERVAL  # few decays do not tell their spread
     jackknife = (n - 1) / n * ((without - without.mean(axis=0)) ** 2).sum(axis=0)
-    return np.sqrt(np.maximum(white, widened**2 * jackknife))
+    return np.asarray(np.sqrt(np.maximum(white, widened**2 * jackknife)))

@@ -58,6 +58,6 @@ def test_doubts_name_the_mode(model: LinkageModel) -> None:
     folded = mode(RATE - float(hertz[high]), float(decay))
     first, second = doubt_folds([mode(float(hertz[0]), 0.4), folded], model, 2.0, RATE)
     assert not first.doubt
-    words = f"it may be mode {high + 1} of the model, {hertz[high]:.4g} Hz"
+    words = f"it may be mode {high + 1} ({hertz[high]:.4g} Hz)"
     assert second.doubt.startswith(words)
-    assert second.doubt.endswith("folded at 400 samples a second")
+    assert second.doubt.endswith("of the model, folded at 400 samples a second")

@@ -188,7 +188,7 @@ def test_more_than_half_of_the_blows_show_a_mode(blows: int, doubt: str) -> None
 
 @pytest.mark.parametrize(("share", "count"), [(0.01, 1), (0.03, 2)])
 def test_a_mode_has_to_exceed_noise(share: float, count: int) -> None:
-    """An amplitude of half the noise is not reported; one of 1.5 times in each of 300 samples is."""
+    """An amplitude of half the noise is not reported; one of 1.5 times in 300 samples is."""
     sure = [
         mode for mode in modes_of_decays(decays_of([share] * 5, seed=2), RATE) if not mode.doubt
     ]
