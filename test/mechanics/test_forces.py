@@ -17,6 +17,7 @@ from linkage_vibration.mechanics.model import LinkageModel, ModelError
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.resources import config_file
+from test.support.bob import ARM, BOB, INERTIA, MASS
 
 Array = NDArray[np.float64]
 G = 9.80665
@@ -38,19 +39,12 @@ CANTILEVER: dict[str, Any] = {
     "damping": {"ratio": 0.02, "at_hz": [5.0, 500.0]},
     "response": {"drive_point": "E", "direction": "z", "band_hz": [0.0, 200.0], "modes": 1},
 }
-MASS, INERTIA, ARM, STIFFNESS = 12.0, 3.0, 0.8, 4e4
+STIFFNESS = 4e4
 LEVER: dict[str, Any] = {
     "name": "lever",
     "ground": {"P": [0.0, 0.0], "Q": [1.0, 2.0]},
     "links": {},
-    "rigid_bodies": {
-        "bob": {
-            "points": {"P": [0.0, 0.0], "E": [1.0, 0.0]},
-            "centre_of_gravity": [ARM, 0.0],
-            "mass": MASS,
-            "inertia": INERTIA,
-        }
-    },
+    "rigid_bodies": {"bob": BOB},
     "springs": {"strut": {"between": ["Q", "E"], "stiffness": STIFFNESS}},
     "input": {"link": "bob", "range_deg": [-10.0, 10.0]},
     "assembly": {"alpha3_deg": 0.0},

@@ -22,22 +22,15 @@ from linkage_vibration.mechanics.parsing import mechanism_from_mapping
 from linkage_vibration.mechanics.sensitivity import Sensitivity
 from linkage_vibration.support.resources import config_file
 from linkage_vibration.table.tabulation import build_table
+from test.support.bob import ARM, BOB, INERTIA, MASS
 
 G = 9.81
-MASS, INERTIA, ARM = 12.0, 3.0, 0.8
 PENDULUM: dict[str, Any] = {
     "name": "pendulum",
     "gravity": G,
     "ground": {"P": [0.0, 0.0]},
     "links": {},
-    "rigid_bodies": {
-        "bob": {
-            "points": {"P": [0.0, 0.0], "E": [1.0, 0.0]},
-            "centre_of_gravity": [ARM, 0.0],
-            "mass": MASS,
-            "inertia": INERTIA,
-        }
-    },
+    "rigid_bodies": {"bob": BOB},
     "input": {"link": "bob", "range_deg": [-120.0, 120.0]},
     "assembly": {"alpha3_deg": 0.0},
     "damping": {"ratio": 0.02, "at_hz": [1.0, 10.0]},
