@@ -125,7 +125,9 @@ def test_many_lifecycles_leave_nothing_behind(
             sizes.append((open_files(), resident(), own_objects()))
     # The middleware opens and closes files of its own at any moment; a leak is one each time.
     assert sizes[-1][0] - sizes[0][0] < count - 5
-    assert sizes[-1][2] == sizes[0][2]
+    # Objects of the last configuration or two may wait for another thread; a leak has all of them.
+    for kind, number in sizes[-1][2].items():
+        assert number <= 3 * max(sizes[0][2][kind], 1), kind
     if count > 20:
         assert sizes[-1][1] - sizes[0][1] < 5 * 2**20  # a table alone has half of that, each time
     assert node.trigger_configure() is SUCCESS
