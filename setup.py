@@ -72,6 +72,7 @@ BENCH = [
     "mcap-ros2-support",
     "parso",
     "pyFBS>=1.0.7",
+    "pyOMA-2",
     "pyOMA-2>=1.4",
     "pytest",
     "rerun-sdk>=0.41",

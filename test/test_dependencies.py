@@ -47,6 +47,7 @@ DISTRIBUTIONS = {
     "packaging": ("packaging", "python3-packaging"),
     "parso": ("parso", None),
     "pyfbs": ("pyfbs", None),
+    "pyoma2": ("pyoma-2", None),
     "pytest": ("pytest", "python3-pytest"),
     "pyuff": ("pyuff", None),
     "rclpy": ("ros-rclpy", "rclpy"),

@@ -126,9 +126,15 @@ def _kind(path: Path) -> str:
                 f"Folder {path} has no metadata.yaml; give a file of the bag, or create "
                 "metadata.yaml with `ros2 bag reindex`."
             )
-        root = yaml.compose((path / "metadata.yaml").read_text("utf-8"), yaml.SafeLoader)
-        if root is not None:
-            refuse_unbounded(root)
+        try:
+            root = yaml.compose((path / "metadata.yaml").read_text("utf-8"), yaml.SafeLoader)
+            if root is not None:
+                refuse_unbounded(root)
+        except (ValueError, RecursionError, yaml.YAMLError) as error:
+            text = " ".join(str(error).split())
+            raise BagError(
+                f"{path}/metadata.yaml is damaged ({text}); try {_REPAIR['']}."
+            ) from None
         return ""
     suffix = can_log_suffix(path) or path.suffix
     if suffix not in _MAGIC:
