@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Prints the table of parameters in docs/node.md."""
 
+import re
 from dataclasses import fields
 
 from linkage_vibration.prediction.settings import Parameters, yaml_text
@@ -17,17 +18,29 @@ TYPE_NAMES = {
 
 
 def parameter_table() -> str:
-    """Return the parameters as a Markdown table."""
-    rows = ["| parameter | type | default | unit | valid | live | meaning |"]
-    rows += ["|---|---|---|---|---|---|---|"]
+    """Return the parameters as a Markdown table.
+
+    Parameters that differ only in the name of a speed share a row, which calls this name INPUT.
+    """
+    names: dict[str, list[str]] = {}
+    rows = dict[str, str]()
     for parameter in fields(Parameters):
         words = parameter.metadata
-        rows.append(
-            f"| `{parameter.name}` | {TYPE_NAMES[type(parameter.default)]} "
+        row = (
+            f"| {TYPE_NAMES[type(parameter.default)]} "
             f"| `{yaml_text(parameter.default)}` | {words['unit']} | {words['valid']} "
             f"| {'yes' if words['live'] else ''} | {words['description']} |"
         )
-    return "\n".join(rows)
+        common = re.sub("engine|pto|PTO|ground", "INPUT", row)
+        names.setdefault(common, []).append(f"`{parameter.name}`")
+        rows[common] = common if len(names[common]) > 1 else row
+    return "\n".join(
+        [
+            "| parameter | type | default | unit | valid | live | meaning |",
+            "|---|---|---|---|---|---|---|",
+            *(f"| {', '.join(names[common])} {row}" for common, row in rows.items()),
+        ]
+    )
 
 
 if __name__ == "__main__":

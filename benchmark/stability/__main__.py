@@ -1,14 +1,13 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Writes docs/stability.md and its pictures: ``python -m benchmark.stability [CASE ...]``."""
+"""Writes results/stability.md and its pictures: ``python -m benchmark.stability [CASE ...]``."""
 
 import sys
 from importlib import import_module
-from pathlib import Path
 
 from tqdm import tqdm
 
-from benchmark.report import machine
+from benchmark.report import RESULTS, machine
 
 CASES = (
     "toggle",
@@ -23,28 +22,25 @@ CASES = (
     "peaks",
     "damping",
 )
-DOCS = Path(__file__).parents[2] / "docs"
 INTRODUCTION = """\
-On this page you find eleven cases in which common methods fail, how large their errors are, and
-what this package does in each case: it gives the right answer, or an error that names the cause and
-how to fix the input.
+This page shows how large the errors of common methods are in eleven cases, and those of this
+package ("ours"). [Where methods fail](../../docs/stability.md) says what a user does in each case.
 
-`make bench ONLY=stability` writes every number and picture here, and the tests that are named check
-them. In addition, `test/properties` checks eight invariants of mechanics with random linkages: 320
-in every run, and ten thousand for each invariant with `pytest -m nightly`.
-`test/readers/test_fuzz.py` reads damaged files with every reader, and `make bench ONLY=fuzz` reads
-104,000 of them ([results](../benchmark/results/fuzz.md)). "Ours" is the method of this package.
+The tests that are named check the numbers. In addition, `test/properties` checks eight invariants
+of mechanics with random linkages: 320 in every run, and ten thousand for each invariant with
+`pytest -m nightly`. `test/readers/test_fuzz.py` reads damaged files with every reader, and
+`make bench ONLY=fuzz` reads 104,000 of them ([results](fuzz.md)).
 """
 
 
 def main() -> None:
     """Write the sections that the command line names, or all; the others stay unchanged."""
     chosen = sys.argv[1:] or list(CASES)
-    pictures = DOCS / "stability"
+    pictures = RESULTS / "stability"
     pictures.mkdir(exist_ok=True)
-    page = DOCS / "stability.md"
+    page = RESULTS / "stability.md"
     old = _sections(page.read_text(encoding="utf-8")) if page.exists() else {}
-    parts = ["# Where methods fail", INTRODUCTION.strip()]
+    parts = ["# Where methods fail: evidence", INTRODUCTION.strip()]
     for number, name in enumerate(tqdm(CASES, unit="case"), start=1):
         case = import_module(f"benchmark.stability.{name}")
         heading = f"{number}. {case.TITLE}"
