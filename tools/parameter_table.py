@@ -20,7 +20,7 @@ TYPE_NAMES = {
 def parameter_table() -> str:
     """Return the parameters as a Markdown table.
 
-    Parameters that differ only in the name of a speed share a row, which calls this name INPUT.
+    Parameters that differ only in the name of an input share a row, which calls this name INPUT.
     """
     names: dict[str, list[str]] = {}
     rows = dict[str, str]()
@@ -31,7 +31,7 @@ def parameter_table() -> str:
             f"| `{yaml_text(parameter.default)}` | {words['unit']} | {words['valid']} "
             f"| {'yes' if words['live'] else ''} | {words['description']} |"
         )
-        common = re.sub("engine|pto|PTO|ground", "INPUT", row)
+        common = re.sub("hitch|engine|pto|PTO|ground", "INPUT", row)
         names.setdefault(common, []).append(f"`{parameter.name}`")
         rows[common] = common if len(names[common]) > 1 else row
     return "\n".join(
