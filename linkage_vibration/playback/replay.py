@@ -171,7 +171,7 @@ def replay(
     progress : callable
         It is called with the number of messages that are done, and of all messages.
     building : callable
-        While a table is built, it is called with the fraction of the stroke that is finished.
+        While a table is built, it is called with the finished fraction of that.
 
     Raises
     ------

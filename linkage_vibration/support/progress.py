@@ -6,11 +6,11 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-_LAYOUT = "{desc}: {percentage:3.0f} % of the stroke |{bar}| {elapsed}, {postfix}"
+_LAYOUT = "{desc}: {percentage:3.0f} % of the table |{bar}| {elapsed}, {postfix}"
 
 
 class Progress:
-    """Shows the finished fraction of the stroke after each solution of the model."""
+    """Shows the finished fraction of a table after each solution of a model."""
 
     def __init__(self, bar: Any) -> None:
         self.solutions, self._bar = 0, bar

@@ -29,6 +29,7 @@ from linkage_vibration.table.tabulation.tracking import Tracker
 from linkage_vibration.table.tabulation.verification import bound_errors, thin
 
 _FINEST, _COARSEST = 1e-11, 1.0  # Rounding prevents finer ones; coarser tables have no use.
+_SHARE = 0.25  # of the work before the ensemble is added, if there is one
 _MORE_FAR, _MOST_FAR = 2, 8  # Far poles are added if their error is above half of the tolerance.
 
 
@@ -60,7 +61,8 @@ def build_table(
         of a base, if they are no more than eight, otherwise the response point. A model from
         measured FRFs has none.
     progress : callable
-        Called after each solution of the model with the fraction of the stroke that is finished.
+        Called with the finished fraction of the work after each solution of the model, and after
+        each member of the ensemble of a mechanism with uncertain numbers.
 
     Raises
     ------
@@ -71,14 +73,19 @@ def build_table(
     if not _FINEST <= tolerance < _COARSEST:
         hint = f"give one from {_FINEST:g} to {_COARSEST:g}"
         raise TableError(f"A tolerance of {tolerance:g} is invalid or cannot be met; {hint}.")
-    sampler = Sampler(model, points, progress)
+    share = _SHARE if model.mechanism.uncertainty else 1.0
+    sampler = Sampler(model, points, lambda finished: progress(share * finished))
     try:
         table = _build(sampler, tolerance)
     except ModesAreCoupled:
         table = build_coupled(sampler, Accuracy(tolerance))
     table = _with_static_forces(table, sampler)
     table = with_parameter_stddev(with_mode_names(table, sampler), sampler)
-    return with_ensemble(table, sampler)
+
+    def rest(finished: float) -> None:
+        progress(share + (1.0 - share) * finished)
+
+    return with_ensemble(table, sampler, rest)
 
 
 def _with_static_forces(table: Table, sampler: Sampler) -> Table:

@@ -8,6 +8,7 @@ cannot be followed from angle to angle, its numbers are NaN.
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
@@ -63,10 +64,11 @@ class _Member:
     mounts: FloatArray
 
 
-def with_ensemble(table: Table, sampler: Sampler) -> Table:
+def with_ensemble(table: Table, sampler: Sampler, progress: Callable[[float], object]) -> Table:
     """Return a table with its ensemble, if it has FRFs and its mechanism has uncertain numbers.
 
-    It has none if too many angles would be needed.
+    It has none if too many angles would be needed. ``progress`` is called with the fraction of the
+    members that are finished.
     """
     mechanism = sampler.model.mechanism
     uncertainty = mechanism.uncertainty
@@ -76,7 +78,8 @@ def with_ensemble(table: Table, sampler: Sampler) -> Table:
     for n_nodes in _N_NODES:
         solver = _Solver(table, sampler, n_nodes)
         members = [solver.member(mechanism)]
-        for values in drawn if not solver.rough else ():
+        for count, values in enumerate(drawn if not solver.rough else ()):
+            progress(count / len(drawn))
             try:
                 members.append(solver.member(uncertainty.described(values)))
             except LinkageVibrationError:  # numbers that are not possible
@@ -85,6 +88,8 @@ def with_ensemble(table: Table, sampler: Sampler) -> Table:
             break
     else:
         return table
+
+    progress(1.0)
 
     def single(name: str) -> NDArray[Any]:
         rows = np.array([getattr(member, name) for member in members])

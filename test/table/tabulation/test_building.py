@@ -223,6 +223,17 @@ def test_progress() -> None:
     assert 0.5 < finished[-1] < 1.0
 
 
+def test_progress_of_members() -> None:
+    """With uncertain numbers, three quarters of the bar are for the 64 members of the ensemble."""
+    finished: list[float] = []
+    model = LinkageModel(read_mechanism(config_file("three_point_linkage_on_tractor.yaml")))
+    build_table(model, 1e-2, progress=finished.append)
+    members = [each for each in finished if each >= 0.25]
+    assert finished == sorted(finished)
+    assert len(members) >= 64
+    assert finished[-1] == 1.0
+
+
 def test_rounding_chooses_no_points() -> None:
     """Solved points that lie symmetrically are equally good; the same are used in any rounding."""
     random = np.random.default_rng(0)
