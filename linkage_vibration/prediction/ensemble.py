@@ -82,9 +82,10 @@ class _Modes:
         s = 1j * omega.T[:, np.newaxis]
         poles, outputs = self.poles[members, :, np.newaxis], self.outputs[members]
         (force, rate), (far, far_rate) = self.inputs[:, members], self.far[:, members]
-        upper = (force + s * rate) / (s - poles)
-        lower = (force.conj() + s * rate.conj()) / (s - poles.conj())
-        return np.asarray(outputs @ upper + outputs.conj() @ lower + far + s * far_rate)
+        with np.errstate(invalid="ignore"):  # NaN where a member's numbers are not possible
+            upper = (force + s * rate) / (s - poles)
+            lower = (force.conj() + s * rate.conj()) / (s - poles.conj())
+            return np.asarray(outputs @ upper + outputs.conj() @ lower + far + s * far_rate)
 
 
 class Members:

@@ -3,6 +3,7 @@
 """Factors and probabilities of levels are those of whole models whose numbers are drawn."""
 
 import math
+import warnings
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import islice
@@ -18,10 +19,11 @@ from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
 from linkage_vibration.mechanics.paths import split_paths, with_numbers
-from linkage_vibration.prediction.ensemble import GroundMembers
+from linkage_vibration.prediction.ensemble import GroundMembers, Members
 from linkage_vibration.prediction.excitation import Excitation, Source, excitations_from_mapping
 from linkage_vibration.prediction.ground import Terrain, ground_spectrum
 from linkage_vibration.prediction.levels import LevelTable
+from linkage_vibration.prediction.loads import UnitLoad
 from linkage_vibration.prediction.predictor import Predictor
 from linkage_vibration.prediction.resonance import ResonanceMonitor
 from linkage_vibration.readers.mechanism import read_mechanism
@@ -212,3 +214,20 @@ def test_factors_are_held_for_a_fifth_of_a_second() -> None:
     fresh = levels.factors(angles, speeds(np.full(5, 7.0)), 0.33)["load_ratio_factors"][:, 0]
     assert found == fresh[[0, 0, 2, 2, 4]].tolist()
     assert len(set(fresh.tolist())) == 5
+
+
+def test_a_member_that_is_not_possible_is_not_known() -> None:
+    """Its responses are NaN without a warning of NumPy, and those of the others are as before."""
+    table = load_table(config_file(DEFAULT_TABLE))
+    place, poles = table.places[0], table.ensemble_poles.copy()
+    poles[3] = np.nan
+    loads = [UnitLoad((place,), lambda alpha3: (np.ones(1), np.zeros(1)))]
+    omega = np.full((1, len(poles) - 1), 30.0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        whole, without = (
+            Members(each, loads, [place], 0).at(2.0).responses(omega[:, :1], slice(None))
+            for each in (table, replace(table, ensemble_poles=poles))
+        )
+    assert np.isnan(without[3]).all()
+    np.testing.assert_array_equal(np.delete(without, 3, 0), np.delete(whole, 3, 0))
