@@ -242,7 +242,7 @@ def main() -> None:
     peer = (
         f"pyOMA2 (SSI-cov with uncertainties, {BLOCK_ROWS} block rows, order {ORDER}) had the "
         f"first {OTHER_SEEDS} recordings of each hitch, below {SLOW:g} Hz filtered and decimated "
-        f"by {DECIMATED}. It was told the true frequencies, near which it takes a pole; `measure` "
+        f"by {DECIMATED}. It was given the true frequencies, near which it takes a pole; `measure` "
         "was not. Its method is meant for vibration that noise excites, not for blows."
     )
     heading = (*COLUMNS, *INTERVALS)

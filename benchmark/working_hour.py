@@ -359,10 +359,10 @@ def draw(results: dict[str, Outcome], picture: Path) -> None:
         for k, kind in enumerate(KINDS):
             there = result.kind == k
             axis.fill_between(minutes, 2e-3, 3e-3, where=there, color=colours[k], lw=0, label=kind)
-        told = result.drive.resonances.total_load_ratio
+        reported = result.drive.resonances.total_load_ratio
         integrated = np.maximum(result.ratio, 1e-4)
         axis.plot(minutes, integrated, color=COLOURS[3], lw=2.0, label="integrated")
-        axis.plot(minutes, told, color=INK, lw=0.6, label="reported")
+        axis.plot(minutes, reported, color=INK, lw=0.6, label="reported")
         axis.axhline(result.limit, color=INK, ls="--", lw=0.8, label="limit")
         axis.fill_between(minutes, 2e-3, 3.0, where=result.warns, color=COLOURS[1], alpha=0.3, lw=0)
         axis.set(yscale="log", ylim=(2e-3, 3.0), xlim=(0.0, minutes[-1]), ylabel="load ratio")

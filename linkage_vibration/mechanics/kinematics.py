@@ -34,7 +34,7 @@ _STEP = 0.3  # arc length, with lengths scaled by the largest body; about 10 deg
 _LEAST_STEP = 1e-8
 _BEND = 0.25  # rad; the curve should turn by this in a step, and twice that is rejected
 _FASTEST = 1e6  # d(pose)/d(alpha3), in the same scale, of a pose that is not at a toggle
-_APART = 1e-8  # Traced poses are told apart if their variable differs by more.
+_APART = 1e-8  # Traced poses are distinguished if their variable differs by more.
 _TOLERANCE = 1e-13  # size of a Newton step, in the same scale, that ends the iteration
 
 

@@ -165,7 +165,7 @@ def test_sparse_readings_cannot_warn(excitations: tuple[Excitation, ...]) -> Non
 
 
 def test_why_no_load_is_known(excitations: tuple[Excitation, ...]) -> None:
-    """Frequencies beyond the table, missing static forces and missing amplitudes are told apart."""
+    """The reason is a frequency beyond the table, a missing static force or a missing amplitude."""
     unknown, silent = [math.nan] * 2, excitations_from_mapping({"a": {**SHAKER, "force": [1.0]}})
     beyond = drive([CLEAR] * 2, unknown)
     assert "are beyond the frequencies of the table" in sentence(beyond, excitations)
