@@ -106,7 +106,6 @@ setup(
     package_data={
         NAME: ["py.typed"],
         f"{NAME}.export": ["templates/*"],
-        f"{NAME}.paper": ["numbers.csv"],
         f"{NAME}.review": ["page/*"],
     },
     data_files=installed_files(),

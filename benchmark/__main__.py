@@ -11,6 +11,7 @@ STEPS = (
     "validation.exudyn_beams",
     "validation.solid_fe",
     "validation.sdynpy_fbs",
+    "reproduce",
     "freed_dimensions",
     "calibrations",
     "costs",

@@ -21,6 +21,24 @@ from matplotlib.figure import Figure
 from scipy.optimize import least_squares
 from tqdm import tqdm
 
+from benchmark.paper.figures import (
+    CRANK,
+    Sweeps,
+    add_legend,
+    label_place,
+    stroke_axis,
+    styled,
+    titled_figure,
+)
+from benchmark.paper.numbers import (
+    GEOMETRY,
+    OVER_THE_SWEEP,
+    SUBSTRUCTURING,
+    Number,
+    frequencies,
+    printed_numbers,
+)
+from benchmark.reproduce import FILES, PRINTED_FILE
 from linkage_vibration.drawing.palette import COLOURS, GREY
 from linkage_vibration.drawing.plots import tidy
 from linkage_vibration.mechanics.arrays import FloatArray
@@ -31,24 +49,6 @@ from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.modes import solve_modes
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
 from linkage_vibration.mechanics.paths import number_at, with_numbers
-from linkage_vibration.paper.figures import (
-    CRANK,
-    Sweeps,
-    add_legend,
-    label_place,
-    stroke_axis,
-    styled,
-    titled_figure,
-)
-from linkage_vibration.paper.numbers import (
-    GEOMETRY,
-    OVER_THE_SWEEP,
-    SUBSTRUCTURING,
-    Number,
-    frequencies,
-    printed_numbers,
-)
-from linkage_vibration.paper.reproduction import FILES, PRINTED_FILE
 from linkage_vibration.readers.mechanism import load_yaml
 from linkage_vibration.support.resources import config_file
 

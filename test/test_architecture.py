@@ -29,7 +29,6 @@ ROOMS = [
     "review",
     "testing",
     "studies",
-    "paper",
     "ros",
     "demo",
     "cli",

@@ -54,7 +54,7 @@ NOT_RUN = {
     "pre-commit": "make test runs the same checks",
     "bloom": "releases are made by hand",
     "git": "releases are made by hand",
-    "python -m": "releases are made by hand",
+    "python -m build": "releases are made by hand",
     "sed": "releases are made by hand",
     "twine": "releases are made by hand",
 }
@@ -145,8 +145,8 @@ def environment_of(
 def folder(tmp_path: Path) -> Path:
     """Return a folder with the files that the pages mention."""
     drive = ROOT / "config" / "drives" / "hitch_duty_cycle.mcap"
-    (tmp_path / "config").symlink_to(ROOT / "config")
-    (tmp_path / "examples").symlink_to(ROOT / "examples")
+    for name in ("config", "examples", "benchmark"):
+        (tmp_path / name).symlink_to(ROOT / name)
     (tmp_path / "bags").mkdir()
     for name in ("drive.mcap", "bags/headland.mcap"):
         shutil.copy(drive, tmp_path / name)

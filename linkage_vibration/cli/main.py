@@ -28,7 +28,6 @@ SUBCOMMANDS = (
     "plan",
     "sweep",
     "export",
-    "reproduce",
     "recover",
     "replay",
     "review",

@@ -41,7 +41,7 @@ OVERWRITES = {
     "inclinometer": ["drive.mcap", "--mechanism", "linkage.yaml", "-o", "linkage.yaml"],
 }
 READINGS = ["10=-80", "40=-60", "70=-40", "90=-20"]  # of a sensor and an inclinometer, deg
-FOLDERS = {"demo", "reproduce"}  # These commands write new files into a folder.
+FOLDERS = {"demo"}  # This command writes new files into a folder.
 
 
 @pytest.fixture(scope="module")

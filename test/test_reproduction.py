@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The numbers and figures of the paper beside ours."""
 
-import builtins
 import csv
 import math
 from collections.abc import Mapping
@@ -21,28 +20,17 @@ from benchmark.freed_dimensions import (
     generalised_inertia,
     scan_freed_dimensions,
 )
-from linkage_vibration.drawing.plots import PlotError
+from benchmark.paper.figures import draw_figures
+from benchmark.paper.numbers import GEOMETRY, printed_numbers
+from benchmark.reproduce import CORRECTED, FILES, PRINTED, _sweep, _write_numbers, geometry
 from linkage_vibration.mechanics.bodies.beam import Beam
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.kinematics import Kinematics
 from linkage_vibration.mechanics.model import Solution
-from linkage_vibration.paper import reproduction
-from linkage_vibration.paper.figures import draw_figures
-from linkage_vibration.paper.numbers import GEOMETRY, printed_numbers
-from linkage_vibration.paper.reproduction import (
-    CORRECTED,
-    FILES,
-    PRINTED,
-    ReproductionError,
-    _sweep,
-    _write_numbers,
-    geometry,
-    reproduce,
-)
 from linkage_vibration.readers.mechanism import load_yaml
 from linkage_vibration.support.resources import config_file
 
-REFERENCE = Path(__file__).parents[3] / "shared/reference/published_numbers.yaml"
+REFERENCE = Path(__file__).parents[2] / "shared/reference/published_numbers.yaml"
 SWEEPS = tuple[dict[str, list[Solution]], dict[str, dict[str, float]]]
 
 
@@ -168,25 +156,3 @@ def test_freeing_the_upper_link_fits_better() -> None:
     assert upper.cost < 0.5 * none.cost
     assert upper.value > 0.45
     assert math.degrees(none.lean) == pytest.approx(90.0 - 72.23, abs=0.01)
-
-
-def test_folder_that_cannot_be_made(tmp_path: Path) -> None:
-    """A file in the place of the folder is reported before anything is computed."""
-    (tmp_path / "file").touch()
-    with pytest.raises(ReproductionError, match="file: the folder cannot be created"):
-        reproduce(tmp_path / "file")
-
-
-def test_without_matplotlib(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Without matplotlib, the error says what to install."""
-    real = builtins.__import__
-
-    def without(name: str, *others: Any) -> Any:
-        if name.startswith("matplotlib"):
-            raise ImportError(name)
-        return real(name, *others)
-
-    monkeypatch.setattr(builtins, "__import__", without)
-    with pytest.raises(PlotError, match=r"pip install linkage_vibration\[plots\]"):
-        reproduction.reproduce(tmp_path / "new")
-    assert not (tmp_path / "new").exists()

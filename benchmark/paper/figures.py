@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from benchmark.paper.numbers import OVER_THE_SWEEP, SUBSTRUCTURING, printed_numbers
 from linkage_vibration.drawing.geometry import curves, largest, mode_curves
 from linkage_vibration.drawing.palette import COLOURS, GREY, INK
 from linkage_vibration.drawing.plots import legend_below, tidy, write_png
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.model import Solution
-from linkage_vibration.paper.numbers import OVER_THE_SWEEP, SUBSTRUCTURING, printed_numbers
 from linkage_vibration.studies.pose import pin_places
 
 if TYPE_CHECKING:
@@ -33,15 +33,8 @@ CRANK = "crank angle $α_3$ [deg]"
 _MOVING = ("V1", "V2", "E1", "E2")
 
 
-def draw_figures(
-    output: Path,
-    sweeps: Sweeps,
-    progress: Callable[[int, int], None] = lambda done, total: None,
-) -> None:
-    """Write all figures of two geometries into a folder, and replace those that it has.
-
-    A `PlotError` is raised if one cannot be written.
-    """
+def draw_figures(output: Path, sweeps: Sweeps) -> None:
+    """Write all figures of two geometries into a folder, and replace those that it has."""
     label = next(iter(sweeps))
     model = sweeps[label][0].model
     chosen = [model.solve(math.radians(angle)) for angle in _ANGLES_DEG]
@@ -54,10 +47,8 @@ def draw_figures(
         "fig8_mode_2.png": lambda: _mode_shapes(chosen, 1, label),
         "fig9_mode_3.png": lambda: _mode_shapes(chosen, 2, label),
     }
-    for done, (name, draw) in enumerate(drawings.items()):
-        progress(done, len(drawings))
+    for name, draw in drawings.items():
         write_png(draw(), output / name)
-    progress(len(drawings), len(drawings))
 
 
 def titled_figure(title: str, note: str, size: tuple[float, float]) -> "Figure":

@@ -1,35 +1,29 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Writes every number and figure of the paper beside ours."""
+"""Writes every number and figure of the paper beside ours: ``python -m benchmark reproduce``."""
 
 import csv
 import io
 import math
 import time
-from collections.abc import Callable, Mapping
-from functools import partial
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from linkage_vibration.drawing.plots import require_matplotlib
-from linkage_vibration.errors import LinkageVibrationError
+from benchmark.paper.figures import draw_figures
+from benchmark.paper.numbers import GEOMETRY, SOURCE, Number, frequencies, printed_numbers
 from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray
 from linkage_vibration.mechanics.components import Component
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.model import LinkageModel, Solution
 from linkage_vibration.mechanics.paths import number_at
 from linkage_vibration.mechanics.response import pole_residue
-from linkage_vibration.paper.figures import draw_figures
-from linkage_vibration.paper.numbers import GEOMETRY, SOURCE, Number, frequencies, printed_numbers
 from linkage_vibration.readers.mechanism import load_yaml, mechanism_of
-from linkage_vibration.support.atomic_files import make_folder, write_text
 from linkage_vibration.support.resources import PAPER_MECHANISM, config_file
 
-Progress = Callable[[str, int, int], None]
-"""Called with the name of a task, the number of its steps that are done, and of all its steps."""
-
+FOLDER = Path(__file__).parents[1] / "docs/reproduction"
 CORRECTED, PRINTED = "upper link 0.520 m", "as printed, 0.420 m"
 PRINTED_FILE = "three_point_linkage_as_printed.yaml"
 FILES = {CORRECTED: PAPER_MECHANISM, PRINTED: PRINTED_FILE}
@@ -55,35 +49,18 @@ _NOTES = """
 """
 
 
-class ReproductionError(LinkageVibrationError):
-    """The results cannot be written."""
-
-
-def reproduce(output: Path, progress: Progress = lambda what, done, total: None) -> None:
-    """Write the paper's numbers and figures beside ours, for both lengths of the upper link.
-
-    Parameters
-    ----------
-    output : Path
-        The folder to write to; it is made if it is missing.
-    progress : Progress
-
-    Raises
-    ------
-    ReproductionError
-        If the folder cannot be written.
-    """
-    require_matplotlib()
-    make_folder(output, ReproductionError)
+def main() -> None:
+    """Compute both lengths of the upper link over the stroke, and write numbers and figures."""
+    FOLDER.mkdir(parents=True, exist_ok=True)
     sweeps, numbers = {}, {}
-    for done, (label, name) in enumerate(FILES.items()):
-        progress("stroke", done, len(FILES))
+    for label, name in FILES.items():
+        print(f"Computing the stroke: {label}", flush=True)
         mapping = load_yaml(config_file(name))[0]
         sweeps[label], frequencies = _sweep(mechanism_of(mapping, config_file(name)))
         numbers[label] = {**geometry(mapping), **frequencies}
-    progress("stroke", len(FILES), len(FILES))
-    _write_numbers(output, numbers)
-    draw_figures(output, sweeps, partial(progress, "figures"))
+    _write_numbers(FOLDER, numbers)
+    draw_figures(FOLDER, sweeps)
+    print(f"Written: {FOLDER}")
 
 
 def geometry(mapping: Any) -> dict[str, float]:
@@ -137,8 +114,8 @@ def _write_numbers(output: Path, numbers: Mapping[str, Mapping[str, float]]) -> 
         short = [cell for _, _, value, difference in cells for cell in (value, difference)]
         writer.writerow([number.key, *about, f"{number.value:.9g}", *exact])
         lines.append("| " + " | ".join([*about, f"{number.value:.6g}", *short]) + " |")
-    write_text(output / "numbers.csv", table.getvalue(), ReproductionError)
-    write_text(output / "numbers.md", "\n".join([*lines, _NOTES]), ReproductionError)
+    (output / "numbers.csv").write_text(table.getvalue(), encoding="utf-8")
+    (output / "numbers.md").write_text("\n".join([*lines, _NOTES]), encoding="utf-8")
 
 
 def _cells(number: Number, value: float | None) -> tuple[str, str, str, str]:
@@ -180,3 +157,7 @@ def _dofs(mechanism: Mechanism) -> dict[str, float]:
             counts[f"reduction.{name}.physical"] = physical
             counts[f"reduction.{name}.modal"] = len(component.mass) - physical
     return counts
+
+
+if __name__ == "__main__":
+    main()
