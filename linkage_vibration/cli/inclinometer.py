@@ -48,17 +48,16 @@ def run(options: argparse.Namespace) -> int:
     source = settings.mechanism_path()
     inputs = [source, *options.bags, *filter(None, [options.params_file])]
     check_output(options.output, ".yaml", inputs)
-    model = read_model(source)
-    body = options.body or model.mechanism.input_body
-    where = model.mechanism, model.kinematics, body, options.tractor_deg, options.stddev_deg
+    mechanism = read_model(source).mechanism
+    unit = settings.hitch_unit or PRESETS[HITCH][settings.input].unit
     series = None
     if options.bags:
         series = read_numbers(options.bags, settings, remappings(options.remap))
-    unit = settings.hitch_unit or PRESETS[HITCH][settings.input].unit
-    fit = study.calibrate(study.Inclinometer(*where), options.times, options.readings, series, unit)
-    print(study.curve_report(fit, body))
-    text = study.parameters(fit, unit if unit in CALIBRATED else "any")
-    print(f"\n{text}", end="")
+    words = options.times, options.readings
+    body, angles = options.body or mechanism.input_body, (options.tractor_deg, options.stddev_deg)
+    line, report = study.calibrate(mechanism, body, unit, *words, series, *angles)
+    text = study.parameters(line, unit if unit in CALIBRATED else "any")
+    print(f"{report}\n\n{text}", end="")
     if options.output:
         write_text(options.output, text, study.InclinometerError)
         print(f"\nWritten: {options.output}")

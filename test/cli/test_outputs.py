@@ -40,7 +40,6 @@ OVERWRITES = {
     "export": ["table.npz", "--fmu", "table.npz"],
     "inclinometer": ["drive.mcap", "--mechanism", "linkage.yaml", "-o", "linkage.yaml"],
 }
-READINGS = ["10=-80", "40=-60", "70=-40", "90=-20"]  # of a sensor and an inclinometer, deg
 FOLDERS = {"demo"}  # This command writes new files into a folder.
 
 
