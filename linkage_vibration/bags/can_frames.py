@@ -1,18 +1,21 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Decodes ``can_msgs/Frame``.
+"""Decodes ``can_msgs/Frame``, and ``IsobusFrame`` of ROS2ISOBUS, which has no header.
 
 A key is the identifier of a frame with the flags that SocketCAN stores beside it in 32 bits, so
 that one comparison dismisses other frames, remote frames and error frames.
 """
 
 import struct
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from linkage_vibration.bags.cdr import STAMP, CdrMessage, Layout
+from linkage_vibration.bags.message_types import CAN_FRAME, ISOBUS_FRAME
 from linkage_vibration.bags.streams import Bytes
 
 EXTENDED, REMOTE, ERROR = 1 << 31, 1 << 30, 1 << 29
@@ -25,6 +28,8 @@ _IDENTIFIER = 0x1FFFFFFF
 _KEYS = {order: struct.Struct(f"{order}I3B") for order in "<>"}  # identifier and flags
 FramePlaces: TypeAlias = tuple[str, int]
 """Frame of the header, and where the identifier begins."""
+FrameColumns: TypeAlias = tuple[NDArray[np.uint32], Bytes, Bytes]
+"""Keys, (n,), numbers of bytes, (n,), and data, padded to 8 bytes, (n, 8)."""
 
 
 def frame_places(message: CdrMessage) -> FramePlaces:
@@ -43,13 +48,67 @@ def frame_key(layout: Layout[FramePlaces], data: bytes) -> int:
     return int(identifier & _IDENTIFIER | flags)
 
 
-def frame_columns(
-    layout: Layout[FramePlaces], messages: Bytes
-) -> tuple[NDArray[np.uint32], Bytes, Bytes]:
-    """Return keys, (n,), numbers of bytes, (n,), and data, padded to 8 bytes, (n, 8)."""
+def frame_columns(layout: Layout[FramePlaces], messages: Bytes) -> FrameColumns:
+    """Return the frames of many messages."""
     _, at = layout.places
     flags = messages[:, at + 4 : at + 7] != 0
     key = layout.column(messages, at, "u4")[:, 0] & np.uint32(_IDENTIFIER)
     for column, flag in enumerate((REMOTE, EXTENDED, ERROR)):
         key |= np.where(flags[:, column], np.uint32(flag), np.uint32(0))
     return key, messages[:, at + 7], messages[:, at + 8 : at + 8 + PAYLOAD]
+
+
+def _isobus_places(message: CdrMessage) -> FramePlaces:
+    # Priority, data page, three bytes of alignment and the parameter group, the source address,
+    # and the second and third byte of the identifier, which repeat the group.
+    return "", message.skip(11 + PAYLOAD)
+
+
+def _isobus_key(layout: Layout[FramePlaces], data: bytes) -> int:
+    _, at = layout.places
+    page, (source, high, low) = data[at + 1] != 0, data[at + 8 : at + 11]
+    return EXTENDED | page << 24 | high << 16 | low << 8 | source
+
+
+def _isobus_columns(layout: Layout[FramePlaces], messages: Bytes) -> FrameColumns:
+    _, at = layout.places
+    source, high, low = messages[:, at + 8 : at + 11].T.astype(np.uint32)
+    page = (messages[:, at + 1] != 0).astype(np.uint32)
+    key = np.uint32(EXTENDED) | page << 24 | high << 16 | low << 8 | source
+    length = np.full(len(messages), PAYLOAD, np.uint8)
+    return key, length, messages[:, at + 11 : at + 11 + PAYLOAD]
+
+
+@dataclass(frozen=True, slots=True)
+class FrameType:
+    """How the messages of a type contain frames: their fields, and the functions that decode them.
+
+    A type without a header does not say how many bytes a frame has, and has 8 of them.
+    """
+
+    fields: list[str]
+    places: Callable[[CdrMessage], FramePlaces]
+    key: Callable[[Layout[FramePlaces], bytes], int]
+    columns: Callable[[Layout[FramePlaces], Bytes], FrameColumns]
+
+    @property
+    def has_header(self) -> bool:
+        """Whether the messages begin with a header."""
+        return self.fields[0] == "header"
+
+
+FRAME_TYPES = {
+    CAN_FRAME: FrameType(
+        ["header", "id", "is_rtr", "is_extended", "is_error", "dlc", "data"],
+        frame_places,
+        frame_key,
+        frame_columns,
+    ),
+    ISOBUS_FRAME: FrameType(
+        ["priority", "page", "pgn", "sa", "pf", "ps", "data"],
+        _isobus_places,
+        _isobus_key,
+        _isobus_columns,
+    ),
+}
+"""The types of messages whose frames can be read."""

@@ -1,6 +1,6 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Reads a signal from ``can_msgs/Frame``; see `linkage_vibration.bags.can_signals`."""
+"""Reads a signal from frames of a CAN bus; see `linkage_vibration.bags.can_signals`."""
 
 import math
 import re
@@ -10,13 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from linkage_vibration.bags.can_frames import (
-    EXTENDED,
-    FramePlaces,
-    frame_columns,
-    frame_key,
-    frame_places,
-)
+from linkage_vibration.bags.can_frames import EXTENDED, FRAME_TYPES, FramePlaces
 from linkage_vibration.bags.can_signals import SIGNALS, CanSignal
 from linkage_vibration.bags.cdr import Layout, Layouts
 from linkage_vibration.bags.dbc import dbc_signal
@@ -69,23 +63,25 @@ def find_signal(field: str, database: str) -> CanSignal:
 
 
 class CanReader(NumberReader):
-    """Reads a signal of a CAN bus."""
+    """Reads a signal of a CAN bus from messages of a type."""
 
-    kind, has_header = "frame", True
+    kind = "frame"
 
-    def __init__(self, signal: CanSignal) -> None:
+    def __init__(self, signal: CanSignal, type_name: str = CAN_FRAME) -> None:
+        self._frames = FRAME_TYPES[type_name]
+        self.has_header = self._frames.has_header
         self._signal, self.what = signal, f"CAN signal {signal.name}"
         page = " whose multiplexer selects it" if signal.selectors else ""
         self.remedy = (
             f"It is in frames of {_name(signal.key)}{page}; check the source address and the "
             "channel, or choose another signal."
         )
-        self._layouts = Layouts(CAN_FRAME, frame_places)
+        self._layouts = Layouts(type_name, self._frames.places)
 
     def read_one(self, data: bytes) -> MessageNumber | None:
         """Return the value of the signal in a frame, NaN for none; see `NumberReader.read_one`."""
         layout = self._layouts.find(data)
-        if not self._signal.matches(frame_key(layout, data)):
+        if not self._signal.matches(self._frames.key(layout, data)):
             return None
         message = np.frombuffer(data, np.uint8)[np.newaxis]
         numbers = self._numbers(layout, _FIRST, message, LeftOut())
@@ -106,7 +102,7 @@ class CanReader(NumberReader):
     ) -> Numbers | None:
         """Return the values of the signal in the frames that contain it, and explain a NaN."""
         signal = self._signal
-        key, dlc, payload = frame_columns(layout, messages)
+        key, dlc, payload = self._frames.columns(layout, messages)
         present = signal.present(key, dlc, payload)
         if not present.all():
             left_out.others += int((~present).sum())
@@ -122,11 +118,14 @@ class CanReader(NumberReader):
             row = invalid[0]
             self.note = signal.explain(int(dlc[row]), payload[row].tobytes())
         rates = np.full(len(values), math.nan)
-        return Numbers(rows, values, rates, *layout.stamps(messages), layout.places[0])
+        stamps = np.zeros(len(values), np.int32), np.zeros(len(values), np.uint32)
+        if self.has_header:
+            stamps = layout.stamps(messages)
+        return Numbers(rows, values, rates, *stamps, layout.places[0])
 
     def other_names(self, data: bytes) -> Sequence[str]:
         """Return which frame a message is."""
-        return [_name(frame_key(self._layouts.find(data), data))]
+        return [_name(self._frames.key(self._layouts.find(data), data))]
 
 
 def _names(keys: NDArray[np.uint32]) -> list[str]:

@@ -247,6 +247,11 @@ class Parameters:
         "positions in percent (from 0 to 100), in m (such as the stroke of a cylinder), or in any "
         "other unit. A monotone curve connects them."
     )
+    hitch_position: float = _finite(-1.0, "hitch_unit").means(
+        "Fixed hitch position, for tractors that report none. If negative, it is read as `input` "
+        "says. Otherwise each message of the first speed that is not fixed (engine, PTO, ground) "
+        "gives a prediction, or each message that `hitch_field` and its like name."
+    )
     angle_stddev: float = _ranged(0.0, 0.0, 1.0, "rad").means(
         "Standard deviation of the crank angle, from which that of the frequencies follows. With "
         "positions in percent, the uncertainty of their steps of 0.4 % is added."
@@ -341,6 +346,10 @@ class Parameters:
 
     def source(self, name: str) -> SourceSettings:
         """Return where an input comes from: "hitch", "engine", "pto" or "ground"."""
+        if name == HITCH and self.hitch_position >= 0.0 and not self.hitch_field:
+            for speed in Source:
+                if self.fixed_speed(speed) is None:
+                    return replace(self.source(speed.value), name=HITCH)
         preset = PRESETS[name][self._input(name, "input")]
         kind, replaced = self._chosen(name, "type"), bool(self._input(name, "field"))
         joint = f'"{self.joint_name}"' if self.joint_name.isdecimal() else self.joint_name
@@ -412,7 +421,10 @@ class Parameters:
 
     def _hitch_scale(self) -> HitchScale:
         unit, calibration = self._chosen(HITCH, "unit"), HitchCurve(self.calibration)
-        return HitchScale(unit, self.sign, self.scale, self.offset, calibration, self.angle_stddev)
+        linear, fixed = (self.sign, self.scale, self.offset), math.nan
+        if self.hitch_position >= 0.0:
+            linear, fixed = (1, 1.0, 0.0), self.hitch_position
+        return HitchScale(unit, *linear, calibration, self.angle_stddev, fixed)
 
     def fixed_speed(self, source: Source) -> float | None:
         """Return a fixed speed (rpm or m/s), or None if the speed is read from its topic."""

@@ -20,8 +20,10 @@ from linkage_vibration.bags.can_frames import (
     frame_key,
     frame_places,
 )
+from linkage_vibration.bags.can_reader import CanReader, find_signal
 from linkage_vibration.bags.cdr import Layouts
 from linkage_vibration.bags.message_columns import read_columns, topic_types
+from linkage_vibration.bags.message_types import ISOBUS_FRAME
 from linkage_vibration.bags.numbers import CdrError, LeftOut
 from linkage_vibration.bags.reading import BagError
 from linkage_vibration.bags.streams import Block, open_bags
@@ -403,3 +405,44 @@ def test_frames_of_other_publishers() -> None:
         assert frames[row].payload == bytes(range(8))
     names = [frames[row].frame_id for row in range(0, n, 2)]
     assert names == ["", "can", "can0", "längerer Name"]
+
+
+def test_frames_of_ros2_isobus() -> None:
+    """Frames whose identifier is in parts are those of the identifier; 0.125 rpm is one step.
+
+    A group in the other data page, and one that is sent to a destination, are others.
+    """
+    groups = [61444, 61444, 1 << 16 | 61444, 65093, 61444 & 0xFF00]
+    raw = [14400, 0xFF00, 8000, 8000, 8000]
+    messages = [
+        struct.pack(
+            "<4xBBxxIBBB3xHxxx",
+            3,
+            group >> 16,
+            group & 0xFFFF,
+            7,
+            group >> 8 & 0xFF,
+            group & 0xFF,
+            n,
+        )
+        for group, n in zip(groups, raw, strict=True)
+    ]
+    assert {len(message) for message in messages} == {4 + 19}
+    messages = [bytes([0, 1]) + message[2:] for message in messages]
+    sizes = np.array([len(message) for message in messages])
+    zeros = np.zeros(len(messages), np.int64)
+    buffer = np.frombuffer(b"".join(messages), np.uint8)
+    block = Block(buffer, np.cumsum(sizes) - sizes, sizes, zeros, zeros, zeros)
+    left_out = LeftOut()
+    reader = CanReader(find_signal("engine_speed@7", ""), ISOBUS_FRAME)
+    [numbers] = reader.read(block, np.arange(len(messages)), left_out)
+    assert numbers.rows.tolist() == [0, 1]
+    np.testing.assert_array_equal(numbers.value, [1800.0, np.nan])
+    assert left_out.others == 3
+    assert "parameter group 65093" in left_out.names
+    alone = [reader.read_one(message) for message in messages]
+    assert [one and one.value for one in alone[:1] + alone[2:]] == [1800.0, None, None, None]
+    assert alone[1] is not None
+    assert np.isnan(alone[1].value)
+    assert reader.note == "engine_speed is not available (0xFF00)."
+    assert CanReader(find_signal("engine_speed@8", ""), ISOBUS_FRAME).read_one(messages[0]) is None

@@ -125,6 +125,28 @@ def test_source_address(tmp_path: Path) -> None:
     assert not np.array_equal(speeds["engine_speed@0"][1], speeds["engine_speed@0x01"][1])
 
 
+def test_fixed_hitch_position(tmp_path: Path) -> None:
+    """Without a hitch on the bus, each engine speed gives a prediction at the fixed position.
+
+    40 % is between 0 % (pi) and 100 % (a right angle) of a calibration with two pairs, a line.
+    """
+    bus = recorded_frames()
+    speeds = [frame for frame in bus if frame.identifier >> 8 & 0x3FFFF == 61444]
+    fixed = replace(ON_CAN, hitch_position=40.0)
+    done, columns = replayed(tmp_path, bus, fixed)
+    found = columns[PREDICTION_TOPIC]
+    assert done.predictions == len(speeds) > 0
+    np.testing.assert_allclose(found["crank_angle"], 3.14159 + 0.4 * (1.5708 - 3.14159), atol=1e-12)
+    stamps = 10**9 * found["header.stamp.sec"] + found["header.stamp.nanosec"]
+    assert stamps.tolist() == sorted(frame.time for frame in speeds)
+    assert done.resonances > 0
+    # Another field of the hitch only says when; the reserved value of the group is no position.
+    named = {"hitch_field": "rear_pto_speed", "ground_speed": 2.0, "engine_speed": 1800.0}
+    silent = [BusFrame(EPOCH, identifier(65091), 8 * b"\xff")]
+    _, columns = replayed(tmp_path, silent, with_values(fixed, named))
+    assert columns[PREDICTION_TOPIC]["crank_angle"].tolist() == found["crank_angle"][:1].tolist()
+
+
 def test_hitch_that_is_not_available(tmp_path: Path) -> None:
     """A hitch that sends "error" and "not available" gives predictions without numbers."""
     raw = [125] * 10 + [0xFE] * 10 + [0xFF] * 10 + [126] * 10

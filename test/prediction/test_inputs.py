@@ -224,6 +224,31 @@ def test_speeds_in_their_units() -> None:
     assert ground.read_one(float64(-7.2), 0) == (pytest.approx(-2.0), 0)
 
 
+def test_fixed_position() -> None:
+    """A fixed position in its unit is the crank angle at rest, whatever the other number is."""
+    data = state(["b"], [2.0], [7.0])
+    for changes, angle in (
+        ({"hitch_position": 2.5}, 2.5),
+        ({"hitch_position": 90.0, "hitch_unit": "deg", "sign": -1, "scale": 3.0}, math.pi / 2.0),
+        ({"hitch_position": 100.0, "input": "percent"}, 1.5708),
+    ):
+        speed = {"engine_type": JOINT_STATE, "engine_field": "velocity[b]", "engine_topic": "a"}
+        settings = with_values(Parameters(), speed | changes)
+        assert settings.source("hitch").topic == "a"
+        crank = settings.crank_input(JOINTS)
+        found = crank.read_one(data, RECEIVED)
+        assert found is not None
+        assert (found[0].crank_angle, found[0].velocity) == (pytest.approx(angle, abs=1e-12), 0.0)
+        columns = crank.scale.columns(np.array([math.nan]), np.array([1.0]))
+        assert (columns[0].tolist(), columns[1].tolist()) == ([found[0].crank_angle], [0.0])
+        assert crank.describe("/a").startswith(f"hitch position {changes['hitch_position']:g} ")
+    # The first speed that is not fixed gives the moments; `hitch_field` names another number.
+    later = with_values(Parameters(), {"hitch_position": 2.5, "engine_speed": 1800.0})
+    assert later.source("hitch").topic == "pto_speed"
+    named = with_values(later, {"hitch_field": "position[b]"})
+    assert named.source("hitch").topic == "joint_states"
+
+
 def test_origin_of_the_time() -> None:
     """The stamp is that of the header, or the time of receipt less the delay."""
     data = state(["b"], [2.0])
@@ -257,7 +282,8 @@ def test_origin_of_the_time() -> None:
         ({"hitch_unit": "rpm"}, "hitch_unit must be rad or deg or percent or m or any"),
         ({"hitch_unit": "m"}, "calibration reaches from 0 to 100 m"),
         ({"hitch_unit": "percent", "calibration": [0.0, 1.0, 0.5, 2.0]}, "from 0 to 0.5 %"),
-        ({"engine_input": "ros2_isobus"}, "engine_input must be float64"),
+        ({"input": "can", "hitch_position": 100.1}, "hitch_position is 100.1, but calibration re"),
+        ({"engine_input": "percent"}, "engine_input must be float64"),
         ({"pto_time": "header", "pto_delay": 1.0}, "pto_delay is subtracted from the time of rec"),
         ({"hitch_type": "Frame"}, "hitch_type must be a type such as nav_msgs/msg/Odometry"),
         ({"hitch_topic": "a b"}, "hitch_topic must be the name of a topic"),

@@ -5,7 +5,7 @@
 import math
 from dataclasses import dataclass
 
-from linkage_vibration.bags.message_types import CAN_FRAME, FLOAT64, JOINT_STATE
+from linkage_vibration.bags.message_types import CAN_FRAME, FLOAT64, ISOBUS_FRAME, JOINT_STATE
 
 HITCH, ENGINE, PTO, GROUND = INPUTS = ("hitch", "engine", "pto", "ground")
 """The inputs, of which the last three are the values of `Source`."""
@@ -68,6 +68,13 @@ PRESETS: dict[str, dict[str, Preset]] = {
     },
     ENGINE: {
         "float64": _number("engine", "rpm"),
+        "ros2_isobus": Preset(
+            "ISOBUS/bus_rx_frames",
+            ISOBUS_FRAME,
+            "engine_speed",
+            "rpm",
+            "Frames of the CAN bus that ROS2ISOBUS receives, by which the engine speed comes.",
+        ),
         "can": _can("engine_speed", "rpm"),
     },
     PTO: {

@@ -10,9 +10,10 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from linkage_vibration.bags.can_frames import FRAME_TYPES
 from linkage_vibration.bags.can_reader import CanReader, find_signal
 from linkage_vibration.bags.field_reader import FieldReader
-from linkage_vibration.bags.message_types import CAN_FRAME, JOINT_STATE
+from linkage_vibration.bags.message_types import JOINT_STATE
 from linkage_vibration.bags.numbers import Integers, LeftOut, NumberReader, Numbers
 from linkage_vibration.bags.schemas import FieldError, Schema, find_path
 from linkage_vibration.bags.streams import Block
@@ -21,8 +22,6 @@ from linkage_vibration.prediction.inputs.units import HitchScale, InputError, Re
 FloatArray = NDArray[np.float64]
 
 HEADER_TIME, RECEIPT_TIME = TIMES = ("header", "receipt")
-
-_FRAME_FIELDS = ["header", "id", "is_rtr", "is_extended", "is_error", "dlc", "data"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,19 +74,20 @@ def _joint_reader(schema: Schema, source: SourceSettings) -> NumberReader:
 
 
 def _can_reader(schema: Schema, source: SourceSettings) -> NumberReader:
-    if [field.name for field in schema[source.type]] != _FRAME_FIELDS:
+    if [field.name for field in schema[source.type]] != FRAME_TYPES[source.type].fields:
+        package = source.type.partition("/")[0]
         raise InputError(
-            f"{source.type} is defined in another way than by can_msgs; convert the messages."
+            f"{source.type} is defined in another way than by {package}; convert the messages."
         )
     signal = find_signal(source.field, source.database)
     if wrong := wrong_unit(signal.unit, source.unit, source.name):
         raise InputError(f"Parameter {source.name}_field: {signal.name} {wrong}")
-    return CanReader(signal)
+    return CanReader(signal, source.type)
 
 
 READERS: dict[str, Callable[[Schema, SourceSettings], NumberReader]] = {
     JOINT_STATE: _joint_reader,
-    CAN_FRAME: _can_reader,
+    **dict.fromkeys(FRAME_TYPES, _can_reader),
 }
 """The readers of types that `FieldReader` does not read, or reads more slowly."""
 
@@ -147,6 +147,13 @@ class CrankInput(InputReader):
         super().__init__(settings, schema)
         self.scale = scale
         self._stamped = self.reader.has_header and settings.time != RECEIPT_TIME
+
+    def describe(self, topic: str) -> str:
+        """Return what is read from a topic, in words."""
+        fixed, described = self.scale.fixed, super().describe(topic)
+        if math.isnan(fixed):
+            return described
+        return f"hitch position {fixed:g} {self.scale.unit} at each {described}"
 
     def read_one(self, data: bytes, received: int) -> Stamped | None:
         """Return the reading of a message, received at a time (ns); None without a number."""

@@ -139,10 +139,16 @@ class HitchScale:
     offset: float = 0.0  # position at the number 0
     calibration: HitchCurve = HitchCurve((0.0, math.pi, 100.0, math.pi / 2.0))
     angle_stddev: float = 0.0  # rad; with percent, that of the bus's steps of 0.4 % is added
+    fixed: float = math.nan  # a number that replaces all numbers; NaN if there is none
 
     def __post_init__(self) -> None:
-        """Check that the calibration is one of this unit."""
+        """Check that the calibration is one of this unit, and that it has a fixed position."""
         first, last = self._ends
+        if self.unit not in ANGLES and (self.fixed < first or self.fixed > last):
+            raise InputError(
+                f"hitch_position is {self.fixed:g}, but calibration reaches from {first:g} to "
+                f"{last:g}; give a position between them, in the unit {self.unit}."
+            )
         if self.unit == "percent" and (first, last) != (0.0, 100.0):
             raise InputError(
                 f"calibration reaches from {first:g} to {last:g} %; begin at 0 and end at 100 %."
@@ -155,6 +161,8 @@ class HitchScale:
 
     def reading(self, number: float, rate: float = math.nan) -> Reading:
         """Return the crank angle of a number and its rate (1/s, NaN if unknown)."""
+        if not math.isnan(self.fixed):
+            number, rate = self.fixed, 0.0
         gain = self._gain
         position, moved = gain * number + self._offset, gain * rate
         if self.unit in ANGLES:
@@ -172,6 +180,8 @@ class HitchScale:
         self, numbers: FloatArray, rates: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return crank angles, velocities and standard deviations, each (n,); see `reading`."""
+        if not math.isnan(self.fixed):
+            numbers, rates = np.full(len(numbers), self.fixed), np.zeros(len(numbers))
         if self.unit in ANGLES:
             angles = self._gain * numbers + self._offset
             return angles, self._gain * rates, np.full(len(numbers), self.angle_stddev)
