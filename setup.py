@@ -63,8 +63,6 @@ TEST = [
 BENCH = [
     *OPTIONAL,
     "cosmic-ray>=8.4",
-    "dask",
-    "distributed",
     "exudyn",
     "fmpy",
     "gmsh",

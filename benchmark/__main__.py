@@ -30,7 +30,6 @@ STEPS = (
     "budget",
     "speed",
     "speed.paper_job",
-    "sweep",
     "fuzz",
     "measured_faults",
     "properties",

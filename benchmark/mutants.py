@@ -65,7 +65,6 @@ TESTS = {
     "studies/measurement.py": ("studies/test_measurement.py",),
     "studies/ringdown.py": ("studies/test_ringdown.py",),
     "studies/plan": ("studies/test_plan.py", "studies/test_physics.py"),
-    "studies/sweep": ("studies/test_sweep.py",),
     "table/tabulation/veering.py": ("table/tabulation/test_veering.py",),
     "mechanics/sensitivity.py": (
         "mechanics/test_sensitivity.py",

@@ -82,7 +82,6 @@ def jobs() -> Iterator[Job]:
     yield Job("diff of one", ("diff", "a.mcap", "a.mcap"), (replayed,))
     for damage in ("cut", "hole", "zeros"):
         yield Job(f"recover {damage}", ("recover", f"{damage}.mcap", "-o", "r.mcap"))
-    yield Job("sweep", ("sweep", "sweep.yaml", "-o", "s.nc", "--workers", "1"))
     yield Job("calibrate", ("calibrate", "calibration.yaml", "-o", "c.yaml", "--starts", "2"))
     readings = ("0.12=-1.8", "0.35=-16.3", "0.62=-32.5", "0.88=-47.0", "1.15=-63.9", "1.42=-78.4")
     yield Job("inclinometer", ("inclinometer", "--readings", *readings))
@@ -122,7 +121,6 @@ def _refusals() -> Iterator[Job]:
         ("export",),
         ("export", "four_bar.yaml", "--c", "c"),
         ("recover", "four_bar.yaml"),
-        ("sweep", "four_bar.yaml"),
         ("calibrate", "four_bar.yaml"),
         ("measure", "100:four_bar.yaml"),
         ("inclinometer", "--times", "1=2"),
@@ -141,10 +139,9 @@ def prepare(folder: Path) -> None:
         shutil.copy(NEW / "config" / f"{name}.yaml", folder)
     shutil.copy(NEW / "config/drives/hitch_duty_cycle.mcap", folder / "drive.mcap")
     shutil.copy(NEW / "config/excitations.yaml", folder / "on_tractor.yaml")
-    for name, source in {"sweep": "sweeps/implement", "calibration": "calibrations/paper"}.items():
-        mapping = yaml.safe_load((NEW / "config" / f"{source}.yaml").read_text())
-        mapping["mechanism"] = Path(mapping["mechanism"]).name
-        (folder / f"{name}.yaml").write_text(yaml.safe_dump(mapping))
+    mapping = yaml.safe_load((NEW / "config/calibrations/paper.yaml").read_text())
+    mapping["mechanism"] = Path(mapping["mechanism"]).name
+    (folder / "calibration.yaml").write_text(yaml.safe_dump(mapping))
     write_mcap(folder / "speeds.mcap", 20, speeds=True)
     write_ros2(folder / "ros2", 10)
     write_ros1(folder / "ros1.bag", 10)

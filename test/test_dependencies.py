@@ -26,8 +26,6 @@ DISTRIBUTIONS = {
     "can": ("python-can", None),
     "cantools": ("cantools", None),
     "cosmic_ray": ("cosmic-ray", None),
-    "dask": ("dask", None),
-    "distributed": ("distributed", None),
     "exudyn": ("exudyn", None),
     "fmpy": ("fmpy", None),
     "gmsh": ("gmsh", None),

@@ -64,7 +64,6 @@ SLOW = {
     "docs/measure_your_hitch.md",
     "docs/plan.md",
     "docs/reproduction.md",
-    "docs/sweep.md",
 }
 
 

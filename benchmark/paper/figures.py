@@ -12,7 +12,7 @@ import numpy as np
 from benchmark.paper.numbers import OVER_THE_SWEEP, SUBSTRUCTURING, printed_numbers
 from linkage_vibration.drawing.geometry import curves, largest, mode_curves
 from linkage_vibration.drawing.palette import COLOURS, GREY, INK
-from linkage_vibration.drawing.plots import legend_below, tidy, write_png
+from linkage_vibration.drawing.plots import tidy, write_png
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.model import Solution
 from linkage_vibration.studies.pose import pin_places
@@ -120,9 +120,16 @@ def label_place(
 
 
 def add_legend(figure: "Figure", ax: "Axes", columns: int) -> None:
-    """Add the legend of an axis below the figure."""
+    """Add the legend of an axis at the bottom of the figure, and leave its height free of axes.
+
+    Matplotlib does so by itself since 3.7, with "outside lower center".
+    """
     handles = ax.get_legend_handles_labels()
-    legend_below(figure, *handles, "lower center", ncols=columns)
+    legend = figure.legend(*handles, loc="lower center", frameon=False, ncols=columns)
+    top = legend.get_window_extent().y1 / figure.bbox.height
+    layout: Any = figure.get_layout_engine()
+    left, bottom, width, height = layout.get()["rect"]
+    layout.set(rect=(left, top, width, bottom + height - top))
 
 
 def _configurations(solutions: Sequence[Solution], label: str) -> "Figure":

@@ -26,7 +26,6 @@ SUBCOMMANDS = (
     "measure",
     "calibrate",
     "plan",
-    "sweep",
     "export",
     "recover",
     "replay",

@@ -5,7 +5,7 @@
 import io
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -49,24 +49,6 @@ def write_png(figure: "Figure", picture: Path, **style: Any) -> None:
     png = io.BytesIO()
     figure.savefig(png, format="png", **style)
     write_bytes(picture, png.getvalue(), PlotError)
-
-
-def legend_below(
-    figure: "Figure",
-    handles: "Sequence[Artist]",
-    labels: Sequence[str],
-    loc: Literal["lower center", "lower right"],
-    **style: Any,
-) -> None:
-    """Draw a legend at the bottom of a figure, and leave its height free of axes.
-
-    Matplotlib does so by itself since 3.7, with "outside" in `loc`.
-    """
-    legend = figure.legend(handles, labels, loc=loc, frameon=False, **style)
-    top = legend.get_window_extent().y1 / figure.bbox.height
-    layout: Any = figure.get_layout_engine()
-    left, bottom, width, height = layout.get()["rect"]
-    layout.set(rect=(left, top, width, bottom + height - top))
 
 
 def tidy(ax: "Axes") -> None:

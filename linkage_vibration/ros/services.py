@@ -37,7 +37,7 @@ from linkage_vibration.prediction.levels import LevelTable
 from linkage_vibration.prediction.predictor import Predictor, fault
 from linkage_vibration.ros.endpoints import subscribe
 from linkage_vibration.ros.precedence import rest
-from linkage_vibration.support.process_pool import LocalPool
+from linkage_vibration.support.own_process import call_in_process
 from linkage_vibration.table.table import Table, table_bytes
 from linkage_vibration_interfaces.msg import Advice, VibrationPrediction
 from linkage_vibration_interfaces.srv import (
@@ -390,9 +390,9 @@ def _rebuild(
 
     A thread would block the interpreter, and so the live predictions, again and again.
     """
-    with LocalPool(1) as pool:
-        work = changed.mechanism, like, excitations, wanted
-        predictor, levels = pool.submit(answers.rebuilt, *work).result()
+    predictor, levels = call_in_process(
+        answers.rebuilt, changed.mechanism, like, excitations, wanted
+    )
     return changed.served(predictor), levels
 
 

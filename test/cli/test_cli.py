@@ -84,8 +84,6 @@ def test_predict_prints_what_the_predictor_says(tmp_path: Path) -> None:
         (("predict", "140", "--table", "none.npz"), "none.npz: cannot be read"),
         (("plan", "--points", "E1"), "a direction after each point"),
         (("plan", "--tolerance", "0"), "from 1e-9 to 1"),
-        (("sweep", "none.yaml"), "none.yaml: cannot be opened"),
-        (("sweep", str(config_file("sweeps/implement.yaml")), "--workers", "0"), "at least one"),
     ],
 )
 def test_errors_are_one_sentence(tmp_path: Path, arguments: tuple[str, ...], words: str) -> None:
@@ -95,26 +93,6 @@ def test_errors_are_one_sentence(tmp_path: Path, arguments: tuple[str, ...], wor
     assert words in done.stderr
     assert "Traceback" not in done.stderr
     assert not list(tmp_path.rglob("*.npz")), os.listdir(tmp_path)
-
-
-def test_sweep_writes_one_file(tmp_path: Path) -> None:
-    """Sweep shows its progress, lists what has no result, and does not build a second time."""
-    source = config_file("four_bar.yaml").read_text().replace("[0.0, 360.0]", "[60.0, 120.0]")
-    (tmp_path / "four_bar.yaml").write_text(source)
-    (tmp_path / "grid.yaml").write_text(
-        "mechanism: four_bar.yaml\n"
-        "parameters: {links.coupler.points.C: [0.2, 0.45]}\n"
-        "angles_deg: {from: 60, to: 120, points: 4}\n"
-        "tolerance: 1.0e-3\n"
-    )
-    done = run("sweep", "grid.yaml", "--workers", "1", folder=tmp_path)
-    assert done.returncode == 0, done.stderr
-    assert "2/2" not in done.stderr  # progress bars appear only on terminals
-    assert "links.coupler.points.C = 0.2: " in done.stderr
-    assert "2 were computed now, 0 were in the file" in done.stdout
-    again = run("sweep", "grid.yaml", folder=tmp_path)
-    assert "0 were computed now, 2 were in the file" in again.stdout
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["four_bar.yaml", "grid.nc", "grid.yaml"]
 
 
 def test_plan_chooses_and_measures(tmp_path: Path) -> None:
@@ -176,7 +154,7 @@ def test_calibration_without_starts(tmp_path: Path) -> None:
     assert "--starts is 0; give 1 or more" in done.stderr
 
 
-@pytest.mark.parametrize("command", ["calibrate", "sweep", "plan", "build"])
+@pytest.mark.parametrize("command", ["calibrate", "plan", "build"])
 def test_file_that_does_not_exist(tmp_path: Path, command: str) -> None:
     """The error names the file once."""
     done = run(command, "nope", folder=tmp_path)

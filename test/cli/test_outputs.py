@@ -29,7 +29,6 @@ OVERWRITES = {
     "plan": ["linkage.yaml", "--angle-deg", "120", "-o", "linkage.yaml"],
     "measure": ["120:linkage.csv", "--mechanism", "linkage.yaml", "-o", "linkage.yaml"],
     "calibrate": ["fit.yaml", "-o", "linkage.yaml"],
-    "sweep": ["fit.yaml", "-o", "linkage.yaml"],
     "recover": ["log.mcap", "-o", "log.mcap"],
     "replay": ["log.mcap", "--params-file", "fit.yaml", "-o", "fit.yaml"],
     "review": ["log.mcap", "-o", "log.mcap"],
@@ -130,7 +129,7 @@ def test_one_room_writes_files() -> None:
 
     The others write through `replacement`. A log grows while the node runs; a chunk log and a
     recovery are written inside of a replacement, a model and the sources of an FMU inside of a
-    temporary folder, and a sweep locks its folder. The demonstration writes into its own folder.
+    temporary folder. The demonstration writes into its own folder.
     """
     writes = re.compile(r"\.write_(text|bytes)\(|open\([^)]*\"[wxa]b?\"|savefig\((?!png)")
     root = Path(linkage_vibration.__file__).parent
@@ -141,8 +140,7 @@ def test_one_room_writes_files() -> None:
     }
     logs = {f"bags/{name}.py" for name in ("chunks", "log_writer", "recovery")}
     assert found == logs | {
-        *("demo/demo.py", "export/fmu.py", "review/log.py"),
-        *("studies/sweep/building.py", "support/atomic_files.py"),
+        *("demo/demo.py", "export/fmu.py", "review/log.py", "support/atomic_files.py"),
     }
 
 

@@ -36,7 +36,6 @@ from linkage_vibration.readers.matrices import read_matrices
 from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.readers.meshes import mesh_matrices
 from linkage_vibration.studies.calibration import read_calibration
-from linkage_vibration.studies.sweep import read_designs
 from linkage_vibration.support.resources import config_file
 from linkage_vibration.table.table import load_table, table_bytes
 from linkage_vibration.table.tabulation import build_table
@@ -80,7 +79,6 @@ def all_readers() -> tuple[Reader, ...]:
     return (
         Reader("mechanism (YAML)", _mechanisms, _read_mechanism),
         Reader("calibration (YAML)", _calibrations, _read_calibration),
-        Reader("sweep (YAML)", _sweeps, _read_sweep),
         Reader("excitations (YAML)", _excitations, _read_excitations),
         Reader("table (npz)", _tables, _read_table),
         Reader("matrices (npz)", _matrices_npz, _read_matrices),
@@ -106,12 +104,6 @@ def _read_mechanism(path: Path) -> None:
 def _read_calibration(path: Path) -> None:
     calibration = read_calibration(path)
     assert all(0.0 < p.low < p.high < math.inf for p in calibration.parameters)
-
-
-def _read_sweep(path: Path) -> None:
-    designs = read_designs(path)
-    assert all(math.isfinite(value) for values in designs.values for value in values)
-    assert np.isfinite(designs.alpha3).all()
 
 
 def _read_excitations(path: Path) -> None:
@@ -177,10 +169,6 @@ def _mechanisms() -> Seeds:
 
 def _calibrations() -> Seeds:
     return _with_mechanism(config_file("calibrations/paper.yaml"))
-
-
-def _sweeps() -> Seeds:
-    return _with_mechanism(config_file("sweeps/implement.yaml"))
 
 
 def _with_mechanism(path: Path) -> Seeds:

@@ -1,0 +1,51 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Calls a function in a process of its own, which may die without harm."""
+
+import os
+import signal
+import threading
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from multiprocessing import get_context, parent_process
+from typing import ParamSpec, TypeVar
+
+from linkage_vibration.errors import LinkageVibrationError
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+TRIES = 3  # how often a call is tried if its process dies
+
+
+class ProcessError(LinkageVibrationError):
+    """Each process of a call died."""
+
+
+def call_in_process(function: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
+    """Call a picklable function in a new process with one BLAS thread, again if the process dies.
+
+    A `ProcessError` is raised if it died each time, or none can be started.
+    """
+    for _ in range(TRIES):
+        with ProcessPoolExecutor(1, get_context("spawn"), _begin_process) as pool:
+            try:
+                return pool.submit(function, *args, **kwargs).result()
+            except BrokenProcessPool:
+                pass
+    raise ProcessError(f"The process of a task died {TRIES} times; check the free memory.")
+
+
+def _begin_process() -> None:
+    """Use one BLAS thread, ignore Ctrl-C, which the parent handles, and end with the parent."""
+    os.environ["OPENBLAS_NUM_THREADS"] = "1"  # NumPy, which is imported later, reads it
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    parent = parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)

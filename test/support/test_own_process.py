@@ -1,0 +1,50 @@
+# Copyright 2026 The linkage_vibration authors
+# SPDX-License-Identifier: Apache-2.0
+"""Calls in a process of their own: a death is survived or reported, and nothing stays behind."""
+
+import multiprocessing
+import os
+import signal
+from pathlib import Path
+
+import pytest
+
+from linkage_vibration.support.own_process import ProcessError, call_in_process
+
+
+def die_at_first(path: Path) -> int:
+    """Kill this process if the file does not exist yet, or return the number of the process."""
+    if not path.exists():
+        path.touch()
+        signal.raise_signal(signal.SIGKILL)
+    return os.getpid()
+
+
+def test_killed_process_is_replaced(tmp_path: Path) -> None:
+    """A process that dies once is replaced; its result comes from another process."""
+    assert call_in_process(die_at_first, tmp_path / "died") != os.getpid()
+    assert (tmp_path / "died").exists()
+
+
+def test_task_that_always_kills() -> None:
+    """A function whose process dies each time is given up, and no process remains."""
+    before = multiprocessing.active_children()
+    with pytest.raises(ProcessError, match="died 3 times"):
+        call_in_process(signal.raise_signal, signal.SIGKILL)
+    with pytest.raises(ZeroDivisionError):
+        call_in_process(divmod, 1, 0)
+    assert multiprocessing.active_children() == before
+
+
+def test_process_has_one_blas_thread(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It sees the setting whatever the caller has, which stays as it was."""
+    monkeypatch.setenv("OPENBLAS_NUM_THREADS", "7")
+    assert call_in_process(os.getenv, "OPENBLAS_NUM_THREADS") == "1"
+    assert os.environ["OPENBLAS_NUM_THREADS"] == "7"
+
+
+def test_processes_that_cannot_begin(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where no process comes up, the call says so instead of trying for ever."""
+    monkeypatch.setattr(multiprocessing.spawn, "_python_exe", b"/bin/false")
+    with pytest.raises(ProcessError):
+        call_in_process(os.getpid)
