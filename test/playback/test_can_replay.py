@@ -137,7 +137,7 @@ def test_fixed_hitch_position(tmp_path: Path) -> None:
     found = columns[PREDICTION_TOPIC]
     assert done.predictions == len(speeds) > 0
     np.testing.assert_allclose(found["crank_angle"], 3.14159 + 0.4 * (1.5708 - 3.14159), atol=1e-12)
-    stamps = 10**9 * found["header.stamp.sec"] + found["header.stamp.nanosec"]
+    stamps = 10**9 * found["header.stamp.sec"].astype(np.int64) + found["header.stamp.nanosec"]
     assert stamps.tolist() == sorted(frame.time for frame in speeds)
     assert done.resonances > 0
     # Another field of the hitch only says when; the reserved value of the group is no position.
