@@ -14,10 +14,9 @@ from numpy.typing import NDArray
 from benchmark.planes import in_plane
 from benchmark.report import RESULTS, machine, publish, table
 from linkage_vibration.drawing.palette import COLOURS, GREY, PEAK
-from linkage_vibration.mechanics.description import Mechanism
+from linkage_vibration.mechanics.description import GROUND, Mechanism
 from linkage_vibration.mechanics.model import LinkageModel, Solution
 from linkage_vibration.readers.mechanism import read_mechanism
-from linkage_vibration.studies.plan.physics import GRAVITY, rigid_crank
 from linkage_vibration.support.resources import config_file
 from linkage_vibration.table.table import load_table
 
@@ -27,6 +26,7 @@ PICTURE = Path(__file__).parents[1] / "docs" / "pictures" / "budget.png"
 NAME = "three_point_linkage_on_tractor"
 QUANTITIES = ("f1", "f2", "f3", "highest peak")
 N_ANGLES = 7
+GRAVITY = 9.81  # m/s2
 FINER = 4  # times the elements of the description
 N_HITCH, N_TRACTOR = 3, 3  # modes of the hitch, after those of the tractor
 
@@ -126,6 +126,19 @@ def numerical(exact: FloatArray, model: LinkageModel) -> list[Entry]:
     ]
 
 
+def rigid_crank(mechanism: Mechanism) -> Mechanism:
+    """Return a mechanism whose input crank is clamped to the ground instead of held by springs."""
+    crank, ground = mechanism.input_body, dict(mechanism.ground)
+    springs = tuple(each for each in mechanism.springs if set(each.bodies) != {crank, GROUND})
+    links = [
+        replace(link, clamped=next(name for name, _ in link.points if name in ground))
+        if link.name == crank
+        else link
+        for link in mechanism.links
+    ]
+    return replace(mechanism, links=tuple(links), springs=springs, uncertainty=None)
+
+
 def physical(exact: FloatArray, model: LinkageModel) -> list[Entry]:
     """Return what the choice of the physics changes.
 
@@ -140,7 +153,6 @@ def physical(exact: FloatArray, model: LinkageModel) -> list[Entry]:
         return over_the_stroke(LinkageModel(mechanism, kinematics=known))
 
     rigid = rigid_crank(own)
-    assert rigid is not None
     on_base, on_ground = solved(rigid), solved(replace(rigid, base=None))
     whole = LinkageModel(own, spatial=True, kinematics=known)
     flat = over_the_stroke(model, undamped=True)

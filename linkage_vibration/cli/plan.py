@@ -31,7 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     text = "range of the crank angle alpha3 (default: the mechanism's stroke)"
     where.add_argument("--range-deg", **ends, help=text)
     text = "longest time that a prediction may take"
-    add("--microseconds-per-prediction", type=float, help=text)
+    add("--microseconds-per-prediction", type=float, default=math.inf, help=text)
     add("-o", "--output", type=Path, help="planned mechanism to write")
 
 
@@ -40,10 +40,12 @@ def run(options: argparse.Namespace) -> int:
     from tqdm import tqdm
 
     from linkage_vibration.readers.mechanism import load_yaml, read_mechanism
-    from linkage_vibration.studies.plan.measurement import plan_and_measure
-    from linkage_vibration.studies.plan.physics import effects, physics_table
-    from linkage_vibration.studies.plan.report import plan_report, write_planned
-    from linkage_vibration.studies.plan.scene import PlanError, Scene
+    from linkage_vibration.studies.plan.measurement import (
+        plan_and_measure,
+        plan_report,
+        write_planned,
+    )
+    from linkage_vibration.studies.plan.question import PlanError, Scene
     from linkage_vibration.studies.plan.unknowns import unknowns
     from linkage_vibration.support.atomic_files import check_output
 
@@ -55,7 +57,6 @@ def run(options: argparse.Namespace) -> int:
     check_output(options.output, ".yaml", [source])
     mechanism = read_mechanism(source)
     low, high = options.range_deg or [options.angle_deg, options.angle_deg]
-    limit = options.microseconds_per_prediction
     band = tuple(options.band_hz or mechanism.response.band)
     angles = mechanism.stroke if low is None else (math.radians(low), math.radians(high))
     few = list(dict.fromkeys([angles[0], sum(angles) / 2.0, angles[1]]))
@@ -63,18 +64,17 @@ def run(options: argparse.Namespace) -> int:
     tolerance = options.tolerance
     if tolerance is None:
         tolerance = _TOLERANCE if unknown is None else unknown.tolerance
-    seconds = None if limit is None else 1e-6 * limit
+    seconds = 1e-6 * options.microseconds_per_prediction
     scene = Scene(mechanism, band, places, tolerance, angles, seconds)
     with tqdm(disable=None, desc=mechanism.name, unit=" solves", delay=2.0) as bar:
         chosen, measured = plan_and_measure(scene, lambda: bar.update(1))
     print(plan_report(chosen, measured))
-    print(f"\n{physics_table(effects(chosen.mechanism, band, few), tolerance)}")
     if unknown is not None:
         print(f"\n{unknown}")
     if options.output:
         write_planned(chosen, load_yaml(source)[1], options.output)
         print(_written(options.output, chosen.table_tolerance, scene.points))
-    return 0 if seconds is None or measured.prediction <= seconds else 1
+    return 0 if measured.prediction <= seconds else 1
 
 
 def _written(output: Path, tolerance: float | None, points: Sequence[str]) -> str:

@@ -2,8 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Chooses the cheapest model that meets a tolerance.
 
-`scene` states the question. `choice` finds the cheapest settings: elements and modes a link, and a
-table or a solve for each prediction. `physics` says which physics the scene needs.
-`measurement` compares the choice with an unreduced, finer model. `report` presents both. `results`
-holds what a model or a table gives at one angle, its errors and its cost.
+`question` states what is needed, and compares answers. `choice` finds the cheapest settings:
+elements and modes a link, and a table or a solve for each prediction. `measurement` compares them
+with an unreduced, finer model. `unknowns` says how accurate a model can be at all.
 """

@@ -8,6 +8,7 @@ how quickly its last halvings converge. A table is built to what the model leave
 """
 
 import itertools
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
@@ -18,14 +19,16 @@ from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.kinematics import Kinematics
 from linkage_vibration.mechanics.model import LinkageModel
-from linkage_vibration.studies.plan.results import (
+from linkage_vibration.studies.plan.question import (
+    PlanError,
     Result,
+    Scene,
+    check_scene,
     prediction_seconds,
     result_at,
     table_errors,
     worst_errors,
 )
-from linkage_vibration.studies.plan.scene import PlanError, Scene, check_scene
 from linkage_vibration.table.table import Table, TableError
 from linkage_vibration.table.tabulation import build_table
 from linkage_vibration.table.tabulation.accuracy import FRF_FLOOR, LOOSER
@@ -83,12 +86,10 @@ def plan(scene: Scene, solved: Callable[[], object] = lambda: None) -> Plan:
     limit = scene.seconds_per_prediction
     if scene.one_angle:
         why = "one angle is solved once"
-    elif limit is None:
+    elif limit == math.inf:
         why = f"no time is asked for, and a table takes about {_SOLVES} solves to build"
     elif solve <= limit:
         why = f"a solve takes {1e3 * solve:.2g} ms of the {1e3 * limit:.2g} allowed"
-    elif scene.spatial:
-        why = "tables contain nothing along y"
     else:
         why = f"a solve takes {1e3 * solve:.2g} ms, more than the {1e3 * limit:.2g} allowed"
         return _plan_of_table(trials, why)
@@ -132,7 +133,7 @@ class _Trials:
 
     def _solvable(self, pair: Pair) -> LinkageModel:
         mechanism = self.scene.with_settings(*pair, 1)
-        return LinkageModel(mechanism, spatial=self.scene.spatial, kinematics=self.kinematics)
+        return LinkageModel(mechanism, kinematics=self.kinematics)
 
     def _solve(self, pair: Pair, alpha3: float) -> Result:
         result = result_at(self.scene, self.model(pair), alpha3)
@@ -256,10 +257,7 @@ def _table(trials: _Trials, pair: Pair, tolerance: float) -> Table:
 
 def _reasons(trials: _Trials, pair: Pair) -> list[tuple[str, str]]:
     elements, modes = pair
-    y = [point for point, direction in trials.scene.places if direction == "y"]
-    reasons = [("planar", "nothing out of the plane is asked for")]
-    if y:
-        reasons = [("spatial", f"{y[0]} y is out of the plane")]
+    reasons = []
     for count, steps, name in ((elements, ELEMENTS, "elements"), (modes, MODES, "modes")):
         why = "the fewest"
         if count > steps[0]:

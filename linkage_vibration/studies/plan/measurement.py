@@ -1,25 +1,29 @@
 # Copyright 2026 The linkage_vibration authors
 # SPDX-License-Identifier: Apache-2.0
-"""Measures a plan: its errors against an unreduced, finer model, and its costs."""
+"""Measures a plan against an unreduced, finer model, and presents it in words and as a file."""
 
+import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.studies.plan.choice import Plan, plan
-from linkage_vibration.studies.plan.results import (
+from linkage_vibration.studies.plan.question import (
+    PlanError,
     Result,
-    frf_seconds,
+    Scene,
     prediction_seconds,
     result_at,
     table_errors,
     worst_errors,
 )
-from linkage_vibration.studies.plan.scene import PlanError, Scene
+from linkage_vibration.studies.yaml_editing import edit_text
+from linkage_vibration.support.atomic_files import write_text
 from linkage_vibration.table.table import Table
 from linkage_vibration.table.tabulation import build_table
 
@@ -37,7 +41,6 @@ class Measured:
     errors: FloatArray  # (3,), of the model, plus those of the table against it
     setup: float  # from the mechanism to the first prediction: kinematics, components, table
     prediction: float  # median for natural frequencies, damping ratios and the peak at an angle
-    frfs: float  # median for the FRFs between all places at an angle; 0 without places
     points: int  # angles in the table; 0 without a table
 
 
@@ -74,7 +77,7 @@ def solve_reference(plan: Plan, solved: Callable[[], object] = lambda: None) -> 
     scene = plan.scene
     elements = max(2 * plan.elements, min(_FINER * plan.elements, _FINEST))
     mechanism = scene.with_settings(elements, 0, plan.n_modes)
-    model = LinkageModel(mechanism, spatial=scene.spatial, reduced=False)
+    model = LinkageModel(mechanism, reduced=False)
     results = []
     for alpha3 in scene.angles_at(_ANGLES):
         results.append(result_at(scene, model, alpha3))
@@ -85,7 +88,7 @@ def solve_reference(plan: Plan, solved: Callable[[], object] = lambda: None) -> 
 def measure(plan: Plan, against: Sequence[Result]) -> Measured:
     """Carry a plan out, and measure its errors against a reference, and its times."""
     scene, start = plan.scene, time.perf_counter()
-    model = LinkageModel(plan.mechanism, spatial=scene.spatial)
+    model = LinkageModel(plan.mechanism)
     source: LinkageModel | Table = model
     if plan.table_tolerance is not None:
         source = build_table(model, plan.table_tolerance, scene.points)
@@ -97,5 +100,57 @@ def measure(plan: Plan, against: Sequence[Result]) -> Measured:
         angles = scene.angles_at(np.arange(0.5, _CHECKED) / _CHECKED)
         errors += table_errors(source, [result_at(scene, model, alpha3) for alpha3 in angles])
         points = len(source.alpha3)
-    prediction, frfs = prediction_seconds(scene, source), frf_seconds(scene, source)
-    return Measured(errors, setup, prediction, frfs, points)
+    return Measured(errors, setup, prediction_seconds(scene, source), points)
+
+
+def plan_report(plan: Plan, measured: Measured) -> str:
+    """Return what was chosen and why, and what was predicted, measured and allowed."""
+    scene = plan.scene
+    low, high = (math.degrees(angle) for angle in scene.angles)
+    where = f"{low:g} deg" if scene.one_angle else f"{low:g} to {high:g} deg"
+    lines = [
+        f"{scene.mechanism.name}: {scene.band[0]:g} to {scene.band[1]:g} Hz, {where}, "
+        f"tolerance {scene.tolerance:g}",
+        "",
+        *(f"{choice:34}{reason}" for choice, reason in plan.reasons),
+        "",
+        f"{'relative error':26}{'predicted':>12}{'measured':>12}{'allowed':>12}",
+    ]
+    errors = zip(plan.predicted, measured.errors, scene.allowed, strict=True)
+    names = ("natural frequencies", "highest peak", "worst FRF")
+    rows = 3 if scene.places else 2
+    for name, values in list(zip(names, errors, strict=True))[:rows]:
+        lines.append(f"{name:26}" + "".join(f"{value:12.1e}" for value in values))
+    limit = scene.seconds_per_prediction
+    allowed = f"{1e3 * limit:12.4g}" if math.isfinite(limit) else ""
+    lines += [
+        "",
+        f"{'time [ms]':26}{'measured':>12}{'allowed':>12}",
+        f"{'set-up':26}{1e3 * measured.setup:12.4g}",
+        f"{'a prediction':26}{1e3 * measured.prediction:12.4g}{allowed}",
+    ]
+    if measured.points:
+        lines.append(f"{'points of the table':26}{measured.points:12}")
+    return "\n".join(lines)
+
+
+def write_planned(plan: Plan, text: str, path: Path) -> None:
+    """Write the text of a mechanism's file with a plan's settings; its comments and its order stay.
+
+    A `PlanError` is raised if an alias in it makes one number of two that differ in the plan.
+    """
+    mechanism = plan.mechanism
+    numbers: dict[tuple[str, ...], Sequence[float]] = {
+        ("response", "band_hz"): mechanism.response.band,
+        ("response", "modes"): [mechanism.response.modes],
+    }
+    if plan.scene.mechanism.response.peak_part is not None:
+        numbers["response", "peak_band_hz"] = mechanism.response.peak_band
+    for link in mechanism.links:
+        numbers["links", link.name, "modes"] = [link.modes]
+        if link.body.elements is not None:
+            numbers["links", link.name, "elements"] = [link.body.elements]
+    if not plan.scene.one_angle:
+        numbers["input", "range_deg"] = [math.degrees(angle) for angle in mechanism.stroke]
+    words = [(keys, list(map(repr, values))) for keys, values in numbers.items()]
+    write_text(path, edit_text(text, words, PlanError), PlanError)
