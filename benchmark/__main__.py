@@ -43,6 +43,7 @@ STEPS = (
     "crash",
     "libraries",
     "recovery",
+    "damaged_logs",
     "log_readers",
     "can_bus",
     "replay",

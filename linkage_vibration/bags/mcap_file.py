@@ -33,6 +33,7 @@ from linkage_vibration.bags.mcap_records import (
 from linkage_vibration.bags.writing import LIBRARY, ROSBAG2_METADATA, Topic, rosbag2_metadata
 
 Integers = NDArray[np.int64]
+KNOWN_COMPRESSIONS = (b"", b"lz4", b"zstd")  # as chunks name them
 _PIECE = 2**20  # bytes that are decompressed at a time
 
 
@@ -50,6 +51,7 @@ class McapFile:
 
     Attributes
     ----------
+    profile : str
     channels : dict of str to int
         The channels of the topics that `add_topics` added.
     counts : Counter of int
@@ -60,6 +62,7 @@ class McapFile:
 
     def __init__(self, stream: BinaryIO, profile: str, compression: str = "zstd") -> None:
         self.stream = stream
+        self.profile = profile
         self.channels: dict[str, int] = {}
         self.counts: Counter[int] = Counter()
         self.first = self.last = 0
@@ -225,8 +228,8 @@ def decompressed(compression: bytes, data: bytes, most: int) -> bytes:
 
     Several frames may follow one another, and need not state their sizes.
     """
-    if compression not in (b"zstd", b"lz4"):
-        return b"" if compression else data
+    if not compression:
+        return data
     pieces, size = [], 0
     with contextlib.suppress(zstandard.ZstdError, RuntimeError):
         if compression == b"zstd":

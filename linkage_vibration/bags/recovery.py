@@ -6,7 +6,8 @@ Own code because the reader of mcap stops at the first damaged record, and so lo
 of which this saves 87 % (`python -m benchmark.libraries`). An MCAP file is a magic number and
 records, each with an opcode, a length and a content. Most messages are in chunk records, which have
 a CRC. Every record is checked before its length is used; after a damaged one, reading continues at
-the next intact one.
+the next intact one, which may begin inside of it. If a definition is found only behind messages
+that need it, the file is read once more.
 """
 
 import io
@@ -15,7 +16,7 @@ import re
 import struct
 import zlib
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -26,7 +27,7 @@ from mcap.data_stream import ReadDataStream, RecordBuilder
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 
-from linkage_vibration.bags.mcap_file import McapFile, decompressed
+from linkage_vibration.bags.mcap_file import KNOWN_COMPRESSIONS, McapFile, decompressed
 from linkage_vibration.bags.mcap_records import (
     CHUNK,
     MAGIC,
@@ -46,8 +47,8 @@ LONGEST_RECORD = 2**28
 _DAMAGES_SHOWN = 20
 _BLOCK = 2**20  # bytes read at a time
 _Definition = records.Schema | records.Channel
+_Key = tuple[type, int]
 _FOOTER = struct.Struct("<QQI")  # begins of the summary and of its offsets, CRC
-_FOOTER_BYTES = RECORD.size + _FOOTER.size + len(MAGIC)
 # An opcode and a length below 4 GiB; a lookahead, as a false match may overlap a record.
 _LIKELY_RECORD = re.compile(rb"(?=[\x01-\x0f].{4}\0{4})", re.DOTALL)
 _RECORDS: dict[int, Any] = {
@@ -56,15 +57,8 @@ _RECORDS: dict[int, Any] = {
     if opcode not in (Opcode.CHUNK, Opcode.MESSAGE, Opcode.MESSAGE_INDEX)
 }
 _MOST_UNKNOWN = 64  # bytes at the end of a record, of fields of a later version of MCAP
-_AFTER_DATA = {
-    Opcode.DATA_END,
-    Opcode.FOOTER,
-    Opcode.STATISTICS,
-    Opcode.CHUNK_INDEX,
-    Opcode.ATTACHMENT_INDEX,
-    Opcode.METADATA_INDEX,
-    Opcode.SUMMARY_OFFSET,
-}
+# How far a definition can be trusted: alone, in a chunk with a CRC, in a summary with a CRC.
+_ALONE, _IN_CHUNK, _IN_SUMMARY = range(3)
 
 
 class RecoveryError(LinkageVibrationError):
@@ -101,14 +95,18 @@ def recover(
     that can be decompressed is kept. ``progress`` is called with the number of bytes that were read
     since its last call. A `RecoveryError` is raised if there is nothing to save or no place for it.
     """
-    if os.path.lexists(output):
-        raise RecoveryError(f"{output} exists already; choose another name.")
     try:
         file = source.open("rb")
     except OSError as error:
         raise RecoveryError(f"{source} cannot be read: {error.strerror}; check it.") from None
-    with file, replacement(output, RecoveryError) as new, new.open("wb") as stream:
-        return _Rescue(_Source(source, file), output, stream, progress).run()
+    with file, replacement(output, RecoveryError, new_only=True) as new, new.open("wb") as stream:
+        rescue = _Rescue(_Source(source, file), output, stream, progress)
+        if rescue.scan():
+            stream.seek(0)
+            stream.truncate()
+            rescue = _Rescue(rescue.source, output, stream, lambda count: None, rescue.definitions)
+            rescue.scan()
+        return rescue.finish()
 
 
 def recovery_text(recovery: Recovery) -> str:
@@ -131,14 +129,25 @@ def recovery_text(recovery: Recovery) -> str:
 
 
 class _Source:
-    """Reads any part of the damaged file, with one block in memory at a time."""
+    """Reads any part of the damaged file, with one block in memory at a time.
+
+    Its records begin at ``start`` and end at ``end``, without the magic numbers that are intact.
+    """
 
     def __init__(self, path: Path, file: io.BufferedReader) -> None:
         self.path = path
-        self.size = os.fstat(file.fileno()).st_size
         self._file = file
         self._block = b""
         self._offset = 0
+        size = os.fstat(file.fileno()).st_size
+        if size == 0:
+            raise RecoveryError(
+                f"{path} is empty, as its recording ended before anything was written."
+            )
+        begun = self.read(0, len(MAGIC)) == MAGIC
+        self.start = len(MAGIC) if begun else 0
+        self.complete = size > self.start and self.read(size - len(MAGIC), len(MAGIC)) == MAGIC
+        self.end = size - len(MAGIC) if self.complete else size
 
     def read(self, offset: int, count: int) -> bytes:
         """Return bytes from an offset, fewer at the end of the file."""
@@ -165,117 +174,109 @@ class _Rescue:
         output: Path,
         stream: io.BufferedWriter,
         progress: Callable[[int], object],
+        definitions: Mapping[_Key, tuple[int, _Definition]] | None = None,
     ) -> None:
-        self._source = source
+        self.source = source
+        # The definitions that were read, with the trust in each; and those in the output.
+        self.definitions = dict(definitions or {})
+        self._written: dict[_Key, _Definition] = {}
         self._output = output
         self._stream = stream
         self._progress = progress
         self._file: McapFile | None = None
-        self._profile: str | None = None
-        # The definitions that were read, those of the intact summary, and those in the output.
-        self._definitions: dict[tuple[type, int], _Definition] = {}
-        self._summarized: set[tuple[type, int]] = set()
-        self._written: dict[tuple[type, int], _Definition] = {}
+        self._profile = ""
         # Records of messages that are not yet in a chunk of the output.
         self._loose: list[bytes] = []
         self._loose_bytes = 0
         self._lost: Counter[int] = Counter()
+        self._undefined: set[int] = set()  # channels of lost messages
         self._statistics: records.Statistics | None = None
         self._chunked = False
         # Messages of the last chunk that no index has counted yet.
         self._chunk: Counter[int] = Counter()
         self._damages: list[str] = []
 
-    def run(self) -> Recovery:
-        """Save everything that is readable."""
-        if self._source.size == 0:
-            raise RecoveryError(
-                f"{self._source.path} is empty, as its recording ended before anything was written."
-            )
-        self._read_summary()
-        for offset, opcode, body, cut in self._records():
-            self._take(offset, opcode, body, cut)
-        if self._file is None and not self._definitions:
-            raise RecoveryError(f"{self._source.path} has no readable record; give an MCAP file.")
-        return self._finish()
+    def scan(self) -> bool:
+        """Save everything that is readable; return whether a second scan can save more."""
+        place = max(self.source.end - _FOOTER.size, 0)
+        self._read_summary(int.from_bytes(self.source.read(place, 8), "little"))
+        self._read_records()
+        found = {key: record for key, (_, record) in self.definitions.items()}
+        if not (self._file or found):
+            raise RecoveryError(f"{self.source.path} has no readable record; give an MCAP file.")
+        return (
+            any((records.Channel, channel) in found for channel in self._undefined)
+            or any(found[key] != record for key, record in self._written.items())
+            or (self._file is not None and self._file.profile != self._output_profile())
+        )
 
-    def _read_summary(self) -> None:
-        """Read definitions and statistics from the end of the file, if it is intact."""
-        source, end = self._source, self._source.size - _FOOTER_BYTES
-        footer = source.read(max(end, 0), _FOOTER_BYTES)
-        if end < 0 or not footer.endswith(MAGIC):
-            return
-        start, _, checksum = _FOOTER.unpack(footer[RECORD.size : -len(MAGIC)])
-        if not max(end - LONGEST_RECORD, 1) <= start <= end:
+    def _read_summary(self, start: int) -> None:
+        """Take definitions and statistics of a summary that begins here, if its CRC is right."""
+        source, end = self.source, self.source.end - RECORD.size - _FOOTER.size
+        footer = source.read(max(end, 0), RECORD.size + _FOOTER.size)
+        if not (source.complete and max(end - LONGEST_RECORD, 1) <= start <= end):
             return
         # The CRC covers the footer as well, up to the CRC itself.
         summary = source.read(start, end - start)
-        if zlib.crc32(footer[: RECORD.size + 16], zlib.crc32(summary)) != checksum:
+        if zlib.crc32(footer[:-4], zlib.crc32(summary)) != int.from_bytes(footer[-4:], "little"):
             return
-        for opcode, start, end in split_records(summary):
-            wanted = opcode in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.STATISTICS)
-            record = _parse(opcode, summary[start:end]) if wanted else None
-            if isinstance(record, records.Statistics):
-                self._statistics = record
-            elif isinstance(record, _Definition):
-                self._define(record)
-        self._summarized = set(self._definitions)
+        for opcode, begin, stop in split_records(summary):
+            if opcode in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.STATISTICS):
+                self._take_other(_parse(opcode, summary[begin:stop]), _IN_SUMMARY)
 
-    def _records(self) -> Iterator[tuple[int, int, bytes, bool]]:
-        """Yield offset, opcode, content and incompleteness of the readable records of data."""
-        source, offset = self._source, len(MAGIC)
-        if source.read(0, offset) != MAGIC:
+    def _read_records(self) -> None:
+        """Save the intact records, and go on at the next one behind or inside of a damaged one."""
+        source = self.source
+        offset = shown = source.start
+        if not offset:
             self._damages.append("byte 0: the magic number")
-            offset = self._resume_at(0)
-        while offset < source.size:
-            end = self._end_of_sound(offset)
-            if end is None:
+        while offset < source.end:
+            opcode, length = self._head(offset)
+            end, damage = self._end_of_sound(offset), ""
+            if end is not None:
+                damage = self._take(offset, opcode, source.read(offset + RECORD.size, length))
+            if end is None or damage:
                 end = self._resume_at(offset + 1)
-                what = "the rest of the file" if end == source.size else f"{end - offset} bytes"
-                self._damages.append(f"byte {offset}: {what}")
-            else:
-                opcode, _ = self._head(offset)
-                if opcode in _AFTER_DATA:
-                    if source.read(source.size - len(MAGIC), len(MAGIC)) != MAGIC:
-                        self._damages.append(f"byte {source.size}: the end is missing")
-                    break
-                start, cut = offset + RECORD.size, end > source.size
-                end = min(end, source.size)
-                yield offset, opcode, source.read(start, end - start), cut
+                lost = "the rest of the file" if end == source.end else f"{end - offset} bytes"
+                if offset >= shown:
+                    self._damages.append(f"byte {offset}: {damage or lost}")
+                    # Messages and indexes inside of a damaged chunk are not damages of their own.
+                    shown = offset + length if damage else end
+            end = min(end, source.end)
             self._progress(end - offset)
             offset = end
-        else:
-            self._damages.append(f"byte {source.size}: the end is missing")
-        self._progress(source.size - offset)
+        if not source.complete:
+            self._damages.append(f"byte {source.end}: the end is missing")
 
-    def _resume_at(self, offset: int) -> int:
-        """Return the offset of the next intact record, or the size of the file."""
-        source = self._source
-        while offset < source.size:
+    def _resume_at(self, offset: int, skipped: Collection[int] = ()) -> int:
+        """Return the offset of the next intact record that is not skipped, or the file's end."""
+        source = self.source
+        while offset < source.end:
             block = source.read(offset, _BLOCK)
             for match in _LIKELY_RECORD.finditer(block):
-                if self._end_of_sound(offset + match.start()) is not None:
-                    return offset + match.start()
-            if offset + len(block) >= source.size:
+                at = offset + match.start()
+                if block[match.start()] not in skipped and self._end_of_sound(at) is not None:
+                    return at
+            if len(block) < _BLOCK:
                 break
             offset += len(block) - RECORD.size + 1
-        return source.size
+        return source.end
 
     def _end_of_sound(self, offset: int) -> int | None:
         """Return the end of a record if its content agrees with its length.
 
-        Only a chunk may end behind the end of the file.
+        Only a chunk may end behind the end of the file, if that is missing.
         """
-        source = self._source
+        source = self.source
         opcode, length = self._head(offset)
         start = offset + RECORD.size
         end = start + length
-        if length > LONGEST_RECORD:
+        if length > LONGEST_RECORD or (
+            end > source.end and (source.complete or opcode != Opcode.CHUNK)
+        ):
             return None
         if opcode == Opcode.CHUNK:
             sound = self._chunk_length(start) == length
-        elif end > source.size:
-            sound = False
         elif opcode == Opcode.MESSAGE:
             # Only the record after it confirms its length. If there are chunks, all messages are
             # in them, and what looks like another one is a damaged index.
@@ -284,28 +285,30 @@ class _Rescue:
             content = source.read(start, MESSAGE_INDEX.size)
             entries = length - MESSAGE_INDEX.size
             sound = entries >= 0 and MESSAGE_INDEX.unpack(content)[1] == entries
+            sound = sound and self._is_likely(end)
         else:
-            # A record of the data may have more fields than are known; the next record confirms it.
-            longer = opcode not in _AFTER_DATA and self._is_likely(end)
-            body = source.read(start, length)
-            sound = opcode in _RECORDS and _parse(opcode, body, longer) is not None
+            # A record may have more fields than are known; the next record confirms it.
+            body, likely = source.read(start, length), self._is_likely(end)
+            sound = opcode in _RECORDS and _parse(opcode, body, likely) is not None
+            # If bytes are missing in it, it contains the head of the next one.
+            if sound and not likely and opcode != Opcode.ATTACHMENT:
+                sound = self._resume_at(offset + 1) >= end
         return end if sound else None
 
     def _head(self, offset: int) -> tuple[int, int]:
         """Return the opcode and the length of a record; 0 and 0 if the file ends before them."""
-        header = self._source.read(offset, RECORD.size)
+        header = self.source.read(offset, RECORD.size)
         opcode, length = RECORD.unpack(header.ljust(RECORD.size, b"\0"))
         return opcode, length
 
     def _is_likely(self, offset: int) -> bool:
         """Return whether the end of the file, or what looks like a record, is at an offset."""
-        return offset == self._source.size or (
-            _LIKELY_RECORD.match(self._source.read(offset, RECORD.size)) is not None
-        )
+        header = self.source.read(offset, min(RECORD.size, self.source.end - offset))
+        return not header or _LIKELY_RECORD.match(header.ljust(RECORD.size, b"\0")) is not None
 
     def _chunk_length(self, start: int) -> int | None:
         """Return the length of a chunk's content that its own fields give."""
-        head = self._source.read(start, CHUNK.size + 16)
+        head = self.source.read(start, CHUNK.size + 16)
         if len(head) < CHUNK.size:
             return None
         name_length = CHUNK.unpack_from(head)[-1]
@@ -314,46 +317,64 @@ class _Rescue:
             return None
         return int(before + int.from_bytes(head[before - 8 : before], "little"))
 
-    def _take(self, offset: int, opcode: int, body: bytes, cut: bool) -> None:
-        """Save the content of a record."""
+    def _take(self, offset: int, opcode: int, body: bytes) -> str:
+        """Save the content of a record; return how it is damaged, if it is."""
         if opcode == Opcode.CHUNK:
-            self._take_chunk(offset, body, cut)
-        elif opcode == Opcode.MESSAGE:
+            return self._take_chunk(offset, body)
+        if opcode == Opcode.MESSAGE:
             self._take_message(RECORD.pack(opcode, len(body)) + body)
         elif opcode == Opcode.MESSAGE_INDEX:
             channel, size = MESSAGE_INDEX.unpack_from(body)
             # An index without its chunk still counts the messages of the chunk.
             if self._chunk.pop(channel, None) != size // 16:
                 self._lost[channel] += size // 16
-        else:
-            self._take_other(_parse(opcode, body, longer=True))
+        elif opcode == Opcode.DATA_END and self._statistics is None:
+            # If bytes are missing, the summary is not where the footer says.
+            self._read_summary(offset + RECORD.size + len(body))
+        elif opcode != Opcode.STATISTICS:
+            self._take_other(_parse(opcode, body, longer=True), _ALONE)
+        return ""
 
-    def _take_chunk(self, offset: int, body: bytes, cut: bool) -> None:
+    def _take_chunk(self, offset: int, body: bytes) -> str:
         self._chunked = True
         self._chunk.clear()
         *_, size, crc, name_length = CHUNK.unpack_from(body)
-        name, stored = body[CHUNK.size :][:name_length], body[CHUNK.size + name_length + 8 :]
+        before = CHUNK.size + name_length + 8
+        name, stored = body[CHUNK.size : before - 8], body[before:]
+        cut = int.from_bytes(body[before - 8 : before], "little") > len(stored)
+        if name not in KNOWN_COMPRESSIONS:
+            return f"a chunk of the unknown compression {name.decode(errors='replace')!r}"
         content = decompressed(name, stored, min(size, LONGEST_RECORD))
-        if cut:
+        parts = list(split_records(content))
+        trust = _IN_CHUNK if crc else _ALONE
+        # Without a CRC, the records have to end where the chunk does.
+        end = parts[-1][-1] if parts else 0
+        intact = crc == zlib.crc32(content) if crc else size == end
+        if cut or len(content) != size or not intact:
+            # The end of the file may cut the chunk off; or its bytes are missing, and it would end
+            # within the record behind it.
+            inside = (Opcode.SCHEMA, Opcode.CHANNEL)
+            if not cut or self._resume_at(offset + 1, inside) < self.source.end:
+                return f"a chunk of {len(body)} bytes"
             self._damages.append(f"byte {offset}: a chunk that the end of the file cuts off")
-        elif len(content) != size or crc not in (0, zlib.crc32(content)):
-            self._damages.append(f"byte {offset}: a chunk of {len(body)} bytes")
-            return
+            trust = _ALONE
         messages = []
-        for opcode, start, end in split_records(content):
+        for opcode, start, end in parts:
             if opcode == Opcode.MESSAGE and end - start >= MESSAGE.size:
                 messages.append(content[start - RECORD.size : end])
             elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-                self._take_other(_parse(opcode, content[start:end], longer=True))
+                self._take_other(_parse(opcode, content[start:end], longer=True), trust)
         for message in messages:
             self._take_message(message)
+        return ""
 
     def _take_message(self, record: bytes) -> None:
         """Keep a message for the next chunk of the output."""
         channel = int.from_bytes(record[RECORD.size : RECORD.size + 2], "little")
         self._chunk[channel] += 1
-        if (records.Channel, channel) not in self._definitions:
+        if (records.Channel, channel) not in self.definitions:
             self._lost[channel] += 1
+            self._undefined.add(channel)
             return
         self._register(channel)
         self._loose.append(record)
@@ -369,35 +390,30 @@ class _Rescue:
             self._output_file().add_chunk(b"".join(self._loose), begins)
             self._loose, self._loose_bytes = [], 0
 
-    def _take_other(self, record: records.McapRecord | None) -> None:
+    def _take_other(self, record: records.McapRecord | None, trust: int) -> None:
         if isinstance(record, records.Header):
             self._profile = record.profile
+        elif isinstance(record, records.Statistics):
+            self._statistics = record
         elif isinstance(record, _Definition):
-            self._define(record)
+            # The first one of those that are trusted most.
+            key = type(record), record.id
+            if key not in self.definitions or self.definitions[key][0] < trust:
+                self.definitions[key] = trust, record
         elif isinstance(record, records.Attachment):
             self._output_file().attach(record)
         # The metadata of rosbag2 are written again, as their counts change.
         elif isinstance(record, records.Metadata) and record.name != ROSBAG2_METADATA:
             self._output_file().add_metadata(record.name, record.metadata)
 
-    def _define(self, record: _Definition) -> None:
-        """Keep a schema or channel; the last one before its first use counts.
-
-        It is mostly in a chunk, whose CRC confirms it, as that of the summary does.
-        """
-        key = type(record), record.id
-        if key not in self._written and key not in self._summarized:
-            self._definitions[key] = record
-
     def _register(self, channel: int) -> None:
         """Define a channel and its schema in the output, unless it has them."""
         if (records.Channel, channel) in self._written:
             return
-        record = self._definitions[records.Channel, channel]
+        _, record = self.definitions[records.Channel, channel]
         assert isinstance(record, records.Channel)
-        schema = self._definitions.get((records.Schema, record.schema_id))
-        if schema is not None:
-            self._write(schema)
+        if (records.Schema, record.schema_id) in self.definitions:
+            self._write(self.definitions[records.Schema, record.schema_id][1])
         elif record.schema_id:
             self._damages.append(f"the type of {record.topic}: its definition is missing")
             record = replace(record, schema_id=0)
@@ -412,17 +428,17 @@ class _Rescue:
     def _output_file(self) -> McapFile:
         """Return the output, which begins with the profile."""
         if self._file is None:
-            if not self._profile:
-                schemas = [
-                    each for each in self._definitions.values() if type(each) is records.Schema
-                ]
-                ros = any(schema.encoding == "ros2msg" for schema in schemas)
-                self._profile = "ros2" if ros else ""
-            self._file = McapFile(self._stream, self._profile)
+            self._file = McapFile(self._stream, self._output_profile())
         return self._file
 
-    def _finish(self) -> Recovery:
-        for kind, number in list(self._definitions):
+    def _output_profile(self) -> str:
+        """Return the profile of the header or, if that is lost, of the definitions."""
+        encodings = {getattr(each, "encoding", "") for _, each in self.definitions.values()}
+        return self._profile or ("ros2" if encodings & {"ros2msg", "ros2idl"} else "")
+
+    def finish(self) -> Recovery:
+        """Complete the output."""
+        for kind, number in self.definitions:
             if kind is records.Channel:
                 self._register(number)
         self._write_loose()
@@ -440,12 +456,12 @@ class _Rescue:
             saved[topics[number]] += count
         for number, count in self._lost.items():
             lost[topics.get(number, f"unknown channel {number}")] += count
-        if self._profile == "ros2":
+        if file.profile == "ros2":
             file.add_rosbag2_metadata(self._output)
         file.add_metadata(
             RECOVERY_METADATA,
             {
-                "source": self._source.path.name,
+                "source": self.source.path.name,
                 "messages_saved": str(sum(saved.values())),
                 "messages_known_lost": str(sum(lost.values())),
                 "damages": "\n".join(self._damages),
@@ -468,8 +484,8 @@ def _parse(opcode: int, body: bytes, longer: bool = False) -> records.McapRecord
         written = builder.end()[RECORD.size :]  # type: ignore[no-untyped-call]
     except (KeyError, ValueError, struct.error, McapError):
         return None
-    # The CRC of an attachment is optional.
-    if opcode == Opcode.ATTACHMENT and body.endswith(bytes(4)):
+    # The CRC of an attachment is optional; without it, the next record confirms its length.
+    if opcode == Opcode.ATTACHMENT and longer and body.endswith(bytes(4)):
         written = written[:-4] + bytes(4)
     unknown = len(body) - len(written)
     same = body.startswith(written) and unknown <= (_MOST_UNKNOWN if longer else 0)

@@ -3,6 +3,7 @@
 """Writes files so that no reader ever finds half of one, and no input is lost."""
 
 import os
+import stat
 import tempfile
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -65,20 +66,33 @@ def check_suffix(path: Path, suffix: str) -> None:
 
 
 @contextmanager
-def replacement(path: Path, error: type[LinkageVibrationError]) -> Iterator[Path]:
+def replacement(
+    path: Path, error: type[LinkageVibrationError], *, new_only: bool = False
+) -> Iterator[Path]:
     """Give the path of a new file, whose content goes to another path when the context ends.
 
-    A file is replaced at once, and links are followed; a device or a pipe is refused. If the
-    context fails, nothing is left behind; a failure to write raises this kind of error.
+    A file is replaced at once and keeps its mode, and links are followed; a device or a pipe is
+    refused, and with ``new_only`` any file. If the context fails, nothing is left behind; a failure
+    to write raises this kind of error.
     """
     target = Path(os.path.realpath(path))
     if target.exists() and not target.is_file():
         raise error(f"{path}: is no regular file; give the name of a file.")
+    prefix = os.fsdecode(b".%b." % os.fsencode(target.name)[:99])
     try:
-        with tempfile.TemporaryDirectory(".tmp", f".{target.name[:99]}.", target.parent) as inside:
+        if new_only and os.path.lexists(path):
+            raise FileExistsError
+        with tempfile.TemporaryDirectory(".tmp", prefix, target.parent) as inside:
             new = Path(inside) / path.name
             yield new
-            new.replace(target)
+            if new_only:
+                _move_to_free_name(new, target)
+            else:
+                with suppress(FileNotFoundError):
+                    new.chmod(stat.S_IMODE(target.stat().st_mode))
+                new.replace(target)
+    except FileExistsError:
+        raise error(f"{path} exists already; choose another name.") from None
     except OSError as problem:
         raise error(
             f"{path}: cannot be written ({problem.strerror or problem}); choose another folder."
@@ -100,6 +114,21 @@ def write_parts(path: Path, parts: Iterable[str], error: type[LinkageVibrationEr
 def write_text(path: Path, text: str, error: type[LinkageVibrationError]) -> None:
     """Write a text file in UTF-8, as `write_bytes` does."""
     write_bytes(path, text.encode(), error)
+
+
+def _move_to_free_name(new: Path, target: Path) -> None:
+    """Move a file to a name that no file has, by operations that cannot replace one."""
+    try:
+        os.link(new, target)
+    except FileExistsError:
+        raise
+    except OSError:  # This file system has no hard links.
+        target.touch(exist_ok=False)
+        try:
+            new.replace(target)
+        except OSError:
+            target.unlink()
+            raise
 
 
 def _check_place(path: Path) -> None:

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Recovery of incomplete and damaged logs saves all intact messages, and only those."""
 
+import os
 import random
 import resource
 import struct
@@ -24,6 +25,7 @@ from linkage_vibration.bags.recovery import RECOVERY_METADATA, RecoveryError, re
 from linkage_vibration.bags.writing import COMPRESSIONS, Attachment, Topic, offered_qos_profiles
 from linkage_vibration.cli.main import main
 from linkage_vibration.messages.definitions import message_definition, type_hash
+from test.support.mcap_damage import DAMAGES, example_logs, intact, read_messages
 
 FLOAT = "std_msgs/msg/Float64"
 TOPICS = [
@@ -445,3 +447,55 @@ def test_chunks_that_disagree(tmp_path: Path) -> None:
     ]
     with AnyReader([tmp_path / "whole.mcap"]) as reader:
         assert reader.message_count == 6
+
+
+@pytest.mark.parametrize("kind", DAMAGES)
+def test_nothing_intact_is_lost(tmp_path: Path, kind: str) -> None:
+    """Of damaged logs of the node and of mcap, what a scan knows to be intact is saved."""
+    for k, content in enumerate(example_logs(tmp_path).values()):
+        for number in range(3):
+            spoilt, spans = DAMAGES[kind](content, random.Random(f"{k} {number}"))
+            (tmp_path / "log.mcap").write_bytes(spoilt)
+            expected = intact(content, spans)
+            try:
+                recover(tmp_path / "log.mcap", tmp_path / "whole.mcap")
+            except RecoveryError:
+                assert not expected
+                continue
+            assert expected <= set(read_messages(tmp_path / "whole.mcap"))
+            (tmp_path / "whole.mcap").unlink()
+
+
+@pytest.mark.parametrize("log", ["node, zstd", "mcap, zstd"])
+def test_lost_head(tmp_path: Path, log: str) -> None:
+    """Definitions behind the data give the saved messages their types, which rosbags decodes."""
+    content = example_logs(tmp_path)[log]
+    head = chunk_ends(content)[0] + 1
+    (tmp_path / "log.mcap").write_bytes(content[head:])
+    result = recover(tmp_path / "log.mcap", tmp_path / "whole.mcap")
+    expected = intact(content, [(head, len(content))])
+    assert sum(result.saved.values()) == len(expected) > 0
+    assert sum(result.saved.values()) + sum(result.lost.values()) == 240
+    with AnyReader([tmp_path / "whole.mcap"]) as reader:
+        numbers = {reader.deserialize(data, c.msgtype).data for c, _, data in reader.messages()}  # type: ignore[attr-defined]
+    assert numbers == {time**0.5 for _, _, time, _ in expected}
+
+
+def test_output_that_appears(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A file that appears during the recovery stays, also on a file system without hard links."""
+    write(tmp_path / "log.mcap")
+    output = tmp_path / "whole.mcap"
+
+    def no_links(*_: object) -> None:
+        raise PermissionError(1, "Operation not permitted")
+
+    for link in (os.link, no_links):
+        monkeypatch.setattr(os, "link", link)
+        with pytest.raises(RecoveryError, match=r"whole.mcap exists already"):
+            recover(tmp_path / "log.mcap", output, lambda _: output.write_text("mine"))  # type: ignore[arg-type]
+        assert output.read_text() == "mine"
+        output.unlink()
+        recover(tmp_path / "log.mcap", output)
+        assert read(output) == messages()
+        output.unlink()
+    assert [path.name for path in tmp_path.iterdir()] == ["log.mcap"]
