@@ -196,15 +196,6 @@ def six_digits(matrix: FloatArray) -> FloatArray:
     return np.array([[float(f"{number:.5e}") for number in row] for row in matrix])
 
 
-def scaled(mass: float, stiffness: float) -> Callable[[dict[str, Any]], dict[str, Any]]:
-    """Return a function that changes units."""
-    return lambda content: {
-        "mass": mass * content["mass"],
-        "stiffness": stiffness * content["stiffness"],
-        "dofs": content["dofs"],
-    }
-
-
 BAD = {
     "DoF missing": (
         change("dofs", lambda names: ["-" if name == "B z" else name for name in names]),
@@ -252,15 +243,6 @@ BAD = {
         change("damping", lambda c: -c),
         "damping is not positive semi-definite",
     ),
-    "tonnes and millimetres": (
-        scaled(1e-3, 1e-3),
-        r"rigid mass of 0\.00936 kg .* convert it to kg, m and N, probably from tonnes and N/mm",
-    ),
-    "density per cubic millimetre": (
-        scaled(1e9, 1e3),
-        r"rigid mass of 9\.36e\+09 kg .* density in kg/m3 with lengths in millimetres",
-    ),
-    "modulus in pascal": (scaled(1.0, 1e9), "elastic modulus in Pa with lengths in millimetres"),
 }
 
 
@@ -300,12 +282,6 @@ def test_planar_model_holds_y(tmp_path: Path) -> None:
         assert set(body.dofs) == set(PINS)
         trace = np.trace(content["mass"][free_rows][:, free_rows])
         assert np.trace(body.mass) == pytest.approx(trace, rel=1e-12)
-
-
-def test_small_parts_pass(tmp_path: Path) -> None:
-    """A part of 9 g and 80 mm is not mistaken for one in wrong units."""
-    content = scaled(1e-3, 0.1)(bar())  # each length a tenth: M goes by its cube, K by itself
-    assert read_matrices(dense_npz(tmp_path, content), PINS).mass.shape == (27, 27)
 
 
 def test_pickles(tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from linkage_vibration.bags.message_types import CAN_FRAME, FLOAT64, ISOBUS_FRAME, JOINT_STATE
 
-HITCH, ENGINE, PTO, GROUND = INPUTS = ("hitch", "engine", "pto", "ground")
+HITCH, ENGINE, PTO, GROUND = ("hitch", "engine", "pto", "ground")
 """The inputs, of which the last three are the values of `Source`."""
 
 _HIGHEST_RPM = 8031.875  # 0xFAFF steps of 0.125 rpm; higher values mean "error" or "not available"
