@@ -30,7 +30,6 @@ EXTRAS = {
         "ros-sensor-msgs",
         "ros-std-msgs",
         "ros-std-srvs",
-        "ros-visualization-msgs",
     ],
     "bags": ["rosbags>=0.11.0"],
     # DBC files, and logs of a CAN bus.

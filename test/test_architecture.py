@@ -47,7 +47,6 @@ ROS = {
     "sensor_msgs",
     "std_msgs",
     "std_srvs",
-    "visualization_msgs",
 }
 # The mechanics take numbers and give numbers, so they need no more of the standard library.
 PURE = {"__future__", "collections", "dataclasses", "difflib", "enum", "functools", "hashlib"}

@@ -71,7 +71,6 @@ for name in [
     "sensor_msgs",
     "std_msgs",
     "std_srvs",
-    "visualization_msgs",
 ]:
     DISTRIBUTIONS[name] = (f"ros-{name.replace('_', '-')}", name)
 

@@ -113,16 +113,9 @@ def largest(displacements: Curves) -> float:
     return max(float(np.linalg.norm(moved, axis=1).max()) for moved in displacements.values())
 
 
-def corners(curves: Curves) -> tuple[FloatArray, FloatArray]:
-    """Return the lower and the upper corner of the box around all curves, (2,) each, m."""
-    every = np.vstack(list(curves.values()))
-    return every.min(axis=0), every.max(axis=0)
-
-
 def size(curves: Curves) -> float:
     """Return the diagonal of the box around all curves, m."""
-    low, high = corners(curves)
-    return float(np.linalg.norm(high - low))
+    return float(np.linalg.norm(np.ptp(np.vstack(list(curves.values())), axis=0)))
 
 
 def _rows(places: Sequence[Point | FloatArray]) -> FloatArray:

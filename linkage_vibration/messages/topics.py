@@ -84,13 +84,6 @@ OUTPUT_TOPICS = (
         logged=False,
     ),
     NodeTopic(
-        "~/markers",
-        "visualization_msgs/msg/MarkerArray",
-        "reliable, keep last 1",
-        "The linkage and one of its modes, moving; published only while somebody subscribes.",
-        logged=False,
-    ),
-    NodeTopic(
         "/diagnostics",
         "diagnostic_msgs/msg/DiagnosticArray",
         "reliable, keep last 10",

@@ -163,7 +163,7 @@ def replay(
     output : str or Path
         The MCAP to write; an existing file is replaced.
     settings : Parameters, optional
-        The parameters of the node; those of its logs and markers are not used.
+        The parameters of the node; those of its logs are not used.
     remaps : mapping of str to str
         The bags' names of the node's topics, such as ``{"joint_states": "/arm/joint_states"}``.
     what_if : WhatIf

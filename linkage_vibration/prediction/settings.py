@@ -109,11 +109,6 @@ def _text(
     return _Kind("", "", f"{valid}, or empty", lambda text: not text or check(text), live=live)
 
 
-def _name(default: str, thing: str) -> _Kind[str]:
-    """Return the kind of a name that may not be empty."""
-    return _Kind(default, "", f"the name of a {thing}", bool)
-
-
 def _limit(default: Value, unit: str) -> _Kind[Value]:
     """Return the kind of a limit of the logs, where 0 means no limit."""
     valid = f"a {'whole' if isinstance(default, int) else 'finite'} number, 0 for no limit"
@@ -226,7 +221,7 @@ class Parameters:
         "Configure and activate the node at start, without a lifecycle manager."
     )
     input: str = _preset(HITCH, "crank angle")
-    joint_name: str = _name("hitch_rockshaft_joint", "joint").means(
+    joint_name: str = _Kind("hitch_rockshaft_joint", "", "the name of a joint", bool).means(
         "Name of the joint that turns the input crank, for the preset `joint_states`."
     )
     sign: int = _SIGN.means(
@@ -325,18 +320,6 @@ class Parameters:
     service_events: str = _choice("off", ("off", "metadata", "contents")).means(
         "Publish an event for each request and response of the services, on the topic "
         "`SERVICE/_service_event`: without or with its contents. `extra_topics` can log them."
-    )
-    marker_mode: str = _text(
-        "the number of a mode, its name", lambda mode: not mode.startswith("-"), live=True
-    ).means(
-        "Mode that `~/markers` shows: its number, counted from 1, or its name; 0 for no mode. If "
-        "it is empty, the first mode that is not the tractor's is shown."
-    )
-    marker_rate: float = _ranged(10.0, 0.1, 100.0, "Hz").means(
-        "Rate at which `~/markers` is published."
-    )
-    marker_frame: str = _name("base_link", "frame").means(
-        "Frame of `~/markers`: the origin of the mechanism, with x forward and z up."
     )
 
     if TYPE_CHECKING:  # type checkers do not see the parameters that the decorator adds
@@ -502,23 +485,15 @@ def is_ros_parameter(name: str) -> bool:
 def converted(name: str, value: Any) -> Any:
     """Return a value of YAML or ROS 2 in the type of a parameter if it means the same.
 
-    The integer 1 stands for 1.0, and as a mode for "1". An unknown parameter keeps its value.
+    The integer 1 stands for 1.0. An unknown parameter keeps its value.
     """
     kind = type(DECLARED[name].default) if name in DECLARED else None
-    if name == "marker_mode" and type(value) is int:
-        return str(value)
     if kind is float and type(value) is int:
         return float(value)
     if kind is tuple and isinstance(value, Iterable) and not isinstance(value, str | bytes):
         items = [float(item) if type(item) is int else item for item in value]
         return tuple(items) if all(type(item) is float for item in items) else items
     return value
-
-
-def without_markers(settings: Parameters) -> Parameters:
-    """Return the parameters with default markers, on which no message of a log depends."""
-    defaults = {name: p.default for name, p in DECLARED.items() if name.startswith("marker_")}
-    return replace(settings, **defaults)
 
 
 def yaml_text(value: object) -> str:

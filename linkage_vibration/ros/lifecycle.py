@@ -32,7 +32,6 @@ from linkage_vibration.prediction.settings import (
     NODE_NAME,
     ParameterError,
     Parameters,
-    without_markers,
 )
 from linkage_vibration.readers.excitations import excitation_files
 from linkage_vibration.readers.served import read_loads, read_served
@@ -42,7 +41,6 @@ from linkage_vibration.ros.interface_check import check_interfaces
 from linkage_vibration.ros.listener import Listener
 from linkage_vibration.ros.live_inputs import LiveTopic, check_output_topics, live_topics
 from linkage_vibration.ros.log_control import Recording, log_folder
-from linkage_vibration.ros.markers import Markers
 from linkage_vibration.ros.memory import Memory
 from linkage_vibration.ros.message_path import Predicting, input_topics, output_topics
 from linkage_vibration.ros.parameter_server import changed, declare_parameters, new_values
@@ -84,7 +82,6 @@ class LinkageVibrationNode(LifecycleNode):
         self._recording: Recording | None = None
         self._offered: Services | None = None
         self._memory: Memory | None = None
-        self._markers: Markers | None = None
         self._latched: list[Any] = []
 
         self._settings, self._faults = declare_parameters(self)
@@ -265,7 +262,6 @@ class LinkageVibrationNode(LifecycleNode):
         limits = LogLimits(*sizes, settings.delete_oldest)
         recorder = Recorder(folder, topics, provenance, limits, settings.compression)
         self._recording = recording = Recording(self, recorder, extra_topics, self._throttle)
-        self._markers = markers = Markers(self, self._serving, self._settings)
         self._latched = [
             publisher(self, kind, name, latched=True)
             for kind, name in (
@@ -284,7 +280,6 @@ class LinkageVibrationNode(LifecycleNode):
             served.predictor,
             ResonanceMonitor(excitations, levels=levels),
             recording.write,
-            markers.update,
             self._statistics,
             self._throttle,
         )
@@ -327,13 +322,13 @@ class LinkageVibrationNode(LifecycleNode):
             self._recording.deactivate()
 
     def _clean_up(self) -> None:
-        for part in (self._offered, self._markers, self._recording):
+        for part in (self._offered, self._recording):
             if part is not None:
                 part.close()
         for latched in self._latched:
             self.destroy_publisher(latched)
         self._latched = []
-        self._offered = self._markers = self._predicting = self._recording = self._served = None
+        self._offered = self._predicting = self._recording = self._served = None
 
     def _publish_service_events(self) -> None:
         """Publish events of the services, as the parameter service_events says.
@@ -386,10 +381,9 @@ class LinkageVibrationNode(LifecycleNode):
         before, self._settings = self._settings, settings
         if settings.service_events != before.service_events:
             self._publish_service_events()
-        if self._predicting is None or self._recording is None or self._markers is None:
+        if self._predicting is None or self._recording is None:
             return
-        self._markers.settings = settings
-        if without_markers(settings) != without_markers(before):
+        if settings != before:
             provenance = self._provenance(self._serving())
             with self._listener.paused():
                 for topic in input_topics(topics):
@@ -400,7 +394,7 @@ class LinkageVibrationNode(LifecycleNode):
     def _on_second(self) -> None:
         now, counts = time.monotonic(), self._statistics
         counts.watch_wall_clock(time.time(), now)
-        for part in (self._recording, self._markers, self._offered):
+        for part in (self._recording, self._offered):
             if part is not None:
                 part.watch()
         if self._predicting is not None:

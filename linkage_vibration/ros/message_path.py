@@ -82,8 +82,6 @@ class Predicting:
     record : callable
         Called with the topic, the bytes, the time of receipt (ns) and the `MessageInfo` of every
         message that is used, and with the topics and bytes of its answers.
-    show : callable
-        Called with each crank angle that has a prediction, rad.
     statistics, throttle : Statistics, Throttle
         Count the messages, and warn of those that cannot be answered.
 
@@ -112,7 +110,6 @@ class Predicting:
         predictor: Predictor,
         monitor: ResonanceMonitor,
         record: Callable[..., None],
-        show: Callable[[float], None],
         statistics: Statistics,
         throttle: Throttle,
     ) -> None:
@@ -123,7 +120,7 @@ class Predicting:
         self.reading_faults: list[Fault] = []
         self.speed_faults: list[Fault] = []
         self._node, self._clock, self._listener = node, node.get_clock(), listener
-        self._monitor, self._record, self._show = monitor, record, show
+        self._monitor, self._record = monitor, record
         self._statistics, self._throttle = statistics, throttle
         self._topics: dict[str, LiveTopic] = {}
         self._crank: CrankInput
@@ -329,9 +326,7 @@ class Predicting:
             reading.velocity,
             known=prediction.status is not Status.OUT_OF_RANGE,
         )
-        if prediction.status.has_numbers:
-            self._show(reading.crank_angle)
-        else:
+        if not prediction.status.has_numbers:
             counts.without_numbers += 1
         invalid = prediction.status is Status.INVALID_ANGLE
         if prediction.status is not Status.OK:

@@ -245,21 +245,6 @@ class Table:
         number, name = f"mode {mode + 1}", self.mode_names[mode]
         return number if name == number else f"{number} ({name})"
 
-    def find_mode(self, wanted: str) -> int | None:
-        """Return the index of a mode by its number, counted from 1, or its name; None if unknown.
-
-        The number 0 is no mode, and its index is -1. If nothing is wanted, the first mode that is
-        not the tractor's is meant.
-        """
-        if not wanted:
-            linkage_modes = (
-                i for i, name in enumerate(self.mode_names) if not name.startswith("tractor ")
-            )
-            return next(linkage_modes, 0)
-        if wanted.isdecimal():
-            return int(wanted) - 1
-        return self.mode_names.index(wanted) if wanted in self.mode_names else None
-
     @property
     def table_id(self) -> str:
         """Sixteen hexadecimal digits that change with any number in the table."""

@@ -9,7 +9,6 @@ from collections.abc import Iterator
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
-from visualization_msgs.msg import MarkerArray
 
 from linkage_vibration.support.resources import config_file
 from linkage_vibration_interfaces.msg import Resonance, TableInfo, VibrationPrediction
@@ -18,7 +17,6 @@ TOPICS = {
     "/linkage_vibration/prediction": VibrationPrediction,
     "/linkage_vibration/resonance": Resonance,
     "/linkage_vibration/table_info": TableInfo,
-    "/linkage_vibration/markers": MarkerArray,
     "/diagnostics": DiagnosticArray,
 }
 FIELDS = {topic: kind.get_fields_and_field_types() for topic, kind in TOPICS.items()}
@@ -45,7 +43,7 @@ def test_every_panel_is_shown_once() -> None:
     """The layout shows exactly the panels that are configured."""
     assert sorted(panels(LAYOUT["layout"])) == sorted(LAYOUT["configById"])
     kinds = {panel.split("!")[0] for panel in LAYOUT["configById"]}
-    assert kinds == {"3D", "Plot", "StateTransitions", "DiagnosticSummary", "RawMessages"}
+    assert kinds == {"Plot", "StateTransitions", "DiagnosticSummary", "RawMessages"}
 
 
 def test_every_topic_and_field_is_there() -> None:

@@ -246,9 +246,7 @@ def test_without_autostart_the_node_says_what_it_waits_for(
     [
         ("near_margin", 1.5, "near_margin"),
         ("stale_after", float("nan"), "stale_after"),
-        ("marker_rate", 0.0, "marker_rate"),
         ("engine_speed", float("inf"), "engine_speed"),
-        ("marker_mode", -1, "marker_mode"),
     ],
 )
 def test_parameters_are_checked_before_they_are_set(
@@ -282,9 +280,8 @@ STORM = """
 import sys
 import rclpy
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from linkage_vibration_interfaces.msg import Resonance, VibrationPrediction
+from linkage_vibration_interfaces.msg import Resonance, TableInfo, VibrationPrediction
 from linkage_vibration_interfaces.srv import PredictVibration
-from visualization_msgs.msg import MarkerArray
 
 rclpy.init()
 node = rclpy.create_node("storm")
@@ -292,7 +289,7 @@ wrong = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 topics = {
     "stormy/prediction": VibrationPrediction,
     "stormy/resonance": Resonance,
-    "stormy/markers": MarkerArray,
+    "stormy/table_info": TableInfo,
 }
 client = node.create_client(PredictVibration, "stormy/predict")
 while True:
