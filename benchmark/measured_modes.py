@@ -26,7 +26,7 @@ from linkage_vibration.studies.folding import doubt_folds
 from linkage_vibration.studies.ringdown import measure_modes
 from linkage_vibration.support.resources import config_file
 
-SEEDS = 70
+SEEDS = 200
 ANGLES = (95.0, 105.0, 115.0, 125.0, 135.0, 145.0, 155.0, 165.0, 175.0)  # deg
 RATE, BLOWS, SECONDS = 400.0, 5, 8.0  # Hz, s from a blow to the next
 IMPULSE, CONTACT, NOISE = 200.0, 4e-3, 0.05  # N s, s of half a sine, m/s2
